@@ -12,12 +12,12 @@ from pathlib import Path
 import typer
 
 from maskfab.cli.app import app
-from maskfab.error_codes import explained, grouped
-from maskfab.jobfile.reference import keys_of, tables
-from maskfab.optimiser.rules.registry import RULES
-from maskfab.quantities import QUANTITIES
-from maskfab.report.documents.check_data import check_schema
-from maskfab.report.documents.report_data import schema
+from maskfab.base.resources import explained, grouped
+from maskfab.job.reference import keys_of, tables
+from maskfab.designs.rules.constraints import RULES
+from maskfab.base.quantities import QUANTITIES
+from maskfab.report.documents.check import check_schema
+from maskfab.report.documents.report import schema
 
 _ROOT = Path(__file__).parents[1]
 

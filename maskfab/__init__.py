@@ -8,7 +8,7 @@
 
 Lengths are text with a unit, or numbers of micrometres (wavelengths: nanometres). What is wrong is refused with an
 error whose code ``explain`` knows. The types and functions are in :mod:`maskfab.api`, the vocabulary is in
-:mod:`maskfab.model`, the chain on one page in :mod:`maskfab.pipeline`.
+:mod:`maskfab.base.model`, the chain on one page in :mod:`maskfab.runs.pipeline`.
 """
 
 from __future__ import annotations
@@ -16,64 +16,55 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from maskfab.base import __version__ as __version__
+from maskfab.base import __version__
 
 if TYPE_CHECKING:
-    from maskfab.api.camera import Camera as Camera
-    from maskfab.api.curves import Mtf as Mtf
-    from maskfab.api.curves import Psf as Psf
-    from maskfab.api.opening import Opening as Opening
-    from maskfab.api.opening import read_opening as read_opening
-    from maskfab.api.panel import Panel as Panel
-    from maskfab.api.plate import Plate as Plate
-    from maskfab.api.verbs.analysing import analyse as analyse
-    from maskfab.api.verbs.beginning import new as new
-    from maskfab.api.verbs.beginning import schema as schema
-    from maskfab.api.verbs.benchmarking import bench as bench
-    from maskfab.api.verbs.citing import cite as cite
-    from maskfab.api.verbs.comparing import compare as compare
-    from maskfab.api.verbs.designing import Design as Design
-    from maskfab.api.verbs.designing import design as design
-    from maskfab.api.verbs.displays import check as check
-    from maskfab.api.verbs.displays import render as render
-    from maskfab.api.verbs.examining import doctor as doctor
-    from maskfab.api.verbs.explaining import explain as explain
-    from maskfab.api.verbs.forecasting import forecast as forecast
-    from maskfab.api.verbs.job_sweeps import sweep as sweep
-    from maskfab.api.verbs.keeping import cache as cache
-    from maskfab.api.verbs.learning import learn as learn
-    from maskfab.api.verbs.measuring import measure as measure
-    from maskfab.api.verbs.measuring_edges import measure_edge as measure_edge
-    from maskfab.api.verbs.measuring_edges import measure_mtf as measure_mtf
-    from maskfab.api.verbs.photographs import simulate as simulate
-    from maskfab.api.verbs.planning import plan as plan
-    from maskfab.api.verbs.plates import run as run
-    from maskfab.api.verbs.plates import verify as verify
-    from maskfab.api.verbs.restoring import restore as restore
-    from maskfab.api.verbs.shapes import shape as shape
-    from maskfab.api.verbs.shapes import shapes as shapes
-    from maskfab.api.verbs.shops import order as order
-    from maskfab.api.verbs.shops import package as package
-    from maskfab.api.verbs.shops import shops as shops
-    from maskfab.api.verbs.studying import study as study
-    from maskfab.api.verbs.sweeping import pareto as pareto
-    from maskfab.api.verbs.viewing import view as view
-    from maskfab.errors import MaskfabError as MaskfabError
-    from maskfab.job import load_job as load_job
-    from maskfab.plate.maps import read_map as read_map
-    from maskfab.report.quantity_table import Quantities as Quantities
-    from maskfab.reproduction import reproduce as reproduce
+    from maskfab.api.camera import Camera
+    from maskfab.api.curves import Mtf, Psf
+    from maskfab.api.opening import Opening, read_opening
+    from maskfab.api.panel import Panel
+    from maskfab.api.plate import Plate
+    from maskfab.api.verbs.analysing import analyse
+    from maskfab.api.verbs.beginning import new, schema
+    from maskfab.api.verbs.benchmarking import bench
+    from maskfab.api.verbs.citing import cite
+    from maskfab.api.verbs.comparing import compare
+    from maskfab.api.verbs.designing import Design, design
+    from maskfab.api.verbs.displays import check, render
+    from maskfab.api.verbs.examining import doctor
+    from maskfab.api.verbs.explaining import explain
+    from maskfab.api.verbs.forecasting import forecast
+    from maskfab.api.verbs.job_sweeps import sweep
+    from maskfab.api.verbs.keeping import cache
+    from maskfab.api.verbs.learning import learn
+    from maskfab.api.verbs.measuring import measure
+    from maskfab.api.verbs.measuring_edges import measure_edge, measure_mtf
+    from maskfab.api.verbs.photographs import simulate
+    from maskfab.api.verbs.planning import plan
+    from maskfab.api.verbs.plates import run, verify
+    from maskfab.api.verbs.restoring import restore
+    from maskfab.api.verbs.shapes import shape, shapes
+    from maskfab.api.verbs.shops import order, package, shops
+    from maskfab.api.verbs.studying import study
+    from maskfab.api.verbs.sweeping import pareto
+    from maskfab.api.verbs.viewing import view
+    from maskfab.base.errors import MaskfabError
+    from maskfab.mask.job import load_job
+    from maskfab.mask.panels import read_map
+    from maskfab.report.rows.text import Quantities
+    from maskfab.runs.verification import reproduce
+
 
 _WHERE = {
     "Camera": "maskfab.api.camera",
     "Design": "maskfab.api.verbs.designing",
-    "MaskfabError": "maskfab.errors",
+    "MaskfabError": "maskfab.base.errors",
     "Mtf": "maskfab.api.curves",
     "Opening": "maskfab.api.opening",
     "Panel": "maskfab.api.panel",
     "Plate": "maskfab.api.plate",
     "Psf": "maskfab.api.curves",
-    "Quantities": "maskfab.report.quantity_table",
+    "Quantities": "maskfab.report.rows.text",
     "analyse": "maskfab.api.verbs.analysing",
     "bench": "maskfab.api.verbs.benchmarking",
     "cache": "maskfab.api.verbs.keeping",
@@ -85,7 +76,7 @@ _WHERE = {
     "doctor": "maskfab.api.verbs.examining",
     "explain": "maskfab.api.verbs.explaining",
     "learn": "maskfab.api.verbs.learning",
-    "load_job": "maskfab.job",
+    "load_job": "maskfab.mask.job",
     "measure": "maskfab.api.verbs.measuring",
     "measure_edge": "maskfab.api.verbs.measuring_edges",
     "measure_mtf": "maskfab.api.verbs.measuring_edges",
@@ -94,10 +85,10 @@ _WHERE = {
     "package": "maskfab.api.verbs.shops",
     "pareto": "maskfab.api.verbs.sweeping",
     "plan": "maskfab.api.verbs.planning",
-    "read_map": "maskfab.plate.maps",
+    "read_map": "maskfab.mask.panels",
     "read_opening": "maskfab.api.opening",
     "render": "maskfab.api.verbs.displays",
-    "reproduce": "maskfab.reproduction",
+    "reproduce": "maskfab.runs.verification",
     "restore": "maskfab.api.verbs.restoring",
     "run": "maskfab.api.verbs.plates",
     "schema": "maskfab.api.verbs.beginning",

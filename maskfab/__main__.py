@@ -12,8 +12,8 @@ def main() -> None:
 
         print(f"maskfab {__version__}")
         return
-    from maskfab.cli import run_command_line
-    from maskfab.own_process import settle
+    from maskfab.base.work import settle
+    from maskfab.cli.app import run_command_line
 
     settle()
     sys.exit(run_command_line(sys.argv[1:]))

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from maskfab.display.circuit import CircuitRules
-from maskfab.display.emitters.emitter_rules import EmitterRules
+from maskfab.base.model import Tiling
+from maskfab.designs.rules.display_fit import Display
+from maskfab.display.drive import CircuitRules, LightDemand
+from maskfab.display.emitter_rules import EmitterRules
 from maskfab.display.feasibility import DisplayRules
-from maskfab.display.light import LightDemand
-from maskfab.display.wires.gutter import WireRules
-from maskfab.display.wires.wiring import WireDemand
-from maskfab.model import Tiling
-from maskfab.optimiser.rules.fit_rule import Display
+from maskfab.display.pixel_lines import WireRules
+from maskfab.display.wiring import WireDemand
 
 
 def asked_display(

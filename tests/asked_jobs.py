@@ -5,8 +5,8 @@ from __future__ import annotations
 import tomllib
 from pathlib import Path
 
-from maskfab.job import Job, resolve
-from maskfab.jobfile import validate
+from maskfab.job.read import validate
+from maskfab.mask.job import Job, resolve
 
 LETTER = "......\n.#....\n.#....\n.##...\n.####.\n......"
 OTHER = "......\n......\n.##...\n.#..#.\n......\n......"

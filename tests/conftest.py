@@ -16,19 +16,19 @@ from hypothesis import settings
 from once import BOUNDS, DESIGN, OPTICS, compared_once, dimmed, figures_in_words, leaves, once, small_scenes, statistics
 from small_job import finished, write_job
 
+from maskfab.base.model import CLEAR, OUTLINE, Die, Furniture, Gauge, Note, Opening, Panel, Plate, Tiling
 from maskfab.camera import scenes
-from maskfab.export.gds import write_gdsii
-from maskfab.geometry.lettering import text_polygons
-from maskfab.geometry.plate_layout import plate_layout
-from maskfab.job import Job, load_job
-from maskfab.kept.store import VARIABLE
-from maskfab.measurement import restored, restored_tolerance
-from maskfab.model import CLEAR, OUTLINE, Die, Furniture, Gauge, Note, Opening, Panel, Plate, Tiling
-from maskfab.optimiser.bounds import bounds
-from maskfab.optimiser.model.scene_statistics import SceneStatistics
-from maskfab.readers import layout_file
-from maskfab.readers.gdstk_process import content
-from maskfab.readers.sandbox import bounded, child_process
+from maskfab.designs.bounds import limits
+from maskfab.designs.model.statistics import SceneStatistics
+from maskfab.mask import sandbox
+from maskfab.mask.formats import reader
+from maskfab.mask.formats.gdsii import write_gdsii
+from maskfab.mask.formats.gdstk_process import content
+from maskfab.mask.job import Job, load_job
+from maskfab.mask.layout import plate_layout
+from maskfab.mask.outlines import text_polygons
+from maskfab.report.rows import bands, photographs
+from maskfab.runs.store import VARIABLE
 
 # The same examples in every run: a red test is the fault of a change. HYPOTHESIS_PROFILE=explore looks for new ones.
 settings.register_profile("fixed", max_examples=30, derandomize=True, deadline=None)
@@ -104,7 +104,7 @@ def scenes_drawn_once() -> Iterator[None]:
         patch.setattr(scenes, "dead_leaves", leaves)
         patch.setattr(scenes, "indoors", dimmed)
         patch.setattr(SceneStatistics, "of", statistics)
-        for each in (restored, restored_tolerance):
+        for each in (photographs, bands):
             patch.setattr(each, "drawn_scenes", small_scenes)
         yield
 
@@ -121,7 +121,7 @@ def nothing_kept() -> Iterator[None]:
 def readers_in_copies() -> Iterator[None]:
     """The scripts that read a file apart, in a copy of this process instead of a new one."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(child_process, "subprocess", copies.FORKING)
+        patch.setattr(sandbox, "subprocess", copies.FORKING)
         yield
 
 
@@ -173,8 +173,8 @@ def bound_loosely(monkeypatch) -> None:
             for level, psnr in zip(inner.levels, of_open_stop(inner, ratio), strict=True)
         ]
 
-    monkeypatch.setattr(bounds, "residue_errors", errors)
-    monkeypatch.setattr(bounds, "frame_bound", lambda _, inner, clear, **__: of_open_stop(inner, clear / inner.dots**2))
+    monkeypatch.setattr(limits, "residue_errors", errors)
+    monkeypatch.setattr(limits, "frame_bound", lambda _, inner, clear, **__: of_open_stop(inner, clear / inner.dots**2))
 
 
 @pytest.fixture
@@ -188,14 +188,14 @@ def bound_closely(bound_loosely, monkeypatch) -> Iterator[None]:
 @pytest.fixture
 def read_here(monkeypatch) -> None:
     """For tests of whole files that are about something else than the process that reads them, and its limits."""
-    monkeypatch.setattr(layout_file, "_read_cells", lambda path, function, _: content(function, str(path)))
-    monkeypatch.setattr(bounded, "multiprocessing", SimpleNamespace(get_all_start_methods=list))
+    monkeypatch.setattr(reader, "_read_cells", lambda path, function, _: content(function, str(path)))
+    monkeypatch.setattr(sandbox, "multiprocessing", SimpleNamespace(get_all_start_methods=list))
 
 
 @pytest.fixture
 def within_limits(read_here, monkeypatch) -> None:
     """For a test among those that is about the limits."""
-    monkeypatch.setattr(bounded, "multiprocessing", multiprocessing)
+    monkeypatch.setattr(sandbox, "multiprocessing", multiprocessing)
 
 
 @pytest.fixture(scope="session")

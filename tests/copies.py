@@ -19,8 +19,8 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import NoReturn
 
-from maskfab.readers import gdstk_process, gerber_process, step_process
-from maskfab.readers.sandbox import limits
+from maskfab.mask import limits
+from maskfab.mask.formats import gdstk_process, gerber_process, step_process
 
 LIBRARIES = {
     gdstk_process.__file__: "gdstk",

@@ -19,24 +19,21 @@ from display.emitters.listing import largest_by_listing, small_grids
 from display.emitters.shapes import ALIKE, PUBLISHED, bar, cells, published
 from display.emitters.test_rectangles import ASPECTS, RATIOS, best_of_all_triples
 
-from maskfab.display.circuit import CircuitRules
-from maskfab.display.emitters.across_borders import border_margin
-from maskfab.display.emitters.bound import upper_bound
-from maskfab.display.emitters.emitter_rules import EmitterRules, grid_of
-from maskfab.display.emitters.fit import footprint
-from maskfab.display.emitters.free_area import EVERY, free_region
-from maskfab.display.emitters.freeform import guillotine, polish
-from maskfab.display.emitters.rectangles import rectangle_footprints, three_rectangles
+from maskfab.base.model import Opening, Panel, Tiling
+from maskfab.base.resources import path
+from maskfab.display import eye, pictures
+from maskfab.display.drive import CircuitRules, LightDemand
+from maskfab.display.emitted_light import Viewing
+from maskfab.display.emitter_rules import EmitterRules, grid_of
+from maskfab.display.emitter_shapes import guillotine, polish, rectangle_footprints, three_rectangles
 from maskfab.display.feasibility import DisplayRules, feasibility
-from maskfab.display.light import LightDemand
-from maskfab.display.wires.gutter import WireRules
-from maskfab.display.wires.wiring import WireDemand
-from maskfab.eye import drawn_scenes, grain, side_by_side
-from maskfab.eye.viewing import Viewing
-from maskfab.model import Opening, Panel, Tiling
-from maskfab.opening.openings import load_opening
-from maskfab.plate.tiling import orientations
-from maskfab.resources import path
+from maskfab.display.footprint_bound import upper_bound
+from maskfab.display.free_area import EVERY, border_margin, free_region
+from maskfab.display.pixel_lines import WireRules
+from maskfab.display.placement import footprint
+from maskfab.display.wiring import WireDemand
+from maskfab.mask.opening_file import load_opening
+from maskfab.optics.tiling import orientations
 
 Row = tuple[str, float, float, str]
 """What, measured, target (``>=`` where negative), unit."""
@@ -159,14 +156,14 @@ def seen() -> Iterator[Row]:
     openings = {"slit": Opening("slit", bar(21, 5, 8), 8000)}
     if (PUBLISHED / "L2Inv_Random.png").exists():
         openings["L2Inv_Random"] = Opening("mask", published("L2Inv_Random"), 8000)
-    flat = {side_by_side.FLAT: drawn_scenes.flat(100)}
+    flat = {eye.FLAT: pictures.flat(100)}
     for name, opening in openings.items():
         bare = panel_of(opening, 8000, 0, cells_of=100)
         found = feasibility(bare, rules)
         assert found is not None
         panel = replace(bare, emitters=found.footprint.found)
-        told = {row.name: float(row.value) for row in side_by_side.judge(name, panel, flat, 21, viewing).quantities}
-        offset = grain.centroids(panel)[1]
+        told = {row.name: float(row.value) for row in eye.judge(name, panel, flat, 21, viewing).quantities}
+        offset = eye.centroids(panel)[1]
         error = abs(told["grain_predicted"] / told["grain_slow"] - 1)
         yield (
             f"{name}, |c| = {offset:.3f} px: grain by formula against render",
@@ -175,10 +172,10 @@ def seen() -> Iterator[Row]:
             "1",
         )
     still = replace(panel, orientations=np.zeros_like(panel.orientations), tiling=Tiling.PERIODIC)
-    told = {row.name: float(row.value) for row in side_by_side.judge("still", still, flat, 21, viewing).quantities}
+    told = {row.name: float(row.value) for row in eye.judge("still", still, flat, 21, viewing).quantities}
     yield "even field of a periodic panel, mean dE", told["flat_delta_e_mean"], 1e-9, "dE"
     start = time.process_time()
-    side_by_side.judge("all", panel, side_by_side.target_pictures(100), 21, viewing)
+    eye.judge("all", panel, eye.target_pictures(100), 21, viewing)
     yield "five pictures of 100 x 100 pixels, 21 samples, all numbers", time.process_time() - start, 10, "s"
     yield "peak memory of all this", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6, 1.5, "GB"
 

@@ -21,21 +21,21 @@ from typing import TypeVar
 import numpy as np
 from klayout import db
 
-from maskfab.comparison.roundtrip import compare_layout
-from maskfab.comparison.solids import check_solid
-from maskfab.drc.plate_rules import check_plate
-from maskfab.drc.rules import DesignRules
-from maskfab.export.cell_polygons import draw
-from maskfab.export.cif import write_cif
-from maskfab.export.dxf import write_dxf
-from maskfab.export.gds import write_gdsii, write_oasis
-from maskfab.export.solid.mesh import write_3mf, write_glb
-from maskfab.export.solid.step import write_step
-from maskfab.files.finished import REPORT
-from maskfab.job import load_job
-from maskfab.model import Die, Opening, Panel, Plate, Quantity, Tiling
-from maskfab.readers.layout_file import read_layout
-from maskfab.resources import path
+from maskfab.base.folders import REPORT
+from maskfab.base.model import Die, Opening, Panel, Plate, Quantity, Tiling
+from maskfab.base.resources import path
+from maskfab.mask.comparison.files import check_solid
+from maskfab.mask.comparison.roundtrip import compare_layout
+from maskfab.mask.figures import draw
+from maskfab.mask.formats.cif import write_cif
+from maskfab.mask.formats.dxf import write_dxf
+from maskfab.mask.formats.gdsii import write_gdsii, write_oasis
+from maskfab.mask.formats.reader import read_layout
+from maskfab.mask.formats.solid import write_3mf, write_glb
+from maskfab.mask.formats.step import write_step
+from maskfab.mask.job import load_job
+from maskfab.mask.plate_rules import check_plate
+from maskfab.mask.rule import DesignRules
 
 Row = tuple[str, float, float, str]
 """What, measured, most, unit."""

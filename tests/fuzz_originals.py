@@ -12,17 +12,17 @@ import numpy as np
 from klayout import db
 from small_job import DRAWING, OPENING, write_job
 
-from maskfab import resources
-from maskfab.delivery.pack import pack
-from maskfab.export.cif import write_cif
-from maskfab.export.dxf import write_dxf
-from maskfab.export.gds import write_gdsii, write_oasis
-from maskfab.geometry.plate_layout import plate_layout
-from maskfab.job import Job, load_job
-from maskfab.jobfile import ExportSection
-from maskfab.mask_shops.plate_files import PlateFiles, files_of_job
-from maskfab.mask_shops.profiles import load_shop
-from maskfab.model import Plate
+from maskfab.base import resources
+from maskfab.base.model import Plate
+from maskfab.job.sections import ExportSection
+from maskfab.mask.formats.cif import write_cif
+from maskfab.mask.formats.dxf import write_dxf
+from maskfab.mask.formats.gdsii import write_gdsii, write_oasis
+from maskfab.mask.houses.files import PlateFiles, files_of_job
+from maskfab.mask.houses.profiles import load_shop
+from maskfab.mask.job import Job, load_job
+from maskfab.mask.layout import plate_layout
+from maskfab.mask.package.pack import pack
 
 SUFFIXES = {
     "gdsii": ".gds", "oasis": ".oas", "dxf": ".dxf", "gerber": ".gbr", "cif": ".cif", "png": ".png", "tiff": ".tif",

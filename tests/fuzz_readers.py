@@ -8,7 +8,7 @@
 An input is refused with an error of maskfab's, or reads as the original does, or reads as something else that a
 comparison tells. Everything else is a finding: another exception, a process that ends, ten seconds of the processor,
 two gigabytes, and geometry that is not the original's where the comparison with the original says that it is. What is
-foreign is worked with as the command line does, within the limits of :mod:`maskfab.readers.sandbox.bounded`.
+foreign is worked with as the command line does, within the limits of :mod:`maskfab.mask.sandbox`.
 """
 
 from __future__ import annotations
@@ -40,26 +40,26 @@ from fuzz_originals import SUFFIXES, WRITTEN, clear_alone, design, file_name, jo
 from klayout import db
 from small_job import OPENING
 
-from maskfab.comparison.files import read_back
-from maskfab.comparison.foreign.foreign_mask import check_foreign
-from maskfab.comparison.roundtrip import compare_layout
-from maskfab.delivery import papers
-from maskfab.delivery.pack import verify_package
-from maskfab.errors import InputError, SourceError
-from maskfab.eye import picture
-from maskfab.eye.picture import on_pixels
-from maskfab.files.silence_stdout import quiet
-from maskfab.job import load_job
-from maskfab.mask_shops.drawing_sheet import drawing_sheet
-from maskfab.mask_shops.profiles import load_shop
-from maskfab.opening import openings
-from maskfab.plate import maps
-from maskfab.plate.marks.template import load_template
-from maskfab.progress import silent
-from maskfab.readers import gdstk_process, gerber, gerber_process, layout_file, step, step_process
-from maskfab.readers.image_mask import read_picture
-from maskfab.readers.layout_file import find_cell, read_layout
-from maskfab.readers.sandbox.bounded import bounded
+from maskfab.base.errors import InputError, SourceError
+from maskfab.base.processes import quiet
+from maskfab.base.work import silent
+from maskfab.display import pictures
+from maskfab.display.pictures import on_pixels
+from maskfab.mask import opening_file, panels
+from maskfab.mask.comparison.files import read_back
+from maskfab.mask.comparison.roundtrip import compare_layout
+from maskfab.mask.formats import gdstk_process, gerber, gerber_process, solid_reader, step_process
+from maskfab.mask.formats import reader as layout_file
+from maskfab.mask.formats.picture import read_picture
+from maskfab.mask.formats.reader import find_cell, read_layout
+from maskfab.mask.houses.profiles import load_shop
+from maskfab.mask.job import load_job
+from maskfab.mask.marks import load_template
+from maskfab.mask.package import papers
+from maskfab.mask.package.pack import verify_package
+from maskfab.mask.package.papers import drawing_sheet
+from maskfab.mask.sandbox import bounded
+from maskfab.report.rows.foreign import check_foreign
 
 try:
     import resource
@@ -79,7 +79,7 @@ MAY_END = ("step",)
 LAYOUTS = ("gdsii", "oasis", "dxf", "gerber", "cif")
 PICTURES = ("png", "tiff")
 TEXTS: dict[str, Callable[[Path], str]] = {
-    "map": lambda path: maps.map_text(maps.read_map(path)),
+    "map": lambda path: panels.map_text(panels.read_map(path)),
     "template": lambda path: repr(load_template(path)),
     "shop": lambda path: repr(load_shop(str(path)).model_copy(update={"name": "any"})),
 }
@@ -175,9 +175,9 @@ def _picture_outcome(path: Path) -> str:
 
 def _exr_outcome(path: Path) -> str:
     """As a photograph and as an opening."""
-    light = on_pixels(picture.read_picture(path), 7, 7)
+    light = on_pixels(pictures.read_picture(path), 7, 7)
     same = light.shape == (7, 7, 3) and bool(((light > 0.5).all(axis=2) == mask()).all())
-    return "same" if same and bool((openings.load_opening(path, dot_nm=8000).mask == mask()).all()) else "seen"
+    return "same" if same and bool((opening_file.load_opening(path, dot_nm=8000).mask == mask()).all()) else "seen"
 
 
 @cache
@@ -205,7 +205,7 @@ def _package_outcome(path: Path) -> str:
 
 
 def _opening_outcome(reader: str, path: Path) -> str:
-    opening = openings.load_opening(path) if reader == "toml" else openings.load_opening(path, dot_nm=8000)
+    opening = opening_file.load_opening(path) if reader == "toml" else opening_file.load_opening(path, dot_nm=8000)
     same = opening.mask.shape == mask().shape and bool((opening.mask == mask()).all())
     return "same" if same and opening.dot_nm == 8000 else "seen"
 
@@ -330,7 +330,7 @@ def in_one_process() -> None:
     """maskfab reads these in a process of its own for each, which may end; here the copy of the worker is that."""
     layout_file._read_cells = _gdstk
     gerber.read_apart = _gerber  # type: ignore[assignment]
-    step.read_apart = _step  # type: ignore[assignment]
+    solid_reader.read_apart = _step  # type: ignore[assignment]
 
 
 class _Sayer(pickle.Pickler):

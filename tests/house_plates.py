@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from maskfab.jobfile.shop_profile import Shop
-from maskfab.mask_shops.adapt import fitted
-from maskfab.mask_shops.judge import Finding, check_shop
-from maskfab.model import Plate
+from maskfab.base.model import Plate
+from maskfab.job.shop import Shop
+from maskfab.mask.houses.adaptation import fitted
+from maskfab.mask.houses.findings import Finding, check_shop
 
 FIVE_INCH = (('blank = "27 mm"', 'blank = "5 in"'), ('writable = "22 mm"', 'writable = "100 mm"'))
 FILM = (

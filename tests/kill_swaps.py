@@ -29,8 +29,8 @@ from pathlib import Path
 
 from swaps import swap, whole
 
-from maskfab.errors import OutputError
-from maskfab.files import exchange, staging
+from maskfab.base import folders
+from maskfab.base.errors import OutputError
 
 _TRACE_ME, _TO_CALL, _OPTIONS = 0, 24, 0x4200
 _TELL_CALLS, _END_WITH_TRACER = 0x1, 0x100000
@@ -159,13 +159,13 @@ class Person:
 @contextmanager
 def _by_turns(turns: bool) -> Iterator[None]:
     """Names exchanged as on a system that cannot do it at once."""
-    at_once = exchange._at_once
+    at_once = folders._at_once
     if turns:
-        exchange._at_once = lambda one, other: False
+        folders._at_once = lambda one, other: False
     try:
         yield
     finally:
-        exchange._at_once = at_once
+        folders._at_once = at_once
 
 
 @dataclass(frozen=True)
@@ -229,7 +229,7 @@ def play(parent: Path, what: Round) -> tuple[int, list[str]]:
             wrong += person.misses(hidden=True)
             for again in range(2):  # a document may stand in the way of the result, and come back with it
                 person.takes_away(parent / f"elsewhere {turn} {again}")
-                staging.put_back(target)
+                folders.put_back(target)
             spoilt = any(each.write is not None and each.write[1] == _OVER for each in what.met)
             # Beside it, if somebody took the name while the old result did not have it.
             found = whole(target) or whole(parent / "out.old")

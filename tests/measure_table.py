@@ -16,16 +16,24 @@ import numpy as np
 from capture.captured_dies import BLACK, GAIN, READ_NOISE, exposed, phased_picture, polygon_picture
 from numpy.typing import NDArray
 
-from maskfab.capture.die_image import DieImage, Setting
-from maskfab.capture.fit import FIRST_TERMS, Fit, expecting, fitted, with_terms
-from maskfab.capture.frame_scatter import with_frames
-from maskfab.capture.frames import Frame
-from maskfab.capture.identify import Hypothesis, Identified, identified
-from maskfab.capture.merge import merged
-from maskfab.capture.taken import Taken, brightest, taken_of
-from maskfab.job import load_job
-from maskfab.model import Camera, Panel
-from maskfab.optics.image.spectrum import Spectrum, line_spectrum
+from maskfab.base.model import Camera, Panel
+from maskfab.camera.capture.frames import Frame
+from maskfab.camera.capture.merge import merged
+from maskfab.camera.inspection.die_image import DieImage, Setting
+from maskfab.camera.inspection.fit import (
+    FIRST_TERMS,
+    Fit,
+    Taken,
+    brightest,
+    expecting,
+    fitted,
+    taken_of,
+    with_frames,
+    with_terms,
+)
+from maskfab.camera.inspection.identity import Hypothesis, Identified, identified
+from maskfab.mask.job import load_job
+from maskfab.optics.spectrum import Spectrum, line_spectrum
 
 Floats = NDArray[np.float64]
 

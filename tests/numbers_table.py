@@ -17,14 +17,14 @@ import numpy as np
 from optics_cases import camera, noise, panel, pupil
 from scipy.special import j1
 
-from maskfab.export.gds import write_gdsii, write_oasis
-from maskfab.geometry.plate_layout import plate_layout
-from maskfab.job import load_job
-from maskfab.model import Stop
-from maskfab.optics.field.parity import parity_field
-from maskfab.optics.image.psf import image_scale_um2, point_psf
-from maskfab.pipeline import run
-from maskfab.resources import path
+from maskfab.base.model import Stop
+from maskfab.base.resources import path
+from maskfab.mask.formats.gdsii import write_gdsii, write_oasis
+from maskfab.mask.job import load_job
+from maskfab.mask.layout import plate_layout
+from maskfab.optics.field.matrix import parity_field
+from maskfab.optics.psf import image_scale_um2, point_psf
+from maskfab.runs.pipeline import run
 
 
 def dots_against_direct_sum() -> float:

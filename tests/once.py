@@ -26,25 +26,23 @@ from klayout import db
 from matplotlib.figure import Figure
 from PIL import Image
 
-from maskfab.camera.photographs import Photograph
-from maskfab.camera.scenes import dead_leaves, indoors, lit
-from maskfab.comparison import files
-from maskfab.files.pickling import read_only
-from maskfab.optimiser.model.scene_statistics import SceneStatistics
-from maskfab.optimiser.model.taking import F1_TAKING, Taking
-from maskfab.provenance import sha256_of_file
+from maskfab.base.processes import read_only
+from maskfab.base.provenance import sha256_of_file
+from maskfab.camera.scenes import Photograph, dead_leaves, indoors, lit
+from maskfab.designs.model.statistics import F1_TAKING, SceneStatistics, Taking
+from maskfab.mask.comparison import files
 
 FIGURES = (
-    "maskfab.report.plots.die_figures.pictures",
-    "maskfab.report.plots.die_figures.of_die",
-    "maskfab.report.plots.die_figures.overview",
-    "maskfab.delivery.papers.drawing_sheet",
+    "maskfab.report.figures.die.pictures",
+    "maskfab.report.figures.die.of_die",
+    "maskfab.report.figures.die.overview",
+    "maskfab.mask.package.papers.drawing_sheet",
 )
-OPTICS = ("maskfab.measurement.optics.measure", "maskfab.measurement.optics.bar_of_panel")
-BOUNDS = ("maskfab.optimiser.result.bounds",)
+OPTICS = ("maskfab.report.rows.optics.measure", "maskfab.report.rows.optics.bar_of_panel")
+BOUNDS = ("maskfab.designs.search.result.bounds",)
 DESIGN = (
-    "maskfab.comparison.foreign.layer_rules._of_plate",
-    "maskfab.comparison.foreign.optics_agreement.measure",
+    "maskfab.mask.comparison.faults._of_plate",
+    "maskfab.report.rows.foreign.measure",
 )
 """What the design itself breaks and shows, which every file that is held against it asks for."""
 

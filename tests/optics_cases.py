@@ -6,15 +6,21 @@ import math
 
 import numpy as np
 
-from maskfab.benchmark.examples import camera, clear_region, noise, panel, pupil
-from maskfab.model import Camera, Psf
-from maskfab.optics.field.parity import parity_field
-from maskfab.optics.image.psf import odd_samples, point_step_um
-from maskfab.optics.pupil.pupil import Pupil
-from maskfab.optics.wavefront.aberration import Wavefront
-from maskfab.optics.wavefront.depth import defocus_waves, image_distance_um
-from maskfab.optics.wavefront.phase_field import PhasedPupil, phased, phased_psf, window_frequency
-from maskfab.units import UM_PER_NM
+from maskfab.base.model import Camera, Psf
+from maskfab.base.units import UM_PER_NM
+from maskfab.optics.field.matrix import parity_field
+from maskfab.optics.hard_cases import clear_region, noise
+from maskfab.optics.phase import (
+    PhasedPupil,
+    Wavefront,
+    defocus_waves,
+    image_distance_um,
+    phased,
+    phased_psf,
+    window_frequency,
+)
+from maskfab.optics.psf import odd_samples, point_step_um
+from maskfab.optics.pupil import Pupil
 
 __all__ = [
     "aberrated",
@@ -31,7 +37,7 @@ __all__ = [
 
 def focused_psf(pupil: Pupil, camera: Camera, wavelength_nm: float, object_um: float, margin: int = 0) -> Psf:
     """Point PSF of an object in focus, on the samples of the one at infinity
-    (:func:`maskfab.optics.image.psf.point_psf`).
+    (:func:`maskfab.optics.psf.point_psf`).
 
     Raises:
         JobError: MF104 for an object within the focal length.

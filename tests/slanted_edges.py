@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from maskfab.model import Psf
+from maskfab.base.model import Psf
 
 Floats = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ import pytest
 from klayout import db
 from once import figures_in_words
 
-from maskfab.cli import run_command_line
+from maskfab.cli.app import run_command_line
 
 DRAWING = """\
 .......

@@ -16,22 +16,28 @@ from benchmark.published_step import WAVELENGTHS_NM, published_step
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from maskfab.benchmark.accuracy import absent, gemm_bound_ms, race, standard_workload
-from maskfab.benchmark.other_libraries import PEERS, PsfTask
-from maskfab.benchmark.published import published_intensity, published_size
-from maskfab.geometry.stop import edges_in_stop
-from maskfab.model import Camera, Opening, Panel, Stop, Tiling
+from maskfab.base.model import Camera, Opening, Panel, Stop, Tiling
+from maskfab.designs.descent.objective import invertibility_of, tiled_stop
+from maskfab.optics.benchmark import (
+    PEERS,
+    PsfTask,
+    absent,
+    gemm_bound_ms,
+    published_intensity,
+    published_size,
+    race,
+    standard_workload,
+)
+from maskfab.optics.field.matrix import parity_field
 from maskfab.optics.field.methods import STRUCTURE
-from maskfab.optics.field.parity import parity_field
-from maskfab.optics.field.polygon_field import boundary
-from maskfab.optics.image.lag_table import lag_table
-from maskfab.optics.image.mtf import longest_lag_um, presampled_mtf
-from maskfab.optics.image.psf import image_scale_um2, pixel_margin, pixel_psf, point_psf
-from maskfab.optics.image.spectrum import line_spectrum, polychromatic_otf, reach_um
-from maskfab.optics.pupil.aperture import panel_aperture
-from maskfab.optics.pupil.pupil import cut
-from maskfab.optimiser.relax.tiled_stop import invertibility_of, tiled_stop
-from maskfab.plate.tiling import orientations
+from maskfab.optics.field.polygons import boundary
+from maskfab.optics.lags import lag_table
+from maskfab.optics.mtf import longest_lag_um, presampled_mtf
+from maskfab.optics.psf import image_scale_um2, pixel_margin, pixel_psf, point_psf
+from maskfab.optics.pupil import cut, panel_aperture
+from maskfab.optics.spectrum import line_spectrum, polychromatic_otf, reach_um
+from maskfab.optics.stop_edges import edges_in_stop
+from maskfab.optics.tiling import orientations
 
 CAMERA = Camera(10_000.0, Stop("circle", 4000.0), (530.0,), 2.0, 256.0)
 Row = tuple[str, str, str]

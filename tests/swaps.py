@@ -16,9 +16,9 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from maskfab.errors import OutputError
-from maskfab.files import exchange, staging
-from maskfab.files.finished import times_text
+from maskfab.base import folders
+from maskfab.base.errors import OutputError
+from maskfab.base.folders import times_text
 
 EVENTS = ("os.", "open", "shutil.rmtree", "ctypes.dl", "fcntl.flock")
 NOTE = "what somebody wrote"
@@ -35,14 +35,14 @@ def write_result(folder: Path, word: str, *names: str) -> None:
 
 
 def swap(target: Path, word: str, *, force: bool = True, meanwhile: Callable[[], object] = lambda: None) -> None:
-    with staging.staged(staging.check_target(target, force=force)) as folder:
+    with folders.staged(folders.check_target(target, force=force)) as folder:
         write_result(folder, word)
         meanwhile()
 
 
 def whole(folder: Path) -> str | None:
     """Which result a folder holds; None if it is not one whole result."""
-    found = staging.finished(folder)
+    found = folders.finished(folder)
     if found is None or found.strange or len(found.own) != 4:
         return None
     return str(json.loads((folder / "manifest.json").read_text())["maskfab_version"])
@@ -53,7 +53,7 @@ def interfered(target: Path, number: int, interfere: Callable[[], None]) -> int:
     child = os.fork()
     if child:
         return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    place, seen, busy = staging.check_target(target, force=True), 0, False
+    place, seen, busy = folders.check_target(target, force=True), 0, False
 
     def hook(event: str, _: object) -> None:
         nonlocal seen, busy
@@ -67,7 +67,7 @@ def interfered(target: Path, number: int, interfere: Callable[[], None]) -> int:
 
     code = 0
     try:
-        with staging.staged(place) as folder:
+        with folders.staged(place) as folder:
             write_result(folder, "new")
             sys.addaudithook(hook)
     except OutputError:
@@ -110,7 +110,7 @@ def rounds(root: Path, how: str, step: int) -> list[dict[str, object]]:
         names = [path.name for path in parent.iterdir()]
         notes = sum(path.is_file() and path.read_text() == NOTE for path in parent.rglob("*"))
         at_once = whole(target)
-        staging.put_back(target)
+        folders.put_back(target)
         recovered = whole(target)
         results = [whole(path) for path in parent.iterdir() if path.name == "out.new"]
         if how in ("kill", "signal"):
@@ -124,10 +124,10 @@ def rounds(root: Path, how: str, step: int) -> list[dict[str, object]]:
 
 
 if __name__ == "__main__":
-    at_once = exchange._at_once
+    at_once = folders._at_once
     told = {}
     for kind, call in {"exchange": at_once, "renames": lambda one, other: False}.items():
-        exchange._at_once = call
+        folders._at_once = call
         for how in ("kill", "signal", "add", "change"):
             told[f"{how} {kind}"] = rounds(Path(sys.argv[1]), how, int(sys.argv[2]))
     print(json.dumps(told))

@@ -10,8 +10,8 @@ import pytest
 from klayout import db
 from small_job import DRAWING, JOB, LOOK, OPENING, Answer, command, listing, write_job
 
-from maskfab.errors import CATALOGUE
-from maskfab.opening.openings import load_opening
+from maskfab.base.errors import CATALOGUE
+from maskfab.mask.opening_file import load_opening
 
 PITCH = 'dot = "8 um"\npitch = "56 um"'
 OPENING_KEY = 'opening = "ring.toml"'
@@ -576,7 +576,7 @@ def test_out_without_permission_is_refused(capsys, tmp_path):
 def test_a_parent_that_may_not_be_written_is_refused(capsys, tmp_path, monkeypatch):
     job = write_job(tmp_path)
     allowed = os.access
-    monkeypatch.setattr("maskfab.files.staging.os.access", lambda path, mode: path != tmp_path and allowed(path, mode))
+    monkeypatch.setattr("maskfab.base.folders.os.access", lambda path, mode: path != tmp_path and allowed(path, mode))
     refused_run(capsys, tmp_path, job, "MF401", str(tmp_path), "permissions")
 
 

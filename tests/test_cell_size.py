@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maskfab.cell_size import CellSize
-from maskfab.errors import JobError
-from maskfab.model import Opening, Panel, Tiling
+from maskfab.base.cell_size import CellSize
+from maskfab.base.errors import JobError
+from maskfab.base.model import Opening, Panel, Tiling
 
 CELLS = st.builds(
     CellSize, st.integers(1, 200), st.integers(1, 50_000), st.integers(0, 20_000).map(lambda half_nm: 2 * half_nm)

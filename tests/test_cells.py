@@ -3,10 +3,10 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from maskfab.base.model import ORIENTATIONS, orient, side_by_side, split_cells, unit_dots
 from maskfab.camera.restorers.wiener import prior, wiener
-from maskfab.model import ORIENTATIONS, orient, side_by_side, split_cells, unit_dots
-from maskfab.optics.numbers.wiener import restoration_gain, wiener_filter
-from maskfab.optimiser.model.layout_error import wiener_tensor
+from maskfab.designs.model.panel_error import wiener_tensor
+from maskfab.optics.restoration import restoration_gain, wiener_filter
 
 SIZES = st.tuples(*[st.integers(1, 5)] * 4)
 

@@ -12,10 +12,10 @@ import pytest
 from jsonschema import Draft202012Validator
 from small_job import Answer, command, finished, listing, write_job
 
-from maskfab.display import place
-from maskfab.display.circuit import NOT_PLACED
-from maskfab.display.emitters.placement import Verdict
-from maskfab.report.documents.check_data import check_schema
+from maskfab.display import feasibility
+from maskfab.display.drive import NOT_PLACED
+from maskfab.display.emitter_rules import Verdict
+from maskfab.report.documents.check import check_schema
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words")
 
@@ -107,13 +107,13 @@ def test_circuits_without_room_are_a_proof_too(capsys, tmp_path):
 
 @pytest.mark.parametrize(("required", "code"), [(0.0, 0), (0.1, 1)])
 def test_not_knowing_fails_only_where_something_is_required(capsys, tmp_path, monkeypatch, required, code):
-    judge = place.feasibility
+    judge = feasibility.feasibility
 
     def unsure(*arguments: Any, **named: Any) -> Any:
         found = judge(*arguments, **named)
         return replace(found, footprint=replace(found.footprint, verdict=Verdict.UNKNOWN))
 
-    monkeypatch.setattr(place, "feasibility", unsure)
+    monkeypatch.setattr(feasibility, "feasibility", unsure)
     answer = checked(capsys, display(tmp_path, required=str(required)))
     assert the_display(answer)["verdict"] == "UNKNOWN"
     assert answer.code == code

@@ -17,11 +17,11 @@ from once import leaves
 from small_job import JOB, LOOK, MASK, OPENING, command, listing, write_job
 
 import maskfab
-from maskfab import resources
-from maskfab.errors import CATALOGUE
-from maskfab.job import load_job
-from maskfab.opening.openings import load_opening, parse_opening
-from maskfab.units import parse_pitch_um, to_nm
+from maskfab.base import resources
+from maskfab.base.errors import CATALOGUE
+from maskfab.base.units import parse_pitch_um, to_nm
+from maskfab.mask.job import load_job
+from maskfab.mask.opening_file import load_opening, parse_opening
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "measured_once", "bound_loosely", "read_here")
 
@@ -440,7 +440,7 @@ def test_our_own_fault_is_exit_3(capsys, tmp_path, monkeypatch):
     def fail(*_: object) -> None:
         raise ZeroDivisionError("by nothing")
 
-    monkeypatch.setattr("maskfab.pipeline.measure_dies", fail)
+    monkeypatch.setattr("maskfab.runs.pipeline.measure_dies", fail)
     job = write_job(tmp_path)
     before = listing(tmp_path)
     answer = command(capsys, "run", job, "--out", tmp_path / "out", "--json")
@@ -456,7 +456,7 @@ def test_an_interrupted_run_leaves_nothing(capsys, tmp_path, monkeypatch):
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("maskfab.pipeline.measure_dies", interrupt)
+    monkeypatch.setattr("maskfab.runs.pipeline.measure_dies", interrupt)
     job = write_job(tmp_path)
     before = listing(tmp_path)
     assert command(capsys, "run", job, "--out", tmp_path / "out", "--quiet").code == 130

@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maskfab.camera.learning.run import Run
-from maskfab.clock import NO_END, Clock
-from maskfab.errors import JobError
-from maskfab.optimiser.stages import Stages
+from maskfab.base.errors import JobError
+from maskfab.base.work import NO_END, Clock
+from maskfab.camera.learning import Run
+from maskfab.designs.search.account import Stages
 
 UNIT = np.ones((3, 3), dtype=np.bool_)
 

@@ -8,20 +8,19 @@ import shutil
 import pytest
 from small_job import write_job
 
-from maskfab.errors import InputError, OutputError
-from maskfab.job import load_job
-from maskfab.mask_shops.profiles import load_shop
-from maskfab.opening import openings
-from maskfab.plate import maps
-from maskfab.plate.marks.template import load_template
-from maskfab.verification import verify
+from maskfab.base.errors import InputError, OutputError
+from maskfab.mask import opening_file, panels
+from maskfab.mask.houses.profiles import load_shop
+from maskfab.mask.job import load_job
+from maskfab.mask.marks import load_template
+from maskfab.runs.verification import verify
 
 DEPTH = 100_000
 READERS = {
     "job.toml": load_job,
     "job.json": load_job,
-    "map.toml": maps.read_map,
-    "opening.toml": openings.load_opening,
+    "map.toml": panels.read_map,
+    "opening.toml": opening_file.load_opening,
     "template.toml": load_template,
     "shop.toml": lambda path: load_shop(str(path)),
 }

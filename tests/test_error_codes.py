@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 
 import maskfab
-from maskfab import resources
-from maskfab.error_codes import explained, grouped
-from maskfab.errors import CATALOGUE, MaskfabError
-from maskfab.job import Job, load_job
+from maskfab.base import resources
+from maskfab.base.errors import CATALOGUE, MaskfabError
+from maskfab.base.resources import explained, grouped
+from maskfab.mask.job import Job, load_job
 
 PACKAGE = Path(maskfab.__file__).parent
 LAYOUTS = resources.path("layouts")

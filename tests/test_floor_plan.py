@@ -14,7 +14,7 @@ from importlinter import cli as linter
 from small_job import write_job
 
 import maskfab
-from maskfab.cli import run_command_line
+from maskfab.cli.app import run_command_line
 
 ROOT = Path(maskfab.__file__).resolve().parent.parent
 HEAVY = {
@@ -92,13 +92,13 @@ def test_a_sweep_that_is_kept_is_read_without_what_only_finds_cases(tmp_path):
 
 
 def test_an_opening_is_analysed_without_what_only_displays_and_designs_need():
-    later = {"torch", "matplotlib", "scipy.sparse", "maskfab.display", "maskfab.optimiser"}
+    later = {"torch", "matplotlib", "scipy.sparse", "maskfab.display", "maskfab.designs"}
     assert imported("import maskfab.api.verbs.analysing") & later == set()
 
 
 def test_a_plate_is_made_and_verified_without_what_only_designs_and_solids_need():
     later = {"torch", "OCP", "cadquery", "trimesh", "manifold3d", "gerbonara"}
-    assert imported("import maskfab.pipeline, maskfab.verification") & later == set()
+    assert imported("import maskfab.runs.pipeline, maskfab.runs.verification") & later == set()
 
 
 @pytest.mark.parametrize("option", ["--version", "--help"])

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 from small_job import listing, write_job
 
-from maskfab import run
+from maskfab.api.verbs.plates import run
+from maskfab.base.errors import OutputError
+from maskfab.base.folders import check_target, staged
 from maskfab.cli import app
-from maskfab.errors import OutputError
-from maskfab.files.staging import check_target, staged
 
 
 def started(*words: object) -> subprocess.Popen[bytes]:

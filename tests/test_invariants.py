@@ -9,16 +9,15 @@ from hypothesis import strategies as st
 from optics_cases import camera, clear_region, noise, panel, pupil
 from sweeps import examples
 
-from maskfab.geometry.plate_layout import coverage
-from maskfab.geometry.stop import edges_in_stop
-from maskfab.model import Opening, Panel, Stop, Tiling, orient
-from maskfab.optics.field.parity import direct_field, parity_field
-from maskfab.optics.field.polygon_field import boundary
-from maskfab.optics.image.lag_table import lag_table
-from maskfab.optics.image.mtf import presampled_mtf
-from maskfab.optics.image.psf import image_scale_um2, point_psf
-from maskfab.optics.pupil.aperture import Aperture, covered_aperture, panel_aperture
-from maskfab.optics.pupil.pupil import Pupil, cut
+from maskfab.base.model import Opening, Panel, Stop, Tiling, orient
+from maskfab.mask.raster import coverage
+from maskfab.optics.field.matrix import direct_field, parity_field
+from maskfab.optics.field.polygons import boundary
+from maskfab.optics.lags import lag_table
+from maskfab.optics.mtf import presampled_mtf
+from maskfab.optics.psf import image_scale_um2, point_psf
+from maskfab.optics.pupil import Aperture, Pupil, covered_aperture, cut, panel_aperture
+from maskfab.optics.stop_edges import edges_in_stop
 
 masks = st.builds(noise, dots=st.integers(1, 7), share=st.floats(0.02, 0.98), seed=st.integers(0, 10_000))
 layouts = st.builds(
@@ -92,7 +91,7 @@ def test_lag_table_is_the_overlap_of_shifted_polygons(
         return
     from klayout import db
 
-    from maskfab.geometry.stop import stop_region
+    from maskfab.optics.stop_edges import stop_region
 
     scale = 100
     cut_out = clear_region(laid_out)

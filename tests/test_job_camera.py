@@ -8,17 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from maskfab.camera.photo_camera import F1, PhotoCamera, camera_line
-from maskfab.camera.photographs import Photograph
-from maskfab.cli import run_command_line
+from maskfab.base.model import Tiling
+from maskfab.camera.lens import F1, PhotoCamera, camera_line
+from maskfab.camera.scenes import Photograph
+from maskfab.cli.app import run_command_line
 from maskfab.cli.verbs.design import _targets
-from maskfab.export.images.light_image import write_png
-from maskfab.job import load_job
-from maskfab.jobfile import read
-from maskfab.model import Tiling
-from maskfab.opening import openings
-from maskfab.plate import maps
-from maskfab.report.documents.design_data import camera_notes
+from maskfab.job import read
+from maskfab.mask import opening_file, panels
+from maskfab.mask.formats.exr import write_png
+from maskfab.mask.job import load_job
+from maskfab.report.documents.die import camera_notes
 
 pytestmark = pytest.mark.usefixtures("bound_loosely", "drawn_in_words", "read_here")
 
@@ -134,7 +133,7 @@ def test_a_design_follows_the_camera_and_states_it(folder, capsys):
         document = told(capsys, "design", *arguments)
         (unused,) = [note for note in document["notes"] if "not used" in note]
         assert not any(each in unused for each in ("[exposure]", "[sensor]", "focal"))
-        facts = openings.load_opening(target).provenance
+        facts = opening_file.load_opening(target).provenance
         assert facts["camera"] == camera_line(load_job(folder / f"{name}.toml").camera)
         assert facts["protocol"].startswith("protocol camera: full well 15506 electrons, read noise 4.87 electrons")
         assert document["designed_for"] == f"{facts['camera']}; {facts['protocol']}"
@@ -148,7 +147,7 @@ def test_a_design_that_names_f1_is_by_its_light_behind_the_jobs_lens(folder, cap
     notes = told(capsys, "design", job, "--out", target, "--images", folder / "photographs")["notes"]
     require_notes(notes)
     assert any("[process]" in note for note in notes)
-    facts = openings.load_opening(target).provenance
+    facts = opening_file.load_opening(target).provenance
     assert facts["camera"] == camera_line(load_job(job).camera)
     assert facts["protocol"] == "another camera at the levels of F1"
 
@@ -161,7 +160,7 @@ def test_a_map_has_the_cells_of_its_camera_and_lies_beside_its_opening(folder, c
         target, job = folder / f"by_{name}.toml", folder / f"map_{name}.toml"
         job.write_text(with_map((folder / f"{name}.toml").read_text()))
         told(capsys, "design", job, "--out", target, "--images", folder / "photographs")
-        opening, cells = openings.load_opening(target), maps.read_map(folder / f"by_{name}_map.toml")
+        opening, cells = opening_file.load_opening(target), panels.read_map(folder / f"by_{name}_map.toml")
         camera = load_job(folder / f"{name}.toml").camera
         for facts in (opening.provenance, cells.provenance):
             assert facts["camera"] == camera_line(camera)
@@ -191,7 +190,7 @@ def test_a_sweep_judges_behind_the_jobs_camera_and_in_its_light(folder, capsys):
         assert unused.startswith("Openings are compared by the job's camera, sensor and light; not used of the job: ")
         assert not any(each in unused for each in ("[exposure]", "[sensor]", "[emitters]", "focal"))
         assert json.loads((out / "pareto.json").read_text())["notes"] == notes
-        files = [openings.load_opening(path) for path in sorted(out.rglob("*.toml")) if "_job" not in path.name]
+        files = [opening_file.load_opening(path) for path in sorted(out.rglob("*.toml")) if "_job" not in path.name]
         best[name] = max(each.provenance["expected_psnr_32"] for each in files)
         assert all(each.provenance["camera"] == camera_line(load_job(job).camera) for each in files)
         assert all("linear light" in each.provenance["protocol"] for each in files)

@@ -15,22 +15,19 @@ from maskfab.api.verbs import learning
 from maskfab.api.verbs import photographs as verb
 from maskfab.api.verbs.learning import learn, learned_restorers, trade_of
 from maskfab.api.verbs.photographs import simulate
-from maskfab.camera.learning import lessons, training
-from maskfab.camera.learning.checkpoint import Checkpoint
-from maskfab.camera.learning.run import Run
-from maskfab.camera.learning.training import Course, Training
-from maskfab.camera.learning.view import View, shown
-from maskfab.camera.photographs import Photograph
-from maskfab.camera.record import Record
-from maskfab.camera.restorers.restorer import Blur
+from maskfab.base.errors import JobError
+from maskfab.base.work import Clock, silent
+from maskfab.camera import learning as lessons
+from maskfab.camera import learning as training
+from maskfab.camera.learning import Checkpoint, Course, Run, Training
+from maskfab.camera.network import View, shown
+from maskfab.camera.record import Blur, Record
 from maskfab.camera.restorers.wiener import Wiener
-from maskfab.cli import run_command_line
-from maskfab.clock import Clock
-from maskfab.errors import JobError
-from maskfab.export.images.light_image import write_png
-from maskfab.job import load_job
-from maskfab.measurement.conditions import Conditions, Surroundings
-from maskfab.progress import silent
+from maskfab.camera.scenes import Photograph
+from maskfab.cli.app import run_command_line
+from maskfab.mask.formats.exr import write_png
+from maskfab.mask.job import load_job
+from maskfab.report.rows.photographs import Conditions, Surroundings
 
 ROOT = Path(__file__).parents[1]
 JOB = ROOT / "layouts" / "toled_against_ours.toml"
@@ -77,7 +74,7 @@ def test_an_untrained_network_restores_what_it_is_shown_whatever_the_strength(
     untrained: Path, photographs: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fixed = replace(Conditions.of(load_job(JOB), "camera").protocol, strengths=(EPSILON,))
-    monkeypatch.setattr("maskfab.measurement.conditions.Protocol", lambda *_, **__: fixed)
+    monkeypatch.setattr("maskfab.report.rows.photographs.Protocol", lambda *_, **__: fixed)
     found = simulate(
         JOB, die="TOLED", images=photographs, levels=[32], restore=["wiener", "auto"], checkpoints=[untrained]
     )
@@ -139,7 +136,7 @@ def test_a_die_has_one_checkpoint(untrained: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_photographs_without_a_network_do_not_load_torch(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "maskfab.camera.learning.checkpoint", None)
+    monkeypatch.setitem(sys.modules, "maskfab.camera.learning", None)
     job = load_job(JOB)
     assert learned_restorers([], job, Conditions.of(job, "camera"), []) == {}
 

@@ -14,9 +14,9 @@ from capture.captured_dies import BLACK, GAIN, READ_NOISE, exposed, polygon_pict
 from small_job import command, write_job
 
 import maskfab
-from maskfab.capture import cost
-from maskfab.capture.restoring.measured_psf import read_psf
-from maskfab.job import load_job
+from maskfab.camera.inspection import verdict
+from maskfab.camera.inspection.blur import read_psf
+from maskfab.mask.job import load_job
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words")
 
@@ -29,8 +29,8 @@ STATED = [word for time in TIMES for word in ("--times", f"{time:g} ms")]
 def two_scenes() -> Iterator[None]:
     """As few photographs as have a spread, of those by which costs are told."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cost, "_SCENES", cost._SCENES[:2])
-        patch.setattr(cost, "_scenes", cache(cost._scenes.__wrapped__))
+        patch.setattr(verdict, "_SCENES", verdict._SCENES[:2])
+        patch.setattr(verdict, "_scenes", cache(verdict._scenes.__wrapped__))
         yield
 
 

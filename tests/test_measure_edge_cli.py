@@ -11,8 +11,8 @@ from slanted_edges import blurred_edge, gaussian, noisy, rendered, true_mtf
 from small_job import command, write_job
 
 import maskfab
-from maskfab.capture.designed_edge import designed_mtf
-from maskfab.job import load_job
+from maskfab.camera.inspection.edge_mtf import designed_mtf
+from maskfab.mask.job import load_job
 
 BLURS = {"R": 1.0, "G": 0.6, "B": 0.4}
 BLACK, WHITE = 500.0, 60000.0

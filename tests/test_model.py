@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maskfab.errors import InputError
-from maskfab.model import (
+from maskfab.base.errors import InputError
+from maskfab.base.model import (
     Camera,
     Die,
     Emitters,

@@ -10,10 +10,10 @@ import pytest
 from once import leaves
 
 from maskfab.camera import scenes
-from maskfab.cli import run_command_line
-from maskfab.jobfile import read
-from maskfab.opening.openings import load_opening
-from maskfab.plate.maps import read_map
+from maskfab.cli.app import run_command_line
+from maskfab.job import read
+from maskfab.mask.opening_file import load_opening
+from maskfab.mask.panels import read_map
 
 JOB = """
 [design]

@@ -7,13 +7,13 @@ import pytest
 from optics_cases import camera, noise, panel, pupil
 from scipy.special import j1
 
-from maskfab.model import Camera, Opening, Panel, Stop, Tiling
-from maskfab.optics.field.parity import direct_field, parity_field
-from maskfab.optics.image.lag_table import lag_table
-from maskfab.optics.image.mtf import frequency_at, presampled_mtf
-from maskfab.optics.image.psf import image_scale_um2, pixel_margin, pixel_psf, point_psf
-from maskfab.optics.numbers.metrics import relative_difference
-from maskfab.plate.tiling import orientations
+from maskfab.base.model import Camera, Opening, Panel, Stop, Tiling
+from maskfab.optics.field.matrix import direct_field, parity_field
+from maskfab.optics.lags import lag_table
+from maskfab.optics.metrics import relative_difference
+from maskfab.optics.mtf import frequency_at, presampled_mtf
+from maskfab.optics.psf import image_scale_um2, pixel_margin, pixel_psf, point_psf
+from maskfab.optics.tiling import orientations
 
 ALL_CLEAR = np.ones((5, 5), dtype=np.bool_)
 

@@ -17,14 +17,15 @@ from klayout import db, rdb
 from small_job import OPENING, command, finished, listing, with_the_die, write_job
 
 import maskfab
-from maskfab import pipeline, resources
-from maskfab.errors import JobError, OutputError
-from maskfab.export import gds
-from maskfab.job import load_job, resolve
-from maskfab.model import Quantity
-from maskfab.pipeline import Result, check_rules, draw_files, write_files
-from maskfab.progress import silent
-from maskfab.provenance import sha256_of_file
+from maskfab.base import resources
+from maskfab.base.errors import JobError, OutputError
+from maskfab.base.model import Quantity
+from maskfab.base.provenance import sha256_of_file
+from maskfab.base.work import silent
+from maskfab.mask.formats import gdsii
+from maskfab.mask.job import load_job, resolve
+from maskfab.runs import pipeline
+from maskfab.runs.pipeline import Result, check_rules, draw_files, write_files
 
 pytestmark = pytest.mark.usefixtures("read_here")
 
@@ -175,7 +176,7 @@ def test_a_crash_in_the_middle_leaves_nothing(tmp_path, monkeypatch, step):
     def crash(*_: object) -> None:
         raise RuntimeError(step)
 
-    monkeypatch.setattr(f"maskfab.pipeline.{step}", crash)
+    monkeypatch.setattr(f"maskfab.runs.pipeline.{step}", crash)
     job = write_job(tmp_path)
     before = listing(tmp_path)
     with pytest.raises(RuntimeError, match=step):
@@ -190,7 +191,7 @@ def test_a_crash_in_the_middle_leaves_an_earlier_result(out, tmp_path, monkeypat
     def crash(*_: object) -> None:
         raise RuntimeError("half way")
 
-    monkeypatch.setattr("maskfab.pipeline.measure_dies", crash)
+    monkeypatch.setattr("maskfab.runs.pipeline.measure_dies", crash)
     with pytest.raises(RuntimeError, match="half way"):
         maskfab.run(write_job(tmp_path), tmp_path / "out", force=True)
     assert listing(tmp_path / "out") == before
@@ -238,14 +239,14 @@ OTHER = {
     ids=["layer", "unit", "far"],
 )
 def test_a_writer_that_spoils_its_file_is_told_as_such(capsys, tmp_path, monkeypatch, spoil, told):
-    real = gds._content
+    real = gdsii._content
 
     def content(layout, path, options):
         spoilt = layout.dup()
         spoil(spoilt)
         return real(spoilt, path, options)
 
-    monkeypatch.setattr(gds, "_content", content)
+    monkeypatch.setattr(gdsii, "_content", content)
     job = write_job(tmp_path, ("[plate]", '[export]\nformats = ["gdsii"]\n\n[plate]'))
     before = listing(tmp_path)
     answer = command(capsys, "run", job, "--out", tmp_path / "out", "--json", "--quiet")
@@ -598,7 +599,7 @@ def without(attribute: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize(("shop", "code"), [("no-such-house", "MF420"), ("bad.toml", "MF421")])
 def test_an_unknown_shop_is_refused_before_any_work(capsys, tmp_path, monkeypatch, shop, code):
-    without("maskfab.plate.plate.compose", monkeypatch)
+    without("maskfab.mask.plate.compose", monkeypatch)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "bad.toml").write_text("title = 3", encoding="utf-8")
     job = write_job(tmp_path, ("[plate]", f'[export]\nshop = "{shop}"\n\n[plate]'))
@@ -611,7 +612,7 @@ def test_an_unknown_shop_is_refused_before_any_work(capsys, tmp_path, monkeypatc
 
 
 def test_a_process_that_the_dots_do_not_bear_is_refused_before_anything_is_drawn(capsys, tmp_path, monkeypatch):
-    without("maskfab.pipeline.draw_files", monkeypatch)
+    without("maskfab.runs.pipeline.draw_files", monkeypatch)
     job = write_job(tmp_path, ("[plate]", '[process]\ncorner_radius = "4.1 um"\n\n[plate]'))
     answer = command(capsys, "run", job, "--out", tmp_path / "out", "--json", "--quiet")
     assert (answer.code, answer.document["error"]["code"]) == (2, "MF127")

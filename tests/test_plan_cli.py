@@ -9,11 +9,12 @@ from pathlib import Path
 import pytest
 from small_job import command, write_job
 
-from maskfab.job import load_job
-from maskfab.jobfile import SceneSection, read, validate
-from maskfab.optics.light.response import GENERIC_RGB
-from maskfab.optics.scene.distortion import Distortion
-from maskfab.optics.scene.scene import Scene
+from maskfab.job import read
+from maskfab.job.read import validate
+from maskfab.job.sections import SceneSection
+from maskfab.mask.job import load_job
+from maskfab.optics.response import GENERIC_RGB
+from maskfab.optics.scene.scene import Distortion, Scene
 
 PLATE = "[plate]"
 

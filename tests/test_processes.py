@@ -16,12 +16,11 @@ import pytest
 from shared_tasks import after, printed, sooner_in
 from small_job import write_job
 
-from maskfab import pipeline
-from maskfab.camera.transfer import lattice
-from maskfab.errors import InternalError, JobError
-from maskfab.files.pickling import read_only
-from maskfab.job import load_job
-from maskfab.processes import Alone, Pair, Task
+from maskfab.base.errors import InternalError, JobError
+from maskfab.base.processes import Alone, Pair, Task, read_only
+from maskfab.camera.lens import lattice
+from maskfab.mask.job import load_job
+from maskfab.runs import pipeline
 
 
 @pytest.fixture(scope="module", autouse=True)

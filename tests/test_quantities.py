@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 import maskfab
-from maskfab.errors import InternalError
-from maskfab.model import COLOURS, Quantity
-from maskfab.quantities import FAMILIES, QUANTITIES, Entry, registered
+from maskfab.base.errors import InternalError
+from maskfab.base.model import COLOURS, Quantity
+from maskfab.base.quantities import FAMILIES, QUANTITIES, Entry, registered
 
 UNITS = {"", "1", "nm", "um", "um^2", "m", "cy/mm", "cy/pixel", "px", "1/deg", "deg", "dB", "mA/cm2", "waves"}
 UNITS |= {"edges", "names", "places", "{detail}", "polygons over {detail} vertices"}

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from small_job import command, listing
 
-from maskfab import pipeline, provenance
 from maskfab.api.camera import Camera
 from maskfab.api.curves import Psf
+from maskfab.base import provenance
+from maskfab.runs import pipeline
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words")
 

@@ -10,16 +10,15 @@ import pytest
 from once import leaves
 
 from maskfab.api.verbs.photographs import simulate
-from maskfab.camera.design import Design
-from maskfab.camera.laid_panel import laid_panel
+from maskfab.base.errors import JobError, SourceError
+from maskfab.base.model import Panel
+from maskfab.camera.imaging import Design
+from maskfab.camera.lens import laid_panel, lay
 from maskfab.camera.protocol import ASSUMED
-from maskfab.camera.transfer import lay
-from maskfab.cli import run_command_line
-from maskfab.errors import JobError, SourceError
-from maskfab.export.images.light_image import write_png
-from maskfab.job import Job, load_job
-from maskfab.measurement.conditions import Conditions
-from maskfab.model import Panel
+from maskfab.cli.app import run_command_line
+from maskfab.mask.formats.exr import write_png
+from maskfab.mask.job import Job, load_job
+from maskfab.report.rows.photographs import Conditions
 
 ROOT = Path(__file__).parents[1]
 JOB = ROOT / "layouts" / "upc12.toml"

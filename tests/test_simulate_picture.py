@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from once import leaves
 
-from maskfab.cli import run_command_line
-from maskfab.export.images.light_image import write_png
+from maskfab.cli.app import run_command_line
+from maskfab.mask.formats.exr import write_png
 
 JOB = Path(__file__).parents[1] / "layouts" / "toled_against_ours.toml"
 

@@ -17,20 +17,17 @@ from matplotlib.image import imread
 from scipy import stats
 
 import maskfab as mf
-from maskfab.camera import photographs as scenes
-from maskfab.camera.design import SceneLight
-from maskfab.camera.intervals import MeanDifference
+from maskfab.base.errors import JobError
+from maskfab.camera import scenes
+from maskfab.camera.imaging import SceneLight
 from maskfab.camera.restorers.wiener import Margin, Wiener
-from maskfab.camera.scores import Score
-from maskfab.cli import run_command_line
-from maskfab.errors import JobError
-from maskfab.export.images.light_image import write_png
-from maskfab.job import load_job
-from maskfab.measurement import study as studies
-from maskfab.measurement.claims import Take, Verdict, verdict, worst
-from maskfab.measurement.study import planned
-from maskfab.report.page.study_page import study_page
-from maskfab.report.plots.study_figures import brightening, photograph_tiles, scores_figure
+from maskfab.camera.scores import MeanDifference, Score
+from maskfab.cli.app import run_command_line
+from maskfab.mask.formats.exr import write_png
+from maskfab.mask.job import load_job
+from maskfab.report.pages.study import brightening, photograph_tiles, scores_figure, study_page
+from maskfab.report.rows import study as studies
+from maskfab.report.rows.study import Take, Verdict, planned, verdict, worst
 
 ROOT = Path(__file__).parents[1]
 SHIPPED = sorted((ROOT / "layouts" / "studies").glob("*.toml"))

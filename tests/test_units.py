@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maskfab.errors import JobError
-from maskfab.units import dpi, parse_length_um, parse_pitch_um, parse_wavelength_nm, to_nm
+from maskfab.base.errors import JobError
+from maskfab.base.units import dpi, parse_length_um, parse_pitch_um, parse_wavelength_nm, to_nm
 
 
 def refused(code: str, function, text, **options) -> JobError:

@@ -15,12 +15,12 @@ from matplotlib.figure import Figure
 from small_job import command, listing
 
 import maskfab
-from maskfab.errors import JobError, OutputError
-from maskfab.model import Quantity
-from maskfab.provenance import sha256_of_file
-from maskfab.report.documents.report_data import SCHEMA_VERSION
-from maskfab.report.plots.sheet import bitmap
-from maskfab.verification import _reported
+from maskfab.base.errors import JobError, OutputError
+from maskfab.base.model import Quantity
+from maskfab.base.provenance import sha256_of_file
+from maskfab.report.documents.report import SCHEMA_VERSION
+from maskfab.report.figures.sheet import bitmap
+from maskfab.runs.verification import _reported
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "verified_once")
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import maskfab
-from maskfab.errors import CATALOGUE
+from maskfab.base.errors import CATALOGUE
 
 SOURCES = {
     path.relative_to(Path(maskfab.__file__).parent).as_posix(): path.read_text(encoding="utf-8")

@@ -7,20 +7,20 @@ from dataclasses import dataclass
 
 from maskfab.api.curves import Mtf, Psf
 from maskfab.api.lengths import Length, Wavelength, length_text, wavelength_text
-from maskfab.arguments import checked_arguments
-from maskfab.camera.photo_camera import camera_line
-from maskfab.errors import JobError
-from maskfab.jobfile import CameraSection, check_lens, check_pupil, check_window, parse_section
-from maskfab.model import Camera as Lens
-from maskfab.model import Panel as Tiled
-from maskfab.optics.image.lag_table import lag_table
-from maskfab.optics.image.mtf import longest_lag_um, presampled_mtf
-from maskfab.optics.image.psf import pixel_margin, pixel_psf, point_psf
-from maskfab.optics.pupil.aperture import panel_aperture
-from maskfab.optics.pupil.pupil import Pupil, cut
-from maskfab.plate.panels import check_cover
-from maskfab.threads import one_thread
-from maskfab.units import NM_PER_UM, parse_wavelength_nm
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError
+from maskfab.base.model import Camera as Lens
+from maskfab.base.model import Panel as Tiled
+from maskfab.base.units import NM_PER_UM, parse_wavelength_nm
+from maskfab.base.work import one_thread
+from maskfab.camera.lens import camera_line
+from maskfab.job.read import check_lens, check_pupil, check_window, parse_section
+from maskfab.job.sections import CameraSection
+from maskfab.mask.panels import check_cover
+from maskfab.optics.lags import lag_table
+from maskfab.optics.mtf import longest_lag_um, presampled_mtf
+from maskfab.optics.psf import pixel_margin, pixel_psf, point_psf
+from maskfab.optics.pupil import Pupil, cut, panel_aperture
 
 
 @dataclass(frozen=True, init=False, repr=False)

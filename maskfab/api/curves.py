@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab import model
-from maskfab.arguments import checked_arguments
-from maskfab.errors import JobError
-from maskfab.optics.image.lag_table import LagTable
-from maskfab.optics.image.mtf import LEVELS, presampled_mtf
-from maskfab.optics.numbers.metrics import auc_radial_min, falls_to
+from maskfab.base import model
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError
+from maskfab.optics.lags import LagTable
+from maskfab.optics.metrics import auc_radial_min, falls_to
+from maskfab.optics.mtf import LEVELS, presampled_mtf
 
 if TYPE_CHECKING:
-    from maskfab.report.plots.sheet import Drawing
+    from maskfab.report.figures.sheet import Drawing
 
 
 class Psf(model.Psf):
@@ -44,7 +44,7 @@ class Psf(model.Psf):
 
     def plot(self) -> Drawing:
         """log10 over six decades below the peak."""
-        from maskfab.report.plots import die_figures
+        from maskfab.report.figures import die as die_figures
 
         return die_figures.psf((self,))
 
@@ -94,7 +94,7 @@ class Mtf(model.Mtf):
 
     def plot(self) -> Drawing:
         """The band from radial minimum to maximum, the radial mean, and straight cuts."""
-        from maskfab.report.plots import die_figures
+        from maskfab.report.figures import die as die_figures
 
         return die_figures.mtf((self,))
 

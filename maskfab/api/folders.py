@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from maskfab.camera.photographs import Folder, folder
-from maskfab.errors import JobError
+from maskfab.base.errors import JobError
+from maskfab.camera.scenes import Folder, folder
 
 
 def given_folder(images: str | Path | None, white: float | None, *, whole: bool = False) -> Folder | None:
@@ -18,7 +18,7 @@ def given_folder(images: str | Path | None, white: float | None, *, whole: bool 
 
     Raises:
         JobError: MF105 for a white that nothing is measured by, or whole photographs of none; as
-            :func:`maskfab.camera.photographs.folder`.
+            :func:`maskfab.camera.scenes.folder`.
         SourceError: MF301 without photographs in it.
     """
     if images is not None:

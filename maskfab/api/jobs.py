@@ -6,13 +6,14 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from maskfab.errors import JobError
-from maskfab.job import Job, load_job
+from maskfab.base.errors import JobError
+from maskfab.mask.job import Job, load_job
 
 if TYPE_CHECKING:
     from maskfab.api.camera import Camera
     from maskfab.api.panel import Panel
     from maskfab.api.plate import Plate
+
 
 AnyJob: TypeAlias = "Plate | Panel | Job | str | Path"
 """A plate of Python, a panel that is alone on one, a loaded job, or the path of a job file."""

@@ -7,7 +7,7 @@ from numbers import Real
 
 from pydantic import BaseModel
 
-from maskfab.jobfile.values import length_keys, um_text
+from maskfab.job.values import length_keys, um_text
 
 Length = str | float
 """``"168 um"``, ``"0.168 mm"``, or 168.0 micrometres."""

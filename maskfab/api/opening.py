@@ -11,22 +11,22 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from maskfab import model
 from maskfab.api.lengths import Length, length_text
-from maskfab.arguments import checked_arguments
-from maskfab.base import __version__
+from maskfab.base import __version__, model
 from maskfab.base.arrays import Mask
-from maskfab.errors import JobError, OutputError
-from maskfab.files.staging import write_text
-from maskfab.opening import decode, openings, shapes
-from maskfab.progress import Progress, silent
-from maskfab.readers.layout_file import LAYOUT_SUFFIXES
-from maskfab.threads import one_thread
-from maskfab.units import NM_PER_UM, parse_pitch_um
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError, OutputError
+from maskfab.base.folders import write_text
+from maskfab.base.units import NM_PER_UM, parse_pitch_um
+from maskfab.base.work import Progress, one_thread, silent
+from maskfab.mask import opening as decode
+from maskfab.mask import opening as shapes
+from maskfab.mask import opening_file
+from maskfab.mask.formats.reader import LAYOUT_SUFFIXES
 
 if TYPE_CHECKING:
     from maskfab.api.camera import Camera
-    from maskfab.report.plots.sheet import Drawing
+    from maskfab.report.figures.sheet import Drawing
 
 
 class Opening(model.Opening):
@@ -75,7 +75,7 @@ class Opening(model.Opening):
     @classmethod
     def _checked(cls, name: str, mask: Mask, pitch: Length, made: dict[str, str | int | float], where: str) -> Self:
         dot_nm = _dot_nm(pitch, len(mask), f"{where}: pitch")
-        return cls.of_model(openings.checked(name, mask, dot_nm, made, where))
+        return cls.of_model(opening_file.checked(name, mask, dot_nm, made, where))
 
     @classmethod
     def of_model(cls, opening: model.Opening) -> Self:
@@ -117,9 +117,9 @@ class Opening(model.Opening):
         """
         from maskfab.api.camera import F1
         from maskfab.camera import scenes
-        from maskfab.camera.photo_camera import PhotoCamera, camera_line
-        from maskfab.camera.photographs import folder
-        from maskfab.optimiser.reduction import reduced_opening, require_count
+        from maskfab.camera.lens import PhotoCamera, camera_line
+        from maskfab.camera.scenes import folder
+        from maskfab.designs.search.scan import reduced_opening, require_count
 
         if tiling not in ("random", "periodic"):
             cure = "Use random or periodic"
@@ -150,12 +150,12 @@ class Opening(model.Opening):
         if target.suffix.lower() != ".toml":
             problem = f"no opening is written with the suffix {target.suffix!r}"
             raise OutputError("MF430", problem, where=str(target), cure="Use .toml")
-        write_text(target, openings.opening_text(self))
+        write_text(target, opening_file.opening_text(self))
         return target
 
     def plot(self) -> Drawing:
         """The unit cell: clear is white, chrome dark."""
-        from maskfab.report.plots import die_figures
+        from maskfab.report.figures import die as die_figures
 
         return die_figures.opening(self)
 
@@ -197,15 +197,15 @@ def read_opening(
         return Opening.of(source, _stated(pitch, "pitch", "the array"), name=name or "opening")
     path = Path(source)
     if path.suffix.lower() == ".toml":
-        found = openings.load_opening(path, dots=dots, name=name)
+        found = opening_file.load_opening(path, dots=dots, name=name)
         return Opening.of_model(found if pitch is None else _repitched(found, pitch))
     if path.suffix.lower() in LAYOUT_SUFFIXES:
         wanted = _whole(_stated(dots, "dots", path.name), "dots")
         dot_nm = _dot_nm(_stated(pitch, "pitch", path.name), wanted, "read_opening: pitch")
         return Opening.of_model(
-            openings.load_opening(path, dots=wanted, dot_nm=dot_nm, layer=layer, cell=cell, name=name)
+            opening_file.load_opening(path, dots=wanted, dot_nm=dot_nm, layer=layer, cell=cell, name=name)
         )
-    found = openings.load_opening(path, dots=dots, dot_nm=1, name=name)
+    found = opening_file.load_opening(path, dots=dots, dot_nm=1, name=name)
     return Opening.of_model(_repitched(found, _stated(pitch, "pitch", path.name)))
 
 
@@ -214,7 +214,7 @@ def _repitched(opening: model.Opening, pitch: Length) -> model.Opening:
 
 
 def _dot_nm(pitch: Length, dots: int, where: str) -> int:
-    return openings.dot_of_pitch(parse_pitch_um(length_text(pitch), where=where), dots, where=where)
+    return opening_file.dot_of_pitch(parse_pitch_um(length_text(pitch), where=where), dots, where=where)
 
 
 def _stated(value: Any, key: str, source: str) -> Any:

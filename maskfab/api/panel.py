@@ -8,27 +8,28 @@ from typing import TYPE_CHECKING, Self
 
 from numpy.typing import ArrayLike
 
-from maskfab import model
 from maskfab.api.lengths import Length, length_text
-from maskfab.arguments import checked_arguments
-from maskfab.cell_size import CellSize
-from maskfab.errors import JobError
-from maskfab.job import check_alike
-from maskfab.jobfile import DieSection, check_die, check_seed, even_nm, parse_section
-from maskfab.jobfile.values import um_text
-from maskfab.model import Tiling
-from maskfab.opening.decode import from_array
-from maskfab.opening.openings import checked
-from maskfab.plate.maps import CellMap, panel_shape, shifted_openings
-from maskfab.plate.panels import tiled
-from maskfab.units import NM_PER_UM, parse_length_um, parse_pitch_um, to_nm
+from maskfab.base import model
+from maskfab.base.cell_size import CellSize
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError
+from maskfab.base.model import Tiling
+from maskfab.base.units import NM_PER_UM, parse_length_um, parse_pitch_um, to_nm
+from maskfab.job.read import check_die, check_seed, even_nm, parse_section
+from maskfab.job.sections import DieSection
+from maskfab.job.values import um_text
+from maskfab.mask.job import check_alike
+from maskfab.mask.opening import from_array
+from maskfab.mask.opening_file import checked
+from maskfab.mask.panels import CellMap, panel_shape, shifted_openings, tiled
 
 if TYPE_CHECKING:
     import cadquery
     import trimesh
 
-    from maskfab.export.solid.tiles import Stack
-    from maskfab.report.plots.sheet import Drawing
+    from maskfab.mask.formats.solid import Stack
+    from maskfab.report.figures.sheet import Drawing
+
 
 _WHERE = "Panel.tile"
 
@@ -146,7 +147,7 @@ class Panel(model.Panel):
         """
         if cells < 1:
             raise JobError("MF104", f"cells = {cells} is below 1", where="Panel.plot: cells", cure="Give 1 or more")
-        from maskfab.report.plots import die_figures
+        from maskfab.report.figures import die as die_figures
 
         return die_figures.panel_close_up(self, cells)
 
@@ -162,7 +163,7 @@ class Panel(model.Panel):
             JobError: MF103 or MF104 for a thickness.
             OutputError: MF410 for pixels without chrome, MF412 for a panel of too many vertices or pixels.
         """
-        from maskfab.export.solid.objects import cadquery_assembly
+        from maskfab.mask.formats.step import cadquery_assembly
 
         return cadquery_assembly(self._die(), _stack(chrome, glass))
 
@@ -173,7 +174,7 @@ class Panel(model.Panel):
         Where openings touch by a corner the chrome between them is a tenth of a dot wide, for a surface of no width is
         not closed. Arguments and errors as :meth:`to_cadquery`; MF436 for dots below 100 nm that touch so.
         """
-        from maskfab.export.solid.objects import trimesh_scene
+        from maskfab.mask.formats.step import trimesh_scene
 
         return trimesh_scene(self._die(), _stack(chrome, glass))
 
@@ -194,7 +195,7 @@ class Panel(model.Panel):
 
 
 def _stack(chrome: Length, glass: Length) -> Stack:
-    from maskfab.export.solid.tiles import Stack
+    from maskfab.mask.formats.solid import Stack
 
     film_um, glass_um = (
         parse_length_um(length_text(value), where=f"Panel: {name}")

@@ -8,27 +8,29 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from maskfab import model
 from maskfab.api.camera import F1, Camera
 from maskfab.api.lengths import Length, length_text
 from maskfab.api.panel import Panel
-from maskfab.arguments import checked_arguments
-from maskfab.errors import JobError
-from maskfab.export.outputs import format_of, products
-from maskfab.files.atomic import partial
-from maskfab.job import Job, resolve
-from maskfab.jobfile import JobSection, JobSpec, PlateSection, parse_section, validate
-from maskfab.jobfile.values import um_text
-from maskfab.mask_shops.plate_files import check_stated
-from maskfab.opening import openings
-from maskfab.pipeline import check_pictures, draw_files
-from maskfab.plate import maps
-from maskfab.units import NM_PER_UM
+from maskfab.base import model
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError
+from maskfab.base.files import partial
+from maskfab.base.units import NM_PER_UM
+from maskfab.job.read import parse_section, validate
+from maskfab.job.sections import JobSection, JobSpec, PlateSection
+from maskfab.job.values import um_text
+from maskfab.mask import opening_file
+from maskfab.mask import panels as maps
+from maskfab.mask.formats.table import format_of, products
+from maskfab.mask.houses.files import check_stated
+from maskfab.mask.job import Job, resolve
+from maskfab.runs.pipeline import check_pictures, draw_files
 
 if TYPE_CHECKING:
     from klayout import db
 
-    from maskfab.report.plots.sheet import Drawing
+    from maskfab.report.figures.sheet import Drawing
+
 
 _WHERE = "Plate"
 _OWN = frozenset({"job", "camera", "plate", "die", "openings", "maps", "design", "pareto"})
@@ -155,7 +157,7 @@ class Plate:
         texts: dict[str, dict[str, str]] = {"openings": {}, "maps": {}}
         for die, panel in self.panels.items():
             for opening in panel.held:
-                _keep(texts["openings"], opening.name, openings.opening_text(opening), "openings", die)
+                _keep(texts["openings"], opening.name, opening_file.opening_text(opening), "openings", die)
             if panel.cells is not None:
                 _keep(texts["maps"], panel.cells.name, maps.map_text(panel.cells), "maps", die)
         document = {
@@ -220,13 +222,13 @@ class Plate:
 
     def to_klayout(self) -> db.Layout:
         """The plate as a layout of klayout, in nanometres, with the cells and layers of its files."""
-        from maskfab.geometry.plate_layout import plate_layout
+        from maskfab.mask.layout import plate_layout
 
         return plate_layout(self.layout())
 
     def plot(self) -> Drawing:
         """The plate in millimetres: blank, writable area, dies by name, marks."""
-        from maskfab.report.plots import die_figures
+        from maskfab.report.figures import die as die_figures
 
         return die_figures.plate_drawing(self.layout())
 

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from maskfab.capture.stands import STANDS, stand_named
-from maskfab.job import Job
-from maskfab.measurement.view import sees_mirrored
+from maskfab.camera.inspection.blur import STANDS, stand_named
+from maskfab.mask.job import Job
+from maskfab.report.rows.optics import sees_mirrored
 
 
 def way_round(asked: str | None, job: Job) -> int:
     """The element of D4 that takes a die as drawn to how the picture shows it.
 
     Args:
-        asked: one of :data:`maskfab.capture.stands.STANDS`; None for what the job says, mirrored if the plate's chrome
-            is away from the lens.
+        asked: one of :data:`maskfab.camera.inspection.blur.STANDS`; None for what the job says, mirrored if the plate's
+            chrome is away from the lens.
         job: of the plate.
 
     Raises:

@@ -1,4 +1,4 @@
-r"""Protocols: photographs behind designs, taken and scored so that designs compare fairly; the first of them is F1.
+"""Protocols: photographs behind designs, taken and scored so that designs compare fairly; the first of them is F1.
 
 Every design sees the same scenes with light from outside the sensor, in real colours and noise for the light it lets
 through, and is restored by the same filter, whose one constant ε is chosen for the design and the level on scenes kept
@@ -17,6 +17,10 @@ Notes:
     Under protocol ``paper`` errors count as bright as the design leaves them, so twice the light costs 6 dB, and edges
     beside darkness cost well-conditioned designs more than others. Its PSNRs compare with published ones; they do not
     rank designs of unequal light.
+
+Sensor and light that a job states, for all that takes its photographs or expects what they will be.
+
+Sentences on all of a job that does not reach its photographs, and why.
 """
 
 from __future__ import annotations
@@ -31,20 +35,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Singles
-from maskfab.camera.brackets import merged
-from maskfab.camera.design import Design, SceneLight
-from maskfab.camera.exposure import F1_SENSOR, REFERENCE_TRANSMISSION, Exposure
-from maskfab.camera.photographs import Photograph
-from maskfab.camera.quality import Truth, inner, psnr
-from maskfab.camera.record import Record
+from maskfab.base.errors import JobError
+from maskfab.base.model import Camera, MaskBlank, Panel
+from maskfab.base.units import UM_PER_MM
+from maskfab.camera.imaging import Design, SceneLight
+from maskfab.camera.record import Record, Restorer, merged
 from maskfab.camera.restorers.choice import Choice
-from maskfab.camera.restorers.published import EPSILON, Published
-from maskfab.camera.restorers.restorer import Restorer
+from maskfab.camera.restorers.dct import EPSILON, Published
 from maskfab.camera.restorers.wiener import Margin, Wiener, prior, spectral_error
-from maskfab.camera.scores import Score, ScoreTable
-from maskfab.camera.sensor import Sensor
-from maskfab.errors import JobError
-from maskfab.optics.numbers.colour import code_of_light, light_of_code
+from maskfab.camera.scenes import Photograph
+from maskfab.camera.scores import Score, ScoreTable, Truth, inner, psnr
+from maskfab.camera.sensor import F1_SENSOR, REFERENCE_TRANSMISSION, Exposure, Sensor
+from maskfab.job.sections import ExposureSection, SensorSection
+from maskfab.optics.colour import code_of_light, light_of_code
+from maskfab.optics.scene.plan import Plan
+from maskfab.optics.scene.scene import Scene
 
 EPSILONS = tuple(float(e) for e in np.geomspace(0.002, 0.5, 15))
 _FINER = EPSILONS[1] / EPSILONS[0]
@@ -404,3 +409,127 @@ def _climb(height: Callable[[int], float], start: int, count: int) -> int:
         best = following
         following = max((k for k in (best, best - 1, best + 1) if 0 <= k < count), key=known)
     return best
+
+
+def stated_sensor(section: SensorSection | None) -> Sensor:
+    """The sensor of [sensor]; protocol F1's without one.
+
+    Raises:
+        JobError: MF140 for a sensor that cannot be.
+    """
+    return Sensor() if section is None else Sensor(**dict(section))
+
+
+def stated_light(section: ExposureSection | None, sensor: Sensor, camera: Camera) -> tuple[tuple[float, ...], str]:
+    """Levels of [exposure] in dB, and how it states them; protocol F1's where it states none.
+
+    Raises:
+        JobError: MF141 for a light that cannot be.
+    """
+    if section is None or (section.snr, section.white, section.luminance) == (None, None, None):
+        return LEVELS, in_decibels(LEVELS)
+    if section.snr is not None:
+        return section.snr, in_decibels(section.snr)
+    if section.white is not None:
+        found = Exposure.of_white(section.white, sensor)
+    else:
+        assert section.luminance is not None
+        assert section.time is not None
+        assert section.quantum_efficiency is not None
+        found = Exposure.of_scene(
+            section.luminance,
+            section.time,
+            section.quantum_efficiency,
+            focal_ratio=camera.focal_um / camera.stop.diameter_um,
+            pixel_um=camera.pixel_um,
+            sensor=sensor,
+        )
+    return (found.level_db,), f"{found.stated}, {found.electrons:.0f} electrons behind the published display"
+
+
+def in_decibels(levels: Sequence[float]) -> str:
+    """Levels of light in words."""
+    return f"signal-to-noise ratio of white behind the published display {', '.join(f'{each:g}' for each in levels)} dB"
+
+
+def told(sensor: Sensor) -> str:
+    """A sensor in words."""
+    converter = "" if sensor.bits is None else f", {sensor.bits} bits, black level {sensor.black_level}"
+    mosaic = "" if sensor.mosaic == "none" else f", mosaic {sensor.mosaic}"
+    return f"full well {sensor.full_well:g} electrons, read noise {sensor.read_noise:g} electrons{converter}{mosaic}"
+
+
+_OWN_WORDS = ("lens distortion", "curve of the rim", "field between places", "width of the bands")
+
+
+def left_out(panel: Panel, scene: Scene, blank: MaskBlank, plan: Plan | None = None) -> tuple[str, ...]:
+    """Sentences on what the photographs of a die leave out; none where they hold all that the job states.
+
+    Args:
+        panel: of the die.
+        scene: of the job, the plate's glass in its gap.
+        blank: of the plate.
+        plan: that the transfer follows; None if it holds all of the scene.
+    """
+    return (*by_plan(scene, plan), *_of_lens(scene), *_of_plate(panel, scene, blank))
+
+
+def by_sentence(left_out: Mapping[str, Sequence[str]]) -> list[str]:
+    """Every sentence once, with the dies that it is about where these are not all.
+
+    Args:
+        left_out: by die, what its photographs leave out.
+    """
+    dies: dict[str, list[str]] = {}
+    for name, told in left_out.items():
+        for sentence in told:
+            dies.setdefault(sentence, []).append(name)
+    every = len(left_out)
+    return [f"{'' if len(names) == every else ', '.join(names) + ': '}{sentence}." for sentence, names in dies.items()]
+
+
+def by_plan(scene: Scene, plan: Plan | None) -> list[str]:
+    """Sentences on what a plan leaves out of a scene; of none, on the shift that is then left out."""
+    if plan is None:
+        told = "the shift through the gap off the axis is left out: every place is seen as the axis is"
+        return [told] if scene.gap_um and scene.field_um else []
+    rows = [row for row in plan.ingredients if not row.modelled and row.error and row.name not in _OWN_WORDS]
+    return [
+        f"{row.name} is left out: without it the PSF errs by {row.error:.2g} at most, and the accuracy asked for is "
+        f"{plan.accuracy:g}"
+        for row in rows
+    ]
+
+
+def _of_lens(scene: Scene) -> list[str]:
+    told = []
+    if scene.distortion is not None and scene.distortion.ratio:
+        told.append(
+            f"lens distortion of {scene.distortion.ratio:.2g} is left out: photographs are compared as if rectified, "
+            "and their PSF is that of a lens without it"
+        )
+    if scene.nearest_um != scene.farthest_um:
+        near, far = (_distance(each) for each in (scene.nearest_um, scene.farthest_um))
+        told.append(f"depth is left out: all of a photograph is at one distance between {near} and {far}")
+    return told
+
+
+def _of_plate(panel: Panel, scene: Scene, blank: MaskBlank) -> list[str]:
+    told = []
+    if blank.optical_density is not None:
+        share = 10**-blank.optical_density
+        told.append(
+            f"light through the film is left out: it passes {share:.1g} of what falls on it, and is taken as opaque"
+        )
+    if blank.glass is not None:
+        side = "its thickness counts as a gap" if blank.glass.gap_um else "behind it, it only dims"
+        if blank.glass.gap_um and not scene.gap_um:
+            side = "its thickness counts as a gap with a [scene] alone, and the job has none"
+        told.append(f"reflections and absorption of the glass are left out: {side}")
+    if panel.tracks:
+        told.append("wires of the display are left out: the mask has none")
+    return told
+
+
+def _distance(length_um: float) -> str:
+    return "infinity" if math.isinf(length_um) else f"{length_um / UM_PER_MM:.4g} mm"

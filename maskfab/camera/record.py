@@ -1,14 +1,108 @@
-"""The record of a scene by a sensor, and the noise that it is known to have."""
+"""The colour mosaic of a sensor, and its one linear interpolation.
+
+Every two by two pixels record red, green, green and blue, red in the top left one. A missing colour is the mean of its
+neighbours, corrected by the Laplacian of the colour that is there (H. S. Malvar, L. He, R. Cutler, Proc. ICASSP 2004,
+485): four filters of five by five, linear, so that what they do to noise and blur follows from the filters alone.
+
+The record of a scene by a sensor, and the noise that it is known to have.
+
+A restorer: one function of a record, the transfer it was taken through, and its noise.
+
+Exposures of one scene merged into one record: each pixel's mean with weights 1 / variance, full wells left out.
+
+    x = sum of y_k / v_k over sum of 1 / v_k,        variance 1 / (sum of 1 / v_k),
+
+over the exposures k in which the pixel is below its full well (Granados, Ajdin, Wand, Theobalt, Seidel, Lensch, CVPR
+2010). That gives bright light from short exposures and dark from long ones, and halo becomes linear in the light again.
+
+Notes:
+    Variances are those of the merged light, which is found twice: first with weights for the shortest exposure's.
+    Of readings within noise of a full well those below it count, so light there is told too dark by up to 0.4 standard
+    deviations of the longer exposure. Letting the shorter ones decide errs as far to the other side, and loses light.
+
+Two by two pixels as one: of a record the mean, of a blur what the mean of a scene's pixels becomes.
+
+With a scene that is constant over the larger pixels,
+
+    H'(ν) = sum over k of H((ν + k) / 2) cos²(π (ν_x + k_x) / 2) cos²(π (ν_y + k_y) / 2),        k_x, k_y = 0 or 1,
+
+ν in cycles per larger pixel: one cos² is the mean on the sensor, the other the larger pixel of the scene.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any, Protocol
 
 import numpy as np
+import scipy.fft
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from maskfab.base.arrays import Singles
+from maskfab.base.errors import JobError
+
+_GREEN = np.array([[0, 0, -1, 0, 0], [0, 0, 2, 0, 0], [-1, 2, 4, 2, -1], [0, 0, 2, 0, 0], [0, 0, -1, 0, 0]]) / 8
+_ALONG = np.array([[0, 0, 0.5, 0, 0], [0, -1, 0, -1, 0], [-1, 4, 5, 4, -1], [0, -1, 0, -1, 0], [0, 0, 0.5, 0, 0]]) / 8
+_ACROSS = (
+    np.array([[0, 0, -1.5, 0, 0], [0, 2, 0, 2, 0], [-1.5, 0, 6, 0, -1.5], [0, 2, 0, 2, 0], [0, 0, -1.5, 0, 0]]) / 8
+)
+_RED, _BLUE = (slice(0, None, 2), slice(0, None, 2)), (slice(1, None, 2), slice(1, None, 2))
+_ON_RED_ROWS, _ON_BLUE_ROWS = (slice(0, None, 2), slice(1, None, 2)), (slice(1, None, 2), slice(0, None, 2))
+
+
+def sampled(light: Singles) -> Singles:
+    """The one colour that every pixel records, [rows, columns] of [3, rows, columns].
+
+    Raises:
+        JobError: MF140 for odd sides.
+    """
+    rows, columns = light.shape[1:]
+    if rows % 2 or columns % 2:
+        raise JobError(
+            "MF140",
+            f"a mosaic of 2 x 2 pixels does not fill {columns} x {rows}",
+            where="sensor.mosaic",
+            cure="Cut the photographs to even sides",
+        )
+    seen = np.array(light[1])
+    seen[_RED], seen[_BLUE] = light[0][_RED], light[2][_BLUE]
+    return seen
+
+
+def interpolated(seen: Singles, red: tuple[int, int] = (0, 0)) -> Singles:
+    """All three colours of every pixel, [3, rows, columns]; what was recorded stays as it is.
+
+    Args:
+        seen: [rows, columns] what every pixel recorded; even sides where red is not in the top left pixel.
+        red: row and column, 0 or 1, of the uppermost left red pixel; blue is diagonal to it.
+    """
+    # Turned over, an even side's last pixel has the colour that its second one had.
+    turned = tuple(axis for axis in (0, 1) if red[axis])
+    found = _of_red_first(np.flip(seen, turned))
+    return np.flip(found, tuple(axis + 1 for axis in turned))
+
+
+def _of_red_first(seen: Singles) -> Singles:
+    # Mirroring without doubling the edge keeps every colour on its own places.
+    green, along, across = (
+        ndimage.correlate(seen, each.astype(np.float32), mode="mirror") for each in (_GREEN, _ALONG, _ACROSS)
+    )
+    down = ndimage.correlate(seen, _ALONG.T.astype(np.float32), mode="mirror")
+    found = np.stack([seen, seen, seen])
+    for place in (_RED, _BLUE):
+        found[1][place] = green[place]
+    for colour, other, beside, above in (
+        (0, _BLUE, _ON_RED_ROWS, _ON_BLUE_ROWS),
+        (2, _RED, _ON_BLUE_ROWS, _ON_RED_ROWS),
+    ):
+        found[colour][other] = across[other]
+        found[colour][beside] = along[beside]
+        found[colour][above] = down[above]
+    return found
 
 
 @dataclass(frozen=True)
@@ -96,7 +190,7 @@ class Record:
         noise: of every pixel.
         ceiling: what a full well reads, in units of white; infinite if nothing clips.
         interpolated: whether two colours of every pixel were found from its neighbours, so that noise is correlated as
-            :func:`maskfab.camera.mosaic.interpolated` makes it.
+            :func:`maskfab.camera.record.interpolated` makes it.
     """
 
     values: Singles
@@ -113,3 +207,129 @@ class Record:
     def clipped(self) -> NDArray[np.bool_]:
         """Pixels that a full well cut off."""
         return np.asarray(self.values >= np.float32(self.ceiling))
+
+
+Transfer = NDArray[np.float32] | NDArray[np.complex64]
+
+
+class Blur(Protocol):
+    """The blur of a scene by lens, panel and pixels."""
+
+    def on(self, shape: tuple[int, int]) -> Transfer:
+        """H at the frequencies of ``rfft2`` of pictures of that shape, [3, rows, columns / 2 + 1], 1 at frequency 0.
+
+        Real where the point spread is the same turned by 180 degrees, complex otherwise. Kept for every shape.
+        """
+
+
+class Restorer(Protocol):
+    """A way to undo the blur."""
+
+    @property
+    def name(self) -> str:
+        """In tables and options."""
+
+    def prepare(self, record: Record, blur: Blur) -> Callable[[float], Singles]:
+        """Do once all that does not depend on the strength.
+
+        Returns:
+            A function of the strength epsilon of the 1/f² prior that gives the restored light on the sensor,
+            float32 [3, rows, columns] within 0 to 1.
+        """
+
+
+def merged(exposures: Sequence[Record]) -> Record:
+    """One record of several of the same light, all in units of one white.
+
+    Args:
+        exposures: with their noise and their full wells, in any order.
+
+    Returns:
+        A record with the noise of all, and the full well of the shortest: what that one clips is clipped.
+
+    Raises:
+        JobError: MF105 without exposures; MF121 if they differ in size.
+    """
+    if not exposures:
+        raise JobError("MF105", "there are no exposures", where="brackets", cure="Give one or more")
+    sizes = {record.values.shape for record in exposures}
+    if len(sizes) > 1:
+        told = ", ".join(f"{columns} x {rows}" for _, rows, columns in sorted(sizes))
+        raise JobError("MF121", f"exposures of one scene have {told} pixels", where="brackets", cure="Give one size")
+    ordered = sorted(exposures, key=lambda record: _exposures(record)[-1][0].electrons)
+    values = ordered[0].values
+    for _ in range(2):
+        values = _mean(ordered, values)
+    taken = [each for record in reversed(ordered) for each in _exposures(record)]
+    return Record(values, MergedNoise(tuple(taken)), ordered[0].ceiling, ordered[0].interpolated)
+
+
+def _exposures(record: Record) -> tuple[tuple[Noise, float], ...]:
+    noise = record.noise
+    return noise.exposures if isinstance(noise, MergedNoise) else ((noise, record.ceiling),)
+
+
+def _mean(ordered: Sequence[Record], light: Singles) -> Singles:
+    """The merged values, with weights for ``light``; the shortest's own where all are clipped."""
+    total, precision = np.zeros_like(light), np.zeros_like(light)
+    for record in ordered:
+        weight = ~record.clipped / record.noise.variance(light)
+        total += weight * record.values
+        precision += weight
+    return np.divide(total, precision, out=ordered[0].values.copy(), where=precision > 0)
+
+
+@dataclass(frozen=True, eq=False)
+class BinnedBlur:
+    """Blur of means over 2 x 2 pixels.
+
+    Attributes:
+        fine: that of the pixels.
+    """
+
+    fine: Blur
+
+    def on(self, shape: tuple[int, int]) -> Transfer:
+        """See :class:`maskfab.camera.record.Blur`."""
+        rows, columns = shape
+        half = self.fine.on((2 * rows, 2 * columns))
+        y, x = np.asarray(scipy.fft.fftfreq(2 * rows))[:, None], np.asarray(scipy.fft.rfftfreq(2 * columns))
+        half = half * (np.square(np.cos(np.pi * y)) * np.square(np.cos(np.pi * x))).astype(np.float32)
+        folded = half[:, :rows] + half[:, rows:]
+        keep = columns // 2 + 1
+        # The other half of the columns is that of the opposite frequencies, conjugate.
+        across = np.arange(columns, columns - keep, -1)
+        opposite = folded[:, -np.arange(rows) % rows][:, :, across].conj()
+        return np.asarray(folded[:, :, :keep] + opposite)
+
+
+def binned(record: Record) -> Record:
+    """Means over 2 x 2 pixels of a record of even sides; full where one of the four is."""
+    _, rows, columns = record.values.shape
+    cells = record.values.reshape(3, rows // 2, 2, columns // 2, 2)
+    full = record.clipped.reshape(cells.shape).any(axis=(2, 4))
+    values = np.where(full, np.float32(record.ceiling), cells.mean(axis=(2, 4), dtype=np.float32))
+    kept = _of_mosaic() if record.interpolated else 1 / 4
+    return replace(record, values=values, noise=record.noise.times(kept), interpolated=False)
+
+
+def of_cells(places: NDArray[Any], colours: str) -> NDArray[Any]:
+    """Red, green and blue of cells of a mosaic, [3, rows, columns], nothing interpolated.
+
+    Args:
+        places: [4, rows, columns] of the cells' four places, row by row.
+        colours: of the places, such as ``RGGB``; the mean of both greens counts.
+    """
+    return np.stack([places[[k for k in range(4) if colours[k] == colour]].mean(axis=0) for colour in "RGB"])
+
+
+@cache
+def _of_mosaic() -> float:
+    """Variance of the mean over the four places of an interpolated mosaic with noise of 1, the mean of the colours."""
+    total = 0.0
+    for place in range(100):
+        pixel = np.zeros(100, dtype=np.float32)
+        pixel[place] = 1
+        middle = interpolated(pixel.reshape(10, 10))[:, 4:6, 4:6].mean(axis=(1, 2), dtype=np.float64)
+        total += float(np.square(middle).mean())
+    return total

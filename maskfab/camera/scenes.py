@@ -1,4 +1,12 @@
-r"""Scenes for those who have no photographs: dead leaves, whose spectrum falls as a power of f, as nature's does.
+"""Photographs as scenes: code values, the light that they stand for, and the middle of the picture.
+
+A scene is the middle of a picture, at most 1024 x 1536 (1536 x 1024 of an upright one), or all of it, its sides cut to
+multiples of 64 so that transforms are fast; pictures are never scaled. A grey one has three equal channels.
+
+Integers are sRGB code values, whose light follows by the sRGB curve. Floats (EXR, HDR) are light, and have code values
+by the same curve; above white they are refused unless the light that is white is stated, as nobody can know it.
+
+Scenes for those who have no photographs: dead leaves, whose spectrum falls as a power of f, as nature's does.
 
 Discs of random colours fall on each other; a radius r is drawn with density r^-3 between two limits, which makes the
 picture look the same at every scale (Lee, Mumford, Huang, Int. J. Comput. Vision 41, 35, 2001). Every scene follows
@@ -9,19 +17,243 @@ of 0.40 of white and a power of f^-2.7, the others 0.10 and 0.11, and f^-3.5 and
 and soft too: 0.10 and f^-3.5.
 
 For highlights, lamps hang in front of them: discs of 2 to 100 times white.
+
+Scenes with less round the sensor than others, and what of a point's light falls farther.
+
+The blur is circular, so beyond its edges a scene repeats. Of the 256 pixels that others have round the sensor, a small
+one has 128; how much of a point's light falls farther is told. If half of it does, the scene is smaller than the point
+spread, and what is photographed would be its repetition.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+import os
+import zlib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import overload
 
 import numpy as np
 import scipy.fft
 
-from maskfab.camera.photographs import LONG, SHORT, Photograph
-from maskfab.optics.numbers.colour import code_of_light
+from maskfab.base.arrays import Singles
+from maskfab.base.errors import JobError, SourceError
+from maskfab.camera.imaging import Design, RestoredBy
+from maskfab.camera.record import Blur
+from maskfab.camera.restorers.wiener import MARGIN, Margin
+from maskfab.display.pictures import read_picture
+from maskfab.optics.colour import code_of_light, light_of_code
+
+SHORT, LONG = 1024, 1536
+NARROW, WIDE = 128, 832
+"""Pixels of scene round the sensor where a side of a picture has fewer than the second of them."""
+SMALLEST = 512
+"""Pixels along a side: 128 round the sensor, 64 more that the inner frame leaves out, and 128 of that frame."""
+MOST_WHOLE = 60_000_000
+"""Pixels of whole pictures together: they take four gigabytes until they are scored."""
+_STEP = 64
+_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".exr", ".hdr")
+
+
+@dataclass(frozen=True, eq=False)
+class Photograph:
+    """A scene for a protocol.
+
+    Attributes:
+        name: in tables.
+        number: seeds its noise.
+        values: float32 [3, rows, columns], code values within 0 to 1.
+        measured: its light in units of white where a file holds that rather than code values, else None; highlights
+            are above 1.
+        around: pixels of it on every side of the sensor.
+    """
+
+    name: str
+    number: int
+    values: Singles
+    measured: Singles | None = field(default=None)
+    around: int = MARGIN
+
+    @property
+    def margin(self) -> Margin:
+        """Where the sensor lies in it."""
+        rows, columns = self.values.shape[1:]
+        return Margin((rows, columns), self.around)
+
+    @property
+    def middle(self) -> Photograph:
+        """At most 1024 x 1536 of it, as a scene has where nobody asks for whole ones."""
+        part = _middle(self.values.shape[1:])
+        return replace(
+            self, values=self.values[:, *part], measured=None if self.measured is None else self.measured[:, *part]
+        )
+
+    @property
+    def light(self) -> Singles:
+        """Linear light, float32 [3, rows, columns], white is 1."""
+        return light_of_code(self.values) if self.measured is None else self.measured
+
+
+@dataclass(frozen=True, eq=False)
+class Folder:
+    """Photographs of a folder, and files beside them.
+
+    Attributes:
+        photographs: by name.
+        skipped: names of files that are no pictures by their suffix; hidden ones are not counted.
+    """
+
+    photographs: Sequence[Photograph]
+    skipped: tuple[str, ...]
+
+
+def scene(
+    name: str,
+    values: Singles,
+    number: int | None = None,
+    *,
+    coded: bool = True,
+    white: float | None = None,
+    whole: bool = False,
+) -> Photograph:
+    """Cut a picture [rows, columns] or [rows, columns, 1 or 3] to a scene.
+
+    Args:
+        name: in tables; its digits, if it has no other characters, are the number.
+        values: code values within 0 to 1, or light.
+        number: seeds the noise; None takes it from the name.
+        coded: whether they are code values.
+        white: light that is white, more of which is a highlight; None where nobody states it, and 1 is white.
+        whole: keep all of it but for multiples of 64.
+
+    Raises:
+        JobError: MF121 if it is too small, not within 0 to 1, or negative, not finite, or unstated
+            light above white.
+    """
+    picture = np.asarray(values, dtype=np.float32)
+    picture = picture[:, :, None] if picture.ndim == 2 else picture
+    rows, columns = picture.shape[:2]
+    if min(rows, columns) < SMALLEST:
+        raise JobError(
+            "MF121",
+            f"the picture has {columns} x {rows} pixels, fewer than {SMALLEST} along a side: at each edge {NARROW} lie "
+            "outside the sensor, which their light reaches, and 64 outside the inner frame that is scored",
+            where=name,
+            cure=f"Give a photograph of {LONG} x {SHORT} or more, or at least {SMALLEST} along each side",
+        )
+    _require_light(name, picture, coded=coded, white=white)
+    middle = picture[_middle((rows, columns), whole=whole)]
+    colours = middle[:, :, :3] if picture.shape[2] >= 3 else np.repeat(middle[:, :, :1], 3, axis=2)
+    if number is None:
+        number = int(name) if name.isdecimal() else zlib.crc32(name.encode()) % 1_000_000
+    planes = np.ascontiguousarray(colours.transpose(2, 0, 1))
+    around = MARGIN if min(rows, columns) >= WIDE else NARROW
+    if coded:
+        return Photograph(name, number, planes, around=around)
+    planes = planes if white is None else planes / np.float32(white)
+    return Photograph(name, number, code_of_light(planes), planes, around)
+
+
+def _middle(shape: tuple[int, ...], *, whole: bool = False) -> tuple[slice, slice]:
+    """Rows and columns of a scene in a picture."""
+    rows, columns = shape
+    most = shape if whole else (SHORT, LONG) if columns >= rows else (LONG, SHORT)
+    sides = [min(have, limit) // _STEP * _STEP for have, limit in zip(shape, most, strict=True)]
+    top, left = ((have - side) // 2 for have, side in zip(shape, sides, strict=True))
+    return slice(top, top + sides[0]), slice(left, left + sides[1])
+
+
+def _require_light(name: str, picture: Singles, *, coded: bool, white: float | None) -> None:
+    if white is not None and not (np.isfinite(white) and white > 0):
+        raise JobError("MF121", f"light of {white:g} is not white", where=name, cure="Give a number above 0")
+    low, high = (float(picture.min()), float(picture.max())) if np.isfinite(picture).all() else (np.nan, np.nan)
+    if coded and not (low >= 0 and high <= 1):
+        raise JobError(
+            "MF121", "the picture's values are not within 0 to 1", where=name, cure="Scale the picture to 0 to 1"
+        )
+    if not (low >= 0 and np.isfinite(high)):
+        raise JobError(
+            "MF121",
+            "the picture's light is negative or not finite in places",
+            where=name,
+            cure="Replace NaN, infinite and negative values by light of 0 or more",
+        )
+    if high > 1 and white is None and not coded:
+        raise JobError(
+            "MF121",
+            f"the picture holds light up to {high:.4g}, above white",
+            where=name,
+            cure=f"State the light that is white with --white: {high:.4g} if nothing is brighter than white; less, if "
+            "there are highlights, which brackets need",
+        )
+
+
+def folder(path: str | Path, white: float | None = None, *, whole: bool = False) -> Folder:
+    """Every photograph of a folder, by name.
+
+    Args:
+        path: of the folder.
+        white: light that is white in pictures of light, as for :func:`scene`.
+        whole: take whole pictures rather than their middle.
+
+    Raises:
+        SourceError: MF301 if there is no folder or no photograph in it; as
+            :func:`maskfab.display.pictures.read_picture`.
+        JobError: MF121 as :func:`scene`, and for a picture that is transparent in places; MF142 for whole pictures of
+            more than 60 million pixels together.
+    """
+    where = Path(path)
+    there = sorted(each for each in where.iterdir() if each.name[0] != ".") if os.path.isdir(where) else []
+    files = [each for each in there if each.suffix.lower() in _SUFFIXES]
+    if not files:
+        raise SourceError(
+            "MF301", f"there are no photographs in {where}", cure=f"Give a folder of {_listed(_SUFFIXES)} files"
+        )
+    skipped = tuple(each.name for each in there if each not in files)
+    found: list[Photograph] = []
+    pixels = 0
+    for each in files:
+        found.append(_of_file(each, white, whole=whole))
+        pixels += found[-1].values[0].size
+        if whole and pixels > MOST_WHOLE:
+            raise JobError(
+                "MF142",
+                f"whole pictures up to {each.name} have {pixels / 1e6:.3g} million pixels; the limit is "
+                f"{MOST_WHOLE / 1e6:g} million together",
+                where=str(where),
+                cure="Give fewer photographs at a time, or photograph their middle",
+            )
+    return Folder(tuple(found), skipped)
+
+
+def _of_file(file: Path, white: float | None, *, whole: bool) -> Photograph:
+    picture = read_picture(file)
+    values = opaque(picture.values, file)
+    return scene(file.stem, values, coded=picture.coded, white=white, whole=whole)
+
+
+def opaque(values: Singles, file: Path) -> Singles:
+    """The colours of a picture [rows, columns, channels], without its opacity.
+
+    Raises:
+        JobError: MF121 for one that is transparent anywhere.
+    """
+    if values.shape[2] not in (2, 4):
+        return values
+    if values[:, :, -1].min() < 1:
+        raise JobError(
+            "MF121",
+            "the picture is transparent in places, and what lies behind it is not known",
+            where=str(file),
+            cure="Save it without transparency",
+        )
+    return values[:, :, :-1]
+
+
+def _listed(suffixes: Iterable[str]) -> str:
+    return ", ".join(each[1:].upper() for each in suffixes)
+
 
 _SMALLEST, _LARGEST = 3.0, 300.0
 _DISCS = 6000
@@ -115,3 +347,44 @@ def bundled(count: int = 4) -> Bundled:
 def drawn(count: int = 4, *, highlights: bool) -> tuple[Photograph, ...]:
     """Bundled scenes, with lamps in them where ``highlights`` are wanted."""
     return tuple(map(lit, bundled(count)) if highlights else bundled(count))
+
+
+MOST_BEYOND = 0.5
+"""Of a point's light, farther than the scene goes on round the sensor."""
+
+
+def beyond(blur: Blur, margin: Margin) -> float:
+    """Share of a point's light that falls farther than the margin is wide along an axis, of the worst colour."""
+    shape = margin.shape[0] + 2 * (MARGIN - margin.width), margin.shape[1] + 2 * (MARGIN - margin.width)
+    near = np.ix_(*(abs(scipy.fft.fftfreq(side, 1 / side)) <= margin.width for side in shape))
+    spreads = (scipy.fft.irfft2(transfer, s=shape, workers=1) for transfer in blur.on(shape))
+    return max(1 - float(each[near].sum(dtype=np.float64) / each.sum(dtype=np.float64)) for each in spreads)
+
+
+def told(design: Design, scenes: Sequence[Photograph]) -> tuple[str, ...]:
+    """Sentences on scenes with less than 256 pixels round the sensor, behind a design.
+
+    Raises:
+        JobError: MF121 for one that is smaller than the design's point spread.
+    """
+    blur = design.seen if isinstance(design, RestoredBy) else design
+    sentences = []
+    for scene in scenes:
+        margin = scene.margin
+        if margin.width >= MARGIN:
+            continue
+        rows, columns = margin.shape
+        share, size = beyond(blur, margin), f"{columns} x {rows} pixels, {margin.width} of them round the sensor"
+        if share > MOST_BEYOND:
+            raise JobError(
+                "MF121",
+                f"the picture has {size}, and {share:.1%} of a point's light falls farther behind {design.name}; the "
+                f"limit is {MOST_BEYOND:.0%}, beyond which it is smaller than the point spread",
+                where=scene.name,
+                cure=f"Give a photograph of {WIDE} x {WIDE} or more, which has {MARGIN} round the sensor",
+            )
+        sentences.append(
+            f"the scene {scene.name} has {size} rather than {MARGIN}: {share:.1%} of a point's light falls farther, "
+            "and what comes from beyond the edges is taken from the scene repeated"
+        )
+    return tuple(sentences)

@@ -1,23 +1,36 @@
-r"""A sensor: full well, read noise, converter and mosaic, and a picture as it records it.
+"""A sensor: full well, read noise, converter and mosaic, and a picture as it records it.
 
     y = min(Poisson(g · light) + σ N, full well) / g
 
 with g the electrons of white, σ the read noise and N normal; a converter then rounds to its codes. Under a mosaic each
 pixel records one colour, and the two that it lacks are interpolated from its neighbours, which correlates the noise
 that a restorer takes for white.
+
+Light on the sensor: electrons of white behind a panel, stated as such, as a signal-to-noise ratio, or as a scene.
+
+White of L electrons has the signal-to-noise ratio L / sqrt(L + σ²), σ the read noise. Levels are told in decibels of
+it behind the published display, which lets 0.2072 of the stop's light through; a design that lets through more gets
+more. A scene of luminance B in cd/m² lights the image plane by
+
+    E = π B T / (4 N²)  lux                                   (R. Kingslake, Optics in Photography, SPIE 1992, ch. 6)
+
+with N the focal ratio and T the share of the stop's light that the panel passes; one lux for one second is 4.09e15
+photons of 555 nm on a square metre (683 lm/W).
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.camera.mosaic import interpolated, sampled
-from maskfab.camera.record import Noise, Record
-from maskfab.errors import JobError
+from maskfab.base.errors import JobError
+from maskfab.camera.record import Noise, Record, interpolated, sampled
 
 Mosaic = Literal["none", "rggb"]
 
@@ -115,3 +128,116 @@ class Sensor:
 
 def _refused(what: str, key: str, cure: str) -> JobError:
     return JobError("MF140", f"{what} is no sensor", where=f"sensor.{key}", cure=cure)
+
+
+REFERENCE_TRANSMISSION = 0.2072
+"""Share of the stop's light behind the published display."""
+PHOTONS_PER_LUX_SECOND_UM2 = 4.09e3
+"""On a square micrometre, at 555 nm: 1 / (683 lm/W) over the energy of a photon."""
+
+
+_MOST_DB = 300.0
+"""More light than any well holds, and little enough for a float."""
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """Light of white.
+
+    Attributes:
+        electrons: of white behind the published display.
+        level_db: its signal-to-noise ratio there.
+        stated: how it was asked for, for reports.
+    """
+
+    electrons: float
+    level_db: float
+    stated: str
+
+    @classmethod
+    def at(cls, level_db: float, sensor: Sensor, *, whole: bool = False) -> Exposure:
+        """Light that gives white a signal-to-noise ratio behind the published display.
+
+        Args:
+            level_db: above 0, in decibels.
+            sensor: whose read noise it is.
+            whole: round to whole electrons.
+
+        Raises:
+            JobError: MF141 if a full well cannot hold it, or for a level without light.
+        """
+        if not (math.isfinite(level_db) and level_db > 0):
+            raise JobError(
+                "MF141", f"a level of {level_db:g} dB has no light to speak of", where="levels", cure="Give 10 to 40 dB"
+            )
+        square = 10 ** (min(level_db, _MOST_DB) / 10)
+        electrons = (square + math.sqrt(square**2 + 4 * square * sensor.read_noise**2)) / 2
+        found = cls(round(electrons) if whole else electrons, level_db, f"{level_db:g} dB")
+        found.check(sensor)
+        return found
+
+    @classmethod
+    def of_white(cls, electrons: float, sensor: Sensor) -> Exposure:
+        """So many electrons of white behind the published display.
+
+        Raises:
+            JobError: MF141 as :meth:`at`.
+        """
+        return cls._of(electrons, sensor, f"{electrons:g} electrons of white")
+
+    @classmethod
+    def of_scene(
+        cls, luminance: float, time_s: float, efficiency: float, *, focal_ratio: float, pixel_um: float, sensor: Sensor
+    ) -> Exposure:
+        """White of a luminance in cd/m², for a time in seconds, on pixels of a quantum efficiency.
+
+        Raises:
+            JobError: MF141 as :meth:`at`.
+        """
+        lux = math.pi * luminance * REFERENCE_TRANSMISSION / (4 * focal_ratio**2)
+        electrons = lux * time_s * PHOTONS_PER_LUX_SECOND_UM2 * pixel_um**2 * efficiency
+        stated = f"white of {luminance:g} cd/m2 for {time_s:g} s at a quantum efficiency of {efficiency:g}"
+        return cls._of(electrons, sensor, stated)
+
+    @classmethod
+    def _of(cls, electrons: float, sensor: Sensor, stated: str) -> Exposure:
+        if not (math.isfinite(electrons) and electrons > 0):
+            raise JobError("MF141", f"{stated} is no light", where="exposure", cure="Give the scene more light")
+        ratio = electrons / math.sqrt(electrons + sensor.read_noise**2)
+        found = cls(electrons, 20 * math.log10(ratio), stated)
+        found.check(sensor)
+        return found
+
+    def check(self, sensor: Sensor) -> None:
+        """Refuse white that overflows a full well behind the published display.
+
+        Raises:
+            JobError: MF141.
+        """
+        if self.electrons > sensor.full_well:
+            raise JobError(
+                "MF141",
+                f"{self.stated}: white is {self.electrons:.6g} electrons behind the published display, and the full "
+                f"well is {sensor.full_well:g}",
+                where="exposure",
+                cure="Expose for less, or give a deeper full well",
+            )
+
+    def behind(self, transmission: float) -> float:
+        """Electrons of white behind a design that passes such a share of the stop's light, g.
+
+        Raises:
+            JobError: MF104 for a share outside (0, 1].
+        """
+        if not 0 < transmission <= 1:
+            raise JobError(
+                "MF104", f"a transmission of {transmission:g} is outside 0 to 1", cure="Open some of the stop"
+            )
+        return self.electrons * transmission / REFERENCE_TRANSMISSION
+
+
+F1_SENSOR = Sensor()
+ELECTRONS: Mapping[int, int] = MappingProxyType(
+    {level: int(Exposure.at(level, F1_SENSOR, whole=True).electrons) for level in (24, 28, 32, 36, 40)}
+)
+"""Electrons of white behind the published display at the levels of protocol F1, dB."""

@@ -14,6 +14,7 @@ from typing import Annotated, Any
 import typer
 
 from maskfab.base import __version__
+from maskfab.base.errors import InputError, InternalError, JobError, MaskfabError, is_lack_of_memory
 from maskfab.cli.common.printing import one_line, print_json
 from maskfab.cli.verbs.analyse import analyse
 from maskfab.cli.verbs.bench import bench
@@ -43,8 +44,7 @@ from maskfab.cli.verbs.study import study
 from maskfab.cli.verbs.sweep import sweep
 from maskfab.cli.verbs.verify import verify
 from maskfab.cli.verbs.view import view
-from maskfab.errors import InputError, InternalError, JobError, MaskfabError, is_lack_of_memory
-from maskfab.readers.sandbox.limits import limit_in_force
+from maskfab.mask.limits import limit_in_force
 
 _EPILOG = (
     "Exit codes: 0 all checks pass; 1 a check failed; 2 bad input, nothing written; 3 internal error; "

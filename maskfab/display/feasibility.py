@@ -1,26 +1,39 @@
-"""Feasibility of a display around an opening: emitters, their borders, circuits, wires and light, in one answer."""
+"""Feasibility of a display around an opening: emitters, their borders, circuits, wires and light, in one answer.
+
+The dies of a plate with the emitters and wires of its job, and the obstacles to either.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from maskfab.display.circuit import CircuitRules, Room, emitter_rooms, pixel_room
-from maskfab.display.emitters.assign import centred, wander
-from maskfab.display.emitters.borders import Borders, borders
-from maskfab.display.emitters.emitter_rules import EmitterRules, grid_of
-from maskfab.display.emitters.fit import LargestGap, footprint, largest_gap
-from maskfab.display.emitters.measure import Violation, violations
-from maskfab.display.emitters.placement import Certificate, Footprint, Verdict
-from maskfab.display.light import LightDemand, Triple, current_density, relative_life
-from maskfab.display.wires.gutter import WireRules
-from maskfab.display.wires.reach import Reach, reaches
-from maskfab.display.wires.wiring import WireDemand, Wiring, check_wires, wiring
-from maskfab.jobfile import EmittersSection, LightSection, WiresSection, even_nm
-from maskfab.model import ORIENTATIONS, Emitters, Panel, Tiling, refined
-from maskfab.optics.numbers.centroid import luminance_centroid
-from maskfab.units import to_nm
+from maskfab.base.model import ORIENTATIONS, WIRES, Die, Emitters, Furniture, Panel, Plate, Tiling, refined
+from maskfab.base.processes import Alone, Given
+from maskfab.base.units import to_nm
+from maskfab.base.work import Progress, silent
+from maskfab.display.drive import (
+    CircuitRules,
+    LightDemand,
+    Room,
+    Triple,
+    current_density,
+    emitter_rooms,
+    pixel_room,
+    relative_life,
+)
+from maskfab.display.emitter_rules import Certificate, EmitterRules, Footprint, Verdict, grid_of
+from maskfab.display.free_area import Borders, borders, meetings
+from maskfab.display.panel_lines import PanelLines
+from maskfab.display.pixel_lines import WireRules
+from maskfab.display.placement import LargestGap, centred, footprint, largest_gap, wander
+from maskfab.display.polygon_check import Violation, violations
+from maskfab.display.wiring import Reach, WireDemand, Wiring, check_wires, reaches, wiring
+from maskfab.job.read import even_nm
+from maskfab.job.sections import EmittersSection, LightSection, WiresSection
+from maskfab.optics.colour import luminance_centroid
 
 REFERENCE_SHARE = 28 / 300
 """Area of one colour over the pixel's in a panel of today, 28 % for all three at 300 DPI (a vendor's claim for fine
@@ -259,3 +272,94 @@ def _judged(found: Footprint, emitters: Emitters, shares: tuple[float, ...], rul
 def footprint_of(shares: tuple[float, ...], rules: EmitterRules) -> float:
     """The footprint of emitters: the least area, as a share of the pixel, over its ratio."""
     return min(area / ratio for area, ratio in zip(shares, rules.ratio, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Populated:
+    """A plate with its displays, and what was found of each, by die; nothing of dies that have no pixels."""
+
+    plate: Plate
+    found: Mapping[str, Feasibility]
+
+
+def populate(
+    plate: Plate,
+    rules: DisplayRules,
+    progress: Progress = silent,
+    *,
+    crew: Alone | None = None,
+) -> Populated:
+    """Emitters and wires for every die; dies of equal pixels, in which equal orientations meet, are worked on once.
+
+    Wires that every pixel has alike are drawn with it, those that are laid across a die are furniture of the plate.
+
+    Args:
+        plate: laid out, without emitters.
+        rules: the maker's.
+        progress: told how many dies are done, of those that differ.
+        crew: who works on the dies; what is found does not show who did.
+
+    Raises:
+        JobError: MF117, MF118 as :func:`maskfab.display.feasibility.feasibility`.
+    """
+    dies: list[Die] = []
+    lines: list[Furniture] = []
+    found: dict[str, Feasibility] = {}
+    keys = [(_key(die.panel), None if rules.wires is None else die.panel.orientations.tobytes()) for die in plate.dies]
+    panels = {key: die.panel for key, die in zip(reversed(keys), reversed(plate.dies), strict=True)}
+    distinct = list(dict.fromkeys(keys))
+    calls = [(feasibility, _arguments(panels[key], rules)) for key in distinct]
+    progress("emitters", 0, len(calls))
+    tasks = (crew or Alone()).each(calls, lambda done: progress("emitters", done, len(calls)))
+    known = {key: task.result() for key, task in zip(distinct, tasks, strict=True)}
+    for key, die in zip(keys, plate.dies, strict=True):
+        answer = known[key]
+        if answer is None:
+            dies.append(die)
+            continue
+        found[die.name] = answer
+        tracks = () if answer.wiring is None else answer.wiring.tracks
+        if answer.wiring is not None and answer.wiring.laid is not None and rules.wires is not None:
+            lines += [_drawn(die, each, rules.wires.rules.line_nm) for each in answer.wiring.laid]
+        dies.append(replace(die, panel=replace(die.panel, emitters=answer.emitters, tracks=tracks)))
+    return Populated(replace(plate, dies=tuple(dies), furniture=(*plate.furniture, *lines)), found)
+
+
+def widest_gaps(plate: Plate, rules: DisplayRules, progress: Progress = silent) -> dict[str, LargestGap]:
+    """Widest gaps between colours, by die; dies without pixels are left out.
+
+    Raises:
+        JobError: MF117, MF118 as :func:`maskfab.display.feasibility.feasibility`.
+    """
+    known: dict[object, LargestGap | None] = {}
+    found: dict[str, LargestGap] = {}
+    for done, die in enumerate(plate.dies):
+        progress("colour gaps", done, len(plate.dies))
+        key = _key(die.panel)
+        if key not in known:
+            known[key] = widest_gap(die.panel, rules)
+        answer = known[key]
+        if answer is not None:
+            found[die.name] = answer
+    progress("colour gaps", len(plate.dies), len(plate.dies))
+    return found
+
+
+def _arguments(panel: Panel, rules: DisplayRules) -> Given:
+    return lambda: (panel, rules)
+
+
+def _drawn(die: Die, laid: PanelLines, line_nm: int) -> Furniture:
+    """Lines across a die, where they lie on the plate."""
+    x0, y0 = die.origin_nm
+    outlines = tuple(
+        tuple((point.x + x0, point.y + y0) for point in outline.each_point_hull()) for outline in laid.polygons(line_nm)
+    )
+    return Furniture(f"{die.name}_WIRES_{laid.axis.upper()}", "wires", WIRES[laid.axis == "y"], outlines)
+
+
+def _key(panel: Panel) -> object:
+    masks = tuple(opening.mask.tobytes() for opening in panel.openings)
+    drawn = panel.opening.emitters
+    given = None if drawn is None else drawn.tobytes()
+    return masks, given, panel.dot_nm, panel.gutter_nm, meetings(panel.orientations)

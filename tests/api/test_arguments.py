@@ -14,7 +14,7 @@ import pytest
 from small_job import write_job
 
 import maskfab as mf
-from maskfab.errors import InputError, JobError
+from maskfab.base.errors import InputError, JobError
 
 BAD: dict[str, Any] = {
     "None": None, "nan": math.nan, "inf": math.inf, "zero": 0, "negative": -1, "tiny": 1e-300, "huge": 1e300,

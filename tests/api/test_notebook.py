@@ -18,11 +18,11 @@ from once import figures_in_words
 from small_job import write_job
 
 import maskfab as mf
-from maskfab import resources
-from maskfab.errors import JobError, OpeningError, OutputError, UnknownNameError
-from maskfab.measurement.analysis import Request, analyse_opening
-from maskfab.model import Tiling
-from maskfab.opening.openings import load_opening
+from maskfab.base import resources
+from maskfab.base.errors import JobError, OpeningError, OutputError, UnknownNameError
+from maskfab.base.model import Tiling
+from maskfab.mask.opening_file import load_opening
+from maskfab.report.rows.analysis import Request, analyse_opening
 
 README = Path(mf.__file__).parents[1] / "README.md"
 LOOK = {"stop": "400 um", "pixel": "2 um", "wavelengths": ["530 nm", "470 nm"], "window": "64 um"}
@@ -366,8 +366,8 @@ def test_sections_of_a_job_file_reach_the_job(panel, camera):
 
 
 def test_public_names_are_no_rooms_and_stay_functions_after_any_import():
-    from maskfab.comparison import files  # noqa: F401
-    from maskfab.optimiser import pareto  # noqa: F401
+    from maskfab import designs as pareto  # noqa: F401
+    from maskfab.mask.comparison import files  # noqa: F401
 
     assert not {each.name for each in pkgutil.iter_modules(mf.__path__)} & set(mf.__all__)
     for name in mf.__all__:

@@ -9,12 +9,12 @@ import pytest
 from klayout import db
 
 import maskfab as mf
-from maskfab.comparison.files import read_back
-from maskfab.export.outputs import FORMATS
-from maskfab.jobfile import FileFormat
-from maskfab.mask_shops.plate_files import PlateFiles
-from maskfab.pipeline import draw_files
-from maskfab.progress import silent
+from maskfab.base.work import silent
+from maskfab.job.values import FileFormat
+from maskfab.mask.comparison.files import read_back
+from maskfab.mask.formats.table import FORMATS
+from maskfab.mask.houses.files import PlateFiles
+from maskfab.runs.pipeline import draw_files
 
 
 @pytest.fixture(scope="module")

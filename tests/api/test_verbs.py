@@ -14,9 +14,9 @@ from small_job import OPENING, command, write_job
 
 import maskfab as mf
 from maskfab.api.camera import F1
+from maskfab.base.errors import JobError, OutputError
 from maskfab.cli.app import app
-from maskfab.errors import JobError, OutputError
-from maskfab.export.images.light_image import write_png
+from maskfab.mask.formats.exr import write_png
 
 EMITTERS = """
 [emitters]
@@ -238,9 +238,9 @@ lines = 5
 
 def test_a_display_is_stated_in_a_call_as_in_a_job(tmp_path, monkeypatch):
     monkeypatch.setattr("maskfab.camera.scenes.bundled", lambda count=4: (leaves(1),))
-    monkeypatch.setattr("maskfab.optimiser.search.finish._KICKS", 0)
+    monkeypatch.setattr("maskfab.designs.search.finish._KICKS", 0)
     # Without bounds, which take half of the time.
-    monkeypatch.setattr("maskfab.clock.Clock.affords", lambda *_: False)
+    monkeypatch.setattr("maskfab.base.work.Clock.affords", lambda *_: False)
     (tmp_path / "job.toml").write_text(ASKED)
     camera = mf.Camera("10 mm", stop="0.512 mm", pixel="2 um", wavelengths=[610, 530, 470])
     told = mf.design(tmp_path / "job.toml")

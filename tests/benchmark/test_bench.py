@@ -10,11 +10,20 @@ import numpy as np
 import pytest
 from small_job import write_job
 
-from maskfab.benchmark.accuracy import Timing, absent, race, standard_workload
-from maskfab.benchmark.accuracy_page import case_table, race_figure, race_table
-from maskfab.benchmark.cases import Case, run_cases
-from maskfab.benchmark.other_libraries import PEERS, Peer, PsfTask
-from maskfab.cli import run_command_line
+from maskfab.cli.app import run_command_line
+from maskfab.optics.benchmark import (
+    PEERS,
+    Peer,
+    PsfTask,
+    Timing,
+    absent,
+    case_table,
+    race,
+    race_figure,
+    race_table,
+    standard_workload,
+)
+from maskfab.optics.hard_cases import Case, run_cases
 
 ROOT = Path(__file__).parents[2]
 
@@ -47,7 +56,7 @@ def test_a_peer_that_cannot_race_is_told_with_the_reason(
     monkeypatch.syspath_prepend(tmp_path)
     nobody = Peer("no_such_peer.at_all", "nobody", "double", PEERS[0].prepare)
     lame = Peer("lame_peer", "lame", "double", PEERS[0].prepare)
-    monkeypatch.setattr("maskfab.benchmark.accuracy.PEERS", (nobody, lame))
+    monkeypatch.setattr("maskfab.optics.benchmark.PEERS", (nobody, lame))
     told = "\n".join(race_table(timings, {"double": 1.0}, absent()))
     assert "not compared: nobody, not installed" in told
     assert "not compared: lame, installed, but does not import: No module named 'a_thing_that_is_not_there'" in told

@@ -7,8 +7,8 @@ import pytest
 import torch
 from benchmark.published_step import PublishedStep, published_step
 
-from maskfab.optimiser.relax.recipes import PAPER_CAMERA
-from maskfab.optimiser.relax.tiled_stop import invertibility_of, tiled_stop
+from maskfab.designs.descent.objective import invertibility_of, tiled_stop
+from maskfab.designs.descent.schedule import PAPER_CAMERA
 
 TURNED = np.random.default_rng(0).integers(8, size=(24, 24)).astype(np.int8)
 

@@ -8,7 +8,7 @@ from numpy.polynomial.hermite_e import hermegauss
 from scipy import stats
 
 from maskfab.camera.record import Noise
-from maskfab.camera.restorers.anscombe import stabilised, unbiased
+from maskfab.camera.restorers.dct import stabilised, unbiased
 
 ELECTRONS = 500.0
 

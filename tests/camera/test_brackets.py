@@ -9,15 +9,12 @@ import pytest
 import scipy.fft
 from once import leaves
 
-from maskfab.camera.brackets import merged
-from maskfab.camera.photographs import Photograph
+from maskfab.base.errors import JobError
+from maskfab.camera.lens import lay
 from maskfab.camera.protocol import F1, Protocol, SensorScene, evaluate
-from maskfab.camera.record import MergedNoise, Noise, Record
-from maskfab.camera.restorers.anscombe import stabilised, unbiased
-from maskfab.camera.restorers.dct import denoised
-from maskfab.camera.scenes import lit
-from maskfab.camera.transfer import lay
-from maskfab.errors import JobError
+from maskfab.camera.record import MergedNoise, Noise, Record, merged
+from maskfab.camera.restorers.dct import denoised, stabilised, unbiased
+from maskfab.camera.scenes import Photograph, lit
 
 BAR = lay("bar", np.pad(np.ones((6, 17), dtype=np.bool_), ((0, 15), (0, 4))))
 WELL = 15_506.0

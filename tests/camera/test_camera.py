@@ -8,22 +8,17 @@ import numpy as np
 import pytest
 import torch
 
-from maskfab.camera.laid_panel import laid_panel
-from maskfab.camera.photo_camera import F1, PhotoCamera
-from maskfab.camera.photographs import Photograph
+from maskfab.base.errors import JobError
+from maskfab.base.model import Camera, Opening, Panel, Stop, Tiling
+from maskfab.camera.lens import F1, OpenStop, PhotoCamera, laid_panel, lattice, lay, transfer_grid
 from maskfab.camera.protocol import EPSILONS
-from maskfab.camera.transfer import OpenStop, lattice, lay, transfer_grid
-from maskfab.errors import JobError
-from maskfab.model import Camera, Opening, Panel, Stop, Tiling
-from maskfab.optics.image.lag_table import lag_table
-from maskfab.optics.pupil.aperture import panel_aperture
-from maskfab.optics.pupil.pupil import cut
-from maskfab.optimiser.bounds.auc_bound import rings
-from maskfab.optimiser.bounds.bounds import bounds
-from maskfab.optimiser.model.expected_psnr import surrogate
-from maskfab.optimiser.model.interior import interior
-from maskfab.optimiser.model.layout_error import pupil_error
-from maskfab.optimiser.relax.expected_error import expected_error
+from maskfab.camera.scenes import Photograph
+from maskfab.designs.bounds.limits import bounds, rings
+from maskfab.designs.descent.losses import expected_error
+from maskfab.designs.model.expected_psnr import interior, surrogate
+from maskfab.designs.model.panel_error import pupil_error
+from maskfab.optics.lags import lag_table
+from maskfab.optics.pupil import cut, panel_aperture
 
 RGB = (610.0, 530.0, 470.0)
 PHONE = Camera(5560.0, Stop("circle", 1000.0), RGB, 1.0, 64.0)

@@ -11,15 +11,13 @@ import scipy.fft
 import scipy.ndimage
 from once import leaves
 
-from maskfab.camera.quality import psnr
-from maskfab.camera.record import Noise, Record
-from maskfab.camera.restorers.choice import Choice, expected_errors
+from maskfab.base.errors import JobError
+from maskfab.camera.record import Noise, Record, Restorer
+from maskfab.camera.restorers.choice import Choice, Judge, expected_errors
 from maskfab.camera.restorers.dct import Dct
-from maskfab.camera.restorers.judge import Judge
-from maskfab.camera.restorers.restorer import Restorer
 from maskfab.camera.restorers.wiener import Margin, Wiener
-from maskfab.errors import JobError
-from maskfab.optics.numbers.colour import code_of_light
+from maskfab.camera.scores import psnr
+from maskfab.optics.colour import code_of_light
 
 WIDTH = 64
 NOISE = Noise(2000.0, 4.87)

@@ -13,17 +13,16 @@ from hypothesis import strategies as st
 from numpy.lib.stride_tricks import sliding_window_view
 from once import leaves
 
-from maskfab import resources
-from maskfab.camera.mosaic import interpolated
+from maskfab.base import resources
+from maskfab.base.errors import JobError
+from maskfab.camera.lens import lay
 from maskfab.camera.protocol import EPSILONS, F1, evaluate
-from maskfab.camera.quality import psnr
-from maskfab.camera.record import Noise, Record
+from maskfab.camera.record import Noise, Record, interpolated
 from maskfab.camera.restorers.dct import Dct, denoised, mosaic_noise
 from maskfab.camera.restorers.wiener import Margin, Wiener
+from maskfab.camera.scores import psnr
 from maskfab.camera.sensor import Sensor
-from maskfab.camera.transfer import lay
-from maskfab.errors import JobError
-from maskfab.opening.openings import load_opening
+from maskfab.mask.opening_file import load_opening
 
 DIM = Noise(273.0, 4.87)
 

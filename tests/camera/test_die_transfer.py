@@ -10,25 +10,18 @@ import numpy as np
 import pytest
 from optics_cases import aberrated_psf, defocused_psf, focused_psf, noise, panel
 
-from maskfab.camera.die_transfer import DieTransfer, die_transfer
-from maskfab.camera.laid_panel import laid_panel
-from maskfab.camera.photo_camera import F1, PhotoCamera
-from maskfab.camera.photographs import Photograph
+from maskfab.base.errors import JobError
+from maskfab.base.model import Camera, Panel, Psf, Stop
+from maskfab.camera.die_transfer import DieTransfer, Lines, die_transfer, line_transfer
+from maskfab.camera.lens import F1, PhotoCamera, laid_panel, lay, transfer_grid
 from maskfab.camera.protocol import evaluate
-from maskfab.camera.scenes import dead_leaves
-from maskfab.camera.stop_view import Lines, line_transfer
-from maskfab.camera.transfer import lay, transfer_grid
-from maskfab.errors import JobError
-from maskfab.model import Camera, Panel, Psf, Stop
-from maskfab.optics.image.spectrum import Band, Curve, line_spectrum
-from maskfab.optics.light.band_lines import band_lines
-from maskfab.optics.light.response import camera_bands, generic_rgb
-from maskfab.optics.pupil.aperture import Lattice, panel_aperture
-from maskfab.optics.pupil.pupil import cut
+from maskfab.camera.scenes import Photograph, dead_leaves
+from maskfab.optics.gap import AXIS, AmplitudeLags, StopAmplitude, gap_psf, moved_aperture, shift_um
+from maskfab.optics.phase import Wavefront
+from maskfab.optics.pupil import Lattice, cut, panel_aperture
+from maskfab.optics.response import camera_bands, generic_rgb
 from maskfab.optics.scene.scene import Scene
-from maskfab.optics.wavefront.aberration import Wavefront
-from maskfab.optics.wavefront.amplitude_lags import AmplitudeLags, StopAmplitude
-from maskfab.optics.wavefront.panel_gap import AXIS, gap_psf, moved_aperture, shift_um
+from maskfab.optics.spectrum import Band, Curve, band_lines, line_spectrum
 
 RGB = (610.0, 530.0, 470.0)
 PHONE = Camera(5560.0, Stop("circle", 3475.0), RGB, 1.4, 256.0)

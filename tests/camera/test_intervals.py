@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from maskfab.camera.intervals import MeanDifference
+from maskfab.camera.scores import MeanDifference
 
 
 def test_the_interval_is_that_of_students_t():

@@ -13,19 +13,26 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from maskfab.api.verbs.learning import learn
-from maskfab.camera.design import SceneLight
-from maskfab.camera.learning import training as learning
-from maskfab.camera.learning.checkpoint import ROW, Checkpoint, Trade
-from maskfab.camera.learning.lessons import Lesson, Lessons, kept_for_validation, mirrored
-from maskfab.camera.learning.network import Network
-from maskfab.camera.learning.training import Course, Training, coded
-from maskfab.camera.learning.view import PLANES, View, light_of, shown
-from maskfab.camera.photographs import Photograph
+from maskfab.base.errors import JobError, MaskfabError, OutputError, SourceError
+from maskfab.base.files import save_state
+from maskfab.camera import learning
+from maskfab.camera.imaging import SceneLight
+from maskfab.camera.learning import (
+    ROW,
+    Checkpoint,
+    Course,
+    Lesson,
+    Lessons,
+    Trade,
+    Training,
+    coded,
+    kept_for_validation,
+    mirrored,
+)
+from maskfab.camera.network import PLANES, Learned, Network, View, light_of, shown
 from maskfab.camera.protocol import Protocol
-from maskfab.camera.restorers.learned import Learned
-from maskfab.errors import JobError, MaskfabError, OutputError, SourceError
-from maskfab.files.checkpoint import save_state
-from maskfab.optics.numbers.colour import code_of_light, light_of_code
+from maskfab.camera.scenes import Photograph
+from maskfab.optics.colour import code_of_light, light_of_code
 
 SMALL = Course(widths=(8, 12), patch=(24, 32), first=1, known=2, fresh=3)
 JOB = Path(__file__).parents[2] / "layouts" / "toled_against_ours.toml"

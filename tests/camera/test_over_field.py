@@ -9,21 +9,18 @@ import numpy as np
 import pytest
 from optics_cases import noise, panel
 
-from maskfab.camera.design import SceneLight
-from maskfab.camera.die_transfer import die_transfer
-from maskfab.camera.left_out import left_out
-from maskfab.camera.over_field import REACH, FieldChange, FieldNodes, OverField, gathered
-from maskfab.camera.photographs import Photograph
-from maskfab.camera.protocol import Protocol, SensorScene
+from maskfab.base.model import Camera, Glass, MaskBlank, Stop, Track
+from maskfab.camera.die_transfer import Samples, die_transfer
+from maskfab.camera.field_transfer import REACH, FieldChange, FieldNodes, OverField, gathered
+from maskfab.camera.imaging import SceneLight
+from maskfab.camera.protocol import Protocol, SensorScene, left_out
 from maskfab.camera.restorers.wiener import Margin
+from maskfab.camera.scenes import Photograph
 from maskfab.camera.sensor import Sensor
-from maskfab.camera.stop_view import Samples
-from maskfab.model import Camera, Glass, MaskBlank, Stop, Track
-from maskfab.optics.image.spectrum import Spectrum
-from maskfab.optics.scene.distortion import Distortion
+from maskfab.optics.gap import AXIS
 from maskfab.optics.scene.plan import plan
-from maskfab.optics.scene.scene import Scene
-from maskfab.optics.wavefront.panel_gap import AXIS
+from maskfab.optics.scene.scene import Distortion, Scene
+from maskfab.optics.spectrum import Spectrum
 
 CAMERA = Camera(2000.0, Stop("circle", 300.0), (610.0, 530.0, 470.0), 1.4, 128.0)
 PANEL = panel(noise(7, 0.4, 4), cells=16, seed=3)
@@ -141,7 +138,7 @@ def test_parts_of_a_sensor_join_without_a_seam(dies, monkeypatch):
     change = dies[2e-2].change(SHAPE)
     whole, parts = np.zeros((2, *MARGIN.sensor(scene).shape), dtype=np.float32)
     change.add(SceneLight(scene, MARGIN), whole)
-    monkeypatch.setattr("maskfab.camera.over_field.MOST_ACROSS", 25)
+    monkeypatch.setattr("maskfab.camera.field_transfer.MOST_ACROSS", 25)
     change.add(SceneLight(scene, MARGIN), parts)
     assert parts == pytest.approx(whole, abs=1e-6)
     assert abs(whole).max() > 1e-3

@@ -10,15 +10,14 @@ import pytest
 from once import leaves as drawn
 from OpenImageIO import ImageSpec
 
-from maskfab.camera.design import Isoplanatic
-from maskfab.camera.photographs import folder, scene
+from maskfab.base.errors import JobError, SourceError
+from maskfab.base.pictures import write_image
+from maskfab.camera.imaging import Isoplanatic
+from maskfab.camera.lens import CELLS, lay
 from maskfab.camera.protocol import EPSILONS, STRENGTHS, Protocol, evaluate
-from maskfab.camera.scenes import dead_leaves, indoors
+from maskfab.camera.scenes import dead_leaves, folder, indoors, scene
 from maskfab.camera.sensor import Sensor
-from maskfab.camera.transfer import CELLS, lay
-from maskfab.errors import JobError, SourceError
-from maskfab.export.images.light_image import write_exr, write_png
-from maskfab.files.image import write_image
+from maskfab.mask.formats.exr import write_exr, write_png
 
 ONE = np.zeros((CELLS, CELLS), dtype=np.int8)
 

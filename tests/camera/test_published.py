@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.signal import fftconvolve
 
-from maskfab.camera.exposure import ELECTRONS
-from maskfab.camera.photographs import Photograph
+from maskfab.camera.lens import CELLS, lay
 from maskfab.camera.protocol import F1, PAPER, WIENER, evaluate
 from maskfab.camera.record import Noise, Record
 from maskfab.camera.restorers.dct import denoised
-from maskfab.camera.transfer import CELLS, lay
+from maskfab.camera.scenes import Photograph
+from maskfab.camera.sensor import ELECTRONS
 
 SENSOR = slice(256, 448)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from maskfab.camera.quality import PIXELS_PER_DEGREE, Truth, seen
-from maskfab.eye.scielab import OPPONENT_OF_RGB, gains
-from maskfab.optics.numbers.colour import code_of_light, delta_e_1976, lab_of_linear_srgb
+from maskfab.camera.scores import PIXELS_PER_DEGREE, Truth, seen
+from maskfab.display.eye import OPPONENT_OF_RGB, gains
+from maskfab.optics.colour import code_of_light, delta_e_1976, lab_of_linear_srgb
 
 
 def test_an_even_field_keeps_its_colour():

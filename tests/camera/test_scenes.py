@@ -7,8 +7,7 @@ import pytest
 import scipy.fft
 from once import leaves
 
-from maskfab.camera.photographs import LONG, SHORT
-from maskfab.camera.scenes import bundled, dead_leaves, indoors
+from maskfab.camera.scenes import LONG, SHORT, bundled, dead_leaves, indoors
 
 
 def _falls_as(green: np.ndarray) -> float:

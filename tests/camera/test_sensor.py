@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from maskfab.camera.exposure import ELECTRONS, F1_SENSOR, PHOTONS_PER_LUX_SECOND_UM2, Exposure
-from maskfab.camera.mosaic import interpolated, sampled
-from maskfab.camera.sensor import Sensor
-from maskfab.errors import JobError
+from maskfab.base.errors import JobError
+from maskfab.camera.record import interpolated, sampled
+from maskfab.camera.sensor import ELECTRONS, F1_SENSOR, PHOTONS_PER_LUX_SECOND_UM2, Exposure, Sensor
 
 FLAT = np.full((3, 200, 200), 0.3, dtype=np.float32)
 

@@ -10,13 +10,12 @@ import pytest
 import scipy.fft
 from once import leaves
 
+from maskfab.base.errors import JobError
 from maskfab.camera import protocol
+from maskfab.camera.lens import lay
 from maskfab.camera.protocol import evaluate
-from maskfab.camera.quality import psnr
 from maskfab.camera.restorers import wiener
-from maskfab.camera.shots import Crop, Shot, truth_of
-from maskfab.camera.transfer import lay
-from maskfab.errors import JobError
+from maskfab.camera.scores import Crop, Shot, psnr, truth_of
 
 SENSOR = Crop(320, 320)
 

@@ -10,18 +10,17 @@ import pytest
 import scipy.fft
 
 from maskfab.api.verbs.photographs import simulate
-from maskfab.camera.design import Isoplanatic, RestoredBy
-from maskfab.camera.learning.lessons import mirrored
-from maskfab.camera.photographs import Photograph, folder, scene
+from maskfab.base.errors import JobError
+from maskfab.camera.imaging import Isoplanatic, RestoredBy
+from maskfab.camera.learning import mirrored
+from maskfab.camera.lens import lay
 from maskfab.camera.protocol import F1, SensorScene
 from maskfab.camera.restorers.wiener import Margin
-from maskfab.camera.shots import Crop
-from maskfab.camera.surroundings import beyond, told
-from maskfab.camera.transfer import lay
-from maskfab.errors import JobError
-from maskfab.export.images.light_image import write_exr
-from maskfab.job import load_job
-from maskfab.measurement.study import made, planned
+from maskfab.camera.scenes import Photograph, beyond, folder, scene, told
+from maskfab.camera.scores import Crop
+from maskfab.mask.formats.exr import write_exr
+from maskfab.mask.job import load_job
+from maskfab.report.rows.study import made, planned
 
 BAR = np.zeros((21, 21), dtype=np.bool_)
 BAR[:6, :17] = True

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from maskfab.camera.transfer import CELLS, CellGrid, lattice, lay, pupil_autocorrelation, transfer_grid
-from maskfab.errors import JobError, OpeningError
+from maskfab.base.errors import JobError, OpeningError
+from maskfab.camera.lens import CELLS, CellGrid, lattice, lay, pupil_autocorrelation, transfer_grid
 
 
 def test_autocorrelation_is_the_sum_over_pairs():

@@ -11,16 +11,14 @@ import scipy.fft
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from maskfab.camera.quality import psnr
+from maskfab.camera.lens import lay
 from maskfab.camera.record import Noise, Record
-from maskfab.camera.restorers import tv, unseen
-from maskfab.camera.restorers.gradient import Gradient
-from maskfab.camera.restorers.tv import TotalVariation
-from maskfab.camera.restorers.unseen import Seen
+from maskfab.camera.restorers import least_squares
+from maskfab.camera.restorers.least_squares import Gradient, Seen, TotalVariation
 from maskfab.camera.restorers.wiener import Margin, Wiener, prior
 from maskfab.camera.scenes import dead_leaves, indoors
-from maskfab.camera.transfer import lay
-from maskfab.optics.numbers.wiener import wiener_filter
+from maskfab.camera.scores import psnr
+from maskfab.optics.restoration import wiener_filter
 
 DARK = Noise(float("inf"), 0.0)
 """No noise at all."""
@@ -81,7 +79,7 @@ def taken(scene, blur, width, noise=DARK, ceiling=float("inf"), seed=0):
 
 def test_the_minimum_is_that_of_a_dense_matrix(monkeypatch):
     """Of direct sums over pixels, with weights, unknown pixels and a point spread without symmetry."""
-    monkeypatch.setattr(unseen, "_STALLED", 0.0)
+    monkeypatch.setattr(least_squares, "_STALLED", 0.0)
     side, width, draw = 12, 3, np.random.default_rng(1)
     margin, points = Margin((side, side), width), lopsided().points
     at = np.arange(side)
@@ -182,23 +180,23 @@ def test_a_smooth_picture_comes_back_from_the_means_of_its_blocks():
     y, x = np.arange(64)[:, None] / 64, np.arange(96) / 96
     smooth = np.cos(2 * np.pi * (y + 0.1)) * np.cos(2 * np.pi * (2 * x + 0.2))[None] + 0.3
     spectrum = scipy.fft.rfft2(smooth[None].astype(np.float32), axes=(1, 2))
-    low = unseen._Low((64, 96), (16, 24))
+    low = least_squares._Low((64, 96), (16, 24))
     found = scipy.fft.irfft2(low.back(low.of(spectrum), spectrum.shape), s=(64, 96), axes=(1, 2))[0]
     np.testing.assert_allclose(found, smooth, atol=0.04)
 
 
 def test_a_coarse_frame_first_changes_the_way_and_not_the_answer(monkeypatch):
-    monkeypatch.setattr(unseen, "_STALLED", 1e-7)
-    monkeypatch.setattr(unseen, "_COARSEST", 8)
+    monkeypatch.setattr(least_squares, "_STALLED", 1e-7)
+    monkeypatch.setattr(least_squares, "_COARSEST", 8)
     record, _ = taken(leaves(64, 64), halo(6), 16, Noise(2000.0, 5.0))
     found = Gradient(width=16).prepare(record, halo(6))(0.02)
-    monkeypatch.setattr(unseen, "_COARSEST", 1000)
+    monkeypatch.setattr(least_squares, "_COARSEST", 1000)
     np.testing.assert_allclose(found, Gradient(width=16).prepare(record, halo(6))(0.02), atol=2e-3)
 
 
 @pytest.mark.parametrize("axes", [(1,), (2,), (1, 2)])
 def test_a_flipped_record_gives_the_flipped_scene(axes, monkeypatch):
-    monkeypatch.setattr(unseen, "_STALLED", 1e-8)
+    monkeypatch.setattr(least_squares, "_STALLED", 1e-8)
     record, _ = taken(leaves(56, 56), halo(4), 12, Noise(2000.0, 5.0))
     turned = Record(np.flip(record.values, axes).copy(), record.noise)
     found = [Gradient(width=12).prepare(r, halo(4))(0.02) for r in (record, turned)]
@@ -206,7 +204,7 @@ def test_a_flipped_record_gives_the_flipped_scene(axes, monkeypatch):
 
 
 def test_total_variation_treats_rows_as_columns(monkeypatch):
-    monkeypatch.setattr(unseen, "_STALLED", 1e-8)
+    monkeypatch.setattr(least_squares, "_STALLED", 1e-8)
     record, _ = taken(leaves(64, 96), halo(), 16, Noise(2000.0, 5.0))
     turned = Record(record.values.transpose(0, 2, 1).copy(), record.noise)
     found = [TotalVariation(width=16).prepare(r, halo())(0.02) for r in (record, turned)]
@@ -225,8 +223,8 @@ def test_dimmer_light_in_as_much_less_noise_is_the_same_picture_dimmer(restorer)
 
 
 def test_no_picture_nearby_has_less_total_variation_and_misfit(monkeypatch):
-    monkeypatch.setattr(tv, "_MOST_STEPS", 600)
-    monkeypatch.setattr(tv, "_STILL", 0.0)
+    monkeypatch.setattr(least_squares, "_TV_MOST_STEPS", 600)
+    monkeypatch.setattr(least_squares, "_STILL", 0.0)
     record, _ = taken(0.2 + 0.5 * leaves(24, 24), halo(4), 0, Noise(1000.0, 3.0))
     blur, epsilon = halo(4).on((24, 24)), 0.02
     found = TotalVariation(width=0).prepare(record, halo(4))(epsilon).astype(np.float64)

@@ -9,17 +9,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from maskfab.camera import photographs, quality
-from maskfab.camera.photographs import Photograph, folder, scene
+from maskfab.base.errors import JobError
+from maskfab.camera import scenes as photographs
+from maskfab.camera import scores
+from maskfab.camera.lens import lay
 from maskfab.camera.protocol import Protocol, SensorScene, evaluate
-from maskfab.camera.quality import Truth, psnr
 from maskfab.camera.restorers import wiener
+from maskfab.camera.scenes import Photograph, folder, scene
+from maskfab.camera.scores import Truth, psnr
 from maskfab.camera.sensor import Sensor
-from maskfab.camera.transfer import lay
-from maskfab.errors import JobError
-from maskfab.export.images.light_image import write_png
-from maskfab.optics.numbers import colour
-from maskfab.optics.numbers.colour import code_of_light, light_of_code
+from maskfab.mask.formats.exr import write_png
+from maskfab.optics import colour
+from maskfab.optics.colour import code_of_light, light_of_code
 
 BAR = np.zeros((21, 21), dtype=np.bool_)
 BAR[:6, :17] = True
@@ -28,9 +29,9 @@ BAR[:6, :17] = True
 @pytest.fixture
 def in_parts(monkeypatch):
     """Every picture is large, and worked on a few rows at a time."""
-    for module in (wiener, quality):
+    for module in (wiener, scores):
         monkeypatch.setattr(module, "LARGE", 1)
-    monkeypatch.setattr(quality, "_AT_ONCE", 5000)
+    monkeypatch.setattr(scores, "_AT_ONCE", 5000)
     monkeypatch.setattr(colour, "_AT_ONCE", 999)
 
 
@@ -71,8 +72,8 @@ def peak(work):
 def test_every_step_of_a_large_photograph_leaves_room_for_the_others_within_80_bytes_a_pixel(monkeypatch):
     """80 bytes for each of 50 million pixels are four gigabytes: 24 hold scene and record, 6 or 12 the transfer."""
     monkeypatch.setattr(wiener, "LARGE", 1)
-    monkeypatch.setattr(quality, "LARGE", 1)
-    for module in (quality, colour):
+    monkeypatch.setattr(scores, "LARGE", 1)
+    for module in (scores, colour):
         monkeypatch.setattr(module, "_AT_ONCE", 1 << 13)
     known = SensorScene.of(noise(832, 864))
     pixels, design, kind = known.scene.values[0].size, lay("bar", BAR), Protocol("camera")

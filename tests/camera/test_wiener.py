@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import scipy.fft
 
-from maskfab.camera.quality import Truth, inner, psnr
 from maskfab.camera.restorers.wiener import Margin, prior, restore, wiener
+from maskfab.camera.scores import Truth, inner, psnr
 
 
 def picture(shape=(64, 96)):

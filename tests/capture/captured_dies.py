@@ -11,16 +11,14 @@ from klayout import db
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from maskfab.capture.frames import Frame
-from maskfab.geometry.stop import edges_in_stop
-from maskfab.geometry.writer_model import Reading, written_region
-from maskfab.measurement.optics import polygon_psf, stop_boundary
-from maskfab.model import Camera, Panel, Process, Psf
-from maskfab.optics.image.psf import odd_samples, pixel_margin, pixel_psf, point_step_um
-from maskfab.optics.pupil.aperture import panel_aperture
-from maskfab.optics.pupil.pupil import cut
-from maskfab.optics.wavefront.aberration import Wavefront
-from maskfab.optics.wavefront.phase_field import phased, phased_psf, window_frequency
+from maskfab.base.model import Camera, Panel, Process, Psf
+from maskfab.camera.capture.frames import Frame
+from maskfab.mask.writer import Reading, written_region
+from maskfab.optics.phase import Wavefront, phased, phased_psf, window_frequency
+from maskfab.optics.psf import odd_samples, pixel_margin, pixel_psf, point_step_um
+from maskfab.optics.pupil import cut, panel_aperture
+from maskfab.optics.stop_edges import edges_in_stop
+from maskfab.report.rows.optics import polygon_psf, stop_boundary
 
 Floats = NDArray[np.float64]
 READ_NOISE, GAIN, BLACK, WHITE = 4.87, 1.3, 512.0, 65535.0

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from maskfab.base.errors import MaskfabError
+from maskfab.camera.photo import chart_matrix, read_patches
 from maskfab.camera.record import Noise, Record
-from maskfab.capture.restoring.chart import chart_matrix, read_patches
-from maskfab.errors import MaskfabError
-from maskfab.optics.numbers.colour import lab_of_linear_srgb, linear_srgb_of_lab_d50
+from maskfab.optics.colour import lab_of_linear_srgb, linear_srgb_of_lab_d50
 
 TRUE = np.array([[1.6, -0.4, -0.2], [-0.3, 1.5, -0.2], [0.0, -0.5, 1.5]])
 PATCH, ACROSS = 24, 6

@@ -9,19 +9,17 @@ import pytest
 from capture.captured_dies import phased_picture
 from optics_cases import camera, noise, panel
 
-from maskfab.camera.photographs import NARROW, SMALLEST
+from maskfab.camera.inspection.blur import MeasuredBlur
+from maskfab.camera.inspection.die_image import DieImage, Pixels, Setting
+from maskfab.camera.inspection.verdict import ALL, ORIENTATION, Promise, costs
 from maskfab.camera.protocol import STRENGTHS, Protocol, SensorScene
-from maskfab.camera.quality import inner, psnr
 from maskfab.camera.restorers.wiener import Wiener
-from maskfab.camera.scenes import dead_leaves
+from maskfab.camera.scenes import NARROW, SMALLEST, dead_leaves
+from maskfab.camera.scores import inner, psnr
 from maskfab.camera.sensor import Sensor
-from maskfab.capture.cost import ALL, ORIENTATION, costs
-from maskfab.capture.die_image import DieImage, Pixels, Setting
-from maskfab.capture.promise import Promise
-from maskfab.capture.restoring.measured_psf import MeasuredBlur
-from maskfab.mask_shops.profiles import load_shop
-from maskfab.optics.image.spectrum import line_spectrum
-from maskfab.optics.numbers.colour import code_of_light
+from maskfab.mask.houses.profiles import load_shop
+from maskfab.optics.colour import code_of_light
+from maskfab.optics.spectrum import line_spectrum
 
 # Its window is that of the photographs' kernels, 257 pixels.
 CAMERA = camera(diameter_um=800.0, window_um=514.0)

@@ -9,19 +9,24 @@ import pytest
 from optics_cases import camera, noise, panel, pupil
 from slanted_edges import noisy, rendered, second_integral, windowed_mtf
 
-from maskfab.capture.designed_edge import designed_mtf, normal_in_die
-from maskfab.capture.edge import FREQUENCIES
-from maskfab.capture.edge_window import FLAT
-from maskfab.capture.measured_edges import EdgeDesign, differences, measured_edges, mtf50
-from maskfab.capture.mtf_file import MtfCurve
-from maskfab.model import ORIENTATIONS, orient
-from maskfab.optics.image.lag_table import lag_table
-from maskfab.optics.image.mtf import longest_lag_um, presampled_mtf
-from maskfab.optics.image.psf import point_psf
-from maskfab.optics.image.spectrum import Band, Curve
-from maskfab.report.documents.edge_data import edges_document
-from maskfab.report.documents.report_data import report_text
-from maskfab.report.plots.edge_figure import edges_drawing
+from maskfab.base.model import ORIENTATIONS, orient
+from maskfab.camera.inspection.edge_mtf import (
+    EdgeDesign,
+    MtfCurve,
+    designed_mtf,
+    differences,
+    measured_edges,
+    mtf50,
+    normal_in_die,
+)
+from maskfab.camera.inspection.slanted_edge import FLAT, FREQUENCIES
+from maskfab.optics.lags import lag_table
+from maskfab.optics.mtf import longest_lag_um, presampled_mtf
+from maskfab.optics.psf import point_psf
+from maskfab.optics.spectrum import Band, Curve
+from maskfab.report.documents.measured import edges_document
+from maskfab.report.documents.report import report_text
+from maskfab.report.pages.measured import edges_drawing
 
 CAMERA = camera(1000.0, window_um=1800.0)
 # Dots so large that nearly all light falls within the window of the PSF; without any symmetry.

@@ -19,14 +19,11 @@ from slanted_edges import (
     windowed_mtf,
 )
 
-from maskfab.capture.edge import FREQUENCIES, EdgeMtf, Grid
-from maskfab.capture.edge_band import rice_interval
-from maskfab.capture.edge_line import fitted_line
-from maskfab.capture.edge_regions import Region
-from maskfab.capture.edge_window import FLAT
-from maskfab.capture.measured_edges import measured_edges
-from maskfab.errors import SourceError
-from maskfab.optics.image.psf import point_psf
+from maskfab.base.errors import SourceError
+from maskfab.camera.inspection.edge_mtf import measured_edges
+from maskfab.camera.inspection.edge_regions import Region, fitted_line
+from maskfab.camera.inspection.slanted_edge import FLAT, FREQUENCIES, EdgeMtf, Grid, rice_interval
+from maskfab.optics.psf import point_psf
 
 PIXEL_UM = 2.0
 SENSOR = FREQUENCIES <= 0.5

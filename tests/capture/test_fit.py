@@ -9,20 +9,24 @@ import pytest
 from capture.captured_dies import GAIN, READ_NOISE, exposed, exposed_each, phased_picture, polygon_picture
 from optics_cases import camera, noise, panel, pupil
 
-from maskfab.capture.die_field import DieField
-from maskfab.capture.die_image import DieImage, Pixels, Setting
-from maskfab.capture.fit import fitted, with_terms
-from maskfab.capture.frame_scatter import with_frames
-from maskfab.capture.identify import WAYS_ROUND, Hypothesis, identified
-from maskfab.capture.measured import measured
-from maskfab.capture.merge import merged
-from maskfab.capture.resampling import MARGIN, OVERSAMPLING, pixel_means, turned
-from maskfab.capture.taken import brightest, taken_of
-from maskfab.errors import SourceError
-from maskfab.optics.image.psf import point_psf
-from maskfab.optics.image.spectrum import line_spectrum
-from maskfab.optics.wavefront.aberration import Wavefront
-from maskfab.optics.wavefront.phase_field import phased, window_frequency
+from maskfab.base.errors import SourceError
+from maskfab.camera.capture.merge import merged
+from maskfab.camera.inspection.die_image import (
+    MARGIN,
+    OVERSAMPLING,
+    DieField,
+    DieImage,
+    Pixels,
+    Setting,
+    pixel_means,
+    turned,
+)
+from maskfab.camera.inspection.fit import brightest, fitted, taken_of, with_frames, with_terms
+from maskfab.camera.inspection.identity import WAYS_ROUND, Hypothesis, identified
+from maskfab.camera.inspection.verdict import measured
+from maskfab.optics.phase import Wavefront, phased, window_frequency
+from maskfab.optics.psf import point_psf
+from maskfab.optics.spectrum import line_spectrum
 
 CAMERA = camera(diameter_um=800.0, window_um=128.0)
 DIE = panel(noise(8, 0.45, 3), cells=14, seed=5)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from capture_frames import GAIN, READ_NOISE, frame
 
-from maskfab.capture.gain import photon_transfer
-from maskfab.errors import SourceError
+from maskfab.base.errors import SourceError
+from maskfab.camera.capture.stack import photon_transfer
 
 SIDE = 160
 RAMP = np.broadcast_to(np.linspace(200.0, 9000.0, SIDE), (SIDE, SIDE))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from capture_frames import frame, point_light
 
-from maskfab.capture.light import light_place
-from maskfab.errors import SourceError
+from maskfab.base.errors import SourceError
+from maskfab.camera.capture.stack import light_place
 
 TIMES = (1e-3, 1.6e-2, 0.256)
 

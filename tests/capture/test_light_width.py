@@ -10,14 +10,12 @@ from hypothesis import strategies as st
 from optics_cases import camera, noise, panel
 from scipy import ndimage
 
-from maskfab.capture.die_image import DieImage, Setting
-from maskfab.capture.fit import expecting, fitted
-from maskfab.capture.light_width import FWHM, with_width_and_terms
-from maskfab.capture.measured import measured
-from maskfab.capture.merge import merged
-from maskfab.capture.resampling import OVERSAMPLING, gaussian_nodes
-from maskfab.capture.taken import brightest, taken_of
-from maskfab.optics.image.spectrum import line_spectrum
+from maskfab.camera.capture.merge import merged
+from maskfab.camera.inspection.die_image import OVERSAMPLING, DieImage, Setting, gaussian_nodes
+from maskfab.camera.inspection.fit import brightest, expecting, fitted, taken_of
+from maskfab.camera.inspection.identity import FWHM, with_width_and_terms
+from maskfab.camera.inspection.verdict import measured
+from maskfab.optics.spectrum import line_spectrum
 
 CAMERA = camera(diameter_um=800.0, window_um=128.0)
 DIE = panel(noise(8, 0.45, 3), cells=14, seed=5)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from maskfab.capture.mtf_file import read_mtf
-from maskfab.errors import MaskfabError
+from maskfab.base.errors import MaskfabError
+from maskfab.camera.inspection.edge_mtf import read_mtf
 
 
 def test_frequencies_are_told_per_pixel_and_per_millimetre(tmp_path):

@@ -9,10 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from maskfab.capture.restoring.brought import brought
-from maskfab.capture.restoring.registration import registered
-from maskfab.capture.restoring.rough_match import Similarity
-from maskfab.errors import SourceError
+from maskfab.base.errors import SourceError
+from maskfab.camera.registration import Similarity, brought, registered
 
 SHAPE = (216, 288)
 

@@ -8,23 +8,15 @@ from dng_files import write_dng
 from small_job import command
 
 import maskfab as mf
+from maskfab.base.errors import MaskfabError
+from maskfab.base.model import Psf, orient
 from maskfab.camera.die_transfer import die_transfer
-from maskfab.camera.mosaic import interpolated, sampled
-from maskfab.camera.record import Noise, Record
+from maskfab.camera.inspection.blur import STANDS, MeasuredBlur, StandingBlur, read_psf
+from maskfab.camera.photo import Photo, Stated, developed, estimated_noise, read_photo
+from maskfab.camera.record import BinnedBlur, Noise, Record, binned, interpolated, sampled
+from maskfab.camera.restorers.choice import restored
 from maskfab.camera.restorers.wiener import Wiener
-from maskfab.capture.restoring.best import restored
-from maskfab.capture.restoring.binned import BinnedBlur, binned
-from maskfab.capture.restoring.developed import developed
-from maskfab.capture.restoring.measured_psf import MeasuredBlur, read_psf
-from maskfab.capture.restoring.noise_estimate import estimated_noise
-from maskfab.capture.restoring.photo import Photo, Stated, read_photo
-from maskfab.capture.restoring.standing import StandingBlur
-from maskfab.capture.stands import STANDS
-from maskfab.errors import MaskfabError
-from maskfab.export.images.exr import write_channels
-from maskfab.export.images.light_image import write_png
-from maskfab.export.images.psf_exr import camera_header, psf_facts, write_psf
-from maskfab.model import Psf, orient
+from maskfab.mask.formats.exr import camera_header, psf_facts, write_channels, write_png, write_psf
 
 PATTERNS = {"rggb": (0, 0), "grbg": (0, 1), "gbrg": (1, 0), "bggr": (1, 1)}
 

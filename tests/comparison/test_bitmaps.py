@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from maskfab.comparison.bitmaps import check_bitmap, check_pixels
-from maskfab.errors import JobError, SourceError
-from maskfab.export.images.bitmap import write_bilevel, write_preview
-from maskfab.geometry.die_grid import die_edges_nm, die_raster, pixel_overlaps
-from maskfab.geometry.plate_layout import plate_layout
-from maskfab.model import Die, Opening, Panel, Plate, Tiling
+from maskfab.base.errors import JobError, SourceError
+from maskfab.base.model import Die, Opening, Panel, Plate, Tiling
+from maskfab.mask.dots import die_edges_nm, die_raster, pixel_overlaps
+from maskfab.mask.formats.picture import check_bitmap, check_pixels, write_bilevel, write_preview
+from maskfab.mask.layout import plate_layout
 
 WRITERS = {"png": write_preview, "tif": write_bilevel}
 both = pytest.mark.parametrize("kind", WRITERS)

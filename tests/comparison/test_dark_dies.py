@@ -7,10 +7,10 @@ import pytest
 from klayout import db
 from optics_cases import camera
 
-from maskfab.comparison.foreign.optics_agreement import optics_of_like
-from maskfab.geometry.plate_layout import layer_info, plate_layout
-from maskfab.measurement.apertures import axis_nm, light_box, sees_light
-from maskfab.model import CLEAR, UNSTATED, Die, Plate, Stop
+from maskfab.base.model import CLEAR, UNSTATED, Die, Plate, Stop
+from maskfab.mask.layout import layer_info, plate_layout
+from maskfab.mask.raster import axis_nm, light_box, sees_light
+from maskfab.report.rows.foreign import optics_of_like
 
 pytestmark = pytest.mark.usefixtures("read_here")
 

@@ -8,11 +8,11 @@ from klayout import db
 from small_job import command, with_the_die, write_job
 from sweeps import sweep
 
-from maskfab.comparison.foreign.foreign_mask import How, check_foreign
-from maskfab.errors import JobError
-from maskfab.geometry.plate_layout import plate_layout, region
-from maskfab.job import Job, load_job
-from maskfab.model import CLEAR
+from maskfab.base.errors import JobError
+from maskfab.base.model import CLEAR
+from maskfab.mask.job import Job, load_job
+from maskfab.mask.layout import plate_layout, region
+from maskfab.report.rows.foreign import How, check_foreign
 
 pytestmark = pytest.mark.usefixtures("read_here", "design_once")
 

@@ -16,18 +16,19 @@ from PIL import Image
 from small_job import JOB
 from sweeps import sweep
 
-from maskfab.comparison import files
-from maskfab.comparison.files import read_back
-from maskfab.errors import InputError, SourceError
-from maskfab.export.outputs import Product
-from maskfab.geometry import shape_limits
-from maskfab.geometry.plate_layout import layer_info, region
-from maskfab.jobfile import JobSpec, validate
-from maskfab.mask_shops.plate_files import PlateFiles, files_of_job
-from maskfab.model import CLEAR, Plate, Quantity
-from maskfab.progress import silent
-from maskfab.readers.sandbox import bounded
-from maskfab.readers.sandbox.limits import children_seconds
+from maskfab.base.errors import InputError, SourceError
+from maskfab.base.model import CLEAR, Plate, Quantity
+from maskfab.base.work import silent
+from maskfab.job.read import validate
+from maskfab.job.sections import JobSpec
+from maskfab.mask import layout as shape_limits
+from maskfab.mask import sandbox
+from maskfab.mask.comparison import files
+from maskfab.mask.comparison.files import read_back
+from maskfab.mask.formats.table import Product
+from maskfab.mask.houses.files import PlateFiles, files_of_job
+from maskfab.mask.layout import layer_info, region
+from maskfab.mask.limits import children_seconds
 
 pytestmark = pytest.mark.usefixtures("read_here")
 
@@ -279,7 +280,7 @@ def test_files_that_are_read_beside_the_others_are_told_in_their_places(made, fo
 @pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="limits are those of a copy")
 @pytest.mark.usefixtures("within_limits")
 def test_a_layout_that_anybody_wrote_is_compared_within_limits(made, tmp_path, monkeypatch):
-    monkeypatch.setattr(bounded, "SECONDS", 0)  # for so few bytes one is added
+    monkeypatch.setattr(sandbox, "SECONDS", 0)  # for so few bytes one is added
     monkeypatch.setattr(shape_limits, "MOST_COVERED", 1e9)  # or it is refused at once
     product = named(made, ".oas")
     overlapping(tmp_path / product.name, 2000)

@@ -13,17 +13,16 @@ from PIL import Image
 from small_job import command, edited, write_job
 
 import maskfab as mf
-from maskfab.comparison.foreign.foreign_mask import How, check_foreign, only_die
-from maskfab.comparison.foreign.layer_choice import StatedLayers, clear_only
-from maskfab.comparison.foreign.optics_agreement import optics_of_like, optics_of_unlike
-from maskfab.errors import JobError, SourceError
-from maskfab.export.dxf import DrawingStyle, write_dxf
-from maskfab.export.gds import write_gdsii
-from maskfab.export.gerber import write_gerber
-from maskfab.geometry.plate_layout import clear_shapes, plate_layout, region
-from maskfab.measurement.apertures import light_box
-from maskfab.measurement.optics import measure
-from maskfab.model import CLEAR, UNSTATED, Furniture, MaskBlank
+from maskfab.base.errors import JobError, SourceError
+from maskfab.base.model import CLEAR, UNSTATED, Furniture, MaskBlank
+from maskfab.mask.comparison.alignment import StatedLayers, clear_only
+from maskfab.mask.formats.dxf import DrawingStyle, write_dxf
+from maskfab.mask.formats.gdsii import write_gdsii
+from maskfab.mask.formats.gerber import write_gerber
+from maskfab.mask.layout import clear_shapes, plate_layout, region
+from maskfab.mask.raster import light_box
+from maskfab.report.rows.foreign import How, check_foreign, only_die, optics_of_like, optics_of_unlike
+from maskfab.report.rows.optics import measure
 
 pytestmark = pytest.mark.usefixtures("read_here", "design_once")
 

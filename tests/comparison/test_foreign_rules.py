@@ -14,9 +14,10 @@ from klayout import db
 from small_job import command, edited, write_job
 from sweeps import sweep
 
-from maskfab.comparison.foreign import foreign_mask, layer_rules, optics_agreement
-from maskfab.comparison.foreign.foreign_mask import check_foreign
-from maskfab.readers.sandbox.limits import children_seconds
+from maskfab.mask.comparison import faults
+from maskfab.mask.limits import children_seconds
+from maskfab.report.rows import foreign
+from maskfab.report.rows.foreign import check_foreign
 
 pytestmark = pytest.mark.usefixtures("read_here", "design_once")
 
@@ -224,7 +225,7 @@ def test_a_hole_of_a_point_is_told_and_not_stumbled_over(job, tmp_path):
 
 
 def test_of_too_many_shapes_a_part_is_looked_at_and_that_is_said(job, tmp_path, monkeypatch):
-    monkeypatch.setattr(layer_rules, "MOST_LOOKED_ALONE", 50)
+    monkeypatch.setattr(faults, "MOST_LOOKED_ALONE", 50)
     lines = [db.Box(x, 0, x + 3000, 90_000) for x in range(0, 1_600_000, 8000)]
     rows = held(job, drawn(tmp_path / "x.gds", *lines))
     assert 20 <= rows["rule_width"].value <= 51
@@ -305,7 +306,7 @@ CIRCLE = db.Polygon.ellipse(db.Box(0, 0, 10_000, 10_000), 64)
 )
 def test_few_bytes_that_draw_very_many_shapes_are_answered_soon(job, tmp_path, monkeypatch, drawing, seconds):
     """What the rules look at has a limit, whatever the shapes: some of these took longer than anybody waited."""
-    monkeypatch.setattr(foreign_mask, "optics_of_unlike", lambda *_: ())
+    monkeypatch.setattr(foreign, "optics_of_unlike", lambda *_: ())
     path = arrayed(tmp_path / "x.gds", *drawing)
     assert path.stat().st_size < 5000
     begun = time.process_time()
@@ -316,7 +317,7 @@ def test_few_bytes_that_draw_very_many_shapes_are_answered_soon(job, tmp_path, m
 
 
 def test_too_many_shapes_before_a_stop_are_not_measured_and_that_is_said(job, tmp_path, monkeypatch):
-    monkeypatch.setattr(optics_agreement, "MOST_SEEN_ALONE", 50)
+    monkeypatch.setattr(foreign, "MOST_SEEN_ALONE", 50)
     rows = held(job, arrayed(tmp_path / "x.gds", db.Box(0, 0, 1000, 1000), 20_000, 100))
     assert rows["optics"].passed is False
     assert "more than 50 shapes" in rows["optics"].method

@@ -14,14 +14,13 @@ import pytest
 from small_job import LOOK, command, finished, listing, write_job
 
 import maskfab
-from maskfab.comparison.files import read_back
-from maskfab.comparison.psf_files import check_psf_file, read_psf_file
-from maskfab.errors import SourceError
-from maskfab.export.images.psf_exr import AXES, PsfFile, psf_facts, write_psf
-from maskfab.model import Die, Opening, Panel, Psf, Tiling
-from maskfab.pipeline import draw_files, measure_dies, psfs_as_files
-from maskfab.progress import silent
-from maskfab.provenance import sha256_of_file
+from maskfab.base.errors import SourceError
+from maskfab.base.model import Die, Opening, Panel, Psf, Tiling
+from maskfab.base.provenance import sha256_of_file
+from maskfab.base.work import silent
+from maskfab.mask.comparison.files import read_back
+from maskfab.mask.formats.exr import AXES, PsfFile, check_psf_file, psf_facts, read_psf_file, write_psf
+from maskfab.runs.pipeline import draw_files, measure_dies, psfs_as_files
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from klayout import db
 
-from maskfab.comparison.roundtrip import clear_length_nm, compare_layout, die_edges_nm, die_raster, roundtrip
-from maskfab.drc.raster_rules import corner_touches
-from maskfab.errors import SourceError
-from maskfab.export.dxf import write_dxf
-from maskfab.export.gds import write_gdsii, write_oasis
-from maskfab.geometry.plate_layout import plate_layout
-from maskfab.model import CLEAR, WIRES, Furniture, Gauge
+from maskfab.base.errors import SourceError
+from maskfab.base.model import CLEAR, WIRES, Furniture, Gauge
+from maskfab.mask.comparison.roundtrip import clear_length_nm, compare_layout, roundtrip
+from maskfab.mask.dots import corner_touches, die_edges_nm, die_raster
+from maskfab.mask.formats.dxf import write_dxf
+from maskfab.mask.formats.gdsii import write_gdsii, write_oasis
+from maskfab.mask.layout import plate_layout
 
 pytestmark = pytest.mark.usefixtures("read_here")
 

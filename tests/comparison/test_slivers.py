@@ -13,7 +13,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from klayout import db
 
-from maskfab.comparison.slivers import sift
+from maskfab.mask.comparison.roundtrip import sift
 
 pytestmark = pytest.mark.usefixtures("read_here")
 

@@ -8,18 +8,15 @@ import numpy as np
 import pytest
 from sweeps import sweep
 
-from maskfab.comparison.solids import check_plate_solid, check_solid
-from maskfab.errors import SourceError
-from maskfab.export.solid.film import box_mesh
-from maskfab.export.solid.mesh import write_3mf, write_glb, write_stl
-from maskfab.export.solid.step import write_plate_step, write_step
-from maskfab.export.solid.tiles import Stack
-from maskfab.files.silence_stdout import quiet
-from maskfab.model import Die, Opening, Panel, Tiling
-from maskfab.plate.hexagonal import hexagonal_sheet
-from maskfab.readers import step as read_step_module
-from maskfab.readers.mesh import is_manifold
-from maskfab.readers.step import read_step
+from maskfab.base.errors import SourceError
+from maskfab.base.model import Die, Opening, Panel, Tiling
+from maskfab.base.processes import quiet
+from maskfab.mask.comparison.files import check_plate_solid, check_solid
+from maskfab.mask.formats import solid_reader as read_step_module
+from maskfab.mask.formats.solid import Stack, box_mesh, write_3mf, write_glb, write_stl
+from maskfab.mask.formats.solid_reader import is_manifold, read_step
+from maskfab.mask.formats.step import write_plate_step, write_step
+from maskfab.mask.panels import hexagonal_sheet
 
 WRITERS = {"step": write_step, "glb": write_glb, "3mf": write_3mf, "stl": write_stl}
 MAY_FOLLOW = {"solid_volume_error", "solid_pieces", "solid_vertex_error"}

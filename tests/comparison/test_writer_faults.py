@@ -10,15 +10,15 @@ import pytest
 from klayout import db
 from small_job import command, write_job
 
-from maskfab.comparison.files import read_back
-from maskfab.delivery.pack import pack
-from maskfab.export import cell_polygons
-from maskfab.export.cell_polygons import DieFigures, Figures, moved
-from maskfab.job import Job, load_job
-from maskfab.mask_shops.profiles import load_shop
-from maskfab.model import CLEAR, Plate, Quantity
-from maskfab.pipeline import draw_files
-from maskfab.progress import silent
+from maskfab.base.model import CLEAR, Plate, Quantity
+from maskfab.base.work import silent
+from maskfab.mask import figures
+from maskfab.mask.comparison.files import read_back
+from maskfab.mask.figures import DieFigures, Figures, moved
+from maskfab.mask.houses.profiles import load_shop
+from maskfab.mask.job import Job, load_job
+from maskfab.mask.package.pack import pack
+from maskfab.runs.pipeline import draw_files
 
 TEMPLATE = ('blank = "27 mm"\nwritable = "22 mm"', 'template = "5in"')
 """Of a plate with a data matrix."""
@@ -31,7 +31,7 @@ def mark(name: str, by_nm: int, *, alone: bool = False) -> Break:
     """The writer draws a mark, or the last polygon of it ``alone``, somewhat to the right."""
 
     def apply(patch: pytest.MonkeyPatch) -> None:
-        marks = cell_polygons._Drawing._marks
+        marks = figures._Drawing._marks
 
         def broken(self):
             found, done = marks(self)
@@ -42,7 +42,7 @@ def mark(name: str, by_nm: int, *, alone: bool = False) -> Break:
             still, last = (each.shapes[CLEAR][:-1], each.shapes[CLEAR][-1:]) if alone else ((), each.shapes[CLEAR])
             return replace(each, shapes={CLEAR: (*still, *moved(last, (by_nm, 0)))})
 
-        patch.setattr(cell_polygons._Drawing, "_marks", broken)
+        patch.setattr(figures._Drawing, "_marks", broken)
 
     return apply
 
@@ -51,14 +51,14 @@ def die(name: str, by_nm: int) -> Break:
     """The writer places a die somewhat too high."""
 
     def apply(patch: pytest.MonkeyPatch) -> None:
-        place = cell_polygons._Drawing._die
+        place = figures._Drawing._die
 
         def broken(self, number: int) -> DieFigures:
             found = place(self, number)
             x, y = found.origin_nm
             return replace(found, origin_nm=(x, y + by_nm)) if found.name == name else found
 
-        patch.setattr(cell_polygons._Drawing, "_die", broken)
+        patch.setattr(figures._Drawing, "_die", broken)
 
     return apply
 

@@ -26,10 +26,10 @@ from small_job import OPENING, command, with_the_die, write_job
 from sweeps import in_turns, sweep
 
 from maskfab.cli.common.printing import one_line
-from maskfab.delivery.pack import pack
-from maskfab.job import load_job
-from maskfab.mask_shops.profiles import load_shop
-from maskfab.pipeline import draw_files
+from maskfab.mask.houses.profiles import load_shop
+from maskfab.mask.job import load_job
+from maskfab.mask.package.pack import pack
+from maskfab.runs.pipeline import draw_files
 
 pytestmark = pytest.mark.usefixtures("figures_as_they_are", "read_here")
 
@@ -165,7 +165,7 @@ def spoken_job(folder: Path, title: str, label: str, facts: str) -> Path:
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory) -> tuple[Path, Path]:
     """Two results of one job: with texts that attack, and with harmless ones of the same kinds."""
-    from maskfab.cli import run_command_line
+    from maskfab.cli.app import run_command_line
 
     results = []
     for name, title, label, facts in (

@@ -9,8 +9,8 @@ import pytest
 from small_job import LOOK, OPENING, command, listing, with_the_die, write_job
 from sweeps import in_turns, sweep
 
-from maskfab.delivery.archive import safe_stem
-from maskfab.jobfile import check_name
+from maskfab.job.values import check_name
+from maskfab.mask.package.archive import safe_stem
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 

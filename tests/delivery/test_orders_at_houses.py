@@ -8,10 +8,9 @@ import pytest
 from sweeps import sweep
 
 import maskfab as mf
-from maskfab import resources
-from maskfab.delivery.comparing import Bid
-from maskfab.delivery.pack import verify_package
-from maskfab.mask_shops.profiles import load_shop, shop_names
+from maskfab.base import resources
+from maskfab.mask.houses.profiles import load_shop, shop_names
+from maskfab.mask.package.pack import Bid, verify_package
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 

@@ -21,9 +21,9 @@ from once import figures_in_words
 from small_job import command, listing, with_the_die, write_job
 from sweeps import sweep
 
-from maskfab.delivery.pack import pack, verify_package
-from maskfab.job import load_job
-from maskfab.mask_shops.profiles import load_shop, shop_names
+from maskfab.mask.houses.profiles import load_shop, shop_names
+from maskfab.mask.job import load_job
+from maskfab.mask.package.pack import pack, verify_package
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 

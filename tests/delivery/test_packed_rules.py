@@ -16,11 +16,12 @@ from once import figures_in_words
 from small_job import command, with_the_die, write_job
 from sweeps import sweep
 
-from maskfab.delivery.pack import pack, verify_package
-from maskfab.errors import OutputError
-from maskfab.job import load_job
-from maskfab.mask_shops.judge import Finding
-from maskfab.mask_shops.profiles import load_shop, parse_shop
+from maskfab.base.errors import OutputError
+from maskfab.job.shop import parse_shop
+from maskfab.mask.houses.findings import Finding
+from maskfab.mask.houses.profiles import load_shop
+from maskfab.mask.job import load_job
+from maskfab.mask.package.pack import pack, verify_package
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
@@ -146,7 +147,7 @@ def test_a_cut_in_an_opening_is_told_by_its_die_and_a_cut_in_a_mark_by_its_mark(
 
 
 def test_a_job_for_such_a_house_writes_stencils_too(tmp_path):
-    from maskfab.pipeline import draw_files, shop_quantities
+    from maskfab.runs.pipeline import draw_files, shop_quantities
 
     edits = (*TEMPLATE, ("[plate]", '[export]\nshop = "mr_nanotec"\n\n[plate]'))
     job = load_job(write_job(tmp_path, *edits, opening=opening("dot")))
@@ -295,7 +296,7 @@ def test_folders_above_a_package_are_made_with_it_and_not_for_a_refusal(capsys, 
 
 
 def test_a_full_temporary_folder_is_told_as_such(monkeypatch, tmp_path):
-    from maskfab.export import outputs
+    from maskfab.mask.formats import table as outputs
 
     def full(figures, path, *_):
         raise OutputError("MF401", f"{path} cannot be written: No space left on device", cure="Choose another --out")
@@ -310,7 +311,7 @@ def test_a_full_temporary_folder_is_told_as_such(monkeypatch, tmp_path):
 
 
 def test_a_target_that_cannot_be_written_is_told_as_such_even_beside_the_temporary_folder(monkeypatch, tmp_path):
-    from maskfab.delivery import pack as packing
+    from maskfab.mask.package import pack as packing
 
     def full(target, *_, **__):
         raise OutputError("MF401", f"{target} cannot be written: No space left on device", cure="Choose another --out")

@@ -13,10 +13,10 @@ import pytest
 from once import figures_in_words
 from small_job import command, with_the_die, write_job
 
-from maskfab.delivery.pack import pack
-from maskfab.job import load_job
-from maskfab.jobfile.shop_profile import parse_shop
-from maskfab.mask_shops.profiles import load_shop
+from maskfab.job.shop import parse_shop
+from maskfab.mask.houses.profiles import load_shop
+from maskfab.mask.job import load_job
+from maskfab.mask.package.pack import pack
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 

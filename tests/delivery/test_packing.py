@@ -14,14 +14,13 @@ from hostile_files import overlapping
 from once import figures_in_words
 from small_job import command, with_the_die, write_job
 
-from maskfab.delivery.archive import safe_stem
-from maskfab.delivery.pack import pack, verify_package
-from maskfab.errors import SourceError
-from maskfab.geometry import shape_limits
-from maskfab.job import load_job
-from maskfab.mask_shops.profiles import load_shop
-from maskfab.readers.sandbox import bounded
-from maskfab.readers.sandbox.limits import children_seconds
+from maskfab.base.errors import SourceError
+from maskfab.mask import layout, sandbox
+from maskfab.mask.houses.profiles import load_shop
+from maskfab.mask.job import load_job
+from maskfab.mask.limits import children_seconds
+from maskfab.mask.package.archive import safe_stem
+from maskfab.mask.package.pack import pack, verify_package
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
@@ -282,8 +281,8 @@ def test_verify_tells_a_changed_package(capsys, packed, tmp_path):
 @pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="limits are those of a copy")
 @pytest.mark.usefixtures("within_limits")
 def test_masks_of_a_package_are_compared_within_limits(packed, tmp_path, monkeypatch):
-    monkeypatch.setattr(bounded, "SECONDS", 0)  # for so few bytes one is added
-    monkeypatch.setattr(shape_limits, "MOST_COVERED", 1e9)  # or it is refused at once
+    monkeypatch.setattr(sandbox, "SECONDS", 0)  # for so few bytes one is added
+    monkeypatch.setattr(layout, "MOST_COVERED", 1e9)  # or it is refused at once
     hostile = overlapping(tmp_path / "few.oas", 2000).read_bytes()
     with zipfile.ZipFile(packed[1]) as archive, zipfile.ZipFile(tmp_path / "q.zip", "w") as changed:
         for name in archive.namelist():

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from maskfab.display.circuit import CircuitRules, emitter_rooms, pixel_room
-from maskfab.display.emitters.placement import Proof
-from maskfab.errors import JobError
-from maskfab.model import Emitters, Opening
+from maskfab.base.errors import JobError
+from maskfab.base.model import Emitters, Opening
+from maskfab.display.drive import CircuitRules, emitter_rooms, pixel_room
+from maskfab.display.emitter_rules import Proof
 
 
 def test_room_at_two_pitches() -> None:

@@ -11,20 +11,20 @@ import numpy as np
 import pytest
 from small_job import OPENING, command, listing, write_job
 
-from maskfab.display.circuit import NOT_PLACED
-from maskfab.display.emitters.placement import Proof, Verdict
+from maskfab.base.model import BLACK, CLEAR, EMITTERS, GUTTER, VEIL, WIRES
+from maskfab.base.processes import Alone, Pair
+from maskfab.display.drive import NOT_PLACED
+from maskfab.display.emitter_rules import Proof, Verdict
 from maskfab.display.feasibility import Feasibility
-from maskfab.display.wires.tracks import transparent_tracks
-from maskfab.geometry.plate_layout import plate_layout, region
-from maskfab.job import load_job
-from maskfab.measurement.wired import wired_quantities
-from maskfab.model import BLACK, CLEAR, EMITTERS, GUTTER, VEIL, WIRES
-from maskfab.optics.pupil.wire_transmission import veil
-from maskfab.pipeline import run
-from maskfab.processes import Alone, Pair
-from maskfab.readers.layout_file import read_layout
-from maskfab.report.plots.display_figures import pictures
-from maskfab.verification import verify
+from maskfab.display.wiring import transparent_tracks
+from maskfab.mask.formats.reader import read_layout
+from maskfab.mask.job import load_job
+from maskfab.mask.layout import plate_layout, region
+from maskfab.optics.pupil import veil
+from maskfab.report.figures.display import pictures
+from maskfab.report.rows.display import wired_quantities
+from maskfab.runs.pipeline import run
+from maskfab.runs.verification import verify
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 

@@ -14,20 +14,15 @@ import numpy as np
 import pytest
 from display.emitters.shapes import bar, cells, published
 
-from maskfab.display.emitters.assign import wander
-from maskfab.display.emitters.borders import borders
-from maskfab.display.emitters.bound import upper_bound
-from maskfab.display.emitters.emitter_rules import EmitterRules, grid_of
-from maskfab.display.emitters.fit import footprint
-from maskfab.display.emitters.free_area import EVERY, free_region
-from maskfab.display.emitters.freeform import guillotine
-from maskfab.display.emitters.placement import Proof, Verdict
-from maskfab.display.emitters.rectangles import three_rectangles
-from maskfab.display.wires.flow import DIRECTIONS, Net
-from maskfab.display.wires.ports import ports
-from maskfab.eye import grain
-from maskfab.model import Emitters, Opening, Panel, Tiling, orient
-from maskfab.optics.numbers.centroid import luminance_centroid
+from maskfab.base.model import Emitters, Opening, Panel, Tiling, orient
+from maskfab.display import eye
+from maskfab.display.emitter_rules import EmitterRules, Proof, Verdict, grid_of
+from maskfab.display.emitter_shapes import guillotine, three_rectangles
+from maskfab.display.footprint_bound import upper_bound
+from maskfab.display.free_area import EVERY, borders, free_region
+from maskfab.display.pixel_lines import DIRECTIONS, Net, ports
+from maskfab.display.placement import footprint, wander
+from maskfab.optics.colour import luminance_centroid
 
 ALIKE = (1.0, 1.0, 1.0)
 GUTTER = 8000
@@ -131,7 +126,7 @@ def test_emitters_about_the_centre_wander_nowhere() -> None:
         panel = Panel(
             Opening("closed", np.zeros(labels.shape), 4000), 4000, 0, cells_of, Tiling.RANDOM, 1, emitters
         )  # fmt: skip
-        assert grain.centroids(panel)[1] < 1e-15
+        assert eye.centroids(panel)[1] < 1e-15
 
 
 def test_a_mask_with_a_half_turn_has_the_same_answer_turned() -> None:

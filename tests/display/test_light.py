@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from maskfab.display.light import LightDemand, current_density, relative_life
-from maskfab.errors import JobError
+from maskfab.base.errors import JobError
+from maskfab.display.drive import LightDemand, current_density, relative_life
 
 
 @pytest.mark.parametrize(

@@ -12,17 +12,15 @@ from klayout import db
 from small_job import command
 
 from maskfab.api.verbs.displays import check
-from maskfab.display.emitters.placement import Verdict
+from maskfab.base.model import EMITTERS, Panel
+from maskfab.designs.design import display_of
+from maskfab.display.emitter_rules import Verdict
 from maskfab.display.feasibility import feasibility
-from maskfab.job import Job, load_job
-from maskfab.jobfile import read
-from maskfab.model import EMITTERS, Panel
-from maskfab.opening.openings import load_opening
-from maskfab.optimiser.design import display_of
-from maskfab.plate.die_seeds import DieSeeds
-from maskfab.plate.maps import read_map
-from maskfab.plate.panels import die_panels
-from maskfab.sweeps.measures import measured
+from maskfab.job import read
+from maskfab.mask.job import Job, load_job
+from maskfab.mask.opening_file import load_opening
+from maskfab.mask.panels import DieSeeds, die_panels, read_map
+from maskfab.runs.sweep_cases import measured
 
 LAYOUTS = Path(__file__).parents[2] / "layouts"
 DISPLAYS = [path for path in sorted(LAYOUTS.glob("*.toml")) if (spec := read(path)).emitters is not None and spec.die]

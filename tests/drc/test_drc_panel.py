@@ -11,13 +11,12 @@ from hypothesis import strategies as st
 from klayout import db
 from sweeps import examples, sweep
 
-from maskfab.drc.panel_rules import narrowest
-from maskfab.drc.plate_rules import check_plate
-from maskfab.drc.raster_rules import corner_touches, smallest_runs
-from maskfab.drc.rules import DesignRules
-from maskfab.geometry.die_grid import die_edges_nm, die_raster
-from maskfab.geometry.plate_layout import plate_layout, region
-from maskfab.model import CLEAR, Die, Opening, Panel, Plate, Tiling
+from maskfab.base.model import CLEAR, Die, Opening, Panel, Plate, Tiling
+from maskfab.mask.dots import corner_touches, die_edges_nm, die_raster, smallest_runs
+from maskfab.mask.layout import plate_layout, region
+from maskfab.mask.panel_rules import narrowest
+from maskfab.mask.plate_rules import check_plate
+from maskfab.mask.rule import DesignRules
 
 EVERY = 10**6
 

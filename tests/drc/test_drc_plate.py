@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from klayout import db
 
-from maskfab.drc.layout_rules import check_layout
-from maskfab.drc.plate_rules import check_plate
-from maskfab.drc.rules import DesignRules
-from maskfab.errors import JobError, SourceError
-from maskfab.geometry.plate_layout import plate_layout
-from maskfab.model import CLEAR, Die, Furniture
+from maskfab.base.errors import JobError, SourceError
+from maskfab.base.model import CLEAR, Die, Furniture
+from maskfab.mask.layout import plate_layout
+from maskfab.mask.plate_rules import check_layout, check_plate
+from maskfab.mask.rule import DesignRules
 
 EVERY = 10**6
 RULES = DesignRules(

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from maskfab.drc.raster_rules import corner_touches, smallest_runs
-from maskfab.model import orient
+from maskfab.base.model import orient
+from maskfab.mask.dots import corner_touches, smallest_runs
 
 masks = arrays(np.bool_, st.tuples(st.integers(1, 8), st.integers(1, 8)))
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from maskfab.errors import OutputError
-from maskfab.export.images.bitmap import bitmap_size, write_bilevel, write_preview
-from maskfab.geometry.die_grid import die_edges_nm, die_raster, pixel_overlaps
-from maskfab.geometry.plate_layout import plate_layout, region
-from maskfab.geometry.raster import coverage
-from maskfab.model import CLEAR
+from maskfab.base.errors import OutputError
+from maskfab.base.model import CLEAR
+from maskfab.mask.dots import die_edges_nm, die_raster, pixel_overlaps
+from maskfab.mask.formats.picture import bitmap_size, write_bilevel, write_preview
+from maskfab.mask.layout import plate_layout, region
+from maskfab.mask.raster import coverage
 
 
 def pixels(path):
@@ -49,7 +49,7 @@ def test_a_preview_is_the_share_of_every_pixel(small_plate, tmp_path, dots_per_u
 
 def test_bands_meet_without_a_seam(small_plate, tmp_path, monkeypatch):
     write_preview(small_plate, tmp_path / "x.png", 0.05)
-    monkeypatch.setattr("maskfab.export.images.bitmap._BAND_PIXELS", 500 * 7)
+    monkeypatch.setattr("maskfab.mask.formats.picture._BAND_PIXELS", 500 * 7)
     write_preview(small_plate, tmp_path / "bands.png", 0.05)
     assert np.array_equal(pixels(tmp_path / "x.png")[0], pixels(tmp_path / "bands.png")[0])
 

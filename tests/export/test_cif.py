@@ -5,11 +5,11 @@ import re
 import pytest
 from klayout import db
 
-from maskfab.errors import OutputError
-from maskfab.export.cell_polygons import CHROME, CUT, PolygonOptions, draw
-from maskfab.export.cif import cif_bytes, write_cif
-from maskfab.geometry.plate_layout import layer_info, plate_layout, region
-from maskfab.model import CLEAR, OUTLINE
+from maskfab.base.errors import OutputError
+from maskfab.base.model import CHROME, CLEAR, OUTLINE
+from maskfab.mask.figures import CUT, PolygonOptions, draw
+from maskfab.mask.formats.cif import cif_bytes, write_cif
+from maskfab.mask.layout import layer_info, plate_layout, region
 
 every_way = pytest.mark.parametrize(
     "options",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from xml.etree import ElementTree
 
-from maskfab.mask_shops.drawing_sheet import drawing_sheet
+from maskfab.mask.package.papers import drawing_sheet
 
 LONGEST = 90
 """Letters of the title block's type that fit beside the plate."""

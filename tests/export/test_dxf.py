@@ -9,10 +9,10 @@ from ezdxf import bbox, recover
 from ezdxf.entitydb import EntityDB
 from klayout import db
 
-from maskfab.export.dxf import DrawingStyle, write_dxf
-from maskfab.geometry.plate_layout import plate_layout, plate_names, region
-from maskfab.model import CLEAR, LAYERS, OUTLINE, Note
-from maskfab.readers.layout_file import read_layout
+from maskfab.base.model import CLEAR, LAYERS, OUTLINE, Note
+from maskfab.mask.formats.dxf import DrawingStyle, write_dxf
+from maskfab.mask.formats.reader import read_layout
+from maskfab.mask.layout import plate_layout, plate_names, region
 
 pytestmark = pytest.mark.parametrize("version", ["R12", "R2010"])
 

@@ -3,12 +3,12 @@ from __future__ import annotations
 import ezdxf
 import pytest
 
-from maskfab.errors import OutputError
-from maskfab.export.cell_polygons import PolygonOptions, draw
-from maskfab.export.dxf import DrawingStyle, flat_bytes, write_dxf
-from maskfab.geometry.plate_layout import plate_layout, region
-from maskfab.model import CLEAR, LAYERS, NOTE, OUTLINE
-from maskfab.readers.layout_file import read_layout
+from maskfab.base.errors import OutputError
+from maskfab.base.model import CLEAR, LAYERS, NOTE, OUTLINE
+from maskfab.mask.figures import PolygonOptions, draw
+from maskfab.mask.formats.dxf import DrawingStyle, flat_bytes, write_dxf
+from maskfab.mask.formats.reader import read_layout
+from maskfab.mask.layout import plate_layout, region
 
 versions = pytest.mark.parametrize("version", ["R12", "R2010"])
 without_blocks = pytest.mark.parametrize("hierarchy", ["flat", "merged"])

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from klayout import db
 
-from maskfab.comparison.roundtrip import roundtrip
-from maskfab.errors import OutputError
-from maskfab.export.cell_polygons import CUT, PolygonOptions, draw
-from maskfab.export.dxf import DrawingStyle, write_dxf
-from maskfab.export.gds import write_gdsii, write_oasis
-from maskfab.geometry.plate_layout import plate_layout, region
-from maskfab.model import CLEAR, NOTE, OUTLINE, Die, Furniture, Note, Opening, Panel, Plate, Tiling
-from maskfab.readers.layout_file import read_layout
+from maskfab.base.errors import OutputError
+from maskfab.base.model import CLEAR, NOTE, OUTLINE, Die, Furniture, Note, Opening, Panel, Plate, Tiling
+from maskfab.mask.comparison.roundtrip import roundtrip
+from maskfab.mask.figures import CUT, PolygonOptions, draw
+from maskfab.mask.formats.dxf import DrawingStyle, write_dxf
+from maskfab.mask.formats.gdsii import write_gdsii, write_oasis
+from maskfab.mask.formats.reader import read_layout
+from maskfab.mask.layout import plate_layout, region
 
 pytestmark = pytest.mark.usefixtures("read_here")
 

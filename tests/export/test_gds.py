@@ -6,9 +6,9 @@ import gdstk
 import pytest
 from klayout import db
 
-from maskfab.export.gds import write_gdsii, write_oasis
-from maskfab.geometry.plate_layout import plate_layout, region
-from maskfab.model import CLEAR
+from maskfab.base.model import CLEAR
+from maskfab.mask.formats.gdsii import write_gdsii, write_oasis
+from maskfab.mask.layout import plate_layout, region
 
 
 def records(data):

@@ -8,11 +8,11 @@ import pytest
 from gerbonara.rs274x import GerberFile
 from klayout import db
 
-from maskfab.errors import OutputError
-from maskfab.export.cell_polygons import PolygonOptions, draw
-from maskfab.export.gerber import gerber_bytes, write_gerber
-from maskfab.geometry.plate_layout import plate_layout, region
-from maskfab.model import CLEAR
+from maskfab.base.errors import OutputError
+from maskfab.base.model import CLEAR
+from maskfab.mask.figures import PolygonOptions, draw
+from maskfab.mask.formats.gerber import gerber_bytes, write_gerber
+from maskfab.mask.layout import plate_layout, region
 
 
 def read(path):

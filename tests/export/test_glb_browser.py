@@ -21,9 +21,8 @@ import numpy as np
 import pytest
 from browser import dumped, installed
 
-from maskfab.comparison.roundtrip import die_edges_nm, die_raster
-from maskfab.export.solid.mesh import write_glb
-from maskfab.export.solid.tiles import Stack
+from maskfab.mask.dots import die_edges_nm, die_raster
+from maskfab.mask.formats.solid import Stack, write_glb
 
 WEBGL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 SIDE = 512

@@ -8,9 +8,8 @@ import struct
 import numpy as np
 import pytest
 
-from maskfab.comparison.roundtrip import die_edges_nm, die_raster
-from maskfab.export.solid.mesh import write_glb
-from maskfab.export.solid.tiles import Stack
+from maskfab.mask.dots import die_edges_nm, die_raster
+from maskfab.mask.formats.solid import Stack, write_glb
 
 
 def scene(path):

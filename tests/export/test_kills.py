@@ -6,7 +6,7 @@ import pytest
 from kill_swaps import can_trace, chosen, counted, play
 from swaps import swap, whole, write_result
 
-from maskfab.errors import OutputError
+from maskfab.base.errors import OutputError
 
 traced = pytest.mark.skipif(not can_trace(), reason="no process may be traced here")
 

@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 
 from klayout import lay
 
-from maskfab.model import LAYERS, OUTLINE
+from maskfab.base.model import LAYERS, OUTLINE
 
 TABLE = Path(__file__).parents[2] / "export_templates" / "layers.lyp"
 

@@ -23,20 +23,20 @@ import pytest
 from small_job import command, listing, with_the_die, write_job
 from sweeps import sweep
 
-from maskfab.delivery.archive import write_package
-from maskfab.errors import OutputError
-from maskfab.export.cell_polygons import draw
-from maskfab.export.cif import write_cif
-from maskfab.export.dxf import write_dxf
-from maskfab.export.gds import write_gdsii, write_oasis
-from maskfab.export.gerber import write_gerber
-from maskfab.export.images.bitmap import write_bilevel, write_preview
-from maskfab.export.images.light_image import write_exr, write_png
-from maskfab.export.solid.mesh import write_3mf, write_glb, write_stl
-from maskfab.export.solid.step import write_plate_step, write_step
-from maskfab.export.svg import write_svg
-from maskfab.files.staging import write_bytes
-from maskfab.job import load_job
+from maskfab.base.errors import OutputError
+from maskfab.base.folders import write_bytes
+from maskfab.mask.figures import draw
+from maskfab.mask.formats.cif import write_cif
+from maskfab.mask.formats.dxf import write_dxf
+from maskfab.mask.formats.exr import write_exr, write_png
+from maskfab.mask.formats.gdsii import write_gdsii, write_oasis
+from maskfab.mask.formats.gerber import write_gerber
+from maskfab.mask.formats.picture import write_bilevel, write_preview
+from maskfab.mask.formats.solid import write_3mf, write_glb, write_stl
+from maskfab.mask.formats.step import write_plate_step, write_step
+from maskfab.mask.formats.svg import write_svg
+from maskfab.mask.job import load_job
+from maskfab.mask.package.archive import write_package
 
 
 def light():

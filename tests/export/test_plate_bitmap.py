@@ -14,19 +14,19 @@ import tifffile
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maskfab.comparison.plate_dots import check_plate_dots
-from maskfab.errors import OutputError, SourceError
-from maskfab.export.images.pack_bits import pack_bits
-from maskfab.export.images.plate_bitmap import (
+from maskfab.base.errors import OutputError, SourceError
+from maskfab.base.model import CLEAR, Furniture, Plate
+from maskfab.mask.dots import NM_PER_INCH
+from maskfab.mask.formats.plate_bitmap import (
     bmp_bytes,
     check_plate_bitmap,
+    check_plate_dots,
     largest_tiff_bytes,
     write_plate_bmp,
     write_plate_tiff,
 )
-from maskfab.geometry.dot_grid import NM_PER_INCH
-from maskfab.geometry.plate_layout import plate_layout
-from maskfab.model import CLEAR, Furniture, Plate
+from maskfab.mask.formats.tiff import pack_bits
+from maskfab.mask.layout import plate_layout
 
 WRITERS = {"tif": write_plate_tiff, "bmp": write_plate_bmp}
 

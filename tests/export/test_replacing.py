@@ -15,10 +15,9 @@ from pathlib import Path
 import pytest
 from swaps import swap, whole, write_result
 
-from maskfab.errors import OutputError
-from maskfab.files.atomic import partial, stale
-from maskfab.files.finished import times_text
-from maskfab.files.staging import check_file, check_target, put_back, staged, write_text
+from maskfab.base.errors import OutputError
+from maskfab.base.files import partial, stale
+from maskfab.base.folders import check_file, check_target, put_back, staged, times_text, write_text
 
 SWAPS = Path(__file__).parents[1] / "swaps.py"
 
@@ -202,7 +201,7 @@ def test_what_a_living_process_writes_is_not_swept(tmp_path):
 def test_what_a_dead_process_left_of_a_file_is_swept_by_the_next(tmp_path):
     path = tmp_path / "x.gds"
     script = (
-        "import os, sys; from pathlib import Path; from maskfab.files.atomic import partial\n"
+        "import os, sys; from pathlib import Path; from maskfab.base.files import partial\n"
         "with partial(Path(sys.argv[1])): os._exit(1)"
     )
     subprocess.run([sys.executable, "-c", script, str(path)], check=False, timeout=60)

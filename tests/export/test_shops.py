@@ -9,9 +9,10 @@ import pytest
 from pydantic import ValidationError
 from small_job import command
 
-from maskfab import resources
-from maskfab.errors import OutputError
-from maskfab.mask_shops.profiles import load_shop, parse_shop, shop_names
+from maskfab.base import resources
+from maskfab.base.errors import OutputError
+from maskfab.job.shop import parse_shop
+from maskfab.mask.houses.profiles import load_shop, shop_names
 
 LEAST = 'title = "A house"\nsources = []\n[order]\nfields = ["tone"]\n'
 

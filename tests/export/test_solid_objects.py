@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from maskfab.errors import OutputError
-from maskfab.export.solid.objects import cadquery_assembly, trimesh_scene
-from maskfab.export.solid.tiles import Stack
-from maskfab.model import Die, Opening, Panel, Tiling
+from maskfab.base.errors import OutputError
+from maskfab.base.model import Die, Opening, Panel, Tiling
+from maskfab.mask.formats.solid import Stack
+from maskfab.mask.formats.step import cadquery_assembly, trimesh_scene
 
 STACK = Stack(chrome_nm=20_000.0)
 

@@ -15,14 +15,12 @@ from hypothesis import strategies as st
 from scipy import ndimage
 from sweeps import examples
 
-from maskfab.errors import OutputError
-from maskfab.export.solid.film import film
-from maskfab.export.solid.mesh import write_3mf, write_glb, write_stl
-from maskfab.export.solid.step import write_plate_step, write_step
-from maskfab.export.solid.tiles import Stack, centres_nm, rotation
-from maskfab.geometry.die_grid import die_edges_nm, die_raster
-from maskfab.model import Die, Opening, Panel, Tiling, orient
-from maskfab.readers.mesh import is_manifold
+from maskfab.base.errors import OutputError
+from maskfab.base.model import Die, Opening, Panel, Tiling, orient
+from maskfab.mask.dots import die_edges_nm, die_raster
+from maskfab.mask.formats.solid import Stack, centres_nm, film, rotation, write_3mf, write_glb, write_stl
+from maskfab.mask.formats.solid_reader import is_manifold
+from maskfab.mask.formats.step import write_plate_step, write_step
 
 WRITERS = {"step": write_step, "glb": write_glb, "3mf": write_3mf, "stl": write_stl}
 
@@ -167,7 +165,7 @@ def test_every_triangle_of_a_film_has_an_area_and_every_side_two(dots, clear, se
     assume(gutter_nm or not opening.mask.all())
     die = die_of(opening, rng.integers(0, 8, (2, 3)), gutter_nm)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("maskfab.export.solid.film._BAND_CORNERS", band)
+        patch.setattr("maskfab.mask.formats.solid._BAND_CORNERS", band)
         mesh, touches = film(die, Stack(corners=corners))
     found = mesh.vertices_nm[mesh.triangles]
     assert heights_nm(found).min() >= 5

@@ -7,16 +7,13 @@ import pytest
 import zxingcpp
 from klayout import db
 
-from maskfab.export.cell_polygons import PolygonOptions, draw
-from maskfab.geometry.lettering import text_polygons
-from maskfab.geometry.plate_layout import simple_polygon
-from maskfab.geometry.polygonize import outline
-from maskfab.jobfile.shop_profile import parse_shop
-from maskfab.mask_shops.adapt import fitted, suited
-from maskfab.mask_shops.counts import shared_edges
-from maskfab.mask_shops.stencil import inner_edges, stencilled
-from maskfab.model import CLEAR, Furniture
-from maskfab.plate.marks.data_matrix import data_matrix
+from maskfab.base.model import CLEAR, Furniture
+from maskfab.job.shop import parse_shop
+from maskfab.mask.figures import PolygonOptions, draw
+from maskfab.mask.houses.adaptation import fitted, inner_edges, shared_edges, stencilled, suited
+from maskfab.mask.layout import simple_polygon
+from maskfab.mask.marks import data_matrix
+from maskfab.mask.outlines import outline, text_polygons
 
 RING = np.array([[row in (0, 4) or column in (0, 4) for column in range(5)] for row in range(5)])
 STEP_NM = 20_000

@@ -8,11 +8,11 @@ from xml.etree import ElementTree
 import pytest
 from klayout import db
 
-from maskfab.errors import OutputError
-from maskfab.export.cell_polygons import CUT, PolygonOptions, draw
-from maskfab.export.svg import svg_bytes, write_svg
-from maskfab.geometry.plate_layout import plate_layout, region
-from maskfab.model import CLEAR
+from maskfab.base.errors import OutputError
+from maskfab.base.model import CLEAR
+from maskfab.mask.figures import CUT, PolygonOptions, draw
+from maskfab.mask.formats.svg import svg_bytes, write_svg
+from maskfab.mask.layout import plate_layout, region
 
 SVG = "{http://www.w3.org/2000/svg}"
 LINK = "{http://www.w3.org/1999/xlink}href"

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from maskfab.eye.viewing import Viewing
-from maskfab.model import Emitters, Opening, Panel, Tiling
+from maskfab.base.model import Emitters, Opening, Panel, Tiling
+from maskfab.display.emitted_light import Viewing
 
 INCH_UM = 25400.0
 

@@ -7,34 +7,33 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from maskfab.eye import display_light, drawn_scenes, grain
-from maskfab.eye.fourier_light import series
-from maskfab.eye.viewing import Viewing
-from maskfab.model import Emitters, Tiling, orient
-from maskfab.optics.numbers.centroid import luminance_centroid
+from maskfab.base.model import Emitters, Tiling, orient
+from maskfab.display import emitted_light, eye, pictures
+from maskfab.display.emitted_light import Viewing, series
+from maskfab.optics.colour import luminance_centroid
 
 
-def measured(panel, viewing, low=0.0, high=grain.SLOW_CPD, count=100) -> float:
-    light = display_light.show(panel, drawn_scenes.flat(count), 14)
-    return grain.measured_rms(series(light, viewing, 31.0), low, high)
+def measured(panel, viewing, low=0.0, high=eye.SLOW_CPD, count=100) -> float:
+    light = emitted_light.show(panel, pictures.flat(count), 14)
+    return eye.measured_rms(series(light, viewing, 31.0), low, high)
 
 
 @pytest.mark.parametrize("order", [(1, 3, 2), (2, 1, 3), (3, 1, 2), (3, 2, 1)])
 def test_the_formula_agrees_with_the_picture_within_a_tenth(slit_panel, telephone, order):
     panel = slit_panel(order)
-    _, offset = grain.centroids(panel)
+    _, offset = eye.centroids(panel)
     assert offset >= 0.05
-    assert measured(panel, telephone) == pytest.approx(grain.predicted_rms(offset, telephone), rel=0.10)
+    assert measured(panel, telephone) == pytest.approx(eye.predicted_rms(offset, telephone), rel=0.10)
 
 
 def test_the_constant():
-    assert pytest.approx(5.57, abs=0.005) == grain.CONSTANT
-    assert grain.predicted_rms(0.138, Viewing(25400 / 300, 300e3)) == pytest.approx(0.0201, abs=1e-4)
+    assert pytest.approx(5.57, abs=0.005) == eye.CONSTANT
+    assert eye.predicted_rms(0.138, Viewing(25400 / 300, 300e3)) == pytest.approx(0.0201, abs=1e-4)
 
 
 def test_a_periodic_panel_has_no_grain(slit_panel, telephone):
     panel = slit_panel(tiling=Tiling.PERIODIC, count=40)
-    mean, offset = grain.centroids(panel)
+    mean, offset = eye.centroids(panel)
     assert offset == 0
     assert np.hypot(*mean) == pytest.approx(0.196, abs=1e-3)
     assert measured(panel, telephone, count=40) < 1e-12
@@ -63,7 +62,7 @@ def test_a_pixel_with_its_centroid_in_the_middle_has_little_slow_grain(make_pane
     radius = np.hypot(*(np.mgrid[0:21, 0:21] - 10))
     labels = np.select([radius < 4, radius < 7, radius < 10], [1, 2, 3], 0).astype(np.int8)
     panel = make_panel(np.zeros((21, 21), dtype=np.bool_), labels, 4032)
-    assert grain.centroids(panel)[1] < 1e-12
+    assert eye.centroids(panel)[1] < 1e-12
     assert measured(panel, telephone) < 1e-10
 
 
@@ -72,7 +71,7 @@ def test_colour_does_not_make_grain_of_luminance_from_one_orientation_in_two(sli
     panel = slit_panel(count=10)
     turns = np.zeros((10, 10), dtype=np.int8)
     turns[:, ::2] = 4
-    mean, offset = grain.centroids(replace(panel, orientations=turns))
+    mean, offset = eye.centroids(replace(panel, orientations=turns))
     assert np.abs(mean[0]) < 1e-12
     assert offset == pytest.approx(0.1958, abs=1e-4)
 
@@ -87,21 +86,21 @@ def test_a_known_wave_has_its_own_contrast(telephone):
     """1 + 0.2 cos: rms 0.2 / sqrt 2, in the band that holds it and in no other."""
     count = 60
     wave = 0.5 * (1 + 0.2 * np.cos(2 * np.pi * 3 * (np.arange(count) + 0.5) / count))
-    light = display_light.ideal(np.broadcast_to(wave[None, :, None], (count, count, 3)), 1, 84.67)
+    light = emitted_light.ideal(np.broadcast_to(wave[None, :, None], (count, count, 3)), 1, 84.67)
     frequency = 3 / count * telephone.pixels_per_degree  # 3.09 cycles per degree
     found = series(light, telephone, 30.0)
-    assert grain.measured_rms(found, 0, frequency + 0.1) == pytest.approx(
+    assert eye.measured_rms(found, 0, frequency + 0.1) == pytest.approx(
         0.2 / np.sqrt(2) * np.sinc(3 / count), rel=1e-12
     )
-    assert grain.measured_rms(found, frequency + 0.1, 30) < 1e-14
+    assert eye.measured_rms(found, frequency + 0.1, 30) < 1e-14
 
 
 def test_the_offset_is_what_the_layout_calls_wander(slit_panel):
-    from maskfab.display.emitters.assign import wander
+    from maskfab.display.placement import wander
 
     for order in ((1, 2, 3), (3, 1, 2)):
         panel = slit_panel(order, count=200)
-        assert grain.centroids(panel)[1] == pytest.approx(wander(panel.emitters, panel.pitch_nm), rel=1e-3)
+        assert eye.centroids(panel)[1] == pytest.approx(wander(panel.emitters, panel.pitch_nm), rel=1e-3)
 
 
 def test_a_panel_of_two_openings_wanders_between_both_centroids(slit_panel):
@@ -111,7 +110,7 @@ def test_a_panel_of_two_openings_wanders_between_both_centroids(slit_panel):
     first = replace(panel.opening, emitters=labels)
     cells = np.array([[0, 8], [8, 0]], dtype=np.int8)
     both = replace(panel, emitters=None, opening=first, others=(second,), orientations=cells)
-    mean, offset = grain.centroids(both)
+    mean, offset = eye.centroids(both)
     place = luminance_centroid(panel.emitters, panel.pitch_nm)
     assert offset == pytest.approx(abs(place[0]))
     np.testing.assert_allclose(mean, [0, place[1]], atol=1e-12)

@@ -8,9 +8,9 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from maskfab.errors import JobError
-from maskfab.eye import display_light, drawn_scenes, jod, side_by_side
-from maskfab.model import Tiling
+from maskfab.base.errors import JobError
+from maskfab.base.model import Tiling
+from maskfab.display import emitted_light, eye, pictures
 
 
 class Stub(ModuleType):
@@ -49,8 +49,8 @@ def stub(monkeypatch):
 
 def test_an_even_field_reaches_the_metric_without_the_lattice_in_absolute_luminance(stub, slit_panel, telephone):
     panel = slit_panel(tiling=Tiling.PERIODIC, count=20)
-    image = drawn_scenes.flat(20)
-    found = jod.jod(display_light.show(panel, image, 21), display_light.ideal(image, 1, 84.67), telephone)
+    image = pictures.flat(20)
+    found = eye.jod(emitted_light.show(panel, image, 21), emitted_light.ideal(image, 1, 84.67), telephone)
     assert found >= 9.99
     for picture in stub.pictures:
         assert picture.dtype == np.float32
@@ -63,8 +63,8 @@ def test_an_even_field_reaches_the_metric_without_the_lattice_in_absolute_lumina
 
 
 def test_nothing_is_clipped_and_nothing_is_negative(stub, slit_panel, telephone):
-    image = drawn_scenes.edge(20)
-    jod.jod(display_light.show(slit_panel(count=20), image, 21), display_light.ideal(image, 1, 84.67), telephone)
+    image = pictures.edge(20)
+    eye.jod(emitted_light.show(slit_panel(count=20), image, 21), emitted_light.ideal(image, 1, 84.67), telephone)
     brightest = max(picture.max() for picture in stub.pictures)
     assert stub.photometry["peak"] == pytest.approx(brightest)
     assert brightest > 500
@@ -74,28 +74,26 @@ def test_nothing_is_clipped_and_nothing_is_negative(stub, slit_panel, telephone)
 def test_the_picture_stands_upright(stub, slit_panel, telephone):
     image = np.zeros((20, 20, 3))
     image[15:] = 1.0  # the upper quarter
-    jod.jod(display_light.show(slit_panel(count=20), image, 6), display_light.ideal(image, 1, 84.67), telephone)
+    eye.jod(emitted_light.show(slit_panel(count=20), image, 6), emitted_light.ideal(image, 1, 84.67), telephone)
     for picture in stub.pictures:
         rows = picture.mean(axis=(1, 2))
         assert rows[: len(rows) // 4].mean() > 10 * rows[len(rows) // 2 : -2].mean()
 
 
 def test_slow_light_passes_and_fine_light_does_not():
-    gain = jod._fade(np.array([0.0, 39.9, 45.0, 50.0, 61.8]))
+    gain = eye._fade(np.array([0.0, 39.9, 45.0, 50.0, 61.8]))
     np.testing.assert_allclose(gain, [1, 1, 0.5, 0, 0], atol=1e-12)
 
 
 def test_a_judged_panel_has_the_number_if_it_is_asked_for(stub, slit_panel, telephone):
-    images = {side_by_side.FLAT: drawn_scenes.flat(10)}
-    with_it = side_by_side.judge("A", slit_panel(count=10), images, 6, telephone, with_jod=True)
-    without = side_by_side.judge("A", slit_panel(count=10), images, 6, telephone)
+    images = {eye.FLAT: pictures.flat(10)}
+    with_it = eye.judge("A", slit_panel(count=10), images, 6, telephone, with_jod=True)
+    without = eye.judge("A", slit_panel(count=10), images, 6, telephone)
     assert {q.name for q in with_it.quantities} - {q.name for q in without.quantities} == {"flat_jod"}
-    assert with_it.views[side_by_side.FLAT].jod is not None
+    assert with_it.views[eye.FLAT].jod is not None
 
 
 def test_who_has_it_not_is_told_what_to_install(monkeypatch, slit_panel, telephone):
     monkeypatch.setitem(sys.modules, "pycvvdp", None)
     with pytest.raises(JobError, match=r"MF121.*pip install 'maskfab\[eye\]'"):
-        side_by_side.judge(
-            "A", slit_panel(count=10), {side_by_side.FLAT: drawn_scenes.flat(10)}, 6, telephone, with_jod=True
-        )
+        eye.judge("A", slit_panel(count=10), {eye.FLAT: pictures.flat(10)}, 6, telephone, with_jod=True)

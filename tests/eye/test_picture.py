@@ -9,9 +9,9 @@ import OpenImageIO as oiio  # noqa: N813
 import pytest
 from PIL import Image
 
-from maskfab.errors import JobError, OpeningError, SourceError
-from maskfab.eye.picture import LARGEST, Picture, on_pixels, read_picture
-from maskfab.opening.decode import from_image
+from maskfab.base.errors import JobError, OpeningError, SourceError
+from maskfab.display.pictures import LARGEST, Picture, on_pixels, read_picture
+from maskfab.mask.opening import from_image
 
 
 def save(path, pixels, kind, **attributes):

@@ -11,12 +11,12 @@ import OpenImageIO as oiio  # noqa: N813
 import pytest
 from small_job import MASK, command, listing, write_job
 
-from maskfab.errors import OutputError
-from maskfab.export.images.light_image import write_exr, write_png
-from maskfab.job import Job
-from maskfab.model import Emitters, Plate
-from maskfab.optics.numbers.colour import code_of_light
-from maskfab.report.render_files import DOCUMENT, FIGURE
+from maskfab.base.errors import OutputError
+from maskfab.base.model import Emitters, Plate
+from maskfab.mask.formats.exr import write_exr, write_png
+from maskfab.mask.job import Job
+from maskfab.optics.colour import code_of_light
+from maskfab.report.pages.pictures import DOCUMENT, FIGURE
 
 
 @pytest.fixture
@@ -71,7 +71,7 @@ def test_the_light_of_a_file_is_linear_upright_and_says_its_scale(job, tmp_path,
     assert header.width % 7 == 0
     count = header.width // 7
     mean = pixels.reshape(count, 7, count, 7, 3).mean(axis=(1, 3))
-    from maskfab.eye.drawn_scenes import zone_plate
+    from maskfab.display.pictures import zone_plate
 
     np.testing.assert_allclose(mean[::-1], zone_plate(count), atol=2e-3)
 

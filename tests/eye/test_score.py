@@ -7,13 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from maskfab.eye import drawn_scenes, side_by_side
-from maskfab.eye.appearance import appearance
-from maskfab.eye.display_light import ideal, show
-from maskfab.eye.fourier_light import series
-from maskfab.eye.scielab import HIGHEST_CPD
-from maskfab.eye.viewing import Viewing
-from maskfab.model import Emitters, Tiling
+from maskfab.base.model import Emitters, Tiling
+from maskfab.display import eye, pictures
+from maskfab.display.emitted_light import Viewing, ideal, series, show
+from maskfab.display.eye import HIGHEST_CPD, appearance
 
 
 def numbers(judged) -> dict:
@@ -21,7 +18,7 @@ def numbers(judged) -> dict:
 
 
 def judge(panel, viewing, count=40, **images):
-    return side_by_side.judge("A", panel, images or {side_by_side.FLAT: drawn_scenes.flat(count)}, 14, viewing)
+    return eye.judge("A", panel, images or {eye.FLAT: pictures.flat(count)}, 14, viewing)
 
 
 def test_a_slit_panel_turned_at_random_has_the_grain_and_difference_that_were_measured_before(slit_panel, telephone):
@@ -48,7 +45,7 @@ def test_grain_fades_with_distance_and_grows_with_the_pixel(slit_panel):
 def test_removing_the_common_shift_helps_a_periodic_panel_off_its_centre(slit_panel, telephone):
     """Once the picture has moved by the mean centroid, only the shapes of the emitters are left."""
     panel = slit_panel((1, 3, 2), tiling=Tiling.PERIODIC)
-    found = numbers(judge(panel, telephone, zone=drawn_scenes.zone_plate(40)))
+    found = numbers(judge(panel, telephone, zone=pictures.zone_plate(40)))
     assert found["zone_delta_e_aligned"] < 0.6 * found["zone_delta_e_mean"]
 
 
@@ -68,7 +65,7 @@ def test_areas_do_not_matter_to_a_flat_periodic_field(slit_panel, telephone):
 
 
 def test_greys_look_grey_and_their_mean_stays(slit_panel, telephone):
-    image = drawn_scenes.zone_plate(20)
+    image = pictures.zone_plate(20)
     seen = appearance(series(ideal(image, 1, 84.67), telephone, HIGHEST_CPD), telephone)
     assert np.ptp(seen, axis=2).max() < 1e-12
     coloured = np.random.default_rng(0).random((20, 20, 3))
@@ -78,7 +75,7 @@ def test_greys_look_grey_and_their_mean_stays(slit_panel, telephone):
 
 
 def test_every_number_is_plain_and_named_once(slit_panel, telephone):
-    judged = side_by_side.judge("A", slit_panel(count=20), side_by_side.target_pictures(20), 6, telephone)
+    judged = eye.judge("A", slit_panel(count=20), eye.target_pictures(20), 6, telephone)
     names = [quantity.name for quantity in judged.quantities]
     assert len(names) == len(set(names))
     assert all(type(quantity.value) is float and np.isfinite(quantity.value) for quantity in judged.quantities)

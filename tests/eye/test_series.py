@@ -5,17 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from maskfab.errors import JobError
-from maskfab.eye import display_light
-from maskfab.eye.fourier_light import series
-from maskfab.eye.viewing import Viewing
+from maskfab.base.errors import JobError
+from maskfab.display import emitted_light
+from maskfab.display.emitted_light import Viewing, series
 
 
-def light(rows: int, columns: int, samples: int = 1, seed: int = 0) -> display_light.EmittedLight:
-    return display_light.ideal(np.random.default_rng(seed).random((rows, columns, 3)), samples, 100.0)
+def light(rows: int, columns: int, samples: int = 1, seed: int = 0) -> emitted_light.EmittedLight:
+    return emitted_light.ideal(np.random.default_rng(seed).random((rows, columns, 3)), samples, 100.0)
 
 
-def brute(shown: display_light.EmittedLight, highest: float, viewing: Viewing) -> np.ndarray:
+def brute(shown: emitted_light.EmittedLight, highest: float, viewing: Viewing) -> np.ndarray:
     """The integral over each square, by its closed form."""
     rows, columns = shown.rgb.shape[1:]
     found = []

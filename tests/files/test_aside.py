@@ -4,9 +4,9 @@ import errno
 
 import pytest
 
-from maskfab.errors import OutputError
-from maskfab.export.size import check_file_size
-from maskfab.files.atomic import partial
+from maskfab.base.errors import OutputError
+from maskfab.base.files import partial
+from maskfab.mask.layout import check_file_size
 
 
 def test_a_file_appears_when_it_is_whole(tmp_path):

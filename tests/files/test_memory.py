@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from maskfab.files.release_memory import give_back
+from maskfab.base.processes import give_back
 
 # Small pieces are not given back by themselves as long as one that was allocated after them lives.
 HELD = """
@@ -33,6 +33,6 @@ def test_what_is_free_goes_back_to_the_system():
 
 @pytest.mark.parametrize("system", ["darwin", "win32"])
 def test_elsewhere_nothing_is_called(monkeypatch, system):
-    monkeypatch.setattr("maskfab.files.release_memory.sys.platform", system)
-    monkeypatch.setattr("maskfab.files.release_memory.ctypes.CDLL", None)
+    monkeypatch.setattr("maskfab.base.processes.sys.platform", system)
+    monkeypatch.setattr("maskfab.base.processes.ctypes.CDLL", None)
     give_back()

@@ -20,7 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from maskfab.files.plain_data import from_data, to_data
+from maskfab.base.plain_data import from_data, to_data
 
 
 class Colour(Enum):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from klayout import db
 
-from maskfab.geometry.cell_grid import CellArray, placed
+from maskfab.mask.layout import CellArray, placed
 
 KINDS = np.random.default_rng(3).integers(0, 3, (4, 5))
 

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from klayout import db
 from sweeps import examples
 
-from maskfab.geometry import raster
-from maskfab.geometry.plate_layout import region
-from maskfab.geometry.raster import coverage, placed_boxes, to_boxes
+from maskfab.mask import raster
+from maskfab.mask.layout import region
+from maskfab.mask.raster import coverage, placed_boxes, to_boxes
 
 coordinates = st.integers(-20, 60)
 boxes = st.lists(st.tuples(coordinates, coordinates, st.integers(1, 40), st.integers(1, 40)), max_size=8)

@@ -3,8 +3,8 @@ from __future__ import annotations
 import pytest
 from klayout import db
 
-from maskfab.errors import JobError
-from maskfab.geometry.lettering import fitted_text, text_polygons, text_width_nm
+from maskfab.base.errors import JobError
+from maskfab.mask.outlines import fitted_text, text_polygons, text_width_nm
 
 PRINTABLE = "".join(map(chr, range(ord("!"), ord("~") + 1)))
 

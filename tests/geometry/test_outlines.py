@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from klayout import db
 
-from maskfab.geometry.outline_records import is_plain, outlines_layout
+from maskfab.mask.layout import is_plain, outlines_layout
 
 FARTHEST = 2**31 - 1
 NEAR = st.integers(-3, 3)

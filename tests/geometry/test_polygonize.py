@@ -8,9 +8,9 @@ from hypothesis.extra.numpy import arrays
 from klayout import db
 from sweeps import examples
 
-from maskfab.geometry.polygonize import outline
-from maskfab.geometry.raster import coverage
-from maskfab.model import ORIENTATIONS, Polygon, orient
+from maskfab.base.model import ORIENTATIONS, Polygon, orient
+from maskfab.mask.outlines import outline
+from maskfab.mask.raster import coverage
 
 masks = arrays(np.bool_, st.tuples(st.integers(1, 9), st.integers(1, 9)))
 

@@ -10,8 +10,8 @@ from hypothesis.extra.numpy import arrays
 from klayout import db
 from sweeps import examples
 
-from maskfab.export.paired_cells import pairs
-from maskfab.geometry.polygonize import exact, hull_points, recut
+from maskfab.mask.figures import pairs
+from maskfab.mask.outlines import exact, hull_points, recut
 
 HOLES = ("bisect", "keyhole", "trapezoids", "layer")
 WAYS = list(itertools.product(HOLES, ("apart", "joined")))

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from klayout import db
 
-from maskfab.geometry.plate_layout import CellNames, plate_layout, plate_names, region
-from maskfab.geometry.raster import coverage
-from maskfab.model import CLEAR, NOTE, OUTLINE, Opening, orient
+from maskfab.base.model import CLEAR, NOTE, OUTLINE, Opening, orient
+from maskfab.mask.layout import CellNames, plate_layout, plate_names, region
+from maskfab.mask.raster import coverage
 
 
 def test_one_top_cell_and_names_fit_for_every_format(small_plate):

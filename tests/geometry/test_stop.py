@@ -7,11 +7,11 @@ import pytest
 from klayout import db
 from optics_cases import camera, clear_region, noise, panel, pupil
 
-from maskfab.geometry.stop import _cut_edges, edges_in_stop, stop_box
-from maskfab.measurement.optics import polygon_psf, stop_boundary
-from maskfab.model import Stop
-from maskfab.optics.image.psf import point_psf
-from maskfab.optics.numbers.metrics import AREA_ERROR, relative_difference
+from maskfab.base.model import Stop
+from maskfab.optics.metrics import AREA_ERROR, relative_difference
+from maskfab.optics.psf import point_psf
+from maskfab.optics.stop_edges import _cut_edges, edges_in_stop, stop_box
+from maskfab.report.rows.optics import polygon_psf, stop_boundary
 
 
 @pytest.mark.parametrize("diameter_um", [6.0, 11.0, 23.0, 50.0, 77.0, 97.3])
@@ -60,7 +60,7 @@ def test_only_polygons_at_the_rim_are_cut_and_the_rest_stay_as_they_are(monkeypa
         booleans.append(region.count())
         return _cut_edges(region, *others)
 
-    monkeypatch.setattr("maskfab.geometry.stop._cut_edges", cut)
+    monkeypatch.setattr("maskfab.optics.stop_edges._cut_edges", cut)
     edges, area = edges_in_stop(shapes, stop, axis)
     assert sum(booleans) < 0.3 * shapes.count()
     expected, expected_area = _cut_edges(shapes & db.Region(db.Box(*stop_box(stop, axis))), stop, axis)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from klayout import db
 
-from maskfab.errors import JobError
-from maskfab.geometry.writer_model import (
+from maskfab.base.errors import JobError
+from maskfab.base.model import Opening, Panel, Process, Tiling
+from maskfab.mask.writer import (
     UNITS_PER_UM,
     Reading,
     check_process,
@@ -18,7 +19,6 @@ from maskfab.geometry.writer_model import (
     written_corners,
     written_region,
 )
-from maskfab.model import Opening, Panel, Process, Tiling
 
 BOTH = pytest.mark.parametrize("reading", list(Reading))
 MASK = np.random.default_rng(3).random((7, 7)) < 0.45

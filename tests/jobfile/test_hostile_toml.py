@@ -11,13 +11,12 @@ from hypothesis import strategies as st
 from small_job import JOB, LOOK, OPENING, command, write_job
 from sweeps import examples
 
-from maskfab.errors import CATALOGUE, MaskfabError
-from maskfab.jobfile import read
-from maskfab.jobfile.shop_profile import parse_shop
-from maskfab.jobfile.toml import MOST_LEVELS, MOST_PARTS, MOST_VALUES, loads
-from maskfab.opening import openings
-from maskfab.plate import maps
-from maskfab.plate.marks.template import load_template
+from maskfab.base.errors import CATALOGUE, MaskfabError
+from maskfab.job import read
+from maskfab.job.shop import parse_shop
+from maskfab.job.toml import MOST_LEVELS, MOST_PARTS, MOST_VALUES, loads
+from maskfab.mask import opening_file, panels
+from maskfab.mask.marks import load_template
 
 HOSTILE = {
     "a nested key": "a." * 100_000 + "a = 1",
@@ -38,8 +37,8 @@ HOSTILE = {
 }
 READERS = {
     "job": read,
-    "opening": openings.load_opening,
-    "map": maps.read_map,
+    "opening": opening_file.load_opening,
+    "map": panels.read_map,
     "shop": lambda path: parse_shop(path.read_text(), "x", where="x"),
     "template": load_template,
 }
@@ -133,5 +132,5 @@ def test_an_error_can_be_read_whatever_a_file_put_into_it(tmp_path):
     path = tmp_path / "ring.toml"
     path.write_text(OPENING + f"{'k' * 100_000} = 1\n")
     with pytest.raises(MaskfabError, match="MF102") as refusal:
-        openings.load_opening(path)
+        opening_file.load_opening(path)
     assert len(str(refusal.value)) < 20_000

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from small_job import command, write_job
 
-from maskfab.job import Job, load_job
+from maskfab.mask.job import Job, load_job
 from maskfab.optics.scene.scene import Scene
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words")

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from small_job import JOB, command, listing, write_job
 
-from maskfab.errors import OutputError
-from maskfab.job import load_job
-from maskfab.jobfile.shop_profile import dump_shop, parse_shop, read_shop
-from maskfab.mask_shops.profiles import load_shop, shop_names, shop_of
+from maskfab.base.errors import OutputError
+from maskfab.job.shop import dump_shop, parse_shop, read_shop
+from maskfab.mask.houses.profiles import load_shop, shop_names, shop_of
+from maskfab.mask.job import load_job
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
@@ -141,7 +141,7 @@ def test_a_bad_profile_is_refused_before_any_work(capsys, tmp_path, monkeypatch,
     def begun(*_: object, **__: object) -> None:
         raise AssertionError("work has begun")
 
-    monkeypatch.setattr("maskfab.plate.plate.compose", begun)
+    monkeypatch.setattr("maskfab.mask.plate.compose", begun)
     before = listing(tmp_path)
     answer = command(capsys, verb[0], job, *verb[1:], "--out", tmp_path / "out", "--json", "--quiet")
     assert (answer.code, answer.document["error"]["code"]) == (2, code)

@@ -7,9 +7,10 @@ import json
 import pytest
 from pydantic import TypeAdapter
 
-from maskfab.errors import JobError
-from maskfab.jobfile.reference import Key, keys_of, tables
-from maskfab.jobfile.sections import AnyDesign, JobSpec, Section
+from maskfab.base.errors import JobError
+from maskfab.job.reference import Key, keys_of, tables
+from maskfab.job.sections import AnyDesign, JobSpec
+from maskfab.job.values import Section
 
 NEEDED = {"camera.stop": {"diameter": 1.0}}
 """What a section must hold besides the key that is looked at."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from small_job import write_job
 
-from maskfab.errors import JobError
-from maskfab.job import load_job
+from maskfab.base.errors import JobError
+from maskfab.mask.job import load_job
 
 END = ("seed = 3\n", 'seed = 3\n\n[report]\nreference = "TURNED"\nfrequencies = ["30 cy/mm", "250 lp/mm"]\n')
 

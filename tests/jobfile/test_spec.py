@@ -10,21 +10,14 @@ from pathlib import Path
 import pytest
 from small_job import JOB, write_job
 
-from maskfab import resources
 from maskfab.api.lengths import lengths_as_text
-from maskfab.errors import JobError, SourceError
-from maskfab.jobfile import (
-    CameraSection,
-    EmittersSection,
-    SceneSection,
-    check_name,
-    check_optics,
-    even_nm,
-    parse_section,
-    read,
-    validate,
-)
-from maskfab.model import Camera, Process, Stop, Tiling
+from maskfab.base import resources
+from maskfab.base.errors import JobError, SourceError
+from maskfab.base.model import Camera, Process, Stop, Tiling
+from maskfab.job import read
+from maskfab.job.read import check_optics, even_nm, parse_section, validate
+from maskfab.job.sections import CameraSection, EmittersSection, SceneSection
+from maskfab.job.values import check_name
 
 SHIPPED = sorted(resources.path("layouts").glob("*.toml"))
 CAMERA = Camera(5000.0, Stop("circle", 400.0), (530.0,), 2.0, 64.0)

@@ -16,12 +16,12 @@ from small_job import OPENING, command, write_job
 from maskfab.api.verbs.displays import check, render
 from maskfab.api.verbs.measuring_edges import measure_mtf
 from maskfab.api.verbs.planning import plan
+from maskfab.base.errors import InputError
 from maskfab.cli.app import app
-from maskfab.errors import InputError
-from maskfab.jobfile import JobSpec
-from maskfab.jobfile.section import Section
-from maskfab.jobfile.uses import INNER, USES, covered, in_words, named, unused
-from maskfab.sweeps.wanted import WORKS
+from maskfab.job.reference import INNER, USES, covered, in_words, named, unused
+from maskfab.job.sections import JobSpec
+from maskfab.job.values import Section
+from maskfab.runs.sweep_plan import WORKS
 
 
 def sections(annotation: Any) -> Iterator[type[Section]]:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from klayout import db
 
-from maskfab.judge.boundary import Boundary, figures, total
+from maskfab.mask.judge.dies import Boundary, figures, total
 
 LAYER = db.LayerInfo(1, 0)
 NUMBERS = st.integers(-40, 40)

@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from klayout import db
 
-from maskfab.geometry.lettering import text_polygons
-from maskfab.judge.boundary import Boundary
-from maskfab.judge.letters import ADVANCE, HEIGHT, area_steps2, drawing, points
-from maskfab.judge.letters import read as read_letters
+from maskfab.mask.judge.dies import Boundary
+from maskfab.mask.judge.marks import ADVANCE, HEIGHT, area_steps2, drawing, points
+from maskfab.mask.judge.marks import read as read_letters
+from maskfab.mask.outlines import text_polygons
 
 LETTERS = "".join(map(chr, range(ord("!"), ord("~") + 1)))
 HEIGHT_NM = 420_000

@@ -9,20 +9,20 @@ import pytest
 from asked_jobs import GUTTER, JOBS, RANDOM, asked_job
 from klayout import db
 
-from maskfab import pipeline
-from maskfab.comparison import roundtrip
-from maskfab.comparison.files import read_back
-from maskfab.export import cell_polygons
-from maskfab.geometry import plate_layout
-from maskfab.geometry.lettering import fitted_text
-from maskfab.judge.verdict import asked, judged
-from maskfab.mask_shops.adapt import suited
-from maskfab.mask_shops.profiles import load_shop
-from maskfab.model import CLEAR, Die, Furniture
-from maskfab.pipeline import draw_files
-from maskfab.plate.marks.data_matrix import data_matrix
-from maskfab.progress import silent
-from maskfab.verification import verify_file
+from maskfab.base.model import CLEAR, Die, Furniture
+from maskfab.base.work import silent
+from maskfab.mask import figures
+from maskfab.mask import layout as plate_layout
+from maskfab.mask.comparison import roundtrip
+from maskfab.mask.comparison.files import read_back
+from maskfab.mask.houses.adaptation import suited
+from maskfab.mask.houses.profiles import load_shop
+from maskfab.mask.judge.verdict import asked, judged
+from maskfab.mask.marks import data_matrix
+from maskfab.mask.outlines import fitted_text
+from maskfab.runs import pipeline
+from maskfab.runs.pipeline import draw_files
+from maskfab.runs.verification import verify_file
 
 PLAIN = 'blank = "5 in"\nwritable = "100 mm"'
 EVERY = '[export]\nformats = ["gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "cif", "svg"]\n'
@@ -220,13 +220,13 @@ def mirrored_shapes(panel, cell):
     return TRUE_SHAPES(panel, cell ^ 4)
 
 
-TRUE_SHAPES = cell_polygons.unit_shapes
+TRUE_SHAPES = figures.unit_shapes
 
 
 @pytest.mark.parametrize("fault", ["cells mirrored", "dies displaced", "references displaced"])
 def test_what_is_drawn_wrongly_fails_though_the_design_agrees(fault, job, plate, monkeypatch, tmp_path):
     if fault == "cells mirrored":
-        for module in (cell_polygons, plate_layout):
+        for module in (figures, plate_layout):
             monkeypatch.setattr(module, "unit_shapes", mirrored_shapes)
     elif fault == "dies displaced":
         true = Die.origin_nm.fget
@@ -240,7 +240,7 @@ def test_what_is_drawn_wrongly_fails_though_the_design_agrees(fault, job, plate,
             cell.transform(db.Trans(0, 1))
             return layout
 
-        for module in (cell_polygons, plate_layout):
+        for module in (figures, plate_layout):
             monkeypatch.setattr(module, "placed", displaced)
     made = draw_files(job, plate)
     assert {row.name for row in judged(plate_layout.plate_layout(plate), "design", made.asked) if not row.passed}

@@ -19,9 +19,9 @@ from hypothesis import strategies as st
 from klayout import db
 from small_job import write_job
 
-from maskfab import provenance
-from maskfab.job import load_job
-from maskfab.kept.fingerprint import fingerprint, of_installation
+from maskfab.base import provenance
+from maskfab.mask.job import load_job
+from maskfab.runs.store import fingerprint, of_installation
 
 SCALARS = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text() | st.binary()
 VALUES = st.recursive(SCALARS, lambda inner: st.lists(inner).map(tuple) | st.lists(inner), max_leaves=8)
@@ -87,7 +87,7 @@ def test_another_version_of_any_library_is_another_installation(monkeypatch, nam
 def test_another_process_finds_the_same(tmp_path):
     job = write_job(tmp_path)
     text = (
-        "from maskfab.kept.fingerprint import *; from maskfab.job import load_job; import sys;"
+        "from maskfab.runs.store import *; from maskfab.mask.job import load_job; import sys;"
         "print(fingerprint(of_installation(), load_job(sys.argv[1]).spec, frozenset('abc')))"
     )
     there = subprocess.run([sys.executable, "-c", text, job], capture_output=True, text=True, check=True)

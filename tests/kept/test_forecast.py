@@ -14,15 +14,15 @@ from once import figures_in_words
 from small_job import JOB, command, listing, write_job
 
 import maskfab as mf
-from maskfab import pipeline
-from maskfab.comparison.roundtrip import compare_layout
-from maskfab.dry_run import dry_run
-from maskfab.errors import OutputError
-from maskfab.job import load_job
-from maskfab.kept.store import Entry, Store
-from maskfab.measurement.scene_rows import measure_scene
-from maskfab.report.page.front import shown_count
-from maskfab.task_costs import _FILES, _HELD, _MODELS, PROBE_S, Amounts, Pace, expected, probe, read_bytes
+from maskfab.base.errors import OutputError
+from maskfab.mask.comparison.roundtrip import compare_layout
+from maskfab.mask.job import load_job
+from maskfab.report.pages.front import shown_count
+from maskfab.report.rows.scene import measure_scene
+from maskfab.runs import pipeline
+from maskfab.runs.costs import _FILES, _HELD, _MODELS, PROBE_S, Amounts, Pace, expected, probe, read_bytes
+from maskfab.runs.forecast import dry_run
+from maskfab.runs.store import Entry, Store
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 

@@ -15,11 +15,11 @@ from pathlib import Path
 import pytest
 from small_job import listing, with_the_die, write_job
 
-from maskfab import pipeline
-from maskfab.errors import OutputError
-from maskfab.files.finished import TIMES
-from maskfab.kept import store as store_module
-from maskfab.kept.store import Origin, Store
+from maskfab.base.errors import OutputError
+from maskfab.base.folders import TIMES
+from maskfab.runs import pipeline
+from maskfab.runs import store as store_module
+from maskfab.runs.store import Origin, Store
 
 resource = pytest.importorskip("resource")
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")

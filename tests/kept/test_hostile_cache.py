@@ -19,13 +19,12 @@ from once import figures_in_words
 from shared_tasks import printed
 from small_job import command, write_job
 
-from maskfab import pipeline
-from maskfab.files.finished import TIMES
-from maskfab.files.plain_data import to_data
-from maskfab.job import load_job
-from maskfab.kept.recall import origin_of, recalled
-from maskfab.kept.results import keep_result
-from maskfab.kept.store import Store
+from maskfab.base.folders import TIMES
+from maskfab.base.plain_data import to_data
+from maskfab.mask.job import load_job
+from maskfab.runs import pipeline
+from maskfab.runs.recall import origin_of, recalled
+from maskfab.runs.store import Store, keep_result
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 NOBODY = 65534

@@ -17,13 +17,12 @@ from once import figures_in_words
 from shared_tasks import printed
 from small_job import listing, write_job
 
-from maskfab import pipeline
+from maskfab.base.folders import TIMES
 from maskfab.cli.app import run_command_line
-from maskfab.files.finished import TIMES
-from maskfab.job import load_job
-from maskfab.kept.recall import origin_of, recalled
-from maskfab.kept.results import give_result, keep_result
-from maskfab.kept.store import Origin, Store
+from maskfab.mask.job import load_job
+from maskfab.runs import pipeline
+from maskfab.runs.recall import origin_of, recalled
+from maskfab.runs.store import Origin, Store, give_result, keep_result
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 

@@ -11,24 +11,23 @@ from hypothesis import strategies as st
 from klayout import db
 from small_job import with_the_die, write_job
 
-from maskfab.comparison.biased import biased_raster
-from maskfab.comparison.files import compare_mask, read_mask
-from maskfab.delivery.comparing import compare_shops
-from maskfab.delivery.pack import pack, verify_package
-from maskfab.errors import JobError, OutputError
-from maskfab.export.cell_polygons import PolygonOptions, draw
-from maskfab.export.outputs import products
-from maskfab.geometry.data_bias import biased_data, written_of
-from maskfab.geometry.plate_layout import coverage, plate_layout, region
-from maskfab.job import load_job
-from maskfab.jobfile.shop_profile import parse_shop
-from maskfab.mask_shops.offers import check_offers
-from maskfab.mask_shops.order import order_of
-from maskfab.mask_shops.plate_files import files_of_job
-from maskfab.mask_shops.profiles import load_shop
-from maskfab.model import CLEAR, Die, Opening, Panel, Plate, Tiling
-from maskfab.pipeline import run
-from maskfab.verification import verify, verify_file
+from maskfab.base.errors import JobError, OutputError
+from maskfab.base.model import CLEAR, Die, Opening, Panel, Plate, Tiling
+from maskfab.job.shop import parse_shop
+from maskfab.mask.comparison.files import compare_mask, read_mask
+from maskfab.mask.comparison.roundtrip import biased_raster
+from maskfab.mask.figures import PolygonOptions, draw
+from maskfab.mask.formats.table import products
+from maskfab.mask.houses.files import files_of_job
+from maskfab.mask.houses.order import check_offers, order_of
+from maskfab.mask.houses.profiles import load_shop
+from maskfab.mask.job import load_job
+from maskfab.mask.layout import plate_layout, region
+from maskfab.mask.package.pack import compare_shops, pack, verify_package
+from maskfab.mask.raster import coverage
+from maskfab.mask.writer import biased_data, written_of
+from maskfab.runs.pipeline import run
+from maskfab.runs.verification import verify, verify_file
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 

@@ -6,8 +6,8 @@ import pytest
 from small_job import command, write_job
 
 import maskfab as mf
-from maskfab.mask_shops.profiles import shop_names
-from maskfab.model import Quantity
+from maskfab.base.model import Quantity
+from maskfab.mask.houses.profiles import shop_names
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
@@ -65,7 +65,7 @@ def test_a_house_of_the_jobs_own_is_compared_too(tmp_path):
 def test_a_file_that_does_not_show_the_plate_is_what_refuses_it(capsys, monkeypatch, tmp_path):
     failed = Quantity("readback_xor_area", 1.0, "a test", limit=0.0, passed=False)
     for module in ("pack", "comparing"):
-        monkeypatch.setattr(f"maskfab.delivery.{module}.read_written", lambda *_, **__: (None, (failed,)))
+        monkeypatch.setattr(f"maskfab.mask.package.{module}.read_written", lambda *_, **__: (None, (failed,)))
     job = write_job(tmp_path)
     (bid,) = mf.shops("compugraphics", compare=job)
     assert bid.answer == "does not"

@@ -11,23 +11,19 @@ import numpy as np
 import pytest
 from small_job import command, write_job
 
-from maskfab.comparison.files import read_back
-from maskfab.comparison.plate_dots import check_plate_dots
-from maskfab.delivery.comparing import compare_shops
-from maskfab.delivery.pack import pack, verify_package
-from maskfab.errors import JobError
-from maskfab.export.images.plate_bitmap import write_plate_tiff
-from maskfab.geometry.die_grid import die_edges_nm, die_raster
-from maskfab.geometry.dot_grid import NM_PER_INCH, DotGrid
-from maskfab.geometry.plate_layout import plate_layout
-from maskfab.job import load_job
-from maskfab.jobfile.shop_profile import parse_shop
-from maskfab.mask_shops.dot_edges import dot_edges
-from maskfab.mask_shops.plate_files import files_of_job
-from maskfab.mask_shops.profiles import load_shop
-from maskfab.model import Furniture
-from maskfab.progress import silent
-from maskfab.units import parse_dpi
+from maskfab.base.errors import JobError
+from maskfab.base.model import Furniture
+from maskfab.base.units import parse_dpi
+from maskfab.base.work import silent
+from maskfab.job.shop import parse_shop
+from maskfab.mask.comparison.files import read_back
+from maskfab.mask.dots import NM_PER_INCH, DotGrid, die_edges_nm, die_raster
+from maskfab.mask.formats.plate_bitmap import check_plate_dots, write_plate_tiff
+from maskfab.mask.houses.files import dot_edges, files_of_job
+from maskfab.mask.houses.profiles import load_shop
+from maskfab.mask.job import load_job
+from maskfab.mask.layout import plate_layout
+from maskfab.mask.package.pack import compare_shops, pack, verify_package
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 

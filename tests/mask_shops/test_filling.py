@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from small_job import command, write_job
 
 import maskfab as mf
-from maskfab.errors import JobError, SourceError
-from maskfab.jobfile.insertion import inserted
+from maskfab.base.errors import JobError, SourceError
+from maskfab.job.toml import inserted
 
 SAID = ("quantity=2", "glass=quartz", "thickness=2.3 mm", "film=chrome", "corner_touches=join",
         "corner_width=2 um",

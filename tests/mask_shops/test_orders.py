@@ -14,23 +14,22 @@ from klayout import db
 from small_job import command, with_the_die, write_job
 from sweeps import sweep
 
-from maskfab.comparison.files import compare_mask, read_mask
-from maskfab.delivery.pack import pack, verify_package
-from maskfab.errors import JobError
-from maskfab.export.cell_polygons import CUT, PolygonOptions, draw
-from maskfab.geometry.plate_layout import layer_info, plate_layout, region
-from maskfab.job import load_job
-from maskfab.jobfile.order import OrderSection
-from maskfab.jobfile.shop_profile import dump_shop, parse_shop
-from maskfab.mask_shops.adapt import fitted
-from maskfab.mask_shops.offers import check_offers
-from maskfab.mask_shops.order import BLANK, order_of
-from maskfab.mask_shops.plate_files import files_of_job
-from maskfab.mask_shops.profiles import load_shop, shop_names
-from maskfab.mask_shops.smallest import smallest_features
-from maskfab.model import CHROME, CLEAR, LAYERS, Furniture
-from maskfab.pipeline import measure_process, run
-from maskfab.plate.mirrored import mirrored
+from maskfab.base.errors import JobError
+from maskfab.base.model import CHROME, CLEAR, LAYERS, Furniture
+from maskfab.job.order import OrderSection
+from maskfab.job.shop import dump_shop, parse_shop
+from maskfab.mask.comparison.files import compare_mask, read_mask
+from maskfab.mask.figures import CUT, PolygonOptions, draw
+from maskfab.mask.houses.adaptation import fitted
+from maskfab.mask.houses.files import files_of_job
+from maskfab.mask.houses.order import BLANK, check_offers, order_of
+from maskfab.mask.houses.profiles import load_shop, shop_names
+from maskfab.mask.job import load_job
+from maskfab.mask.layout import layer_info, plate_layout, region
+from maskfab.mask.package.pack import pack, verify_package
+from maskfab.mask.plate import mirrored
+from maskfab.mask.plate_rules import smallest_of_plate
+from maskfab.runs.pipeline import measure_process, run
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
@@ -225,7 +224,7 @@ def test_the_sheet_shows_the_letter_that_the_files_hold(tmp_path, chrome):
 def test_the_sheet_states_what_is_smallest_of_openings_and_of_marks_apart(tmp_path):
     path = write_job(tmp_path)
     plate = fitted(load_job(path).plate(), load_shop("compugraphics"))
-    found = {each.of: each for each in smallest_features(plate)}
+    found = {each.of: each for each in smallest_of_plate(plate)}
     die = found["openings"]
     assert (die.clear_um, die.chrome_um) == (8, 8)
     # As KLayout finds it: nothing is narrower than what is told, and something as narrow is.

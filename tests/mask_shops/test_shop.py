@@ -9,14 +9,15 @@ import pytest
 from house_plates import FILM, FIVE_INCH, checked
 from small_job import command, listing, write_job
 
-from maskfab.export.cell_polygons import PolygonOptions, draw
-from maskfab.geometry.plate_layout import plate_layout, region
-from maskfab.job import load_job
-from maskfab.mask_shops import counts
-from maskfab.mask_shops.adapt import drawing_options, fitted, written_box
-from maskfab.mask_shops.judge import Finding, accepted
-from maskfab.mask_shops.profiles import load_shop, parse_shop, shop_names
-from maskfab.model import CLEAR, Plate
+from maskfab.base.model import CLEAR, Plate
+from maskfab.job.shop import parse_shop
+from maskfab.mask.figures import PolygonOptions, draw
+from maskfab.mask.houses import adaptation
+from maskfab.mask.houses.adaptation import drawing_options, fitted, written_box
+from maskfab.mask.houses.findings import Finding, accepted
+from maskfab.mask.houses.profiles import load_shop, shop_names
+from maskfab.mask.job import load_job
+from maskfab.mask.layout import plate_layout, region
 
 SQUARE = (
     'name = "square"\npitch = "56 um"\ndots = 7\ngrid = """\n'
@@ -190,7 +191,7 @@ def test_references_are_saved_no_further_than_a_house_needs(tmp_path, most, hier
     assert len(figures.account.paired) == paired
     finding = the("references", checked(plate, shop))
     assert finding.passed
-    assert finding.value == counts.references(figures)
+    assert finding.value == adaptation.references(figures)
 
 
 def test_references_beyond_all_help_are_resolved_or_refused(tmp_path):
@@ -210,11 +211,11 @@ def test_flashes_are_the_rectangles_of_every_cell(tmp_path):
     bare = replace(plate, dies=())
     for hierarchy in ("cells", "flat", "merged"):
         options = PolygonOptions(hierarchy=hierarchy)
-        assert counts.flashes(draw(plate, options)) - counts.flashes(draw(bare, options)) == 2 * 10 * 10
+        assert adaptation.flashes(draw(plate, options)) - adaptation.flashes(draw(bare, options)) == 2 * 10 * 10
     # Of the chrome round each square there are four: above, below, and on either side.
     dark = PolygonOptions(tone="dark")
     around = draw(plate, dark)
-    assert sum(counts.flashes(replace(around, marks=(), dies=(die,))) for die in around.dies) == 4 * 2 * 10 * 10
+    assert sum(adaptation.flashes(replace(around, marks=(), dies=(die,))) for die in around.dies) == 4 * 2 * 10 * 10
 
 
 def test_dots_that_face_each_other_across_cells_are_counted(small_plate):
@@ -225,15 +226,15 @@ def test_dots_that_face_each_other_across_cells_are_counted(small_plate):
     n = panel.opening.dots
     across = sum(int((whole[:, x - 1] & whole[:, x]).sum()) for x in range(n, whole.shape[1], n))
     along = sum(int((whole[y - 1] & whole[y]).sum()) for y in range(n, whole.shape[0], n))
-    assert counts.facing_dots(die) == across + along > 0
-    assert counts.facing_dots(small_plate.dies[0]) == 0
+    assert adaptation.facing_dots(die) == across + along > 0
+    assert adaptation.facing_dots(small_plate.dies[0]) == 0
 
 
 def test_cells_that_share_an_edge_are_those_that_were_cut(tmp_path):
     """Labels have letters with holes: cut through they share an edge, on a layer of their own they do not."""
     plate = laid_out(tmp_path, (), SQUARE)
-    assert "LABEL_PLAIN" in counts.cut_cells(draw(plate))
-    assert "LABEL_PLAIN" not in counts.cut_cells(draw(plate, PolygonOptions(holes="layer")))
+    assert "LABEL_PLAIN" in adaptation.cut_cells(draw(plate))
+    assert "LABEL_PLAIN" not in adaptation.cut_cells(draw(plate, PolygonOptions(holes="layer")))
 
 
 def test_an_opening_that_reaches_the_next_cell_is_merged_or_given_a_gutter(tmp_path):

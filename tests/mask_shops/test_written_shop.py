@@ -9,12 +9,12 @@ import pytest
 from house_plates import FIVE_INCH, TAKEN_AS
 from small_job import command, write_job
 
-from maskfab.job import load_job
-from maskfab.mask_shops.judge import Finding, check_written
-from maskfab.mask_shops.plate_files import PlateFiles
-from maskfab.mask_shops.profiles import load_shop, shop_names
-from maskfab.model import NOTE
-from maskfab.pipeline import draw_files, named_shop, shop_quantities
+from maskfab.base.model import NOTE
+from maskfab.mask.houses.files import PlateFiles
+from maskfab.mask.houses.findings import Finding, check_written
+from maskfab.mask.houses.profiles import load_shop, shop_names
+from maskfab.mask.job import load_job
+from maskfab.runs.pipeline import draw_files, named_shop, shop_quantities
 
 HOUSE = 'title = "A house"\nsources = []\n[order]\nfields = ["tone"]\n'
 

@@ -10,11 +10,10 @@ from house_plates import checked
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maskfab.drc.plate_rules import check_plate
-from maskfab.jobfile import LimitsSection
-from maskfab.mask_shops.profiles import load_shop
-from maskfab.measurement.features import judged, limits_as_rules, smallest_features
-from maskfab.model import Die, Opening, Panel, Plate, Tiling
+from maskfab.base.model import Die, Opening, Panel, Plate, Tiling
+from maskfab.job.sections import LimitsSection
+from maskfab.mask.houses.profiles import load_shop
+from maskfab.mask.plate_rules import check_plate, judged, limits_as_rules, smallest_features
 
 CORNERS = np.zeros((7, 7), dtype=np.bool_)
 CORNERS[0, 0] = CORNERS[6, 6] = True

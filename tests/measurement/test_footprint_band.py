@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.special import ndtri
 
-from maskfab.display.emitters.emitter_rules import EmitterRules
-from maskfab.display.emitters.measure import left_of_emitters
-from maskfab.measurement.footprint_band import footprint_band
-from maskfab.measurement.process_spread import ProcessSpread
-from maskfab.model import Die, Emitters, Opening, Panel, Process, Tiling
+from maskfab.base.model import Die, Emitters, Opening, Panel, Process, Tiling
+from maskfab.display.emitter_rules import EmitterRules
+from maskfab.display.polygon_check import left_of_emitters
+from maskfab.report.rows.bands import ProcessSpread
+from maskfab.report.rows.display import footprint_band
 
 STRIPE = np.zeros((7, 7), dtype=bool)
 STRIPE[:, 3] = True

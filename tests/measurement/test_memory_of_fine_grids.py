@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 from klayout import db
 
-from maskfab.measurement import analysis
-from maskfab.measurement.analysis import Request
-from maskfab.model import UNSTATED, Camera, MaskBlank, Stop
-from maskfab.optics.pupil.aperture import Aperture, Lattice, zeros
-from maskfab.optics.pupil.pupil import cut
+from maskfab.base.model import UNSTATED, Camera, MaskBlank, Stop
+from maskfab.optics.pupil import Aperture, Lattice, cut, zeros
 from maskfab.optics.scene.model_bar import model_bar
+from maskfab.report.rows import analysis
+from maskfab.report.rows.analysis import Request
 
 ACROSS = 500
 CAMERA = Camera(2000.0, Stop("circle", 400.0), (530.0,), 2.0, 16.0)

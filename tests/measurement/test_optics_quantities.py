@@ -8,20 +8,16 @@ import math
 import numpy as np
 import pytest
 
-from maskfab.measurement.analysis import Request, analyse_opening
-from maskfab.measurement.apertures import read_aperture
-from maskfab.measurement.optics import middle_nm
-from maskfab.model import Camera, Opening, Panel, Psf, Quantity, Stop, Tiling
-from maskfab.optics.image.axis_lags import axis_lags
-from maskfab.optics.image.lag_table import lag_table
-from maskfab.optics.image.mtf import longest_lag_um, presampled_mtf
-from maskfab.optics.image.spectrum import Spectrum, pixel_transfer, polychromatic_otf
-from maskfab.optics.numbers import metrics
-from maskfab.optics.numbers.orders import order_efficiencies
-from maskfab.optics.numbers.psf_metrics import first_side_lobe, streak_index
-from maskfab.optics.numbers.sampling import aliased_mtf
-from maskfab.optics.pupil.aperture import Lattice, panel_aperture
-from maskfab.optics.pupil.pupil import cut
+from maskfab.base.model import Camera, Opening, Panel, Psf, Quantity, Stop, Tiling
+from maskfab.mask.raster import read_aperture
+from maskfab.optics import metrics
+from maskfab.optics.energy import first_side_lobe, order_efficiencies, streak_index
+from maskfab.optics.lags import axis_lags, lag_table
+from maskfab.optics.mtf import aliased_mtf, longest_lag_um, presampled_mtf
+from maskfab.optics.pupil import Lattice, cut, panel_aperture
+from maskfab.optics.spectrum import Spectrum, pixel_transfer, polychromatic_otf
+from maskfab.report.rows.analysis import Request, analyse_opening
+from maskfab.report.rows.optics import middle_nm
 
 CAMERA = Camera(5000.0, Stop("circle", 400.0), (610.0, 530.0, 470.0), 2.0, 128.0)
 RING = np.array([[0, 1, 1, 0, 1], [1, 1, 0, 0, 1], [1, 0, 0, 1, 1], [0, 0, 1, 1, 0], [0, 0, 0, 0, 0]], dtype=bool)

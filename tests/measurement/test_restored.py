@@ -11,19 +11,26 @@ from jsonschema import Draft202012Validator
 from once import leaves, small_scenes
 
 from maskfab.api.verbs.photographs import simulate
+from maskfab.base.errors import JobError
+from maskfab.base.processes import Alone
 from maskfab.camera import scenes as scene_sets
-from maskfab.camera.design import Isoplanatic
-from maskfab.camera.intervals import MeanDifference
-from maskfab.camera.protocol import Score
-from maskfab.errors import JobError
-from maskfab.job import load_job
-from maskfab.measurement import restored
-from maskfab.measurement.conditions import Conditions, Surroundings
-from maskfab.measurement.restored import CROP, NOISE_DB, Photographs, Restored, middle_level, photograph_die
-from maskfab.pipeline import begin_photographs
-from maskfab.processes import Alone
-from maskfab.report.documents.photograph_data import photographs_document, photographs_schema
-from maskfab.report.page.photograph_table import best_photographed, photograph_table
+from maskfab.camera.imaging import Isoplanatic
+from maskfab.camera.scores import MeanDifference, Score
+from maskfab.mask.job import load_job
+from maskfab.report.documents.die import photographs_document, photographs_schema
+from maskfab.report.pages.tables import best_photographed, photograph_table
+from maskfab.report.rows import photographs
+from maskfab.report.rows.photographs import (
+    CROP,
+    NOISE_DB,
+    Conditions,
+    Photographs,
+    Restored,
+    Surroundings,
+    middle_level,
+    photograph_die,
+)
+from maskfab.runs.pipeline import begin_photographs
 
 JOB = Path(__file__).parents[2] / "layouts" / "toled_against_ours.toml"
 PIXEL = ('pixel = "2 um"', 'pixel = "1 um"')
@@ -81,7 +88,7 @@ def test_a_report_says_what_simulate_says(job, found, monkeypatch):
 def test_another_draw_of_the_noise_stays_within_the_error(job, found):
     other = tuple(replace(scene, number=scene.number + 100) for scene in small_scenes())
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(restored, "drawn_scenes", lambda highlights: other)
+        patch.setattr(photographs, "drawn_scenes", lambda highlights: other)
         again = psnrs(taken(job))
     differences = [abs(again[case] - value) for case, value in psnrs(found).items()]
     # These scenes are two, and small: of so many fewer pixels noise is averaged less.

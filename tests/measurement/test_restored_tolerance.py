@@ -9,14 +9,13 @@ import pytest
 from scipy.ndimage import binary_dilation
 from scipy.special import ndtri
 
-from maskfab.camera.protocol import Protocol, Score
-from maskfab.measurement.as_written import written_openings
-from maskfab.measurement.conditions import Conditions, Surroundings
-from maskfab.measurement.process_spread import Expansion, ProcessSpread
-from maskfab.measurement.restored import Photographs, Restored
-from maskfab.measurement.restored_tolerance import DRAWN, _Photographed, restored_bands, restored_expansion
-from maskfab.model import UNSTATED, Camera, Die, Opening, Panel, Process, Stop, Tiling, refined
-from maskfab.optics.pupil.aperture import panel_aperture
+from maskfab.base.model import UNSTATED, Camera, Die, Opening, Panel, Process, Stop, Tiling, refined
+from maskfab.camera.protocol import Protocol
+from maskfab.camera.scores import Score
+from maskfab.optics.pupil import panel_aperture
+from maskfab.report.rows.as_written import written_openings
+from maskfab.report.rows.bands import DRAWN, Expansion, ProcessSpread, _Photographed, restored_bands, restored_expansion
+from maskfab.report.rows.photographs import Conditions, Photographs, Restored, Surroundings
 
 CAMERA = Camera(5000.0, Stop("circle", 400.0), (610.0, 530.0, 470.0), 2.0, 64.0)
 MASK = np.zeros((7, 7), dtype=bool)

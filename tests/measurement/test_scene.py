@@ -10,16 +10,15 @@ import pytest
 from klayout import db
 from small_job import MASK
 
-from maskfab.errors import JobError
-from maskfab.geometry.plate_layout import clear_shapes, plate_layout
-from maskfab.measurement.optics import reach_box, read_openings
-from maskfab.measurement.scene_result import SceneOptics, distance
-from maskfab.measurement.scene_rows import measure_scene, peak_bytes, scene_plan, scene_reach_um
-from maskfab.model import Camera, Die, Opening, Panel, Plate, Stop, Tiling
-from maskfab.optics.image.spectrum import Band, Curve
-from maskfab.optics.light.response import camera_bands, generic_rgb
-from maskfab.optics.pupil.aperture import panel_aperture
+from maskfab.base.errors import JobError
+from maskfab.base.model import Camera, Die, Opening, Panel, Plate, Stop, Tiling
+from maskfab.mask.layout import clear_shapes, plate_layout
+from maskfab.optics.pupil import panel_aperture
+from maskfab.optics.response import camera_bands, generic_rgb
 from maskfab.optics.scene.scene import Scene
+from maskfab.optics.spectrum import Band, Curve
+from maskfab.report.rows.optics import reach_box, read_openings
+from maskfab.report.rows.scene import SceneOptics, distance, measure_scene, peak_bytes, scene_plan, scene_reach_um
 
 CAMERA = Camera(5000.0, Stop("circle", 400.0), (610.0, 530.0, 470.0), 2.0, 64.0)
 RANDOM = np.random.default_rng(5).integers(0, 8, (12, 12)).astype(np.int8)

@@ -10,18 +10,16 @@ import pytest
 from scipy.special import ndtri
 from small_job import write_job
 
-from maskfab.errors import JobError
-from maskfab.geometry.writer_model import Reading
-from maskfab.job import load_job
-from maskfab.measurement.as_written import fused_optics, measure_written
-from maskfab.measurement.process_spread import ProcessSpread
-from maskfab.measurement.tolerance import Band, _inner, band_quantities, bands
-from maskfab.model import Camera, Die, Opening, Panel, Process, Stop, Tiling
-from maskfab.optics.image.mtf import area_under_radial_min
-from maskfab.optics.image.psf import point_psfs
-from maskfab.optics.pupil.aperture import panel_aperture
-from maskfab.optics.pupil.pupil import cut
-from maskfab.pipeline import run
+from maskfab.base.errors import JobError
+from maskfab.base.model import Camera, Die, Opening, Panel, Process, Stop, Tiling
+from maskfab.mask.job import load_job
+from maskfab.mask.writer import Reading
+from maskfab.optics.mtf import area_under_radial_min
+from maskfab.optics.psf import point_psfs
+from maskfab.optics.pupil import cut, panel_aperture
+from maskfab.report.rows.as_written import fused_optics, measure_written
+from maskfab.report.rows.bands import Band, ProcessSpread, _inner, band_quantities, bands
+from maskfab.runs.pipeline import run
 
 LAYOUTS = Path(__file__).parents[2] / "layouts"
 

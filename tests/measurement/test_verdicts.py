@@ -6,9 +6,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from maskfab.display.emitters.placement import Verdict
-from maskfab.measurement.verdicts import Verdicts
-from maskfab.model import Quantity
+from maskfab.base.model import Quantity
+from maskfab.display.emitter_rules import Verdict
+from maskfab.report.rows.verdicts import Verdicts
 
 
 def check(name: str, passed: bool | None = True) -> Quantity:

@@ -10,22 +10,21 @@ import pytest
 from klayout import db
 from sweeps import sweep
 
-from maskfab.errors import JobError
-from maskfab.geometry.plate_layout import clear_shapes, plate_layout
-from maskfab.geometry.stop import edges_in_stop, stop_box
-from maskfab.geometry.writer_model import Reading, written_region
-from maskfab.measurement import as_written as module
-from maskfab.measurement.as_written import Written, measure_written
-from maskfab.measurement.optics import polygon_psf, stop_boundary
-from maskfab.model import Camera, Die, Opening, Panel, Plate, Process, Roughness, Stop, Tiling, Track, orient
-from maskfab.optics.image.lag_table import lag_table
-from maskfab.optics.image.mtf import presampled_mtf
-from maskfab.optics.image.psf import image_scale_um2
-from maskfab.optics.numbers import metrics
-from maskfab.optics.pupil.aperture import panel_aperture
-from maskfab.optics.pupil.pupil import cut
-from maskfab.report.plots import written_figures
-from maskfab.report.plots.written_figures import bitmaps, pictures
+from maskfab.base.errors import JobError
+from maskfab.base.model import Camera, Die, Opening, Panel, Plate, Process, Roughness, Stop, Tiling, Track, orient
+from maskfab.mask.layout import clear_shapes, plate_layout
+from maskfab.mask.writer import Reading, written_region
+from maskfab.optics import metrics
+from maskfab.optics.lags import lag_table
+from maskfab.optics.mtf import presampled_mtf
+from maskfab.optics.psf import image_scale_um2
+from maskfab.optics.pupil import cut, panel_aperture
+from maskfab.optics.stop_edges import edges_in_stop, stop_box
+from maskfab.report.figures import die as written_figures
+from maskfab.report.figures.die import bitmaps, written_pictures
+from maskfab.report.rows import as_written as module
+from maskfab.report.rows.as_written import Written, measure_written
+from maskfab.report.rows.optics import polygon_psf, stop_boundary
 
 CAMERA = Camera(5000.0, Stop("circle", 400.0), (610.0, 530.0, 470.0), 2.0, 128.0)
 LINE = replace(CAMERA, wavelengths_nm=(530.0,), window_um=64.0)
@@ -283,9 +282,9 @@ def test_one_table_of_lags_is_in_memory_and_at_most_one_copy(monkeypatch):
 
 
 def test_figures_show_both_readings_and_are_the_same_twice(written):
-    drawn = pictures(written)
+    drawn = written_pictures(written)
     assert set(drawn) == {"written_corner", "written_psf", "written_mtf"}
-    assert drawn == pictures(written)
+    assert drawn == written_pictures(written)
     assert "fused" in drawn["written_corner"]
     assert all(picture.startswith("<img") for picture in drawn.values())
     assert all(file.startswith(b"\x89PNG") for file in bitmaps(written).values())
@@ -295,7 +294,7 @@ def shown_psfs(written: Written, monkeypatch) -> dict[str, np.ndarray]:
     """What the PSF's figure shows, by title."""
     sheets = []
     monkeypatch.setattr(written_figures, "image", lambda figure, words: sheets.append(figure) or "")
-    pictures(written)
+    written_pictures(written)
     (sheet,) = (figure for figure in sheets if any("intensity" in axes.get_ylabel() for axes in figure.axes))
     return {axes.get_title(): np.asarray(axes.images[0].get_array()) for axes in sheet.axes if axes.get_title()}
 

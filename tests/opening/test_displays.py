@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from small_job import command
 
-from maskfab import job
-from maskfab.cli import _SHAPES
-from maskfab.errors import JobError
-from maskfab.model import Opening, Tiling, orient
-from maskfab.opening import drawn_emitters as given_emitters
-from maskfab.opening import openings
-from maskfab.opening.display_layouts import (
+from maskfab.base.errors import JobError
+from maskfab.base.model import Opening, Tiling, orient
+from maskfab.cli.verbs.shape import SHAPES as _SHAPES
+from maskfab.mask import job, opening_file
+from maskfab.mask import opening as given_emitters
+from maskfab.mask.emitter_layouts import (
     BLUE,
     DISPLAYS,
     GREEN,
@@ -41,7 +40,7 @@ EMITTING = {"rgb-stripe": 0.2857, "pentile-diamond": 0.2472, "delta": 0.2653, "c
 
 
 def shipped(kind: str) -> Opening:
-    return openings.load_opening(LAYOUTS / "openings" / f"{kind.replace('-', '_')}.toml")
+    return opening_file.load_opening(LAYOUTS / "openings" / f"{kind.replace('-', '_')}.toml")
 
 
 def apart(one: NDArray[np.bool_], other: NDArray[np.bool_]) -> int:
@@ -340,7 +339,7 @@ def test_the_verb_names_every_display():
 def test_a_changed_display_claims_no_source(capsys, tmp_path):
     target = tmp_path / "ring.toml"
     assert command(capsys, "shape", "circular", "--length", "diameter=16", "--out", target).code == 0
-    found = openings.load_opening(target)
+    found = opening_file.load_opening(target)
     assert "source" not in found.provenance
     assert found.provenance["judgement"]
     assert found.clear_dots < shipped("circular").clear_dots
@@ -350,7 +349,7 @@ def test_a_changed_display_claims_no_source(capsys, tmp_path):
 def test_the_verb_scales_a_display(capsys, tmp_path):
     target = tmp_path / "large.toml"
     assert command(capsys, "shape", "window", "--pitch", "511 um", "--out", target).code == 0
-    found = openings.load_opening(target)
+    found = opening_file.load_opening(target)
     assert found.dot_nm == 7000
     assert np.array_equal(found.mask, shipped("window").mask)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from maskfab.errors import JobError
-from maskfab.opening.openings import opening_text, parse_opening
+from maskfab.base.errors import JobError
+from maskfab.mask.opening_file import opening_text, parse_opening
 
 TEXT = '''
 name = "small"

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from klayout import db
 
-from maskfab.errors import InputError
-from maskfab.jobfile import check_name
-from maskfab.model import Opening
-from maskfab.opening.openings import dot_of_pitch, load_opening, opening_text, parse_opening
+from maskfab.base.errors import InputError
+from maskfab.base.model import Opening
+from maskfab.job.values import check_name
+from maskfab.mask.opening_file import dot_of_pitch, load_opening, opening_text, parse_opening
 
 ASYMMETRIC = np.array([[1, 1, 0], [0, 0, 0], [0, 0, 1]], dtype=bool)  # row 0 lowest
 DRAWING = "..#\n...\n##.\n"

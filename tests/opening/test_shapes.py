@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maskfab.errors import InputError, OpeningError
-from maskfab.opening.shapes import blobs, diamond_discs, stripe
+from maskfab.base.errors import InputError, OpeningError
+from maskfab.mask.opening import blobs, diamond_discs, stripe
 
 Shape = Callable[[int, int], np.ndarray]
 

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from optics_cases import camera, noise, panel
 
-from maskfab.model import Camera, Panel
-from maskfab.optics.light.response import camera_bands, generic_rgb
-from maskfab.optics.scene.cost import CostModel
-from maskfab.optics.scene.plan import Plan, cost_model, plan
+from maskfab.base.model import Camera, Panel
+from maskfab.optics.response import camera_bands, generic_rgb
+from maskfab.optics.scene.plan import CostModel, Plan, cost_model, plan
 from maskfab.optics.scene.scene import Scene
 
 RGB = tuple(camera_bands(generic_rgb()).values())

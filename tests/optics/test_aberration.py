@@ -12,24 +12,27 @@ from hypothesis import strategies as st
 from numpy.polynomial.legendre import leggauss
 from optics_cases import aberrated, aberrated_psf, camera, noise, panel, pupil
 
-from maskfab.errors import JobError
-from maskfab.model import Stop
-from maskfab.optics.field.parity import parity_field
-from maskfab.optics.image.psf import point_psf
-from maskfab.optics.numbers.metrics import relative_difference
-from maskfab.optics.pupil.pupil import Pupil
-from maskfab.optics.pupil.stop_shape import Waves
-from maskfab.optics.wavefront.aberration import (
+from maskfab.base.errors import JobError
+from maskfab.base.model import Stop
+from maskfab.optics.field.matrix import parity_field
+from maskfab.optics.metrics import relative_difference
+from maskfab.optics.phase import (
     HIGHEST_TERM,
     NOLL,
+    PhasedPupil,
     Wavefront,
     aberration_error,
+    halved,
     marechal_strehl,
     noll_degrees,
+    phased,
+    window_frequency,
     zernike,
 )
-from maskfab.optics.wavefront.mean_over_tilings import mean_psf
-from maskfab.optics.wavefront.phase_field import PhasedPupil, halved, phased, window_frequency
+from maskfab.optics.psf import point_psf
+from maskfab.optics.pupil import Pupil
+from maskfab.optics.stop import Waves
+from maskfab.optics.tilings import mean_psf
 
 LINE = 530.0
 ALL_CLEAR = np.ones((5, 5), dtype=np.bool_)

@@ -13,13 +13,12 @@ from numpy.polynomial.legendre import leggauss
 from optics_cases import camera, noise, panel, pupil
 from sweeps import examples, in_turns, sweep
 
-from maskfab.model import Camera
-from maskfab.optics.field import parity
-from maskfab.optics.image.psf import point_psf
-from maskfab.optics.image.spectrum import Band, Curve, Spectrum, line_spectrum
-from maskfab.optics.light.band_lines import BAND_SAFETY, band_errors, band_lines
-from maskfab.optics.light.response import generic_rgb
-from maskfab.optics.pupil.pupil import Pupil
+from maskfab.base.model import Camera
+from maskfab.optics.field import matrix
+from maskfab.optics.psf import point_psf
+from maskfab.optics.pupil import Pupil
+from maskfab.optics.response import generic_rgb
+from maskfab.optics.spectrum import BAND_SAFETY, Band, Curve, Spectrum, band_errors, band_lines, line_spectrum
 
 
 def curve(name: str, *rows: tuple[float, float]) -> Curve:
@@ -128,13 +127,13 @@ def test_lines_err_no_more_than_foretold_at_any_stop(
 
 def test_the_pupil_is_transformed_once_for_all_lines_of_a_band(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
-    term = parity.WaveProduct.part
+    term = matrix.WaveProduct.part
 
-    def counted(self: parity.WaveProduct, *arguments: object) -> object:
+    def counted(self: matrix.WaveProduct, *arguments: object) -> object:
         calls.append(self)
         return term(self, *arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(parity.WaveProduct, "part", counted)
+    monkeypatch.setattr(matrix.WaveProduct, "part", counted)
     band = BANDS["mercury"]
     setting = camera(400.0, wavelengths=band.range_nm, window_um=96.0)
     source = pupil(panel(noise(7, 0.5, 4), cells=8, seed=1), setting.stop)
@@ -146,13 +145,13 @@ def test_the_pupil_is_transformed_once_for_all_lines_of_a_band(monkeypatch: pyte
 
 def test_more_bands_and_lines_look_at_the_field_no_more_often(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
-    at = parity.SampledField.field
+    at = matrix.SampledField.field
 
-    def counted(self: parity.SampledField, *arguments: object) -> object:
+    def counted(self: matrix.SampledField, *arguments: object) -> object:
         calls.append(self)
         return at(self, *arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(parity.SampledField, "field", counted)
+    monkeypatch.setattr(matrix.SampledField, "field", counted)
     white = Band((FLAT,), "white")
     setting = camera(400.0, wavelengths=(400.0, 700.0), window_um=96.0)
     source = pupil(panel(noise(7, 0.5, 4), cells=8, seed=1), setting.stop)

@@ -8,9 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import jv, spherical_jn
 
-from maskfab.optics.functions.bessel import spherical_bessel, spherical_bessel_bounds
-from maskfab.optics.functions.chebyshev import wave_degree
-from maskfab.optics.functions.legendre import legendre
+from maskfab.optics.polynomials import legendre, spherical_bessel, spherical_bessel_bounds, wave_degree
 
 
 @given(st.floats(1e-9, 300.0), st.integers(1, 64))

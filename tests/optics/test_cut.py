@@ -10,9 +10,8 @@ from numpy.polynomial.legendre import leggauss, legvander
 from optics_cases import noise, panel
 from scipy.special import gamma
 
-from maskfab.model import Stop
-from maskfab.optics.pupil.aperture import panel_aperture
-from maskfab.optics.pupil.pupil import RIM_ORDERS, cut
+from maskfab.base.model import Stop
+from maskfab.optics.pupil import RIM_ORDERS, cut, panel_aperture
 
 
 @pytest.mark.parametrize(("diameter_um", "dot_nm"), [(4000.0, 8000), (90.0, 8000), (31.0, 9000), (700.0, 50_000)])

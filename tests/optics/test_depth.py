@@ -12,12 +12,11 @@ from hypothesis import strategies as st
 from numpy.polynomial.legendre import leggauss
 from optics_cases import camera, defocused_psf, focused_psf, noise, panel, pupil
 
-from maskfab.errors import JobError
-from maskfab.model import Camera, Panel, Stop
-from maskfab.optics.field.parity import direct_field
-from maskfab.optics.image.psf import pixel_margin, pixel_psf, point_psf
-from maskfab.optics.numbers.metrics import relative_difference
-from maskfab.optics.wavefront.depth import (
+from maskfab.base.errors import JobError
+from maskfab.base.model import Camera, Panel, Stop
+from maskfab.optics.field.matrix import direct_field
+from maskfab.optics.metrics import relative_difference
+from maskfab.optics.phase import (
     clear_stop_strehl,
     defocus_error,
     edge_defocus_waves,
@@ -26,7 +25,8 @@ from maskfab.optics.wavefront.depth import (
     scale_error,
     stretch_sensitivity,
 )
-from maskfab.optics.wavefront.mean_over_tilings import mean_psf
+from maskfab.optics.psf import pixel_margin, pixel_psf, point_psf
+from maskfab.optics.tilings import mean_psf
 
 LINE = 530.0
 FOCAL = 10_000.0

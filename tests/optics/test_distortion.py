@@ -11,16 +11,13 @@ from hypothesis import strategies as st
 from optics.scene_cases import DENSE, SPARSE, case
 from optics_cases import noise
 
-from maskfab.errors import JobError
-from maskfab.optics.numbers.metrics import relative_difference
-from maskfab.optics.pupil.aperture import panel_aperture
-from maskfab.optics.pupil.pupil import Pupil, cut
-from maskfab.optics.scene.cost import FINEST, RESAMPLED, resamplings
-from maskfab.optics.scene.distortion import DistortedWindow, Distortion
-from maskfab.optics.scene.plan import plan
-from maskfab.optics.scene.scene import Scene
-from maskfab.optics.scene.scene_psf import full_plan, scene_psf
-from maskfab.optics.wavefront.panel_gap import shifted_psf
+from maskfab.base.errors import JobError
+from maskfab.optics.gap import shifted_psf
+from maskfab.optics.metrics import relative_difference
+from maskfab.optics.pupil import Pupil, cut, panel_aperture
+from maskfab.optics.scene.plan import FINEST, RESAMPLED, plan, resamplings
+from maskfab.optics.scene.point_images import full_plan, scene_psf
+from maskfab.optics.scene.scene import DistortedWindow, Distortion, Scene
 
 LINE = 530.0
 PLACE = (1200.0, 1500.0)

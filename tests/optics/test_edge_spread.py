@@ -10,17 +10,15 @@ import pytest
 from optics_cases import camera, noise, panel, pupil
 from scipy.special import ndtr, sici
 
-from maskfab.errors import InternalError
-from maskfab.model import Camera, Psf
-from maskfab.optics.image.axis_lags import axis_lags
-from maskfab.optics.image.lag_table import lag_table
-from maskfab.optics.image.mtf import longest_lag_um
-from maskfab.optics.image.psf import cutoff, pixel_margin, pixel_psf, point_psfs
-from maskfab.optics.numbers.colour import delta_e_1976, lab_of_linear_srgb
-from maskfab.optics.numbers.edge_spread import EdgeSpread, edge_colour_difference, edge_in_window, edge_spread
-from maskfab.optics.numbers.metrics import colour_quantities
-from maskfab.optics.numbers.psf_metrics import colour_distance
-from maskfab.optics.pupil.pupil import Pupil
+from maskfab.base.errors import InternalError
+from maskfab.base.model import Camera, Psf
+from maskfab.optics.colour import delta_e_1976, lab_of_linear_srgb
+from maskfab.optics.energy import colour_distance
+from maskfab.optics.lags import axis_lags, lag_table
+from maskfab.optics.metrics import colour_quantities
+from maskfab.optics.mtf import EdgeSpread, edge_colour_difference, edge_in_window, edge_spread, longest_lag_um
+from maskfab.optics.psf import cutoff, pixel_margin, pixel_psf, point_psfs
+from maskfab.optics.pupil import Pupil
 
 LINES = (470.0, 530.0, 610.0)
 SPOT = np.pad(np.ones((6, 5), np.bool_), ((1, 2), (1, 3)))

@@ -9,12 +9,12 @@ import pytest
 from numpy.typing import NDArray
 from optics_cases import camera, noise, panel, pupil
 
-from maskfab.errors import InternalError
-from maskfab.model import Opening, Panel, Tiling, orient
-from maskfab.optics.image.lag_table import lag_table
-from maskfab.optics.image.mtf import presampled_mtf
-from maskfab.optics.image.psf import image_scale_um2, point_psf
-from maskfab.optics.wavefront.mean_over_tilings import decorrelation_error, mean_lag_table, mean_psf, phase_error
+from maskfab.base.errors import InternalError
+from maskfab.base.model import Opening, Panel, Tiling, orient
+from maskfab.optics.lags import lag_table
+from maskfab.optics.mtf import presampled_mtf
+from maskfab.optics.psf import image_scale_um2, point_psf
+from maskfab.optics.tilings import decorrelation_error, mean_lag_table, mean_psf, phase_error
 
 LINE = 530.0
 

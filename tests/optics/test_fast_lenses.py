@@ -7,10 +7,10 @@ import json
 import pytest
 from small_job import JOB, LOOK, OPENING, command
 
-from maskfab.errors import JobError
-from maskfab.jobfile import check_lens
-from maskfab.model import Camera, Stop
-from maskfab.optics.numbers.metrics import FASTEST_PARAXIAL, fast_lens
+from maskfab.base.errors import JobError
+from maskfab.base.model import Camera, Stop
+from maskfab.job.read import check_lens
+from maskfab.optics.metrics import FASTEST_PARAXIAL, fast_lens
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words")
 

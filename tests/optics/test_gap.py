@@ -12,36 +12,32 @@ from optics_cases import camera, focused_psf, noise, panel, pupil
 from scipy.special import fresnel
 from sweeps import sweep
 
-from maskfab.errors import JobError
-from maskfab.model import Camera, Panel, Psf, Stop
-from maskfab.optics.field.parity import direct_field, parity_field
-from maskfab.optics.image.psf import point_psf
-from maskfab.optics.numbers.metrics import relative_difference
-from maskfab.optics.pupil.aperture import panel_aperture
-from maskfab.optics.pupil.pupil import cut
-from maskfab.optics.pupil.stop_shape import Waves
-from maskfab.optics.scene.over_field import deblurring_residual, field_places, psf_over_field, residual_blur
-from maskfab.optics.scene.plan import cost_model
-from maskfab.optics.scene.scene import Scene
-from maskfab.optics.wavefront.depth import image_distance_um
-from maskfab.optics.wavefront.gap_estimates import (
+from maskfab.base.errors import JobError
+from maskfab.base.model import Camera, Panel, Psf, Stop
+from maskfab.optics.field.matrix import direct_field, parity_field
+from maskfab.optics.gap import (
+    AXIS,
     common_share,
     gap_error,
-    share_across_gap,
-    shift_error,
-)
-from maskfab.optics.wavefront.mean_over_tilings import mean_psf
-from maskfab.optics.wavefront.panel_gap import (
-    AXIS,
     gap_psf,
     magnified,
     moved_aperture,
     moved_pupil,
+    share_across_gap,
+    shift_error,
     shift_um,
     shifted_psf,
     shifted_pupil,
 )
-from maskfab.optics.wavefront.phase_field import phased, phased_psf, window_frequency
+from maskfab.optics.metrics import relative_difference
+from maskfab.optics.phase import image_distance_um, phased, phased_psf, window_frequency
+from maskfab.optics.psf import point_psf
+from maskfab.optics.pupil import cut, panel_aperture
+from maskfab.optics.scene.plan import cost_model
+from maskfab.optics.scene.point_images import deblurring_residual, field_places, psf_over_field, residual_blur
+from maskfab.optics.scene.scene import Scene
+from maskfab.optics.stop import Waves
+from maskfab.optics.tilings import mean_psf
 
 LINE = 530.0
 

@@ -10,20 +10,18 @@ from numpy.polynomial.legendre import leggauss
 from optics_cases import camera, noise, panel, pupil
 from scipy.special import fresnel
 
-from maskfab.model import Opening, Panel, Stop, Tiling
-from maskfab.optics.image.psf import point_psf
-from maskfab.optics.numbers.metrics import relative_difference
-from maskfab.optics.pupil.aperture import Aperture, panel_aperture
-from maskfab.optics.pupil.pupil import cut
-from maskfab.optics.pupil.stop_shape import edge_points, perimeter_um
-from maskfab.optics.scene.omission_error import estimate
+from maskfab.base.model import Opening, Panel, Stop, Tiling
+from maskfab.mask.panels import hexagonal_sheet
+from maskfab.optics.gap import gap_psf, rim_crowding, shifted_psf
+from maskfab.optics.metrics import relative_difference
+from maskfab.optics.psf import point_psf
+from maskfab.optics.pupil import Aperture, cut, panel_aperture
+from maskfab.optics.scene.omissions import estimate
 from maskfab.optics.scene.plan import cost_model
 from maskfab.optics.scene.scene import Scene
-from maskfab.optics.wavefront.gap_estimates import rim_crowding
-from maskfab.optics.wavefront.mean_over_tilings import layout_psf, mean_psf
-from maskfab.optics.wavefront.panel_gap import gap_psf, shifted_psf
-from maskfab.plate.hexagonal import hexagonal_sheet
-from maskfab.plate.tiling import orientations
+from maskfab.optics.stop import edge_points, perimeter_um
+from maskfab.optics.tiling import orientations
+from maskfab.optics.tilings import layout_psf, mean_psf
 
 LINE = 530.0
 
@@ -244,7 +242,7 @@ def test_openings_beside_the_stop_are_laid_out_once_for_what_moves_or_spreads_on
         asked.append(half_width_um)
         return panel_aperture(design, half_width_um)
 
-    monkeypatch.setattr("maskfab.optics.scene.omission_error.panel_aperture", counted)
+    monkeypatch.setattr("maskfab.optics.scene.omissions.panel_aperture", counted)
     found = cost_model(panel(noise(5, 0.5, 1), cells=60, seed=3), camera(300.0), scene, 0.1).estimates
     assert (len(asked), all(width > 150.0 for width in asked)) == (laid_out, True)
     assert found.crowding >= 1

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.polynomial.legendre import leggauss
 from sweeps import examples
 
-from maskfab.optics.functions.gauss import gauss_rules
+from maskfab.optics.polynomials import gauss_rules
 
 
 @given(st.integers(0, 10_000), st.integers(1, 5), st.floats(0.01, 1.0), st.floats(-10, 10))

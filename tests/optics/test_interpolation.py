@@ -12,12 +12,11 @@ from hypothesis import strategies as st
 from optics_cases import noise, panel, pupil
 from sweeps import examples
 
-from maskfab.model import Stop
-from maskfab.optics.field.interpolation import frequency_nodes
+from maskfab.base.model import Stop
+from maskfab.optics.field.matrix import SampledField, parity_field, prepare
 from maskfab.optics.field.methods import DIRECT, PARITY, FieldPath
-from maskfab.optics.field.parity import SampledField, parity_field, prepare
-from maskfab.optics.field.waves import Precision
-from maskfab.optics.pupil.pupil import Pupil
+from maskfab.optics.field.waves import Precision, frequency_nodes
+from maskfab.optics.pupil import Pupil
 
 
 @examples(60)

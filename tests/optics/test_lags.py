@@ -9,13 +9,12 @@ import pytest
 from klayout import db
 from optics_cases import camera, clear_region, noise, panel, pupil
 
-from maskfab.model import Mtf, Panel, RadialMean, Stop
-from maskfab.optics.image.lag_table import LagTable, lag_table
-from maskfab.optics.image.mtf import RINGS, area_under_radial_min, frequency_at, presampled_mtf
-from maskfab.optics.image.psf import image_scale_um2
-from maskfab.optics.image.rim_parts import RimParts
-from maskfab.optics.pupil.aperture import Aperture, panel_aperture
-from maskfab.optics.pupil.pupil import cut
+from maskfab.base.model import Mtf, Panel, RadialMean, Stop
+from maskfab.optics.lags import LagTable, lag_table
+from maskfab.optics.mtf import RINGS, area_under_radial_min, frequency_at, presampled_mtf
+from maskfab.optics.psf import image_scale_um2
+from maskfab.optics.pupil import Aperture, cut, panel_aperture
+from maskfab.optics.rim import RimParts
 
 STOPS = {
     "circle": Stop("circle", 61.3),

@@ -12,15 +12,13 @@ import pytest
 from optics_cases import clear_region, noise, panel
 from sweeps import in_turns, sweep
 
-from maskfab.cli import run_command_line
-from maskfab.measurement.optics import lit_pupils, measure
-from maskfab.model import UNSTATED, Camera, Die, MaskBlank, Stop
-from maskfab.optics.image.lag_table import lag_table
-from maskfab.optics.image.leak import Leak
-from maskfab.optics.image.psf import point_psf, point_psfs
-from maskfab.optics.pupil.aperture import Aperture, panel_aperture
-from maskfab.optics.pupil.pupil import cut
+from maskfab.base.model import UNSTATED, Camera, Die, MaskBlank, Stop
+from maskfab.cli.app import run_command_line
+from maskfab.optics.lags import lag_table
+from maskfab.optics.psf import Leak, point_psf, point_psfs
+from maskfab.optics.pupil import Aperture, cut, panel_aperture
 from maskfab.optics.scene.model_bar import model_bar
+from maskfab.report.rows.optics import lit_pupils, measure
 
 TOLED = Path(__file__).parents[2] / "layouts" / "openings" / "toled.toml"
 CAMERA = Camera(10_000.0, Stop("circle", 270.0), (530.0,), 4.0, 120.0)

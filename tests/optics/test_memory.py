@@ -11,8 +11,8 @@ import pytest
 from optics_cases import noise, panel, pupil
 from scipy import fft
 
-from maskfab.model import Stop
-from maskfab.optics.image.lag_table import lag_table
+from maskfab.base.model import Stop
+from maskfab.optics.lags import lag_table
 
 
 @pytest.mark.parametrize(("dots", "cells", "gutter_nm"), [(1, 5, 0), (4, 1, 4000), (4, 2, 4000), (3, 6, 2000)])

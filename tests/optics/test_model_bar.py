@@ -10,21 +10,20 @@ import pytest
 from klayout import db
 from optics_cases import clear_region, noise, panel
 
-from maskfab.cli import run_command_line
-from maskfab.geometry.stop import edges_in_stop
-from maskfab.model import UNSTATED, Camera, Glass, MaskBlank, Panel, Stop, Tiling
-from maskfab.opening.openings import load_opening
-from maskfab.optics.field.clear_stop import clear_field
-from maskfab.optics.field.parity import parity_field
-from maskfab.optics.field.polygon_field import boundary
-from maskfab.optics.image.psf import image_scale_um2, odd_samples, point_psf, point_step_um
-from maskfab.optics.numbers.metrics import relative_difference
-from maskfab.optics.pupil.aperture import Aperture, panel_aperture
-from maskfab.optics.pupil.pupil import cut
+from maskfab.base.model import UNSTATED, Camera, Glass, MaskBlank, Panel, Stop, Tiling
+from maskfab.cli.app import run_command_line
+from maskfab.mask.opening_file import load_opening
+from maskfab.optics.field.matrix import parity_field
+from maskfab.optics.field.polygons import boundary
+from maskfab.optics.gap import gap_psf
+from maskfab.optics.metrics import relative_difference
+from maskfab.optics.psf import image_scale_um2, odd_samples, point_psf, point_step_um
+from maskfab.optics.pupil import Aperture, cut, panel_aperture
 from maskfab.optics.scene.model_bar import ASSUMED_BIAS_UM, bar_of_panel, model_bar, scene_bar
 from maskfab.optics.scene.scene import Scene
-from maskfab.optics.wavefront.panel_gap import gap_psf
-from maskfab.plate.tiling import orientations
+from maskfab.optics.stop import clear_field
+from maskfab.optics.stop_edges import edges_in_stop
+from maskfab.optics.tiling import orientations
 
 TOLED = Path(__file__).parents[2] / "layouts" / "openings" / "toled.toml"
 # As fast a lens as the one of the published numbers, with a tenth of its dots.

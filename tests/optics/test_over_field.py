@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from optics_cases import camera, noise, panel, pupil
 
-from maskfab.optics.image.lag_table import lag_table
-from maskfab.optics.image.mtf import presampled_mtf
-from maskfab.optics.image.psf import point_psf
-from maskfab.optics.image.spectrum import pixel_transfer
-from maskfab.optics.scene.over_field import sagittal_cut, tangential_cut, window_modulation
+from maskfab.optics.lags import lag_table
+from maskfab.optics.mtf import presampled_mtf
+from maskfab.optics.psf import point_psf
+from maskfab.optics.scene.point_images import sagittal_cut, tangential_cut, window_modulation
+from maskfab.optics.spectrum import pixel_transfer
 
 
 @given(st.floats(0, 7), st.floats(0.01, 400))

@@ -12,16 +12,23 @@ from numpy.typing import NDArray
 from optics_cases import noise, panel, pupil
 from scipy.special import j1, jv
 
-from maskfab.errors import InternalError
-from maskfab.model import Panel, Stop
-from maskfab.optics.field.cellwise import prepare_cells
-from maskfab.optics.field.interval_nodes import NODE_TOLERANCE, node_count, nodes_for
-from maskfab.optics.field.methods import DIRECT, PARITY, PATHS, PRUNED, STRUCTURE, FieldTask, admissible, field
-from maskfab.optics.field.parity import direct_field, parity_field, prepare
-from maskfab.optics.field.polygon_field import boundary
-from maskfab.optics.field.waves import point_sources, right_half
-from maskfab.optics.pupil.aperture import Lattice, covered_aperture, panel_aperture
-from maskfab.optics.pupil.pupil import Pupil, cut
+from maskfab.base.errors import InternalError
+from maskfab.base.model import Panel, Stop
+from maskfab.optics.field.matrix import direct_field, parity_field, prepare
+from maskfab.optics.field.methods import (
+    DIRECT,
+    PARITY,
+    PATHS,
+    PRUNED,
+    STRUCTURE,
+    FieldTask,
+    admissible,
+    field,
+    prepare_cells,
+)
+from maskfab.optics.field.polygons import boundary
+from maskfab.optics.field.waves import NODE_TOLERANCE, node_count, nodes_for, point_sources, right_half
+from maskfab.optics.pupil import Lattice, Pupil, covered_aperture, cut, panel_aperture
 
 masks = st.builds(noise, dots=st.integers(1, 7), share=st.floats(0.02, 0.98), seed=st.integers(0, 10_000))
 layouts = st.builds(

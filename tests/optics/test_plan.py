@@ -14,25 +14,23 @@ from optics.scene_cases import CASES, RGB, Case, planned, priced
 from optics_cases import aberrated_psf, camera, defocused_psf, focused_psf, noise, panel, pupil
 from sweeps import examples, sweep
 
-from maskfab import resources
-from maskfab.errors import JobError
-from maskfab.model import Camera, Panel, Psf, Stop, Tiling
-from maskfab.opening.openings import load_opening
+from maskfab.base import resources
+from maskfab.base.errors import JobError
+from maskfab.base.model import Camera, Panel, Psf, Stop, Tiling
+from maskfab.mask.opening_file import load_opening
+from maskfab.optics import psf
 from maskfab.optics.field.methods import PATHS, PRUNED, admissible
-from maskfab.optics.image import psf
-from maskfab.optics.image.psf import image_scale_um2, odd_samples, point_psf, point_psfs, point_step_um
-from maskfab.optics.light.band_lines import band_lines
-from maskfab.optics.numbers.metrics import relative_difference
-from maskfab.optics.pupil.aperture import panel_aperture
-from maskfab.optics.pupil.pupil import Pupil
-from maskfab.optics.scene import omission_error
-from maskfab.optics.scene.cost import PHASED, SPECTRUM, Choice, CostModel
-from maskfab.optics.scene.omission_error import PLACES, grey
-from maskfab.optics.scene.plan import Plan, plan
+from maskfab.optics.gap import gap_psf, shifted_psf
+from maskfab.optics.metrics import relative_difference
+from maskfab.optics.psf import image_scale_um2, odd_samples, point_psf, point_psfs, point_step_um
+from maskfab.optics.pupil import Pupil, panel_aperture
+from maskfab.optics.scene import omissions
+from maskfab.optics.scene.omissions import PLACES, grey
+from maskfab.optics.scene.plan import PHASED, SPECTRUM, Choice, CostModel, Plan, plan
+from maskfab.optics.scene.point_images import spectrum_psf
 from maskfab.optics.scene.scene import Scene
-from maskfab.optics.scene.scene_psf import spectrum_psf
-from maskfab.optics.wavefront.panel_gap import gap_psf, shifted_psf
-from maskfab.plate.tiling import orientations
+from maskfab.optics.spectrum import band_lines
+from maskfab.optics.tiling import orientations
 
 LEFT_IN_PART = ("width of the bands", "field between places")
 
@@ -163,7 +161,7 @@ def test_a_scene_that_asks_nothing_of_the_layout_takes_no_mean_over_layouts(
     (each,) = (each for each in CASES if each.name == name)
     expected = planned(each)
     for mean in ("mean_psf", "layout_psf"):
-        monkeypatch.delattr(omission_error, mean)
+        monkeypatch.delattr(omissions, mean)
     found = plan(each.panel, each.camera, each.scene, each.accuracy)
     assert (found.choice, found.price) == (expected.choice, expected.price)
 

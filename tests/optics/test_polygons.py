@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from optics_cases import clear_region, noise, panel
 
-from maskfab.errors import InternalError
-from maskfab.geometry.stop import edges_in_stop
-from maskfab.model import Stop
-from maskfab.optics.field.polygon_field import boundary
+from maskfab.base.errors import InternalError
+from maskfab.base.model import Stop
+from maskfab.optics.field.polygons import boundary
+from maskfab.optics.stop_edges import edges_in_stop
 
 
 def parallelogram(first, second, centre):

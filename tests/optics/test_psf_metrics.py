@@ -13,24 +13,27 @@ from numpy.polynomial.legendre import leggauss
 from optics_cases import camera, noise, panel, pupil
 from scipy.special import j0, j1, sici
 
-from maskfab.errors import InternalError, JobError
-from maskfab.model import Camera, Panel, Psf, Stop
-from maskfab.optics.field.parity import direct_field
-from maskfab.optics.image.psf import cutoff, image_scale_um2, pixel_margin, pixel_psf, point_psf
-from maskfab.optics.numbers.colour import delta_e_1976, lab_of_linear_srgb
-from maskfab.optics.numbers.edge_spread import edge_colour_difference, edge_in_window
-from maskfab.optics.numbers.enclosed_energy import encircled_energy, ensquared_energy, halo_energy
-from maskfab.optics.numbers.metrics import energy_in_window
-from maskfab.optics.numbers.orders import order_efficiencies, order_quantities
-from maskfab.optics.numbers.psf_metrics import (
+from maskfab.base.errors import InternalError, JobError
+from maskfab.base.model import Camera, Panel, Psf, Stop
+from maskfab.optics.colour import delta_e_1976, lab_of_linear_srgb
+from maskfab.optics.energy import (
     brightest_side_lobe,
     colour_distance,
+    encircled_energy,
     energy_normalised_strehl,
+    ensquared_energy,
     first_side_lobe,
+    halo_energy,
+    order_efficiencies,
+    order_quantities,
     peak_to_side_lobe,
     streak_index,
 )
-from maskfab.optics.pupil.pupil import Pupil
+from maskfab.optics.field.matrix import direct_field
+from maskfab.optics.metrics import energy_in_window
+from maskfab.optics.mtf import edge_colour_difference, edge_in_window
+from maskfab.optics.psf import cutoff, image_scale_um2, pixel_margin, pixel_psf, point_psf
+from maskfab.optics.pupil import Pupil
 
 DIAMETER, SCALE = 4000.0, 5300.0
 HIGHEST = DIAMETER / SCALE

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from optics_cases import noise, panel
 
-from maskfab.model import Stop
-from maskfab.optics.field.parity import SampledField, parity_field, prepare
-from maskfab.optics.light.rays import RAYS_ERROR, Rays, beyond
-from maskfab.optics.pupil.aperture import panel_aperture
-from maskfab.optics.pupil.pupil import Pupil, cut
+from maskfab.base.model import Stop
+from maskfab.optics.field.matrix import SampledField, parity_field, prepare
+from maskfab.optics.pupil import Pupil, cut, panel_aperture
+from maskfab.optics.spectrum import RAYS_ERROR, Rays, beyond
 
 HIGHEST = 0.03
 SLOPES = np.array([0.02, 0.3, 0.51, 0.77, 0.99])

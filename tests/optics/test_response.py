@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from maskfab.errors import JobError, SourceError
-from maskfab.jobfile import COLDEST_K, HOTTEST_K
-from maskfab.optics.light.response import GENERIC_RGB, black_body, camera_bands, curves_text, parse_curves, read_curves
+from maskfab.base.errors import JobError, SourceError
+from maskfab.job.values import COLDEST_K, HOTTEST_K
+from maskfab.optics.response import GENERIC_RGB, black_body, camera_bands, curves_text, parse_curves, read_curves
 
 TABLE = "# a camera\nwavelength_nm,a,b\n400,0,1\n500,0,2\n600,1,0\n700,0,0\n800,0,0\n"
 

@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from maskfab.measurement.optics import stop_boundary
-from maskfab.model import Camera, Psf, Roughness, Stop
-from maskfab.optics.image.psf import image_scale_um2
-from maskfab.optics.image.rough_edges import EdgeLengths, halo_um3, rough_psf, scattered_um2
+from maskfab.base.model import Camera, Psf, Roughness, Stop
+from maskfab.optics.psf import EdgeLengths, halo_um3, image_scale_um2, rough_psf, scattered_um2
+from maskfab.report.rows.optics import stop_boundary
 
 CAMERA = Camera(5000.0, Stop("square", 300.0), (530.0,), 2.0, 1200.0)
 ROUGH = Roughness(0.6, 0.8)

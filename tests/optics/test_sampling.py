@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from optics_cases import camera, noise, panel, pupil
 
-from maskfab.errors import InternalError, JobError
-from maskfab.model import Camera, Stop
-from maskfab.optics.field.parity import direct_field
-from maskfab.optics.image.lag_table import lag_table
-from maskfab.optics.image.psf import image_scale_um2
-from maskfab.optics.image.spectrum import line_spectrum, pixel_transfer, polychromatic_otf
-from maskfab.optics.numbers.sampling import aliased_mtf, cy_per_pixel, phase_spread
+from maskfab.base.errors import InternalError, JobError
+from maskfab.base.model import Camera, Stop
+from maskfab.optics.field.matrix import direct_field
+from maskfab.optics.lags import lag_table
+from maskfab.optics.mtf import aliased_mtf, cy_per_pixel, phase_spread
+from maskfab.optics.psf import image_scale_um2
+from maskfab.optics.spectrum import line_spectrum, pixel_transfer, polychromatic_otf
 
 GREEN = line_spectrum([530.0])
 

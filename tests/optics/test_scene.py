@@ -8,12 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sweeps import examples
 
-from maskfab.errors import JobError, MaskfabError
-from maskfab.jobfile import COLDEST_K, HOTTEST_K, SceneSection, parse_section
-from maskfab.model import Camera, Stop
-from maskfab.optics.light.response import black_body, generic_rgb
-from maskfab.optics.scene.distortion import Distortion
-from maskfab.optics.scene.scene import Scene
+from maskfab.base.errors import JobError, MaskfabError
+from maskfab.base.model import Camera, Stop
+from maskfab.job.read import parse_section
+from maskfab.job.sections import SceneSection
+from maskfab.job.values import COLDEST_K, HOTTEST_K
+from maskfab.optics.response import black_body, generic_rgb
+from maskfab.optics.scene.scene import Distortion, Scene
 
 CAMERA = "wavelength_nm,left,right\n400,0,0\n500,1,0\n600,0,1\n700,0,0\n"
 LAMP = "wavelength_nm,lamp\n380,1\n780,3\n"

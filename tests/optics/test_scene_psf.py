@@ -12,22 +12,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from optics.scene_cases import CASES, DENSE, RGB, RING, SLIT, SPARSE, Case, case, planned, priced
 
-from maskfab.errors import InternalError, JobError
-from maskfab.model import Psf
-from maskfab.optics.field.parity import direct_field
-from maskfab.optics.image.psf import odd_samples, point_psf, within
-from maskfab.optics.light.band_lines import band_lines
-from maskfab.optics.numbers.metrics import relative_difference
-from maskfab.optics.pupil.aperture import Aperture, panel_aperture
-from maskfab.optics.pupil.pupil import cut
-from maskfab.optics.scene.cost import PHASED, SPECTRUM, Choice
-from maskfab.optics.scene.omission_error import PLACES, grey
-from maskfab.optics.scene.plan import Plan, sampling_camera
+from maskfab.base.errors import InternalError, JobError
+from maskfab.base.model import Psf
+from maskfab.optics.field.matrix import direct_field
+from maskfab.optics.gap import AXIS, Place, gap_psf, magnified, moved_aperture
+from maskfab.optics.metrics import relative_difference
+from maskfab.optics.phase import defocus_waves, image_distance_um, phased, phased_psf
+from maskfab.optics.psf import odd_samples, point_psf, within
+from maskfab.optics.pupil import Aperture, cut, panel_aperture
+from maskfab.optics.scene.omissions import PLACES, grey
+from maskfab.optics.scene.plan import PHASED, SPECTRUM, Choice, Plan, sampling_camera
+from maskfab.optics.scene.point_images import full_plan, nearest_place, scene_psf, spectrum_psf
 from maskfab.optics.scene.scene import Scene
-from maskfab.optics.scene.scene_psf import full_plan, nearest_place, scene_psf, spectrum_psf
-from maskfab.optics.wavefront.depth import defocus_waves, image_distance_um
-from maskfab.optics.wavefront.panel_gap import AXIS, Place, gap_psf, magnified, moved_aperture
-from maskfab.optics.wavefront.phase_field import phased, phased_psf
+from maskfab.optics.spectrum import band_lines
 
 DEEP = Scene(nearest_um=5e6, farthest_um=1e8, focus_um=2e7)
 LENS = ((7, 0.03), (11, 0.02))

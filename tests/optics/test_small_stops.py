@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from optics_cases import noise, panel
 from sweeps import in_turns, sweep
 
-from maskfab.model import Stop
+from maskfab.base.model import Stop
+from maskfab.optics.field.matrix import rim_orders
 from maskfab.optics.field.methods import PATHS
-from maskfab.optics.field.rim_dots import rim_orders
-from maskfab.optics.pupil.aperture import Aperture, panel_aperture
-from maskfab.optics.pupil.pupil import RIM_ORDERS, cut
+from maskfab.optics.pupil import RIM_ORDERS, Aperture, cut, panel_aperture
 
 Floats = NDArray[np.float64]
 

@@ -10,11 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from optics_cases import camera, noise, panel, pupil
 
-from maskfab.errors import InternalError, JobError, SourceError
-from maskfab.model import Camera, Stop
-from maskfab.optics.image import spectrum as spectrum_module
-from maskfab.optics.image.lag_table import LagTable, lag_table
-from maskfab.optics.image.spectrum import (
+from maskfab.base.errors import InternalError, JobError, SourceError
+from maskfab.base.model import Camera, Stop
+from maskfab.optics import spectrum as spectrum_module
+from maskfab.optics.lags import LagTable, lag_table
+from maskfab.optics.response import GENERIC_RGB, black_body, camera_bands, generic_rgb, read_curves
+from maskfab.optics.spectrum import (
     Band,
     Curve,
     Spectrum,
@@ -24,7 +25,6 @@ from maskfab.optics.image.spectrum import (
     quadrature,
     reach_um,
 )
-from maskfab.optics.light.response import GENERIC_RGB, black_body, camera_bands, generic_rgb, read_curves
 
 FREQUENCY = np.linspace(0.0, 0.25, 60)
 

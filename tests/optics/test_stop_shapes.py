@@ -16,20 +16,19 @@ from scipy.special import j1
 from small_job import write_job
 from sweeps import examples
 
-from maskfab.cli import run_command_line
-from maskfab.errors import JobError
-from maskfab.geometry.stop import edges_in_stop
-from maskfab.jobfile import CameraSection, parse_section
-from maskfab.model import Camera, Stop
-from maskfab.optics.field.parity import parity_field
-from maskfab.optics.field.polygon_field import boundary
-from maskfab.optics.image.lag_table import lag_table
-from maskfab.optics.pupil.aperture import panel_aperture
-from maskfab.optics.pupil.polygon_stop import polygon_cover, polygon_moments
-from maskfab.optics.pupil.pupil import cut
-from maskfab.optics.pupil.stop_shape import inside, perimeter_um, stop_dots, stop_nodes, stop_strehl, widest_um
-from maskfab.optics.wavefront.aberration import Wavefront
-from maskfab.optimiser.relax.tiled_stop import tiled_stop
+from maskfab.base.errors import JobError
+from maskfab.base.model import Camera, Stop
+from maskfab.cli.app import run_command_line
+from maskfab.designs.descent.objective import tiled_stop
+from maskfab.job.read import parse_section
+from maskfab.job.sections import CameraSection
+from maskfab.optics.field.matrix import parity_field
+from maskfab.optics.field.polygons import boundary
+from maskfab.optics.lags import lag_table
+from maskfab.optics.phase import Wavefront
+from maskfab.optics.pupil import cut, panel_aperture, polygon_cover, polygon_moments
+from maskfab.optics.stop import inside, perimeter_um, stop_dots, stop_nodes, stop_strehl, widest_um
+from maskfab.optics.stop_edges import edges_in_stop
 
 HEXAGON = [(110 * np.cos(a), 95 * np.sin(a)) for a in np.pi * (np.arange(6) / 3 + 0.11)]
 ARROW = [(-90.0, -70.5), (10.25, -20.0), (95.0, -88.0), (3.0, 101.0)]

@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 from optics_cases import camera, noise, panel
 
-from maskfab.errors import JobError
-from maskfab.geometry.unit_cell import oriented_track
-from maskfab.model import Panel, Track
-from maskfab.optics.image.psf import point_psf
-from maskfab.optics.pupil.aperture import panel_aperture
-from maskfab.optics.pupil.pupil import cut
-from maskfab.optics.pupil.wire_transmission import veil
+from maskfab.base.errors import JobError
+from maskfab.base.model import Panel, Track
+from maskfab.mask.outlines import oriented_track
+from maskfab.optics.psf import point_psf
+from maskfab.optics.pupil import cut, panel_aperture, veil
 
 
 def _box(x0: int, y0: int, x1: int, y1: int) -> tuple[tuple[int, int], ...]:

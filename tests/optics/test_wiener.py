@@ -8,10 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from optics_cases import camera, noise, panel, pupil
 
-from maskfab.errors import JobError
-from maskfab.optics.image.lag_table import lag_table
-from maskfab.optics.image.spectrum import line_spectrum
-from maskfab.optics.numbers.wiener import (
+from maskfab.base.errors import JobError
+from maskfab.optics.lags import lag_table
+from maskfab.optics.restoration import (
     SensorSquare,
     noise_gain,
     restoration_gain,
@@ -19,6 +18,7 @@ from maskfab.optics.numbers.wiener import (
     wiener_response,
     worst_wiener,
 )
+from maskfab.optics.spectrum import line_spectrum
 
 
 def square(modulation: np.ndarray, uncertainty: float = 1e-15) -> SensorSquare:

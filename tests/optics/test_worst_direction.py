@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from maskfab.model import Mtf, RadialMean
-from maskfab.optics.numbers.worst_direction import worst_directions
+from maskfab.base.model import Mtf, RadialMean
+from maskfab.optics.mtf import worst_directions
 
 
 @pytest.fixture

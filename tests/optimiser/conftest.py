@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from once import leaves
 
-from maskfab.optimiser.model.expected_psnr import Surrogate, surrogate
-from maskfab.optimiser.model.layout_error import PupilError, pupil_error
+from maskfab.designs.model.expected_psnr import Surrogate, surrogate
+from maskfab.designs.model.panel_error import PupilError, pupil_error
 
 
 @pytest.fixture(scope="session")

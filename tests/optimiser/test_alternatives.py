@@ -11,15 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from maskfab.base.arrays import Mask
-from maskfab.model import orient
-from maskfab.optimiser.account import asked_of
-from maskfab.optimiser.model.layout_error import PupilError
-from maskfab.optimiser.model.robustness import Spread, moved_by_bias, robustness
-from maskfab.optimiser.rules.constraints import Constraints
-from maskfab.optimiser.rules.discrete import Ranked, State, anneal, rises
-from maskfab.optimiser.rules.families import FAMILIES
-from maskfab.optimiser.rules.fit_rule import of_display
-from maskfab.optimiser.search.alternatives import WITHIN_DB, alternatives, rim_dots
+from maskfab.base.model import orient
+from maskfab.designs.model.panel_error import PupilError
+from maskfab.designs.model.robustness import Spread, moved_by_bias, robustness
+from maskfab.designs.rules.constraints import Constraints
+from maskfab.designs.rules.display_fit import of_display
+from maskfab.designs.rules.families import FAMILIES
+from maskfab.designs.search.account import WITHIN_DB, alternatives, asked_of, rim_dots
+from maskfab.designs.search.annealing import Ranked, State, anneal, rises
 
 DOTS, CLEAR = 6, 9
 RULES = Constraints(CLEAR, dots=DOTS, kissing="cell")

@@ -7,15 +7,15 @@ import pytest
 import torch
 from sweeps import sweep
 
-from maskfab.camera.transfer import CELLS, lattice, lay, pupil_autocorrelation
-from maskfab.errors import JobError, OpeningError
-from maskfab.model import ORIENTATIONS, orient
-from maskfab.optimiser.bounds.auc_bound import auc_bound, rings
-from maskfab.optimiser.model.interior import unit_modulation
-from maskfab.optimiser.relax.mtf_auc import mtf_auc
-from maskfab.optimiser.relax.recipes import PAPER_CAMERA
-from maskfab.optimiser.relax.tiled_stop import tiled_stop
-from maskfab.optimiser.search.auc_search import DotPairs, Smoothed, best_for_auc
+from maskfab.base.errors import JobError, OpeningError
+from maskfab.base.model import ORIENTATIONS, orient
+from maskfab.camera.lens import CELLS, lattice, lay, pupil_autocorrelation
+from maskfab.designs.bounds.limits import auc_bound, rings
+from maskfab.designs.descent.losses import mtf_auc
+from maskfab.designs.descent.objective import tiled_stop
+from maskfab.designs.descent.schedule import PAPER_CAMERA
+from maskfab.designs.model.expected_psnr import unit_modulation
+from maskfab.designs.search.mtf_exchange import DotPairs, Smoothed, best_for_auc
 
 DOTS, CLEAR = 21, 100
 

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from optics_cases import noise, panel, pupil
 from sweeps import examples
 
-from maskfab.model import Stop, orient
-from maskfab.optics.image.lag_table import lag_table
-from maskfab.optimiser.relax.autocorrelation import Autocorrelation, autocorrelation
+from maskfab.base.model import Stop, orient
+from maskfab.designs.descent.objective import Autocorrelation, autocorrelation
+from maskfab.optics.lags import lag_table
 
 
 def small(dots: int, rows: int, columns: int, reach: int, seed: int) -> tuple[Autocorrelation, np.ndarray, np.ndarray]:

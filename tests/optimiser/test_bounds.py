@@ -14,18 +14,34 @@ from once import leaves
 from scipy.ndimage import gaussian_filter
 from sweeps import examples
 
-from maskfab.camera.transfer import lay, pupil_autocorrelation
-from maskfab.errors import JobError, OpeningError
-from maskfab.optimiser.bounds.auc_bound import auc_bound, rings
-from maskfab.optimiser.bounds.bounds import Bounds, bounds, optimality_gap
-from maskfab.optimiser.bounds.error_bound import block_error, blocks, dual_tables, least_refined, wiener_cost
-from maskfab.optimiser.bounds.every_opening import distinct_openings
-from maskfab.optimiser.bounds.frame_bound import frame_bound, sampled
-from maskfab.optimiser.bounds.map_bound import framed, layout_bound, map_gap
-from maskfab.optimiser.bounds.residue_bound import residue_classes, residue_error, residue_errors, residues
-from maskfab.optimiser.model.expected_psnr import Surrogate, surrogate
-from maskfab.optimiser.model.interior import interior, unit_modulation
-from maskfab.optimiser.model.layout_error import pupil_error
+from maskfab.base.errors import JobError, OpeningError
+from maskfab.camera.lens import lay, pupil_autocorrelation
+from maskfab.designs.bounds.interior import (
+    block_error,
+    blocks,
+    dual_tables,
+    least_refined,
+    residue_classes,
+    residue_error,
+    residue_errors,
+    residues,
+    wiener_cost,
+)
+from maskfab.designs.bounds.limits import (
+    Bounds,
+    auc_bound,
+    bounds,
+    distinct_openings,
+    frame_bound,
+    framed,
+    layout_bound,
+    map_gap,
+    optimality_gap,
+    rings,
+    sampled,
+)
+from maskfab.designs.model.expected_psnr import Surrogate, interior, surrogate, unit_modulation
+from maskfab.designs.model.panel_error import pupil_error
 
 DOTS, CLEAR = 21, 100
 RATIO = CLEAR / DOTS**2

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from maskfab.errors import InputError, OutputError
-from maskfab.files.checkpoint import load_state, save_state
+from maskfab.base.errors import InputError, OutputError
+from maskfab.base.files import load_state, save_state
 
 STATE = {"logits": np.arange(6.0, dtype=np.float32).reshape(2, 3), "notes": np.array(["even start"])}
 

@@ -10,16 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from once import leaves
 
-from maskfab.errors import JobError
-from maskfab.jobfile import SearchSection, parse_section
-from maskfab.model import ORIENTATIONS, orient, side_by_side
-from maskfab.optimiser.maps import cluster
-from maskfab.optimiser.maps.cluster import Arrangement, Groups, clustered, most_dots, shares
-from maskfab.optimiser.maps.orientation_map import LIGHT_TOLERANCE
-from maskfab.optimiser.model.expected_psnr import surrogate
-from maskfab.optimiser.model.layout_error import pupil_error
-from maskfab.optimiser.rules.constraints import Constraints
-from maskfab.optimiser.rules.discrete import ExpectedPsnr
+from maskfab.base.errors import JobError
+from maskfab.base.model import ORIENTATIONS, orient, side_by_side
+from maskfab.designs.maps import light
+from maskfab.designs.maps.light import Arrangement, Groups, clustered, most_dots, shares
+from maskfab.designs.maps.orientation_map import LIGHT_TOLERANCE
+from maskfab.designs.model.expected_psnr import surrogate
+from maskfab.designs.model.panel_error import pupil_error
+from maskfab.designs.rules.constraints import Constraints
+from maskfab.designs.search.annealing import ExpectedPsnr
+from maskfab.job.read import parse_section
+from maskfab.job.sections import SearchSection
 
 DOTS = 7
 RULES = Constraints(12, dots=DOTS, dot_nm=24000)
@@ -52,9 +53,9 @@ def groups():
 @pytest.fixture(scope="module")
 def found(error, groups):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cluster, "_PAIRS", 20)
-        patch.setattr(cluster, "_ARRANGED", 60)
-        patch.setattr(cluster, "_BEST", 30)
+        patch.setattr(light, "_PAIRS", 20)
+        patch.setattr(light, "_ARRANGED", 60)
+        patch.setattr(light, "_BEST", 30)
         return clustered(block(12), error, 18, blocks, groups, constraints=RULES)
 
 
@@ -101,7 +102,7 @@ def test_the_sparser_pixel_takes_no_room_from_the_emitters(found):
 
 def test_units_that_break_a_rule_beside_one_another_are_refused(error, groups, monkeypatch):
     """A whole column at the border beside a corner of another."""
-    monkeypatch.setattr(cluster, "_PAIRS", 20)
+    monkeypatch.setattr(light, "_PAIRS", 20)
     rules = Constraints(12, dots=DOTS, dot_nm=24000, min_space_dots=3)
     with pytest.raises(JobError, match=r"MF123.*18 and 6 clear dots.*min_space_dots"):
         clustered(block(12), error, 18, blocks, groups, constraints=rules)

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from asked_displays import asked_display
 
-from maskfab.drc.raster_rules import corner_touches, smallest_runs
-from maskfab.errors import JobError, OpeningError
-from maskfab.model import ORIENTATIONS, orient
-from maskfab.optimiser.rules.constraints import Constraints
-from maskfab.optimiser.rules.registry import RULES
+from maskfab.base.errors import JobError, OpeningError
+from maskfab.base.model import ORIENTATIONS, orient
+from maskfab.designs.rules.constraints import RULES, Constraints
+from maskfab.mask.dots import corner_touches, smallest_runs
 
 
 def rows(*text):

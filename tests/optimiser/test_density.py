@@ -8,16 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from maskfab.camera.transfer import CELLS, lay
-from maskfab.display.emitters.fit import footprint
+from maskfab.base.errors import JobError
+from maskfab.base.model import ORIENTATIONS, Tiling, orient
+from maskfab.camera.lens import CELLS, lay
+from maskfab.designs.maps.light import central, counts, display_price, graded
+from maskfab.designs.maps.orientation_map import LIGHT_TOLERANCE
+from maskfab.designs.rules.constraints import Constraints
+from maskfab.designs.rules.display_fit import Display
 from maskfab.display.feasibility import DisplayRules
-from maskfab.errors import JobError
-from maskfab.jobfile import EmittersSection, parse_section
-from maskfab.model import ORIENTATIONS, Tiling, orient
-from maskfab.optimiser.maps.density import central, counts, display_price, graded
-from maskfab.optimiser.maps.orientation_map import LIGHT_TOLERANCE
-from maskfab.optimiser.rules.constraints import Constraints
-from maskfab.optimiser.rules.fit_rule import Display
+from maskfab.display.placement import footprint
+from maskfab.job.read import parse_section
+from maskfab.job.sections import EmittersSection
 
 DOTS = 7
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import torch
 
-from maskfab.errors import InputError, InternalError, SourceError
-from maskfab.optimiser.relax.descent import Descent, Outcome, RelaxStep, descend, iterations_within
-from maskfab.optimiser.relax.objective import AreaPenalty, Objective, Weighted
+from maskfab.base.errors import InputError, InternalError, SourceError
+from maskfab.designs.descent.objective import AreaPenalty, Objective, Weighted
+from maskfab.designs.descent.schedule import Descent, Outcome, RelaxStep, descend, iterations_within
 
 DOTS = 6
 HOW = Descent(dots=DOTS, clear_dots=9, iterations=40, seed=3)

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from asked_displays import asked_display
 
-from maskfab.errors import InternalError, JobError, OpeningError
-from maskfab.optimiser.rules.constraints import Constraints
-from maskfab.optimiser.rules.discrete import MOVES, ExpectedPsnr, State, anneal, scan
-from maskfab.optimiser.rules.families import Candidate, bars, discs
-from maskfab.optimiser.rules.fit_rule import of_display
-from maskfab.optimiser.rules.price import prices
+from maskfab.base.errors import InternalError, JobError, OpeningError
+from maskfab.designs.rules.constraints import Constraints
+from maskfab.designs.rules.display_fit import of_display
+from maskfab.designs.rules.families import Candidate, bars, discs
+from maskfab.designs.search.account import prices
+from maskfab.designs.search.annealing import MOVES, ExpectedPsnr, State, anneal, scan
 
 
 def tightness(unit):

@@ -7,10 +7,9 @@ import itertools
 import numpy as np
 import pytest
 
-from maskfab.errors import JobError, OpeningError
-from maskfab.model import orient
-from maskfab.optimiser.rules.families import FAMILIES, bars, crosses, discs, l_shapes, scattered_blobs
-from maskfab.optimiser.rules.orbits import orbits, sums
+from maskfab.base.errors import JobError, OpeningError
+from maskfab.base.model import orient
+from maskfab.designs.rules.families import FAMILIES, bars, crosses, discs, l_shapes, orbits, scattered_blobs, sums
 
 
 @pytest.mark.parametrize("family", FAMILIES.values(), ids=FAMILIES)

@@ -10,24 +10,23 @@ import numpy as np
 import pytest
 from once import leaves
 
-from maskfab.display.emitters.placement import Verdict
+from maskfab.base.errors import JobError
+from maskfab.base.model import ORIENTATIONS, Panel, Tiling
+from maskfab.designs.design import check_possible, design, display_notes, display_of
+from maskfab.designs.rules.constraints import Constraints
+from maskfab.designs.rules.display_fit import Display, fitting_die, of_display
+from maskfab.designs.rules.families import bars
+from maskfab.designs.search.result import constraints_of
+from maskfab.display.emitter_rules import Verdict
 from maskfab.display.feasibility import DisplayRules, Feasibility, feasibility
-from maskfab.display.wires.wiring import wiring
-from maskfab.errors import JobError
-from maskfab.job import load_job
-from maskfab.jobfile import read
-from maskfab.model import ORIENTATIONS, Panel, Tiling
-from maskfab.opening.openings import opening_text
-from maskfab.optimiser.design import check_possible, design, display_notes, display_of
-from maskfab.optimiser.result import constraints_of
-from maskfab.optimiser.rules.constraints import Constraints
-from maskfab.optimiser.rules.die_fit import fitting_die
-from maskfab.optimiser.rules.families import bars
-from maskfab.optimiser.rules.fit_rule import Display, of_display
-from maskfab.plate.maps import CellMap, map_text
-from maskfab.plate.tiling import orientations
-from maskfab.report.design_text import designed_lines
-from maskfab.report.documents.designed_data import designed_document
+from maskfab.display.wiring import wiring
+from maskfab.job import read
+from maskfab.mask.job import load_job
+from maskfab.mask.opening_file import opening_text
+from maskfab.mask.panels import CellMap, map_text
+from maskfab.optics.tiling import orientations
+from maskfab.report.documents.design import designed_document
+from maskfab.report.rows.text import designed_lines
 
 pytestmark = pytest.mark.usefixtures("bound_loosely")
 
@@ -130,7 +129,7 @@ def test_groups_that_cannot_share_so_are_refused_at_once(tmp_path: Path, most: i
 @pytest.mark.slow
 def test_two_openings_and_their_map_fit_the_display_in_the_job_that_holds_them(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("maskfab.camera.scenes.bundled", lambda count=4: (leaves(1),))
-    monkeypatch.setattr("maskfab.optimiser.search.finish._KICKS", 0)
+    monkeypatch.setattr("maskfab.designs.search.finish._KICKS", 0)
     asked = ("fit = true", 'fit = true\nmap = "equal_light"\nshortlist = 1\ndensity = 0.31'), ("lines = 2", "lines = 7")
     path = job_of(tmp_path, *asked, more=DISPLAY.replace('tiling = "random"', 'tiling = "map"\nmap = "small_map.toml"'))
     text = path.read_text().replace("seed = 0", 'seed = 0\nothers = ["small_outer.toml"]')
@@ -325,7 +324,7 @@ def test_a_job_without_a_plate_has_dies_like_those_that_ship_and_one_with_a_plat
 
 def test_a_design_tells_the_die_that_it_fits_and_the_seed_to_state(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("maskfab.camera.scenes.bundled", lambda count=4: (leaves(1),))
-    monkeypatch.setattr("maskfab.optimiser.search.search.fitting_die", lambda *_, **__: fit)
+    monkeypatch.setattr("maskfab.designs.search.method.fitting_die", lambda *_, **__: fit)
     fit = fitting_die(shown(tmp_path), unit(), 8000)
     path = job_of(tmp_path)
     found = design(read(path), "a test", where=str(path))

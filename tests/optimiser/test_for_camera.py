@@ -10,24 +10,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from once import leaves
 
-from maskfab.camera.exposure import Exposure
-from maskfab.camera.photo_camera import F1, PhotoCamera
-from maskfab.camera.photographs import Folder, Photograph
+from maskfab.base.errors import JobError
+from maskfab.base.model import Stop
+from maskfab.camera.lens import F1, PhotoCamera, lattice, lay
 from maskfab.camera.protocol import F1 as PROTOCOL_F1
 from maskfab.camera.protocol import LEVELS, Protocol, evaluate
-from maskfab.camera.sensor import Sensor
-from maskfab.camera.transfer import lattice, lay
-from maskfab.errors import JobError
-from maskfab.jobfile import validate
-from maskfab.jobfile.uses import USES
-from maskfab.model import Stop
-from maskfab.optimiser.design import check_possible, design, notes_of, taking_of
-from maskfab.optimiser.model.expected_psnr import surrogate
-from maskfab.optimiser.model.interior import interior
-from maskfab.optimiser.model.layout_error import pupil_error
-from maskfab.optimiser.model.scene_statistics import SceneStatistics
-from maskfab.optimiser.model.taking import F1_TAKING, PixelNoise, Taking
-from maskfab.optimiser.result import camera_facts
+from maskfab.camera.scenes import Folder, Photograph
+from maskfab.camera.sensor import Exposure, Sensor
+from maskfab.designs.design import check_possible, design, notes_of, taking_of
+from maskfab.designs.model.expected_psnr import interior, surrogate
+from maskfab.designs.model.panel_error import pupil_error
+from maskfab.designs.model.statistics import F1_TAKING, PixelNoise, SceneStatistics, Taking
+from maskfab.designs.search.result import camera_facts
+from maskfab.job.read import validate
+from maskfab.job.reference import USES
 
 OWN = Taking(Protocol("camera", Sensor()))
 PHONE = PhotoCamera(5560.0, Stop("circle", 3475.0), 1.12, (610.0, 530.0, 470.0))
@@ -220,7 +216,7 @@ def test_a_file_says_what_it_was_designed_for_and_of_f1_nothing():
 
 
 def test_a_design_for_the_jobs_camera_names_it_and_its_levels(monkeypatch):
-    monkeypatch.setattr("maskfab.optimiser.design.scene_sets.bundled", lambda *_: (leaves(1),))
+    monkeypatch.setattr("maskfab.designs.design.scene_sets.bundled", lambda *_: (leaves(1),))
     found = design(job(exposure={"snr": [30]}, sensor={"read_noise": 2.0}), "again", where="job")
     assert "read noise 2 electrons; 30 dB; linear light, scored as sRGB" in found.camera
     assert found.levels == (30,)

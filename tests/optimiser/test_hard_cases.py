@@ -18,26 +18,21 @@ import torch
 from asked_displays import asked_display
 from once import leaves
 
-from maskfab.camera.laid_panel import laid_panel
-from maskfab.camera.photographs import Photograph
+from maskfab.base.errors import CATALOGUE, InputError, MaskfabError, OpeningError
+from maskfab.base.model import Camera, Opening, Panel, Stop, Tiling, refined
+from maskfab.camera.lens import MOST_DOTS, laid_panel, lattice, lay, pupil_autocorrelation, transfer_grid
 from maskfab.camera.protocol import evaluate
-from maskfab.camera.transfer import MOST_DOTS, lattice, lay, pupil_autocorrelation, transfer_grid
-from maskfab.errors import CATALOGUE, InputError, MaskfabError, OpeningError
-from maskfab.model import Camera, Opening, Panel, Stop, Tiling, refined
-from maskfab.opening.shapes import diamond_discs
-from maskfab.optimiser.bounds.bounds import bounds
-from maskfab.optimiser.model.expected_psnr import Surrogate, surrogate
-from maskfab.optimiser.relax.descent import Descent, Outcome, descend
-from maskfab.optimiser.relax.expected_error import ExpectedError, expected_error
-from maskfab.optimiser.relax.mtf_auc import mtf_auc
-from maskfab.optimiser.relax.objective import AreaPenalty, Objective, Weighted
-from maskfab.optimiser.relax.tiled_stop import TiledStop, invertibility_of, tiled_stop
-from maskfab.optimiser.relax.top_residual import TopResidual, top_residual
-from maskfab.optimiser.rules.constraints import Constraints
-from maskfab.optimiser.rules.discrete import ExpectedPsnr, State, anneal, scan
-from maskfab.optimiser.rules.families import FAMILIES, Candidate, bars, discs
-from maskfab.optimiser.rules.orbits import orbits
-from maskfab.optimiser.search.auc_search import best_for_auc
+from maskfab.camera.scenes import Photograph
+from maskfab.designs.bounds.limits import bounds
+from maskfab.designs.descent.losses import ExpectedError, TopResidual, expected_error, mtf_auc, top_residual
+from maskfab.designs.descent.objective import AreaPenalty, Objective, TiledStop, Weighted, invertibility_of, tiled_stop
+from maskfab.designs.descent.schedule import Descent, Outcome, descend
+from maskfab.designs.model.expected_psnr import Surrogate, surrogate
+from maskfab.designs.rules.constraints import Constraints
+from maskfab.designs.rules.families import FAMILIES, Candidate, bars, discs, orbits
+from maskfab.designs.search.annealing import ExpectedPsnr, State, anneal, scan
+from maskfab.designs.search.mtf_exchange import best_for_auc
+from maskfab.mask.opening import diamond_discs
 
 SMALL = Camera(1000.0, Stop("circle", 400.0), (610.0, 530.0, 470.0), 2.0, 256.0)
 CELLS = np.random.default_rng(3).integers(8, size=(8, 8)).astype(np.int8)

@@ -8,13 +8,11 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from maskfab.errors import JobError
-from maskfab.model import Camera, Stop, Tiling, orient
-from maskfab.optics.pupil.stop_shape import stop_dots
-from maskfab.optimiser.relax.invertibility import Invertibility
-from maskfab.optimiser.relax.stop_grid import cells_across
-from maskfab.optimiser.relax.tiled_stop import invertibility_of, tiled_stop
-from maskfab.plate.tiling import orientations
+from maskfab.base.errors import JobError
+from maskfab.base.model import Camera, Stop, Tiling, orient
+from maskfab.designs.descent.objective import Invertibility, cells_across, invertibility_of, tiled_stop
+from maskfab.optics.stop import stop_dots
+from maskfab.optics.tiling import orientations
 
 DOTS = 7
 STOP = Stop("circle", 400.0)

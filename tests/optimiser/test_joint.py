@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from maskfab.camera.transfer import CELLS, lay
-from maskfab.errors import JobError
-from maskfab.optimiser.maps.alternate import dot_slopes, joint
-from maskfab.optimiser.maps.orientation_map import LIGHT_TOLERANCE, design_map
-from maskfab.optimiser.model.layout_error import Slope
-from maskfab.optimiser.rules.constraints import Constraints
-from maskfab.plate.maps import shifted
+from maskfab.base.errors import JobError
+from maskfab.camera.lens import CELLS, lay
+from maskfab.designs.maps.alternation import dot_slopes, joint
+from maskfab.designs.maps.orientation_map import LIGHT_TOLERANCE, design_map
+from maskfab.designs.model.panel_error import Slope
+from maskfab.designs.rules.constraints import Constraints
+from maskfab.mask.panels import shifted
 
 DOTS = 7
 BAR = np.zeros((DOTS, DOTS), dtype=np.bool_)

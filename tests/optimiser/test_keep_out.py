@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from maskfab.errors import InputError, JobError
-from maskfab.jobfile import RulesSection, SearchSection
-from maskfab.optimiser.result import constraints_of
+from maskfab.base.errors import InputError, JobError
+from maskfab.designs.search.result import constraints_of
+from maskfab.job.sections import RulesSection, SearchSection
 
 
 def section(keep_out: str) -> SearchSection:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from maskfab.display.wires.gutter import WireRules
-from maskfab.display.wires.panel_cut import panel_cut
-from maskfab.model import Opening, Panel, Tiling
-from maskfab.optimiser.rules.lines_beside import most_beside
+from maskfab.base.model import Opening, Panel, Tiling
+from maskfab.designs.rules.display_fit import most_beside
+from maskfab.display.panel_lines import panel_cut
+from maskfab.display.pixel_lines import WireRules
 
 RULES = WireRules(3000, 4000, 2500)
 

@@ -9,22 +9,34 @@ import pytest
 import torch
 from once import leaves
 
-from maskfab.camera.photographs import Photograph
+from maskfab.base.errors import InputError
+from maskfab.base.model import Camera, Opening, Panel, Stop, Tiling
+from maskfab.camera.lens import lay, transfer_grid
 from maskfab.camera.protocol import EPSILONS
-from maskfab.camera.transfer import lay, transfer_grid
-from maskfab.errors import InputError
-from maskfab.model import Camera, Opening, Panel, Stop, Tiling
-from maskfab.optics.image.lag_table import lag_table
-from maskfab.optics.image.mtf import area_under_radial_min, longest_lag_um, presampled_mtf
-from maskfab.optics.pupil.aperture import panel_aperture
-from maskfab.optics.pupil.pupil import cut
-from maskfab.optimiser.model.expected_psnr import Surrogate, surrogate
-from maskfab.optimiser.relax.autocorrelation import Autocorrelation
-from maskfab.optimiser.relax.expected_error import FEW_EPSILONS, ExpectedError, boundary_leak, expected_error
-from maskfab.optimiser.relax.mtf_auc import MtfAuc, mtf_auc
-from maskfab.optimiser.relax.objective import AreaPenalty, Objective, Weighted
-from maskfab.optimiser.relax.tiled_stop import TiledStop, invertibility_of, tiled_stop
-from maskfab.optimiser.relax.top_residual import TopResidual, top_residual
+from maskfab.camera.scenes import Photograph
+from maskfab.designs.descent.losses import (
+    FEW_EPSILONS,
+    ExpectedError,
+    MtfAuc,
+    TopResidual,
+    boundary_leak,
+    expected_error,
+    mtf_auc,
+    top_residual,
+)
+from maskfab.designs.descent.objective import (
+    AreaPenalty,
+    Autocorrelation,
+    Objective,
+    TiledStop,
+    Weighted,
+    invertibility_of,
+    tiled_stop,
+)
+from maskfab.designs.model.expected_psnr import Surrogate, surrogate
+from maskfab.optics.lags import lag_table
+from maskfab.optics.mtf import area_under_radial_min, longest_lag_um, presampled_mtf
+from maskfab.optics.pupil import cut, panel_aperture
 
 DOTS = 7
 SMALL = Camera(1000.0, Stop("circle", 400.0), (610.0, 530.0, 470.0), 2.0, 256.0)

@@ -7,12 +7,12 @@ import pytest
 import torch
 from once import leaves
 
-from maskfab.camera.transfer import CELLS, lattice, lay, pupil_autocorrelation
-from maskfab.errors import JobError, OpeningError
-from maskfab.model import ORIENTATIONS, orient
-from maskfab.optimiser.maps.orientation_map import LIGHT_TOLERANCE, MapMode, _Search, design_map, require_size
-from maskfab.optimiser.model.expected_psnr import surrogate
-from maskfab.optimiser.model.layout_error import pupil_error
+from maskfab.base.errors import JobError, OpeningError
+from maskfab.base.model import ORIENTATIONS, orient
+from maskfab.camera.lens import CELLS, lattice, lay, pupil_autocorrelation
+from maskfab.designs.maps.orientation_map import LIGHT_TOLERANCE, MapMode, _Search, design_map, require_size
+from maskfab.designs.model.expected_psnr import surrogate
+from maskfab.designs.model.panel_error import pupil_error
 
 DOTS = 7
 

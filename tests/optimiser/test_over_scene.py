@@ -10,32 +10,26 @@ from once import leaves, small_scenes
 from scipy.integrate import quad
 from scipy.stats import spearmanr
 
+from maskfab.base.errors import JobError
+from maskfab.base.model import Camera, Tiling
+from maskfab.base.work import Clock
 from maskfab.camera.die_transfer import die_transfer
-from maskfab.camera.photo_camera import F1
-from maskfab.camera.photographs import Folder
+from maskfab.camera.lens import F1, CellGrid, OpenStop, lattice
 from maskfab.camera.protocol import Protocol, evaluate
+from maskfab.camera.scenes import Folder
 from maskfab.camera.sensor import Sensor
-from maskfab.camera.transfer import CellGrid, OpenStop, lattice
-from maskfab.clock import Clock
-from maskfab.errors import JobError
-from maskfab.jobfile import validate
-from maskfab.jobfile.uses import USES
-from maskfab.model import Camera, Tiling
-from maskfab.opening.openings import opening_text
+from maskfab.designs.design import check_possible, conditions_of, design, notes_of, taking_of
+from maskfab.designs.model.conditions import SceneConditions, cells_across, designed_panel
+from maskfab.designs.model.expected_psnr import surrogate_of
+from maskfab.designs.model.panel_error import OverDistances, PupilError, appraise_over, pupil_error, transfers
+from maskfab.designs.model.statistics import Taking, scene_statistics
+from maskfab.job.read import validate
+from maskfab.job.reference import USES
+from maskfab.mask.opening_file import opening_text
+from maskfab.optics.phase import Wavefront, defocus_waves
 from maskfab.optics.scene.scene import Scene
-from maskfab.optics.wavefront.aberration import Wavefront
-from maskfab.optics.wavefront.depth import defocus_waves
-from maskfab.optimiser.design import check_possible, conditions_of, design, notes_of, taking_of
-from maskfab.optimiser.model.designed_panel import designed_panel
-from maskfab.optimiser.model.expected_psnr import surrogate_of
-from maskfab.optimiser.model.layout_error import PupilError, pupil_error
-from maskfab.optimiser.model.over_distances import OverDistances
-from maskfab.optimiser.model.scene_appraisal import appraise_over, transfers
-from maskfab.optimiser.model.scene_conditions import SceneConditions, cells_across
-from maskfab.optimiser.model.scene_statistics import scene_statistics
-from maskfab.optimiser.model.taking import Taking
-from maskfab.report.design_text import designed_lines
-from maskfab.report.documents.designed_data import designed_document
+from maskfab.report.documents.design import designed_document
+from maskfab.report.rows.text import designed_lines
 
 CAMERA = Camera(F1.focal_um, F1.stop, F1.wavelengths_nm, F1.pixel_um, 256.0)
 TAKING = Taking(Protocol("camera", Sensor()), (32.0,))
@@ -203,7 +197,7 @@ def test_openings_rank_over_a_depth_as_simulated_photographs_do():
 
 @pytest.fixture
 def few(monkeypatch):
-    monkeypatch.setattr("maskfab.optimiser.design.scene_sets.bundled", lambda *_: (leaves(1),))
+    monkeypatch.setattr("maskfab.designs.design.scene_sets.bundled", lambda *_: (leaves(1),))
 
 
 ASKS_FOR_NOTHING = {"depth": ["inf", "inf"], "gap": "0 um", "field": "2 mm", "accuracy": "draft"}

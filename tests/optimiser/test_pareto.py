@@ -10,27 +10,24 @@ from hypothesis import strategies as st
 from once import leaves
 from sweeps import examples
 
-from maskfab.camera.photo_camera import F1
-from maskfab.camera.photographs import Photograph
-from maskfab.camera.transfer import lattice
-from maskfab.display.emitters.emitter_rules import EmitterRules
-from maskfab.display.emitters.placement import Verdict
-from maskfab.errors import MaskfabError
-from maskfab.jobfile import JobSpec, ParetoSection, SearchSection, parse_section, validate
-from maskfab.jobfile.toml import loads
-from maskfab.model import Opening, Tiling
-from maskfab.opening.openings import opening_text, parse_opening
-from maskfab.optimiser.design import display_of, stated_display
-from maskfab.optimiser.model.expected_psnr import surrogate_behind
-from maskfab.optimiser.model.taking import F1_TAKING
-from maskfab.optimiser.pareto.designs import FrontDesign, designs
-from maskfab.optimiser.pareto.front import FrontCurve, JudgedOpening, Pareto, spread
-from maskfab.optimiser.pareto.sweep import lines_of, require_uneven, rules_of, sweep
-from maskfab.optimiser.rules.constraints import Constraints
-from maskfab.optimiser.rules.discrete import ExpectedPsnr
-from maskfab.optimiser.rules.families import bars
-from maskfab.optimiser.rules.fit_rule import Display
-from maskfab.optimiser.rules.footprints import Footprints
+from maskfab.base.errors import MaskfabError
+from maskfab.base.model import Opening, Tiling
+from maskfab.camera.lens import F1, lattice
+from maskfab.camera.scenes import Photograph
+from maskfab.designs.design import display_of, stated_display
+from maskfab.designs.front import FrontCurve, FrontDesign, JudgedOpening, Pareto, designs, spread
+from maskfab.designs.front_search import lines_of, require_uneven, rules_of, sweep
+from maskfab.designs.model.expected_psnr import surrogate_behind
+from maskfab.designs.model.statistics import F1_TAKING
+from maskfab.designs.rules.constraints import Constraints
+from maskfab.designs.rules.display_fit import Display, Footprints
+from maskfab.designs.rules.families import bars
+from maskfab.designs.search.annealing import ExpectedPsnr
+from maskfab.display.emitter_rules import EmitterRules, Verdict
+from maskfab.job.read import parse_section, validate
+from maskfab.job.sections import JobSpec, ParetoSection, SearchSection
+from maskfab.job.toml import loads
+from maskfab.mask.opening_file import opening_text, parse_opening
 
 DOTS, DOT_NM = 8, 21000
 RULES = EmitterRules(DOT_NM, DOT_NM, DOT_NM)
@@ -180,7 +177,7 @@ def uneven(scenes: tuple[Photograph, ...], **more: object) -> tuple[FrontCurve, 
 def test_uneven_light_is_that_of_its_curve_and_fits(
     scenes: tuple[Photograph, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("maskfab.optimiser.maps.density._TRIED", 3)
+    monkeypatch.setattr("maskfab.designs.maps.light._TRIED", 3)
     curve, made = uneven(scenes, density=[0.25, 0.9])
     (denser,) = curve.denser
     assert denser.uneven == (("density", 0.25),)

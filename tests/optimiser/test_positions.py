@@ -7,12 +7,11 @@ import itertools
 import numpy as np
 import pytest
 
-from maskfab.camera.transfer import lay
-from maskfab.errors import JobError, OpeningError
-from maskfab.model import ORIENTATIONS, orient
-from maskfab.optimiser.maps.orientation_map import LIGHT_TOLERANCE, design_map
-from maskfab.optimiser.rules.positions import best_places, places
-from maskfab.plate.maps import shifted
+from maskfab.base.errors import JobError, OpeningError
+from maskfab.base.model import ORIENTATIONS, orient
+from maskfab.camera.lens import lay
+from maskfab.designs.maps.orientation_map import LIGHT_TOLERANCE, best_places, design_map, places
+from maskfab.mask.panels import shifted
 
 DOTS = 7
 BAR = np.zeros((DOTS, DOTS), dtype=np.bool_)

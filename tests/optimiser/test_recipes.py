@@ -10,13 +10,12 @@ import pytest
 import torch
 from once import leaves
 
-from maskfab.camera.photographs import Photograph
-from maskfab.errors import InputError
-from maskfab.model import Stop, Tiling
-from maskfab.optimiser.relax.invertibility import Invertibility
-from maskfab.optimiser.relax.objective import Weighted
-from maskfab.optimiser.relax.recipes import PAPER_CAMERA, Recipe, paper
-from maskfab.optimiser.relax.top_residual import TopResidual
+from maskfab.base.errors import InputError
+from maskfab.base.model import Stop, Tiling
+from maskfab.camera.scenes import Photograph
+from maskfab.designs.descent.losses import TopResidual
+from maskfab.designs.descent.objective import Invertibility, Weighted
+from maskfab.designs.descent.schedule import PAPER_CAMERA, Recipe, paper
 
 SMALL = replace(PAPER_CAMERA, focal_um=1000.0, stop=Stop("circle", 400.0))
 

@@ -9,12 +9,11 @@ import pytest
 from once import leaves
 
 import maskfab as mf
-from maskfab.camera.photo_camera import F1
-from maskfab.camera.transfer import lattice
-from maskfab.errors import JobError, OpeningError
-from maskfab.model import Opening
-from maskfab.optimiser.model.expected_psnr import surrogate_behind
-from maskfab.optimiser.reduction import reduced, reduced_opening
+from maskfab.base.errors import JobError, OpeningError
+from maskfab.base.model import Opening
+from maskfab.camera.lens import F1, lattice
+from maskfab.designs.model.expected_psnr import surrogate_behind
+from maskfab.designs.search.scan import reduced, reduced_opening
 
 UNIT = np.array([[1, 1, 0], [0, 1, 1], [1, 0, 1]], dtype=np.bool_)
 WORTH = np.arange(1.0, 10.0).reshape(3, 3)

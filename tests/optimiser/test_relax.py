@@ -10,18 +10,19 @@ import torch
 from once import leaves
 from sweeps import sweep
 
-from maskfab.camera.photographs import Photograph
-from maskfab.clock import Clock
-from maskfab.errors import MaskfabError
-from maskfab.jobfile import RelaxSection, parse_section
-from maskfab.model import Camera, Stop
-from maskfab.opening.openings import opening_text, parse_opening
-from maskfab.optimiser.model.expected_psnr import Surrogate, surrogate
-from maskfab.optimiser.relax.relax import relax, schedule
-from maskfab.optimiser.result import Designed, constraints_of
-from maskfab.optimiser.rules.families import FAMILIES
-from maskfab.optimiser.rules.repair import nearest
-from maskfab.optimiser.stages import NO_BOUNDS
+from maskfab.base.errors import MaskfabError
+from maskfab.base.model import Camera, Stop
+from maskfab.base.work import Clock
+from maskfab.camera.scenes import Photograph
+from maskfab.designs.descent.method import relax, schedule
+from maskfab.designs.model.expected_psnr import Surrogate, surrogate
+from maskfab.designs.rules.families import FAMILIES
+from maskfab.designs.search.account import NO_BOUNDS
+from maskfab.designs.search.annealing import nearest
+from maskfab.designs.search.result import Designed, constraints_of
+from maskfab.job.read import parse_section
+from maskfab.job.sections import RelaxSection
+from maskfab.mask.opening_file import opening_text, parse_opening
 
 pytestmark = pytest.mark.usefixtures("bound_loosely")
 

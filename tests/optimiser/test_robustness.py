@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy import ndimage, signal
 
-from maskfab.errors import JobError
-from maskfab.jobfile import read
-from maskfab.model import ORIENTATIONS
-from maskfab.optimiser.design import check_possible
-from maskfab.optimiser.model.layout_error import PupilError
-from maskfab.optimiser.model.robustness import EXACT, Spread, biased_table, robustness
+from maskfab.base.errors import JobError
+from maskfab.base.model import ORIENTATIONS
+from maskfab.designs.design import check_possible
+from maskfab.designs.model.panel_error import PupilError
+from maskfab.designs.model.robustness import EXACT, Spread, biased_table, robustness
+from maskfab.job import read
 
 JOB = """
 [design]

@@ -12,23 +12,22 @@ from pydantic import Field
 
 from maskfab.api.verbs.explaining import explain
 from maskfab.base.arrays import Mask
-from maskfab.errors import InputError, JobError
-from maskfab.jobfile import RulesSection, SearchSection, parse_section
-from maskfab.jobfile.reference import keys_of
-from maskfab.model import Opening
-from maskfab.opening.openings import opening_text, parse_opening
-from maskfab.optimiser.maps.alternate import require_places
-from maskfab.optimiser.result import Designed, constraints_of, of_prices
-from maskfab.optimiser.rules import registry
-from maskfab.optimiser.rules.constraints import Constraints
-from maskfab.optimiser.rules.discrete import anneal, scan
-from maskfab.optimiser.rules.families import bars
-from maskfab.optimiser.rules.price import prices
-from maskfab.optimiser.rules.registry import RULES
-from maskfab.optimiser.rules.repair import nearest
-from maskfab.optimiser.rules.rule import Conflict, Rule, price_key, priced_rule
-from maskfab.report.design_text import designed_lines
-from maskfab.report.documents.design_data import Stated, design_document
+from maskfab.base.errors import InputError, JobError
+from maskfab.base.model import Opening
+from maskfab.designs.maps.alternation import require_places
+from maskfab.designs.rules import constraints as registry
+from maskfab.designs.rules.constraints import RULES, Constraints
+from maskfab.designs.rules.families import bars
+from maskfab.designs.rules.rule import Conflict, Rule, price_key, priced_rule
+from maskfab.designs.search.account import prices
+from maskfab.designs.search.annealing import anneal, nearest, scan
+from maskfab.designs.search.result import Designed, constraints_of, of_prices
+from maskfab.job.read import parse_section
+from maskfab.job.reference import keys_of
+from maskfab.job.sections import RulesSection, SearchSection
+from maskfab.mask.opening_file import opening_text, parse_opening
+from maskfab.report.documents.die import Stated, design_document
+from maskfab.report.rows.text import designed_lines
 
 CELL = 3
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from maskfab.camera import scenes
+from maskfab.camera.lens import lattice
 from maskfab.camera.scenes import bundled
-from maskfab.camera.transfer import lattice
-from maskfab.jobfile import SearchSection
-from maskfab.optimiser.model.expected_psnr import surrogate_behind
-from maskfab.optimiser.model.scene_statistics import KEPT, SceneStatistics, scene_statistics
-from maskfab.optimiser.result import run_key
+from maskfab.designs.model.expected_psnr import surrogate_behind
+from maskfab.designs.model.statistics import KEPT, SceneStatistics, scene_statistics
+from maskfab.designs.search.result import run_key
+from maskfab.job.sections import SearchSection
 
 
 def _agrees(count: int, leak_scenes: int) -> None:

@@ -11,29 +11,27 @@ from asked_displays import asked_display
 from once import leaves
 from sweeps import sweep
 
-from maskfab.camera.photographs import Photograph
-from maskfab.camera.transfer import lattice
-from maskfab.clock import Clock
-from maskfab.errors import MaskfabError
-from maskfab.jobfile import SearchSection, parse_section
-from maskfab.opening.openings import opening_text, parse_opening
-from maskfab.optimiser.bounds.auc_bound import auc_bound, rings
-from maskfab.optimiser.maps.orientation_map import MapMode, design_map
-from maskfab.optimiser.model.expected_psnr import surrogate
-from maskfab.optimiser.model.layout_error import pupil_error
-from maskfab.optimiser.result import constraints_of
-from maskfab.optimiser.rules.constraints import Constraints
-from maskfab.optimiser.rules.discrete import ExpectedPsnr, Ranked
-from maskfab.optimiser.rules.families import FAMILIES, Candidate, kind
-from maskfab.optimiser.rules.repair import nearest
-from maskfab.optimiser.search import scan
-from maskfab.optimiser.search import search as searching
-from maskfab.optimiser.search.auc_search import best_for_auc
-from maskfab.optimiser.search.scan import Best, scanned
-from maskfab.optimiser.search.search import search
-from maskfab.optimiser.search.shortlist import different, shortlisted
-from maskfab.plate import maps
-from maskfab.progress import silent
+from maskfab.base.errors import MaskfabError
+from maskfab.base.work import Clock, silent
+from maskfab.camera.lens import lattice
+from maskfab.camera.scenes import Photograph
+from maskfab.designs.bounds.limits import auc_bound, rings
+from maskfab.designs.maps.orientation_map import MapMode, design_map
+from maskfab.designs.model.expected_psnr import surrogate
+from maskfab.designs.model.panel_error import pupil_error
+from maskfab.designs.rules.constraints import Constraints
+from maskfab.designs.rules.families import FAMILIES, Candidate, kind
+from maskfab.designs.search import method as searching
+from maskfab.designs.search import scan
+from maskfab.designs.search.annealing import ExpectedPsnr, Ranked, nearest
+from maskfab.designs.search.method import different, search, shortlisted
+from maskfab.designs.search.mtf_exchange import best_for_auc
+from maskfab.designs.search.result import constraints_of
+from maskfab.designs.search.scan import Best, scanned
+from maskfab.job.read import parse_section
+from maskfab.job.sections import SearchSection
+from maskfab.mask import panels
+from maskfab.mask.opening_file import opening_text, parse_opening
 
 pytestmark = pytest.mark.usefixtures("bound_loosely")
 
@@ -97,7 +95,7 @@ def test_a_map_is_designed_for_the_opening(scenes: tuple[Photograph, ...]) -> No
     assert min(found.designed.gain_db) > 0
     assert abs(found.designed.clear_dots / found.designed.start_clear_dots - 1) < 0.005
     assert len(found.cells.shifts) == 2
-    facts = maps.parse_map(maps.map_text(found.cells)).provenance
+    facts = panels.parse_map(panels.map_text(found.cells)).provenance
     assert facts["mode"] == "equal_light"
     assert facts["gain_db_24"] == pytest.approx(found.designed.gain_db[0], abs=1e-3)
     assert abs(facts["light"]) < 0.005

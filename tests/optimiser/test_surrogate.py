@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from once import leaves
 
-from maskfab.errors import JobError
-from maskfab.optimiser.model.expected_psnr import surrogate
+from maskfab.base.errors import JobError
+from maskfab.designs.model.expected_psnr import surrogate
 
 
 @pytest.fixture(scope="module")

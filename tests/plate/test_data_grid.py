@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from small_job import finished, write_job
 
-from maskfab.errors import JobError, OutputError
-from maskfab.export.cell_polygons import PolygonOptions, draw
-from maskfab.geometry.plate_layout import layer_info
-from maskfab.job import load_job
-from maskfab.mask_shops.adapt import fitted, kept_grid_nm
-from maskfab.mask_shops.profiles import load_shop
-from maskfab.model import CLEAR
-from maskfab.plate.data_grid import snapped
-from maskfab.readers.layout_file import read_layout
+from maskfab.base.errors import JobError, OutputError
+from maskfab.base.model import CLEAR
+from maskfab.mask.figures import PolygonOptions, draw
+from maskfab.mask.formats.reader import read_layout
+from maskfab.mask.houses.adaptation import fitted, kept_grid_nm
+from maskfab.mask.houses.profiles import load_shop
+from maskfab.mask.job import load_job
+from maskfab.mask.layout import layer_info
+from maskfab.mask.plate import snapped
 
 pytestmark = pytest.mark.usefixtures("read_here")
 

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 from small_job import JOB, MASK, OPENING, command
 
-from maskfab.errors import InputError, JobError
-from maskfab.job import load_job
-from maskfab.model import Opening, Tiling
-from maskfab.plate import maps
-from maskfab.plate.maps import CellMap, panel_shape, placed, shifted, shifted_openings
-from maskfab.plate.tiling import orientations
+from maskfab.base.errors import InputError, JobError
+from maskfab.base.model import Opening, Tiling
+from maskfab.mask import panels
+from maskfab.mask.job import load_job
+from maskfab.mask.panels import CellMap, panel_shape, placed, shifted, shifted_openings
+from maskfab.optics.tiling import orientations
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
@@ -31,19 +31,19 @@ EVEN = CellMap("even", np.arange(24).reshape(4, 6) % 8)
 )
 def test_what_is_written_reads_back(cells, author, moved):
     written = CellMap("any", cells, {"author": author, "seed": 3, "share of light": 0.25}, tuple(moved))
-    read = maps.parse_map(maps.map_text(written))
+    read = panels.parse_map(panels.map_text(written))
     assert read.shifts == written.shifts
     assert np.array_equal(read.cells, cells)
     assert (read.name, dict(read.provenance)) == (written.name, dict(written.provenance))
 
 
 def test_the_top_row_is_written_first():
-    assert maps.parse_map(TEXT).cells.tolist() == [[4, 5, 6, 7], [0, 1, 2, 3]]
+    assert panels.parse_map(TEXT).cells.tolist() == [[4, 5, 6, 7], [0, 1, 2, 3]]
 
 
 def test_the_second_drawing_says_which_opening():
     text = TEXT + 'openings = """\n000e\n1000\n"""\n'
-    assert maps.parse_map(text).cells.tolist() == [[12, 5, 6, 7], [0, 1, 2, 115]]
+    assert panels.parse_map(text).cells.tolist() == [[12, 5, 6, 7], [0, 1, 2, 115]]
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_the_second_drawing_says_which_opening():
 )
 def test_a_bad_map_is_told_with_its_place(text, code, place):
     with pytest.raises(JobError, match=code) as told:
-        maps.parse_map(text, "map.toml")
+        panels.parse_map(text, "map.toml")
     assert place in str(told.value)
     assert "map.toml" in str(told.value)
 
@@ -91,7 +91,7 @@ def test_a_file_that_is_no_map_is_told(tmp_path, name, content, code):
     if content is not None:
         (tmp_path / name).write_bytes(content)
     with pytest.raises(InputError, match=code):
-        maps.read_map(tmp_path / name)
+        panels.read_map(tmp_path / name)
 
 
 @pytest.mark.parametrize(("rows", "columns"), [(4, 6), (8, 12), (10, 8)])

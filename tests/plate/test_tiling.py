@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maskfab.errors import JobError
-from maskfab.model import Opening, Panel, Tiling, orient
-from maskfab.plate.hexagonal import hexagonal_sheet
-from maskfab.plate.tiling import FLIPS, PAPER4, blue_noise, orientations
+from maskfab.base.errors import JobError
+from maskfab.base.model import Opening, Panel, Tiling, orient
+from maskfab.mask.panels import hexagonal_sheet
+from maskfab.optics.tiling import FLIPS, PAPER4, blue_noise, orientations
 
 L_SHAPE = np.array([[1, 1, 0], [1, 0, 0], [0, 0, 0]], dtype=bool)
 

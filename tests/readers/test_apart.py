@@ -13,10 +13,10 @@ import copies
 import fuzz_originals
 import pytest
 
-from maskfab.errors import OpeningError, SourceError
-from maskfab.readers.layout_file import read_layout
-from maskfab.readers.sandbox import child_process, limits
-from maskfab.readers.sandbox.child_process import read_apart
+from maskfab.base.errors import OpeningError, SourceError
+from maskfab.mask import limits, sandbox
+from maskfab.mask.formats.reader import read_layout
+from maskfab.mask.sandbox import read_apart
 
 HEAD = """
 import os, signal, sys, time, warnings
@@ -87,7 +87,7 @@ sys.stdout.buffer.write(error_message(OpeningError("MF203", "it is closed", wher
 )
 def test_a_reader_ends_that_takes_more_than_its_share(tmp_path, limits, work, stands):
     code = (
-        "from pathlib import Path; from maskfab.readers.sandbox.limits import limit_share\n"
+        "from pathlib import Path; from maskfab.mask.limits import limit_share\n"
         f"limit_share(Path(sys.argv[1]), {limits})\n{work}"
     )
     if stands:
@@ -143,5 +143,5 @@ def test_a_new_process_reads_and_refuses_as_the_copy_of_this_one_does_in_other_t
 
     copied = told()
     assert isinstance(copied, str) is not whole
-    monkeypatch.setattr(child_process, "subprocess", subprocess)
+    monkeypatch.setattr(sandbox, "subprocess", subprocess)
     assert told() == copied

@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 from klayout import db
 
-from maskfab.errors import SourceError
-from maskfab.geometry.plate_layout import region
-from maskfab.geometry.shape_limits import count_shapes, left_out
-from maskfab.model import CLEAR
-from maskfab.readers import layout_file
-from maskfab.readers.image_mask import read_picture
-from maskfab.readers.layout_file import find_cell, find_layer, read_layout, rounding_nm
-from maskfab.readers.sandbox.limits import children_seconds
+from maskfab.base.errors import SourceError
+from maskfab.base.model import CLEAR
+from maskfab.mask.formats import reader
+from maskfab.mask.formats.picture import read_picture
+from maskfab.mask.formats.reader import find_cell, find_layer, read_layout, rounding_nm
+from maskfab.mask.layout import count_shapes, left_out, region
+from maskfab.mask.limits import children_seconds
 
 SQUARE = [(0, 0), (10, 0), (10, 10), (0, 10)]
 BOW = [(0, 0), (10, 10), (10, 0), (0, 10)]
@@ -118,14 +117,14 @@ def test_a_polygon_that_crosses_itself_is_refused(tmp_path, suffix, points):
 
 def test_a_shape_that_one_reader_leaves_out_is_told(tmp_path, monkeypatch):
     path = library(tmp_path / "x.gds", SQUARE, [(20, 0), (30, 0), (30, 10)])
-    whole = layout_file._Conversion.layout
+    whole = reader._Conversion.layout
 
     def forgetful(self, content):
         content[0]["polygons"]["sizes"] = content[0]["polygons"]["sizes"][:-1]
         content[0]["polygons"]["layers"] = content[0]["polygons"]["layers"][:-1]
         return whole(self, content)
 
-    monkeypatch.setattr(layout_file._Conversion, "layout", forgetful)
+    monkeypatch.setattr(reader._Conversion, "layout", forgetful)
     with pytest.raises(SourceError, match=r"MF316 x\.gds holds 2 shapes for klayout and 1 for gdstk"):
         read_layout(path)
 

@@ -16,12 +16,10 @@ import pytest
 from klayout import db
 from numpy.typing import NDArray
 
-from maskfab.errors import InternalError, OpeningError, SourceError
-from maskfab.readers.sandbox import bounded as sandbox
-from maskfab.readers.sandbox.bounded import bounded, library_errors
-from maskfab.readers.sandbox.child_process import read_apart
-from maskfab.readers.sandbox.limits import allow
-from maskfab.readers.sandbox.messages import answer_message
+from maskfab.base.errors import InternalError, OpeningError, SourceError
+from maskfab.mask import sandbox
+from maskfab.mask.limits import allow
+from maskfab.mask.sandbox import answer_message, bounded, library_errors, read_apart
 
 pytestmark = pytest.mark.skipif(
     "fork" not in multiprocessing.get_all_start_methods(), reason="limits are those of a copied process"
@@ -92,7 +90,7 @@ def test_what_is_allowed_for_honest_work_is_there(file):
 def test_what_a_reader_takes_is_taken_of_the_same_share(file, tmp_path):
     script = tmp_path / "reader.py"
     script.write_text(
-        "import sys, time\nfrom maskfab.readers.sandbox.messages import answer_message\n"
+        "import sys, time\nfrom maskfab.mask.sandbox import answer_message\n"
         "while time.process_time() < 1.05:\n    pass\nsys.stdout.buffer.write(answer_message('read', str))",
         encoding="utf-8",
     )

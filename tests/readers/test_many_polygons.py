@@ -19,12 +19,11 @@ import pytest
 from klayout import db
 from small_job import write_job
 
-from maskfab.errors import SourceError
-from maskfab.geometry import shape_limits
-from maskfab.geometry.plate_layout import region
-from maskfab.geometry.shape_limits import count_shapes
-from maskfab.model import CLEAR
-from maskfab.readers.layout_file import find_layer, read_layout
+from maskfab.base.errors import SourceError
+from maskfab.base.model import CLEAR
+from maskfab.mask import layout as shape_limits
+from maskfab.mask.formats.reader import find_layer, read_layout
+from maskfab.mask.layout import count_shapes, region
 
 FEW, VERY_MANY = 2_000, 240_000
 MEGABYTE = 1_000_000
@@ -169,8 +168,8 @@ def test_more_shapes_than_can_be_worked_with_are_refused_with_value_limit_and_cu
 
 def test_what_is_read_in_parts_is_whole(tmp_path, monkeypatch):
     """However many polygons are turned at once: repeated vertices and empty ones of every part are counted."""
-    from maskfab.geometry.shape_limits import left_out
-    from maskfab.readers import layout_file
+    from maskfab.mask.formats import reader as layout_file
+    from maskfab.mask.layout import left_out
 
     corners = steps(100)
     corners[10, 1] = corners[10, 0]

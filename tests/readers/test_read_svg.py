@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from klayout import db
 
-from maskfab.errors import SourceError
-from maskfab.export.cell_polygons import PolygonOptions, draw
-from maskfab.export.svg import write_svg
-from maskfab.geometry.plate_layout import plate_layout, region
-from maskfab.model import CLEAR
-from maskfab.readers.svg import read_svg
+from maskfab.base.errors import SourceError
+from maskfab.base.model import CLEAR
+from maskfab.mask.figures import PolygonOptions, draw
+from maskfab.mask.formats.svg import read_svg, write_svg
+from maskfab.mask.layout import plate_layout, region
 
 PICTURE = """\
 <?xml version="1.0" encoding="UTF-8"?>

@@ -10,13 +10,13 @@ import pytest
 from klayout import db
 from sweeps import sweep
 
-from maskfab.errors import SourceError
-from maskfab.export.cif import write_cif
-from maskfab.export.dxf import write_dxf
-from maskfab.export.gds import write_gdsii, write_oasis
-from maskfab.geometry.plate_layout import plate_layout, region
-from maskfab.model import CLEAR
-from maskfab.readers.layout_file import find_cell, find_layer, read_layout, rounding_nm
+from maskfab.base.errors import SourceError
+from maskfab.base.model import CLEAR
+from maskfab.mask.formats.cif import write_cif
+from maskfab.mask.formats.dxf import write_dxf
+from maskfab.mask.formats.gdsii import write_gdsii, write_oasis
+from maskfab.mask.formats.reader import find_cell, find_layer, read_layout, rounding_nm
+from maskfab.mask.layout import plate_layout, region
 
 SUFFIXES = ("gds", "oas", "dxf", "cif")
 

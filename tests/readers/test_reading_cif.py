@@ -7,13 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 from klayout import db
 
-from maskfab.errors import SourceError
-from maskfab.export.cif import write_cif
-from maskfab.geometry.plate_layout import region
-from maskfab.geometry.shape_limits import MOST_CELLS
-from maskfab.model import CLEAR
-from maskfab.readers.cif import cif_content
-from maskfab.readers.layout_file import find_layer, read_layout, rounding_nm
+from maskfab.base.errors import SourceError
+from maskfab.base.model import CLEAR
+from maskfab.mask.formats.cif import cif_content, write_cif
+from maskfab.mask.formats.reader import find_layer, read_layout, rounding_nm
+from maskfab.mask.layout import MOST_CELLS, region
 
 SQUARE = "P 0 0 40 0 40 40 0 40"
 HEAD = "DS 1 1 10; 9 TOP; L L1; "

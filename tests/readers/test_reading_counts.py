@@ -7,10 +7,10 @@ import time
 
 import pytest
 
-from maskfab.errors import SourceError
-from maskfab.geometry.shape_limits import MOST_CELLS, MOST_LAYERS
-from maskfab.readers import record_counts
-from maskfab.readers.layout_file import read_layout
+from maskfab.base.errors import SourceError
+from maskfab.mask.formats import gdsii as record_counts
+from maskfab.mask.formats.reader import read_layout
+from maskfab.mask.layout import MOST_CELLS, MOST_LAYERS
 
 
 def record(kind, form, data=b""):

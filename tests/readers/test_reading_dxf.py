@@ -10,11 +10,10 @@ import gdstk
 import pytest
 from klayout import db
 
-from maskfab.errors import JobError, SourceError
-from maskfab.geometry.plate_layout import region
-from maskfab.geometry.shape_limits import count_shapes, count_texts, left_out
-from maskfab.model import CLEAR
-from maskfab.readers.layout_file import drawn_unit_um, find_layer, read_layout, rounding_nm
+from maskfab.base.errors import JobError, SourceError
+from maskfab.base.model import CLEAR
+from maskfab.mask.formats.reader import drawn_unit_um, find_layer, read_layout, rounding_nm
+from maskfab.mask.layout import count_shapes, count_texts, left_out, region
 
 ON_CLEAR = {"layer": "CLEAR"}
 MICROMETRES, MILLIMETRES, INCHES = 13, 4, 1

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from small_job import write_job
 
-from maskfab import pipeline
-from maskfab.errors import SourceError
-from maskfab.geometry.shape_limits import left_out
-from maskfab.readers import gerber, gerber_process
-from maskfab.readers.gerber import read_gerber
-from maskfab.readers.gerber_process import MOST_CURVES, content
+from maskfab.base.errors import SourceError
+from maskfab.mask.formats import gerber, gerber_process
+from maskfab.mask.formats.gerber import read_gerber
+from maskfab.mask.formats.gerber_process import MOST_CURVES, content
+from maskfab.mask.layout import left_out
+from maskfab.runs import pipeline
 
 HEAD = "%FSLAX46Y46*%\n%MOMM*%\n%ADD10C,0.002*%\nG01*\n%LPD*%\n"
 

@@ -6,10 +6,10 @@ import pytest
 from hostile_files import arrayed
 from klayout import db
 
-from maskfab.errors import SourceError
-from maskfab.geometry import shape_limits
-from maskfab.geometry.shape_limits import most_covered, weight
-from maskfab.readers.layout_file import read_layout
+from maskfab.base.errors import SourceError
+from maskfab.mask import layout as shape_limits
+from maskfab.mask.formats.reader import read_layout
+from maskfab.mask.layout import most_covered, weight
 
 pytestmark = pytest.mark.usefixtures("read_here")
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from maskfab.errors import SourceError
-from maskfab.opening.decode import from_image
-from maskfab.readers.image_mask import read_levels
+from maskfab.base.errors import SourceError
+from maskfab.mask.formats.picture import read_levels
+from maskfab.mask.opening import from_image
 
 PIXELS = bytes([255, 0, 0, 255, 255, 0, 0, 0, 255])
 SHORT = 3

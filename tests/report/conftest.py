@@ -8,9 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from maskfab.measurement.scene_result import SceneOptics
-from maskfab.measurement.scene_rows import measure_scene, scene_plan
-from maskfab.model import (
+from maskfab.base.model import (
     CLEAR,
     OUTLINE,
     Camera,
@@ -29,9 +27,10 @@ from maskfab.model import (
     Tiling,
     WrittenFile,
 )
-from maskfab.optics.image.spectrum import Band, Curve
-from maskfab.optics.pupil.aperture import panel_aperture
+from maskfab.optics.pupil import panel_aperture
 from maskfab.optics.scene.scene import Scene
+from maskfab.optics.spectrum import Band, Curve
+from maskfab.report.rows.scene import SceneOptics, measure_scene, scene_plan
 
 MARKUP = "<script>alert('x')</script>"
 

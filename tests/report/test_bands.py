@@ -6,13 +6,12 @@ import pytest
 from report.test_front import A, B, document_of, front_of, taken
 from report.test_report_html import read
 
-from maskfab.measurement.process_spread import ProcessSpread
-from maskfab.model import Process, Quantity
-from maskfab.report.documents.report_data import to_document
-from maskfab.report.page import html
-from maskfab.report.page.bands import edges, ranked, spread_words
-from maskfab.report.page.die_table import die_table
-from maskfab.report.quantity_table import quantity_document
+from maskfab.base.model import Process, Quantity
+from maskfab.report.documents.report import to_document
+from maskfab.report.pages import page
+from maskfab.report.pages.tables import die_table, edges, ranked, spread_words
+from maskfab.report.rows.bands import ProcessSpread
+from maskfab.report.rows.text import quantity_document
 
 
 def band(name: str, low: float, high: float, **places: object) -> dict:
@@ -59,13 +58,13 @@ def test_dies_side_by_side_have_theirs(document):
     assert (best.psnr_made, best.gain_made) == ("30.15–30.25", "+5.12–5.28")
     assert (reference.psnr_made, reference.gain_made) == ("24.90–25.10", "")
     assert best.cells[0].made == "0.226–0.228"
-    assert "30.15–30.25" in html.html_page(document, {})
+    assert "30.15–30.25" in page.html_page(document, {})
 
 
 def test_dies_are_ranked_and_the_most_and_the_least_sensitive_are_named(document):
     found = ranked(document)
     assert [each.name for each in found.dies] == ["PLAIN", "TURNED"]
-    words = " ".join(" ".join(read(html.html_page(document, {})).text).split())
+    words = " ".join(" ".join(read(page.html_page(document, {})).text).split())
     assert "most behind PLAIN (0.00250), least behind TURNED (2.9 × 10⁻⁴)" in words
     assert "restored photographs most behind TURNED (−0.020 dB), least behind PLAIN (+0.009 dB)" in words
 
@@ -75,7 +74,7 @@ def test_without_a_process_one_line_says_so(run):
     assert ranked(document) is None
     assert "dies as drawn: no [process] of the writer" in front_of(document)
     assert "displays made" not in front_of(document)
-    assert 'id="sensitivity"' not in html.html_page(document, {})
+    assert 'id="sensitivity"' not in page.html_page(document, {})
 
 
 def test_the_spread_is_part_of_the_document(run):

@@ -16,14 +16,13 @@ from matplotlib.image import imread
 from report.test_report_html import read
 from sweeps import examples
 
-from maskfab.camera.protocol import Score
-from maskfab.camera.shots import Shot
-from maskfab.job import load_job
-from maskfab.measurement.restored import Restored
-from maskfab.report.documents.design_data import Stated, design_document, stated
-from maskfab.report.documents.report_data import report_text, schema, to_document
-from maskfab.report.page import html
-from maskfab.report.plots import design_figures
+from maskfab.camera.scores import Score, Shot
+from maskfab.mask.job import load_job
+from maskfab.report.documents.die import Stated, design_document, stated
+from maskfab.report.documents.report import report_text, schema, to_document
+from maskfab.report.figures import scene as design_figures
+from maskfab.report.pages import page as html
+from maskfab.report.rows.photographs import Restored
 
 MARKUP = "<script>alert('x')</script>\"&"
 FULL = {
@@ -56,7 +55,7 @@ def restored(scene="leaves1"):
 def page_of(run, said, seen=None):
     document = to_document(run.report, run.plate, run.camera, designs={"TURNED": design_document(said, LEVELS, seen)})
     Draft202012Validator(schema()).validate(json.loads(report_text(document)))
-    pictures = {"TURNED": {} if seen is None else design_figures.pictures(seen)}
+    pictures = {"TURNED": {} if seen is None else design_figures.photograph_pictures(seen)}
     return html.html_page(document, pictures)
 
 
@@ -151,12 +150,12 @@ def test_dies_of_a_job_with_a_designed_opening_or_map_have_one():
 
 
 def test_photographs_are_png_of_the_codes_themselves():
-    drawn = design_figures.pictures(restored())
+    drawn = design_figures.photograph_pictures(restored())
     assert list(drawn) == ["design_24", "design_40"]
-    assert drawn == design_figures.pictures(restored())
+    assert drawn == design_figures.photograph_pictures(restored())
     assert list(design_figures.truth(restored())) == ["front_truth"]
     assert design_figures.front(restored(), 40) == {"front": drawn["design_40"]}
-    assert design_figures.pictures(Restored(())) == {}
+    assert design_figures.photograph_pictures(Restored(())) == {}
 
 
 def test_the_sheet_is_one_png_with_equal_bytes_and_a_column_for_each_die():

@@ -17,8 +17,7 @@ from small_job import command, listing
 
 import maskfab as mf
 from maskfab.camera import scenes
-from maskfab.report.page.design_page import design_page
-from maskfab.report.plots.search_figure import search_drawing, stages
+from maskfab.report.pages.design import design_page, search_drawing, stages
 
 JOB = """
 [design]

@@ -6,15 +6,15 @@ import pytest
 from jsonschema import Draft202012Validator
 from report.test_report_html import read
 
-from maskfab.camera.intervals import MeanDifference
-from maskfab.display.circuit import BY_AREA
-from maskfab.measurement.process_spread import ProcessSpread
-from maskfab.measurement.restored import Photographs, Restored
-from maskfab.model import Process, Roughness
-from maskfab.report.documents.report_data import schema, to_document
-from maskfab.report.page import html
-from maskfab.report.page.die_table import die_table
-from maskfab.report.page.front import Best, assumed, best, crops, stamps
+from maskfab.base.model import Process, Roughness
+from maskfab.camera.scores import MeanDifference
+from maskfab.display.drive import BY_AREA
+from maskfab.report.documents.report import schema, to_document
+from maskfab.report.pages import page as html
+from maskfab.report.pages.front import Best, assumed, best, crops, stamps
+from maskfab.report.pages.tables import die_table
+from maskfab.report.rows.bands import ProcessSpread
+from maskfab.report.rows.photographs import Photographs, Restored
 
 
 def taken(*, reference: str | None = "PLAIN", stated: str | None = None, refused: str = "", **psnr) -> dict:

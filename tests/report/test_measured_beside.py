@@ -10,9 +10,9 @@ from jsonschema import Draft202012Validator
 from once import figures_in_words
 from small_job import command, write_job
 
-from maskfab.errors import SourceError
-from maskfab.job import load_job
-from maskfab.report.documents.measured_data import measured_beside, measured_schema
+from maskfab.base.errors import SourceError
+from maskfab.mask.job import load_job
+from maskfab.report.documents.measured import measured_beside, measured_schema
 
 RINGS = np.linspace(5.0, 245.0, 49)
 MARKUP = "<script>alert('x')</script>"

@@ -7,9 +7,9 @@ import json
 from jsonschema import Draft202012Validator
 from report.test_report_html import read, row
 
-from maskfab.report.documents.report_data import schema, to_document
-from maskfab.report.page import html
-from maskfab.report.page.model_table import model_table
+from maskfab.report.documents.report import schema, to_document
+from maskfab.report.pages import page as html
+from maskfab.report.pages.tables import model_table
 
 
 def test_every_model_has_its_time_and_its_largest_error():

@@ -7,12 +7,11 @@ import json
 import numpy as np
 import pytest
 
-from maskfab.camera.protocol import Score
-from maskfab.camera.shots import Shot
-from maskfab.measurement.restored import Restored
-from maskfab.report.page import differences
-from maskfab.report.plots import design_figures
-from maskfab.verification import _reported
+from maskfab.camera.scores import Score, Shot
+from maskfab.report.figures import scene
+from maskfab.report.pages import page
+from maskfab.report.rows.photographs import Restored
+from maskfab.runs.verification import _reported
 
 RNG = np.random.default_rng(11)
 TRUTH = np.kron(RNG.random((3, 9, 12)), np.ones((16, 16))).astype(np.float32)
@@ -30,14 +29,14 @@ def photographed(
 
 
 def compared(forged: Restored) -> list[str]:
-    pages = [design_figures.truth(each) | design_figures.pictures(each) for each in (forged, photographed())]
+    pages = [scene.truth(each) | scene.photograph_pictures(each) for each in (forged, photographed())]
     then, now = ("<p>photographs</p>".join(each.values()) for each in pages)
-    return list(differences.differences(then, now, {"A": pages[1]}))
+    return list(page.differences(then, now, {"A": pages[1]}))
 
 
 def test_the_same_photograph_in_other_noise_is_told_as_noise():
     assert compared(photographed()) == []
-    assert compared(photographed(seed=2, psnr=22.03)) == [differences.NOISE]
+    assert compared(photographed(seed=2, psnr=22.03)) == [page.NOISE]
 
 
 def other_patch(part: slice) -> np.ndarray:

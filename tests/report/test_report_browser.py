@@ -14,9 +14,10 @@ from browser import installed, printed, seen
 from report.conftest import MARKUP
 from report.test_front import A, B, taken
 
-from maskfab.report.documents.report_data import to_document
-from maskfab.report.page import html
-from maskfab.report.plots import design_figures, die_figures
+from maskfab.report.documents.report import to_document
+from maskfab.report.figures import die
+from maskfab.report.figures import scene as design_figures
+from maskfab.report.pages import page as html
 
 DESK, TELEPHONE = (1280, 900), (390, 844)
 PAPER = (688, 1016)
@@ -51,9 +52,9 @@ def page(run):
     """A report with photographs and a hostile title."""
     report = replace(run.report, title=f"{MARKUP} LONG TITLE OF A PLATE WITH EIGHTY CHARACTERS, FOR A")
     document = to_document(report, run.plate, run.camera, photographs=taken(PLAIN=A, TURNED=B))
-    pictures = die_figures.pictures(run.plate, run.optics, document)
+    pictures = die.pictures(run.plate, run.optics, document)
     scene = np.random.default_rng(1).random((3, 144, 192), dtype=np.float32)
-    pictures[die_figures.PLATE]["front_truth"] = design_figures.tile(scene, "truth")
+    pictures[die.PLATE]["front_truth"] = design_figures.tile(scene, "truth")
     for name in ("PLAIN", "TURNED"):
         pictures[name]["front"] = design_figures.tile(scene, f"through {name}")
     return html.html_page(document, pictures)

@@ -8,9 +8,9 @@ import pytest
 from jsonschema import Draft202012Validator, ValidationError
 
 from maskfab.base import __version__
-from maskfab.errors import InternalError
-from maskfab.model import Quantity, Stop
-from maskfab.report.documents.report_data import report_text, schema, to_document
+from maskfab.base.errors import InternalError
+from maskfab.base.model import Quantity, Stop
+from maskfab.report.documents.report import report_text, schema, to_document
 
 QUANTITY_KEYS = ["name", "symbol", "value", "unit", "uncertainty", "method", "limit", "passed"]
 

@@ -7,13 +7,13 @@ from html.parser import HTMLParser
 
 import pytest
 
-from maskfab.model import UNSTATED, Stop
+from maskfab.base.model import UNSTATED, Stop
 from maskfab.optics.scene.model_bar import bar_of_panel
-from maskfab.report.documents.report_data import to_document
-from maskfab.report.page import html
-from maskfab.report.page.front import shown_count, shown_dies
-from maskfab.report.plots import die_figures
-from maskfab.report.plots.number_text import rounded
+from maskfab.report.documents.report import to_document
+from maskfab.report.figures import die as die_figures
+from maskfab.report.pages import page as html
+from maskfab.report.pages.front import shown_count, shown_dies
+from maskfab.report.rows.text import rounded
 
 MARKUP = "<script>alert('x')</script>"
 

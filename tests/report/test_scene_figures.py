@@ -10,16 +10,16 @@ from xml.etree import ElementTree
 
 import pytest
 
-from maskfab.optics.scene.distortion import Distortion
-from maskfab.report.documents.report_data import to_document
-from maskfab.report.page import html
-from maskfab.report.plots import scene_figures
-from maskfab.report.plots.number_text import rounded
+from maskfab.optics.scene.scene import Distortion
+from maskfab.report.documents.report import to_document
+from maskfab.report.figures import scene
+from maskfab.report.pages import page as html
+from maskfab.report.rows.text import rounded
 
 
 @pytest.fixture(scope="module")
 def drawn(seen):
-    return scene_figures.pictures(seen[0])
+    return scene.pictures(seen[0])
 
 
 def words(image: str) -> list[str]:
@@ -49,14 +49,14 @@ def test_the_depth_names_its_distances_and_the_colours_their_bands(seen, drawn):
 
 
 def test_equal_scenes_give_equal_bytes(seen, drawn):
-    assert scene_figures.pictures(seen[0]) == drawn
-    first, second = (scene_figures.bitmaps(seen[0]) for _ in range(2))
+    assert scene.pictures(seen[0]) == drawn
+    first, second = (scene.bitmaps(seen[0]) for _ in range(2))
     assert first == second
     assert all(image.startswith(b"\x89PNG") for image in first.values())
 
 
 def test_what_was_not_measured_has_no_figure(seen):
-    assert scene_figures.pictures(replace(seen[0], field=(), depth=(), colours=())) == {}
+    assert scene.pictures(replace(seen[0], field=(), depth=(), colours=())) == {}
 
 
 def test_the_page_tells_what_was_asked_for_planned_and_measured(run, seen, drawn):

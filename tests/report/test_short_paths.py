@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sweeps import examples
 
-from maskfab.report.plots.png import few_colours
-from maskfab.report.plots.sheet import short_path
+from maskfab.report.figures.sheet import few_colours, short_path
 
 PLACES = st.integers(-99_999, 99_999).map(lambda n: n / 1000)
 POINTS = st.lists(st.tuples(PLACES, PLACES), min_size=1, max_size=12)

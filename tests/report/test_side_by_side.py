@@ -15,14 +15,13 @@ import pytest
 from small_job import command, finished
 
 import maskfab as mf
-from maskfab.camera.intervals import MeanDifference
-from maskfab.errors import JobError, OutputError
-from maskfab.measurement.restored import middle_level
-from maskfab.model import Quantity
-from maskfab.report.quantity_table import quantity_document
-from maskfab.report.side_by_side.compared import Compared, compare_reports
-from maskfab.report.side_by_side.finished_report import FinishedReport
-from maskfab.report.side_by_side.page import compare_page, compare_text, verdict
+from maskfab.base.errors import JobError, OutputError
+from maskfab.base.model import Quantity
+from maskfab.camera.scores import MeanDifference
+from maskfab.report.pages.compared import Compared, compare_page, compare_reports, compare_text, verdict
+from maskfab.report.pages.finished import FinishedReport
+from maskfab.report.rows.photographs import middle_level
+from maskfab.report.rows.text import quantity_document
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from report.test_report_html import row
 
-from maskfab.report.page.stage_table import stage_table
+from maskfab.report.pages.tables import stage_table
 
 
 def die(*rows: dict) -> dict:

@@ -17,20 +17,15 @@ from klayout import db
 from small_job import DRAWING, command, edited, finished
 
 import maskfab as mf
-from maskfab.drc.results import RuleResult
-from maskfab.errors import OutputError
-from maskfab.export.markers import write_markers
-from maskfab.files.finished import finished as known
-from maskfab.geometry.plate_layout import region
-from maskfab.model import CLEAR
-from maskfab.provenance import sha256_of_file
-from maskfab.readers.layout_file import read_layout
-from maskfab.report.viewer.drawn_cells import drawn_cells
-from maskfab.report.viewer.page import inert_json
-from maskfab.report.viewer.psf_pictures import psf_pictures
-from maskfab.report.viewer.rule_places import rule_places
-from maskfab.report.viewer.shown_run import shown_run
-from maskfab.report.viewer.varints import packed
+from maskfab.base.errors import OutputError
+from maskfab.base.folders import finished as known
+from maskfab.base.model import CLEAR
+from maskfab.base.provenance import sha256_of_file
+from maskfab.mask.formats.reader import read_layout
+from maskfab.mask.layout import region
+from maskfab.mask.plate_rules import write_markers
+from maskfab.mask.rule import RuleResult
+from maskfab.report.pages.viewer import drawn_cells, inert_json, packed, psf_pictures, rule_places, shown_run
 
 HOSTILE = 'A</script><script>alert("x")</script><!-- é'
 

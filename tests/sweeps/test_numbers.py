@@ -10,10 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maskfab.optics.image.mtf import LEVELS
-from maskfab.sweeps.fields import Field, Level, _draws
-from maskfab.sweeps.numbers import Swept, wilson
-from maskfab.sweeps.wanted import WORKS
+from maskfab.optics.mtf import LEVELS
+from maskfab.runs.sweep_numbers import Swept, wilson
+from maskfab.runs.sweep_plan import WORKS, Field, Level, _draws
 
 
 def swept(values, *fields, drawn=False) -> Swept:

@@ -14,15 +14,15 @@ import pytest
 from small_job import command, write_job
 
 import maskfab as mf
-from maskfab import resources
 from maskfab.api.verbs.job_sweeps import Sweep
-from maskfab.errors import JobError, OutputError
-from maskfab.kept.fingerprint import of_installation
-from maskfab.processes import Pair
-from maskfab.sweeps import finding
-from maskfab.sweeps.engines import _same_version, map_cases
-from maskfab.sweeps.plan import MOST_CASES, planned
-from maskfab.sweeps.sweeping import made
+from maskfab.base import resources
+from maskfab.base.errors import JobError, OutputError
+from maskfab.base.processes import Pair
+from maskfab.runs import sweep_cases
+from maskfab.runs.store import of_installation
+from maskfab.runs.sweep import made
+from maskfab.runs.sweep_cases import _same_version, map_cases
+from maskfab.runs.sweep_plan import MOST_CASES, planned
 
 STUDY = """
 [sweep]
@@ -158,7 +158,7 @@ def test_no_case_is_lost_with_a_worker_that_somebody_kills(swept, tmp_path, monk
                 other.kill()
             return self
 
-    monkeypatch.setattr("maskfab.sweeps.engines.Pair", Killed)
+    monkeypatch.setattr("maskfab.runs.sweep_cases.Pair", Killed)
     again = mf.sweep(swept.found.plan.where, tmp_path / "out", workers=2)
     assert again.found.failed == ()
     assert (tmp_path / "out/sweep.json").read_bytes() == (swept.directory / "sweep.json").read_bytes()
@@ -176,16 +176,16 @@ def test_a_cluster_finds_what_one_finds(swept, tmp_path):
 
 def test_a_case_that_breaks_a_task_of_several_fails_alone(tmp_path, monkeypatch):
     distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed (extra cluster)")
-    real = finding.measured
+    real = sweep_cases.measured
 
     def measured(job, wanted):
         if job.spec.written.cd_bias_um > 0:
             raise RuntimeError("broken")
         return real(job, wanted)
 
-    monkeypatch.setattr(finding, "measured", measured)
-    monkeypatch.setattr("maskfab.sweeps.engines._AT_ONCE", 1)
-    monkeypatch.setattr("maskfab.sweeps.engines._TASK_S", 60)
+    monkeypatch.setattr(sweep_cases, "measured", measured)
+    monkeypatch.setattr("maskfab.runs.sweep_cases._AT_ONCE", 1)
+    monkeypatch.setattr("maskfab.runs.sweep_cases._TASK_S", 60)
     study = write_study(tmp_path, ('"open_ratio", "written_open_ratio_fused", "written_min_feature"', '"open_ratio"'))
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
@@ -225,13 +225,13 @@ def test_an_interrupted_sweep_keeps_what_it_has(tmp_path):
 
 
 def test_a_number_that_is_none_fails_its_case(tmp_path, monkeypatch):
-    real = finding.measured
+    real = sweep_cases.measured
 
     def measured(job, wanted):
         process = job.spec.written
         return [replace(each, value=math.nan) if process.cd_bias_um > 0 else each for each in real(job, wanted)]
 
-    monkeypatch.setattr(finding, "measured", measured)
+    monkeypatch.setattr(sweep_cases, "measured", measured)
     study = write_study(tmp_path, ('"open_ratio", "written_open_ratio_fused", "written_min_feature"', '"open_ratio"'))
     found = mf.sweep(study, tmp_path / "out", engine="serial")
     assert [why for _, why in found.found.failed] == ["MF163 open_ratio is not finite"] * 2
@@ -304,7 +304,7 @@ def test_places_and_engines_that_cannot_be_used(tmp_path):
 
 def test_a_scheduler_that_does_not_answer_is_refused_before_any_case(tmp_path, monkeypatch):
     pytest.importorskip("distributed", reason="dask.distributed is not installed (extra cluster)")
-    monkeypatch.setattr("maskfab.sweeps.engines._ANSWERS_WITHIN_S", 0.5)
+    monkeypatch.setattr("maskfab.runs.sweep_cases._ANSWERS_WITHIN_S", 0.5)
     with pytest.raises(JobError, match="MF164"):
         made(planned(write_study(tmp_path)), tmp_path / "out", engine="dask", scheduler="tcp://127.0.0.1:9")
     assert not (tmp_path / "out").exists()

@@ -8,15 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 from maskfab.api.camera import F1, Camera
 from maskfab.api.lengths import Length, length_text, lengths_as_text
-from maskfab.arguments import checked_arguments
-from maskfab.errors import JobError
-from maskfab.jobfile import BlankSection, SceneSection, parse_section
-from maskfab.measurement import analysis
-from maskfab.measurement.analysis import Request, described_scene
-from maskfab.model import Opening, Quantity, Tiling
-from maskfab.progress import Progress, silent
-from maskfab.report.quantity_table import Quantities
-from maskfab.units import parse_length_um, parse_pitch_um
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError
+from maskfab.base.model import Opening, Quantity, Tiling
+from maskfab.base.units import parse_length_um, parse_pitch_um
+from maskfab.base.work import Progress, silent
+from maskfab.job.read import parse_section
+from maskfab.job.sections import BlankSection, SceneSection
+from maskfab.report.rows import analysis
+from maskfab.report.rows.analysis import Request, described_scene
+from maskfab.report.rows.text import Quantities
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -43,7 +44,7 @@ class Analysis(analysis.Analysis):
 
     def picture(self) -> bytes:
         """A PNG: a PSF over an MTF for each wavelength."""
-        from maskfab.report.plots.die_figures import optics
+        from maskfab.report.figures.die import optics
 
         return optics(self.psfs, self.mtfs, self.name)
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from maskfab import resources
-from maskfab.arguments import checked_arguments
-from maskfab.errors import JobError
-from maskfab.files.staging import check_target, staged
+from maskfab.base import resources
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError
+from maskfab.base.folders import check_target, staged
 
 FIRST = "first_plate"
 """Shipped job that one begins with unless another is named."""
@@ -80,15 +80,15 @@ def schema(of: Literal["job", "report", "check"] = "job") -> dict[str, Any]:
         JobError: MF105 for another name.
     """
     if of == "job":
-        from maskfab.jobfile.job_schema import job_schema
+        from maskfab.job.reference import job_schema
 
         return job_schema()
     if of == "report":
-        from maskfab.report.documents.report_data import schema as report_schema
+        from maskfab.report.documents.report import schema as report_schema
 
         return report_schema()
     if of == "check":
-        from maskfab.report.documents.check_data import check_schema
+        from maskfab.report.documents.check import check_schema
 
         return check_schema()
     raise JobError("MF105", f"there is no schema of {of!r}", where="of", cure="Name job, report or check")

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from maskfab.api.jobs import AnyJob, dies_of, job_of
-from maskfab.arguments import checked_arguments
-from maskfab.benchmark import accuracy, accuracy_page
-from maskfab.benchmark.accuracy import Timing
-from maskfab.files.staging import check_target
-from maskfab.jobfile.uses import USES, in_words, unused
-from maskfab.progress import Progress, silent
+from maskfab.base.checks import checked_arguments
+from maskfab.base.folders import check_target
+from maskfab.base.work import Progress, silent
+from maskfab.job.reference import USES, in_words, unused
+from maskfab.optics import benchmark
+from maskfab.optics.benchmark import Timing
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -35,13 +35,13 @@ class Benchmark:
     def to_dict(self) -> dict[str, Any]:
         """Everything that was measured."""
         return {
-            **accuracy_page.race_document(self.timings, self.bound_ms, self.absent),
+            **benchmark.race_document(self.timings, self.bound_ms, self.absent),
             "unused": list(self.unused),
         }
 
     def picture(self) -> bytes:
         """A PNG of error against time."""
-        return accuracy_page.race_figure(self.timings)
+        return benchmark.race_figure(self.timings)
 
     def save(self, out: str | Path) -> list[Path]:
         """Write figure and results into a new directory.
@@ -50,10 +50,10 @@ class Benchmark:
             OutputError: MF401 or MF402 for a place that cannot be written.
         """
         check_target(Path(out), force=False)
-        return accuracy_page.write_accuracy(Path(out), self.to_dict(), self.picture())
+        return benchmark.write_accuracy(Path(out), self.to_dict(), self.picture())
 
     def __str__(self) -> str:
-        return "\n".join([*accuracy_page.race_table(self.timings, self.bound_ms, self.absent), *in_words(self.unused)])
+        return "\n".join([*benchmark.race_table(self.timings, self.bound_ms, self.absent), *in_words(self.unused)])
 
     def _repr_png_(self) -> bytes:
         return self.picture()
@@ -76,12 +76,12 @@ def bench(
     """
     left: tuple[str, ...] = ()
     if job is None:
-        workload = accuracy.standard_workload()
+        workload = benchmark.standard_workload()
     else:
         loaded = job_of(job)
         loaded.check_window()
         left = unused(loaded.spec, *USES["bench"])
         panels = {each.name: each.panel for each in loaded.plate().dies}
-        workload = accuracy.workload_of(panels[dies_of(die, panels)[0]], loaded.camera)
-    timings = accuracy.race(workload, rounds, progress)
-    return Benchmark(timings, accuracy.gemm_bound_ms(workload), accuracy.absent(), left)
+        workload = benchmark.workload_of(panels[dies_of(die, panels)[0]], loaded.camera)
+    timings = benchmark.race(workload, rounds, progress)
+    return Benchmark(timings, benchmark.gemm_bound_ms(workload), benchmark.absent(), left)

@@ -10,14 +10,12 @@ from maskfab.api.camera import Camera
 from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.api.lengths import Length, length_text
 from maskfab.api.stands import way_round
-from maskfab.camera.restorers.restorer import Blur
-from maskfab.capture.restoring.measured_psf import read_psfs
-from maskfab.capture.restoring.standing import StandingBlur
-from maskfab.capture.stands import stand_words
-from maskfab.errors import JobError, SourceError
-from maskfab.jobfile.uses import USES, in_words, unused
-from maskfab.measurement.conditions import Conditions, Surroundings
-from maskfab.units import parse_length_um
+from maskfab.base.errors import JobError, SourceError
+from maskfab.base.units import parse_length_um
+from maskfab.camera.inspection.blur import StandingBlur, read_psfs, stand_words
+from maskfab.camera.record import Blur
+from maskfab.job.reference import USES, in_words, unused
+from maskfab.report.rows.photographs import Conditions, Surroundings
 
 _PIXEL_TOLERANCE = 1e-3
 
@@ -58,7 +56,7 @@ def blurs_of(
     Raises:
         JobError: MF105 for both a job and a PSF or neither, another number of dies, or what goes with a job beside a
             PSF; else as :func:`maskfab.camera.die_transfer.die_transfer`.
-        SourceError: MF352 of another pixel; as :func:`maskfab.capture.restoring.measured_psf.read_psf`.
+        SourceError: MF352 of another pixel; as :func:`maskfab.camera.inspection.blur.read_psf`.
     """
     if (job is None) == (psf is None):
         raise JobError(

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from maskfab.arguments import checked_arguments
 from maskfab.base import __version__
-from maskfab.files.finished import read_manifest
+from maskfab.base.checks import checked_arguments
+from maskfab.base.folders import read_manifest
 
 _PROGRAM = """\
 @software{{maskfab,

@@ -7,16 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from maskfab.arguments import checked_arguments
-from maskfab.errors import JobError
-from maskfab.files.finished import write_mark
-from maskfab.files.staging import check_target, staged
-from maskfab.report.side_by_side.compared import Compared, compare_reports
-from maskfab.report.side_by_side.finished_report import read_reports
-from maskfab.report.side_by_side.page import compare_page, compare_text
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError
+from maskfab.base.folders import check_target, staged, write_mark
+from maskfab.report.pages.compared import Compared, compare_page, compare_reports, compare_text
+from maskfab.report.pages.finished import read_reports
 
 if TYPE_CHECKING:
-    from maskfab.pipeline import Result
+    from maskfab.runs.pipeline import Result
+
 
 PAGE = "compare.html"
 
@@ -84,7 +83,7 @@ def compare(
 def _place(report: object) -> Path:
     if isinstance(report, str | Path):
         return Path(report)
-    from maskfab.pipeline import Result  # which brings along all that runs
+    from maskfab.runs.pipeline import Result  # which brings along all that runs
 
     if not isinstance(report, Result):
         cure = "Give the directory of a finished run, or the result of run()"

@@ -10,29 +10,29 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import BaseModel
 
-from maskfab import provenance
 from maskfab.api.camera import F1, Camera
 from maskfab.api.lengths import Length, length_text, lengths_as_text
 from maskfab.api.opening import Opening
-from maskfab.arguments import checked_arguments
-from maskfab.clock import Clock
-from maskfab.errors import JobError, OutputError
-from maskfab.files.staging import check_file, check_target, write_text
-from maskfab.jobfile import EmittersSection, WiresSection, read, validate
-from maskfab.opening import openings
-from maskfab.optimiser.design import design as design_spec
-from maskfab.optimiser.result import Designed
-from maskfab.optimiser.rules.die_fit import DieFit
-from maskfab.plate import maps
-from maskfab.plate.maps import CellMap
-from maskfab.progress import Progress, silent
-from maskfab.report.design_files import write_design
-from maskfab.report.documents.designed_data import Made, designed_document
-from maskfab.threads import one_thread
-from maskfab.units import parse_time_s
+from maskfab.base import provenance
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError, OutputError
+from maskfab.base.folders import check_file, check_target, write_text
+from maskfab.base.units import parse_time_s
+from maskfab.base.work import Clock, Progress, one_thread, silent
+from maskfab.designs.design import design as design_spec
+from maskfab.designs.rules.display_fit import DieFit
+from maskfab.designs.search.result import Designed
+from maskfab.job import read
+from maskfab.job.read import validate
+from maskfab.job.sections import EmittersSection, WiresSection
+from maskfab.mask import opening_file, panels
+from maskfab.mask.panels import CellMap
+from maskfab.report.documents.design import Made, designed_document
+from maskfab.report.pages.design import write_design
 
 if TYPE_CHECKING:
-    from maskfab.report.plots.sheet import Drawing
+    from maskfab.report.figures.sheet import Drawing
+
 
 _FURTHER = ("light", "plate", "process", "sensor", "exposure", "scene")
 """Sections of a job that a design uses beside those that are arguments."""
@@ -76,11 +76,11 @@ class Design:
 
     def texts(self) -> dict[str, str]:
         """Contents of the files of the opening, and of the outer opening and the map where there are any."""
-        written = {"opening": openings.opening_text(self.found.opening)}
+        written = {"opening": opening_file.opening_text(self.found.opening)}
         if self.found.outer is not None:
-            written["outer"] = openings.opening_text(self.found.outer)
+            written["outer"] = opening_file.opening_text(self.found.outer)
         if self.found.cells is not None:
-            written["map"] = maps.map_text(self.found.cells)
+            written["map"] = panels.map_text(self.found.cells)
         return written
 
     @property

@@ -7,30 +7,28 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, overload
 
-from maskfab import units
 from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.api.lengths import Length, length_text
-from maskfab.arguments import checked_arguments
-from maskfab.display.emitters.fit import LargestGap
-from maskfab.display.feasibility import Feasibility
-from maskfab.display.place import Populated, widest_gaps
-from maskfab.errors import JobError
-from maskfab.eye.display_light import emitters_of, has_emitters
-from maskfab.eye.picture import read_picture
-from maskfab.eye.side_by_side import SeenPanel, judge, target_pictures
-from maskfab.eye.viewing import Viewing
-from maskfab.jobfile.shop_profile import Shop
-from maskfab.jobfile.uses import USES, in_words, unused
-from maskfab.mask_shops.judge import Finding, accepted, answer_of, mail_of
-from maskfab.mask_shops.package_rules import check_package
-from maskfab.mask_shops.profiles import load_shop
-from maskfab.model import Quantity
-from maskfab.pipeline import crew_of
-from maskfab.progress import Progress, silent
-from maskfab.report import display_text, render_files
-from maskfab.report.documents import check_data
-from maskfab.report.quantity_table import Quantities, html_table, table_lines
-from maskfab.threads import one_thread
+from maskfab.base import units
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError
+from maskfab.base.model import Quantity
+from maskfab.base.work import Progress, one_thread, silent
+from maskfab.display.emitted_light import Viewing, emitters_of, has_emitters
+from maskfab.display.eye import SeenPanel, judge, target_pictures
+from maskfab.display.feasibility import Feasibility, Populated, widest_gaps
+from maskfab.display.pictures import read_picture
+from maskfab.display.placement import LargestGap
+from maskfab.job.reference import USES, in_words, unused
+from maskfab.job.shop import Shop
+from maskfab.mask.houses.files import check_package
+from maskfab.mask.houses.findings import Finding, accepted, answer_of, mail_of
+from maskfab.mask.houses.profiles import load_shop
+from maskfab.report.documents import check as check_data
+from maskfab.report.documents import check as display_text
+from maskfab.report.pages import pictures
+from maskfab.report.rows.text import Quantities, html_table, table_lines
+from maskfab.runs.pipeline import crew_of
 
 _RULES = """State the rules of the display maker, such as
 
@@ -209,7 +207,7 @@ class Rendering:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything that was measured."""
-        return render_files.render_document(list(self.panels.values()), self.samples, self.digest, self.unused)
+        return pictures.render_document(list(self.panels.values()), self.samples, self.digest, self.unused)
 
     def save(self, out: str | Path, progress: Progress = silent) -> list[Path]:
         """Write emitted light, the image that the eye sees, a comparison and the results into a new directory.
@@ -218,11 +216,11 @@ class Rendering:
             OutputError: MF401 or MF402 for a place that cannot be written.
         """
         panels = list(self.panels.values())
-        return render_files.write_rendering(Path(out), panels, self.samples, self.digest, progress, self.unused)
+        return pictures.write_rendering(Path(out), panels, self.samples, self.digest, progress, self.unused)
 
     def picture(self) -> bytes:
         """A PNG of the panels side by side."""
-        from maskfab.report.plots.render_figure import comparison
+        from maskfab.report.pages.pictures import comparison
 
         return comparison(list(self.panels.values()))
 

@@ -15,17 +15,17 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_info
 
-from maskfab import provenance
 from maskfab.api.camera import Camera
 from maskfab.api.opening import Opening
 from maskfab.api.panel import Panel
 from maskfab.api.plate import Plate
 from maskfab.api.verbs.plates import verify
-from maskfab.arguments import checked_arguments
-from maskfab.kept.store import VARIABLE, Store
-from maskfab.model import Quantity
-from maskfab.progress import Progress, silent
-from maskfab.report.quantity_table import Quantities
+from maskfab.base import provenance
+from maskfab.base.checks import checked_arguments
+from maskfab.base.model import Quantity
+from maskfab.base.work import Progress, silent
+from maskfab.report.rows.text import Quantities
+from maskfab.runs.store import VARIABLE, Store
 
 _OPTIONAL = {
     "pandas": ("tables for to_dataframe()", "pandas"),

@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from maskfab import error_codes
-from maskfab.arguments import checked_arguments
-from maskfab.errors import CATALOGUE
+from maskfab.base import resources
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import CATALOGUE
 
 _WIDTH = 100
 _CODE = re.compile(r"(?i)\s*(mf.?\d|\d)")
@@ -52,18 +52,18 @@ def explain(code: str | None = None) -> Answer:
         JobError: MF105 for what is neither.
     """
     if code is None:
-        groups = error_codes.grouped()
+        groups = resources.grouped()
         lists = ("\n".join([heading, *(f"  {e}  {CATALOGUE[e]}" for e in codes)]) for heading, codes in groups.items())
         return Answer("\n\n".join(lists), {h: {e: CATALOGUE[e] for e in codes} for h, codes in groups.items()})
     if not _CODE.match(code):
         return _of_keys(code)
-    found = error_codes.explained(code)
+    found = resources.explained(code)
     parts = _parts(("Example", found.example), ("Usual cause", found.cause), ("Cure", found.cure))
     return Answer(f"{found.code}  {found.meaning}\n\n{parts}", asdict(found))
 
 
 def _of_keys(path: str) -> Answer:
-    from maskfab.jobfile.reference import keys_of
+    from maskfab.job.reference import keys_of
 
     keys = keys_of(path, or_word=True)
     document = {"keys": [asdict(key) for key in keys]}
@@ -83,7 +83,7 @@ def _of_keys(path: str) -> Answer:
 
 def _refused_if() -> dict[str, tuple[tuple[str, str]]]:
     """By the keys of design rules, when a design is refused for them before it is searched for."""
-    from maskfab.optimiser.rules.registry import RULES
+    from maskfab.designs.rules.constraints import RULES
 
     return {rule.where: (("Refused if", rule.refused_if),) for rule in RULES if rule.refused_if}
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from maskfab import dry_run
 from maskfab.api.jobs import AnyJob, job_of
-from maskfab.arguments import checked_arguments
-from maskfab.dry_run import Forecast
-from maskfab.kept.store import Store
+from maskfab.base.checks import checked_arguments
+from maskfab.runs import forecast as dry_run
+from maskfab.runs.forecast import Forecast
+from maskfab.runs.store import Store
 
 if TYPE_CHECKING:
     from maskfab.api.camera import Camera

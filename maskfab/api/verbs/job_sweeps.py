@@ -6,18 +6,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from maskfab.arguments import checked_arguments
-from maskfab.jobfile.uses import in_words
-from maskfab.progress import Progress, silent
-from maskfab.report.sweep_files import rows_of, sweep_document, write_sweep
-from maskfab.sweeps import sweeping
-from maskfab.sweeps.numbers import Sensitivity, Swept, Yield
-from maskfab.sweeps.plan import planned
+from maskfab.base.checks import checked_arguments
+from maskfab.base.work import Progress, silent
+from maskfab.job.reference import in_words
+from maskfab.runs import sweep as sweeping
+from maskfab.runs.sweep import rows_of, sweep_document, write_sweep
+from maskfab.runs.sweep_numbers import Sensitivity, Swept, Yield
+from maskfab.runs.sweep_plan import planned
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-    from maskfab.sweeps.engines import Engine
+    from maskfab.runs.sweep_cases import Engine
+
 
 _MOST_LINES = 12
 
@@ -59,7 +60,7 @@ class Sweep:
         Raises:
             OutputError: MF431 without pandas.
         """
-        from maskfab.report.quantity_table import dataframe
+        from maskfab.report.rows.text import dataframe
 
         return dataframe(list(rows_of(self.found)))
 

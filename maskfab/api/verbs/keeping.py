@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from maskfab.arguments import checked_arguments
-from maskfab.errors import JobError
-from maskfab.kept.store import VARIABLE, Entry, Store
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError
+from maskfab.runs.store import VARIABLE, Entry, Store
 
 _UNITS = {"kB": 1e3, "MB": 1e6, "GB": 1e9}
 _DAY_S = 86400

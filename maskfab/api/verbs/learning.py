@@ -11,21 +11,21 @@ from typing import TYPE_CHECKING, Any
 from maskfab.api.camera import Camera
 from maskfab.api.folders import given_folder
 from maskfab.api.jobs import AnyJob, dies_of, job_of
-from maskfab.arguments import checked_arguments
-from maskfab.camera.design import Design
-from maskfab.camera.photo_camera import camera_line
-from maskfab.camera.photographs import Folder
-from maskfab.clock import Clock
-from maskfab.errors import JobError
-from maskfab.files.staging import check_file
-from maskfab.job import Job
-from maskfab.jobfile.uses import USES, in_words, unused
-from maskfab.measurement.conditions import Conditions, Surroundings
-from maskfab.progress import Progress, silent
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError
+from maskfab.base.folders import check_file
+from maskfab.base.work import Clock, Progress, silent
+from maskfab.camera.imaging import Design
+from maskfab.camera.lens import camera_line
+from maskfab.camera.scenes import Folder
+from maskfab.job.reference import USES, in_words, unused
+from maskfab.mask.job import Job
+from maskfab.report.rows.photographs import Conditions, Surroundings
 
 if TYPE_CHECKING:
-    from maskfab.camera.learning.checkpoint import Checkpoint, Trade
-    from maskfab.camera.restorers.learned import Learned
+    from maskfab.camera.learning import Checkpoint, Trade
+    from maskfab.camera.network import Learned
+
 
 LEARNED = "learned"
 """Name of the restorer that a checkpoint holds."""
@@ -62,7 +62,7 @@ class Learning:
         }
 
     def __str__(self) -> str:
-        from maskfab.camera.learning.run import told
+        from maskfab.camera.learning import told
 
         found = self.checkpoint
         rows = [f"{each['minutes']:6.1f} min: {told(each)}" for each in found.history]
@@ -113,9 +113,7 @@ def learn(
         OutputError: MF401 where ``out`` cannot be written.
     """
     clock = Clock(60 * minutes, refuses=True)
-    from maskfab.camera.learning.checkpoint import Checkpoint
-    from maskfab.camera.learning.run import Run
-    from maskfab.camera.learning.training import Course, device_of
+    from maskfab.camera.learning import Checkpoint, Course, Run, device_of
 
     if not (math.isfinite(minutes) and minutes > 0):
         raise JobError("MF105", f"{minutes:g} minutes train nothing", where="minutes", cure="Give a number above 0")
@@ -158,7 +156,7 @@ def read_checkpoints(paths: Sequence[str | Path]) -> list[tuple[Path, Checkpoint
     if not paths:
         return []
     # torch takes a second to load.
-    from maskfab.camera.learning.checkpoint import Checkpoint
+    from maskfab.camera.learning import Checkpoint
 
     return [(Path(path), Checkpoint.read(Path(path))) for path in paths]
 
@@ -174,7 +172,7 @@ def learned_restorers(
     if not trained:
         return {}
     # torch takes a second to load, and a fifth of a gigabyte.
-    from maskfab.camera.learning.checkpoint import another
+    from maskfab.camera.learning import another
 
     names = [design.name for design in designs]
     by_die: dict[str, tuple[Path, Checkpoint]] = {}
@@ -202,7 +200,7 @@ def learned_restorers(
 
 def trade_of(job: Job, asked: Conditions, design: Design, images: tuple[str, ...] = ()) -> Trade:
     """Everything that photographs of a die depend on, by which checkpoints are told apart."""
-    from maskfab.camera.learning.checkpoint import Trade, probe
+    from maskfab.camera.learning import Trade, probe
 
     light = "linear light" if asked.protocol.linear else "code values taken for light"
     if asked.protocol.brackets:

@@ -9,31 +9,29 @@ from typing import TYPE_CHECKING, Any
 
 from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.api.lengths import Wavelength, wavelength_text
-from maskfab.arguments import checked_arguments
-from maskfab.camera.stated_light import stated_sensor
-from maskfab.capture.frames import Frame
-from maskfab.capture.gain import Gain, photon_transfer
-from maskfab.capture.light import light_place
-from maskfab.capture.measured import Measured, light_of, measured
-from maskfab.capture.merge import merged
-from maskfab.capture.promise import Promise
-from maskfab.capture.reading import read_frames
-from maskfab.capture.taken import window_middle
-from maskfab.errors import JobError
-from maskfab.files.staging import check_target
-from maskfab.job import Job
-from maskfab.jobfile.uses import USES, Keys, in_words, unused
-from maskfab.mask_shops.profiles import shop_of
-from maskfab.measurement.view import sees_mirrored
-from maskfab.model import Quantity
-from maskfab.progress import Progress, silent
-from maskfab.report.capture_files import capture_document, write_capture
-from maskfab.report.quantity_table import Quantities
-from maskfab.threads import one_thread
-from maskfab.units import parse_time_s, parse_wavelength_nm
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError
+from maskfab.base.folders import check_target
+from maskfab.base.model import Quantity
+from maskfab.base.units import parse_time_s, parse_wavelength_nm
+from maskfab.base.work import Progress, one_thread, silent
+from maskfab.camera.capture.files import read_frames
+from maskfab.camera.capture.frames import Frame
+from maskfab.camera.capture.merge import merged
+from maskfab.camera.capture.stack import Gain, light_place, photon_transfer
+from maskfab.camera.inspection.fit import window_middle
+from maskfab.camera.inspection.verdict import Measured, Promise, light_of, measured
+from maskfab.camera.protocol import stated_sensor
+from maskfab.job.reference import USES, Keys, in_words, unused
+from maskfab.mask.houses.profiles import shop_of
+from maskfab.mask.job import Job
+from maskfab.report.pages.measured import capture_document, captured_drawing, write_capture
+from maskfab.report.rows.optics import sees_mirrored
+from maskfab.report.rows.text import Quantities
 
 if TYPE_CHECKING:
-    from maskfab.report.plots.sheet import Drawing
+    from maskfab.report.figures.sheet import Drawing
+
 
 _LEAST_WINDOW, _MOST_WINDOW = 32, 400
 
@@ -74,7 +72,6 @@ class Measurement:
 
     def plot(self) -> Drawing:
         """Captured, expected, and their difference."""
-        from maskfab.report.plots.capture_figures import captured_drawing
 
         return captured_drawing(self.found)
 

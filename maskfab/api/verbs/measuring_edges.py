@@ -13,32 +13,35 @@ from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.api.lengths import Length, Wavelength, length_text, wavelength_text
 from maskfab.api.stands import way_round
 from maskfab.api.verbs.measuring import light_words, unused_notes
-from maskfab.arguments import checked_arguments
-from maskfab.capture.designed_edge import Light
-from maskfab.capture.edge_regions import NARROWEST_PX, Region
-from maskfab.capture.edge_verdict import edge_verdict
-from maskfab.capture.frame_edges import frame_edges
-from maskfab.capture.measured import seen_light
-from maskfab.capture.measured_edges import EdgeDesign, MeasuredEdges, compared_curve
-from maskfab.capture.mtf_file import read_mtf
-from maskfab.capture.reading import read_frame
-from maskfab.capture.stands import stand_named, stand_words
-from maskfab.errors import JobError
-from maskfab.files.staging import check_target
-from maskfab.job import Job
-from maskfab.jobfile.uses import USES, in_words, unused
-from maskfab.measurement.view import sees_mirrored
-from maskfab.model import Panel
-from maskfab.provenance import sha256_of_file
-from maskfab.report.documents.edge_data import edge_document
-from maskfab.report.measured_files import write_measured
-from maskfab.report.page.edge_page import edge_page
-from maskfab.report.quantity_table import Quantities
-from maskfab.threads import one_thread
-from maskfab.units import parse_length_um, parse_wavelength_nm
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError
+from maskfab.base.folders import check_target
+from maskfab.base.model import Panel
+from maskfab.base.provenance import sha256_of_file
+from maskfab.base.units import parse_length_um, parse_wavelength_nm
+from maskfab.base.work import one_thread
+from maskfab.camera.capture.files import read_frame
+from maskfab.camera.inspection.blur import stand_named, stand_words
+from maskfab.camera.inspection.edge_mtf import (
+    EdgeDesign,
+    Light,
+    MeasuredEdges,
+    compared_curve,
+    edge_verdict,
+    frame_edges,
+    read_mtf,
+)
+from maskfab.camera.inspection.edge_regions import NARROWEST_PX, Region
+from maskfab.camera.inspection.verdict import seen_light
+from maskfab.job.reference import USES, in_words, unused
+from maskfab.mask.job import Job
+from maskfab.report.documents.measured import edge_document, write_measured
+from maskfab.report.pages.measured import edge_page, edges_drawing
+from maskfab.report.rows.optics import sees_mirrored
+from maskfab.report.rows.text import Quantities
 
 if TYPE_CHECKING:
-    from maskfab.report.plots.sheet import Drawing
+    from maskfab.report.figures.sheet import Drawing
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -84,7 +87,6 @@ class EdgeMeasurement:
 
     def plot(self) -> Drawing:
         """Every MTF with its band, and the designed ones."""
-        from maskfab.report.plots.edge_figure import edges_drawing
 
         return edges_drawing(self.found)
 

@@ -15,30 +15,27 @@ from maskfab.api.camera import Camera
 from maskfab.api.folders import given_folder
 from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.api.verbs.learning import LEARNED, learned_restorers, read_checkpoints
-from maskfab.arguments import checked_arguments
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError
+from maskfab.base.model import Panel
+from maskfab.base.work import Progress, one_thread, silent
 from maskfab.camera import scenes as scene_sets
-from maskfab.camera import surroundings
-from maskfab.camera.design import Design
-from maskfab.camera.intervals import CONFIDENCE
-from maskfab.camera.left_out import by_sentence
-from maskfab.camera.photo_camera import camera_line
-from maskfab.camera.photographs import Folder, Photograph
-from maskfab.camera.protocol import AUTO, evaluate
-from maskfab.camera.restorers.restorer import Restorer
+from maskfab.camera import scenes as surroundings
+from maskfab.camera.imaging import Design
+from maskfab.camera.lens import camera_line
+from maskfab.camera.protocol import AUTO, by_sentence, evaluate
+from maskfab.camera.record import Restorer
 from maskfab.camera.restorers.wiener import LARGE, Wiener
-from maskfab.camera.scores import Gain, Score, ScoreTable
-from maskfab.camera.shots import Crop, Shot, truth_of
-from maskfab.errors import JobError
-from maskfab.job import Job
-from maskfab.jobfile.uses import unused
-from maskfab.measurement.conditions import Conditions, Light, ProtocolName, Surroundings, uses_of
-from maskfab.model import Panel
-from maskfab.progress import Progress, silent
-from maskfab.report.quantity_table import dataframe
-from maskfab.threads import one_thread
+from maskfab.camera.scenes import Folder, Photograph
+from maskfab.camera.scores import CONFIDENCE, Crop, Gain, Score, ScoreTable, Shot, truth_of
+from maskfab.job.reference import unused
+from maskfab.mask.job import Job
+from maskfab.report.rows.photographs import Conditions, Light, ProtocolName, Surroundings, uses_of
+from maskfab.report.rows.text import dataframe
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
 
 _CROP = Crop(160, 200)
 """Part of the sensor that a picture shows of every photograph."""
@@ -74,7 +71,7 @@ class Simulation:
         Raises:
             JobError: MF105 if no pictures were kept.
         """
-        from maskfab.report.plots.design_figures import sheet
+        from maskfab.report.figures.scene import sheet
 
         if not self.shown:
             raise JobError("MF105", "no pictures were kept", where="simulate", cure="Call it with pictures=True")
@@ -158,7 +155,7 @@ def simulate(
             above ``white``; drawn scenes get lamps.
         restore: one or several restorers, by default ``"wiener"`` or the protocol's own; ``"auto"`` takes for each
             photograph the one that its record alone speaks for, of those named beside it or of all of
-            :data:`maskfab.camera.restorers.named.RESTORERS`.
+            :data:`maskfab.camera.restorers.choice.RESTORERS`.
         checkpoints: files of :func:`maskfab.api.verbs.learning.learn`, one for each die: one more restorer,
             ``"learned"``, beside those named.
         pictures: keep part of the photographs of the first scene, by the last restorer.
@@ -238,7 +235,7 @@ def _require_memory(scenes: Sequence[Photograph], restorers: Sequence[str], *, b
 def _restorers(
     asked: Conditions, names: str | Sequence[str] | None, *, learned: bool
 ) -> tuple[tuple[Restorer, ...], bool]:
-    """Those that are named but learned ones, as :meth:`maskfab.measurement.conditions.Conditions.restorers`.
+    """Those that are named but learned ones, as :meth:`maskfab.report.rows.photographs.Conditions.restorers`.
 
     Raises:
         JobError: MF105 for a learned one that nothing holds, or as there.

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from maskfab.api.jobs import AnyJob, dies_of, job_of
-from maskfab.arguments import checked_arguments
-from maskfab.jobfile import SceneSection
-from maskfab.jobfile.uses import USES, in_words, unused
-from maskfab.model import UNSTATED
+from maskfab.base.checks import checked_arguments
+from maskfab.base.model import UNSTATED
+from maskfab.job.reference import USES, in_words, unused
+from maskfab.job.sections import SceneSection
 from maskfab.optics.scene import plan as plans
 from maskfab.optics.scene.model_bar import Omission, bar_of_scene, weighed, weighed_table
 from maskfab.optics.scene.plan import Plan

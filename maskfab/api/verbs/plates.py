@@ -7,28 +7,28 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import overload
 
-from maskfab import pipeline, verification
 from maskfab.api.camera import Camera
 from maskfab.api.jobs import AnyJob, job_of
 from maskfab.api.lengths import Length, length_text
 from maskfab.api.plate import Plate
-from maskfab.arguments import checked_arguments
-from maskfab.comparison.foreign.foreign_mask import How
-from maskfab.delivery.archive import is_package
-from maskfab.delivery.pack import verify_package
-from maskfab.errors import JobError
-from maskfab.job import Job
-from maskfab.jobfile.uses import USES, unused
-from maskfab.kept.store import Store
-from maskfab.mask_shops.profiles import load_shop
-from maskfab.measurement.verdicts import Verdicts
-from maskfab.model import Quantity
-from maskfab.pipeline import Result
-from maskfab.progress import Progress, silent
-from maskfab.readers.image_mask import IMAGE_SUFFIXES
-from maskfab.readers.layout_file import LAYOUT_SUFFIXES
-from maskfab.report.quantity_table import Quantities
-from maskfab.units import NM_PER_UM, parse_length_um
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError
+from maskfab.base.model import Quantity
+from maskfab.base.units import NM_PER_UM, parse_length_um
+from maskfab.base.work import Progress, silent
+from maskfab.job.reference import USES, unused
+from maskfab.mask.formats.picture import IMAGE_SUFFIXES
+from maskfab.mask.formats.reader import LAYOUT_SUFFIXES
+from maskfab.mask.houses.profiles import load_shop
+from maskfab.mask.job import Job
+from maskfab.mask.package.archive import is_package
+from maskfab.mask.package.pack import verify_package
+from maskfab.report.rows.foreign import How
+from maskfab.report.rows.text import Quantities
+from maskfab.report.rows.verdicts import Verdicts
+from maskfab.runs import pipeline, verification
+from maskfab.runs.pipeline import Result
+from maskfab.runs.store import Store
 
 
 @overload

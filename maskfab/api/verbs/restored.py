@@ -12,12 +12,10 @@ from numpy.typing import NDArray
 
 from maskfab.base import __version__
 from maskfab.base.arrays import Singles
-from maskfab.capture.restoring.brought import Brought
-from maskfab.capture.restoring.chart import ChartMatrix
-from maskfab.export.images.exr import Fact
-from maskfab.export.images.light_image import write_exr, write_png
-from maskfab.files.finished import write_mark
-from maskfab.files.staging import check_target, staged
+from maskfab.base.folders import check_target, staged, write_mark
+from maskfab.camera.photo import ChartMatrix
+from maskfab.camera.registration import Brought
+from maskfab.mask.formats.exr import Fact, write_exr, write_png
 
 DOCUMENT = "restore.json"
 

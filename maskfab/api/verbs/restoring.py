@@ -13,23 +13,26 @@ from maskfab.api.jobs import AnyJob
 from maskfab.api.lengths import Length
 from maskfab.api.verbs.blurs import Undone, blurs_of
 from maskfab.api.verbs.restored import Restoration, RestoredPhoto
-from maskfab.arguments import checked_arguments
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError, SourceError
+from maskfab.base.work import Progress, one_thread, silent
+from maskfab.camera.inspection.blur import MeasuredBlur
+from maskfab.camera.photo import (
+    ChartMatrix,
+    Photo,
+    Stated,
+    balanced,
+    chart_matrix,
+    developed,
+    read_patches,
+    read_photo,
+    require_stops,
+)
 from maskfab.camera.protocol import AUTO
-from maskfab.camera.record import Record
-from maskfab.camera.restorers.choice import Chosen
-from maskfab.camera.restorers.named import RESTORERS, named
-from maskfab.camera.restorers.restorer import Blur, Restorer
+from maskfab.camera.record import BinnedBlur, Blur, Record, Restorer, binned
+from maskfab.camera.registration import brought
+from maskfab.camera.restorers.choice import RESTORERS, Chosen, named, restored
 from maskfab.camera.restorers.wiener import LARGE, Wiener
-from maskfab.capture.restoring.best import restored
-from maskfab.capture.restoring.binned import BinnedBlur, binned
-from maskfab.capture.restoring.brought import brought
-from maskfab.capture.restoring.chart import ChartMatrix, chart_matrix, read_patches
-from maskfab.capture.restoring.developed import balanced, developed, require_stops
-from maskfab.capture.restoring.measured_psf import MeasuredBlur
-from maskfab.capture.restoring.photo import Photo, Stated, read_photo
-from maskfab.errors import JobError, SourceError
-from maskfab.progress import Progress, silent
-from maskfab.threads import one_thread
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +98,7 @@ def restore(
         read_noise: in electrons, goes with the gain.
         stops: by which pictures are brightened.
         chart: table (.csv) of a colour chart's patches in the first photograph, by which the colours of all are made;
-            see :func:`maskfab.capture.restoring.chart.read_patches`.
+            see :func:`maskfab.camera.photo.read_patches`.
         register: bring every further photograph onto the first, which shows the same scene.
         progress: told where the work stands.
 
@@ -105,9 +108,9 @@ def restore(
             are too small or too large; else as :func:`maskfab.camera.die_transfer.die_transfer`.
         SourceError: MF351 for a PSF that is wider than a photograph, MF352 of another pixel, MF354 for photographs that
             do not show one scene, MF355 for a chart that cannot tell colours; as
-            :func:`maskfab.capture.restoring.measured_psf.read_psf`,
-            :func:`maskfab.capture.restoring.chart.read_patches` and
-            :func:`maskfab.capture.restoring.photo.read_photo`.
+            :func:`maskfab.camera.inspection.blur.read_psf`,
+            :func:`maskfab.camera.photo.read_patches` and
+            :func:`maskfab.camera.photo.read_photo`.
     """
     require_stops(stops)
     if epsilon is not None and not 0 < epsilon < np.inf:

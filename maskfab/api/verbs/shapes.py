@@ -6,14 +6,14 @@ from collections.abc import Mapping
 
 from maskfab.api.lengths import Length, length_text
 from maskfab.api.opening import Opening
-from maskfab.arguments import checked_arguments
 from maskfab.base import __version__
-from maskfab.errors import JobError
-from maskfab.jobfile import check_name
-from maskfab.opening import display_layouts
-from maskfab.opening.openings import dot_of_pitch
-from maskfab.opening.shapes import blobs, diamond_discs, stripe
-from maskfab.units import parse_pitch_um
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError
+from maskfab.base.units import parse_pitch_um
+from maskfab.job.values import check_name
+from maskfab.mask import emitter_layouts
+from maskfab.mask.opening import blobs, diamond_discs, stripe
+from maskfab.mask.opening_file import dot_of_pitch
 
 _DRAWN = ("stripe", "blobs", "diamond-discs")
 _USUAL_DOTS, _USUAL_PITCH = 21, "168 um"
@@ -62,7 +62,7 @@ def shape(
     if kind not in shapes():
         raise JobError("MF105", f"there is no shape {kind!r}", where="kind", cure=f"Use {', '.join(shapes())}")
     called = check_name(name or kind.replace("-", "_"), where="name")
-    display = display_layouts.DISPLAYS.get(kind)
+    display = emitter_layouts.DISPLAYS.get(kind)
     changed = dots is not None or pitch is not None or bool(lengths)
     own_dots, own_pitch = (display.dots, display.pitch) if display else (_USUAL_DOTS, _USUAL_PITCH)
     dots = own_dots if dots is None else dots
@@ -76,9 +76,9 @@ def shape(
     emitters = None
     if display is not None:
         mask, emitters = display.draw(dots, dict(lengths or {}))
-        made.update(display_layouts.source_facts(display, changed=changed))
+        made.update(emitter_layouts.source_facts(display, changed=changed))
     elif lengths:
-        cure = f"Draw one of {', '.join(display_layouts.DISPLAYS)}"
+        cure = f"Draw one of {', '.join(emitter_layouts.DISPLAYS)}"
         raise JobError("MF102", f"{kind} has no lengths", where="lengths", cure=cure)
     elif kind == "stripe":
         mask = stripe(dots, width_dots, clear_dots)
@@ -94,4 +94,4 @@ def shape(
 @checked_arguments
 def shapes() -> tuple[str, ...]:
     """Every kind that :func:`shape` draws."""
-    return (*_DRAWN, *display_layouts.DISPLAYS)
+    return (*_DRAWN, *emitter_layouts.DISPLAYS)

@@ -12,17 +12,15 @@ from pathlib import Path
 from typing import Any, get_args, overload
 
 from maskfab.api.jobs import AnyJob, job_of
-from maskfab.arguments import checked_arguments
-from maskfab.delivery.comparing import Bid, compare_shops
-from maskfab.delivery.pack import Package, pack
-from maskfab.errors import JobError
-from maskfab.jobfile.shop_profile import FORMATS, Format, Shop
-from maskfab.jobfile.uses import USES, in_words, unused
-from maskfab.mask_shops.filling import OrderForm, write_answers
-from maskfab.mask_shops.judge import Taken
-from maskfab.mask_shops.profiles import load_shop, shop_names, shop_of
-from maskfab.progress import Progress, silent
-from maskfab.threads import one_thread
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError
+from maskfab.base.work import Progress, one_thread, silent
+from maskfab.job.reference import USES, in_words, unused
+from maskfab.job.shop import FORMATS, Format, Shop
+from maskfab.mask.houses.findings import Taken
+from maskfab.mask.houses.order import OrderForm, write_answers
+from maskfab.mask.houses.profiles import load_shop, shop_names, shop_of
+from maskfab.mask.package.pack import Bid, Package, compare_shops, pack
 
 _LINE, _LEAST = 100, 30
 """Columns of a table, and the fewest of its last column."""

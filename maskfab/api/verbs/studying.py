@@ -10,15 +10,14 @@ from typing import TYPE_CHECKING, Any
 from maskfab.api.folders import given_folder
 from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.api.verbs.learning import learned_restorers, read_checkpoints
-from maskfab.arguments import checked_arguments
-from maskfab.files.staging import check_target
-from maskfab.jobfile.uses import in_words
-from maskfab.measurement import study as studies
-from maskfab.measurement.claims import Claim
-from maskfab.progress import Progress, silent
-from maskfab.report.page.study_page import blocks, finding_text, limits_text
-from maskfab.report.quantity_table import dataframe
-from maskfab.report.study_files import study_document, write_study
+from maskfab.base.checks import checked_arguments
+from maskfab.base.folders import check_target
+from maskfab.base.work import Progress, silent
+from maskfab.job.reference import in_words
+from maskfab.report.pages.study import blocks, finding_text, limits_text, study_document, write_study
+from maskfab.report.rows import study as studies
+from maskfab.report.rows.study import Claim
+from maskfab.report.rows.text import dataframe
 
 if TYPE_CHECKING:
     from pandas import DataFrame

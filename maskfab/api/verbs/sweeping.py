@@ -7,26 +7,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from maskfab import provenance
-from maskfab.arguments import checked_arguments
-from maskfab.camera.photo_camera import PhotoCamera
-from maskfab.camera.transfer import lattice
-from maskfab.errors import JobError
-from maskfab.files.staging import check_target
-from maskfab.jobfile import SearchSection, read
-from maskfab.jobfile.uses import USES
-from maskfab.opening.openings import load_opening, opening_text
-from maskfab.optimiser.design import notes_of, require_weights, scenes_line, scenes_of, stated_display, taking_of
-from maskfab.optimiser.pareto.designs import FrontDesign, designs
-from maskfab.optimiser.pareto.front import FrontPoint, JudgedOpening, Pareto
-from maskfab.optimiser.pareto.sweep import lines_of, require_uneven, rules_of, sweep
-from maskfab.progress import Progress, silent
-from maskfab.report import pareto_files
-from maskfab.threads import one_thread
-from maskfab.units import parse_time_s
+from maskfab.base import provenance
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError
+from maskfab.base.folders import check_target
+from maskfab.base.units import parse_time_s
+from maskfab.base.work import Progress, one_thread, silent
+from maskfab.camera.lens import PhotoCamera, lattice
+from maskfab.designs.design import notes_of, require_weights, scenes_line, scenes_of, stated_display, taking_of
+from maskfab.designs.front import FrontDesign, FrontPoint, JudgedOpening, Pareto, designs
+from maskfab.designs.front_search import lines_of, require_uneven, rules_of, sweep
+from maskfab.job import read
+from maskfab.job.reference import USES
+from maskfab.job.sections import SearchSection
+from maskfab.mask.opening_file import load_opening, opening_text
+from maskfab.report.pages import pareto as pareto_files
 
 if TYPE_CHECKING:
-    from maskfab.report.plots.sheet import Drawing
+    from maskfab.report.figures.sheet import Drawing
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -61,7 +59,7 @@ class ParetoFront:
 
     def plot(self) -> Drawing:
         """The curves, and what they are compared with."""
-        from maskfab.report.plots.pareto_figure import pareto_drawing
+        from maskfab.report.pages.pareto import pareto_drawing
 
         return pareto_drawing(self.found)
 

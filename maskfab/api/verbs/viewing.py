@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from maskfab.arguments import checked_arguments
-from maskfab.errors import OutputError
-from maskfab.files.staging import check_file, write_text
-from maskfab.report.viewer.page import viewer_page
-from maskfab.report.viewer.shown_run import shown_run
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import OutputError
+from maskfab.base.folders import check_file, write_text
+from maskfab.report.pages.viewer import shown_run, viewer_page
 
 
 @dataclass(frozen=True, repr=False)

@@ -17,9 +17,8 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Singles
-from maskfab.camera.record import Record
-from maskfab.camera.restorers.restorer import Blur, Transfer
-from maskfab.optics.numbers.wiener import wiener_filter
+from maskfab.camera.record import Blur, Record, Transfer
+from maskfab.optics.restoration import wiener_filter
 
 MARGIN = 256
 """Pixels of scene, and of mirrored record, round the sensor."""
@@ -125,7 +124,7 @@ class Wiener:
     name: str = "wiener"
 
     def prepare(self, record: Record, blur: Blur) -> Callable[[float], Singles]:
-        """See :class:`maskfab.camera.restorers.restorer.Restorer`."""
+        """See :class:`maskfab.camera.record.Restorer`."""
         rows, columns = record.values.shape[1:]
         margin = Margin((rows + 2 * self.width, columns + 2 * self.width), self.width)
         transfer, inverse_prior = blur.on(margin.shape), prior(margin.shape)

@@ -9,8 +9,8 @@ from typing import Annotated
 
 import typer
 
-from maskfab.errors import JobError, MaskfabError
-from maskfab.units import UM_PER_UNIT
+from maskfab.base.errors import JobError, MaskfabError
+from maskfab.base.units import UM_PER_UNIT
 
 _DRAWING_UNITS = ("nm", "um", "mm", "mil", "in")
 

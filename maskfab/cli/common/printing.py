@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import typer
 
 if TYPE_CHECKING:
-    from maskfab.measurement.verdicts import Verdicts
-    from maskfab.model import Opening, Quantity
+    from maskfab.base.model import Opening, Quantity
+    from maskfab.report.rows.verdicts import Verdicts
 
 
 class Found(Protocol):
@@ -55,7 +55,7 @@ def print_found(found: Found, as_json: bool) -> None:
 
 def print_table(quantities: Iterable[Quantity], *, dies: bool = False) -> None:
     """One line for each quantity, in columns; with the name of its die if ``dies``."""
-    from maskfab.report.quantity_table import table_lines
+    from maskfab.report.rows.text import table_lines
 
     for line in table_lines(quantities, dies=dies):
         typer.echo(one_line(line))

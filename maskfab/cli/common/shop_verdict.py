@@ -11,8 +11,8 @@ import typer
 from maskfab.cli.common.printing import one_line
 
 if TYPE_CHECKING:
-    from maskfab.jobfile.shop_profile import Shop
-    from maskfab.mask_shops.judge import Finding
+    from maskfab.job.shop import Shop
+    from maskfab.mask.houses.findings import Finding
 
 
 def print_findings(findings: Sequence[Finding], shop: str, mail: str, failed: Sequence[str] = ()) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
-    from maskfab.progress import Progress
+    from maskfab.base.work import Progress
 
 
 class watched:  # noqa: N801 - reads as a word in a with statement
@@ -20,7 +20,7 @@ class watched:  # noqa: N801 - reads as a word in a with statement
         self._tasks: dict[str, Any] = {}
 
     def __enter__(self) -> Progress:
-        from maskfab.progress import silent
+        from maskfab.base.work import silent
 
         if self._quiet:
             return silent

@@ -7,10 +7,10 @@ from typing import Annotated, Any
 
 import typer
 
+from maskfab.base.errors import JobError
 from maskfab.cli.common.options import Json, Quiet, Unit, named_as_options, unit_um
 from maskfab.cli.common.printing import leave, print_json, print_methods, print_table, tell_notes
 from maskfab.cli.common.watch import watched
-from maskfab.errors import JobError
 
 
 def analyse(
@@ -55,8 +55,9 @@ def analyse(
     """Compute PSF, MTF and invariants of an opening or a mask file."""
     from maskfab.api.camera import Camera
     from maskfab.api.verbs.analysing import analyse as analyse_file
-    from maskfab.jobfile import CameraSection, parse_section
-    from maskfab.optics.numbers.metrics import fast_lens
+    from maskfab.job.read import parse_section
+    from maskfab.job.sections import CameraSection
+    from maskfab.optics.metrics import fast_lens
     from maskfab.optics.scene.model_bar import MODEL_BAR
 
     described = {
@@ -79,7 +80,7 @@ def analyse(
         "accuracy": None if accuracy is None else _ratio(accuracy),
     }
     if out is not None:
-        from maskfab.files.staging import check_target
+        from maskfab.base.folders import check_target
 
         check_target(out, force=False)
     with named_as_options(context), watched(quiet) as progress:
@@ -100,9 +101,9 @@ def analyse(
         )
     if out is not None:
         from maskfab.base import __version__
-        from maskfab.export.images.psf_exr import camera_header
-        from maskfab.provenance import sha256_of_file
-        from maskfab.report.analysis_files import write_analysis
+        from maskfab.base.provenance import sha256_of_file
+        from maskfab.mask.formats.exr import camera_header
+        from maskfab.report.pages.pictures import write_analysis
 
         laid_out = {"pitch": pitch, "dot": dot, "gutter": gutter, "tiling": tiling, "layer": layer, "cell": cell}
         laid_out["seed"] = None if seed is None else str(seed)
@@ -128,7 +129,7 @@ def analyse(
 
 def _table(text: str, option: str) -> dict[str, Any]:
     """An inline table as a job file has it."""
-    from maskfab.jobfile.toml import loads
+    from maskfab.job.toml import loads
 
     try:
         found = loads(f"{option[2:]} = {text}")[option[2:]]

@@ -25,8 +25,8 @@ def bench(
 ) -> None:
     """Time every PSF method and compare each with the exact one, or run the hard cases."""
     from maskfab.api.verbs.benchmarking import bench as race
-    from maskfab.benchmark import accuracy_page
-    from maskfab.benchmark.cases import CASES, run_cases
+    from maskfab.optics import benchmark as accuracy_page
+    from maskfab.optics.hard_cases import CASES, run_cases
 
     if hard:
         outcomes = []
@@ -38,7 +38,7 @@ def bench(
         leave(all(outcome.passed for outcome in outcomes))
         return
     if out is not None:
-        from maskfab.files.staging import check_target
+        from maskfab.base.folders import check_target
 
         check_target(out, force=False)
     with watched(quiet) as progress:

@@ -29,7 +29,7 @@ def check(
     """Check whether emitters, circuits and wires fit in the opaque area around the openings; prove it where not."""
     from maskfab.api.verbs.displays import check as check_job
     from maskfab.cli.common.shop_verdict import print_findings
-    from maskfab.jobfile.uses import in_words
+    from maskfab.job.reference import in_words
 
     with named_as_options(context), watched(quiet) as progress:
         found = check_job(  # type: ignore[call-overload]

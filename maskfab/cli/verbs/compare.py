@@ -26,7 +26,7 @@ def compare(
 ) -> None:
     """Put dies of finished runs side by side: who is best and how sure, what cannot be compared, how jobs differ."""
     from maskfab.api.verbs.comparing import compare as side_by_side
-    from maskfab.files.staging import check_target
+    from maskfab.base.folders import check_target
 
     if out is not None:
         check_target(out, force=False)

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from maskfab.base.errors import JobError
 from maskfab.cli.common.options import Budget, JobFile, Json, Quiet, named_as_options
 from maskfab.cli.common.printing import print_json
 from maskfab.cli.common.watch import watched
-from maskfab.errors import JobError
-from maskfab.report.design_text import designed_lines
+from maskfab.report.rows.text import designed_lines
 
 if TYPE_CHECKING:
-    from maskfab.jobfile import JobSpec
+    from maskfab.job.sections import JobSpec
 
 
 def design(
@@ -50,9 +50,9 @@ def design(
     """Find the opening through which photographs restore best, by shape search or gradient descent."""
     from maskfab.api.verbs.designing import design as design_job
     from maskfab.api.verbs.designing import is_folder
-    from maskfab.files.staging import check_file, check_target, write_text
-    from maskfab.jobfile import read
-    from maskfab.optimiser.design import section_of
+    from maskfab.base.folders import check_file, check_target, write_text
+    from maskfab.designs.design import section_of
+    from maskfab.job import read
 
     spec = read(job)
     folder = out if out is not None and is_folder(out) else None
@@ -86,8 +86,8 @@ def design(
 def _targets(spec: JobSpec, job: Path, out: Path | None) -> dict[str, Path]:
     """Where the opening goes, and the outer one and the map where there will be any."""
     from maskfab.api.verbs.designing import beside
-    from maskfab.jobfile import SearchSection
-    from maskfab.optimiser.design import section_of
+    from maskfab.designs.design import section_of
+    from maskfab.job.sections import SearchSection
 
     section = section_of(spec, str(job))
     target = out or (None if section.output is None else job.parent / section.output)

@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from maskfab.base.errors import JobError
 from maskfab.cli.common.options import Json, Quiet, named_as_options
 from maskfab.cli.common.printing import one_line, print_json
 from maskfab.cli.common.watch import watched
-from maskfab.errors import JobError
 
 if TYPE_CHECKING:
     from maskfab.api.verbs.measuring import Measurement
     from maskfab.api.verbs.measuring_edges import EdgeMeasurement
+
 
 _LEVELS = ("black", "white", "mosaic")
 _TAKES = {
@@ -115,7 +116,7 @@ def measure(
     Exposures of a point light tell which die it shone through, which way round, and how wide it was written. A picture
     of slanted edges tells the MTF.
     """
-    from maskfab.files.staging import check_target
+    from maskfab.base.folders import check_target
 
     _refuse_unused(context)
     if out is not None:

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from maskfab.base.errors import JobError
 from maskfab.cli.common.options import JobFile, Json
 from maskfab.cli.common.printing import leave, one_line, print_found
 from maskfab.cli.common.shop_verdict import tell_age
-from maskfab.errors import JobError
 
 if TYPE_CHECKING:
-    from maskfab.mask_shops.filling import OrderForm
+    from maskfab.mask.houses.order import OrderForm
 
 
 def order(

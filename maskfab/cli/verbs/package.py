@@ -31,15 +31,15 @@ def package(
 ) -> None:
     """Pack a plate for a mask shop (mask files, order sheet, drawing, job, certificate) if it keeps the rules."""
     from maskfab.api.verbs.shops import package as pack_job
-    from maskfab.jobfile.uses import in_words
-    from maskfab.mask_shops.profiles import load_shop
+    from maskfab.job.reference import in_words
+    from maskfab.mask.houses.profiles import load_shop
 
     profile = load_shop(shop)
     tell_age(profile)
     with watched(quiet) as progress:
         made = pack_job(job, shop, out, formats=format_ or (), force=force, progress=progress)
     if as_json:
-        from maskfab.report.quantity_table import quantity_document
+        from maskfab.report.rows.text import quantity_document
 
         print_json(
             {
@@ -59,7 +59,7 @@ def package(
     else:
         print_findings(made.findings, profile.name, made.mail, made.refused_by)
         if made.checks:
-            from maskfab.measurement.verdicts import Verdicts
+            from maskfab.report.rows.verdicts import Verdicts
 
             summarise(made.checks, Verdicts.of(made.checks, {}, 0))
         if made.missing:

@@ -25,7 +25,7 @@ def pareto(
 ) -> None:
     """Find the designs for the job's display that none betters in restored PSNR, emitters, wires and grain."""
     from maskfab.api.verbs.sweeping import pareto as sweep
-    from maskfab.files.staging import check_target
+    from maskfab.base.folders import check_target
 
     command = f"maskfab pareto {job.as_posix()} --out {out.as_posix()}"
     command += "" if images is None else f" --images {images.as_posix()}"

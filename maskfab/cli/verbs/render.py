@@ -33,7 +33,7 @@ def render(
     from maskfab.api.verbs.displays import render as render_job
 
     if out is not None:
-        from maskfab.files.staging import check_target
+        from maskfab.base.folders import check_target
 
         check_target(out, force=False)
     with watched(quiet) as progress:

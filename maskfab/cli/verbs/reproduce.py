@@ -18,7 +18,7 @@ def reproduce(
     quiet: Quiet = False,
 ) -> None:
     """Make a finished directory once more from its own job: every byte the same, or which file, stage and version."""
-    from maskfab.reproduction import reproduce as remake
+    from maskfab.runs.verification import reproduce as remake
 
     with watched(quiet) as progress:
         found = remake(directory, progress=progress)

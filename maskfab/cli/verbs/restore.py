@@ -70,7 +70,7 @@ def restore(
 ) -> None:
     """Restore photographs taken behind a die, by its PSF as designed or as measured: PNG and linear EXR of each."""
     from maskfab.api.verbs.restoring import restore as restore_photos
-    from maskfab.files.staging import check_target
+    from maskfab.base.folders import check_target
 
     check_target(out, force=force)
     with named_as_options(context), watched(quiet) as progress:

@@ -31,10 +31,10 @@ def run(
     if dry_run:
         _foresee(job, out, force=force, cache=not no_cache, as_json=as_json)
         return
-    from maskfab.job import load_job
-    from maskfab.kept.store import Store
-    from maskfab.optics.numbers.metrics import fast_lens
-    from maskfab.pipeline import run as run_job
+    from maskfab.mask.job import load_job
+    from maskfab.optics.metrics import fast_lens
+    from maskfab.runs.pipeline import run as run_job
+    from maskfab.runs.store import Store
 
     with watched(quiet) as progress:
         loaded = load_job(job)

@@ -39,9 +39,9 @@ def shape(
 ) -> None:
     """Draw a parametric opening, or the opening of a display with its emitters."""
     from maskfab.api.verbs.shapes import shape as drawn
-    from maskfab.files.staging import check_file, write_text
-    from maskfab.opening import display_layouts
-    from maskfab.opening.openings import opening_text
+    from maskfab.base.folders import check_file, write_text
+    from maskfab.mask import emitter_layouts as display_layouts
+    from maskfab.mask.opening_file import opening_text
 
     check_file(out, force=force)
     with named_as_options(context):

@@ -13,7 +13,8 @@ from maskfab.cli.common.shop_verdict import tell_age
 from maskfab.cli.common.watch import watched
 
 if TYPE_CHECKING:
-    from maskfab.jobfile.shop_profile import Shop
+    from maskfab.job.shop import Shop
+
 
 _SECTIONS = ("accepts", "limits", "plate", "names", "blocks", "text", "polygons", "tolerance", "offers", "order")
 

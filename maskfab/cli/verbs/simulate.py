@@ -56,7 +56,7 @@ def simulate(
 ) -> None:
     """Simulate noisy photographs through each die, restore and score them: PSNR, SSIM, gain over a reference."""
     from maskfab.api.verbs.photographs import simulate as simulate_job
-    from maskfab.files.staging import check_file, write_bytes
+    from maskfab.base.folders import check_file, write_bytes
 
     if picture is not None:
         check_file(picture, force=force)

@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
+from maskfab.base.errors import JobError
 from maskfab.cli.common.options import Json, Quiet
 from maskfab.cli.common.printing import one_line, print_json
 from maskfab.cli.common.watch import watched
-from maskfab.errors import JobError
 
 
 def study(
@@ -31,8 +31,8 @@ def study(
 ) -> None:
     """Make figures of a job's dies, with tables and intervals, and tell which claims agree with the numbers."""
     from maskfab.api.verbs.studying import Study, plan
-    from maskfab.files.staging import check_target
-    from maskfab.measurement.study import made
+    from maskfab.base.folders import check_target
+    from maskfab.report.rows.study import made
 
     plans = {}
     for job in jobs:

@@ -41,7 +41,7 @@ def verify(
 ) -> None:  # fmt: skip
     """Repeat every check on a finished run or package, or compare a mask file with a job."""
     from maskfab.api.verbs import plates
-    from maskfab.delivery.archive import is_package
+    from maskfab.mask.package.archive import is_package
 
     stated = {
         "against": against, "shop": shop, "die": die, "layer": layer, "cell": cell, "dots_per_um": dots_per_um,
@@ -91,7 +91,7 @@ def _tell_file(found: Verification, path: Path, against: Path | None, die: str |
             }
         )
     else:
-        from maskfab.jobfile.uses import in_words
+        from maskfab.job.reference import in_words
 
         typer.echo(one_line(_read_as(found, path)))
         print_table(found, dies=True)

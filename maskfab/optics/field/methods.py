@@ -1,4 +1,25 @@
-"""The ways to a far field, one interface: what each accepts, what it costs, how far it errs, and the field itself.
+"""The far field of a panel of many fine dots, cell by cell.
+
+A cell of d dots needs d waves along an axis, but waves change little over a cell: a few Chebyshev nodes, some twenty
+more than the highest phase over half a cell, carry its light at all frequencies (see ``nodes``). One small matrix, the
+same for all cells because their dots lie in the same places, takes each cell to its nodes; dots that the stop cuts
+enter with their moments. What remains is a coarser lattice of sources, which the parity split transforms like dots.
+
+Notes:
+    Cells need not be alike. The classical structure factor, sums over like cells times the transform of one, must treat
+    the cells that the stop cuts on their own; here they cost no more than others.
+
+The far field by fast Fourier transforms that skip what is dark and what is not asked for.
+
+On a lattice of equal dots d and frequencies k h, or (k + 1/2) h, the sum over dots is a discrete Fourier transform
+of 1 / (d h) points where that is a whole number (on a sensor, λf / (d step)), and d sinc(ud) d sinc(vd) makes it the
+exact field. Rows without light need no transform along x, and columns outside the window none along y.
+
+Notes:
+    The transform repeats every 1 / d in frequency and must not reach half of that along u; a point beyond it would
+    still be right, but numpy's half spectrum does not hold it. Sizes with large prime factors are slow, not inexact.
+
+The ways to a far field, one interface: what each accepts, what it costs, how far it errs, and the field itself.
 
 All paths give the same field and differ in what they need. Work is counted in flops of a matrix product, the unit in
 which all of them are bounded; a flop of a Fourier transform moves more data and counts as several.
@@ -10,20 +31,288 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import log2
 from types import MappingProxyType
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats
-from maskfab.errors import InternalError
-from maskfab.optics.field.cellwise import cell_nodes, cell_refusal, prepare_cells
-from maskfab.optics.field.interval_nodes import node_count
-from maskfab.optics.field.parity import ParityField, direct_field, parity_of, prepare
-from maskfab.optics.field.pruned import prepare_pruned, pruned_refusal, transform_size
-from maskfab.optics.field.waves import Precision, is_symmetric
-from maskfab.optics.pupil.aperture import Lattice
-from maskfab.optics.pupil.pupil import Pupil
+from maskfab.base.errors import InternalError
+from maskfab.optics.field.matrix import (
+    ParityField,
+    PreparedField,
+    direct_field,
+    fold,
+    parity_of,
+    prepare,
+    rim_orders,
+    rim_terms,
+    slim_term,
+)
+from maskfab.optics.field.waves import (
+    Nodes,
+    Positions,
+    Precision,
+    Reals,
+    is_even,
+    is_symmetric,
+    node_count,
+    nodes_for,
+    real_type,
+    reduced_cycles,
+)
+from maskfab.optics.pupil import Lattice, Pupil
+
+_DOT_QUADRATURE = 8
+
+
+def prepare_cells(pupil: Pupil, highest_u: float, highest_v: float, precision: Precision = "double") -> PreparedField:
+    """Reduce every cell of a pupil to nodes, once for all wavelengths.
+
+    Args:
+        pupil: openings inside the stop, on symmetric lattices, nothing clear in the gutters.
+        highest_u, highest_v: the highest frequencies that will be asked for, cycles per micrometre.
+        precision: of the products that follow; the reduction itself is always done in double precision.
+
+    Raises:
+        InternalError: MF901 if :func:`cell_refusal` gives a reason.
+    """
+    reason = cell_refusal(pupil)
+    if reason:
+        raise InternalError("MF901", reason)
+    orders = rim_orders(pupil, highest_u, highest_v)
+    along_x = _cell(pupil.x, highest_u, orders)
+    along_y = along_x if pupil.x == pupil.y and highest_u == highest_v else _cell(pupil.y, highest_v, orders)
+    strength = _whole_strengths(pupil, along_x, along_y)
+    _add_rim(pupil, along_x, along_y, strength)
+    rows, columns = strength.shape[0] * strength.shape[1], strength.shape[2] * strength.shape[3]
+    core = fold(strength.reshape(rows, columns))
+    return PreparedField(
+        (slim_term(along_x.right_half, along_y.right_half, core, precision),), highest_u, highest_v, precision
+    )
+
+
+def cell_refusal(pupil: Pupil) -> str | None:
+    """Why a pupil cannot be reduced cell by cell; None if it can."""
+    if not (is_symmetric(pupil.x) and is_symmetric(pupil.y)):
+        return "the parity split needs a lattice that is symmetric about the axis"
+    across, up = _strips(pupil.x), _strips(pupil.y)
+    if pupil.whole[:, across].any() or pupil.whole[up].any():
+        return "light passes the strips between cells, which belong to no cell"
+    if np.isin(pupil.rim_column, across).any() or np.isin(pupil.rim_row, up).any():
+        return "light passes the strips between cells, which belong to no cell"
+    return None
+
+
+def cell_nodes(lattice: Lattice, highest: float) -> Nodes:
+    """The nodes of one cell, from the cell's own lower edge."""
+    return nodes_for(0.0, lattice.dots * lattice.dot_um, highest)
+
+
+@dataclass(frozen=True, eq=False)
+class _Cell:
+    """One axis of a cell and its nodes.
+
+    Attributes:
+        whole: float64 [intervals in a period, nodes] strengths from a dot that is clear; zero for the strip.
+        rim: float64 [dots, orders, nodes] strengths from a dot's moments.
+        right_half: where the nodes of all cells are.
+    """
+
+    whole: Floats
+    rim: Floats
+    right_half: Positions
+
+    @property
+    def nodes(self) -> int:
+        return int(self.whole.shape[1])
+
+
+def _cell(lattice: Lattice, highest: float, orders: int) -> _Cell:
+    nodes = cell_nodes(lattice, highest)
+    edges = lattice.dot_um * np.arange(lattice.dots + 1, dtype=np.float64)
+    quadrature = max(_DOT_QUADRATURE, orders + 2)
+    rim = nodes.moments(edges[:-1], edges[1:], orders, quadrature)
+    whole = np.concatenate([rim[:, 0], np.zeros((1 if lattice.has_gutter else 0, nodes.count))])
+    total = lattice.cells * nodes.count
+    cell, first = divmod(total // 2, nodes.count)
+    coarse = lattice.start_um + lattice.pitch_um * np.arange(cell, lattice.cells, dtype=np.float64)
+    return _Cell(whole, rim, Positions(coarse, nodes.position_um, None, first, total - total // 2))
+
+
+def _whole_strengths(pupil: Pupil, along_x: _Cell, along_y: _Cell) -> Floats:
+    """Strengths of all nodes from the dots that the stop leaves whole, [cells y, nodes y, cells x, nodes x]."""
+    strength = np.zeros((pupil.y.cells, along_y.nodes, pupil.x.cells, along_x.nodes))
+    radius = pupil.stop.diameter_um / 2
+    bottom = pupil.y.start_um + pupil.y.pitch_um * np.arange(pupil.y.cells, dtype=np.float64)
+    height = pupil.y.dots * pupil.y.dot_um
+    nearest = np.clip(np.maximum(bottom, -bottom - height), 0, None)
+    left = pupil.x.start_um + pupil.x.pitch_um * np.arange(pupil.x.cells, dtype=np.float64)
+    width = pupil.x.dots * pupil.x.dot_um
+    of_rows = np.ascontiguousarray(along_y.whole[: pupil.y.dots].T)
+    for j in range(pupil.y.cells):
+        rows = slice(j * pupil.y.period, j * pupil.y.period + pupil.y.dots)
+        chord = np.sqrt(max(radius**2 - nearest[j] ** 2, 0.0)) if pupil.stop.round else radius
+        met = np.flatnonzero((left < chord) & (left + width > -chord))
+        begin, end = (int(met[0]), int(met[-1]) + 1) if met.size and nearest[j] < radius else (0, 0)
+        if pupil.whole[rows, : begin * pupil.x.period].any() or pupil.whole[rows, end * pupil.x.period :].any():
+            # A pupil made by hand may have light outside its stop.
+            begin, end = 0, pupil.x.cells
+        if begin == end:
+            continue
+        dots = pupil.whole[rows, begin * pupil.x.period : end * pupil.x.period]
+        summed = np.zeros((along_y.nodes, (end - begin) * pupil.x.period))
+        # The last cell has no strip after it.
+        np.matmul(of_rows, dots, out=summed[:, : dots.shape[1]])
+        strength[j, :, begin:end] = summed.reshape(along_y.nodes, end - begin, -1) @ along_x.whole
+    return strength
+
+
+def _add_rim(pupil: Pupil, along_x: _Cell, along_y: _Cell, strength: Floats) -> None:
+    """Add the cut dots to the nodes of their cells."""
+    row, dot_y = np.divmod(pupil.rim_row, pupil.y.period)
+    column, dot_x = np.divmod(pupil.rim_column, pupil.x.period)
+    orders = along_x.rim.shape[1]
+    moments = pupil.moments(orders)
+    place = row * pupil.x.cells + column
+    order = np.argsort(place, kind="stable")
+    for members in np.split(order, np.flatnonzero(np.diff(place[order])) + 1) if order.size else []:
+        across = moments[members] @ along_x.rim[dot_x[members]]
+        up = along_y.rim[dot_y[members]]
+        sources = up.reshape(-1, along_y.nodes).T @ across.reshape(-1, along_x.nodes)
+        strength[row[members[0]], :, column[members[0]]] += sources
+
+
+def _strips(lattice: Lattice) -> NDArray[np.intp]:
+    """Numbers of the intervals between cells."""
+    if not lattice.has_gutter:
+        return np.zeros(0, dtype=np.intp)
+    return (lattice.dots + 1) * np.arange(1, lattice.cells, dtype=np.intp) - 1
+
+
+_COMMENSURATE = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class PrunedField:
+    """A pupil and the precision in which to transform it.
+
+    Attributes:
+        pupil: dots on lattices without gutters.
+        rim: the dots that the stop cuts, which fit no discrete transform; None if there are none.
+        precision: of transforms and products.
+    """
+
+    pupil: Pupil
+    rim: PreparedField | None
+    precision: Precision
+
+    def field(self, u: Floats, v: Floats) -> ParityField:
+        """The field at frequencies that :func:`pruned_refusal` accepts, [nu] and [nv].
+
+        Raises:
+            InternalError: MF901 if it gives a reason.
+        """
+        reason = pruned_refusal(self.pupil.x, self.pupil.y, bool(self.pupil.rim_row.size), u, v)
+        if reason:
+            raise InternalError("MF901", reason)
+        whole = self._whole(u, v)
+        if self.rim is None:
+            return whole
+        cut = self.rim.field(u, v)
+        return ParityField(
+            whole.even_even + cut.even_even,
+            whole.even_odd + cut.even_odd,
+            whole.odd_even + cut.odd_even,
+            whole.odd_odd + cut.odd_odd,
+            whole.on_axis,
+        )
+
+    def _whole(self, u: Floats, v: Floats) -> ParityField:
+        on_axis = bool(u[0] == 0)
+        live = np.flatnonzero(self.pupil.whole.any(axis=1))
+        rows: Reals = self.pupil.whole[live].astype(real_type(self.precision), copy=False)
+        kind = np.result_type(rows.dtype, np.complex64)
+        size = transform_size(self.pupil.y, v)
+        columns = np.zeros((u.size, size), dtype=kind)
+        if live.size:
+            along_x = _row_transform(rows, self.pupil.x, u, on_axis)
+            columns[:, live] = (along_x * _dot_factor(self.pupil.x, u)).T
+        if not on_axis:
+            columns *= _half_step(size).astype(kind)
+        spectrum = scipy.fft.fft(columns, axis=1, overwrite_x=True).T
+        factor = _dot_factor(self.pupil.y, v)[:, None]
+        bins = np.arange(v.size)
+        mirrored = -bins if on_axis else -1 - bins
+        above = (spectrum[bins % size] * factor).astype(np.complex128, copy=False)
+        below = (spectrum[mirrored % size] * factor.conj()).astype(np.complex128, copy=False)
+        return parity_of(above, below, on_axis)
+
+
+def prepare_pruned(pupil: Pupil, highest_u: float, highest_v: float, precision: Precision = "double") -> PrunedField:
+    """A pupil ready to be transformed; the arguments are those of :func:`maskfab.optics.field.matrix.prepare`."""
+    rim = None
+    if pupil.rim_row.size:
+        rim = PreparedField(rim_terms(pupil, highest_u, highest_v, precision), highest_u, highest_v, precision)
+    return PrunedField(pupil, rim, precision)
+
+
+def pruned_refusal(x: Lattice, y: Lattice, rim: bool, u: Floats, v: Floats) -> str | None:
+    """Why a pupil on two lattices, with dots cut by the stop or not, cannot be transformed; None if it can."""
+    if x.has_gutter or y.has_gutter:
+        return "a lattice with gutters has dots at uneven distances"
+    if rim and not (is_symmetric(x) and is_symmetric(y)):
+        return "the rim needs a lattice that is symmetric about the axis"
+    for lattice, frequency in ((x, u), (y, v)):
+        if frequency.size < 2 or not is_even(frequency):
+            return "the frequencies are not evenly spaced"
+        step = _step(frequency)
+        if abs(frequency[0]) > _COMMENSURATE * step and abs(frequency[0] - step / 2) > _COMMENSURATE * step:
+            return "the frequencies begin neither at 0 nor half a step from it"
+        points = 1 / (lattice.dot_um * step)
+        size = round(points)
+        if abs(points - size) > _COMMENSURATE * points:
+            return f"the frequencies divide the dot's period of 1 / {lattice.dot_um:g} um into {points:.6g} parts"
+        if lattice.cells * lattice.dots > size:
+            return f"{lattice.cells * lattice.dots} dots do not fit a transform of {size} points"
+    if u.size - 1 > transform_size(x, u) // 2:
+        return f"{u[-1]:g} cycles/um is beyond half the dot's period of 1 / {x.dot_um:g} um"
+    return None
+
+
+def transform_size(lattice: Lattice, frequency: Floats) -> int:
+    """Points of the discrete transform, 1 / (dot x frequency step)."""
+    return round(1 / (lattice.dot_um * _step(frequency)))
+
+
+def _step(frequency: Floats) -> float:
+    return float((frequency[-1] - frequency[0]) / (frequency.size - 1))
+
+
+def _row_transform(rows: Reals, lattice: Lattice, u: Floats, on_axis: bool) -> NDArray[np.complexfloating[Any]]:
+    """Rows at the frequencies u, [rows, nu], the first dot at the origin."""
+    size = transform_size(lattice, u)
+    if on_axis:
+        spectrum: NDArray[np.complexfloating[Any]] = scipy.fft.rfft(rows, size, axis=1)[:, : u.size]
+        return spectrum
+    turned = rows * _half_step(size)[: rows.shape[1]].astype(np.result_type(rows.dtype, np.complex64))
+    spectrum = scipy.fft.fft(turned, size, axis=1, overwrite_x=True)[:, : u.size]
+    return spectrum
+
+
+def _half_step(size: int) -> NDArray[np.complex128]:
+    """Moves the bins of a transform by half of one."""
+    half: NDArray[np.complex128] = np.exp(-1j * np.pi * np.arange(size, dtype=np.float64) / size)
+    return half
+
+
+def _dot_factor(lattice: Lattice, frequency: Floats) -> NDArray[np.complex128]:
+    """Transform of one dot, at the place of the first."""
+    centre = np.array([lattice.start_um + lattice.dot_um / 2])
+    factor: NDArray[np.complex128] = np.exp(-2j * np.pi * reduced_cycles(centre, frequency)[0])
+    return factor * lattice.dot_um * np.sinc(lattice.dot_um * frequency)
+
 
 # Measured at 512² samples: products of a few hundred rows against transforms of about a thousand points.
 _TRANSFORM_FLOP = 12.0

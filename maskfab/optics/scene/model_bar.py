@@ -27,16 +27,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from maskfab.base.arrays import Complexes, Floats
-from maskfab.model import Camera, Glass, MaskBlank, Panel, Quantity
-from maskfab.optics.field.clear_stop import clear_field
+from maskfab.base.model import Camera, Glass, MaskBlank, Panel, Quantity
+from maskfab.base.units import NM_PER_UM, UM_PER_MM
 from maskfab.optics.field.methods import field
-from maskfab.optics.image.leak import Leak
-from maskfab.optics.image.psf import image_scale_um2, odd_samples, point_step_um
-from maskfab.optics.pupil.aperture import Aperture, Lattice, panel_aperture, zeros
-from maskfab.optics.pupil.pupil import Pupil, cut
-from maskfab.optics.pupil.stop_shape import inside
-from maskfab.optics.wavefront.panel_gap import gap_change
-from maskfab.units import NM_PER_UM, UM_PER_MM
+from maskfab.optics.gap import gap_change
+from maskfab.optics.psf import Leak, image_scale_um2, odd_samples, point_step_um
+from maskfab.optics.pupil import Aperture, Lattice, Pupil, cut, panel_aperture, zeros
+from maskfab.optics.stop import clear_field, inside
 
 MODEL_BAR = "model_"
 """Prefix of the names of the bar's rows."""

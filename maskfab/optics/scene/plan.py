@@ -1,7 +1,15 @@
-"""The planner: the cheapest model of a scene that meets an accuracy, what it leaves out, and what it costs.
+"""Every way to model a scene, and its price: flops, time, memory, and the error of what it leaves out.
 
-Every way to model the scene is a :class:`maskfab.optics.scene.cost.Choice`. Its error is the sum of the estimates
-(:mod:`maskfab.optics.scene.omission_error`) of all that it leaves out and of its own numerical error; its time is its
+Notes:
+    Rates are those of one thread, see ``RATES``; predicted times rank choices and tell seconds from minutes. Cutting
+    the pupil is not counted, nor the planner's own pilot PSFs.
+    No function takes a grey rim together with a phase or with diffraction over the gap, which see the rim through
+    moments or samples of their own, so there is no such choice.
+
+The planner: the cheapest model of a scene that meets an accuracy, what it leaves out, and what it costs.
+
+Every way to model the scene is a :class:`maskfab.optics.scene.plan.Choice`. Its error is the sum of the estimates
+(:mod:`maskfab.optics.scene.omissions`) of all that it leaves out and of its own numerical error; its time is its
 flops over a rate of matrix products, and an overhead for each PSF. There are a few thousand choices, so all of them are
 priced and none is passed over.
 """
@@ -10,37 +18,370 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import log2
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.errors import JobError
-from maskfab.model import Camera, Panel
-from maskfab.optics.field.methods import FieldTask
-from maskfab.optics.image.psf import odd_samples, pixel_margin, point_step_um
-from maskfab.optics.pupil.aperture import panel_aperture
-from maskfab.optics.pupil.pupil import cut
-from maskfab.optics.scene.cost import (
-    DEPTHS,
-    FINEST,
-    GAP_SAMPLES,
-    PHASE_SHARE,
-    PHASED,
-    RESAMPLED,
-    Choice,
-    CostModel,
-    Ingredient,
-    SceneCost,
-    resamplings,
+from maskfab.base.errors import JobError
+from maskfab.base.model import Camera, Panel
+from maskfab.base.units import UM_PER_NM
+from maskfab.optics.field.methods import PATHS, FieldPath, FieldTask
+from maskfab.optics.field.waves import Precision
+from maskfab.optics.gap import MOST_GAP_SAMPLES, MOST_WAVES_PER_SAMPLE, gap_guard_um, moved_pupil, shift_um
+from maskfab.optics.phase import defocus_waves, image_distance_um, nearest_object_um
+from maskfab.optics.psf import odd_samples, pixel_margin, point_step_um
+from maskfab.optics.pupil import Pupil, cut, panel_aperture
+from maskfab.optics.scene.omissions import (
+    GAP_SAFETY,
+    Estimate,
+    Estimates,
+    check_accuracy,
+    estimate,
+    wavelength_range_nm,
 )
-from maskfab.optics.scene.distortion import DistortedWindow
-from maskfab.optics.scene.omission_error import check_accuracy, estimate, wavelength_range_nm
-from maskfab.optics.scene.scene import Scene
-from maskfab.optics.wavefront.depth import defocus_waves, image_distance_um, nearest_object_um
-from maskfab.optics.wavefront.panel_gap import moved_pupil, shift_um
-from maskfab.units import UM_PER_NM
+from maskfab.optics.scene.scene import DistortedWindow, Scene
+from maskfab.optics.spectrum import BAND_SAFETY
+from maskfab.optics.stop import perimeter_um
+
+RATES: Mapping[Precision, float] = MappingProxyType({"double": 43e9, "single": 92e9})
+"""Flops a second of one thread's matrix products, measured on the machine of the reference numbers."""
+
+PHASED = "phased"
+SPECTRUM = "angular spectrum"
+
+GAP_SAMPLES = (1, 2, 4, 8, 16, 32)
+"""Numbers of samples per dot that a field over a gap may have."""
+
+# Samples err where the stop cuts them, hence by its edge's share of the area, one sample wide, and by how openings
+# crowd it; an even field has no such error, so by its unevenness. Edges that follow the dots meet theirs and err in
+# step. The most seen was 1.4 and 4.3 times that, in stops of 0.16 to 1.5 mm, dots of 8 to 160 um, gaps of 0.05 to 1 mm,
+# openings of 3 to 60 %, against samples of 1 um.
+_GAP_EDGE_ROUND, _GAP_EDGE_STRAIGHT = 2.0, 6.0
+_LEAST_UNEVENNESS = 0.05
+
+# Samples must resolve the window's frequencies so many times over: at 1.1 the error was twice that at 2.3.
+_GAP_RESOLVED = 2.0
+
+# What a phase adds to it by waves per sample, measured on openings whose edges fall on the stop's rim, where it is
+# largest; samples at the rim count with their share, and no more can err than they hold.
+_GAP_RIM = 0.3
+
+RESAMPLED: Mapping[int, float] = MappingProxyType({1: 1e-2, 2: 5e-5, 4: 1e-6})
+"""Error of a PSF that is resampled for a distorting lens, by how many times finer than the plan's its samples are.
+
+The most seen was 4.2e-3, 1.7e-5 and 1.8e-7, in stops of 0.6 to 3.4 mm, dense and sparse openings, random and periodic,
+at distortions of -5, 2 and 20 %.
+"""
+
+FINEST = max(RESAMPLED)
+"""Of a PSF that others are held against."""
+
+DEPTHS = 2
+"""Distances that stand for a range of depths: its ends."""
+
+# Legendre orders along each axis that a weak phase over a dot takes; the field's rows and columns are complex.
+_PHASE_ORDERS = 3
+# A flop of a Fourier transform counts as so many of a product, as for the field paths.
+_TRANSFORM_FLOP = 12.0
+# The same for the long complex transforms over a gap, and for the thin products of a phased pupil.
+_GAP_FLOP = 3.5
+_PHASED_FLOP = 2.0
+# Seconds for each PSF, whatever its size: what small stops take beyond their arithmetic.
+_OVERHEAD = 3e-3
+_OVERHEADS: Mapping[str, float] = MappingProxyType({PHASED: 12e-3, SPECTRUM: 25e-3})
+
+# Flops of a sample's phase: its path, sine and cosine.
+_TURN = 300.0
+# Waves that leave at more than 64 degrees are beyond the model; with the carrier, near to evanescent.
+_MOST_SLOPE = 0.9
+
+PHASE_SHARE = 0.01
+"""Tolerance of a phased field, as a share of the accuracy."""
+
+_PATHS: Mapping[str, FieldPath] = MappingProxyType({path.name: path for path in PATHS})
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One way to model a scene.
+
+    Attributes:
+        path: a field path's name, ``phased`` or ``angular spectrum``.
+        precision: of waves and products.
+        grey_rim: whether cut dots are taken as whole ones of their mean transmission.
+        scale, defocus, aberrations, diffraction: what is modelled.
+        places: along each axis of the field; 1 takes the axis's PSF everywhere.
+        lines: for each band; 0 for the camera's own lines.
+        samples_per_dot: in the stop's plane, where diffraction is modelled; else 0.
+        distortion: how many times finer than the plan's the samples are from which a distorted PSF is made; 0 leaves
+            the lens's distortion out.
+    """
+
+    path: str
+    precision: Precision
+    grey_rim: bool
+    scale: bool
+    defocus: bool
+    aberrations: bool
+    diffraction: bool
+    places: int
+    lines: int
+    samples_per_dot: int
+    distortion: int = 0
+
+
+@dataclass(frozen=True)
+class SceneCost:
+    """Cost of a choice: flops of matrix products, seconds at ``RATES``, bytes beyond the pupil's own, and its relative
+    L2 error, that of what it leaves out included."""
+
+    flops: float
+    seconds: float
+    memory: float
+    error: float
+
+
+@dataclass(frozen=True)
+class Ingredient:
+    """A row of the plan.
+
+    Attributes:
+        name: what could be modelled.
+        modelled: whether it is.
+        error: estimated relative L2 error of the PSF without it; of what is left of it in ``remaining`` if modelled.
+        method: how it was estimated.
+        safety: factor in ``error``.
+        remaining: what counts towards the plan's error: ``error`` if left out, else what modelling leaves.
+    """
+
+    name: str
+    modelled: bool
+    error: float
+    method: str
+    safety: float
+    remaining: float
+
+
+@dataclass(frozen=True, eq=False)
+class CostModel:
+    """The price of any choice for one panel, camera and scene.
+
+    Attributes:
+        pupil: openings inside the stop.
+        camera: its lines are those that set the samples.
+        scene: what is looked at.
+        accuracy: admissible error.
+        estimates: errors of omissions.
+        tasks: by (grey rim, scale modelled, times finer for distortion).
+        lines: how many lines the camera has.
+        steepest: most waves that defocus and aberrations turn over a micrometre of the stop, at any line.
+    """
+
+    pupil: Pupil
+    camera: Camera
+    scene: Scene
+    accuracy: float
+    estimates: Estimates
+    tasks: Mapping[tuple[bool, bool, int], FieldTask]
+    lines: int
+    steepest: float
+
+    def choices(self) -> Iterator[Choice]:
+        """Every choice that can be computed, whatever its error."""
+        known = self.estimates
+        gap = _options(known.diffraction)
+        options = itertools.product(
+            (*(path.name for path in PATHS), PHASED, SPECTRUM),
+            RATES,
+            (False, True),
+            _options(known.scale),
+            _options(known.defocus),
+            _options(known.aberrations),
+            gap,
+            (0, *GAP_SAMPLES) if any(gap) else (0,),
+            resamplings(known.distortion.error, self.accuracy),
+            known.places,
+        )
+        for path, precision, grey, scale, defocus, aberrations, diffraction, samples, finer, places in options:
+            # Whether there is a function for it does not depend on how many lines it is called for.
+            lines = min(known.bands)
+            choice = Choice(
+                path, precision, grey, scale, defocus, aberrations, diffraction, places, lines, samples, finer
+            )
+            if self.possible(choice):
+                yield from (replace(choice, lines=lines) for lines in known.bands)
+
+    def priced(self) -> Iterator[tuple[Choice, SceneCost]]:
+        """Every choice that can be computed, with its price."""
+        for _, alike in itertools.groupby(self.choices(), lambda choice: replace(choice, places=1, lines=0)):
+            first, *others = alike
+            one = self._one(first)
+            yield from ((choice, self._of_all(choice, *one)) for choice in (first, *others))
+
+    def possible(self, choice: Choice) -> bool:
+        """Whether there is a function for a choice, and it takes the pupil."""
+        phase = choice.defocus or choice.aberrations
+        if choice.diffraction != (choice.samples_per_dot > 0):
+            return False
+        if phase or choice.diffraction:
+            wanted = SPECTRUM if choice.diffraction else PHASED
+            fits = not choice.diffraction or self._gap_fits(choice)
+            return choice.path == wanted and choice.precision == "double" and not choice.grey_rim and fits
+        if choice.grey_rim and not self.pupil.rim_row.size:
+            return False
+        path = _PATHS.get(choice.path)
+        task = self._task(choice)
+        if choice.places > 1 and not choice.grey_rim:
+            # A stop whose edge follows the dots cuts them as soon as they move.
+            task = replace(task, rim=max(task.rim, 1))
+        return path is not None and choice.precision in path.precisions and path.refusal(task) is None
+
+    def price(self, choice: Choice) -> SceneCost:
+        """Flops, time, memory and error of a possible choice."""
+        return self._of_all(choice, *self._one(choice))
+
+    def _of_all(self, choice: Choice, flops: float, memory: float) -> SceneCost:
+        """The price of a choice of which one PSF takes so much."""
+        depths = DEPTHS if choice.defocus else 1
+        psfs = self.wavelengths(choice) * depths * choice.places**2
+        flops, waiting = flops * psfs, psfs * _OVERHEADS.get(choice.path, _OVERHEAD)
+        error = self.own_error(choice) + math.fsum(row.remaining for row in self.ingredients(choice))
+        return SceneCost(flops, flops / RATES[choice.precision] + waiting, memory, error)
+
+    def wavelengths(self, choice: Choice) -> int:
+        """Number of lines that a choice computes."""
+        return choice.lines * self.estimates.in_bands if self.estimates.in_bands else self.lines
+
+    def own_error(self, choice: Choice) -> float:
+        """Numerical error of the field path."""
+        if choice.path == PHASED:
+            # The field's tolerance is a share of the accuracy; the intensity errs by at most twice as much, the
+            # crossing of window and tail by as much again.
+            return 4 * PHASE_SHARE * self.accuracy
+        if choice.path == SPECTRUM:
+            phase = choice.defocus or choice.aberrations
+            return self._gap_edge(choice) + (self._gap_rim(choice) if phase else 0.0)
+        return _PATHS[choice.path].error[choice.precision]
+
+    def ingredients(self, choice: Choice) -> tuple[Ingredient, ...]:
+        """The rows of a choice."""
+        known = self.estimates
+        spread = Estimate(known.bands[min(known.bands)], "PSF in the window against that of many lines", BAND_SAFETY)
+        between = Estimate(known.places[choice.places], "the shift half a diagonal from the nearest place", GAP_SAFETY)
+        rows = [
+            _row("scale of a near focus", choice.scale, known.scale),
+            _row("defocus over the depth", choice.defocus, known.defocus),
+            _row("lens aberrations", choice.aberrations, known.aberrations),
+            _row("lens distortion", choice.distortion > 0, known.distortion, RESAMPLED.get(choice.distortion, 0.0)),
+            _row("shift through the gap", choice.places > 1, known.shift),
+            _row("diffraction over the gap", choice.diffraction, known.diffraction),
+            _row("field between places", False, between),
+            _row("width of the bands", choice.lines > 1, spread, known.bands[choice.lines]),
+            _row("curve of the rim", not choice.grey_rim, known.rim),
+        ]
+        if known.layout:
+            # The mean over layouts takes more than one layout's PSF, so it is never the cheaper one.
+            rows.append(_row("the layout itself", True, known.layout))
+        if self.scene.saturation:
+            rows.append(_row("saturation", True, Estimate(0.0, "clipped by the capture; the PSF stays as it is")))
+        return tuple(rows)
+
+    def _task(self, choice: Choice) -> FieldTask:
+        return self.tasks[choice.grey_rim, choice.scale, choice.distortion]
+
+    def _one(self, choice: Choice) -> tuple[float, float]:
+        """Flops and bytes of one PSF."""
+        task = self._task(choice)
+        if choice.path == SPECTRUM:
+            return self._gap_cost(choice, task)
+        if choice.path == PHASED:
+            ny, nx = self.pupil.whole.shape
+            orders, sides = _PHASE_ORDERS**2, task.u.size
+            moments = 250.0 * orders * ny * nx
+            return (
+                _PHASED_FLOP * (moments + 8.0 * orders * sides * nx * (ny + sides) + 100.0 * 8 * sides * task.rim),
+                8.0 * (4 * orders * ny * nx + 16 * sides**2),
+            )
+        path = _PATHS[choice.path]
+        return path.flops(task), path.memory(task) / (2 if choice.precision == "single" else 1)
+
+    def _sample_um(self, choice: Choice) -> float:
+        return self.pupil.x.dot_um / choice.samples_per_dot
+
+    def _gap_edge(self, choice: Choice) -> float:
+        stop = self.camera.stop
+        edge = perimeter_um(stop) / (4 * stop.area_um2) * self._sample_um(choice)
+        uneven = max((1 - self.pupil.field_integral_um2 / stop.area_um2) ** 2, _LEAST_UNEVENNESS)
+        return (_GAP_EDGE_ROUND if stop.round else _GAP_EDGE_STRAIGHT) * edge * self.estimates.crowding * uneven
+
+    def _gap_rim(self, choice: Choice) -> float:
+        sample = self._sample_um(choice)
+        return min(_GAP_RIM * self.steepest * sample, 4 * sample / self.camera.stop.diameter_um)
+
+    def _gap_fits(self, choice: Choice) -> bool:
+        """Whether the samples are fine enough for the phase, coarse enough for waves that travel, and not too many."""
+        sample, most = self._sample_um(choice), self.estimates.range_nm[1] * UM_PER_NM
+        phase = choice.defocus or choice.aberrations
+        # The corner of the grid of places is the farthest off the axis.
+        corner = math.sqrt(2) * self.scene.field_um
+        highest = float(self._task(choice).u[-1])
+        return (
+            most / (2 * sample) < min(_MOST_SLOPE, 1 - corner / math.hypot(corner, self.camera.focal_um))
+            and _GAP_RESOLVED * highest <= 0.5 / sample
+            and not (phase and self.steepest * sample > MOST_WAVES_PER_SAMPLE)
+            and self._gap_samples(choice) ** 2 <= MOST_GAP_SAMPLES
+        )
+
+    def _gap_samples(self, choice: Choice) -> int:
+        """Samples along a side of the propagated field, as :func:`maskfab.optics.gap.gap_psf` takes
+        them.
+        """
+        sample = self._sample_um(choice)
+        guard = gap_guard_um(self.scene.gap_um, self.estimates.range_nm[1], sample)
+        width = self.camera.stop.diameter_um + 2 * guard + self.pupil.x.pitch_um
+        return math.ceil(width / sample) + 4
+
+    def _gap_cost(self, choice: Choice, task: FieldTask) -> tuple[float, float]:
+        count, sides = self._gap_samples(choice), 2 * task.u.size - 1
+        across = count / choice.samples_per_dot
+        middle = self.camera.stop.diameter_um / self.pupil.x.dot_um * choice.samples_per_dot
+        # Dots without gutters between them have their spectrum from one small transform.
+        axis = self.pupil.x
+        even = math.isclose(axis.pitch_um, axis.dots * axis.dot_um)
+        spectrum = 0.0 if even else 8 * count * across * (across + count)
+        flops = (
+            spectrum
+            + _TRANSFORM_FLOP * 2 * 5 * count**2 * 2 * log2(count)
+            + 8 * sides * middle * (middle + sides)
+            + (_TURN * middle**2 if choice.defocus or choice.aberrations else 0.0)
+        )
+        return _GAP_FLOP * flops, 16.0 * 4 * count**2
+
+
+def resamplings(left_out: float, accuracy: float) -> tuple[int, ...]:
+    """Values of :attr:`Choice.distortion` that may meet an accuracy, and the finest.
+
+    Args:
+        left_out: error of leaving the distortion out.
+        accuracy: admissible error.
+    """
+    if not left_out:
+        return (0,)
+    fine = tuple(finer for finer, error in RESAMPLED.items() if finer == FINEST or error < accuracy)
+    return (0, *fine) if left_out <= max(accuracy, RESAMPLED[FINEST]) else fine
+
+
+def _options(known: Estimate) -> tuple[bool, ...]:
+    return (False, True) if known.error else (False,)
+
+
+def _row(name: str, modelled: bool, known: Estimate, remaining: float = 0.0) -> Ingredient:
+    return Ingredient(name, modelled, known.error, known.method, known.safety, remaining if modelled else known.error)
+
 
 AT_MOST = "at most"
 """Qualifier of a plan's errors in its document: with their safety they may be far above the truth, and not below it."""

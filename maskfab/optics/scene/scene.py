@@ -1,4 +1,10 @@
-"""The scene of a camera: distances, field, gap, aberrations and the bands of light, as stated in [scene]."""
+"""A lens's radial distortion, pincushion or barrel, and what it does to a PSF off the axis.
+
+The third order alone: r becomes r (1 + k (r / h)²) (Born and Wolf, Principles of Optics, 5.3). Light that the openings
+diffract comes to the lens under another angle, so it lands where the lens images an object under that angle.
+
+The scene of a camera: distances, field, gap, aberrations and the bands of light, as stated in [scene].
+"""
 
 from __future__ import annotations
 
@@ -8,14 +14,140 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
+import scipy
 
-from maskfab.errors import JobError
-from maskfab.jobfile import SceneSection
-from maskfab.model import Camera, MaskBlank
-from maskfab.optics.image.spectrum import Band, Curve
-from maskfab.optics.light.response import black_body, camera_bands, generic_rgb, parse_curves
-from maskfab.optics.scene.distortion import Distortion
-from maskfab.optics.wavefront.aberration import Wavefront
+from maskfab.base.arrays import Floats
+from maskfab.base.errors import JobError
+from maskfab.base.model import Camera, MaskBlank, Psf
+from maskfab.job.sections import SceneSection
+from maskfab.job.values import MOST_DISTORTION
+from maskfab.optics.phase import Wavefront
+from maskfab.optics.response import black_body, camera_bands, generic_rgb, parse_curves
+from maskfab.optics.spectrum import Band, Curve
+
+SPLINE_REACH = 8
+"""Samples beyond the outermost point that the spline between samples needs: its poles decay by 0.43 a sample."""
+
+# Newton's steps end when they no longer tell, a hundred roundings.
+_STEPS, _STILL = 60, 2e-14
+
+
+@dataclass(frozen=True)
+class Distortion:
+    """Radial distortion of the third order: an image height r becomes r (1 + k (r / h)²).
+
+    Attributes:
+        ratio: k, the relative displacement at ``height_um``; pincushion if positive, barrel if negative.
+        height_um: h, an image height without distortion.
+
+    Raises:
+        JobError: MF104 if a value is not finite, the height not positive, or |k| above 0.3.
+    """
+
+    ratio: float
+    height_um: float
+
+    def __post_init__(self) -> None:
+        if not abs(self.ratio) <= MOST_DISTORTION:
+            raise JobError(
+                "MF104",
+                f"distortion of {self.ratio:g} is beyond {MOST_DISTORTION:g}",
+                cure="Give it as a ratio: 0.02 for 2 %, negative for a barrel",
+            )
+        if not (math.isfinite(self.height_um) and self.height_um > 0):
+            raise JobError(
+                "MF104",
+                f"the height of the distortion is {self.height_um:g} um",
+                cure="Give the image height at which it was measured",
+            )
+
+    @property
+    def farthest_um(self) -> float:
+        """The largest image height with an object: where a barrel turns back; infinite for a pincushion."""
+        return math.inf if self.ratio >= 0 else 2 / 3 * self.height_um / math.sqrt(-3 * self.ratio)
+
+    def displaced(self, x_um: Floats, y_um: Floats) -> tuple[Floats, Floats]:
+        """Where points of the undistorted picture land, in micrometres."""
+        stretch = 1 + self.ratio * (x_um**2 + y_um**2) / self.height_um**2
+        return x_um * stretch, y_um * stretch
+
+    def undistorted(self, x_um: Floats, y_um: Floats) -> tuple[Floats, Floats]:
+        """The points of the undistorted picture that land there: the inverse of :meth:`displaced`.
+
+        Raises:
+            JobError: MF104 beyond ``farthest_um``.
+        """
+        radius = np.hypot(x_um, y_um)
+        if float(np.max(radius)) >= self.farthest_um:
+            raise JobError(
+                "MF104",
+                f"an image height of {float(np.max(radius)):g} um is beyond {self.farthest_um:g} um, where a barrel of "
+                f"{self.ratio:g} at {self.height_um:g} um folds the picture",
+                where="scene.distortion",
+                cure="State less distortion, a smaller field or a smaller window",
+            )
+        # Newton's steps from within fall or rise to the root without a turn, as the cubic bends one way up to the fold.
+        found = radius
+        for _ in range(_STEPS):
+            share = self.ratio * (found / self.height_um) ** 2
+            change = (found * (1 + share) - radius) / (1 + 3 * share)
+            found = found - change
+            if float(np.max(abs(change))) <= _STILL * self.height_um:
+                break
+        inward = np.divide(found, radius, out=np.ones_like(found), where=radius > 0)
+        return x_um * inward, y_um * inward
+
+    def magnification(self, x_um: Floats, y_um: Floats) -> Floats:
+        """Factor by which a small area about a point of the undistorted picture grows.
+
+        Along the radius the scale is 1 + 3 k (r / h)², across it 1 + k (r / h)².
+        """
+        share = self.ratio * (x_um**2 + y_um**2) / self.height_um**2
+        return (1 + share) * (1 + 3 * share)
+
+
+@dataclass(frozen=True, eq=False)
+class DistortedWindow:
+    """A window on the sensor about an image point, as the undistorted picture has it.
+
+    Attributes:
+        middle_um: the image point without distortion.
+        x_um, y_um: float64 [n, n], offsets from there of what the samples of the window show.
+        magnification: float64 [n, n], of areas about them.
+    """
+
+    middle_um: tuple[float, float]
+    x_um: Floats
+    y_um: Floats
+    magnification: Floats
+
+    @classmethod
+    def about(cls, lens: Distortion, image_um: tuple[float, float], step_um: float, half: int) -> DistortedWindow:
+        """The window of 2 half + 1 samples along a side.
+
+        Raises:
+            JobError: MF104 where the lens folds the picture.
+        """
+        offset = step_um * np.arange(-half, half + 1, dtype=np.float64)
+        x, y = lens.undistorted(*np.meshgrid(image_um[0] + offset, image_um[1] + offset))
+        middle_x, middle_y = (float(at) for at in lens.undistorted(np.array(image_um[0]), np.array(image_um[1])))
+        return cls((middle_x, middle_y), x - middle_x, y - middle_y, lens.magnification(x, y))
+
+    def half(self, step_um: float) -> int:
+        """Samples of that step on either side of the middle that the window takes of an undistorted PSF."""
+        return math.ceil(max(float(abs(self.x_um).max()), float(abs(self.y_um).max())) / step_um) + SPLINE_REACH
+
+    def of(self, psf: Psf, step_um: float, order: int = 5) -> Psf:
+        """An undistorted PSF as the sensor gets it; what it does not hold is dark.
+
+        The intensity at s is I(q(s)) over the magnification at q, so energy is kept. A spline of that order
+        interpolates between samples; the cubic takes a third of the time.
+        """
+        middle = psf.values.shape[0] // 2
+        places = [self.y_um / psf.step_um + middle, self.x_um / psf.step_um + middle]
+        values = scipy.ndimage.map_coordinates(psf.values, places, order=order, mode="constant")
+        return Psf(values / self.magnification, step_um, psf.wavelength_nm, psf.kind)
+
 
 _NONE: Mapping[str, str] = MappingProxyType({})
 

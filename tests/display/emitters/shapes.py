@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from maskfab.display.emitters.emitter_rules import EmitterGrid
+from maskfab.display.emitter_rules import EmitterGrid
 
 ALIKE = (1.0, 1.0, 1.0)
 PUBLISHED = Path(__file__).parents[4] / "shared" / "reference" / "data" / "published_masks"

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from sweeps import in_turns, sweep
 
-from maskfab.display.emitters.borders import borders, margin, meetings
-from maskfab.display.emitters.emitter_rules import EmitterGrid, EmitterRules
-from maskfab.display.emitters.measure import violations
-from maskfab.model import Emitters, Opening, Panel, Tiling, orient
-from maskfab.plate.tiling import orientations
+from maskfab.base.model import Emitters, Opening, Panel, Tiling, orient
+from maskfab.display.emitter_rules import EmitterGrid, EmitterRules
+from maskfab.display.free_area import borders, margin, meetings
+from maskfab.display.polygon_check import violations
+from maskfab.optics.tiling import orientations
 
 ALL = orientations(Tiling.RANDOM, 40, 40, 1)
 

@@ -9,11 +9,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from maskfab.display.emitters.bound import upper_bound
-from maskfab.display.emitters.emitter_rules import EmitterGrid
-from maskfab.display.emitters.freeform import guillotine
-from maskfab.display.emitters.min_cut import shortest_cuts
-from maskfab.display.emitters.placement import Proof
+from maskfab.display.emitter_rules import EmitterGrid, Proof
+from maskfab.display.emitter_shapes import guillotine
+from maskfab.display.footprint_bound import shortest_cuts, upper_bound
 
 EQUAL = (1.0, 1.0, 1.0)
 

@@ -12,18 +12,15 @@ from display.emitters.shapes import ALIKE, bar, broken_rules, cells, published
 from scipy import ndimage
 from sweeps import in_turns, sweep
 
-from maskfab.display.emitters.assign import centred, wander
-from maskfab.display.emitters.borders import borders
-from maskfab.display.emitters.emitter_rules import EmitterRules, grid_of
-from maskfab.display.emitters.fit import footprint
-from maskfab.display.emitters.free_area import free_region
-from maskfab.display.emitters.freeform import cut_triples, guillotine, shaved
-from maskfab.display.emitters.squares import Squares
-from maskfab.model import Emitters, Opening, Tiling
-from maskfab.opening.openings import parse_opening
-from maskfab.optics.numbers.centroid import luminance_centroid
-from maskfab.plate.tiling import orientations
-from maskfab.resources import path
+from maskfab.base.model import Emitters, Opening, Tiling
+from maskfab.base.resources import path
+from maskfab.display.emitter_rules import EmitterRules, grid_of
+from maskfab.display.emitter_shapes import cut_triples, guillotine, shaved
+from maskfab.display.free_area import Squares, borders, free_region
+from maskfab.display.placement import centred, footprint, wander
+from maskfab.mask.opening_file import parse_opening
+from maskfab.optics.colour import luminance_centroid
+from maskfab.optics.tiling import orientations
 
 ALL = orientations(Tiling.RANDOM, 40, 40, 1)
 DOT = 8000

@@ -9,16 +9,13 @@ import pytest
 from display.emitters.shapes import bar, broken_rules, cells, published
 from sweeps import in_turns, sweep
 
-from maskfab.display.emitters.across_borders import border_margin, facing_squares, three_facing_squares
-from maskfab.display.emitters.borders import borders
-from maskfab.display.emitters.emitter_rules import EmitterRules, grid_of
-from maskfab.display.emitters.fit import footprint, largest_gap, three_squares
-from maskfab.display.emitters.free_area import EVERY, free_region
-from maskfab.display.emitters.placement import Proof, Verdict
-from maskfab.errors import JobError
-from maskfab.model import Opening, orient
-from maskfab.opening.openings import parse_opening
-from maskfab.resources import path
+from maskfab.base.errors import JobError
+from maskfab.base.model import Opening, orient
+from maskfab.base.resources import path
+from maskfab.display.emitter_rules import EmitterRules, Proof, Verdict, grid_of
+from maskfab.display.free_area import EVERY, border_margin, borders, facing_squares, free_region, three_facing_squares
+from maskfab.display.placement import footprint, largest_gap, three_squares
+from maskfab.mask.opening_file import parse_opening
 
 DOT, GUTTER = 8000, 8000
 PIXEL = 22**2

@@ -12,14 +12,11 @@ from display.emitters.shapes import ALIKE, bar, broken_rules, cells, published, 
 from scipy import ndimage
 from sweeps import in_turns, sweep
 
-from maskfab.display.emitters.across_borders import facing_squares
-from maskfab.display.emitters.free_area import free_region
-from maskfab.display.emitters.freeform import guillotine, polish
-from maskfab.display.emitters.rectangles import three_rectangles
-from maskfab.display.emitters.squares import Squares
-from maskfab.model import orient
-from maskfab.opening.openings import parse_opening
-from maskfab.resources import path
+from maskfab.base.model import orient
+from maskfab.base.resources import path
+from maskfab.display.emitter_shapes import guillotine, polish, three_rectangles
+from maskfab.display.free_area import Squares, facing_squares, free_region
+from maskfab.mask.opening_file import parse_opening
 
 
 @pytest.mark.parametrize("count", [400, pytest.param(1500, marks=pytest.mark.slow)])

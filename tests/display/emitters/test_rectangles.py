@@ -10,9 +10,9 @@ from display.emitters.listing import largest_by_listing, small_grids
 from display.emitters.shapes import ALIKE, bar, broken_rules, cells, published, spiral
 from scipy import ndimage
 
-from maskfab.display.emitters.free_area import free_region
-from maskfab.display.emitters.rectangles import rectangle_footprints, three_rectangles, window_table
-from maskfab.model import orient
+from maskfab.base.model import orient
+from maskfab.display.emitter_shapes import rectangle_footprints, three_rectangles, window_table
+from maskfab.display.free_area import free_region
 
 RATIOS = (ALIKE, (0.5, 1.0, 1.5), (2 / 3, 2 / 3, 5 / 3), (1.2, 0.9, 0.9))
 ASPECTS = (math.inf, 1.0, 1.4, 1.5, 2.0)

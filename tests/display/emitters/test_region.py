@@ -5,9 +5,9 @@ import pytest
 from display.emitters.shapes import cells
 from scipy import ndimage
 
-from maskfab.display.emitters.free_area import EVERY, free_region, relative_orientations
-from maskfab.errors import JobError
-from maskfab.model import orient
+from maskfab.base.errors import JobError
+from maskfab.base.model import orient
+from maskfab.display.free_area import EVERY, free_region, relative_orientations
 
 DOTS = np.array(
     [[0, 0, 0, 0, 1], [0, 0, 0, 0, 0], [0, 0, 1, 0, 0], [0, 0, 0, 0, 0], [0, 1, 0, 0, 0]],

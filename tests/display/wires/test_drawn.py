@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from klayout import db
 
-from maskfab.display.emitters.placement import Verdict
-from maskfab.display.wires.gutter import WireRules
-from maskfab.display.wires.wiring import WireDemand, wiring
-from maskfab.geometry.plate_layout import simple_polygon
-from maskfab.geometry.unit_cell import unit_shapes
-from maskfab.model import CLEAR, WIRES, Layer, Opening, Panel, Tiling
-from maskfab.opening.openings import load_opening
-from maskfab.plate.tiling import orientations
+from maskfab.base.model import CLEAR, WIRES, Layer, Opening, Panel, Tiling
+from maskfab.display.emitter_rules import Verdict
+from maskfab.display.pixel_lines import WireRules
+from maskfab.display.wiring import WireDemand, wiring
+from maskfab.mask.layout import simple_polygon
+from maskfab.mask.opening_file import load_opening
+from maskfab.mask.outlines import unit_shapes
+from maskfab.optics.tiling import orientations
 
 RULES = WireRules(2000, 2000, 1000)
 OPENINGS = Path(__file__).parents[3] / "layouts" / "openings"

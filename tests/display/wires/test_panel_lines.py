@@ -12,13 +12,11 @@ from hypothesis import strategies as st
 from klayout import db
 from sweeps import examples
 
-from maskfab.display.emitters.measure import whole_panel
-from maskfab.display.wires.gutter import WireRules
-from maskfab.display.wires.line_rules import line_violations
-from maskfab.display.wires.panel_cut import panel_cut
-from maskfab.display.wires.panel_routing import AXES, PanelLines, panel_lines
-from maskfab.model import CLEAR, ORIENTATIONS, Opening, Panel, Tiling
-from maskfab.opening.openings import load_opening
+from maskfab.base.model import CLEAR, ORIENTATIONS, Opening, Panel, Tiling
+from maskfab.display.panel_lines import AXES, PanelLines, panel_cut, panel_lines
+from maskfab.display.pixel_lines import WireRules
+from maskfab.display.polygon_check import line_violations, whole_panel
+from maskfab.mask.opening_file import load_opening
 
 RULES = WireRules(3000, 3000, 2500)
 OPENINGS = Path(__file__).parents[3] / "layouts" / "openings"

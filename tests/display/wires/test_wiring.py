@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from maskfab.display.wires.flow import DIRECTIONS, Direction, Net
-from maskfab.display.wires.gutter import WireRules, lines_per_layer
-from maskfab.display.wires.ports import ports
-from maskfab.display.wires.reach import reaches
-from maskfab.errors import JobError
-from maskfab.model import ORIENTATIONS, Emitters, orient
+from maskfab.base.errors import JobError
+from maskfab.base.model import ORIENTATIONS, Emitters, orient
+from maskfab.display.pixel_lines import DIRECTIONS, Direction, Net, WireRules, lines_per_layer, ports
+from maskfab.display.wiring import reaches
 
 
 @pytest.mark.parametrize("seed", range(20))

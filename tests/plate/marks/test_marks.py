@@ -8,22 +8,27 @@ import numpy as np
 import pytest
 from klayout import db
 
-from maskfab.comparison.roundtrip import clear_length_nm
-from maskfab.geometry.plate_layout import plate_layout, simple_polygon
-from maskfab.model import CLEAR, OUTLINE, Die, Opening, Panel, Plate, Tiling
-from maskfab.plate.marks.captions import title_block
-from maskfab.plate.marks.data_matrix import code_text, data_matrix, modules
-from maskfab.plate.marks.die_map import die_map, outlines
-from maskfab.plate.marks.drawing import DrawnMarks, bounding_box, box_at
-from maskfab.plate.marks.registration import alignment_cross, fiducial, parity_mark
-from maskfab.plate.marks.resolution import (
+from maskfab.base.model import CLEAR, OUTLINE, Die, Opening, Panel, Plate, Tiling
+from maskfab.mask.comparison.roundtrip import clear_length_nm
+from maskfab.mask.layout import plate_layout, simple_polygon
+from maskfab.mask.marks import (
+    DrawnMarks,
+    alignment_cross,
+    bounding_box,
+    box_at,
     cd_bars,
     checkerboards,
+    code_text,
     corner_letters,
+    data_matrix,
+    fiducial,
     inner_radius_nm,
     line_space,
+    modules,
+    parity_mark,
     siemens_star,
 )
+from maskfab.mask.plate import die_map, outlines, title_block
 
 AT = (-3_000_001, 7_000_003)
 FEATURES = (2_000, 4_033, 50_000)

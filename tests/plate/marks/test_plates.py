@@ -11,19 +11,17 @@ import zxingcpp
 from klayout import db
 from small_job import write_job
 
-from maskfab import resources
-from maskfab.comparison.roundtrip import roundtrip
-from maskfab.errors import JobError
-from maskfab.export.gds import write_gdsii
-from maskfab.geometry.plate_layout import coverage, plate_layout, region
-from maskfab.job import load_job
-from maskfab.model import CLEAR, Plate
-from maskfab.plate.marks.clearances import check_clearances
-from maskfab.plate.marks.data_matrix import modules
-from maskfab.plate.marks.drawing import Setting, bounding_box
-from maskfab.plate.marks.template import load_template, template_names
-from maskfab.plate.marks.templated import templated
-from maskfab.readers.layout_file import read_layout
+from maskfab.base import resources
+from maskfab.base.errors import JobError
+from maskfab.base.model import CLEAR, Plate
+from maskfab.mask.comparison.roundtrip import roundtrip
+from maskfab.mask.formats.gdsii import write_gdsii
+from maskfab.mask.formats.reader import read_layout
+from maskfab.mask.job import load_job
+from maskfab.mask.layout import plate_layout, region
+from maskfab.mask.marks import Setting, bounding_box, load_template, modules, template_names
+from maskfab.mask.plate import check_clearances, templated
+from maskfab.mask.raster import coverage
 
 SIDES = 'blank = "27 mm"\nwritable = "22 mm"\n'
 

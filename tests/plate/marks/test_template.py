@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from maskfab import resources
-from maskfab.errors import CATALOGUE, JobError
-from maskfab.plate.marks.template import load_template, overlap, plate_template, template_names
+from maskfab.base import resources
+from maskfab.base.errors import CATALOGUE, JobError
+from maskfab.mask.marks import load_template, overlap, plate_template, template_names
 
 TEXT = resources.path("export_templates/plates/5in.toml").read_text(encoding="utf-8")
 

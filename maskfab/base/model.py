@@ -1,0 +1,853 @@
+"""The vocabulary: what the machine makes, in the order in which it makes it.
+
+    Opening -> Panel -> Die -> Plate -> (files) -> Psf, Mtf -> Quantity -> Report
+
+Every type is frozen, its arrays are read-only, and it refuses nonsense when it is made, with the code of an
+:class:`maskfab.base.errors.InputError`. Arrays are indexed ``[y, x]`` with y upwards: row 0 is the lowest. Integer
+nanometres carry geometry, float micrometres carry optics; names end in the unit.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from typing import Literal, TypeVar, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maskfab.base import checks as require
+from maskfab.base.cell_size import CellSize
+from maskfab.base.errors import InternalError
+from maskfab.base.quantities import registered
+from maskfab.base.units import UM_PER_MM
+
+Point = tuple[int, int]
+Polygon = tuple[Point, ...]
+Box = tuple[int, int, int, int]
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+ORIENTATIONS = 8
+
+
+def orient(cell: NDArray[Scalar], orientation: int) -> NDArray[Scalar]:
+    """The cell under one element of D4: mirrored left-right if ``orientation >= 4``, then turned by 90 degrees
+    counter-clockwise ``orientation % 4`` times (as seen with y upwards)."""
+    mirrored = cell[:, ::-1] if orientation >= 4 else cell
+    # np.rot90 turns counter-clockwise for row 0 on top; with row 0 at the bottom the sense is reversed.
+    return np.rot90(mirrored, -(orientation % 4))
+
+
+def refined(cells: NDArray[Scalar], times: int) -> NDArray[Scalar]:
+    """The picture [..., y, x] on cells that are finer by a factor along each side."""
+    return cells.repeat(times, axis=-2).repeat(times, axis=-1)
+
+
+def side_by_side(cells: NDArray[Scalar]) -> NDArray[Scalar]:
+    """Cells [rows, columns, height, width] as one picture, [rows x height, columns x width]."""
+    rows, columns, height, width = cells.shape
+    return cells.transpose(0, 2, 1, 3).reshape(rows * height, columns * width)
+
+
+def split_cells(picture: NDArray[Scalar], height: int, width: int) -> NDArray[Scalar]:
+    """The inverse of :func:`side_by_side`: [rows, columns, height, width]."""
+    rows, columns = picture.shape[0] // height, picture.shape[1] // width
+    return picture.reshape(rows, height, columns, width).transpose(0, 2, 1, 3)
+
+
+def unit_dots(orientations: NDArray[np.int8], dots: int) -> NDArray[np.intp]:
+    """Flat index into a unit of every dot of the cells that it is laid out over, [rows x dots, columns x dots]."""
+    index = np.arange(dots * dots).reshape(dots, dots)
+    return side_by_side(np.stack([orient(index, element) for element in range(ORIENTATIONS)])[orientations])
+
+
+class Tiling(StrEnum):
+    """Rule by which the cells of a panel choose among the eight orientations.
+
+    ``flips`` draws among mirror images only; the two ``rot90`` cycle through four orientations on 2 x 2 cells, the
+    second mirrors every other one; ``blue_noise`` is random without coarse clusters; ``hexagonal`` has its cells on a
+    hexagonal lattice, each turned by a random multiple of 60 degrees; ``map`` is given cell by cell round the axis, and
+    random beyond.
+    """
+
+    PERIODIC = "periodic"
+    RANDOM = "random"
+    PAPER4 = "paper4"
+    FLIPS = "flips"
+    ROT90 = "rot90"
+    ROT90FLIP = "rot90flip"
+    BLUE_NOISE = "blue_noise"
+    HEXAGONAL = "hexagonal"
+    MAP = "map"
+
+    @property
+    def seeded(self) -> bool:
+        """Whether orientations are drawn, so that a seed is needed."""
+        return self not in {Tiling.PERIODIC, Tiling.ROT90, Tiling.ROT90FLIP}
+
+    @property
+    def independent(self) -> bool:
+        """Whether every cell draws on its own from the same orientations."""
+        return self in {Tiling.RANDOM, Tiling.PAPER4, Tiling.FLIPS}
+
+
+@dataclass(frozen=True, eq=False)
+class Opening:
+    """The clear shape in one display pixel, on a square grid of dots.
+
+    Attributes:
+        name: identifier, also the stem of GDSII cell names.
+        mask: bool [dots, dots], True is clear.
+        dot_nm: side of one dot at the opening's nominal pitch.
+        provenance: who made it, with which command, seed and version.
+        emitters: int8 [n, n], n a multiple of dots, the emitters that come with it, labelled as in :class:`Emitters`;
+            None where it comes without.
+    """
+
+    name: str
+    mask: NDArray[np.bool_]
+    dot_nm: int
+    provenance: Mapping[str, str | int | float] = field(default_factory=dict)
+    emitters: NDArray[np.int8] | None = None
+
+    def __post_init__(self) -> None:
+        require.instance(self, "name", str)
+        require.whole(self, "dot_nm", 1)
+        object.__setattr__(self, "mask", frozen(require.square_mask(self, "mask")))
+        if self.emitters is not None:
+            object.__setattr__(self, "emitters", frozen(_emitter_labels(self, "emitters")))
+
+    @property
+    def dots(self) -> int:
+        return int(self.mask.shape[0])
+
+    @property
+    def cell_size(self) -> CellSize:
+        """The cell at the nominal pitch, without a gutter."""
+        return CellSize(self.dots, self.dot_nm)
+
+    @property
+    def clear_dots(self) -> int:
+        return int(self.mask.sum())
+
+    @property
+    def open_ratio(self) -> float:
+        return self.clear_dots / self.mask.size
+
+
+COLOURS = ("red", "green", "blue")
+
+
+@dataclass(frozen=True, eq=False)
+class Emitters:
+    """The red, green and blue areas of one pixel that emit.
+
+    Attributes:
+        labels: int8 [n, n] on square cells that divide the dots, over the pixel less its gutter; 0 is none, 1 to 3 are
+            red, green and blue. Turned with the opening.
+        cell_nm: side of a cell.
+    """
+
+    labels: NDArray[np.int8]
+    cell_nm: int
+
+    def __post_init__(self) -> None:
+        require.whole(self, "cell_nm", 1)
+        object.__setattr__(self, "labels", frozen(_emitter_labels(self, "labels")))
+
+    @property
+    def areas_um2(self) -> tuple[float, float, float]:
+        """Red, green and blue area."""
+        red, green, blue = (float((self.labels == k).sum()) * self.cell_nm**2 / 1e6 for k in (1, 2, 3))
+        return red, green, blue
+
+
+def _emitter_labels(owner: Opening | Emitters, name: str) -> NDArray[np.int8]:
+    cure = "0 is no emitter, 1 to 3 are red, green and blue, on square cells"
+    return require.labels(owner, name, 1 + len(COLOURS), "MF119", cure)
+
+
+@dataclass(frozen=True)
+class Track:
+    """Wires of one kind in one pixel.
+
+    Attributes:
+        name: scan, data, power ...; what it carries.
+        axis: along which it runs; wires along x are on the lower metal, those along y on the upper.
+        polygons: simple, hole-free outlines in nanometres, the pixel's lower left corner, gutter included, the origin.
+        turns: whether it turns with the opening (drawn for orientation 0), its axis with it, or stays as gutters do.
+        transmission: share of light that passes where it crosses an opening; 0 is opaque.
+    """
+
+    name: str
+    axis: Literal["x", "y"]
+    polygons: tuple[Polygon, ...]
+    turns: bool
+    transmission: float = 0.0
+
+    def __post_init__(self) -> None:
+        require.choice(self, "axis", ("x", "y"))
+        require.number(self, "transmission", 0.0, 1.0, open_low=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """An opening laid out over rows x columns of cells, with an opaque gutter round every cell.
+
+    Attributes:
+        opening: the unit opening.
+        dot_nm: side of one dot as laid out.
+        gutter_nm: opaque space between the dots of neighbouring cells; half of it on each side of a cell, so even.
+        orientations: int8 [rows, columns], what each cell holds: 8 u + k is opening u of ``openings`` under element k
+            of D4.
+        tiling: how the orientations were chosen.
+        seed: seed of a random tiling.
+        emitters: what emits behind the opaque part of every pixel; None where nothing is said.
+        tracks: wires of every pixel.
+        others: further openings among which cells choose, of as many dots as the first.
+    """
+
+    opening: Opening
+    dot_nm: int
+    gutter_nm: int
+    orientations: NDArray[np.int8]
+    tiling: Tiling
+    seed: int | None
+    emitters: Emitters | None = None
+    tracks: tuple[Track, ...] = ()
+    others: tuple[Opening, ...] = ()
+
+    def __post_init__(self) -> None:
+        require.instance(self, "opening", Opening)
+        require.whole(self, "dot_nm", 1)
+        require.whole(self, "gutter_nm", 0)
+        if self.gutter_nm % 2:
+            what = f"{self.gutter_nm} nm is odd, and half of it lies on each side of a cell"
+            require.refuse("MF107", self, "gutter_nm", what, f"Use {self.gutter_nm + 1} nm")
+        require.instance(self, "tiling", Tiling)
+        if self.seed is not None:
+            require.whole(self, "seed", 0, 2**63 - 1)
+        elif self.tiling.seeded:
+            what = f"the {self.tiling} tiling draws its orientations"
+            require.refuse("MF111", self, "seed", what, "Give seed = 1, or any other whole number")
+        if any(each.dots != self.opening.dots for each in self.others):
+            what = f"openings of {', '.join(str(each.dots) for each in self.openings)} dots in one panel"
+            require.refuse("MF122", self, "others", what, "Give openings of as many dots as the first")
+        entries = ORIENTATIONS * len(self.openings)
+        cure = "A cell holds 8 u + k: opening u under element k of D4"
+        object.__setattr__(self, "orientations", frozen(require.labels(self, "orientations", entries, "MF122", cure)))
+
+    @property
+    def openings(self) -> tuple[Opening, ...]:
+        return self.opening, *self.others
+
+    @property
+    def common(self) -> Opening:
+        """Union of its openings, of which emitters that are alike in all cells keep clear."""
+        if not self.others:
+            return self.opening
+        return replace(self.opening, mask=np.any([opening.mask for opening in self.openings], axis=0))
+
+    def pattern(self, cell: int) -> NDArray[np.bool_]:
+        """Contents of a cell, bool [dots, dots], from its entry in ``orientations``."""
+        return orient(self.openings[cell // ORIENTATIONS].mask, cell % ORIENTATIONS)
+
+    @property
+    def patterns(self) -> NDArray[np.bool_]:
+        """Everything that a cell can hold, bool [8 openings, dots, dots]."""
+        return np.stack([self.pattern(cell) for cell in range(ORIENTATIONS * len(self.openings))])
+
+    @property
+    def cell_size(self) -> CellSize:
+        return CellSize(self.opening.dots, self.dot_nm, self.gutter_nm)
+
+    @property
+    def pitch_nm(self) -> int:
+        return self.cell_size.pitch_nm
+
+    @property
+    def size_nm(self) -> Point:
+        rows, columns = self.orientations.shape
+        return columns * self.pitch_nm, rows * self.pitch_nm
+
+    @property
+    def open_ratio(self) -> float:
+        """Share of a cell, gutter included, that is clear; the mean over all cells if they hold several openings."""
+        if not self.others:
+            return self.opening.clear_dots * self.dot_nm**2 / self.pitch_nm**2
+        held = np.bincount(self.orientations.ravel() // ORIENTATIONS, minlength=len(self.openings))
+        clear = sum(float(n) * each.clear_dots for n, each in zip(held, self.openings, strict=True))
+        return clear / self.orientations.size * self.dot_nm**2 / self.pitch_nm**2
+
+
+@dataclass(frozen=True, eq=False)
+class Die:
+    """One panel on a plate, centred in a square slot.
+
+    Attributes:
+        name: unique on the plate; letters, digits and underscores.
+        label: text drawn in clear under the die.
+        panel: what fills it.
+        centre_nm: centre of the slot in plate coordinates (plate centre = origin).
+        slot_nm: side of the square slot; the panel is not larger.
+    """
+
+    name: str
+    label: str
+    panel: Panel
+    centre_nm: Point
+    slot_nm: int
+
+    def __post_init__(self) -> None:
+        require.instance(self, "name", str)
+        require.instance(self, "panel", Panel)
+        for value in self.centre_nm:
+            require.whole(self, "centre_nm", -require.MOST_NM, value=value)
+        require.whole(self, "slot_nm", 1)
+        if max(self.panel.size_nm) > self.slot_nm:
+            width, height = self.panel.size_nm
+            what = f"a panel of {width} x {height} nm is larger than its slot of {self.slot_nm} nm"
+            require.refuse("MF108", self, "slot_nm", what, "Use fewer cells or a larger slot")
+
+    @property
+    def origin_nm(self) -> Point:
+        """Lower left corner of the panel."""
+        width, height = self.panel.size_nm
+        return self.centre_nm[0] - width // 2, self.centre_nm[1] - height // 2
+
+    @property
+    def box_nm(self) -> Box:
+        """Panel's bounding box: x0, y0, x1, y1."""
+        (x, y), (width, height) = self.origin_nm, self.panel.size_nm
+        return x, y, x + width, y + height
+
+
+@dataclass(frozen=True)
+class Layer:
+    """A layer of the plate under its names in each format.
+
+    Attributes:
+        name: DXF layer name (at most 8 characters).
+        number: GDSII/OASIS layer.
+        datatype: GDSII/OASIS datatype.
+        written: whether the mask writer exposes it (digitized data = clear).
+        purpose: one line for the layer table.
+    """
+
+    name: str
+    number: int
+    datatype: int
+    written: bool
+    purpose: str
+
+
+CLEAR = Layer("CLEAR", 1, 0, True, "everything that is clear in the chrome: openings, labels, marks")
+CHROME = Layer("CHROME", 3, 0, True, "all chrome of the writable area: drawn in place of CLEAR where data are dark")
+OUTLINE = Layer("OUTLINE", 10, 0, False, "blank, writable area and die slots, for orientation only")
+NOTE = Layer("NOTE", 11, 0, False, "version, job hash and seeds as text, for orientation only")
+EMITTERS = (
+    Layer("RED", 20, 0, False, "red emitters of the display; not on the mask"),
+    Layer("GREEN", 21, 0, False, "green emitters of the display; not on the mask"),
+    Layer("BLUE", 22, 0, False, "blue emitters of the display; not on the mask"),
+)
+WIRES = (
+    Layer("WIRE1", 30, 0, False, "wires of the display's lower metal; not on the mask"),
+    Layer("WIRE2", 31, 0, False, "wires of the display's upper metal; not on the mask"),
+)
+VEIL = Layer("VEIL", 32, 0, False, "transparent wires of the display; not on the mask")
+GUTTER = Layer("GUTTER", 40, 0, False, "space for wires round every pixel; not on the mask")
+BLACK = Layer("BLACK", 41, 0, False, "black matrix: neither clear nor emitting; not on the mask")
+LAYERS = (CLEAR, OUTLINE, NOTE, *EMITTERS, *WIRES, VEIL, GUTTER, BLACK)
+
+
+@dataclass(frozen=True)
+class Furniture:
+    """A mark of the plate that is not a panel.
+
+    Attributes:
+        name: identifier, also its cell's name.
+        kind: title, label, fiducial, alignment (cross), parity, cd (bars), resolution (test figures), map (of dies),
+            code (data matrix), outline (of dies, or of what a drawing spans), or wires across a die.
+        layer: where it is drawn.
+        polygons: simple, hole-free outlines in plate coordinates, nanometres.
+    """
+
+    name: str
+    kind: Literal[
+        "title", "label", "fiducial", "alignment", "parity", "cd", "resolution", "map", "code", "outline", "wires"
+    ]
+    layer: Layer
+    polygons: tuple[Polygon, ...]
+
+
+@dataclass(frozen=True)
+class Gauge:
+    """A straight probe across one clear feature; its critical dimension is the clear length along the probe.
+
+    Attributes:
+        name: identifier in the CD table.
+        axis: direction of the probe.
+        centre_nm: middle of the probe.
+        reach_nm: half the probe's length; wider than the feature and short of its neighbours.
+        target_nm: the drawn width.
+    """
+
+    name: str
+    axis: Literal["x", "y"]
+    centre_nm: Point
+    reach_nm: int
+    target_nm: int
+
+    def __post_init__(self) -> None:
+        require.choice(self, "axis", ("x", "y"))
+        require.whole(self, "reach_nm", 1)
+        require.whole(self, "target_nm", 0)
+
+
+@dataclass(frozen=True)
+class Note:
+    """Text for people who open the file, on the NOTE layer; never written on the plate."""
+
+    text: str
+    position_nm: Point
+
+
+@dataclass(frozen=True)
+class Snapping:
+    """Movement of a plate's marks to the grid of its data.
+
+    Attributes:
+        grid_nm: of which every written vertex is a multiple.
+        vertices: that were moved.
+        farthest_nm: distance that none was moved beyond.
+    """
+
+    grid_nm: int
+    vertices: int
+    farthest_nm: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.vertices} vertices of marks moved by at most {self.farthest_nm:.3g} nm to the data grid of "
+            f"{self.grid_nm} nm"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Plate:
+    """A photomask: blank, dies, marks, and the gauges at which its CDs are measured. Origin: the blank's centre.
+
+    ``snapped`` is None where the grid of its data is 1 nm.
+    """
+
+    name: str
+    title: str
+    blank_nm: int
+    writable_nm: int
+    dies: tuple[Die, ...]
+    furniture: tuple[Furniture, ...]
+    gauges: tuple[Gauge, ...]
+    notes: tuple[Note, ...]
+    snapped: Snapping | None = None
+
+    def __post_init__(self) -> None:
+        require.instance(self, "name", str)
+        require.whole(self, "blank_nm", 1)
+        require.whole(self, "writable_nm", 1)
+        names = [die.name for die in self.dies]
+        if len(set(names)) < len(names):
+            what = f"two dies are called {next(each for each in names if names.count(each) > 1)!r}"
+            require.refuse("MF109", self, "dies", what, "Give each die a name of its own")
+
+
+StopShape = Literal["circle", "square", "ellipse", "rectangle", "annulus", "polygon"]
+STOP_SHAPES: tuple[StopShape, ...] = get_args(StopShape)
+
+
+@dataclass(frozen=True)
+class Stop:
+    """The lens aperture in the plane of the openings, the optical axis at its origin.
+
+    Attributes:
+        shape: circles, ellipses and annuli are ``round``; the others have corners.
+        diameter_um: side of the smallest square about the axis that holds it.
+        size_um: width and height where they may differ; None for a circle, a square and a polygon.
+        inner_share: of an annulus, its dark middle's diameter over its own.
+        outline_um: corners of a polygon, counter-clockwise.
+    """
+
+    shape: StopShape
+    diameter_um: float
+    size_um: tuple[float, float] | None = None
+    inner_share: float = 0.0
+    outline_um: tuple[tuple[float, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        require.choice(self, "shape", STOP_SHAPES)
+        require.number(self, "diameter_um", high=math.inf)  # an infinite one lets everything through
+        for side in self.size_um or ():
+            require.number(self, "size_um", value=side)
+        if self.inner_share:
+            require.number(self, "inner_share", 0.0, 1.0, open_low=False)
+        if (self.shape == "polygon") != bool(self.outline_um) or (self.outline_um and not self.area_um2 > 0):
+            what = f"a {self.shape} with {len(self.outline_um)} corners holds no area that they bound"
+            require.refuse(
+                "MF132", self, "outline_um", what, "Make a polygon by Stop.polygon, of three corners or more"
+            )
+
+    @classmethod
+    def ellipse(cls, width_um: float, height_um: float) -> Stop:
+        return cls("ellipse", max(width_um, height_um), (width_um, height_um))
+
+    @classmethod
+    def rectangle(cls, width_um: float, height_um: float) -> Stop:
+        return cls("rectangle", max(width_um, height_um), (width_um, height_um))
+
+    @classmethod
+    def annulus(cls, diameter_um: float, inner_um: float) -> Stop:
+        return cls("annulus", diameter_um, None, inner_um / diameter_um)
+
+    @classmethod
+    def polygon(cls, corners_um: Sequence[tuple[float, float]]) -> Stop:
+        """A stop of straight sides that do not cross, its corners in either sense of rotation."""
+        outline = tuple((float(x), float(y)) for x, y in corners_um)
+        turned = outline if _signed_area(outline) > 0 else outline[::-1]
+        return cls("polygon", 2 * max(abs(c) for corner in outline for c in corner), outline_um=turned)
+
+    @property
+    def round(self) -> bool:
+        """Whether its edge is made of ellipses about the axis."""
+        return self.shape in ("circle", "ellipse", "annulus")
+
+    @property
+    def sides_um(self) -> tuple[float, float]:
+        """Width and height of a box about the axis that holds it."""
+        return self.size_um or (self.diameter_um, self.diameter_um)
+
+    @property
+    def corners_um(self) -> tuple[tuple[float, float], ...]:
+        """Corners counter-clockwise; none of a round stop."""
+        if self.round or self.outline_um:
+            return self.outline_um
+        x, y = (side / 2 for side in self.sides_um)
+        return (-x, -y), (x, -y), (x, y), (-x, y)
+
+    @property
+    def area_um2(self) -> float:
+        if self.outline_um:
+            return _signed_area(self.outline_um)
+        factor = np.pi / 4 * (1 - self.inner_share**2) if self.round else 1.0
+        width, height = self.sides_um
+        return float(factor * (width * height))
+
+    def scaled(self, across: float, up: float) -> Stop:
+        """The stop stretched along x and y."""
+        if self.outline_um:
+            return Stop.polygon([(x * across, y * up) for x, y in self.outline_um])
+        width, height = self.sides_um[0] * across, self.sides_um[1] * up
+        if width == height:
+            return replace(self, diameter_um=width, size_um=None if self.size_um is None else (width, height))
+        shape: StopShape = {"circle": "ellipse", "square": "rectangle"}.get(self.shape, self.shape)  # type: ignore[assignment]
+        return replace(self, shape=shape, diameter_um=max(width, height), size_um=(width, height))
+
+
+def _signed_area(outline: Sequence[tuple[float, float]]) -> float:
+    """Positive if the corners run counter-clockwise (the shoelace formula)."""
+    ends = (*outline[1:], *outline[:1])
+    return sum(x * v - u * y for (x, y), (u, v) in zip(outline, ends, strict=True)) / 2
+
+
+@dataclass(frozen=True)
+class Glass:
+    """The plate's glass, and which side of it the chrome is on."""
+
+    thickness_um: float
+    index: float
+    chrome: Literal["lens", "away"]
+
+    def __post_init__(self) -> None:
+        require.number(self, "thickness_um")
+        require.number(self, "index", 1.0, open_low=False)
+        require.choice(self, "chrome", ("lens", "away"))
+
+    @property
+    def gap_um(self) -> float:
+        """The air over which light spreads as much as from the chrome through the glass: t/n, 0 on the lens's side."""
+        return self.thickness_um / self.index if self.chrome == "away" else 0.0
+
+
+@dataclass(frozen=True)
+class MaskBlank:
+    """Mask blank of a plate, as far as a job states it.
+
+    Attributes:
+        optical_density: of the opaque film, -log10 of the share of light that it passes; None if not stated.
+        film_phase_waves: by how much light that leaks through the film lags behind that of the openings; None if not
+            stated, and only with a density.
+        glass: None if not stated.
+    """
+
+    optical_density: float | None = None
+    film_phase_waves: float | None = None
+    glass: Glass | None = None
+
+
+UNSTATED = MaskBlank()
+"""A plate of which a job says nothing."""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Camera behind the panel.
+
+    Attributes:
+        focal_um: focal length.
+        stop: the lens aperture.
+        wavelengths_nm: the lines at which everything is computed.
+        pixel_um: side of a sensor pixel.
+        window_um: side of the square window in which the PSF is shown.
+    """
+
+    focal_um: float
+    stop: Stop
+    wavelengths_nm: tuple[float, ...]
+    pixel_um: float
+    window_um: float
+
+    def __post_init__(self) -> None:
+        for name in ("focal_um", "pixel_um", "window_um"):
+            require.number(self, name)
+        require.instance(self, "stop", Stop)
+        require.instance(self, "wavelengths_nm", tuple)
+        for line in self.wavelengths_nm:
+            require.number(self, "wavelengths_nm", value=line)
+        if not self.wavelengths_nm:
+            require.refuse("MF105", self, "wavelengths_nm", "no wavelength is given", "Give at least one")
+
+    @property
+    def nyquist_cy_per_mm(self) -> float:
+        """Half a cycle per pixel."""
+        return UM_PER_MM / self.pixel_um / 2
+
+
+@dataclass(frozen=True)
+class Roughness:
+    """Displacements of written edges along their normal, normally distributed about none.
+
+    Attributes:
+        sigma_um: their root mean square.
+        correlation_um: distance along the edge at which their correlation exp(-(s / correlation)²) is 1/e.
+    """
+
+    sigma_um: float
+    correlation_um: float
+
+    def __post_init__(self) -> None:
+        require.number(self, "sigma_um", open_low=False)
+        require.number(self, "correlation_um")
+
+
+@dataclass(frozen=True)
+class Process:
+    """Changes of drawn shapes by a mask writer.
+
+    Attributes:
+        corner_radius_um: radius by which the corners of clear shapes are rounded, inner and outer ones.
+        cd_bias_um: by how much clear features become wider than drawn, half of it on each side; negative narrows them.
+        roughness: of the edges; None for smooth ones.
+    """
+
+    corner_radius_um: float
+    cd_bias_um: float = 0.0
+    roughness: Roughness | None = None
+
+    def __post_init__(self) -> None:
+        require.number(self, "corner_radius_um", open_low=False)
+        require.number(self, "cd_bias_um", -sys.float_info.max, open_low=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Psf:
+    """Intensity per square micrometre of sensor, so that the whole plane holds 1.
+
+    Attributes:
+        values: float64 [n, n], n odd, the optical axis on the middle sample.
+        step_um: distance between samples.
+        wavelength_nm: the line it was computed at.
+        kind: ``point`` samples the intensity, ``pixel`` is its mean over square pixels of side ``step_um``.
+    """
+
+    values: NDArray[np.float64]
+    step_um: float
+    wavelength_nm: float
+    kind: Literal["point", "pixel"]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", frozen(self.values))
+
+    @property
+    def energy_in_window(self) -> float:
+        """Share of all transmitted energy that falls inside the window (midpoint rule if ``point``)."""
+        return float(self.values.sum() * self.step_um**2)
+
+
+@dataclass(frozen=True, eq=False)
+class RadialMean:
+    """Mean of an MTF over all directions at radii about those at which it falls below levels of interest.
+
+    Attributes:
+        frequency_cy_per_mm: float64 [n], ascending.
+        modulation: float64 [n].
+        error: float64 [n], bound of the error of each, and of a straight line between them.
+    """
+
+    frequency_cy_per_mm: NDArray[np.float64]
+    modulation: NDArray[np.float64]
+    error: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        for name in ("frequency_cy_per_mm", "modulation", "error"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+
+@dataclass(frozen=True, eq=False)
+class Mtf:
+    """Presampled modulation transfer (optics x sensor pixel) from 0 to half a cycle per pixel.
+
+    Attributes:
+        frequency_cy_per_mm: float64 [n], 0 first.
+        cuts: float64 [n] each, by name: horizontal, vertical, diagonal (+45), antidiagonal (-45), radial_mean,
+            radial_min, radial_max.
+        wavelength_nm: the line it was computed at.
+        uncertainty: bound on the absolute error of any sample.
+        minimum_uncertainty: bound on the error of the radial minimum's mean over all frequencies.
+        falls: the radial mean where it falls.
+    """
+
+    frequency_cy_per_mm: NDArray[np.float64]
+    cuts: Mapping[str, NDArray[np.float64]]
+    wavelength_nm: float
+    uncertainty: float
+    minimum_uncertainty: float
+    falls: RadialMean
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One reported number: a row of report.json, whose words are in :mod:`maskfab.base.quantities`.
+
+    Attributes:
+        name: registered there, which also gives symbol and unit.
+        uncertainty: half width of the error bar, in ``unit``; None where the value is exact.
+        limit: what ``passed`` was judged against; None where nothing is required.
+        level_db: light that it holds for, as the signal-to-noise ratio of white behind the published display.
+        at_most: whether the value is a bound that the truth may lie far below.
+        between: edges of a band.
+        detail: what completes a symbol or unit that differs from row to row, such as ``6 um`` in ``SE(6 um)``.
+
+    Raises:
+        InternalError: MF901 for a name that is not registered, or for a detail too many or too few.
+    """
+
+    name: str
+    value: float | int | str | None
+    method: str
+    uncertainty: float | None = None
+    limit: float | int | str | None = None
+    passed: bool | None = None
+    die: str | None = None
+    wavelength_nm: float | None = None
+    level_db: float | None = None
+    at_most: bool = False
+    between: tuple[float, float] | None = None
+    detail: str | None = None
+
+    def __post_init__(self) -> None:
+        if registered(self.name).takes_detail != (self.detail is not None):
+            raise InternalError("MF901", f"symbol or unit of {self.name!r} cannot be told with detail {self.detail!r}")
+
+    @property
+    def symbol(self) -> str:
+        """Symbol of the formula; empty for counts and words."""
+        return registered(self.name).symbol.replace("{detail}", self.detail or "")
+
+    @property
+    def unit(self) -> str:
+        """Unit of value, uncertainty and limit; ``1`` for a ratio, empty for counts and words."""
+        return registered(self.name).unit.replace("{detail}", self.detail or "")
+
+    def __float__(self) -> float:
+        if not isinstance(self.value, int | float):
+            raise TypeError(f"{self.name} = {self.value!r} is no number")
+        return float(self.value)
+
+    def __str__(self) -> str:
+        """Value, error bar and unit; the value to one digit more than the error bar leaves."""
+        value, error = self.value, ""
+        if isinstance(value, float):
+            half = self.uncertainty or 0.0
+            digits = math.ceil(math.log10(abs(value) / half)) + 1 if half and value else 6
+            value = f"{value:.{min(max(digits, 3), 9)}g}"
+            error = f"± {half:.1g}" if half else ""
+        parts = ("≤" if self.at_most else "", "none" if value is None else str(value), error, self.unit.strip("1"))
+        return " ".join(part for part in parts if part)
+
+
+@dataclass(frozen=True, eq=False)
+class DieOptics:
+    """Optics of one die, computed from the polygons read back from the file."""
+
+    die: Die
+    psfs: tuple[Psf, ...]
+    mtfs: tuple[Mtf, ...]
+    quantities: tuple[Quantity, ...]
+
+
+@dataclass(frozen=True)
+class WrittenFile:
+    """A file of the output directory, by its path relative to it."""
+
+    path: str
+    format: str
+    bytes: int
+    sha256: str
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """The content of report.json.
+
+    Attributes:
+        title: the plate's title.
+        job_hash: SHA-256 of the resolved job.
+        seeds: seed of every random tiling, by die.
+        dies: quantities by die name, in plate order.
+        plate: quantities of the whole plate.
+        checks: every quantity that was judged, of dies and plate alike.
+        files: what was written.
+        seconds: wall-clock time by stage; the only content that differs between equal runs.
+    """
+
+    title: str
+    job_hash: str
+    seeds: Mapping[str, int]
+    dies: Mapping[str, tuple[Quantity, ...]]
+    plate: tuple[Quantity, ...]
+    checks: tuple[Quantity, ...]
+    files: tuple[WrittenFile, ...]
+    seconds: Mapping[str, float]
+
+    @property
+    def passed(self) -> bool:
+        return all(check.passed for check in self.checks)
+
+
+def frozen(array: NDArray[Scalar]) -> NDArray[Scalar]:
+    """The array itself if nobody can write to it, else a read-only copy."""
+    if array.flags.writeable:
+        array = array.copy()
+        array.flags.writeable = False
+    return array

@@ -1,0 +1,65 @@
+"""Provenance of an artefact: hashes of jobs and files, versions of what was used."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import re
+from collections.abc import Mapping
+from contextlib import suppress
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+
+from maskfab.base import __version__
+from maskfab.base.model import WrittenFile
+
+_REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)(?P<extra>.*\bextra\b)?")
+
+
+def sha256_of_file(path: Path) -> str:
+    """Hexadecimal SHA-256 of a file's bytes."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def job_hash(resolved: Mapping[str, object]) -> str:
+    """Hexadecimal SHA-256 of a resolved job: its canonical JSON, openings included, so that a comment or the
+    order of keys does not change it while any dot of any opening does."""
+    canonical = json.dumps(resolved, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    return hashlib.sha256(canonical.encode()).hexdigest()
+
+
+def versions(*, extras: bool = False) -> dict[str, str]:
+    """Versions of maskfab, Python, and of every library that maskfab requires, as installed here: any of them may have
+    written into a file.
+
+    Args:
+        extras: name the libraries of its extras, too.
+    """
+    return {"maskfab": __version__, "python": platform.python_version(), **_libraries(extras)}
+
+
+@cache
+def _libraries(extras: bool) -> Mapping[str, str]:
+    """Looked up once, for their metadata are long texts."""
+    found: dict[str, str] = {}
+    for line in metadata.requires(__package__) or ():
+        asked = _REQUIREMENT.match(line)
+        if asked is None or (asked["extra"] and not extras):
+            continue
+        with suppress(metadata.PackageNotFoundError):
+            found.setdefault(asked["name"], metadata.version(asked["name"]))
+    return found
+
+
+def signature(job_digest: str, seeds: Mapping[str, int]) -> str:
+    """One line that every artefact carries: who made it, from which job, with which seeds."""
+    drawn = ",".join(f"{name}={seed}" for name, seed in seeds.items()) or "none"
+    return f"maskfab {__version__} | job {job_digest[:16]} | seeds {drawn}"
+
+
+def file_record(root: Path, path: Path, kind: str) -> WrittenFile:
+    """The record of a finished file under the output directory ``root``."""
+    return WrittenFile(path.relative_to(root).as_posix(), kind, path.stat().st_size, sha256_of_file(path))

@@ -1,0 +1,105 @@
+"""Bundled data: layouts/ and export_templates/, in a checkout and in an installed wheel alike.
+
+Explanations of the error codes: meaning, example, usual cause and cure.
+
+The meanings stand in :data:`maskfab.base.errors.CATALOGUE`, the rest in ``error_codes.toml`` beside this file, which is
+read only when somebody asks.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from types import MappingProxyType
+
+from maskfab.base.errors import CATALOGUE, InternalError, JobError
+
+
+def template(name: str) -> str:
+    """Text of a file in export_templates/."""
+    return path(f"export_templates/{name}").read_text(encoding="utf-8")
+
+
+def path(name: str) -> Path:
+    """Path of a bundled file, such as ``layouts/upc12.toml``.
+
+    Raises:
+        InternalError: MF901 if this installation lacks the file.
+    """
+    package = Path(__file__).resolve().parent
+    for root in (package / "_bundled", package.parent):
+        if (root / name).exists():
+            return root / name
+    raise InternalError(
+        "MF901", f"the bundled file {name} is missing from this installation", cure="Install maskfab again"
+    )
+
+
+GROUPS: Mapping[str, str] = MappingProxyType(
+    {
+        "MF1": "The job file",
+        "MF2": "An opening",
+        "MF3": "A file that is read",
+        "MF4": "Output, shops and packages",
+        "MF9": "Internal errors",
+    }
+)
+"""Headings of the codes, by what they begin with."""
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """One error code in words.
+
+    Attributes:
+        code: such as ``MF107``.
+        meaning: the one line that every error of this code shares.
+        example: an input that raises it.
+        cause: what usually led to it.
+        cure: what to write or do instead.
+    """
+
+    code: str
+    meaning: str
+    example: str
+    cause: str
+    cure: str
+
+
+def explained(code: str) -> Explanation:
+    """The explanation of a code, which may be written in small letters.
+
+    Raises:
+        JobError: MF105 for an unknown code, with those that look like it.
+    """
+    known = code.strip().upper()
+    if known not in CATALOGUE:
+        raise JobError("MF105", f"there is no error code {code!r}", where="CODE", cure=_near(known))
+    return Explanation(known, CATALOGUE[known], **_written()[known])
+
+
+def grouped() -> Mapping[str, tuple[str, ...]]:
+    """All codes under the headings of :data:`GROUPS`, in ascending order."""
+    return {
+        heading: tuple(sorted(code for code in CATALOGUE if code.startswith(start)))
+        for start, heading in GROUPS.items()
+    }
+
+
+def _near(code: str) -> str:
+    number = code.removeprefix("MF")
+    swapped = [known for known in CATALOGUE if sorted(known) == sorted(f"MF{number}")]
+    likely = swapped or get_close_matches(f"MF{number}", CATALOGUE, n=3, cutoff=0.6)
+    listed = "maskfab explain lists all codes"
+    return f"Did you mean {' or '.join(likely)}? {listed}" if likely else f"Codes are MF and three digits; {listed}"
+
+
+@cache
+def _written() -> Mapping[str, dict[str, str]]:
+    text = files("maskfab").joinpath("error_codes.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)

@@ -1,0 +1,133 @@
+"""Progress of long work, reported to its caller.
+
+Time left of a budget, counted from the beginning of a command's work.
+
+One thread for each call of a numerical library.
+
+Our products are small: a second thread saves little on a quiet machine, and on a busy one its waiting costs more than
+the product. Cores are kept busy by working on several dies at once instead.
+
+Settings of a process that maskfab has to itself, as a command or as the second of two.
+"""
+
+from __future__ import annotations
+
+import gc
+import math
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import wraps
+from typing import ParamSpec, TypeVar
+
+from maskfab.base.errors import JobError
+
+Progress = Callable[[str, int, int], None]
+"""Called with the stage's name, how many of its steps are done, and how many there are."""
+
+
+def silent(stage: str, done: int, total: int) -> None:
+    """A progress that nobody watches."""
+
+
+SLACK = 0.2
+"""Share of itself by which a budget may be passed."""
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Counts from when it was made.
+
+    Attributes:
+        budget_s: seconds in all; None for as many as it takes.
+        refuses: whether :meth:`require` refuses; a search on its own does what it can.
+        now: seconds that have gone by since any moment.
+    """
+
+    budget_s: float | None = None
+    refuses: bool = False
+    now: Callable[[], float] = field(default=time.monotonic, repr=False, compare=False)
+    _begun: float = field(default=math.nan, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if math.isnan(self._begun):
+            object.__setattr__(self, "_begun", self.now())
+
+    @property
+    def spent(self) -> float:
+        """Seconds since it was made."""
+        return self.now() - self._begun
+
+    def left(self, share: float = 1.0) -> float | None:
+        """Seconds of this share of what is left, never below 0; None without a budget."""
+        if self.budget_s is None:
+            return None
+        return max(0.0, share * (self.budget_s - self.spent))
+
+    @property
+    def over(self) -> bool:
+        """Whether nothing is left."""
+        return self.left() == 0.0
+
+    def affords(self, seconds: float) -> bool:
+        """Whether so much more time keeps the budget, but for half of its slack."""
+        return self.budget_s is None or self.spent + seconds <= (1 + SLACK / 2) * self.budget_s
+
+    def before(self, seconds: float) -> Clock:
+        """The clock of what must leave so many seconds to what follows."""
+        return self if self.budget_s is None else replace(self, budget_s=self.budget_s - seconds)
+
+    def require(self, seconds: float, what: str, where: str) -> None:
+        """Refuse a budget that so much more time, the least that is useful, does not keep.
+
+        Args:
+            seconds: that are needed from now on.
+            what: takes them, in the plural.
+            where: the budget is stated.
+
+        Raises:
+            JobError: MF150.
+        """
+        least = self.spent + seconds
+        if self.refuses and self.budget_s is not None and least > (1 + SLACK) * self.budget_s:
+            raise JobError(
+                "MF150",
+                f"a budget of {self.budget_s:.3g} s is too short: {what} take until {least:.2g} s from the beginning",
+                where=where,
+                cure=f"Give {math.ceil(1.2 * least):d} s or more",
+            )
+
+
+NO_END = Clock()
+"""As much time as it takes."""
+
+
+Given = ParamSpec("Given")
+Result = TypeVar("Result")
+
+
+def one_thread(function: Callable[Given, Result]) -> Callable[Given, Result]:
+    """For functions that other programs call: limits the libraries that are loaded, and restores them afterwards."""
+
+    @wraps(function)
+    def limited(*args: Given.args, **kwargs: Given.kwargs) -> Result:
+        from threadpoolctl import threadpool_limits
+
+        with threadpool_limits(1):
+            return function(*args, **kwargs)
+
+    return limited
+
+
+_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_OBJECTS = 10_000
+"""Made before the youngest are looked through: polygons and drawings are many, and hardly ever form cycles."""
+
+
+def settle() -> None:
+    """Limit every numerical library that is not loaded yet to one thread, unless the environment says otherwise, and
+    look for unreachable objects seldom."""
+    for name in _VARIABLES:
+        os.environ.setdefault(name, "1")
+    gc.set_threshold(_OBJECTS)

@@ -1,0 +1,577 @@
+"""Pixels that tell something else than the light: hot ones, dust, and those that stand alone among their neighbours.
+
+Light that drifts from one exposure to the next, from the pixels that both of them see.
+
+The ratio of two exposures is that of sums over their common pixels, weighted by the light beside each: weights that
+knew a pixel's own noise would favour what came out bright. Pixels are left out near full by the sum of both exposures:
+given the sum of two Poisson numbers their ratio is what it is without, given one of them it is not.
+
+Exposures of one light merged into one, colour by colour, each pixel where it is.
+
+    x = sum of w_k y_k / sum of w_k a_k,       w_k = a_k / v_k(x),       v_k(x) = a_k x + c_k,
+
+y_k the electrons of exposure k above the dark, a_k its time with drift and the pixel's response, c_k the variance
+without light: read noise, rounding and dark current (Granados, Ajdin, Wand, Theobalt, Seidel, Lensch, CVPR 2010). The
+weights are those of the merged light, found by repetition from those of pure shot noise: weights that knew the noise of
+one exposure would favour what came out dark. Full pixels and their neighbours have weight 0. The variance,
+
+    var x = shot x + floor + (relative x)²,    shot = sum of w_k² a_k / (sum of w_k a_k)²,    floor alike with c_k,
+
+is linear in the light but for the noise of the flat field; a fit puts the light of its model into it.
+
+Notes:
+    Of readings within noise of white those below count, so light there is told too dark, by up to 0.4 standard
+    deviations of the longer exposure.
+    Dark frames tell hot pixels and the level of the dark. They are not taken off pixel by pixel, which would add
+    their noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from maskfab.base.arrays import Floats
+from maskfab.base.errors import SourceError
+from maskfab.camera.capture.frames import Colour, Frame, Lattice, Pattern, same_sensor
+from maskfab.camera.capture.stack import check_stack, mean_beside
+
+Marks = NDArray[np.bool_]
+
+_HOT, _ALONE = 6.0, 8.0
+_MAD = 1.4826
+_DUST, _PROVEN = 0.05, 5.0
+_SURROUNDINGS = 31
+_BLIND = 0.5
+_ALIKE = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Dark:
+    """The dark of one colour.
+
+    Attributes:
+        hot: [rows, columns] pixels far above the others.
+        level: mean counts above black of the others, for each second where ``per_second``.
+        per_second: whether the exposures of the dark frames are known.
+    """
+
+    hot: Marks
+    level: float
+    per_second: bool
+
+    def counts(self, exposure_s: float) -> float:
+        """Level in an exposure."""
+        return self.level * exposure_s if self.per_second else self.level
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """Response of one colour's pixels to even light, from a flat field.
+
+    Attributes:
+        share: [rows, columns] of their mean.
+        error: of the share, as a share of it.
+        dust: pixels that are darker than their surroundings.
+        blind: pixels that are too dark to be divided by their share.
+    """
+
+    share: Floats
+    error: Floats
+    dust: Marks
+    blind: Marks
+
+
+def dark_of(frames: Sequence[Frame], place: int, lattice: Lattice) -> Dark:
+    """Hot pixels and level of one colour in dark frames: six robust standard deviations above the median.
+
+    Args:
+        frames: without light; all with an exposure time, or their level is that of every exposure.
+        place: of the lattice among those of a frame.
+        lattice: of the colour.
+    """
+    stack = np.stack([lattice.of(frame.counts).astype(np.float64) - frame.black[place] for frame in frames])
+    middle = np.median(stack, axis=0)
+    usual = float(np.median(middle))
+    spread = max(_MAD * float(np.median(np.abs(middle - usual))), 1 / np.sqrt(12))
+    hot = middle > usual + _HOT * spread
+    times = [frame.exposure_s for frame in frames if frame.exposure_s is not None]
+    levels = stack[:, ~hot].mean(axis=1)
+    if len(times) == len(frames):
+        return Dark(hot, float(levels.sum() / sum(times)), per_second=True)
+    return Dark(hot, float(levels.mean()), per_second=False)
+
+
+def response_of(
+    frames: Sequence[Frame], place: int, lattice: Lattice, electrons_per_count: float, dark_e2: float
+) -> Response:
+    """Response of one colour from frames of even light, its mean 1.
+
+    Args:
+        frames: of the flat field, none of them full.
+        place: of the lattice among those of a frame.
+        lattice: of the colour.
+        electrons_per_count: gain.
+        dark_e2: variance without light, in electrons squared.
+
+    Raises:
+        SourceError: MF334 if a flat field is dark, or a twentieth of it is full.
+    """
+    full = np.any([frame.full for frame in frames], axis=0)[
+        lattice.first[0] :: lattice.step, lattice.first[1] :: lattice.step
+    ]
+    electrons = electrons_per_count * np.sum(
+        [lattice.of(frame.counts).astype(np.float64) - frame.black[place] for frame in frames], axis=0
+    )
+    mean = float(electrons[~full].mean()) if not full.all() else 0.0
+    if full.mean() > _DUST or mean < _HOT * np.sqrt(dark_e2 * len(frames)):
+        raise SourceError(
+            "MF334",
+            f"the flat field {frames[0].name} is {100 * full.mean():.0f} % full and has {mean:.3g} electrons a pixel",
+            where=frames[0].name,
+            cure="Expose an evenly lit surface to half of the white level",
+        )
+    share = electrons / mean
+    error = np.sqrt(np.maximum(electrons, 0.0) + dark_e2 * len(frames)) / np.maximum(electrons, 1.0)
+    around = ndimage.uniform_filter(share, _SURROUNDINGS, mode="nearest")
+    dust = share < (1 - _DUST) * around - _PROVEN * error * around
+    return Response(share, error, dust, (share < _BLIND * around) | full)
+
+
+def alone(light: Floats, sigma: Floats, valid: Marks) -> Marks:
+    """Pixels eight standard deviations from neighbours that agree among themselves: dust, a hot pixel, or a fine peak.
+
+    Args:
+        light: [rows, columns] of one colour.
+        sigma: its standard deviation.
+        valid: pixels that are looked at.
+    """
+    beside = mean_beside(light, valid)
+    expected = mean_beside(np.where(valid, sigma, 0.0) ** 2, valid)
+    agreed = mean_beside(light**2, valid) - beside**2 < _ALIKE**2 * expected
+    own = np.where(valid, sigma, 0.0) ** 2
+    return np.asarray(valid & agreed & ((light - beside) ** 2 > _ALONE**2 * (own + expected / 8)))
+
+
+_DRIFT_PROVEN = 3.0
+"""Standard errors from 1 beyond which a drift is taken out; less is noise, and would be put in."""
+_CLEAR = 0.9
+"""Of full, up to which a pixel is used."""
+_TOLD = 0.25
+_MOST = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Exposed:
+    """One colour in all exposures.
+
+    Attributes:
+        electrons: [frames, rows, columns], the level of the dark taken off.
+        usable: of the same shape, what is not full.
+        dark: [frames] variance without light, in electrons squared.
+        full: [frames] electrons of a full pixel; infinite where white is not known.
+    """
+
+    electrons: Floats
+    usable: NDArray[np.bool_]
+    dark: Floats
+    full: Floats
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Light of one exposure in that of the longest.
+
+    Attributes:
+        factor: as it is told by the pixels that both see.
+        error: of it; infinite where they tell nothing.
+        taken_out: by how much the exposure is divided, 1 where no drift is proven.
+    """
+
+    factor: float
+    error: float
+    taken_out: float
+
+
+def drifts(colours: Sequence[Exposed], times_s: Sequence[float], names: Sequence[str]) -> tuple[Drift, ...]:
+    """Drift of each exposure against the longest, from each to the next shorter.
+
+    Raises:
+        SourceError: MF332 if the light of two exposures differs by more than a factor of two, which no lamp drifts.
+    """
+    order = sorted(range(len(times_s)), key=lambda each: -times_s[each])
+    found = {order[0]: Drift(1.0, 0.0, 1.0)}
+    for longer, shorter in pairwise(order):
+        ratio, error = _ratio(colours, times_s, longer, shorter)
+        before = found[longer]
+        if not error < _TOLD:
+            found[shorter] = Drift(before.taken_out, math.inf, before.taken_out)
+            continue
+        factor = before.factor * ratio
+        total = factor * math.hypot(error, 0.0 if math.isinf(before.error) else before.error / before.factor)
+        off = max(ratio, 1 / ratio) if ratio > 0 else math.inf
+        if off > _MOST * (1 + _DRIFT_PROVEN * error):
+            raise SourceError(
+                "MF332",
+                f"{names[shorter]} has {ratio:.3g} times the light of {names[longer]} for their times of "
+                f"{times_s[shorter]:g} s and {times_s[longer]:g} s; a lamp drifts by less than {_MOST:g}",
+                where=names[shorter],
+                cure="State the true times with --times, in the order of the files",
+            )
+        found[shorter] = Drift(factor, total, factor if abs(factor - 1) > _DRIFT_PROVEN * total else 1.0)
+    return tuple(found[each] for each in range(len(times_s)))
+
+
+def _ratio(colours: Sequence[Exposed], times_s: Sequence[float], longer: int, shorter: int) -> tuple[float, float]:
+    """Light of the shorter exposure in that of the longer, and its standard error; infinite where there is none."""
+    sums, variances = np.zeros(2), np.zeros(2)
+    times = times_s[longer], times_s[shorter]
+    for colour in colours:
+        both = colour.electrons[longer] + colour.electrons[shorter]
+        clear = both < _CLEAR * colour.full[longer] * (1 + times[1] / times[0])
+        common = colour.usable[longer] & colour.usable[shorter] & clear
+        rate = np.maximum(mean_beside(colour.electrons[longer] / times[0], common), 0.0)
+        weights = np.where(common, rate / (rate + colour.dark[shorter] / times[1]), 0.0)
+        for place, frame in enumerate((longer, shorter)):
+            sums[place] += (weights * colour.electrons[frame]).sum() / times[place]
+            noise = rate * times[place] + colour.dark[frame]
+            variances[place] += (weights**2 * noise).sum() / times[place] ** 2
+    if not (sums > 0).all():
+        return 1.0, math.inf
+    return float(sums[1] / sums[0]), float(np.sqrt((variances / sums**2).sum()))
+
+
+Places = NDArray[np.int64]
+
+_ROUNDS = 3
+_DISAGREES = 6.0
+_LEVERAGE = 0.98
+_SEEN, _BRIGHT, _MOST_DISAGREEING, _ENOUGH = 6.0, 20.0, 0.2, 50
+_MOST_FULL = 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class Exposure:
+    """One colour of one frame.
+
+    Attributes:
+        electrons: [rows, columns] above the dark.
+        usable: [rows, columns] what is not full, nor hot.
+        scale: its time with drift, 1 where that is not known.
+        dark: variance without light, in electrons squared.
+    """
+
+    electrons: Floats
+    usable: Marks
+    scale: float
+    dark: float
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """Merged light of one colour.
+
+    Attributes:
+        colour: ``R G B``, or ``-`` of a sensor without colours.
+        first: row and column of its uppermost left pixel.
+        step: rows and columns from one pixel to the next, 1 or 2.
+        electrons_per_s: [rows, columns] the light; electrons of the one exposure where its time is not known; 0 where
+            not valid.
+        sigma: [rows, columns] its standard deviation; infinite where not valid.
+        valid: [rows, columns] whether any exposure tells it and no defect forbids it.
+        shot: [rows, columns] variance of each electron a second.
+        floor: [rows, columns] variance without light.
+        share: [rows, columns] the pixels' response.
+        relative: [rows, columns] standard deviation of the response, of itself; 0 without a flat field.
+        exposures: of which it was merged, in the order of the frames.
+    """
+
+    colour: Colour
+    first: tuple[int, int]
+    step: int
+    electrons_per_s: Floats
+    sigma: Floats
+    valid: Marks
+    shot: Floats
+    floor: Floats
+    share: Floats
+    relative: Floats
+    exposures: tuple[Exposure, ...]
+
+    def variance(self, light: Floats) -> Floats:
+        """Variance of what was measured if ``light`` [rows, columns] is the truth, as of a model."""
+        return np.asarray(self.shot * np.maximum(light, 0.0) + self.floor + (self.relative * light) ** 2)
+
+
+@dataclass(frozen=True)
+class Used:
+    """One exposure as it was used.
+
+    Attributes:
+        name: of its file.
+        sha256: of its file.
+        exposure_s: its time; None where it is not known.
+        drift: of its light.
+        full: pixels that are full, or beside one.
+    """
+
+    name: str
+    sha256: str
+    exposure_s: float | None
+    drift: Drift
+    full: int
+
+
+@dataclass(frozen=True, eq=False)
+class Merged:
+    """Merged exposures, and what was left out of them or is to be doubted.
+
+    Places are int64 [n, 2], row and column in the files.
+
+    Attributes:
+        planes: one, three, or the four of a mosaic.
+        shape: rows and columns of the frames.
+        corner: row and column of the files that is pixel (0, 0).
+        pattern: of the mosaic, or None.
+        used: every exposure.
+        electrons_per_count: gain.
+        read_noise_e: in electrons.
+        hot: places that dark frames tell as hot; not valid.
+        disagreeing: places where exposures disagree by six standard deviations, hot pixels or hits among them; not
+            valid.
+        full: places that are full, or beside one, in every exposure; not valid.
+        dust: places darker than their surroundings in the flat field; divided out, not valid below half.
+        alone: places that stand out from neighbours which agree: dust, a hot pixel or a fine peak, which one frame
+            cannot tell; they stay valid.
+    """
+
+    planes: tuple[Plane, ...]
+    shape: tuple[int, int]
+    corner: tuple[int, int]
+    pattern: Pattern | None
+    used: tuple[Used, ...]
+    electrons_per_count: float
+    read_noise_e: float
+    hot: Places
+    disagreeing: Places
+    full: Places
+    dust: Places
+    alone: Places
+
+
+@dataclass(frozen=True, eq=False)
+class _Doubts:
+    """Marks [rows, columns] of one colour."""
+
+    hot: Marks
+    disagreeing: Marks
+    full: Marks
+    dust: Marks
+    alone: Marks
+
+
+def merged(
+    frames: Sequence[Frame],
+    *,
+    electrons_per_count: float,
+    read_noise_e: float,
+    dark: Sequence[Frame] = (),
+    flat: Sequence[Frame] = (),
+) -> Merged:
+    """One light from a stack.
+
+    Args:
+        frames: of exposures that differ, in any order, or a single one.
+        electrons_per_count: gain.
+        read_noise_e: in electrons, without what rounding adds.
+        dark: frames without light, of the same sensor and crop.
+        flat: frames of even light, of the same sensor and crop.
+
+    Raises:
+        SourceError: as :func:`check_stack`; MF331 for dark or flat frames of another sensor, MF332 for light that
+            differs twofold from what the times say, MF334 if all is full or dark, MF335 for a gain or a read noise
+            that no sensor has, MF336 if the exposures do not show one light.
+    """
+    check_stack(frames)
+    same_sensor([frames[0], *dark, *flat])
+    if not (0 < electrons_per_count < np.inf and 0 <= read_noise_e < np.inf):
+        raise SourceError(
+            "MF335",
+            f"a gain of {electrons_per_count:g} electrons per count with a read noise of {read_noise_e:g} electrons",
+            cure="Give a gain above 0 and a read noise of 0 or more",
+        )
+    times = [1.0 if frame.exposure_s is None else frame.exposure_s for frame in frames]
+    lattices = list(enumerate(frames[0].lattices))
+    dark_e2 = read_noise_e**2 + (electrons_per_count**2 / 12 if _whole(frames) else 0.0)
+    darks = [dark_of(dark, place, lattice) if dark else None for place, lattice in lattices]
+    flats = [
+        response_of(flat, place, lattice, electrons_per_count, dark_e2) if flat else None for place, lattice in lattices
+    ]
+    fulls = np.stack([frame.full for frame in frames])
+    if fulls.all(axis=0).mean() > _MOST_FULL:
+        raise SourceError(
+            "MF334",
+            f"{100 * fulls.all(axis=0).mean():.0f} % of the pixels are full in all {len(frames)} frames",
+            where=frames[0].name,
+            cure="Give shorter exposures, or state the white level in the counts of the files",
+        )
+    exposed = [
+        _exposed(frames, fulls, times, place, lattice, electrons_per_count, dark_e2, darks[place])
+        for place, lattice in lattices
+    ]
+    found = drifts(exposed, times, [frame.name for frame in frames])
+    scales = np.array([time * drift.taken_out for time, drift in zip(times, found, strict=True)])
+    made = [
+        _merged(lattice, exposed[place], scales, darks[place], flats[place], frames[0].name)
+        for place, lattice in lattices
+    ]
+    planes = tuple(plane for plane, _ in made)
+    _check_light(planes, frames[0].name)
+    corner = frames[0].corner
+
+    def places(name: str) -> Places:
+        each = [
+            np.argwhere(getattr(doubts, name)) * plane.step + np.array(plane.first) + np.array(corner)
+            for plane, doubts in made
+        ]
+        return np.unique(np.concatenate(each), axis=0).astype(np.int64)
+
+    return Merged(
+        planes=planes,
+        shape=frames[0].shape,
+        corner=corner,
+        pattern=frames[0].pattern,
+        used=tuple(
+            Used(frame.name, frame.sha256, frame.exposure_s, drift, int(full.sum()))
+            for frame, drift, full in zip(frames, found, fulls, strict=True)
+        ),
+        electrons_per_count=electrons_per_count,
+        read_noise_e=read_noise_e,
+        hot=places("hot"),
+        disagreeing=places("disagreeing"),
+        full=places("full"),
+        dust=places("dust"),
+        alone=places("alone"),
+    )
+
+
+def _whole(frames: Sequence[Frame]) -> bool:
+    """Whether a converter rounded to whole counts."""
+    return all(bool((frame.counts == np.rint(frame.counts)).all()) for frame in frames)
+
+
+def _exposed(
+    frames: Sequence[Frame],
+    fulls: Marks,
+    times: Sequence[float],
+    place: int,
+    lattice: Lattice,
+    electrons_per_count: float,
+    dark_e2: float,
+    dark: Dark | None,
+) -> Exposed:
+    levels = [0.0 if dark is None else dark.counts(time) for time in times]
+    electrons = electrons_per_count * np.stack(
+        [
+            lattice.of(frame.counts).astype(np.float64) - (frame.black[place] + level)
+            for frame, level in zip(frames, levels, strict=True)
+        ]
+    )
+    usable = ~fulls[:, lattice.first[0] :: lattice.step, lattice.first[1] :: lattice.step]
+    if dark is not None:
+        usable &= ~dark.hot
+    shot = np.maximum(levels, 0.0) * electrons_per_count
+    full = [
+        electrons_per_count * (frame.white - frame.black[place] - level)
+        for frame, level in zip(frames, levels, strict=True)
+    ]
+    return Exposed(electrons, usable, dark_e2 + shot, np.array(full))
+
+
+def _merged(
+    lattice: Lattice, exposed: Exposed, scales: Floats, dark: Dark | None, response: Response | None, name: str
+) -> tuple[Plane, _Doubts]:
+    """One colour, and what is wrong with it."""
+    y, usable = exposed.electrons, exposed.usable.astype(np.float64)
+    nowhere = np.zeros(y.shape[1:], dtype=np.bool_)
+    share = np.ones(y.shape[1:]) if response is None else np.maximum(response.share, _least(response.share))
+    a = scales[:, None, None] * share
+    c = np.broadcast_to(exposed.dark[:, None, None], y.shape)
+    w = usable
+    x = _exposure_ratio((w * y).sum(axis=0), (w * a).sum(axis=0))
+    for _ in range(_ROUNDS):
+        w = usable * a / (a * np.maximum(x, 0.0) + c)
+        total = (w * a).sum(axis=0)
+        x = _exposure_ratio((w * y).sum(axis=0), total)
+    seen = total > 0
+    shot, floor = _exposure_ratio((w**2 * a).sum(axis=0), total**2), _exposure_ratio((w**2 * c).sum(axis=0), total**2)
+    disagreeing = _disagreeing(y, a, c, exposed.usable, x)
+    blind = nowhere if response is None else response.blind
+    hot = nowhere if dark is None else dark.hot
+    valid = seen & ~disagreeing & ~blind & ~hot
+    relative = np.broadcast_to(0.0, x.shape) if response is None else response.error
+    exposures = tuple(map(Exposure, y, exposed.usable, map(float, scales), map(float, exposed.dark)))
+    plane = Plane(lattice.colour, lattice.first, lattice.step, x, x, valid, shot, floor, share, relative, exposures)
+    sigma = np.where(valid, np.sqrt(plane.variance(x)), np.inf)
+    plane = replace(plane, electrons_per_s=np.where(valid, x, 0.0), sigma=sigma)
+    _check_one_light(plane, seen, disagreeing, x, name)
+    full = ~exposed.usable.any(axis=0) & ~hot
+    dust = nowhere if response is None else response.dust
+    return plane, _Doubts(hot, disagreeing, full, dust, alone(plane.electrons_per_s, sigma, valid))
+
+
+def _least(share: Floats) -> float:
+    """A response that can be divided by; pixels below it are blind."""
+    return 1e-3 * float(share.max())
+
+
+def _exposure_ratio(one: Floats, other: Floats) -> Floats:
+    return np.divide(one, other, out=np.zeros_like(one), where=other > 0)
+
+
+def _disagreeing(y: Floats, a: Floats, c: Floats, usable: Marks, x: Floats) -> Marks:
+    """Pixels where any exposure is off the merged light by six standard deviations.
+
+    Shot noise is skewed: of a few electrons six standard deviations are common. The limit is raised by the skewness
+    (Cornish and Fisher, Rev. Inst. Int. Stat. 5 (1938) 307).
+    """
+    light = a * np.maximum(x, 0.0)
+    variance = light + c
+    precision = usable * a**2 / variance
+    total = precision.sum(axis=0)
+    leverage = np.divide(precision, total, out=np.ones_like(precision), where=total > 0)
+    limit = _DISAGREES * np.sqrt(variance) + (_DISAGREES**2 - 1) / 6 * light / variance
+    off = np.abs(y - a * x) > limit * np.sqrt(np.maximum(1 - leverage, 0.0))
+    return np.asarray((off & usable & (leverage < _LEVERAGE)).any(axis=0))
+
+
+def _check_one_light(plane: Plane, seen: Marks, disagreeing: Marks, x: Floats, name: str) -> None:
+    bright = seen & (x > _BRIGHT * np.sqrt(plane.variance(x)))
+    off, count = int((bright & disagreeing).sum()), int(bright.sum())
+    if off > _ENOUGH and off > _MOST_DISAGREEING * count:
+        raise SourceError(
+            "MF336",
+            f"the exposures disagree at {off} of {count} bright pixels by more than {_DISAGREES:g} standard deviations",
+            where=name,
+            cure="Take the stack again with camera and light at rest; or correct gain, read noise and black level",
+        )
+
+
+def _check_light(planes: Sequence[Plane], name: str) -> None:
+    """Refuse a stack without light: fewer pixels than four above noise, and none of all pixels together."""
+    above = sum(int((plane.valid & (plane.electrons_per_s > _SEEN * plane.sigma)).sum()) for plane in planes)
+    total = sum(float(plane.electrons_per_s.sum()) for plane in planes)
+    noise = float(np.sqrt(sum(float((plane.sigma[plane.valid] ** 2).sum()) for plane in planes)))
+    if above < 4 and not total > _SEEN * noise > 0:
+        raise SourceError(
+            "MF334",
+            f"{above} pixels are {_SEEN:g} standard deviations above black, and all together are not",
+            where=name,
+            cure="Expose longer, or state the true black level",
+        )

@@ -1,0 +1,339 @@
+"""Point spread functions from EXR files as the blur of a photograph.
+
+A file holds a PSF of our own writing (one line of light, samples finer than a pixel), a merged capture of a point light
+(light of every pixel, also of a mosaic), or any linear picture of a point light. With the values p_n of pixels about a
+centre c, the light of the background taken off,
+
+    H(ν) = sum of p_n exp(-2πi ν (n - c)) / sum of p_n.
+
+Notes:
+    All colours share one centre, so that where they lie apart in the capture the restored picture puts them together.
+    Light outside the file is not known: H lacks the halo there, and says that the light is nearer.
+    A mosaic's capture tells the spread of each colour at its own pixels, which is that of cells of 2 x 2 pixels and no
+    finer: interpolated, it lost 10 to 16 dB of a restored scene. So such a PSF restores cells.
+
+Stand of a die before the camera, as options and verdicts name it.
+
+The blur by a die as it stands before the camera, for pictures whose first row is the top.
+
+A die's own transfer H has y upwards, as its drawing has. A picture shows at (x, y) what the die as drawn has at
+R⁻¹(x, y), so that with rows downwards H'(ν_x, ν_y) = H(R⁻¹(ν_x, -ν_y)), and H(-ν) is the conjugate of H(ν).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from maskfab.base.arrays import Floats
+from maskfab.base.errors import JobError, SourceError
+from maskfab.base.model import Camera, Psf, Stop
+from maskfab.camera.record import Blur, Transfer, of_cells
+from maskfab.mask.formats.exr import PREFIX, Channels, read_channels
+from maskfab.optics.psf import pixel_psf
+
+HOLDS = "fitted_psf"
+"""Entry of the header by which the PSF of a fitted die is known."""
+_CURE = "Give an EXR file of a point spread function"
+_BORDER = 0.04
+"""Share of a capture's side, at each edge, whose median is its background."""
+_BRIGHT = 0.1
+"""Of the peak: pixels whose centroid is the centre."""
+_FILTER_REACH = 64
+_COLOURS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredBlur:
+    """Blur by a point spread function of pixels.
+
+    Attributes:
+        kernels: [3, rows, columns] light of pixels, each colour's sum 1, row 0 the uppermost.
+        centre: row and column of the point's image, of all colours.
+        told: sentences on where it comes from and what it lacks.
+        pixel_um: side of a pixel; None where no file tells.
+        of_cells: whether its pixels are cells of a mosaic, 2 x 2 pixels of the sensor.
+    """
+
+    kernels: Floats
+    centre: tuple[float, float]
+    told: tuple[str, ...]
+    pixel_um: float | None = None
+    of_cells: bool = False
+    _kept: dict[tuple[int, int], Transfer] = field(default_factory=dict, init=False, repr=False)
+
+    def on(self, shape: tuple[int, int]) -> Transfer:
+        """See :class:`maskfab.camera.record.Blur`; complex64."""
+        if shape not in self._kept:
+            found = self._transfer(shape)
+            found.flags.writeable = False
+            self._kept[shape] = found
+        return self._kept[shape]
+
+    def _transfer(self, shape: tuple[int, int]) -> NDArray[np.complex64]:
+        sides = self.kernels.shape[1:]
+        # A frame that is smaller than the kernel samples H more coarsely: the kernel repeats on itself.
+        times = [-(-side // period) for side, period in zip(sides, shape, strict=True)]
+        room = [count * period - side for count, period, side in zip(times, shape, sides, strict=True)]
+        padded = np.pad(self.kernels, [(0, 0), (0, room[0]), (0, room[1])])
+        folded = padded.reshape(_COLOURS, times[0], shape[0], times[1], shape[1]).sum(axis=(1, 3))
+        y, x = np.asarray(scipy.fft.fftfreq(shape[0]))[:, None], np.asarray(scipy.fft.rfftfreq(shape[1]))
+        centred = np.exp(2j * np.pi * (y * self.centre[0] + x * self.centre[1]))
+        return np.asarray(scipy.fft.rfft2(folded, axes=(1, 2), workers=1) * centred, dtype=np.complex64)
+
+
+def read_psf(paths: Sequence[Path]) -> MeasuredBlur:
+    """The blur of one file of all colours, or of three files of one line of light each.
+
+    Raises:
+        SourceError: MF301 missing, MF303 damaged; MF352 of pixels that differ, or of samples that no pixels are made
+            of; MF353 for another number of files or channels; MF334 for a file without light.
+    """
+    if len(paths) not in (1, _COLOURS):
+        raise SourceError(
+            "MF353",
+            f"{len(paths)} files of point spread functions",
+            where="psf",
+            cure="Give one file of all colours, or three of one wavelength each",
+        )
+    files = [read_channels(path, PREFIX, _CURE) for path in paths]
+    for path, found in zip(paths, files, strict=True):
+        _check(found, path)
+    if all(found.facts.get("kind") == "point" for found in files):
+        return _of_design(files, paths)
+    if len(files) == 1 and files[0].facts.get("holds") == HOLDS:
+        return _of_fit(files[0], paths[0])
+    if len(files) > 1:
+        raise SourceError(
+            "MF353",
+            "three captures of point light",
+            where=str(paths[0]),
+            cure="Give one capture of all colours, or three files that maskfab run wrote",
+        )
+    return _of_capture(files[0], paths[0])
+
+
+def read_psfs(paths: Sequence[Path], photos: int) -> tuple[MeasuredBlur, ...]:
+    """The blur of each of several photographs: one of its own each where there are as many files, else one of all.
+
+    Three files that ``maskfab run`` wrote are the colours of one. Errors as for :func:`read_psf`.
+    """
+    lines = len(paths) == _COLOURS and all(
+        read_channels(path, PREFIX, _CURE).facts.get("kind") == "point" for path in paths
+    )
+    if len(paths) != photos or photos == 1 or lines:
+        return (read_psf(paths),) * photos
+    return tuple(read_psf([path]) for path in paths)
+
+
+def _check(found: Channels, path: Path) -> None:
+    if len(found.names) not in (1, _COLOURS) or (len(found.names) == _COLOURS and set(found.names) != set("RGB")):
+        raise SourceError(
+            "MF353",
+            f"{path.name} has the channels {', '.join(found.names)}, not one, or R, G and B",
+            where=str(path),
+            cure=_CURE,
+        )
+    if found.facts.get("holds") == "sigma":
+        raise SourceError(
+            "MF353",
+            f"{path.name} holds the standard deviation of a capture",
+            where=str(path),
+            cure="Give the file of its light",
+        )
+    if not np.isfinite(found.values).all():
+        raise SourceError("MF303", f"{path.name} has values that are not finite", where=str(path), cure=_CURE)
+
+
+def _of_design(files: Sequence[Channels], paths: Sequence[Path]) -> MeasuredBlur:
+    """Of files that hold intensity at points, of light of the longest wavelength for red."""
+    pixels = sorted({float(found.facts["sensor_pixel_um"]) for found in files})
+    if len(pixels) > 1:
+        raise SourceError(
+            "MF352",
+            f"the files are for pixels of {pixels[0]:g} and {pixels[-1]:g} um",
+            where=str(paths[0]),
+            cure="Give files of one camera",
+        )
+    lines = sorted(
+        ((float(found.facts["wavelength_nm"]), found, path) for found, path in zip(files, paths, strict=True)),
+        key=lambda each: -each[0],
+    )
+    means = [_pixels(found, path) for _, found, path in lines]
+    side = min(len(each.values) for each in means)
+    kernels = np.stack([_middle(each.values, side) for each in means])
+    outside = 1 - kernels.sum(axis=(1, 2)) * pixels[0] ** 2
+    colours = ", ".join(f"{nm:g}" for nm, *_ in lines)
+    told = [
+        f"PSF of {colours} nm as designed, {side} x {side} pixels of {pixels[0]:g} um; "
+        f"{100 * max(outside.max(), 0):.2g} % of the light falls outside, and is not undone"
+    ]
+    return _made(kernels, ((side - 1) / 2, (side - 1) / 2), told, pixels[0])
+
+
+def _pixels(found: Channels, path: Path) -> Psf:
+    """Means over pixels of intensity at points."""
+    facts: dict[str, Any] = found.facts
+    step, pixel = float(facts["step_um"]), float(facts["sensor_pixel_um"])
+    stride = pixel / step
+    values = found.values[0]
+    if abs(stride - round(stride)) > 1e-4 * stride or values.shape[0] != values.shape[1] or values.shape[0] % 2 == 0:
+        raise SourceError(
+            "MF352",
+            f"{path.name} has {values.shape[1]} x {values.shape[0]} samples {step:g} um apart, which do not make "
+            f"pixels of {pixel:g} um about its middle",
+            where=str(path),
+            cure="Give a file as maskfab run writes it",
+        )
+    line = float(facts["wavelength_nm"])
+    window = (2 * (len(values) // 2 // round(stride)) + 1) * pixel
+    camera = Camera(float(facts["focal_um"]), Stop("circle", float(facts["stop_um"])), (line,), pixel, window)
+    # Beyond the window there is darkness, for the filter of the pixels at its edge.
+    return pixel_psf(Psf(np.pad(values, _FILTER_REACH), pixel / round(stride), line, "point"), camera)
+
+
+def _of_fit(found: Channels, path: Path) -> MeasuredBlur:
+    """Of the die that was fitted to a capture: the light is in the middle pixel, and nothing lies beneath it."""
+    order = [found.names.index(name) for name in "RGB"] if len(found.names) == _COLOURS else [0]
+    kernels = found.values[order]
+    outside = 1 - kernels.sum(axis=(1, 2))
+    rows, columns = kernels.shape[1:]
+    told = [
+        f"PSF of die {found.facts['die']} as fitted to a capture, {columns} x {rows} pixels; "
+        f"{100 * max(float(outside.max()), 0):.2g} % of the light falls outside, and is not undone"
+    ]
+    return _made(kernels, ((rows - 1) / 2, (columns - 1) / 2), told, float(found.facts["sensor_pixel_um"]))
+
+
+def _of_capture(found: Channels, path: Path) -> MeasuredBlur:
+    """Of the light of pixels about one point light."""
+    mosaic = str(found.facts.get("mosaic", "none"))
+    order = [found.names.index(name) for name in "RGB"] if len(found.names) == _COLOURS else [0]
+    planes = found.values[order]
+    told = [f"PSF measured, {planes.shape[2]} x {planes.shape[1]} pixels of {path.name}"]
+    if mosaic == "none":
+        light, ground = zip(*(_above_ground(plane, path) for plane in planes), strict=True)
+        kernels, grounds = np.stack(light), list(ground)
+    else:
+        kernels, grounds = _of_mosaic(planes[0], mosaic, path)
+    told.append(f"background taken off: {', '.join(f'{each:.4g}' for each in grounds)}; halo as faint goes with it")
+    centre = _centre(kernels)
+    return _made(kernels, centre, told, of_cells=mosaic != "none")
+
+
+def _of_mosaic(plane: Floats, mosaic: str, path: Path) -> tuple[Floats, list[float]]:
+    """Every colour of each cell of 2 x 2 pixels, and the backgrounds of the four places."""
+    rows, columns = (side // 2 * 2 for side in plane.shape)
+    places = [_above_ground(plane[y:rows:2, x:columns:2], path) for y in (0, 1) for x in (0, 1)]
+    lights = np.stack([light for light, _ in places])
+    return of_cells(lights, mosaic.upper()), [ground for _, ground in places]
+
+
+def _above_ground(plane: Floats, path: Path) -> tuple[Floats, float]:
+    edge = max(1, round(_BORDER * min(plane.shape)))
+    inner = np.zeros(plane.shape, dtype=np.bool_)
+    inner[edge:-edge, edge:-edge] = True
+    ground = float(np.median(plane[~inner])) if not inner.all() else 0.0
+    light = plane - ground
+    if not light.sum() > 0:
+        raise SourceError(
+            "MF334",
+            f"{path.name} holds no light above its background of {ground:.4g}",
+            where=str(path),
+            cure="Give the capture of a point light",
+        )
+    return light, ground
+
+
+def _centre(kernels: Floats) -> tuple[float, float]:
+    """Centroid of what is bright in all colours together."""
+    together = np.sum([each / each.max() for each in kernels], axis=0)
+    bright = np.where(together >= _BRIGHT * together.max(), together, 0.0)
+    y, x = np.indices(bright.shape)
+    whole = bright.sum()
+    return float((y * bright).sum() / whole), float((x * bright).sum() / whole)
+
+
+def _middle(values: Floats, side: int) -> Floats:
+    surplus = (len(values) - side) // 2
+    return values[surplus : surplus + side, surplus : surplus + side]
+
+
+def _made(
+    kernels: Floats,
+    centre: tuple[float, float],
+    told: Sequence[str],
+    pixel_um: float | None = None,
+    *,
+    of_cells: bool = False,
+) -> MeasuredBlur:
+    whole = np.broadcast_to(kernels, (_COLOURS, *kernels.shape[1:])) if len(kernels) == 1 else kernels
+    if len(kernels) == 1:
+        told = [*told, "one colour is taken for all three"]
+    return MeasuredBlur(whole / whole.sum(axis=(1, 2), keepdims=True), centre, tuple(told), pixel_um, of_cells)
+
+
+STANDS: Mapping[str, int] = MappingProxyType({"drawn": 0, "turned": 1, "mirrored": 4, "mirrored-turned": 5})
+"""Elements of D4, as :func:`maskfab.base.model.orient` counts, that take the die as drawn to how the picture shows it;
+each stands for itself turned by 180 degrees, too."""
+
+_WORDS = {0: "as drawn", 1: "turned by 90 degrees", 4: "mirrored", 5: "mirrored and turned by 90 degrees"}
+
+
+def stand_words(way: int) -> str:
+    """A stand in words, of its element of D4."""
+    return _WORDS[way]
+
+
+def stand_named(name: str) -> int:
+    """The element of D4 of a name.
+
+    Raises:
+        JobError: MF105 for a name that none has.
+    """
+    if name not in STANDS:
+        raise JobError(
+            "MF105",
+            f"{name!r} is no stand of a die",
+            where="stands",
+            cure=f"Use one of {', '.join(STANDS)}; turned is by 90 degrees",
+        )
+    return STANDS[name]
+
+
+@dataclass(frozen=True, eq=False)
+class StandingBlur:
+    """Blur by a die one way round.
+
+    Attributes:
+        drawn: by the die as drawn, y upwards.
+        way_round: one of :data:`maskfab.camera.inspection.blur.STANDS`.
+    """
+
+    drawn: Blur
+    way_round: int = 0
+
+    def on(self, shape: tuple[int, int]) -> Transfer:
+        """See :class:`maskfab.camera.record.Blur`."""
+        rows, columns = shape
+        mirrored = self.way_round >= 4
+        if self.way_round % 2 == 0:
+            known = self.drawn.on(shape)
+            return known.conj() if mirrored else known[:, -np.arange(rows) % rows]
+        # Turned, ν_x is along the drawing's y, and ν_y along its x, of which half is kept.
+        known = self.drawn.on((columns, rows))
+        up = np.arange(columns // 2 + 1)
+        right = np.arange(rows // 2 + 1)
+        left = np.arange(rows - rows // 2 - 1, 0, -1)
+        here, there = (up, -up % columns) if not mirrored else (-up % columns, up)
+        ahead = known[:, here[:, None], right]
+        behind = known[:, there[:, None], left].conj()
+        whole = np.concatenate([ahead, behind], axis=2).transpose(0, 2, 1)
+        return np.ascontiguousarray(whole if mirrored else whole.conj())

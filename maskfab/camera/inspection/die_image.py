@@ -1,0 +1,595 @@
+"""A band-limited picture on a grid, taken by pixels that lie anywhere, are of any size, and turned against it.
+
+Samples closer than the picture's limit asks for say all about it: between them it is the sum of a sinc under a Gaussian
+(L. Qian, Proc. Am. Math. Soc. 131, 1169, 2003), whose error falls with exp(-π N (1 - 1/q) / 2) for N samples to each
+side and q times as many as needed. A turn is three shears (M. Unser et al., IEEE Trans. Image Process. 4, 1371, 1995).
+
+The field that a die leaves behind a lens, and how it changes with the width of features and with the lens's errors.
+
+On a grid of dots with transmission t the field is Σ t exp(2πi W) w² sinc(uw) sinc(vw) exp(-2πi (ux + vy)), the phase W
+taken at the middle of each dot. Clear features that are wider by β, half of it on each side, add β/2 times the field of
+the edges between clear and closed, and β²/4 that of their corners, which is exact but for (πuβ)² / 24 of itself.
+
+Dots that the stop cuts hold the moments of what is left of them, of second degree and below.
+
+Notes:
+    A phase that is alike over a dot leaves out its slope there: of a tenth of a wave of defocus a few thousandths of a
+    wave per dot, which is worth some 1e-5 of a PSF.
+
+The picture of a point light that a camera takes through a die, and how it changes with all that is not known of it.
+
+A lens without errors makes one picture of all colours, in frequencies; its errors, told as a path, change that smoothly
+with the wavelength, so that three lines of it stand for all others between them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+import scipy
+from numpy.polynomial.legendre import leggauss
+from numpy.typing import NDArray
+
+from maskfab.base.arrays import Complexes, Floats
+from maskfab.base.model import Camera, Panel, Stop, orient
+from maskfab.base.units import UM_PER_NM
+from maskfab.optics.phase import zernike
+from maskfab.optics.polynomials import spherical_bessel
+from maskfab.optics.pupil import Aperture, Pupil, cut, panel_aperture
+from maskfab.optics.spectrum import Spectrum
+
+OVERSAMPLING = 1.3
+"""Samples on a grid for each that the picture's limit asks for."""
+MARGIN = 24
+"""Samples that a grid must hold beyond the outermost pixel."""
+_WIDTH = math.sqrt(MARGIN / (math.pi * (1 - 1 / OVERSAMPLING)))
+_ALIASED, _REACH = 0.77, 4.5
+_NODES = 8
+"""Of the mean over a pixel, which holds a few samples across."""
+
+
+def pixel_means(samples: int, centres: Floats, width: float) -> Floats:
+    """Matrix [pixels, samples] that turns samples along an axis into means over pixels.
+
+    Args:
+        samples: odd; the middle one lies at 0, neighbours are 1 apart.
+        centres: of the pixels, in samples, [pixels].
+        width: of a pixel, in samples.
+    """
+    nodes, weights = leggauss(_NODES)
+    places = centres[:, None] + width / 2 * nodes
+    first = np.floor(places).astype(np.intp) - MARGIN + 1
+    offsets = np.arange(2 * MARGIN)
+    away = places[..., None] - (first[..., None] + offsets)
+    values = np.sinc(away) * np.exp(-(away**2) / (2 * _WIDTH**2)) * (weights[:, None] / 2)
+    columns = first[..., None] + offsets + samples // 2
+    rows = np.broadcast_to(np.arange(centres.size)[:, None, None], columns.shape)
+    held = (columns >= 0) & (columns < samples)
+    parts = (values[held], (rows[held], columns[held]))
+    return scipy.sparse.coo_array(parts, shape=(centres.size, samples)).toarray()  # type: ignore[no-any-return]
+
+
+def gaussian_nodes(sigma: float) -> tuple[Floats, Floats]:
+    """Places and weights that stand for a Gaussian under which such a picture is smoothed, by the trapezoid rule.
+
+    Its repetitions along the frequency fall on the picture's band with less than 1e-5 of themselves.
+
+    Args:
+        sigma: standard deviation, in samples; 0 of a point.
+    """
+    if not sigma:
+        return np.zeros(1), np.ones(1)
+    apart = 1 / (1 / (2 * OVERSAMPLING) + _ALIASED / sigma)
+    count = math.ceil(_REACH * sigma / apart)
+    places = np.asarray(apart * np.arange(-count, count + 1), dtype=np.float64)
+    weights = np.exp(-((places / sigma) ** 2) / 2)
+    return places, np.asarray(weights / weights.sum())
+
+
+def turned(picture: Floats, angle_rad: float) -> Floats:
+    """The picture [n, n] turned counter-clockwise about its middle sample, rows upwards, by less than a radian."""
+    if angle_rad == 0:
+        return picture
+    across, up = -math.tan(angle_rad / 2), math.sin(angle_rad)
+    return _sheared(_sheared(_sheared(picture, across), up, rows=False), across)
+
+
+def _sheared(picture: Floats, slope: float, *, rows: bool = True) -> Floats:
+    """Rows moved by slope times their height; or columns by slope times their place."""
+    values = picture if rows else picture.T
+    count = values.shape[1]
+    size = scipy.fft.next_fast_len(count + 2 * MARGIN, real=True)
+    height = np.arange(values.shape[0]) - values.shape[0] // 2
+    waves = np.fft.rfftfreq(size)
+    moved = scipy.fft.irfft(
+        scipy.fft.rfft(values, size, axis=1) * np.exp(-2j * np.pi * slope * height[:, None] * waves), size, axis=1
+    )[:, :count]
+    return moved if rows else moved.T  # type: ignore[no-any-return]
+
+
+_Terms = tuple[tuple[int, float], ...]
+
+DEFOCUS = 4
+_RIM_DEGREE = 2
+
+
+@dataclass(frozen=True, eq=False)
+class _Waves:
+    """Cosines and sines of one axis, [places, frequencies] each, for frequencies from 0 up."""
+
+    cosine: Floats
+    sine: Floats
+
+    @classmethod
+    def of(cls, places_um: Floats, frequencies: Floats, width_um: float) -> _Waves:
+        """Those of places as wide as they are told, in cycles per micrometre; 0 for lines."""
+        phase = 2 * np.pi * places_um[:, None] * frequencies
+        weight = width_um * np.sinc(frequencies * width_um) if width_um else 1.0
+        return cls(np.cos(phase) * weight, np.sin(phase) * weight)
+
+
+@dataclass(frozen=True, eq=False)
+class _Rim:
+    """Parts that the mean over cut dots leaves out of their field: sums of products of an order along y and along x.
+
+    Attributes:
+        x, y: middles of the dots, [k].
+        along_x: of every order, [orders, k, 2 n - 1]: its wave on the symmetric grid of frequencies.
+        along_y: for every order along x, those along y with their moments, [orders, k, 2 n - 1].
+    """
+
+    x: Floats
+    y: Floats
+    along_x: Complexes
+    along_y: Complexes
+
+    @classmethod
+    def of(cls, pupil: Pupil, x: Floats, y: Floats, frequencies: Floats) -> _Rim:
+        """Those of a pupil whose dots have these middles."""
+        both = np.concatenate([-frequencies[:0:-1], frequencies])
+        orders = np.arange(_RIM_DEGREE + 1)
+
+        def waves(places: Floats, width: float) -> Complexes:
+            bessel = spherical_bessel(np.asarray(np.pi * abs(both) * width, dtype=np.float64), orders.size)
+            signs = np.sign(both) ** orders[:, None]
+            kernels = (2 * orders + 1)[:, None] * (-1j) ** orders[:, None] * width * signs * bessel
+            return kernels[:, None, :] * np.exp(-2j * np.pi * places[:, None] * both)  # type: ignore[no-any-return]
+
+        moments = np.array(pupil.rim_moments[:, : orders.size, : orders.size])
+        moments[:, np.add.outer(orders, orders) > _RIM_DEGREE] = 0
+        moments[:, 0, 0] = 0
+        across, up = x[pupil.rim_column], y[pupil.rim_row]
+        along_y = np.einsum("kqp,qkv->pkv", moments, waves(up, pupil.y.dot_um))
+        return cls(across, up, waves(across, pupil.x.dot_um), along_y)
+
+    def field(self, phasor: Complexes | Floats) -> Complexes:
+        """The field of the cut dots, each with its phase, [2 n - 1, 2 n - 1]."""
+        found: Complexes = np.einsum("pkv,pku->vu", self.along_y * phasor[:, None], self.along_x, optimize=True)
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class DieField:
+    """A die behind its stop, ready for any lens.
+
+    Attributes:
+        energy_um2: transmitted, of the die as designed.
+        frequencies: from 0 up, cycles per micrometre, alike along both axes, [n].
+    """
+
+    energy_um2: float
+    frequencies: Floats
+    _dots: Floats
+    _rim: _Rim
+    _x: Floats
+    _y: Floats
+    _edges_x: Floats
+    _edges_y: Floats
+    _radius_um: float
+    _waves: tuple[_Waves, _Waves, _Waves, _Waves]
+
+    @classmethod
+    def of(cls, pupil: Pupil, stop: Stop, frequencies: Floats) -> DieField:
+        """The field of a pupil at these frequencies."""
+        dots = np.array(pupil.mean_transmission)
+        edges_x, edges_y = pupil.x.edges_um(), pupil.y.edges_um()
+        x, y = (edges_x[1:] + edges_x[:-1]) / 2, (edges_y[1:] + edges_y[:-1]) / 2
+        wide_x, wide_y = pupil.x.dot_um, pupil.y.dot_um
+        waves = (
+            _Waves.of(x, frequencies, wide_x),
+            _Waves.of(y, frequencies, wide_y),
+            _Waves.of(edges_x, frequencies, 0.0),
+            _Waves.of(edges_y, frequencies, 0.0),
+        )
+        rim, radius = _Rim.of(pupil, x, y, frequencies), stop.diameter_um / 2
+        return cls(pupil.energy_um2, frequencies, dots, rim, x, y, edges_x, edges_y, radius, waves)
+
+    @cached_property
+    def _outline(self) -> tuple[Floats, Floats, Floats]:
+        """Weights of upright edges, level ones, and corners."""
+        dots = self._dots
+        clear = (dots > 0).astype(np.float64)
+        # Of an edge that the stop cuts, as much as of the dot that it bounds.
+        upright = abs(np.diff(dots, axis=1, prepend=0, append=0)) * (np.diff(clear, axis=1, prepend=0, append=0) != 0)
+        level = abs(np.diff(dots, axis=0, prepend=0, append=0)) * (np.diff(clear, axis=0, prepend=0, append=0) != 0)
+        around = np.pad(clear, 1)
+        count = around[1:, 1:] + around[:-1, 1:] + around[1:, :-1] + around[:-1, :-1]
+        return upright, level, np.select([count == 1, count == 3], [1.0, -1.0])
+
+    def behind(self, terms: Sequence[tuple[int, float]]) -> LensField:
+        """The field behind a lens of pairs of Noll's number and waves."""
+        return LensField(self, tuple(terms))
+
+    def _phasor(self, x: Floats, y: Floats, terms: _Terms) -> Complexes | Floats:
+        return self._phasor_at(x, y[:, None], terms)
+
+    def _phasor_at(self, x: Floats, y: Floats, terms: _Terms) -> Complexes | Floats:
+        if not any(waves for _, waves in terms):
+            return np.ones(np.broadcast(x, y).shape)
+        across, up = x / self._radius_um, y / self._radius_um
+        path = sum(waves * zernike(term, across, up) for term, waves in terms if waves)
+        return np.asarray(np.exp(2j * np.pi * path))
+
+    def of_dots(self, terms: _Terms) -> Complexes:
+        """Of clear features as they are drawn, [2 n - 1, 2 n - 1]."""
+        found = self._sum(self._phasor(self._x, self._y, terms))
+        found += self._rim.field(self._phasor_at(self._rim.x, self._rim.y, terms))
+        return found
+
+    def of_slope(self, term: int, terms: _Terms) -> Complexes:
+        """Change of what dots make with one of the lens's errors, per wave; that of cut dots' rest is left out."""
+        slope = zernike(term, self._x / self._radius_um, self._y[:, None] / self._radius_um)
+        return self._sum(2j * np.pi * slope * self._phasor(self._x, self._y, terms))
+
+    def _sum(self, phasor: Complexes | Floats) -> Complexes:
+        along_x, along_y, _, _ = self._waves
+        return _transform(self._dots * phasor, along_x, along_y)
+
+    def of_edges(self, terms: _Terms) -> Complexes:
+        """Of lines along the edges between clear and closed, [2 n - 1, 2 n - 1]."""
+        along_x, along_y, lines_x, lines_y = self._waves
+        upright, level, _ = self._outline
+        found = _transform(upright * self._phasor(self._edges_x, self._y, terms), lines_x, along_y)
+        found += _transform(level * self._phasor(self._x, self._edges_y, terms), along_x, lines_y)
+        return found
+
+    def of_corners(self, terms: _Terms) -> Complexes:
+        """Of points at the corners, [2 n - 1, 2 n - 1]."""
+        _, _, lines_x, lines_y = self._waves
+        _, _, corners = self._outline
+        return _transform(corners * self._phasor(self._edges_x, self._edges_y, terms), lines_x, lines_y)
+
+
+@dataclass(frozen=True, eq=False)
+class LensField:
+    """The field of a die behind one lens, whatever the bias: its parts are made once.
+
+    Attributes:
+        die: behind its stop.
+        terms: the lens's errors, pairs of Noll's number and waves.
+    """
+
+    die: DieField
+    terms: _Terms
+
+    @cached_property
+    def _dots(self) -> Complexes:
+        return self.die.of_dots(self.terms)
+
+    @cached_property
+    def _edges(self) -> Complexes:
+        return self.die.of_edges(self.terms)
+
+    @cached_property
+    def _corners(self) -> Complexes:
+        return self.die.of_corners(self.terms)
+
+    def field(self, bias_um: float) -> Complexes:
+        """[2 n - 1, 2 n - 1] for clear features so much wider than drawn."""
+        if not bias_um:
+            return self._dots
+        return self._dots + bias_um / 2 * self._edges + bias_um**2 / 4 * self._corners
+
+    def by_bias(self, bias_um: float) -> Complexes:
+        """Change of the field with the width of clear features, per micrometre."""
+        return self._edges / 2 + bias_um / 2 * self._corners
+
+    def by_term(self, term: int) -> Complexes:
+        """Change of the field with one of the lens's errors, per wave; that of edges' own is left out."""
+        return self.die.of_slope(term, self.terms)
+
+
+def _transform(values: Complexes | Floats, along_x: _Waves, along_y: _Waves) -> Complexes:
+    """Σ values exp(-2πi (ux + vy)) on the symmetric grid of frequencies."""
+    found = _real_transform(np.asarray(values.real), along_x, along_y)
+    if np.iscomplexobj(values):
+        found += 1j * _real_transform(np.asarray(values.imag), along_x, along_y)
+    return found
+
+
+def _real_transform(values: Floats, along_x: _Waves, along_y: _Waves) -> Complexes:
+    even, odd = values @ along_x.cosine, values @ along_x.sine
+    cosine, sine = along_y.cosine.T, along_y.sine.T
+    return _assembled(cosine @ even, cosine @ odd, sine @ even, sine @ odd)
+
+
+def _assembled(even_even: Floats, even_odd: Floats, odd_even: Floats, odd_odd: Floats) -> Complexes:
+    """The field of all signs from sums with cosines (even) and sines (odd) along y, then x."""
+    quarters = {
+        (sign_y, sign_x): even_even - sign_x * sign_y * odd_odd - 1j * (sign_x * even_odd + sign_y * odd_even)
+        for sign_y in (1, -1)
+        for sign_x in (1, -1)
+    }
+    rows = [np.concatenate([quarters[sign, -1][:, :0:-1], quarters[sign, 1]], axis=1) for sign in (-1, 1)]
+    return np.concatenate([rows[0][:0:-1], rows[1]])
+
+
+_SPECKLES_APART = 0.8
+"""Speckles at the window's edge by which lines that stand for all of a band may move its slopes."""
+GEOMETRY = ("x_um", "y_um", "turn_rad", "scale")
+BIAS = "bias_um"
+_SHIFT_PX, _TURN, _SCALE = 0.02, 1e-3, 1e-4
+"""Steps by which the picture is moved, turned and stretched for its slopes."""
+_SPARE_PX = 4
+"""Pixels by which a light may be found off the middle of the window, and the window stretched."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A die's stand before a camera, and what its writer did to it.
+
+    Attributes:
+        x_um, y_um: place of the light on the sensor, y upwards.
+        turn_rad: of the die, counter-clockwise as it is seen on the sensor.
+        scale: by how much the picture is larger than that of the stated pitch, pixel, focal length and wavelength,
+            less 1.
+        bias_um: by which clear features are wider than drawn.
+        terms: the lens's errors, pairs of Noll's number and waves at the camera's first line.
+    """
+
+    x_um: float = 0.0
+    y_um: float = 0.0
+    turn_rad: float = 0.0
+    scale: float = 0.0
+    bias_um: float = 0.0
+    terms: tuple[tuple[int, float], ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of all that is not known, in the order of :attr:`values`."""
+        return (*GEOMETRY, BIAS, *(f"z{term}" for term, _ in self.terms))
+
+    @property
+    def values(self) -> Floats:
+        return np.array([self.x_um, self.y_um, self.turn_rad, self.scale, self.bias_um, *(w for _, w in self.terms)])
+
+    def at(self, values: Floats) -> Setting:
+        """This setting with other values."""
+        known = dict(zip((*GEOMETRY, BIAS), map(float, values), strict=False))
+        terms = zip((term for term, _ in self.terms), map(float, values[len(known) :]), strict=True)
+        return Setting(**known, terms=tuple(terms))
+
+
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """Pixels of one colour of a sensor, on a grid of their own.
+
+    Attributes:
+        colour: of their filter.
+        x_um, y_um: their middles, y upwards; [columns] and [rows], each in the order of the picture.
+    """
+
+    colour: str
+    x_um: Floats
+    y_um: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class DieImage:
+    """A die, one way round, before a camera.
+
+    Attributes:
+        panel: of the die.
+        way_round: element of D4 that takes it to how it stands.
+        camera: its lens and its pixel.
+        light: what each colour of pixels sees of a point light.
+        pixels: for which pictures are made.
+        light_um: standard deviation along each axis of a light that is a Gaussian on the sensor, 0 of a point.
+    """
+
+    panel: Panel
+    way_round: int
+    camera: Camera
+    light: Mapping[str, Spectrum]
+    pixels: tuple[Pixels, ...]
+    _field: DieField
+    _step: float
+    _few: Mapping[str, Spectrum]
+    light_um: float = 0.0
+    _lens: dict[tuple[int, tuple[tuple[int, float], ...]], list[LensField]] = field(default_factory=dict, repr=False)
+    _last: dict[tuple[object, ...], list[Floats]] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(
+        cls, panel: Panel, way_round: int, camera: Camera, light: Mapping[str, Spectrum], pixels: Sequence[Pixels]
+    ) -> DieImage:
+        """The image of a die.
+
+        Args:
+            panel: of the die, its middle on the axis.
+            way_round: element of D4 that takes the die as drawn to how it stands, as of
+                :func:`maskfab.base.model.orient`.
+            camera: its lens and its pixel.
+            light: what each colour of pixels sees of a point light.
+            pixels: for which pictures are made.
+        """
+        openings = panel_aperture(panel, camera.stop.diameter_um / 2)
+        x, y = (openings.x, openings.y) if way_round % 2 == 0 else (openings.y, openings.x)
+        held = Aperture(x, y, orient(openings.transmission, way_round), orient(openings.variance, way_round))
+        step = 1 / (2 * camera.stop.diameter_um * OVERSAMPLING)
+        shortest = min(float(lines.wavelengths_nm.min()) for lines in light.values()) * UM_PER_NM
+        half = max(abs(axis).max() for each in pixels for axis in (each.x_um, each.y_um)) + _SPARE_PX * camera.pixel_um
+        count = math.ceil(half / (shortest * camera.focal_um) / step) + MARGIN
+        die = DieField.of(cut(held, camera.stop), camera.stop, step * np.arange(count + 1))
+        few = {colour: gathered(lines, camera, half) for colour, lines in light.items()}
+        return cls(panel, way_round, camera, dict(light), tuple(pixels), die, step, few)
+
+    @property
+    def transmission(self) -> float:
+        """Share of the stop's light that passes the die as drawn."""
+        return self._field.energy_um2 / self.camera.stop.area_um2
+
+    def on(self, pixels: Sequence[Pixels]) -> DieImage:
+        """The image of the same die on other pixels."""
+        return DieImage.of(self.panel, self.way_round, self.camera, self.light, pixels)
+
+    def pictures(self, setting: Setting) -> list[Floats]:
+        """Share of the light that every pixel takes, [rows, columns] for each grid of pixels."""
+        (pictures,) = self._taken(setting, [self._intensities(setting)], self.light)
+        return pictures
+
+    def slopes(self, setting: Setting) -> list[list[Floats]]:
+        """Changes of pictures with everything that a setting names, in its order; of as few lines as show them."""
+        behind = self._behind(setting)
+        here = [each.field(setting.bias_um) for each in behind]
+        flat = [self._intensity(each) for each in here]
+        seen = [turned(each, setting.turn_rad) for each in flat]
+        left, right = ([turned(each, setting.turn_rad + sign * _TURN) for each in flat] for sign in (1, -1))
+        changes = [[(a - b) / (2 * _TURN) for a, b in zip(left, right, strict=True)]]
+        changes.append(self._changed(setting, here, [each.by_bias(setting.bias_um) for each in behind]))
+        for term, _ in setting.terms:
+            by_term = [
+                self._waves(float(line)) * each.by_term(term)
+                for line, each in zip(self._nodes(setting), behind, strict=True)
+            ]
+            changes.append(self._changed(setting, here, by_term))
+        turn, bias, *terms = self._taken(setting, changes, self._few)
+        across, up, scale = (self._moved(setting, seen, key, step) for key, step in self._steps.items())
+        return [across, up, turn, scale, bias, *terms]
+
+    @cached_property
+    def _steps(self) -> dict[str, float]:
+        step = _SHIFT_PX * self.camera.pixel_um
+        return {"x_um": step, "y_um": step, "scale": _SCALE}
+
+    @cached_property
+    def _three(self) -> Floats:
+        """Lines between which the lens's errors are told for all others, by their inverse wavelengths."""
+        every = np.concatenate([lines.wavelengths_nm for lines in self.light.values()])
+        ends = 1 / np.array([every.max(), every.min()])
+        if ends[1] - ends[0] < 1e-9 * ends[0]:
+            return every[:1]
+        return 1 / np.array([ends[0], ends.mean(), ends[1]])
+
+    def _nodes(self, setting: Setting) -> Floats:
+        return self._three if setting.terms else self._three[:1]
+
+    def _waves(self, wavelength_nm: float) -> float:
+        """Waves at a line for each at the camera's first."""
+        return self.camera.wavelengths_nm[0] / wavelength_nm
+
+    def _behind(self, setting: Setting) -> list[LensField]:
+        # A picture of another bias, or of a term that is still 0, is seen through the same lens.
+        nodes = self._nodes(setting)
+        key = nodes.size, tuple(each for each in setting.terms if each[1])
+        if key not in self._lens:
+            self._lens.clear()
+            self._lens[key] = [
+                self._field.behind([(term, value * self._waves(float(line))) for term, value in key[1]])
+                for line in nodes
+            ]
+        return self._lens[key]
+
+    def _intensities(self, setting: Setting) -> list[Floats]:
+        # A picture that is only moved or stretched is of the same light.
+        key = setting.turn_rad, setting.bias_um, setting.terms
+        if key not in self._last:
+            self._last.clear()
+            self._last[key] = [
+                turned(self._intensity(each.field(setting.bias_um)), setting.turn_rad) for each in self._behind(setting)
+            ]
+        return self._last[key]
+
+    def _intensity(self, field: NDArray[np.complex128]) -> Floats:
+        return np.asarray((field.real**2 + field.imag**2) / self._field.energy_um2)
+
+    def _changed(
+        self, setting: Setting, here: Sequence[NDArray[np.complex128]], by: Sequence[NDArray[np.complex128]]
+    ) -> list[Floats]:
+        """Change of the intensity at each line with that of the field."""
+        flat = (2 * (a.real * b.real + a.imag * b.imag) / self._field.energy_um2 for a, b in zip(here, by, strict=True))
+        return [turned(each, setting.turn_rad) for each in flat]
+
+    def _moved(self, setting: Setting, seen: list[Floats], key: str, step: float) -> list[Floats]:
+        ahead, behind = (
+            self._taken(replace(setting, **{key: getattr(setting, key) + sign * step}), [seen], self._few)[0]
+            for sign in (1, -1)
+        )
+        return [(a - b) / (2 * step) for a, b in zip(ahead, behind, strict=True)]
+
+    def _taken(
+        self, setting: Setting, given: Sequence[list[Floats]], light: Mapping[str, Spectrum]
+    ) -> list[list[Floats]]:
+        """Pixels of several intensities, each told at the nodes; [given][grid of pixels]."""
+        nodes = self._nodes(setting)
+        found = [[np.zeros((each.y_um.size, each.x_um.size)) for each in self.pixels] for _ in given]
+        samples = given[0][0].shape[0]
+        for colour, lines in light.items():
+            mine = [k for k, each in enumerate(self.pixels) if each.colour == colour]
+            for line, weight in zip(lines.wavelengths_nm, lines.weights, strict=True):
+                at_line = [_between(nodes, intensities, float(line)) for intensities in given]
+                stretch = (1 + setting.scale) / (line * UM_PER_NM * self.camera.focal_um)
+                width = self.camera.pixel_um * stretch / self._step
+                for k in mine:
+                    each = self.pixels[k]
+                    across = self._means(samples, each.x_um - setting.x_um, stretch / self._step, width)
+                    up = self._means(samples, each.y_um - setting.y_um, stretch / self._step, width)
+                    factor = weight * (self.camera.pixel_um * stretch) ** 2
+                    for total, intensity in zip(found, at_line, strict=True):
+                        total[k] += factor * (up @ intensity @ across.T)
+        return found
+
+    def _means(self, samples: int, centres_um: Floats, stretch: float, width: float) -> Floats:
+        """Matrix of means over pixels, of light from all over the source; ``stretch`` in samples a micrometre."""
+        offsets, weights = gaussian_nodes(self.light_um * stretch)
+        parts = (
+            weight * pixel_means(samples, centres_um * stretch + offset, width)
+            for offset, weight in zip(offsets, weights, strict=True)
+        )
+        return np.asarray(sum(parts))
+
+
+def gathered(lines: Spectrum, camera: Camera, reach_um: float) -> Spectrum:
+    """Lines of a spectrum brought together where they part a picture by less than a speckle within a reach.
+
+    Args:
+        lines: of the light.
+        camera: behind whose stop a speckle is as wide as wavelength x focal length / diameter.
+        reach_um: distance from the middle of the picture.
+    """
+    order = np.argsort(lines.wavelengths_nm)
+    wavelengths, weights = lines.wavelengths_nm[order], lines.weights[order]
+    apart_nm = _SPECKLES_APART * float(wavelengths.min()) ** 2 * UM_PER_NM * camera.focal_um
+    apart_nm /= camera.stop.diameter_um * reach_um
+    group = np.floor((wavelengths - wavelengths[0]) / apart_nm).astype(np.intp)
+    starts = np.flatnonzero(np.diff(group, prepend=-1))
+    total = np.add.reduceat(weights, starts)
+    kept = total > 0
+    middle = np.add.reduceat(weights * wavelengths, starts)[kept] / total[kept]
+    return Spectrum(middle, total[kept] / total[kept].sum(), lines.name)
+
+
+def _between(nodes: Floats, values: Sequence[Floats], wavelength_nm: float) -> Floats:
+    """A polynomial in the inverse wavelength through values at its nodes."""
+    if len(values) == 1:
+        return values[0]
+    place, at = 1 / nodes, 1 / wavelength_nm
+    shares = [
+        math.prod((at - place[j]) / (place[k] - place[j]) for j in range(place.size) if j != k)
+        for k in range(place.size)
+    ]
+    return np.asarray(sum(share * each for share, each in zip(shares, values, strict=True)))

@@ -1,0 +1,612 @@
+"""Captured light, as a fit takes it: pixels in micrometres about the light, and their noise.
+
+A die's stand and what its writer did to it, from a picture of a point light behind it: estimates and their errors.
+
+Weighted least squares by Gauss-Newton steps, damped where one would not better the fit. The light of each colour and
+what lies beneath it are solved for beside all else. Errors are those of Fisher's information, inflated by the root of
+chi² per pixel where the model falls short of the noise; what exposures show among themselves is added to a fit later.
+
+Errors that the exposures of a stack show among themselves: what their merged picture's noise does not know.
+
+A light that moves between two exposures, or a focus that drifts, leaves a merged picture that belongs to no setting.
+Each exposure is therefore asked for a setting of its own, by one Gauss-Newton step from that of all:
+
+    d_k = I_k⁻¹ g_k,     g_k = Jᵀ (y_k - a_k m) a_k / v_k,     I_k = Jᵀ J a_k² / v_k,     Σ I_k = I,
+
+y_k the electrons of exposure k, m the fitted light, a_k the time, v_k the variance that the model lets expect. Where
+the d_k of a value scatter by more than their noise I_k⁻¹, there is a variance τ² between exposures; the most likely
+one, the mean being unknown (H. D. Patterson, R. Thompson, Biometrika 58 (1971) 545), is taken. The fit, which moves by
+I⁻¹ Σ I_k d_k, then errs beside Fisher's I⁻¹ by
+
+    I⁻¹ (Σ I_k τ² I_k) I⁻¹.
+
+Notes:
+    Frames drawn anew, the usual bootstrap, would state the errors of another measurement: the exposures of a stack hold
+    very different parts of the information, and every third draw of five lacks the longest. Of equal exposures both
+    tell the same.
+    Lights and backgrounds are values like any other, so a lamp that drifts counts where it bends the picture.
+
+The MTF of a picture of a point light beside that of the picture that is expected, with the band that noise allows.
+
+Both are taken of the same pixels in the same window, sampled as the sensor samples, so that window, aliasing and noise
+are in both alike: what differs is the die, the lens, or the model of them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import scipy.special
+from numpy.typing import NDArray
+
+from maskfab.base.arrays import Floats
+from maskfab.base.errors import SourceError
+from maskfab.base.units import UM_PER_MM
+from maskfab.base.work import Progress, silent
+from maskfab.camera.capture.frames import Frame
+from maskfab.camera.capture.merge import Merged, Plane
+from maskfab.camera.inspection.die_image import DEFOCUS, DieImage, Pixels, Setting
+
+_NEAR = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """Signal of the pixels of one grid, with its noise.
+
+    Attributes:
+        pixels: which.
+        light: their signal, [rows, columns], in any one unit of light.
+        sigma: standard deviation of each, in the same unit.
+        valid: bool, those that count.
+        plane: that knows the noise of other light than was measured; None where sigma is the truth.
+    """
+
+    pixels: Pixels
+    light: Floats
+    sigma: Floats
+    valid: NDArray[np.bool_]
+    plane: Plane | None = None
+
+    def expecting(self, light: Floats) -> Taken:
+        """This signal with the noise of a model's light: that of what was measured favours what came out dark."""
+        if self.plane is None:
+            return self
+        sigma = np.where(self.valid, np.sqrt(self.plane.variance(light)), np.inf)
+        return replace(self, sigma=np.asarray(sigma))
+
+    def within(self, half_um: float) -> Taken:
+        """The pixels that lie no farther than so from the middle along both axes."""
+        columns, rows = (abs(axis) <= half_um for axis in (self.pixels.x_um, self.pixels.y_um))
+        held = np.ix_(rows, columns)
+        pixels = Pixels(self.pixels.colour, self.pixels.x_um[columns], self.pixels.y_um[rows])
+        return Taken(pixels, self.light[held], self.sigma[held], self.valid[held])
+
+
+def taken_of(merged: Merged, pixel_um: float, middle: tuple[float, float]) -> tuple[Taken, ...]:
+    """Every colour of merged exposures, seen from a place among their pixels.
+
+    Args:
+        merged: the exposures.
+        pixel_um: side of a pixel of the sensor, of whatever colour.
+        middle: row and column that is the origin.
+    """
+    return tuple(_of_plane(plane, pixel_um, middle) for plane in merged.planes)
+
+
+def _of_plane(plane: Plane, pixel_um: float, middle: tuple[float, float]) -> Taken:
+    rows, columns = plane.electrons_per_s.shape
+    row = plane.first[0] + plane.step * np.arange(rows) - middle[0]
+    column = plane.first[1] + plane.step * np.arange(columns) - middle[1]
+    pixels = Pixels(plane.colour, np.asarray(pixel_um * column), np.asarray(-pixel_um * row))
+    return Taken(pixels, plane.electrons_per_s, plane.sigma, plane.valid, plane)
+
+
+def brightest(planes: Sequence[Plane]) -> tuple[float, float]:
+    """Row and column of the centre of the light, to about a pixel: that of what is above half of the peak's height."""
+    best: tuple[float, tuple[float, float]] = (-np.inf, (0.0, 0.0))
+    for plane in planes:
+        light = np.where(plane.valid, plane.electrons_per_s, 0.0)
+        row, column = np.unravel_index(int(light.argmax()), light.shape)
+        peak = float(light[row, column])
+        if peak > best[0]:
+            near = _around(light, int(row), int(column))
+            weights = np.where(near >= peak / 2, near, 0.0)
+            rows, columns = np.indices(weights.shape)
+            total = weights.sum()
+            top, left = max(0, int(row) - _NEAR), max(0, int(column) - _NEAR)
+            place = (
+                plane.first[0] + plane.step * (top + float((weights * rows).sum() / total)),
+                plane.first[1] + plane.step * (left + float((weights * columns).sum() / total)),
+            )
+            best = (peak, place)
+    return best[1]
+
+
+def _around(light: Floats, row: int, column: int) -> Floats:
+    return light[max(0, row - _NEAR) : row + _NEAR + 1, max(0, column - _NEAR) : column + _NEAR + 1]
+
+
+def colours_of(taken: Sequence[Taken]) -> tuple[str, ...]:
+    """Colours of the pixels, each once, sorted."""
+    return tuple(sorted({each.pixels.colour for each in taken}))
+
+
+def window_middle(place: tuple[int, int], frame: Frame, side: int) -> tuple[int, int]:
+    """Row and column about which a square of ``side`` pixels lies in a frame, a place near its middle.
+
+    Where the frame ends the square is moved, by up to a quarter of itself.
+
+    Raises:
+        SourceError: MF337 if the place is nearer to the frame's edge than that allows.
+    """
+    row, column = (min(max(at, side // 2), length - side // 2) for at, length in zip(place, frame.shape, strict=True))
+    if max(abs(row - place[0]), abs(column - place[1])) > side // 4:
+        nearest = min(min(at, length - at) for at, length in zip(place, frame.shape, strict=True))
+        raise SourceError(
+            "MF337",
+            f"the light lies {nearest} pixels from the edge of {frame.name}, and a window of {side} pixels needs "
+            f"{side // 4}",
+            where=frame.name,
+            cure="Put the light nearer the middle of the picture, or ask for a smaller window",
+        )
+    return row, column
+
+
+_MOST_STEPS = 30
+_SETTLED = 0.02
+"""Share of its standard error by which no value moves any more in a fit that is done."""
+_CURVED = 5.0
+"""Standard errors by which a value must move for slopes to be made anew: within them they are straight."""
+_FIT_NEAR = 0.5
+"""Standard errors from where slopes were made within which a fit may end: beyond, they lead a little beside it."""
+_WORTH = 0.5
+"""Gain in chi² below which no smaller step is tried where one failed: a symmetric die in focus has no slope with
+defocus, and steps along it fail for ever."""
+_FIRST_DAMPING, _HARDER, _EASIER, _LEAST_DAMPING, _HOPELESS = 1e-3, 10.0, 0.1, 1e-6, 1e6
+FIRST_TERMS = (DEFOCUS,)
+_MORE_TERMS = tuple(range(5, 22))
+"""Noll's numbers of what may be wrong with a lens beside defocus, to the fifth order along the radius."""
+_PRICE = 2 * math.log(len(_MORE_TERMS))
+"""Gain in chi² that a term must bring: the risk inflation criterion (D. P. Foster and E. I. George, Ann. Stat. 22,
+1947, 1994), which allows for the best of so many candidates looking good by chance."""
+_ROUNDS = 2
+_NOISE_ROUNDS = 3
+"""Noise of measured light makes lights too dim, and the noise that is expected of them too small."""
+_COUNTS = 0.02
+"""Share of the noise's variance from which scatter between exposures is worth telling."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A die's setting as a camera saw it.
+
+    Attributes:
+        setting: the estimate.
+        covariance: of its values, float64 [n, n], for the noise alone.
+        light: of every colour, in the unit of the signal: what a sensor without ends would take.
+        beneath: signal of every colour that is there without the light.
+        chi2: sum of squared residuals, each over its standard deviation.
+        freedom: pixels less all that was solved for.
+        residuals: of every grid of pixels, in standard deviations, 0 where a pixel does not count.
+        predicted: of every grid, in the unit of the signal.
+        steps: that were tried.
+        between: [n, n] what the scatter from exposure to exposure adds to the covariance; None where it is not known.
+    """
+
+    setting: Setting
+    covariance: Floats
+    light: dict[str, float]
+    beneath: dict[str, float]
+    chi2: float
+    freedom: int
+    residuals: tuple[Floats, ...]
+    predicted: tuple[Floats, ...]
+    steps: int
+    between: Floats | None = None
+
+    @property
+    def inflation(self) -> float:
+        """Factor on the noise's standard errors: the root of chi² per degree of freedom, where that is above 1."""
+        return math.sqrt(max(1.0, self.chi2 / self.freedom))
+
+    @property
+    def errors(self) -> dict[str, float]:
+        """Standard error of every value: of inflated noise, and of what differs from exposure to exposure."""
+        variance = self.inflation**2 * np.diag(self.covariance)
+        found = np.sqrt(variance if self.between is None else variance + np.diag(self.between))
+        return dict(zip(self.setting.names, found.tolist(), strict=True))
+
+    def scatters(self, name: str) -> bool:
+        """Whether exposures tell a value so differently that its error is larger by a hundredth or more."""
+        at = self.setting.names.index(name)
+        noise = self.inflation**2 * self.covariance[at, at]
+        return self.between is not None and bool(self.between[at, at] > _COUNTS * noise)
+
+
+def fitted(image: DieImage, taken: Sequence[Taken], start: Setting, progress: Progress = silent) -> Fit:
+    """The best setting that is downhill from a start; its terms are the start's.
+
+    Args:
+        image: of the die, one way round; its pixels are those of ``taken``.
+        taken: what the camera took.
+        start: with every term that is to be found, 0 where nothing is known.
+        progress: told after every step.
+    """
+    pictures = image.pictures(start)
+    here, damping, since, slopes = judged(taken, pictures, start), _FIRST_DAMPING, math.inf, []
+    for step in range(1, _MOST_STEPS + 1):
+        progress("fit", step, _MOST_STEPS)
+        noise = math.sqrt(max(1.0, here.chi2 / here.freedom))
+        if since > _CURVED * noise:
+            slopes, since, damping = image.slopes(start), 0.0, min(damping, _FIRST_DAMPING)
+        now = normal_equations(taken, pictures, slopes)
+        if now.away(now.covariance @ now.gradient) < _SETTLED * noise:
+            if since <= _FIT_NEAR * noise:
+                break
+            since = math.inf
+            continue
+        change = _step(now, damping)
+        tried = start.at(start.values + change)
+        seen = image.pictures(tried)
+        there = judged(taken, seen, tried)
+        if there.chi2 <= here.chi2:
+            start, here, pictures, damping = tried, there, seen, max(_LEAST_DAMPING, damping * _EASIER)
+            since += now.away(change)
+        elif since > 0:
+            since = math.inf
+        elif damping < _HOPELESS and now.gain(range(start.values.size)) > _WORTH * noise**2:
+            damping *= _HARDER
+        else:
+            break
+    progress("fit", _MOST_STEPS, _MOST_STEPS)
+    return replace(here, covariance=normal_equations(taken, pictures, slopes).covariance, steps=step)
+
+
+def with_terms(image: DieImage, taken: Sequence[Taken], found: Fit, progress: Progress = silent) -> Fit:
+    """The fit with more of the lens's errors, each of which brings the residuals nearer to the noise than chance would.
+
+    Which they are is told from slopes at the fit that is given, and once more where those led.
+    """
+    for _ in range(_ROUNDS):
+        wanted = _demanded(image, taken, found)
+        if not wanted:
+            break
+        terms = (*found.setting.terms, *((term, 0.0) for term in wanted))
+        found = fitted(image, taken, replace(found.setting, terms=terms), progress)
+    return _without_needless(image, taken, found, progress)
+
+
+def _without_needless(image: DieImage, taken: Sequence[Taken], found: Fit, progress: Progress) -> Fit:
+    """The fit without terms that, once all are found, do not bring their price: far away slopes ask for many."""
+    price = _PRICE * max(1.0, found.chi2 / found.freedom)
+    worth = {f"z{term}" for term in FIRST_TERMS}
+    worth |= {
+        name
+        for name, value, variance in zip(
+            found.setting.names, found.setting.values, np.diag(found.covariance), strict=True
+        )
+        if value**2 > price * variance
+    }
+    kept = tuple(each for each in found.setting.terms if f"z{each[0]}" in worth)
+    dropped = len(found.setting.terms) - len(kept)
+    if not dropped:
+        return found
+    fewer = fitted(image, taken, replace(found.setting, terms=kept), progress)
+    return fewer if fewer.chi2 - found.chi2 < price * dropped else found
+
+
+def gain_of_terms(image: DieImage, taken: Sequence[Taken], found: Fit) -> float:
+    """By how much chi² would fall at most if all of the lens's errors were fitted that a fit lacks."""
+    now, asked = _with_all(image, taken, found)
+    known = range(found.setting.values.size)
+    return now.gain(range(len(known) + len(asked))) - now.gain(known)
+
+
+def _with_all(image: DieImage, taken: Sequence[Taken], found: Fit) -> tuple[NormalEquations, list[int]]:
+    """The equations of a step of a fit together with the terms that it lacks, and those."""
+    known = {term for term, _ in found.setting.terms}
+    asked = [term for term in _MORE_TERMS if term not in known]
+    at = replace(found.setting, terms=(*found.setting.terms, *((term, 0.0) for term in asked)))
+    return normal_equations(taken, image.pictures(at), image.slopes(at)), asked
+
+
+def _demanded(image: DieImage, taken: Sequence[Taken], found: Fit) -> list[int]:
+    """Terms that a fit lacks, the one that brings most first."""
+    now, asked = _with_all(image, taken, found)
+    old = found.setting.values.size
+    held, left = list(range(old)), list(range(old, old + len(asked)))
+    noise = max(1.0, (found.chi2 - now.gain([*held, *left])) / found.freedom)
+    chosen: list[int] = []
+    while left:
+        gains = [now.gain([*held, each]) for each in left]
+        best = int(np.argmax(gains))
+        if gains[best] - now.gain(held) < _PRICE * noise:
+            break
+        held.append(left.pop(best))
+        chosen.append(asked[held[-1] - old])
+    return chosen
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """The equations of a step: information about values once light and background are solved for.
+
+    Attributes:
+        gradient: [values] half of that of chi², downhill.
+        information: [values, values] Fisher's.
+    """
+
+    gradient: Floats
+    information: Floats
+
+    @cached_property
+    def covariance(self) -> Floats:
+        return np.asarray(np.linalg.pinv(self.information, hermitian=True), dtype=np.float64)
+
+    def gain(self, values: Sequence[int]) -> float:
+        """By how much chi² falls if only these values are moved."""
+        part = np.ix_(values, values)
+        gradient = self.gradient[np.asarray(values)]
+        return float(gradient @ np.linalg.pinv(self.information[part], hermitian=True) @ gradient)
+
+    def away(self, change: Floats) -> float:
+        """The largest change of a value, in its standard errors."""
+        return float(np.max(abs(change) / np.sqrt(np.diag(self.covariance))))
+
+
+def _step(now: NormalEquations, damping: float) -> Floats:
+    diagonal = np.diag(np.diag(now.information))
+    return np.asarray(np.linalg.solve(now.information + damping * diagonal, now.gradient))
+
+
+def normal_equations(
+    taken: Sequence[Taken], pictures: Sequence[Floats], slopes: Sequence[Sequence[Floats]]
+) -> NormalEquations:
+    """The equations of a step from pictures along slopes, [values][grids of pixels]."""
+    size = len(slopes)
+    gradient, information = np.zeros(size), np.zeros((size, size))
+    for colour in colours_of(taken):
+        mine = [k for k, each in enumerate(taken) if each.pixels.colour == colour]
+        weigh = _Weighed.of([taken[k] for k in mine])
+        picture = weigh([pictures[k] for k in mine])
+        base = np.stack([picture, weigh.ones], axis=1)
+        solution = np.linalg.lstsq(base, weigh.signal, rcond=None)[0]
+        light = float(solution[0])
+        rest = weigh.signal - base @ solution
+        columns = np.stack([light * weigh([slope[k] for k in mine]) for slope in slopes], axis=1)
+        columns -= base @ np.linalg.lstsq(base, columns, rcond=None)[0]
+        gradient += columns.T @ rest
+        information += columns.T @ columns
+    return NormalEquations(gradient, information)
+
+
+def judged(taken: Sequence[Taken], pictures: Sequence[Floats], at: Setting) -> Fit:
+    """Chi² of pictures, light and background solved for; nothing is told of the setting's errors."""
+    light, beneath, residuals, predicted = {}, {}, [np.zeros(0)] * len(taken), [np.zeros(0)] * len(taken)
+    chi2, count = 0.0, 0
+    for colour in colours_of(taken):
+        mine = [k for k, each in enumerate(taken) if each.pixels.colour == colour]
+        weigh = _Weighed.of([taken[k] for k in mine])
+        base = np.stack([weigh([pictures[k] for k in mine]), weigh.ones], axis=1)
+        found = np.linalg.lstsq(base, weigh.signal, rcond=None)[0]
+        light[colour], beneath[colour] = map(float, found)
+        chi2 += float(np.sum((weigh.signal - base @ found) ** 2))
+        count += weigh.signal.size - 2
+        for k in mine:
+            predicted[k] = found[0] * pictures[k] + found[1]
+            residuals[k] = np.where(taken[k].valid, (taken[k].light - predicted[k]) / taken[k].sigma, 0.0)
+    size = at.values.size
+    return Fit(at, np.zeros((size, size)), light, beneath, chi2, count - size, tuple(residuals), tuple(predicted), 0)
+
+
+def expecting(image: DieImage, taken: Sequence[Taken], at: Setting) -> tuple[Taken, ...]:
+    """Pixels with the noise of the light that a setting lets expect, in place of that of what was measured."""
+    pictures = image.pictures(at)
+    for _ in range(_NOISE_ROUNDS):
+        expected = judged(taken, pictures, at).predicted
+        taken = [each.expecting(light) for each, light in zip(taken, expected, strict=True)]
+    return tuple(taken)
+
+
+@dataclass(frozen=True, eq=False)
+class _Weighed:
+    """The pixels of a colour that count, each over its standard deviation."""
+
+    valid: tuple[NDArray[np.bool_], ...]
+    inverse: Floats
+    signal: Floats
+
+    @classmethod
+    def of(cls, taken: Sequence[Taken]) -> _Weighed:
+        valid = tuple(each.valid for each in taken)
+        inverse = 1 / np.concatenate([each.sigma[each.valid] for each in taken])
+        return cls(valid, inverse, inverse * np.concatenate([each.light[each.valid] for each in taken]))
+
+    @property
+    def ones(self) -> Floats:
+        return self.inverse
+
+    def __call__(self, pictures: Sequence[Floats]) -> Floats:
+        values = [picture[kept] for picture, kept in zip(pictures, self.valid, strict=True)]
+        return np.asarray(self.inverse * np.concatenate(values))
+
+
+LEAST_FRAMES = 3
+_PROVEN = 2.71
+"""Twice the logarithm of the odds from which scatter is more than noise, which comes about in one of twenty values."""
+_FINEST, _TRIED = 1e-2, 100
+"""Least variance that is tried, in that of the noise of the best exposure, and how many up to the most."""
+_LEAST_FREEDOM = 2.0
+"""Degrees of freedom below which Student's quantiles would say that nothing is known."""
+_RIDGE = 1e-9
+"""Share of all information that is lent to each exposure, so that one which tells nothing is merely weak."""
+_NORMAL_95 = 1.959964
+
+
+def with_frames(image: DieImage, taken: Sequence[Taken], found: Fit) -> Fit:
+    """The fit with the scatter between exposures in its errors, where there are three or more.
+
+    Args:
+        image: of the die.
+        taken: what was fitted, merged of exposures.
+        found: the fit.
+    """
+    planes = [each.plane for each in taken if each.plane is not None]
+    if len(planes) < len(taken) or len(planes[0].exposures) < LEAST_FRAMES:
+        return found
+    frames = _frames(taken, planes, image.slopes(found.setting), image.pictures(found.setting), found)
+    if len(frames) < LEAST_FRAMES:
+        return found
+    size = found.setting.values.size
+    return replace(found, between=_between(frames, found.inflation)[:size, :size])
+
+
+@dataclass(frozen=True, eq=False)
+class _Frame:
+    """Equations of one exposure for a step of setting, lights and backgrounds from where the fit is."""
+
+    gradient: Floats
+    information: Floats
+
+
+def _frames(
+    taken: Sequence[Taken],
+    planes: Sequence[Plane],
+    slopes: Sequence[Sequence[Floats]],
+    pictures: Sequence[Floats],
+    found: Fit,
+) -> list[_Frame]:
+    """Every exposure that tells anything."""
+    colours, size = colours_of(taken), found.setting.values.size
+    total = size + 2 * len(colours)
+    gradients, informations = (np.zeros((len(planes[0].exposures), total, *rest)) for rest in ((), (total,)))
+    for k, (each, plane) in enumerate(zip(taken, planes, strict=True)):
+        colour = colours.index(each.pixels.colour)
+        own = [*range(size), size + 2 * colour, size + 2 * colour + 1]
+        light = found.light[each.pixels.colour]
+        every = np.stack([*(light * slope[k] for slope in slopes), pictures[k], np.ones(each.light.shape)], axis=-1)
+        for place, exposure in enumerate(plane.exposures):
+            kept = each.valid & exposure.usable
+            per_light = exposure.scale * plane.share[kept]
+            expected = per_light * found.predicted[k][kept]
+            weight = 1 / np.sqrt(np.maximum(expected, 0.0) + exposure.dark)
+            columns = every[kept] * (weight * per_light)[:, None]
+            gradients[place][own] += columns.T @ (weight * (exposure.electrons[kept] - expected))
+            informations[place][np.ix_(own, own)] += columns.T @ columns
+    return [_Frame(*each) for each in zip(gradients, informations, strict=True) if each[1].any()]
+
+
+def _between(frames: Sequence[_Frame], inflation: float) -> Floats:
+    """Covariance of the fit by what differs from exposure to exposure."""
+    whole = sum(frame.information for frame in frames)
+    # Values are of very different size.
+    unit = 1 / np.sqrt(np.diag(whole))
+    scaled = [unit[:, None] * frame.information * unit for frame in frames]
+    covariance = np.linalg.pinv(sum(scaled), hermitian=True)
+    lent = _RIDGE * np.eye(unit.size)
+    inverses = [np.linalg.inv(each + lent) for each in scaled]
+    steps = np.stack([inverse @ (unit * frame.gradient) for inverse, frame in zip(inverses, frames, strict=True)])
+    noise = inflation**2 * np.stack([np.diag(inverse) for inverse in inverses])
+    spread = np.array([_variance_between(steps[:, k], noise[:, k]) for k in range(unit.size)])
+    moved = [covariance @ each for each in scaled]
+    found = sum(each @ (spread[:, None] * each.T) for each in moved)
+    return np.asarray(unit[:, None] * found * unit)
+
+
+def _variance_between(values: Floats, noise: Floats) -> float:
+    """Variance of values of their own, beside that of the noise of each: the most likely, 0 where it is not proven.
+
+    It is enlarged so that 1.96 errors hold 95 % although few exposures tell it.
+    """
+    reach = float(np.ptp(values))
+    tried = np.concatenate([[0.0], np.geomspace(_FINEST * noise.min(), max(reach**2, noise.min()), _TRIED)])
+    weights = 1 / (noise + tried[:, None])
+    total = weights.sum(axis=1)
+    mean = weights @ values / total
+    scatter = np.sum(weights * (values - mean[:, None]) ** 2, axis=1)
+    likelihood = np.sum(np.log(weights), axis=1) - np.log(total) - scatter
+    best = int(likelihood.argmax())
+    if likelihood[best] - likelihood[0] < _PROVEN:
+        return 0.0
+    freedom = np.sum((tried[best] * weights[best]) ** 2) - 1
+    quantile = float(scipy.special.stdtrit(max(_LEAST_FREEDOM, float(freedom)), 0.975))
+    return float(tried[best]) * (quantile / _NORMAL_95) ** 2
+
+
+_DRAWS = 200
+_CONFIDENCE = 0.95
+_PARTED = 4.0
+"""Standard deviations of the noise from which two neighbouring rings of frequencies are held to differ."""
+
+
+@dataclass(frozen=True, eq=False)
+class MtfBand:
+    """MTF of one grid of pixels, mean and minimum over all directions.
+
+    Attributes:
+        colour: of the pixels.
+        frequencies: middles of rings, cycles per millimetre of sensor, [n].
+        measured: [2, n], mean and minimum over a ring.
+        expected: [2, n], the same of the fitted die with the same noise, mean over draws of it.
+        low, high: [2, n], between which 95 % of such draws lie.
+        parted_per_mm: frequency from which the mean differs by more than noise lets it; None if it nowhere does.
+    """
+
+    colour: str
+    frequencies: Floats
+    measured: Floats
+    expected: Floats
+    low: Floats
+    high: Floats
+    parted_per_mm: float | None
+
+
+def mtf_bands(taken: Sequence[Taken], fit: Fit, seed: int = 0) -> tuple[MtfBand, ...]:
+    """One for each grid of pixels of a fit, on the same noise for equal seeds."""
+    random = np.random.default_rng(seed)
+    return tuple(_band(each, fit, k, random) for k, each in enumerate(taken))
+
+
+def _band(taken: Taken, fit: Fit, place: int, random: np.random.Generator) -> MtfBand:
+    expected = fit.predicted[place]
+    sigma = np.where(taken.valid, taken.sigma, 0.0)
+    seen = np.where(taken.valid, taken.light, expected)
+    colour = taken.pixels.colour
+    scale, beneath = fit.light[colour], fit.beneath[colour]
+    step_um = abs(float(taken.pixels.x_um[1] - taken.pixels.x_um[0]))
+    rings, frequencies = _rings(expected.shape, step_um)
+
+    def curves(picture: Floats) -> Floats:
+        modulus = abs(np.fft.rfft2((picture - beneath) / scale)).ravel()
+        count = frequencies.size
+        mean = np.bincount(rings, modulus, count + 1)[:count] / np.bincount(rings, minlength=count + 1)[:count]
+        least = np.full(count + 1, np.inf)
+        np.minimum.at(least, rings, modulus)
+        return np.stack([mean, least[:count]])
+
+    draws = np.stack([curves(expected + sigma * random.standard_normal(expected.shape)) for _ in range(_DRAWS)])
+    measured = curves(seen)
+    tail = (1 - _CONFIDENCE) / 2
+    low, high = np.quantile(draws, [tail, 1 - tail], axis=0)
+    mean, spread = draws.mean(axis=0), draws.std(axis=0)
+    off = abs(measured[0] - mean[0]) > _PARTED * spread[0]
+    both = np.flatnonzero(off[1:] & off[:-1])
+    parted = float(frequencies[both[0]]) if both.size else None
+    return MtfBand(colour, frequencies, measured, mean, low, high, parted)
+
+
+def _rings(shape: tuple[int, ...], step_um: float) -> tuple[NDArray[np.intp], Floats]:
+    """Number of the ring of every frequency of a real transform, the last one for all beyond; and their middles."""
+    rows, columns = shape
+    up, across = np.fft.fftfreq(rows)[:, None], np.fft.rfftfreq(columns)
+    radius = np.hypot(up, across).ravel()
+    width = 1 / min(rows, columns)
+    count = int(0.5 / width)
+    number = np.minimum(np.floor(radius / width).astype(np.intp), count)
+    middles = np.bincount(number, radius, count + 1)[:count] / np.bincount(number, minlength=count + 1)[:count]
+    return number, np.asarray(middles / step_um * UM_PER_MM)

@@ -1,0 +1,315 @@
+"""Which die a camera looked through, and which way round it stood, by likelihood.
+
+In focus a die and the same die turned by 180 degrees make one picture, for the transmission of a mask is real; out of
+focus one makes the other's picture on the other side of the focus. So of eight ways round four are told apart.
+
+Width of the light that a plate was captured with: told by what residuals ask for, and taken into the fit.
+
+Such a light makes the picture of a point, smoothed. Errors of the lens widen a picture, too; left out, a wide light
+comes out as many errors that the lens does not have, and as a CD bias. So a width is taken in before further terms if
+it explains more than all of those together, and after them if residuals ask for it still.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from maskfab.base.arrays import Floats
+from maskfab.base.model import Camera, Panel
+from maskfab.base.work import Progress, silent
+from maskfab.camera.inspection.die_image import DieImage, Setting, gathered
+from maskfab.camera.inspection.fit import (
+    FIRST_TERMS,
+    Fit,
+    Taken,
+    colours_of,
+    fitted,
+    gain_of_terms,
+    judged,
+    normal_equations,
+    with_terms,
+)
+from maskfab.optics.spectrum import Spectrum
+
+WAYS_ROUND = (0, 1, 4, 5)
+"""Elements of D4 that are told apart; each stands for itself and for itself turned by 180 degrees."""
+_REACH_UM = 45.0
+"""Half the side of what is looked at first: a small turn or stretch moves nothing there by a speckle."""
+_FITTED = 3
+"""Hypotheses that are fitted whole, the most likely first."""
+_HOPELESS = 400.0
+"""Difference of chi² in the middle, over the noise there, from which a hypothesis is not fitted whole."""
+CERTAIN = 25.0
+"""Difference of chi², each over the noise that the best fit leaves, from which a die is told from another: odds of a
+quarter of a million."""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A die that may have stood before the camera.
+
+    Attributes:
+        die: its name.
+        way_round: one of :data:`WAYS_ROUND`.
+    """
+
+    die: str
+    way_round: int
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """The most likely die.
+
+    Attributes:
+        best: the hypothesis.
+        fit: of it, to the pixels of one colour.
+        ahead: of every other hypothesis, by how much its chi² is above the best one's, over the noise that the best
+            fit leaves; ascending. Those that were not fitted whole are judged by the middle of the picture alone.
+        certain: whether none is nearer than :data:`CERTAIN`.
+    """
+
+    best: Hypothesis
+    fit: Fit
+    ahead: tuple[tuple[Hypothesis, float], ...]
+
+    @property
+    def certain(self) -> bool:
+        return not self.ahead or self.ahead[0][1] >= CERTAIN
+
+    @property
+    def rivals(self) -> tuple[Hypothesis, ...]:
+        """Hypotheses that are not told from the best."""
+        return tuple(each for each, margin in self.ahead if margin < CERTAIN)
+
+
+def identified(
+    panels: Mapping[str, Panel],
+    camera: Camera,
+    light: Mapping[str, Spectrum],
+    taken: Sequence[Taken],
+    progress: Progress = silent,
+) -> Identified:
+    """Find the die, and the way round, that best explains what a camera took.
+
+    Args:
+        panels: of the dies that it may be, by name; those that are not square are tried as drawn and mirrored alone.
+        camera: its lens and its pixel.
+        light: what each colour of pixels sees of a point light.
+        taken: what it took, the light near the middle of the pixels.
+        progress: told for every die, and every fit.
+    """
+    taken = _of_one_colour(taken)
+    middle = [each.within(_REACH_UM) for each in taken]
+    mine = {colour: light[colour] for colour in colours_of(taken)}
+    few = {colour: gathered(lines, camera, _REACH_UM) for colour, lines in mine.items()}
+    found: list[tuple[float, Hypothesis, Setting]] = []
+    noise = math.inf
+    for done, (name, panel) in enumerate(panels.items(), start=1):
+        square = panel.orientations.shape[0] == panel.orientations.shape[1]
+        for way in WAYS_ROUND:
+            if way % 2 and not square:
+                continue
+            image = DieImage.of(panel, way, camera, few, [each.pixels for each in middle])
+            setting, chi2, freedom = _placed(image, middle)
+            noise = min(noise, chi2 / freedom)
+            found.append((chi2, Hypothesis(name, way), setting))
+        progress("dies", done, len(panels))
+    found.sort(key=lambda each: each[0])
+    noise = max(1.0, noise)
+    whole: list[tuple[Hypothesis, Fit]] = []
+    for first, (_, each, setting) in enumerate(found[:_FITTED]):
+        if first and found[first][0] - found[0][0] > _HOPELESS * noise:
+            break
+        image = DieImage.of(panels[each.die], each.way_round, camera, mine, [t.pixels for t in taken])
+        start = replace(setting, terms=tuple((term, 0.0) for term in FIRST_TERMS))
+        whole.append((each, fitted(image, taken, start, progress)))
+    whole.sort(key=lambda each: each[1].chi2)
+    best, fit = whole[0]
+    left = fit.inflation**2
+    ahead = [(each, (other.chi2 - fit.chi2) / left) for each, other in whole[1:]]
+    tried = {each for each, _ in whole}
+    own = next(chi2 for chi2, each, _ in found if each == best)
+    ahead += [(each, max(0.0, chi2 - own) / noise) for chi2, each, _ in found if each not in tried]
+    return Identified(best, fit, tuple(sorted(ahead, key=lambda each: each[1])))
+
+
+def _of_one_colour(taken: Sequence[Taken]) -> list[Taken]:
+    """Pixels of the colour that has taken most light over its noise: one line tells dies apart as well as three."""
+
+    def seen(colour: str) -> float:
+        return sum(
+            float(np.sum((each.light[each.valid] / each.sigma[each.valid]) ** 2))
+            for each in taken
+            if each.pixels.colour == colour
+        )
+
+    chosen = max(colours_of(taken), key=seen)
+    return [each for each in taken if each.pixels.colour == chosen]
+
+
+def _placed(image: DieImage, taken: Sequence[Taken]) -> tuple[Setting, float, int]:
+    """The place of the light that fits best, to a tenth of a pixel, and chi² there."""
+    setting = Setting()
+    for _ in range(2):
+        pictures = image.pictures(setting)
+        across, up = _shift(taken, pictures)
+        setting = replace(setting, x_um=setting.x_um + across, y_um=setting.y_um + up)
+    found = judged(taken, image.pictures(setting), setting)
+    return setting, found.chi2, found.freedom
+
+
+def _shift(taken: Sequence[Taken], pictures: Sequence[Floats]) -> tuple[float, float]:
+    """By how much pictures are to be moved in x and y for the best correlation with what was taken, micrometres."""
+    totals = []
+    for each, picture in zip(taken, pictures, strict=True):
+        # The root evens out the noise, so that the peak does not drown what tells dies apart.
+        seen = np.sqrt(np.clip(np.where(each.valid, each.light, 0.0), 0, None))
+        known = np.sqrt(np.clip(picture, 0, None))
+        correlation = _correlated(seen - seen.mean(), known - known.mean())
+        y, x = np.unravel_index(int(correlation.argmax()), correlation.shape)
+        step_x = float(each.pixels.x_um[1] - each.pixels.x_um[0])
+        step_y = float(each.pixels.y_um[1] - each.pixels.y_um[0])
+        across = step_x * (x - (picture.shape[1] - 1) + _summit(correlation[y, max(0, x - 1) : x + 2]))
+        up = step_y * (y - (picture.shape[0] - 1) + _summit(correlation[max(0, y - 1) : y + 2, x]))
+        totals.append((float(correlation.max()), across, up))
+    weights = np.array([weight for weight, _, _ in totals])
+    return tuple(float(weights @ np.array([each[k] for each in totals]) / weights.sum()) for k in (1, 2))  # type: ignore[return-value]
+
+
+def _correlated(seen: Floats, known: Floats) -> Floats:
+    """Full cross-correlation, no move at [rows - 1, columns - 1]."""
+    rows, columns = (2 * length - 1 for length in seen.shape)
+    size = tuple(scipy.fft.next_fast_len(length, real=True) for length in (rows, columns))
+    product = scipy.fft.rfft2(seen, size) * scipy.fft.rfft2(known[::-1, ::-1], size)
+    return np.asarray(scipy.fft.irfft2(product, size)[:rows, :columns])
+
+
+def _summit(values: Floats) -> float:
+    """Place of the top of a parabola through three values, from the middle one; 0 where there are fewer."""
+    if values.size < 3:
+        return 0.0
+    bend = values[0] - 2 * values[1] + values[2]
+    return 0.0 if bend >= 0 else float((values[0] - values[2]) / (2 * bend))
+
+
+FWHM = math.sqrt(8 * math.log(2))
+"""Of a Gaussian, in standard deviations."""
+_LEAST_PX = 0.5
+"""Least full width that is told: the charge of a pixel spreads as far."""
+_DEMANDED = 25.0
+"""Fall of chi², over the noise that is left, from which a light is wider than a point."""
+_EXPLAINED = 0.25
+"""Share of what is left over that a width must explain: of a model that is wrong otherwise it explains little."""
+_APART_PX = 0.25
+_TURNS, _ROUNDS, _SETTLED = 3, 4, 0.3
+
+
+@dataclass(frozen=True)
+class LightWidth:
+    """Full width at half maximum of a light, as its picture without a plate would have it on the sensor.
+
+    Attributes:
+        um: the width.
+        error_um: its standard error, inflated as the fit's.
+    """
+
+    um: float
+    error_um: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """Where residuals would take the square of a light's width, um².
+
+    Attributes:
+        change: of it.
+        error: one standard error, inflated as the fit's.
+        gain: fall of chi² that it brings.
+        noise: chi² per pixel, 1 or more.
+        left_over: chi² beyond that of noise.
+        covariance: of the fit's values, the width not being known.
+    """
+
+    change: float
+    error: float
+    gain: float
+    noise: float
+    left_over: float
+    covariance: NDArray[np.float64]
+
+    @property
+    def demanded(self) -> bool:
+        """Whether it widens the light, and not by chance."""
+        return self.change > 0 and self.gain > max(_DEMANDED * self.noise, _EXPLAINED * self.left_over)
+
+    @property
+    def settled(self) -> bool:
+        """Whether it is small against its error."""
+        return abs(self.change) < _SETTLED * self.error
+
+
+def with_width_and_terms(
+    image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progress = silent
+) -> tuple[DieImage, Fit, LightWidth | None]:
+    """The image in light as wide as residuals ask for, the fit of it with further terms, and that width.
+
+    Args:
+        image: of the die, in light of a point.
+        taken: what the camera took.
+        fit: of it, with few terms.
+        progress: told after every step of a fit.
+
+    Returns:
+        The width is None of a point as far as residuals tell, and below half a pixel.
+    """
+    step = _step(image, taken, fit)
+    if step.demanded and step.gain > gain_of_terms(image, taken, fit):
+        image, fit, step = _widened(image, taken, fit, step, progress)
+    fit = with_terms(image, taken, fit, progress)
+    step = _step(image, taken, fit)
+    for _ in range(_TURNS):
+        if not (step.demanded or (image.light_um and not step.settled)):
+            break
+        image, fit, _ = _widened(image, taken, fit, step, progress)
+        fit = with_terms(image, taken, fit, progress)
+        step = _step(image, taken, fit)
+    if not image.light_um:
+        return image, fit, None
+    fit, width = replace(fit, covariance=step.covariance), FWHM * image.light_um
+    if width < _LEAST_PX * image.camera.pixel_um:
+        return image, fit, None
+    return image, fit, LightWidth(width, FWHM * step.error / (2 * image.light_um))
+
+
+def _widened(
+    image: DieImage, taken: Sequence[Taken], fit: Fit, step: _Step, progress: Progress
+) -> tuple[DieImage, Fit, _Step]:
+    for _ in range(_ROUNDS):
+        image = replace(image, light_um=math.sqrt(max(0.0, image.light_um**2 + step.change)))
+        fit = fitted(image, taken, fit.setting, progress)
+        step = _step(image, taken, fit)
+        if step.settled:
+            break
+    return image, fit, step
+
+
+def _step(image: DieImage, taken: Sequence[Taken], fit: Fit) -> _Step:
+    """A step along the square of the width together with all that is fitted."""
+    pictures, slopes = image.pictures(fit.setting), image.slopes(fit.setting)
+    apart = (_APART_PX * image.camera.pixel_um) ** 2
+    farther = replace(image, light_um=math.sqrt(image.light_um**2 + apart)).pictures(fit.setting)
+    by_square = [(a - b) / apart for a, b in zip(farther, pictures, strict=True)]
+    now = normal_equations(taken, pictures, [*slopes, by_square])
+    known = range(len(slopes))
+    change = float((now.covariance @ now.gradient)[-1])
+    error = fit.inflation * math.sqrt(float(now.covariance[-1, -1]))
+    gain = now.gain(range(len(slopes) + 1)) - now.gain(known)
+    noise, left_over = max(1.0, fit.chi2 / fit.freedom), fit.chi2 - fit.freedom
+    return _Step(change, error, gain, noise, left_over, now.covariance[:-1, :-1])

@@ -1,0 +1,644 @@
+"""Lessons for a network: photographs through one die, as it is shown them, beside the truth.
+
+Photographs are whole frames with light from outside the sensor, taken by the protocol that scores them. Every second
+one is of a picture that is given, if any is, mirrored by chance; the others are dead leaves that no other protocol
+draws: of four, one bright and one indoors are smooth, and the other two have a texture, as few things in life are
+even.
+
+Training of a network on lessons, step by step, so that it can be cut off anywhere and go on to the same result.
+
+A step descends (Kingma, Ba, Adam, ICLR 2015) on the squared error of a few patches, as it is scored, over that of the
+whole picture that is mended, so that dim scenes count as much as bright ones. What is used is the mean of the weights
+over the last steps (Polyak, Juditsky, SIAM J. Control Optim. 30, 838, 1992), which is good whenever training stops.
+
+The file that training leaves: the network, what it was trained behind, and all that training needs to go on.
+
+A run of training: it ends by the clock, judges what it has by scenes that are not taught, and keeps it in a file.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.fft
+import torch
+from numpy.typing import NDArray
+
+from maskfab.base import __version__
+from maskfab.base.arrays import Singles
+from maskfab.base.errors import JobError, SourceError
+from maskfab.base.files import RUN, read_state, save_state
+from maskfab.base.work import Clock, Progress
+from maskfab.camera.imaging import Design
+from maskfab.camera.network import COLOURS, EXPONENT, PLANES, Learned, Network, View, light_of
+from maskfab.camera.protocol import Protocol, SensorScene, evaluate
+from maskfab.camera.record import Blur, Transfer
+from maskfab.camera.restorers.dct import Dct
+from maskfab.camera.scenes import LONG, SHORT, Photograph, dead_leaves, indoors, lit
+from maskfab.camera.scores import psnr
+from maskfab.optics.colour import code_of_light
+
+_FIRST, _APART = 10_000_000, 100_000
+"""Numbers of scenes of seed 0, and of the next."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lesson:
+    """One photograph.
+
+    Attributes:
+        shown: of its record, [planes, rows, columns].
+        true: code values, [3, rows, columns].
+    """
+
+    shown: Singles
+    true: Singles
+
+
+@dataclass(frozen=True, eq=False)
+class Lessons:
+    """All lessons behind a design, by their number; the same every time.
+
+    Attributes:
+        protocol: that photographs are taken by, in linear light.
+        design: that they are taken through.
+        levels: of light, one of which is drawn for each, dB.
+        view: of their records.
+        photographs: that are given.
+        seed: of all that is drawn.
+        shape: rows and columns of drawn scenes.
+    """
+
+    protocol: Protocol
+    design: Design
+    levels: tuple[float, ...]
+    view: View
+    photographs: Sequence[Photograph] = ()
+    seed: int = 0
+    shape: tuple[int, int] = (SHORT, LONG)
+
+    def __call__(self, number: int) -> Lesson:
+        """One of them."""
+        turn = number // 2 if self.photographs else number
+        own = _FIRST + _APART * self.seed + number
+        level = float(np.random.default_rng([own, 2]).choice(self.levels))
+        if self.photographs and number % 2:
+            scene = mirrored(self.photographs[turn % len(self.photographs)], own)
+        else:
+            scene = drawn(own, turn, self.shape, lamps=bool(self.protocol.brackets))
+        return self.of(scene, level)
+
+    def of(self, scene: Photograph, level: float) -> Lesson:
+        """The lesson that a scene is at a level of light."""
+        known = SensorScene.of(scene)
+        record = self.protocol.photograph(self.design, known, level)
+        return Lesson(self.view.planes(record, self.design), known.true)
+
+
+def drawn(seed: int, turn: int, shape: tuple[int, int] = (SHORT, LONG), *, lamps: bool = False) -> Photograph:
+    """Dead leaves, indoors and textured in turns of four, with lamps if exposures are merged."""
+    scene = dead_leaves(seed, *shape)
+    if turn % 4 >= 2:
+        scene = textured(scene)
+    if turn % 2:
+        scene = indoors(scene)
+    return lit(scene) if lamps else scene
+
+
+def textured(scene: Photograph) -> Photograph:
+    """The scene times a pattern that is log-normal, of a random contrast, and of a power that falls as f^-2 to f^-3."""
+    draw = np.random.default_rng([scene.number, 1])
+    rows, columns = scene.values.shape[1:]
+    slope, contrast = draw.uniform(1.0, 1.5), draw.uniform(0.1, 0.6)
+    y, x = scipy.fft.fftfreq(rows)[:, None], scipy.fft.rfftfreq(columns)
+    frequency = np.hypot(y, x)
+    frequency[0, 0] = np.inf
+    grain = scipy.fft.rfft2(draw.standard_normal((rows, columns), dtype=np.float32), workers=1)
+    pattern = scipy.fft.irfft2(grain * frequency**-slope, s=(rows, columns), workers=1)
+    pattern *= contrast / pattern.std()
+    values = scene.values * np.exp(pattern - contrast**2 / 2).astype(np.float32)
+    return replace(scene, values=np.clip(values, 0, 1))
+
+
+def mirrored(scene: Photograph, seed: int) -> Photograph:
+    """A photograph turned left to right, upside down, both or neither, in noise of its own."""
+    down, across = (slice(None, None, int(step)) for step in np.random.default_rng(seed).choice((-1, 1), 2))
+    measured = None if scene.measured is None else np.ascontiguousarray(scene.measured[:, down, across])
+    values = np.ascontiguousarray(scene.values[:, down, across])
+    return replace(scene, number=seed, values=values, measured=measured)
+
+
+def kept_for_validation(
+    photographs: Sequence[Photograph], count: int, shape: tuple[int, int] = (SHORT, LONG), *, lamps: bool = False
+) -> tuple[list[Photograph], Sequence[Photograph]]:
+    """Scenes that nothing is learned from, so many of them drawn, and the photographs that are left to learn from.
+
+    The last photograph is kept where there are several.
+    """
+    kept = [drawn(_FIRST - 1 - k, 3 * k, shape, lamps=lamps) for k in range(count)]
+    if len(photographs) < 2:
+        return kept, photographs
+    return [*kept, photographs[-1]], photographs[:-1]
+
+
+Arrays = dict[str, NDArray[np.generic]]
+
+_UNSURE = 16
+"""Pixels at the sides of a patch, but not of the picture, that do not count: the network lacks what is beyond."""
+MEAN = "mean_"
+"""Names of the weights that are used begin so."""
+_SLOWER = 1000
+"""Steps after which the rate falls as one over the root of their number."""
+_WARM = 100
+
+
+@dataclass(frozen=True)
+class Course:
+    """Settings of a training.
+
+    Attributes:
+        seed: of weights and patches.
+        widths: of the network.
+        rate: of the descent.
+        patch: rows and columns, at most those of a lesson.
+        patches: of a step.
+        first: lessons to begin with.
+        known: lessons at a time; beyond, the oldest makes way for a new one.
+        fresh: steps after which a new one is given.
+    """
+
+    seed: int = 0
+    widths: tuple[int, ...] = (32, 48, 64, 64)
+    rate: float = 2e-3
+    patch: tuple[int, int] = (128, 256)
+    patches: int = 2
+    first: int = 4
+    known: int = 12
+    fresh: int = 100
+
+
+class Training:
+    """A network on its way.
+
+    Args:
+        course: that it takes.
+        lesson: by number.
+        device: of torch.
+    """
+
+    def __init__(self, course: Course, lesson: Callable[[int], Lesson], device: str = "cpu") -> None:
+        self.course, self.device, self.step = course, torch.device(device), 0
+        self._lesson = lesson
+        self._known: dict[int, tuple[Lesson, float]] = {}
+        # Weights follow from the seed alone, and nobody else's draws change.
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(course.seed)
+            self.network, self.mean = (self._made() for _ in range(2))
+        self.mean.load_state_dict(self.network.state_dict())
+        self._descent = torch.optim.Adam(self.network.parameters(), lr=course.rate, betas=(0.9, 0.99))
+
+    def _made(self) -> Network:
+        return Network(PLANES, self.course.widths).to(self.device)
+
+    def advance(self) -> float:
+        """One step; the loss before it, 1 for the picture that is mended."""
+        course = self.course
+        shown, true, weight = (torch.from_numpy(each).to(self.device) for each in self._patches())
+        rate = course.rate * min(1.0, (self.step + 1) / _WARM) * min(1.0, (_SLOWER / (self.step + 1)) ** 0.5)
+        for group in self._descent.param_groups:
+            group["lr"] = rate
+        mended = self.network(shown.contiguous(memory_format=torch.channels_last))
+        loss = ((coded(mended) - true) ** 2 * weight).sum() / (COLOURS * (weight > 0).sum())
+        self._descent.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
+        self._descent.step()
+        self.step += 1
+        share = max(0.005, 4 / (self.step + 4))
+        with torch.no_grad():
+            for mean, now in zip(self.mean.parameters(), self.network.parameters(), strict=True):
+                mean.lerp_(now, share)
+        return float(loss.item())
+
+    def _patches(self) -> tuple[Singles, Singles, Singles]:
+        """Planes that are shown, the truth, and the weight of every pixel, each [patches, planes, rows, columns]."""
+        newest = self.course.first + self.step // self.course.fresh
+        numbers = range(max(0, newest - self.course.known), newest)
+        for number in [each for each in self._known if each not in numbers]:
+            del self._known[number]
+        for number in numbers:
+            if number not in self._known:
+                lesson = self._lesson(number)
+                error = np.square(_code(lesson.shown[:COLOURS]) - lesson.true).mean(dtype=np.float64)
+                self._known[number] = lesson, float(error)
+        draw = np.random.default_rng([self.course.seed, self.step])
+        cut = [self._patch(draw, *self._known[int(draw.choice(numbers))]) for _ in range(self.course.patches)]
+        shown, true, weight = (np.stack(each) for each in zip(*cut, strict=True))
+        return shown, true, weight
+
+    def _patch(self, draw: np.random.Generator, lesson: Lesson, error: float) -> tuple[Singles, Singles, Singles]:
+        (rows, sure_rows), (columns, sure_columns) = (
+            _side(draw, whole, side) for whole, side in zip(lesson.true.shape[1:], self.course.patch, strict=True)
+        )
+        place = slice(None), rows, columns
+        weight = np.zeros_like(lesson.true[place][:1])
+        weight[:, sure_rows, sure_columns] = 1 / max(error, 1e-9)
+        return lesson.shown[place], lesson.true[place], weight
+
+    def state(self) -> Arrays:
+        """Everything that the next step depends on."""
+        tensors = {f"now_{name}": each for name, each in self.network.state_dict().items()}
+        tensors |= {f"{MEAN}{name}": each for name, each in self.mean.state_dict().items()}
+        for place, moments in self._descent.state_dict()["state"].items():
+            tensors |= {f"moment_{place}_{name}": each for name, each in moments.items()}
+        return {"step": np.array(self.step), **{name: each.cpu().numpy().copy() for name, each in tensors.items()}}
+
+    def restore(self, state: Mapping[str, NDArray[np.generic]]) -> None:
+        """Go back to a state of the same course."""
+        self.step = int(state["step"])
+        self.network.load_state_dict(named("now_", state))
+        self.mean.load_state_dict(named(MEAN, state))
+        moments: dict[int, dict[str, torch.Tensor]] = {}
+        for name, tensor in named("moment_", state).items():
+            place, _, key = name.partition("_")
+            moments.setdefault(int(place), {})[key] = tensor
+        groups = self._descent.state_dict()["param_groups"]
+        self._descent.load_state_dict({"state": moments, "param_groups": groups})
+
+
+def coded(shown: torch.Tensor) -> torch.Tensor:
+    """sRGB code values of what is shown; above white they go on, so that a slope leads back."""
+    light = shown.clamp(min=0) ** EXPONENT
+    steep = 1.055 * light.clamp(min=0.0031308) ** (1 / 2.4) - 0.055
+    return torch.where(light <= 0.0031308, 12.92 * light, steep)
+
+
+def _code(shown: Singles) -> Singles:
+    return code_of_light(np.maximum(shown, 0) ** np.float32(EXPONENT))
+
+
+def _side(draw: np.random.Generator, whole: int, side: int) -> tuple[slice, slice]:
+    """Where a patch lies, its ends at those of the picture more often than chance has it, and what of it counts."""
+    length = min(whole, side)
+    start = min(max(int(draw.integers(-length // 4, whole - length + length // 4 + 1)), 0), whole - length)
+    unsure = min(_UNSURE, length // 4)
+    counts = slice(unsure if start else 0, length - (unsure if start + length < whole else 0))
+    return slice(start, start + length), counts
+
+
+def named(start: str, state: Mapping[str, NDArray[np.generic]]) -> dict[str, torch.Tensor]:
+    """Tensors of a state whose names begin so, without that."""
+    return {
+        name.removeprefix(start): torch.from_numpy(array) for name, array in state.items() if name.startswith(start)
+    }
+
+
+def device_of(asked: str) -> str:
+    """The device of torch that is asked for; "auto" is CUDA where there is any.
+
+    Raises:
+        JobError: MF105 for one that is not there.
+    """
+    there = torch.cuda.is_available()
+    chosen = ("cuda" if there else "cpu") if asked == "auto" else asked
+    if chosen not in ("cpu", "cuda") or (chosen == "cuda" and not there):
+        raise JobError("MF105", f"there is no device {asked!r} here", where="device", cure="Use cpu")
+    return chosen
+
+
+_KIND = "maskfab learned restorer 1"
+_PROBED = (32, 32)
+_ALIKE = 1e-3
+"""Most that the transfer of the same die differs, by rounding."""
+_WIDEST, _DEEPEST = 512, 8
+_USE = "Train one for this job with maskfab learn, or give the one that was"
+_GO_ON = "Give the settings it was trained with, add --force to train anew, or choose another --out"
+ROW = ("minutes", "step", "loss", "gain", "gain_over_filter")
+"""Numbers of a history: time and steps from the beginning, loss, gains over both pictures that are shown, dB."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trade:
+    """The die, camera and light that a network is trained behind.
+
+    Attributes:
+        job: its file.
+        digest: SHA-256 of the resolved job.
+        die: by name.
+        camera: in one line.
+        sensor: in one line.
+        light: of scenes, linear or code values taken for it.
+        levels: of light, dB.
+        images: names of the photographs, none where scenes were drawn alone.
+        transfer: H of the die at some frequencies.
+    """
+
+    job: str
+    digest: str
+    die: str
+    camera: str
+    sensor: str
+    light: str
+    levels: tuple[float, ...]
+    images: tuple[str, ...]
+    transfer: Transfer
+
+    def require(self, other: Trade, where: str, cure: str = _USE) -> None:
+        """Refuse a checkpoint for another die, camera, sensor or light; some of its levels may be asked for.
+
+        Args:
+            other: what it is wanted for.
+            where: the file.
+            cure: told with a refusal.
+
+        Raises:
+            JobError: MF148.
+        """
+        for what in ("die", "camera", "sensor", "light"):
+            own, wanted = getattr(self, what), getattr(other, what)
+            if own != wanted:
+                raise another(f"{what} {own}", wanted, where, cure)
+        if not set(other.levels) <= set(self.levels):
+            raise another(f"light of {_decibels(self.levels)}", _decibels(other.levels), where, cure)
+        if float(abs(self.transfer - other.transfer).max()) > _ALIKE:
+            raise another(f"a die {self.die} of other openings, layout or scene", f"that of {other.job}", where, cure)
+
+
+@dataclass(frozen=True, eq=False)
+class Checkpoint:
+    """A network and where its training stands.
+
+    Attributes:
+        trade: what it is trained behind.
+        course: of the training.
+        view: of records.
+        seconds: that were trained.
+        history: rows of :data:`ROW`, one each time that it was judged by scenes that are not taught.
+        state: of the training.
+    """
+
+    trade: Trade
+    course: Course
+    view: View
+    seconds: float
+    history: Sequence[Mapping[str, float]]
+    state: Arrays
+
+    def require(self, trade: Trade, seed: int, where: str) -> None:
+        """Refuse to train it further for anything else, or with other levels, photographs or seed.
+
+        Raises:
+            JobError: MF148.
+        """
+        own = self.trade
+        own.require(trade, where, _GO_ON)
+        if set(own.levels) != set(trade.levels):
+            raise another(f"light of {_decibels(own.levels)}", _decibels(trade.levels), where, _GO_ON)
+        if own.images != trade.images:
+            raise another(f"{len(own.images)} photographs", f"{len(trade.images)} others", where, _GO_ON)
+        if self.course.seed != seed:
+            raise another(f"seed {self.course.seed}", f"seed {seed}", where, _GO_ON)
+
+    def restorer(self) -> Learned:
+        """The network as a restorer."""
+        network = Network(PLANES, self.course.widths)
+        network.load_state_dict(named(MEAN, self.state))
+        return Learned(network.eval(), self.view)
+
+    def about(self) -> dict[str, Any]:
+        """All but weights and transfer, as data."""
+        told = asdict(self.trade)
+        del told["transfer"]
+        return {
+            "maskfab": __version__,
+            **told,
+            "course": asdict(self.course),
+            "strengths": sorted(self.view.strengths.items()),
+            "seconds": self.seconds,
+            "history": [dict(each) for each in self.history],
+        }
+
+    def write(self, path: Path) -> None:
+        """Keep it in a file, aside first and renamed.
+
+        Raises:
+            OutputError: MF401 if it cannot be written.
+        """
+        about = np.array(json.dumps(self.about()))
+        save_state(path, _KIND, {"about": about, "transfer": self.trade.transfer, **self.state})
+
+    @classmethod
+    def read(cls, path: Path) -> Checkpoint:
+        """Of a file; no code in it is run.
+
+        Raises:
+            SourceError: MF301 without a file, MF303 for a damaged one, MF304 for one of another kind.
+        """
+        if not os.path.isfile(path):
+            raise SourceError("MF301", f"there is no file {path}", cure="Train one with maskfab learn")
+        found = read_state(path)
+        if str(found.pop(RUN, "")) != _KIND:
+            raise SourceError(
+                "MF304", "the file is no checkpoint of maskfab learn", where=str(path), cure="Train one with it"
+            )
+        try:
+            read = cls._of(found)
+            read.restorer()
+        except (KeyError, TypeError, ValueError, RuntimeError, AttributeError) as error:
+            raise SourceError(
+                "MF303", "the checkpoint is damaged", where=str(path), cure="Delete it and train again"
+            ) from error
+        return read
+
+    @classmethod
+    def _of(cls, found: dict[str, NDArray[np.generic]]) -> Checkpoint:
+        about = json.loads(str(found.pop("about")))
+        texts = {key: str(about[key]) for key in ("job", "digest", "die", "camera", "sensor", "light")}
+        levels, images = tuple(map(float, about["levels"])), tuple(map(str, about["images"]))
+        trade = Trade(**texts, levels=levels, images=images, transfer=np.asarray(found["transfer"]))
+        settings = about["course"]
+        course = Course(**(settings | {key: tuple(settings[key]) for key in ("widths", "patch")}))
+        view = View({float(electrons): float(epsilon) for electrons, epsilon in about["strengths"]})
+        history = tuple({key: float(row[key]) for key in ROW} for row in about["history"])
+        read = cls(trade, course, view, float(about["seconds"]), history, found)
+        read._check()
+        del found["transfer"]
+        return read
+
+    def _check(self) -> None:
+        """Raise a ValueError for what no training leaves."""
+        widths, strengths = self.course.widths, [*self.view.strengths, *self.view.strengths.values()]
+        finite = all(np.isfinite(array).all() for array in self.state.values() if array.dtype.kind in "fc")
+        small = 0 < len(widths) <= _DEEPEST and max(widths) <= _WIDEST
+        rows, columns = _PROBED
+        probed = self.trade.transfer.shape == (COLOURS, rows, columns // 2 + 1)
+        if not (finite and small and probed and strengths and min(strengths) > 0):
+            raise ValueError(self.about())
+
+
+def probe(blur: Blur) -> Transfer:
+    """H at the frequencies by which dies are told apart."""
+    return blur.on(_PROBED)
+
+
+def another(own: str, wanted: str, where: str, cure: str = _USE) -> JobError:
+    """The refusal of a checkpoint for something else."""
+    return JobError(
+        "MF148",
+        f"the checkpoint was trained for {own}; asked for is {wanted}",
+        where=where,
+        cure=cure,
+    )
+
+
+def _decibels(levels: Sequence[float]) -> str:
+    return ", ".join(f"{level:g} dB" for level in levels)
+
+
+LOOKS = 10
+"""Times that a run judges and keeps what it has."""
+
+SET_UP = "the scenes that training is judged by"
+
+
+@dataclass
+class Run:
+    """A training, and how it went so far.
+
+    Attributes:
+        path: of the checkpoint.
+        trade: the die, camera and light.
+        design: of the die.
+        training: where it stands.
+        view: of records.
+        scenes: that it is judged by.
+        history: as of :class:`maskfab.camera.learning.Checkpoint`.
+        clock: of the budget, from the beginning of the command's work.
+        earlier_s: seconds that it took before.
+    """
+
+    path: Path
+    trade: Trade
+    design: Design
+    training: Training
+    view: View
+    scenes: Sequence[Lesson]
+    history: list[Mapping[str, float]] = field(default_factory=list)
+    clock: Clock = field(default_factory=Clock)
+    earlier_s: float = 0.0
+
+    @classmethod
+    def of(
+        cls,
+        path: Path,
+        trade: Trade,
+        protocol: Protocol,
+        design: Design,
+        photographs: Sequence[Photograph],
+        *,
+        course: Course,
+        device: str,
+        before: Checkpoint | None,
+        clock: Clock,
+        progress: Progress,
+    ) -> Run:
+        """One that begins, or goes on from a checkpoint.
+
+        Raises:
+            JobError: MF150 for a clock that refuses what it cannot keep, as soon as the scenes done show it.
+        """
+        levels = trade.levels
+        # What is to come takes no less than what made the die ready.
+        clock.require(clock.spent, SET_UP, "minutes")
+        kept, others = kept_for_validation(photographs, max(2, len(levels)), lamps=bool(protocol.brackets))
+        progress("scenes to judge by", 0, len(kept))
+        view = before.view if before else fitted(protocol, design, levels, kept, clock)
+        lessons = Lessons(protocol, design, levels, view, others, course.seed)
+        scenes = []
+        begun = clock.spent
+        for done, scene in enumerate(kept, start=1):
+            scenes.append(lessons.of(scene, levels[(done - 1) % len(levels)]))
+            progress("scenes to judge by", done, len(kept))
+            clock.require((clock.spent - begun) / done * (len(kept) - done), SET_UP, "minutes")
+        made = cls(path, trade, design, Training(course, lessons, device), view, scenes, clock=clock)
+        if before is not None:
+            made.training.restore(before.state)
+            made.history.extend(before.history)
+            made.earlier_s = before.seconds
+        return made
+
+    def trained(self, progress: Progress) -> Checkpoint:
+        """Train as long as the budget, one step at least; the last look, which takes as long as one before, is in it.
+
+        Raises:
+            JobError: MF150 for a clock that refuses what it cannot keep, if the first step and look show it.
+            OutputError: MF401 if the checkpoint cannot be written.
+        """
+        seconds = math.inf if self.clock.budget_s is None else self.clock.budget_s
+        losses, looks, step, look = list[float](), 0, 0.0, 0.0
+        while True:
+            begun = self.clock.spent
+            losses.append(self.training.advance())
+            spent = self.clock.spent
+            step = max(step, spent - begun)
+            if not look:
+                self.clock.require(0.0, f"{SET_UP}, and a step", "minutes")
+            over = spent + step + look >= seconds
+            # The first look tells how long the last one takes.
+            if over or not look or spent / seconds >= (looks + 1) / LOOKS:
+                looks = int(spent / seconds * LOOKS)
+                found = self._kept(float(np.mean(losses)))
+                look = max(look, self.clock.spent - spent, 1e-9)
+                over = over or self.clock.spent + step + look > seconds
+                losses.clear()
+                progress(told(self.history[-1]), LOOKS if over else looks, LOOKS)
+                if over:
+                    return found
+
+    def _kept(self, loss: float) -> Checkpoint:
+        seconds = self.earlier_s + self.clock.spent
+        self.history.append({"minutes": seconds / 60, "step": self.training.step, "loss": loss, **self.gains()})
+        training = self.training
+        found = Checkpoint(self.trade, training.course, self.view, seconds, tuple(self.history), training.state())
+        found.write(self.path)
+        return found
+
+    def gains(self) -> dict[str, float]:
+        """Mean gains over both pictures that are shown, dB, on scenes that are not taught."""
+        restorer, rows = Learned(self.training.mean, self.view), []
+        for scene in self.scenes:
+            pictures = scene.shown[:COLOURS], scene.shown[COLOURS : 2 * COLOURS]
+            before = [psnr(code_of_light(light_of(each)), scene.true) for each in pictures]
+            now = psnr(code_of_light(restorer.restored(scene.shown, self.design)), scene.true)
+            rows.append([now - each for each in before])
+        over_tv, over_filter = np.mean(rows, axis=0)
+        return {"gain": float(over_tv), "gain_over_filter": float(over_filter)}
+
+
+def told(row: Mapping[str, float]) -> str:
+    """A row of a history in words."""
+    gains = f"{row['gain']:+.2f} dB over tv, {row['gain_over_filter']:+.2f} dB over dct+wiener"
+    return f"{row['step']:.0f} steps, loss {row['loss']:.3f}, {gains}"
+
+
+def fitted(
+    protocol: Protocol, design: Design, levels: Sequence[float], scenes: Sequence[Photograph], clock: Clock
+) -> View:
+    """The view whose second picture suits the scenes best, on average at every level.
+
+    Raises:
+        JobError: MF150 as :meth:`Run.of`.
+    """
+    strengths, begun = {}, clock.spent
+    for done, level in enumerate(levels, start=1):
+        table = evaluate([design], scenes, scenes, [level], protocol=protocol, restorers=(Dct(),), details=False)
+        strengths[protocol.exposure(level).behind(design.transmission)] = table.scores[0].epsilon
+        clock.require((clock.spent - begun) / done * (len(levels) - done), SET_UP, "minutes")
+    return View(strengths)

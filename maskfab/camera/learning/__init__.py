@@ -1,1 +1,0 @@
-"""A network that learns to restore the photographs behind one die; no weights are shipped."""

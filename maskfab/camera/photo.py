@@ -1,0 +1,553 @@
+"""Noise of a photograph by itself, where nobody states the sensor's gain.
+
+Second differences along both axes, [1 -2 1] x [1 -2 1] / 6, keep the variance of white noise and nothing of light that
+is even or slopes (J. Immerkær, Comput. Vis. Image Underst. 64, 300, 1996). In classes of equal brightness, their median
+in the smoothest blocks tells the variance there, and the classes tell
+
+    var = light / electrons of white + floor        (A. Foi et al., IEEE Trans. Image Process. 17, 1737, 2008).
+
+Notes:
+    Behind a panel the finest detail is blurred away, so what is left there is noise. A picture that a camera or a coder
+    has smoothed looks less noisy than it is.
+
+A photograph as a camera took it: a record in units of white, and what makes colours of it once it is restored.
+
+Of a RAW file or linear counts the black is taken off, and white is 1 in every colour, so that the noise is one function
+of the light. A mosaic is interpolated linearly in balanced colours and brought back. Codes of sRGB are linearised.
+
+Restored light as a picture: balance, colour matrix, and as bright as asked; codes follow by sRGB's curve.
+
+A camera's colour matrix by a colour chart in a photograph, whose patches and their true colours a table states.
+
+With the light x of a patch in balanced colours and r its colour in linear sRGB, the matrix M makes
+
+    Σ w |M x - r|²,        1 / w = v + (0.02 Y + 0.002)²,
+
+least: v is the noise of the patch's mean, Y its luminance, and charts are known to some hundredths of their light. How
+bright the chart was lit and exposed goes into M.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage, optimize
+
+from maskfab.base.arrays import Floats, Singles
+from maskfab.base.errors import JobError, SourceError
+from maskfab.base.provenance import sha256_of_file
+from maskfab.camera.capture.files import read_frame
+from maskfab.camera.capture.frames import Frame
+from maskfab.camera.record import Noise, Record, interpolated, of_cells
+from maskfab.camera.scenes import opaque
+from maskfab.display.pictures import Picture, read_picture
+from maskfab.optics.colour import LUMINANCE, delta_e_1976, lab_of_linear_srgb, light_of_code, linear_srgb_of_lab_d50
+from maskfab.optics.response import curves_text, numeric_table
+
+_BLOCK = 8
+_CLASSES = 24
+_SMOOTH = 0.3
+"""Share of a class's blocks that are looked at: those whose means over 3 x 3 pixels differ least."""
+_FEWEST = 8
+_OF_MEDIAN = 0.6745
+"""Median of the modulus of a standard normal number."""
+_LEAST = 1e-7
+"""Variance in units of white below which none is told: a well of 10 million electrons."""
+
+
+def estimated_noise(planes: Sequence[Singles], ceiling: float = np.inf) -> Noise:
+    """Noise in units of white, of white noise that is the same function of light in every colour.
+
+    Args:
+        planes: [rows, columns] of each colour, as the pixels recorded it, black is 0 and white 1: interpolated pixels
+            are not noisy enough.
+        ceiling: light at which pixels are full; blocks that hold one do not count.
+
+    Raises:
+        SourceError: MF335 for fewer than some hundred blocks of 8 x 8 pixels that are not full.
+    """
+    parts = [_blocks(plane, ceiling) for plane in planes]
+    light, rough, fine = (np.concatenate([part[k] for part in parts]) for k in range(3))
+    order = np.argsort(light)
+    means, variances = [], []
+    for group in np.array_split(order, _CLASSES):
+        smooth = group[np.argsort(rough[group])[: max(_FEWEST, int(_SMOOTH * group.size))]]
+        if smooth.size >= _FEWEST:
+            means.append(float(light[smooth].mean()))
+            variances.append(max(float(np.median(fine[smooth])) / _OF_MEDIAN, 0.0) ** 2)
+    if len(means) < _CLASSES:
+        raise SourceError(
+            "MF335",
+            f"{light.size} blocks of {_BLOCK} x {_BLOCK} pixels that are not full are too few to tell the noise by",
+            where="gain",
+            cure="State the gain and the read noise, or give a larger photograph",
+        )
+    slope, floor = _line(np.array(means), np.array(variances))
+    return Noise(1 / slope, floor**0.5 / slope)
+
+
+def _blocks(plane: Singles, ceiling: float) -> tuple[Floats, Floats, Floats]:
+    """Of blocks without full pixels: mean light, its unevenness, and the median modulus of second differences [n]."""
+    rows, columns = (side // _BLOCK * _BLOCK for side in plane.shape)
+    second = np.array([1.0, -2.0, 1.0], dtype=np.float32)
+    fine = ndimage.correlate1d(ndimage.correlate1d(plane, second, axis=0), second, axis=1) / 6
+
+    def cut(values: Singles) -> Floats:
+        whole = values[:rows, :columns].reshape(rows // _BLOCK, _BLOCK, columns // _BLOCK, _BLOCK)
+        return np.asarray(whole.transpose(0, 2, 1, 3).reshape(-1, _BLOCK**2), dtype=np.float64)
+
+    means = cut(ndimage.uniform_filter(plane, 3))
+    kept = cut(plane).max(axis=1) < ceiling
+    return means.mean(axis=1)[kept], means.std(axis=1)[kept], np.median(abs(cut(fine)), axis=1)[kept]
+
+
+def _line(light: Floats, variance: Floats) -> tuple[float, float]:
+    """Slope and floor, none below 0, by least squares of relative errors, which are alike in all classes."""
+    expected = np.maximum(variance, _LEAST)
+    for _ in range(4):
+        both = np.stack([np.maximum(light, 0), np.ones_like(light)], axis=1) / expected[:, None]
+        (slope, floor), _ = optimize.nnls(both, variance / expected)
+        expected = np.maximum(slope * np.maximum(light, 0) + floor, _LEAST)
+    return max(float(slope), _LEAST), float(floor)
+
+
+SMALLEST = 128
+"""Pixels along a side."""
+_WHOLE = 16
+"""Sides are cut to multiples of it: transforms are fast, and restorers begin on coarser pixels."""
+_MOST_CLIPPED = 0.9
+_ALIKE = (1.0, 1.0, 1.0)
+_LAST_CODE = 0.999
+
+
+@dataclass(frozen=True)
+class Stated:
+    """Facts of a photograph that its file may lack; None for those that nobody states.
+
+    Attributes:
+        black, white: counts of no light, and of a full pixel.
+        mosaic: ``rggb bggr grbg gbrg`` of a picture that holds a mosaic in grey.
+        electrons_per_count: gain.
+        read_noise_e: in electrons; goes with the gain.
+    """
+
+    black: float | None = None
+    white: float | None = None
+    mosaic: str | None = None
+    electrons_per_count: float | None = None
+    read_noise_e: float | None = None
+
+    def __post_init__(self) -> None:
+        if (self.electrons_per_count is None) != (self.read_noise_e is None):
+            missing = "gain" if self.electrons_per_count is None else "read_noise"
+            raise JobError(
+                "MF105",
+                "gain and read noise are the noise together, and one of them is not stated",
+                where=missing,
+                cure="State both, or neither for an estimate by the photograph itself",
+            )
+        gain, read = self.electrons_per_count, self.read_noise_e
+        if gain is not None and read is not None and not (0 < gain < np.inf and 0 <= read < np.inf):
+            raise SourceError(
+                "MF335",
+                f"a gain of {gain:g} electrons per count with a read noise of {read:g} electrons",
+                where="gain",
+                cure="Give a gain above 0 and a read noise of 0 or more",
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Photo:
+    """A photograph that can be restored.
+
+    Attributes:
+        name: of its file, without suffix.
+        sha256: of its file.
+        record: of three colours, each in units of its own white.
+        balance: by which they are multiplied for a neutral white, the least of them 1.
+        matrix: [3, 3] from balanced colours to linear sRGB.
+        told: sentences on how it was read.
+    """
+
+    name: str
+    sha256: str
+    record: Record
+    balance: tuple[float, float, float]
+    matrix: Floats
+    told: tuple[str, ...]
+
+
+def read_photo(path: Path, stated: Stated, *, cells: bool = False) -> Photo:
+    """Read a file: RAW, TIFF and PNG of 16 bits and EXR as linear counts, any other picture as code values of sRGB.
+
+    Args:
+        path: of it.
+        stated: what its file may lack.
+        cells: take the cells of a mosaic for pixels, and interpolate nothing.
+
+    Raises:
+        SourceError: as :func:`maskfab.camera.capture.files.read_frame` but for MF330, and as
+            :func:`maskfab.display.pictures.read_picture`; MF334 if all is full or dark, MF335 if the noise cannot be
+            estimated, MF353 for a picture without colours, or of cells without a mosaic.
+        JobError: MF121 for fewer than 128 pixels along a side, or a picture that is transparent; MF105 for facts that
+            are stated of code values, which have none.
+    """
+    try:
+        frame = read_frame(path, black=stated.black, white=stated.white, mosaic=stated.mosaic)
+    except SourceError as refusal:
+        if refusal.code != "MF330":
+            raise
+        if cells:
+            raise _no_mosaic(path) from refusal
+        return _of_picture(path, stated, refusal.what)
+    return _of_frame(frame, stated, path, cells=cells)
+
+
+def _of_frame(frame: Frame, stated: Stated, path: Path, *, cells: bool) -> Photo:
+    if frame.counts.ndim == 2 and frame.pattern is None:
+        raise _no_colours(path, "If it is a mosaic, state its colours, such as --mosaic rggb")
+    if cells and frame.pattern is None:
+        raise _no_mosaic(path)
+    _check_size(frame.shape, str(path))
+    white = frame.white if np.isfinite(frame.white) else float(frame.counts.max())
+    told = [] if np.isfinite(frame.white) else [f"no white is stated: the brightest value, {white:g}, is white"]
+    counts, pattern = frame.counts, frame.pattern
+    units = np.empty(counts.shape, dtype=np.float32)
+    lattices = frame.lattices
+    for black, lattice in zip(frame.black, lattices, strict=True):
+        above = lattice.of(counts).astype(np.float32) - np.float32(black)
+        lattice.of(units)[...] = above / np.float32(max(white - black, 1e-30))
+    ceiling = 1.0 if np.isfinite(frame.white) else np.inf
+    _check_light(units, ceiling, str(path))
+    planes = [lattice.of(units).astype(np.float32) for lattice in lattices]
+    noise, how = _noise(stated, planes, ceiling, white - float(np.mean(frame.black)))
+    balance, more = _balance(frame)
+    if pattern is not None and cells:
+        letters = "".join(colour for row in pattern for colour in row)
+        rows, columns = (side // 2 * 2 for side in frame.shape)
+        full = frame.full[:rows, :columns].reshape(rows // 2, 2, columns // 2, 2).any(axis=(1, 3))
+        seen = of_cells(np.stack([plane[: rows // 2, : columns // 2] for plane in planes]), letters)
+        values = np.where(full, np.float32(ceiling), seen)
+        told.append(f"cells of the mosaic {letters} taken for pixels, nothing interpolated")
+    elif pattern is not None:
+        red = next((y, x) for y in (0, 1) for x in (0, 1) if pattern[y][x] == "R")
+        for lattice, plane in zip(lattices, planes, strict=True):
+            lattice.of(units)[...] = plane * np.float32(balance["RGB".index(lattice.colour)])
+        rows, columns = (side // _WHOLE * _WHOLE for side in frame.shape)
+        values = interpolated(units[:rows, :columns], red) / np.array(balance, dtype=np.float32)[:, None, None]
+        full = frame.full[:rows, :columns]
+        values = np.where(full, np.float32(ceiling), np.minimum(values, np.nextafter(np.float32(1), np.float32(0))))
+        told.append(f"mosaic {''.join(c for row in pattern for c in row)} interpolated by linear filters of 5 x 5")
+    else:
+        values = units
+    values, cut = _cut(values)
+    record = Record(np.ascontiguousarray(values, dtype=np.float32), noise, ceiling, pattern is not None and not cells)
+    matrix = np.eye(3) if frame.colour_matrix is None else frame.colour_matrix
+    more += [] if frame.colour_matrix is not None else ["the file has no colour matrix: its colours are taken for sRGB"]
+    return Photo(path.stem, frame.sha256, record, balance, matrix, (*told, *how, *more, *cut))
+
+
+def _balance(frame: Frame) -> tuple[tuple[float, float, float], list[str]]:
+    if frame.balance is None:
+        return _ALIKE, ["the file has no balance: its colours stay as they are"]
+    least = min(frame.balance)
+    red, green, blue = (each / least for each in frame.balance)
+    return (red, green, blue), []
+
+
+def _of_picture(path: Path, stated: Stated, why: str) -> Photo:
+    given = {"black": stated.black, "white": stated.white, "mosaic": stated.mosaic, "gain": stated.electrons_per_count}
+    for key, value in given.items():
+        if value is not None:
+            raise JobError(
+                "MF105",
+                f"{why}, so it has no counts of which {key} could be stated",
+                where=key,
+                cure="Give the camera's RAW file, or linear TIFF or PNG of 16 bits, or state nothing",
+            )
+    picture = read_picture(path)
+    _check_size(picture.values.shape[:2], str(path))
+    light = _light(picture, path)
+    # Some coders end a code below the last one; what reads so is taken for full.
+    ceiling = float(light_of_code(np.array([_LAST_CODE], dtype=np.float32))[0])
+    _check_light(light, ceiling, str(path))
+    noise = estimated_noise(list(light), ceiling)
+    told = [
+        f"{why}; taken for code values of sRGB, and linearised: the camera's tone curve is not undone",
+        _estimated(noise),
+    ]
+    values, cut = _cut(light)
+    return Photo(
+        path.stem,
+        sha256_of_file(path),
+        Record(np.ascontiguousarray(values), noise, ceiling),
+        _ALIKE,
+        np.eye(3),
+        (*told, *cut),
+    )
+
+
+def _light(picture: Picture, path: Path) -> Singles:
+    values = opaque(picture.values, path)
+    if values.shape[2] != 3:
+        raise _no_colours(path, "Give a photograph in red, green and blue")
+    planes = np.ascontiguousarray(values.transpose(2, 0, 1))
+    return light_of_code(planes) if picture.coded else planes / np.float32(max(float(planes.max()), 1e-30))
+
+
+def _noise(stated: Stated, planes: Sequence[Singles], ceiling: float, counts: float) -> tuple[Noise, list[str]]:
+    if stated.electrons_per_count is None or stated.read_noise_e is None:
+        noise = estimated_noise(planes, ceiling)
+        return noise, [_estimated(noise)]
+    return Noise(stated.electrons_per_count * counts, stated.read_noise_e, stated.electrons_per_count), []
+
+
+def _estimated(noise: Noise) -> str:
+    return (
+        f"noise estimated from the photograph: {noise.electrons:.3g} electrons of white, read noise of "
+        f"{noise.read_noise:.2g}"
+    )
+
+
+def _cut(values: Singles) -> tuple[Singles, list[str]]:
+    rows, columns = (side // _WHOLE * _WHOLE for side in values.shape[1:])
+    cut = values[:, :rows, :columns]
+    return cut, [] if cut.shape == values.shape else [f"cut to {columns} x {rows} pixels, multiples of {_WHOLE}"]
+
+
+def _check_size(shape: tuple[int, ...], where: str) -> None:
+    rows, columns = shape
+    if min(rows, columns) < SMALLEST:
+        raise JobError(
+            "MF121",
+            f"the photograph has {columns} x {rows} pixels, fewer than {SMALLEST} along a side",
+            where=where,
+            cure=f"Give a photograph of at least {SMALLEST} pixels along each side",
+        )
+
+
+def _check_light(units: Singles, ceiling: float, where: str) -> None:
+    clipped = float((units >= np.float32(ceiling)).mean())
+    if clipped > _MOST_CLIPPED or not float(units.mean()) > 0:
+        what = f"{100 * clipped:.0f} % of the pixels are full" if clipped > _MOST_CLIPPED else "no pixel is above black"
+        raise SourceError(
+            "MF334", what, where=where, cure="Give a photograph that is exposed rightly, or state black and white"
+        )
+
+
+def _no_mosaic(path: Path) -> SourceError:
+    return SourceError(
+        "MF353",
+        f"{path.name} has no mosaic, and the PSF was captured with one",
+        where=str(path),
+        cure="Give photographs of the same camera, or state their --mosaic",
+    )
+
+
+def _no_colours(path: Path, cure: str) -> SourceError:
+    return SourceError("MF353", f"{path.name} has one colour, and photographs have three", where=str(path), cure=cure)
+
+
+MOST_STOPS = 16.0
+
+
+def developed(photo: Photo, light: Singles, stops: float = 0.0) -> Singles:
+    """Linear sRGB within 0 to 1.
+
+    Args:
+        photo: that was restored.
+        light: [3, rows, columns] in units of each colour's own white.
+        stops: by which the picture is brightened, a factor of 2 each.
+
+    Raises:
+        JobError: MF104 for stops that are not finite, or beyond 16.
+    """
+    require_stops(stops)
+    colours = np.tensordot(photo.matrix.astype(np.float32), balanced(photo, light), axes=1)
+    return np.asarray(np.clip(colours * np.float32(2.0**stops), 0, 1))
+
+
+def balanced(photo: Photo, light: Singles) -> Singles:
+    """Light in colours of which equal ones are neutral, 1 at most."""
+    # Where one colour is full the others could be above it: white there is that of the least, or it would be tinted.
+    return np.asarray(np.minimum(light * np.array(photo.balance, dtype=np.float32)[:, None, None], 1))
+
+
+def require_stops(stops: float) -> None:
+    """Refuse a brightness that no picture has (MF104)."""
+    if not (math.isfinite(stops) and abs(stops) <= MOST_STOPS):
+        raise JobError(
+            "MF104",
+            f"{stops:g} stops are beyond {MOST_STOPS:g}",
+            where="stops",
+            cure="Give a number of stops such as 1.5",
+        )
+
+
+_PLACE = ("row", "column", "size")
+_RGB, _LAB = ("red", "green", "blue"), ("L", "a", "b")
+_COLUMNS = f"{', '.join(_PLACE)}, and {', '.join(_RGB)} of linear sRGB or {', '.join(_LAB)} against D50"
+_SMALLEST = 4.0
+_FEWEST_PATCHES = 6
+_KNOWN, _KNOWN_DARK = 0.02, 0.002
+_SEEN = 5.0
+"""Standard errors above black from which a patch is not dark."""
+_APART = 0.01
+"""Least singular value of the patches' colours over the largest: below, they are of one colour, or of two."""
+_CURE = "Give 6 patches or more of different colours, neither full nor dark, by rows and columns of the photograph"
+
+
+@dataclass(frozen=True, eq=False)
+class Patches:
+    """The patches of a chart in a photograph.
+
+    Attributes:
+        name: of the table.
+        rows, columns: of their middles, the upper left pixel is 0, [n].
+        sizes: of squares within them, in pixels, [n].
+        colours: linear sRGB, white is 1, [n, 3].
+    """
+
+    name: str
+    rows: Floats
+    columns: Floats
+    sizes: Floats
+    colours: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class ChartMatrix:
+    """A colour matrix, and how well it does.
+
+    Attributes:
+        matrix: [3, 3] from balanced colours to linear sRGB.
+        delta_e: CIE 1976 of every patch that was used, [n].
+        delta_e_left_out: the same of each patch by the matrix of all others, [n].
+        left_out: sentences on patches that were not used.
+    """
+
+    matrix: Floats
+    delta_e: Floats
+    delta_e_left_out: Floats
+    left_out: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """For a document."""
+        return {
+            "matrix": self.matrix.tolist(),
+            "patches": len(self.delta_e),
+            "left_out": list(self.left_out),
+            "delta_e_mean": float(self.delta_e.mean()),
+            "delta_e_standard_error": float(self.delta_e.std(ddof=1) / len(self.delta_e) ** 0.5),
+            "delta_e_largest": float(self.delta_e.max()),
+            "delta_e_of_each_by_the_others": float(self.delta_e_left_out.mean()),
+        }
+
+    def __str__(self) -> str:
+        told = self.to_dict()
+        return (
+            f"colour matrix by {told['patches']} patches: CIE 1976 difference {told['delta_e_mean']:.2f} ± "
+            f"{told['delta_e_standard_error']:.2f} (standard error), {told['delta_e_largest']:.2f} at most; "
+            f"{told['delta_e_of_each_by_the_others']:.2f} of each patch by the others"
+        )
+
+
+def read_patches(path: Path) -> Patches:
+    """Patches from a table whose header is ``row,column,size`` and ``red,green,blue`` or ``L,a,b``.
+
+    Args:
+        path: a .csv; lines that begin with ``#`` are skipped.
+
+    Raises:
+        SourceError: MF308 for another suffix, MF301 missing, MF302 empty, MF304 not text; MF303 for a header, row or
+            number that is damaged; MF355 for values that no patch has.
+    """
+    where = str(path)
+    header, numbers = numeric_table(curves_text(path, where, _COLUMNS), where, _PLACE[:1])
+    if tuple(header) not in ((*_PLACE, *_RGB), (*_PLACE, *_LAB)):
+        raise SourceError(
+            "MF303", f"the columns are {', '.join(header)}", where=where, cure=f"Name the columns {_COLUMNS}"
+        )
+    if not np.isfinite(numbers).all():
+        raise SourceError("MF303", "a value is not finite", where=where, cure="Write every row with numbers alone")
+    rows, columns, sizes = numbers[:, :3].T
+    if sizes.min() < _SMALLEST:
+        raise _useless(where, f"a patch of {sizes.min():g} pixels is below {_SMALLEST:g}")
+    stated = numbers[:, 3:]
+    if tuple(header[3:]) == _LAB:
+        if stated[:, 0].min() < 0 or stated[:, 0].max() > 100:
+            raise _useless(where, "a lightness L is outside 0 to 100")
+        stated = linear_srgb_of_lab_d50(stated)
+    elif stated.min() < -1 or stated.max() > 2:
+        raise _useless(where, f"a value of {abs(stated).max():g} is no light of linear sRGB, of which white is 1")
+    return Patches(path.name, rows, columns, sizes, stated)
+
+
+def chart_matrix(
+    patches: Patches, light: Singles, record: Record, balance: Sequence[float], binned: int = 1
+) -> ChartMatrix:
+    """The matrix that makes a photograph's patches their stated colours.
+
+    Args:
+        patches: in pixels of the photograph as it was taken.
+        light: of the restored photograph in balanced colours, [3, rows, columns].
+        record: that it was restored from, of as many pixels.
+        balance: of the colours.
+        binned: pixels of the photograph along the side of one of ``light``.
+
+    Raises:
+        SourceError: MF355 for a patch outside, fewer than 6 that can be used, or patches of one colour.
+    """
+    _, rows, columns = light.shape
+    means, variances, used, left_out = [], [], [], []
+    for number, (row, column, size) in enumerate(zip(patches.rows, patches.columns, patches.sizes, strict=True), 1):
+        top, left = ((at + 0.5 - size / 2) / binned for at in (row, column))
+        bottom, right = (first + size / binned for first in (top, left))
+        if top < 0 or left < 0 or bottom > rows or right > columns:
+            raise _useless(
+                patches.name,
+                f"patch {number} at row {row:g}, column {column:g} reaches beyond the {columns * binned} x "
+                f"{rows * binned} pixels that are restored",
+            )
+        box = (slice(None), slice(round(top), max(round(bottom), round(top) + 1)), slice(round(left), round(right)))
+        if record.clipped[box].any():
+            left_out.append(f"patch {number} is full")
+            continue
+        mean = light[box].mean(axis=(1, 2), dtype=np.float64)
+        own = np.asarray(mean / balance, dtype=np.float32)
+        variance = record.noise.variance(own) / light[box][0].size * np.square(balance)
+        if (mean < _SEEN * np.sqrt(variance)).any():
+            left_out.append(f"patch {number} is dark")
+            continue
+        means.append(mean)
+        variances.append(float(variance.mean()))
+        used.append(number - 1)
+    if len(used) < _FEWEST_PATCHES:
+        raise _useless(patches.name, f"{len(used)} patches can be used; the least is {_FEWEST_PATCHES}")
+    seen, true, noise = np.array(means), patches.colours[used], np.array(variances)
+    weights = 1 / (noise + np.square(_KNOWN * np.maximum(true @ LUMINANCE, 0) + _KNOWN_DARK))
+    spread = np.linalg.svd(seen / np.linalg.norm(seen, axis=1, keepdims=True), compute_uv=False)
+    if spread[-1] < _APART * spread[0]:
+        raise _useless(patches.name, "the patches do not differ in colour enough to tell nine numbers")
+
+    def solved(kept: NDArray[np.bool_]) -> Floats:
+        root = np.sqrt(weights[kept])[:, None]
+        return np.asarray(np.linalg.lstsq(seen[kept] * root, true[kept] * root, rcond=None)[0].T)
+
+    def off(matrix: Floats) -> Floats:
+        return delta_e_1976(lab_of_linear_srgb(seen @ matrix.T), lab_of_linear_srgb(true))
+
+    everyone = np.ones(len(used), dtype=np.bool_)
+    matrix = solved(everyone)
+    alone = [off(solved(np.arange(len(used)) != k))[k] for k in range(len(used))]
+    return ChartMatrix(matrix, off(matrix), np.array(alone), tuple(left_out))
+
+
+def _useless(where: str, why: str) -> SourceError:
+    return SourceError("MF355", why, where=where, cure=_CURE)

@@ -1,0 +1,525 @@
+"""The area under the radial minimum of the MTF, the figure of merit of the literature, smoothed so that it has slopes.
+
+    loss = -(1 / 147) Σ_r softmin_τ { MTF(ν) : ν on ring r },     softmin_τ(m) = -τ log mean exp(-m / τ),
+
+over rings one sample wide from 0 to half a cycle per pixel, averaged over the wavelengths (Yang & Sankaranarayanan
+2021, figure 7). τ -> 0 is the minimum itself, which hands all of a ring's slope to one frequency.
+
+Notes:
+    Good for comparing with published curves, not for pictures: openings that are best in AUC restore photographs up to
+    6 dB worse, since half a ring may be ruined for the sake of its lowest point.
+    The modulation is divided by the design's own light: a darker opening is not worse.
+
+The error that protocol F1 is expected to leave in a photograph, of this very layout, with slopes.
+
+At a level, with H the transfer, G = H / (H² + ε (f / 0.1)²) and P the scenes' mean spectrum,
+
+    E_interior(ε) = σ² mean G² + mean P (1 - GH)²,        σ² = light / g + (read noise / g)²,
+
+g the electrons of white that the design's own light leaves (imaging.capture); and E_leak(ε) is the squared error of
+low-passed scenes that are blurred with what lies round the sensor, mirrored at its edge and restored. The loss is
+
+    mean over the levels of 10 log10 min_ε ( E_interior + E_leak ),
+
+minus the expected PSNR in dB. It predicts measured PSNR with a rank correlation of .95 and more; without the leak .3
+to .4. The spectrum, the sampled frequencies and the low-passed scenes are those of
+:mod:`maskfab.designs.model.expected_psnr`, which judges the mean of all layouts; this judges one.
+
+Notes:
+    Good for photographs, and aware of photons: a darker unit is noisier, and gets no bonus.
+    min over ε has the slope of the chosen ε (envelope theorem), so ε costs no gradient.
+    One wavelength, the camera's middle one: colours matter by a few hundredths of a decibel.
+
+The paper's data-driven loss: the largest tenth of what a Wiener filter leaves wrong in real pictures.
+
+Pictures x are blurred by the transfer H, recorded on the sensor, and restored by
+
+    G = H / (H² + nsr),        loss = ½ mean of the largest 10 % of |x - restored|²    of every picture,
+
+Yang & Sankaranarayanan 2021, L_data ("top-10 L2"; Shrivastava et al., CVPR 2016, for mining the hard samples). Flat
+parts are easy, so that the mean over everything would be theirs.
+
+Notes:
+    Good for what is to be photographed; it costs twenty times as much as a loss of the OTF alone.
+    As published, light from outside the sensor does not exist (``beyond="dark"``), no noise is added, and what is left
+    is the error of the picture's edge, far above anything a design changes within. With ``beyond="scene"`` the crop's
+    surroundings are blurred in, and the record is mirrored; with a ``level`` shot and read noise are added for the
+    light that the unit lets through.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from maskfab.base.errors import JobError
+from maskfab.base.model import Camera
+from maskfab.base.units import NM_PER_UM
+from maskfab.camera.protocol import EPSILONS, LEVELS
+from maskfab.camera.scenes import Photograph
+from maskfab.camera.sensor import ELECTRONS, F1_SENSOR, REFERENCE_TRANSMISSION
+from maskfab.designs.descent.objective import (
+    Autocorrelation,
+    GridTransfer,
+    Objective,
+    PointTransfer,
+    Precision,
+    TiledStop,
+    tiled_stop,
+)
+from maskfab.designs.model.expected_psnr import Surrogate
+from maskfab.designs.model.panel_error import wiener_tensor
+from maskfab.designs.model.statistics import LEAST_CONTRAST
+from maskfab.optics.mtf import RINGS
+
+
+@dataclass(frozen=True, eq=False)
+class MtfAuc(Objective):
+    """The smoothed AUC, negative.
+
+    Attributes:
+        correlation: of the pupil.
+        points: per wavelength, the transfer at the points of all rings, ring by ring, filled up to equal length.
+        filled: bool [rings, longest], places that are no point.
+        count: [rings], points of each.
+        temperature: τ, in units of modulation.
+    """
+
+    correlation: Autocorrelation
+    points: tuple[PointTransfer, ...]
+    filled: torch.Tensor
+    count: torch.Tensor
+    temperature: float
+
+    def of_table(self, table: torch.Tensor, unit: torch.Tensor) -> torch.Tensor:
+        """Minus the smoothed AUC, between -1 and 0."""
+        areas = []
+        for points in self.points:
+            modulation = points(table).abs().view(self.filled.shape)
+            cold = (-modulation / self.temperature).masked_fill(self.filled, -torch.inf)
+            lowest = -self.temperature * (torch.logsumexp(cold, dim=1) - self.count.log())
+            areas.append(lowest.mean())
+        return -torch.stack(areas).mean()
+
+    def auc(self, unit: torch.Tensor) -> tuple[float, ...]:
+        """The AUC itself at every wavelength: true minima."""
+        if self.correlation is None:
+            return ()
+        with torch.no_grad():
+            table = self.correlation(unit)
+            found = []
+            for points in self.points:
+                modulation = points(table).abs().view(self.filled.shape).masked_fill(self.filled, torch.inf)
+                found.append(float(modulation.amin(1).mean()))
+        return tuple(found)
+
+
+def mtf_auc(stop: TiledStop, temperature: float = 0.01) -> MtfAuc:
+    """The AUC of units in a stop.
+
+    Raises:
+        JobError: MF104 for a temperature that is not above 0.
+    """
+    if not temperature > 0:
+        raise JobError(
+            "MF104", f"temperature = {temperature:g} is not above 0", where="design.temperature", cure="Use 0.01"
+        )
+    axis = np.arange(-RINGS + 1, RINGS)
+    across, up = np.meshgrid(axis, axis[RINGS - 1 :])
+    ring = np.rint(np.hypot(across, up)).astype(np.int64)
+    inside = (ring < RINGS) & ((up > 0) | (across >= 0))
+    across, up, ring = across[inside], up[inside], ring[inside]
+    count = np.bincount(ring, minlength=RINGS)
+    order = np.argsort(ring, kind="stable")
+    first = np.cumsum(count) - count
+    place = np.arange(count.max())
+    filled = place[None, :] >= count[:, None]
+    picked = order[np.where(filled, first[:, None], first[:, None] + place[None, :])].ravel()
+    step = 0.5 / (RINGS - 1)
+    points = tuple(
+        stop.at_points(nm, step * up[picked].astype(np.float64), step * across[picked].astype(np.float64))
+        for nm in stop.camera.wavelengths_nm
+    )
+    return MtfAuc(stop.correlation, points, stop.here(filled), stop.here(count.astype(np.float64)), temperature)
+
+
+FEW_EPSILONS = EPSILONS[::2]
+
+
+@dataclass(frozen=True, eq=False)
+class BoundaryLeak(Objective):
+    """Squared error of low-passed scenes, halo across the sensor's edge included; the least over ε.
+
+    Good for nothing alone but knowing what the edge costs: it sees frequencies up to 1/16 cycle per pixel only.
+
+    Attributes:
+        correlation: of the pupil.
+        along: matrices from the lags -k to k to the low frequencies of y and x, the pixel's sinc in them.
+        lags: flat table indices of these lags' upper half, [k + 1, 2 k + 1].
+        spectra: complex [scenes, rows, columns / 2 + 1], the low-passed scenes.
+        truth: their part on the sensor; ``width`` samples are round it on every side.
+        prior: (f / 0.1)² at the frequencies.
+        epsilons: [k].
+        width: samples between the scene's edge and the sensor's.
+    """
+
+    correlation: Autocorrelation
+    along: tuple[torch.Tensor, torch.Tensor]
+    lags: torch.Tensor
+    spectra: torch.Tensor
+    truth: torch.Tensor
+    prior: torch.Tensor
+    epsilons: torch.Tensor
+    width: int
+
+    def errors(self, table: torch.Tensor) -> torch.Tensor:
+        """The mean squared error at every ε, [k]."""
+        upper = table.flatten().index_select(0, self.lags.flatten()).view(self.lags.shape) / table[0, 0]
+        near = torch.cat([upper[1:].flip(0, 1), upper])
+        transfer = self.along[0] @ near @ self.along[1]
+        w = self.width
+        shape = (self.spectra.shape[1], 2 * (self.spectra.shape[2] - 1))
+        record = torch.fft.irfft2(self.spectra * transfer, s=shape)[:, w:-w, w:-w]
+        # The surrogate doubles the edge's samples; torch can only leave them single, so the order is written out.
+        rows, columns = (_mirrored(record.shape[k], w, record.device) for k in (1, 2))
+        seen = torch.fft.rfft2(record.index_select(1, rows).index_select(2, columns))
+        errors = []
+        for epsilon in self.epsilons:
+            restored = torch.fft.irfft2(seen * wiener_tensor(transfer, epsilon * self.prior), s=shape)
+            errors.append(((restored[:, w:-w, w:-w] - self.truth) ** 2).mean())
+        return torch.stack(errors)
+
+    def of_table(self, table: torch.Tensor, unit: torch.Tensor) -> torch.Tensor:
+        """The least squared error, white is 1."""
+        return self.errors(table).min()
+
+
+@dataclass(frozen=True, eq=False)
+class ExpectedError(Objective):
+    """Minus the expected restored PSNR in dB, mean over the levels.
+
+    Attributes:
+        correlation: of the pupil.
+        stop: the layout, for its share of light.
+        lags: int64 [m], flat table indices of the sampled frequencies.
+        pixel: [m], the pixel's sinc there.
+        folded: [m], what sampling folds back from a grey panel of share 1.
+        weight, signal, prior: [m], share of the frequency square, that share times P, (f / 0.1)².
+        epsilons: [k].
+        levels: dB, keys of :data:`maskfab.camera.sensor.ELECTRONS`.
+        light: mean of the scenes, white is 1.
+        leak: the boundary's part; None leaves the interior alone.
+    """
+
+    correlation: Autocorrelation
+    stop: TiledStop
+    lags: torch.Tensor
+    pixel: torch.Tensor
+    folded: torch.Tensor
+    weight: torch.Tensor
+    signal: torch.Tensor
+    prior: torch.Tensor
+    epsilons: torch.Tensor
+    levels: tuple[int, ...]
+    light: float
+    leak: BoundaryLeak | None
+
+    def of_table(self, table: torch.Tensor, unit: torch.Tensor) -> torch.Tensor:
+        """Minus the expected PSNR in dB."""
+        return 10 * torch.log10(self.errors(table)).mean()
+
+    def errors(self, table: torch.Tensor) -> torch.Tensor:
+        """The expected squared error at every level with its best ε, [levels]; white is 1."""
+        share = self.stop.share(table)
+        transfer = table.flatten().index_select(0, self.lags) / table[0, 0] * self.pixel + share * self.folded
+        squared = 1 / (transfer**2 + self.epsilons[:, None] * self.prior) ** 2
+        noise = squared @ (self.weight * transfer**2)
+        held_back = self.epsilons**2 * (squared @ (self.signal * self.prior**2))
+        if self.leak is not None:
+            held_back = held_back + self.leak.errors(table)
+        found = []
+        for level in self.levels:
+            white = ELECTRONS[level] * share / REFERENCE_TRANSMISSION
+            found.append(((self.light / white + (F1_SENSOR.read_noise / white) ** 2) * noise + held_back).min())
+        return torch.stack(found)
+
+
+def expected_error(
+    known: Surrogate,
+    orientations: NDArray[np.int8],
+    *,
+    levels: tuple[int, ...] = LEVELS,
+    epsilons: tuple[float, ...] = FEW_EPSILONS,
+    with_leak: bool = True,
+    precision: Precision = "float32",
+    device: str = "cpu",
+) -> ExpectedError:
+    """The expected error of one layout behind the surrogate's camera.
+
+    Args:
+        known: of the scenes and the unit's dots.
+        orientations: int8 [cells, cells] of the surrogate's lattice, elements of D4.
+        levels: dB, keys of :data:`maskfab.camera.sensor.ELECTRONS`.
+        epsilons: constants of the filter to choose from.
+        with_leak: count the halo across the sensor's edge.
+        precision, device: of the computation.
+
+    Raises:
+        JobError: MF104 for a level that is not known or an ε that is not above 0, MF122 for another number of cells.
+    """
+    cells = known.lattice.cells
+    if orientations.shape != (cells, cells):
+        raise JobError(
+            "MF122",
+            f"the orientations have the shape {orientations.shape}",
+            where="design.orientations",
+            cure=f"Give {cells} x {cells} of them",
+        )
+    fine = all(0 < epsilon < math.inf for epsilon in epsilons) and epsilons
+    if not levels or any(level not in ELECTRONS for level in levels) or not fine:
+        raise JobError(
+            "MF104",
+            f"levels {levels} and ε {epsilons} must be known levels and positive numbers",
+            where="design.levels",
+            cure=f"Choose levels among {', '.join(map(str, ELECTRONS))}",
+        )
+    seen = known.lattice.camera
+    # A window is no part of the transfer.
+    camera = Camera(seen.focal_um, seen.stop, (seen.middle_nm,), seen.pixel_um, 256.0)
+    dot_nm = round(known.lattice.dot_um * NM_PER_UM)
+    stop = tiled_stop(known.dots, dot_nm, orientations, camera, precision=precision, device=device)
+    size, reach = stop.correlation.size, stop.correlation.reach
+    y, x = known.lags
+    seen_lags = np.maximum(abs(y), abs(x)) <= reach
+    nu = known.lags / stop.per_cycle(seen.middle_nm)
+    constants = stop.here(np.asarray(epsilons, dtype=np.float64))
+    leak = _leak(known, stop, constants) if with_leak else None
+    # Low frequencies have no signal in the surrogate, where the leak stands for them; alone, the interior needs them.
+    return ExpectedError(
+        stop.correlation,
+        stop,
+        stop.here(np.where(seen_lags, y * size + x % size, 0)),
+        # Beyond the table the stop passes nothing.
+        stop.here(np.sinc(nu[0]) * np.sinc(nu[1]) * seen_lags),
+        stop.here(known.folded),
+        stop.here(known.weight),
+        stop.here(known.signal if with_leak else _whole_signal(known)),
+        stop.here(known.inverse_prior),
+        constants,
+        levels,
+        known.noise.shot,
+        leak,
+    )
+
+
+def boundary_leak(
+    known: Surrogate, orientations: NDArray[np.int8], *, precision: Precision = "float32", device: str = "cpu"
+) -> BoundaryLeak:
+    """The leak alone; arguments and errors as of :func:`expected_error`."""
+    made = expected_error(known, orientations, precision=precision, device=device).leak
+    assert made is not None
+    return made
+
+
+def _leak(known: Surrogate, stop: TiledStop, epsilons: torch.Tensor) -> BoundaryLeak:
+    known_reach, size = len(known.near) // 2, stop.correlation.size
+    n = min(known_reach, stop.correlation.reach)
+    kept = slice(known_reach - n, known_reach + n + 1)
+    y, x = np.mgrid[0 : n + 1, -n : n + 1]
+    complex_type = torch.complex64 if stop.dtype == torch.float32 else torch.complex128
+    return BoundaryLeak(
+        stop.correlation,
+        (stop.here(known.along[0][:, kept]), stop.here(known.along[1][:, kept].T)),
+        stop.here(y * size + x % size),
+        torch.from_numpy(known.low).to(stop.device, complex_type),
+        stop.here(known.low_truth),
+        stop.here(known.low_prior),
+        epsilons,
+        (known.low.shape[1] - known.low_truth.shape[1]) // 2,
+    )
+
+
+def _whole_signal(known: Surrogate) -> NDArray[np.float64]:
+    """The surrogate's signal with its power law carried on into the low frequencies, except frequency 0."""
+    distance = np.sqrt(known.inverse_prior)
+    there = known.signal > 0
+    density = np.log(known.signal[there] / known.weight[there])
+    slope, offset = np.polyfit(np.log(distance[there]), density, 1)
+    signal = known.weight * np.exp(offset + slope * np.log(np.maximum(distance, 1e-3)))
+    return np.where(distance > 1e-3, signal, 0.0)
+
+
+def _mirrored(length: int, width: int, device: torch.device) -> torch.Tensor:
+    inner = np.arange(length)
+    return torch.from_numpy(np.concatenate([inner[:width][::-1], inner, inner[-width:][::-1]])).to(device)
+
+
+COLOURS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class TopResidual(Objective):
+    """The loss of a batch of crops.
+
+    Attributes:
+        correlation: of the pupil.
+        stop: the layout.
+        transfer: H on the crops' frequencies, margins included.
+        crops: [pictures, 3, rows, columns] with margins; 0 to 1.
+        spectra: their ``rfft2``.
+        noise: [2, pictures, 3, sensor rows, sensor columns], standard normal: of shots, of reading; None without noise.
+        margin: samples round the sensor on every side.
+        dark: nothing lies beyond the sensor.
+        nsr: noise-to-signal ratio of the filter.
+        level: dB, key of :data:`maskfab.camera.sensor.ELECTRONS`; None is noiseless.
+        share: of the residuals that counts, the largest.
+        batch: pictures of a step; a pass over all of them in a new order follows the last.
+        seed: of the orders.
+        chosen: numbers of the pictures of this step.
+    """
+
+    correlation: Autocorrelation
+    stop: TiledStop
+    transfer: GridTransfer
+    crops: torch.Tensor
+    spectra: torch.Tensor
+    noise: torch.Tensor | None
+    margin: int
+    dark: bool
+    nsr: float
+    level: int | None
+    share: float
+    batch: int
+    seed: int
+    chosen: tuple[int, ...]
+
+    @property
+    def batches(self) -> int:
+        """Steps of one pass over all pictures."""
+        return math.ceil(len(self.crops) / self.batch)
+
+    def at(self, iteration: int, iterations: int) -> TopResidual:
+        """The loss of that step's batch; of all pictures for the judgement."""
+        if iteration < 0:
+            return replace(self, chosen=tuple(range(len(self.crops))))
+        epoch, place = divmod(iteration, self.batches)
+        order = np.random.default_rng((self.seed, epoch)).permutation(len(self.crops))
+        return replace(self, chosen=tuple(int(k) for k in order[place * self.batch : (place + 1) * self.batch]))
+
+    def of_table(self, table: torch.Tensor, unit: torch.Tensor) -> torch.Tensor:
+        """The loss of the chosen pictures, white is 1."""
+        m, shape = self.margin, (self.crops.shape[2], self.crops.shape[3])
+        transfer = self.transfer(table)
+        response = wiener_tensor(transfer, self.nsr)
+        share = self.stop.share(table)
+        losses = []
+        for k in self.chosen:
+            record = torch.fft.irfft2(self.spectra[k] * transfer, s=shape)[:, m:-m, m:-m]
+            if self.noise is not None and self.level is not None:
+                electrons = ELECTRONS[self.level] * share / REFERENCE_TRANSMISSION
+                shots, reading = self.noise[:, k]
+                deviation = torch.sqrt(record.detach().clamp_min(0) / electrons)
+                record = record + deviation * shots + F1_SENSOR.read_noise / electrons * reading
+            around = (m, m, m, m)
+            wide = torch.nn.functional.pad(record, around, mode="constant" if self.dark else "reflect")
+            restored = torch.fft.irfft2(torch.fft.rfft2(wide) * response, s=shape)[:, m:-m, m:-m]
+            residual = (restored - self.crops[k, :, m:-m, m:-m]).flatten() ** 2
+            count = math.ceil(self.share * residual.numel())
+            losses.append(torch.topk(residual, count, sorted=False).values.mean())
+        return torch.stack(losses).mean() / 2
+
+
+def top_residual(
+    stop: TiledStop,
+    scenes: Sequence[Photograph],
+    *,
+    side: int = 256,
+    margin: int = 128,
+    crops: int = 12,
+    batch: int = 4,
+    beyond: Literal["scene", "dark"] = "scene",
+    nsr: float = 0.0037,
+    level: int | None = None,
+    share: float = 0.1,
+    seed: int = 0,
+) -> TopResidual:
+    """The loss over crops of photographs, from :func:`maskfab.camera.scenes.folder` or bundled ones.
+
+    Args:
+        stop: the layout; its camera has three wavelengths, those of red, green and blue.
+        scenes: each large enough for a crop.
+        side: of the sensor, pixels.
+        margin: round it, pixels; less than the side.
+        crops: how many, at random places, taken from the scenes in turn.
+        batch: crops of one step.
+        beyond: what lies outside the sensor.
+        nsr: noise-to-signal ratio of the filter, above 0: nothing restores a frequency that is nil.
+        level: dB of noise; None is none.
+        share: of the residuals that counts.
+        seed: of the places, the noise and the order.
+
+    Raises:
+        JobError: MF105 without scenes or with other than three wavelengths; MF104 for numbers out of range, or
+            scenes smaller than a crop; MF121 for crops that are all the same grey everywhere.
+    """
+    if not scenes or len(stop.camera.wavelengths_nm) != COLOURS:
+        raise JobError(
+            "MF105",
+            f"{len(scenes)} scenes and {len(stop.camera.wavelengths_nm)} wavelengths; the loss needs scenes and three",
+            where="design.scenes",
+            cure="Give photographs, and the wavelengths of red, green and blue",
+        )
+    whole = side + 2 * margin
+    smallest = min(min(scene.values.shape[1:]) for scene in scenes)
+    fine = 0 < margin < side and whole <= smallest and 0 < nsr < math.inf and 0 < share <= 1 and crops >= batch >= 1
+    if not (fine and (level is None or level in ELECTRONS)):
+        raise JobError(
+            "MF104",
+            f"side {side}, margin {margin}, nsr {nsr:g}, share {share:g}, {batch} of {crops} crops, level {level}: a "
+            f"crop with margins may have {smallest} pixels, margins are smaller than the side, nsr is above 0, shares "
+            "within 0 to 1",
+            where="design.top_residual",
+            cure="Take the defaults: 256, 128, 0.0037, 0.1, 4 of 12, none",
+        )
+    draw = np.random.default_rng((seed, 1))
+    cut = []
+    for k in range(crops):
+        values = scenes[k % len(scenes)].values
+        top, left = (int(draw.integers(0, extent - whole + 1)) for extent in values.shape[1:])
+        cut.append(values[:, top : top + whole, left : left + whole])
+    pictures = np.stack(cut).astype(np.float64)
+    if pictures.std(axis=(2, 3)).max() < LEAST_CONTRAST:
+        raise JobError(
+            "MF121",
+            f"all {crops} crops are the same grey everywhere, within {LEAST_CONTRAST:g} of white; nothing in them can "
+            "be restored better or worse",
+            where="design.scenes",
+            cure="Give photographs with contrast instead of uniform areas",
+        )
+    if beyond == "dark":
+        inner = np.zeros((whole, whole), dtype=np.bool_)
+        inner[margin:-margin, margin:-margin] = True
+        pictures *= inner
+    crops_here = stop.here(pictures)
+    return TopResidual(
+        stop.correlation,
+        stop,
+        stop.on_grid((whole, whole)),
+        crops_here,
+        torch.fft.rfft2(crops_here),
+        None if level is None else stop.here(draw.standard_normal((2, crops, COLOURS, side, side))),
+        margin,
+        beyond == "dark",
+        nsr,
+        level,
+        share,
+        batch,
+        seed,
+        tuple(range(crops)),
+    )

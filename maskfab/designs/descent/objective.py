@@ -1,0 +1,525 @@
+"""The autocorrelation of a tiled unit at the lags that a loss reads, and its gradient, by pruned transforms.
+
+With A the transform of the pupil p on N x N points, the autocorrelation is the inverse transform of |A|² (Goodman,
+Introduction to Fourier Optics, 6.3). |A|² is real, so the transform along y is a real one, and only rows of lags from
+0 to the reach go on to the transform along x. The adjoint is written by hand: slopes g of a loss by the lags become
+
+    ∂/∂p = 2 IFFT( Re FFT(g) · A ),
+
+again with a real transform along y, which only the rows inside the pupil leave. Nothing but A is kept for it.
+
+Notes:
+    Lags are whole dots, so the table is exact for square dots; dots cut by the stop must be in or out.
+    Sizes are even, because real transforms of odd length cost three times as much.
+    On CUDA the scatter-add adds in any order, so gradients there repeat to rounding only; on the CPU they repeat.
+
+The interface of objectives, and their weighted sum.
+
+An objective is a frozen object that turns a relaxed unit, float [dots, dots] within 0 to 1, into a scalar: **lower is
+better**, gradients go through. Most read nothing but the autocorrelation of the stop filled with oriented units, so a
+sum of them transforms the pupil once.
+
+Notes:
+    An objective may differ from step to step (an area that is led down, another batch of pictures). ``at`` gives the
+    one of a step as a function of the step's number alone; that is why runs can be resumed.
+
+The paper's first loss: how well the worst spatial frequencies survive a Wiener filter.
+
+The cells that cover a camera's stop, and the lags that a sensor can tell apart behind it.
+
+A camera's stop filled with oriented units, and its transfer wherever an objective looks.
+
+The transfer at the frequency ν is the autocorrelation at the lag λfν, divided by lag 0, times the square pixel's
+sinc(ν_x p) sinc(ν_y p) (Goodman, Introduction to Fourier Optics, 6.4). Between whole dots it is bilinear, which is
+exact for square dots.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.fft import next_fast_len
+
+from maskfab.base.arrays import Floats
+from maskfab.base.cell_size import CellSize
+from maskfab.base.errors import JobError
+from maskfab.base.model import ORIENTATIONS, Camera, Stop, unit_dots
+from maskfab.base.units import NM_PER_UM
+from maskfab.optics.stop import stop_dots
+
+
+@dataclass(frozen=True, eq=False)
+class Autocorrelation:
+    """The constants of one layout and stop; a function of the unit's dots.
+
+    Attributes:
+        index: int64 [rows x columns], the unit's dot at each place of the pupil, flat; dots outside the stop have the
+            number after the last dot.
+        shape: dots of the pupil along y and x.
+        dots: dots along the unit's side.
+        size: points N of the transforms along each side.
+        reach: longest lag along y, in dots; |x| of a lag may be as long.
+    """
+
+    index: torch.Tensor
+    shape: tuple[int, int]
+    dots: int
+    size: int
+    reach: int
+
+    def pupil(self, unit: torch.Tensor) -> torch.Tensor:
+        """The stop filled with oriented units, of that shape."""
+        dots = torch.cat([unit.flatten(), unit.new_zeros(1)])
+        return dots.index_select(0, self.index).view(self.shape)
+
+    def __call__(self, unit: torch.Tensor) -> torch.Tensor:
+        """Autocorrelation in dots, [reach + 1, size]; lag (y, x) at [y, x % size]. Differentiable once.
+
+        Args:
+            unit: amplitude of the unit's dots, [dots, dots], float32 or float64.
+        """
+        table: torch.Tensor = _Autocorrelation.apply(unit, self)  # type: ignore[no-untyped-call]
+        return table
+
+
+def autocorrelation(
+    dots: int, orientations: NDArray[np.int8], inside: NDArray[np.bool_], reach: int
+) -> Autocorrelation:
+    """The autocorrelation of units of ``dots`` dots a side, laid in these orientations.
+
+    Args:
+        dots: dots along the unit's side.
+        orientations: int8 [rows, columns], elements of D4, row 0 lowest.
+        inside: bool [rows x dots, columns x dots], dots inside the stop.
+        reach: longest lag in dots, shorter than the pupil.
+    """
+    # Twice a fast length is fast and even.
+    size = 2 * int(next_fast_len((max(inside.shape) + reach + 1) // 2))
+    flat = torch.from_numpy(np.where(inside, unit_dots(orientations, dots), dots * dots).ravel())
+    return Autocorrelation(flat, (inside.shape[0], inside.shape[1]), dots, size, reach)
+
+
+class _Autocorrelation(torch.autograd.Function):
+    """Rows 0 to the reach of the autocorrelation table, with their adjoint."""
+
+    @staticmethod
+    def forward(ctx: Any, unit: torch.Tensor, layout: Autocorrelation) -> torch.Tensor:
+        size = layout.size
+        spectrum = torch.fft.rfft2(layout.pupil(unit), s=(size, size))
+        power = torch.addcmul(spectrum.real * spectrum.real, spectrum.imag, spectrum.imag)
+        rows = torch.fft.ihfft(power, dim=0)[: layout.reach + 1]
+        ctx.layout = layout
+        ctx.save_for_backward(spectrum)
+        table: torch.Tensor = torch.fft.irfft(rows, n=size, dim=1)
+        return table
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, slope: torch.Tensor) -> tuple[torch.Tensor, None]:
+        layout: Autocorrelation = ctx.layout
+        (spectrum,) = ctx.saved_tensors
+        size, (height, width) = layout.size, layout.shape
+        rows = torch.fft.rfft(slope, dim=1)
+        # Row 0 holds both signs of its lags, the others stand for their mirror images too.
+        rows[0] = 2 * rows[0].real
+        weighted = spectrum * torch.fft.hfft(rows, n=size, dim=0)
+        by_row = torch.fft.ifft(weighted, dim=0)[:height]
+        by_dot = torch.fft.irfft(by_row, n=size, dim=1)[:, :width]
+        home = by_dot.new_zeros(layout.dots**2 + 1)
+        home.scatter_add_(0, layout.index, by_dot.flatten())
+        return home[:-1].view(layout.dots, layout.dots), None
+
+
+class Objective(ABC):
+    """A loss of one relaxed unit.
+
+    Attributes:
+        correlation: the pupil whose autocorrelation it reads; None if it reads the unit alone.
+    """
+
+    correlation: Autocorrelation | None
+
+    @abstractmethod
+    def of_table(self, table: torch.Tensor, unit: torch.Tensor) -> torch.Tensor:
+        """The loss, a scalar, from the table that ``correlation`` makes of the unit (the unit itself without one)."""
+
+    def __call__(self, unit: torch.Tensor) -> torch.Tensor:
+        """The loss of a unit, float [dots, dots] in 0 to 1: a scalar, lower is better."""
+        return self.of_table(unit if self.correlation is None else self.correlation(unit), unit)
+
+    def at(self, iteration: int, iterations: int) -> Objective:
+        """The objective of one step out of so many; iteration -1 stands for the judgement of a finished unit."""
+        return self
+
+
+@dataclass(frozen=True, eq=False)
+class Weighted(Objective):
+    r"""Σ α_k L_k: the target function of Yang & Sankaranarayanan 2021, section 4.2, with any losses in it.
+
+    Attributes:
+        terms: (weight α, objective) pairs. Those that share one ``correlation`` share its transform.
+    """
+
+    terms: tuple[tuple[float, Objective], ...]
+    correlation: Autocorrelation | None = None
+
+    def __post_init__(self) -> None:
+        if not self.terms:
+            raise JobError(
+                "MF105",
+                "a sum of objectives has no terms",
+                where="design.objectives",
+                cure="Give at least one objective with its weight",
+            )
+
+    def __call__(self, unit: torch.Tensor) -> torch.Tensor:
+        """Σ α L; every table is made once."""
+        tables: dict[int, torch.Tensor] = {}
+        total = unit.new_zeros(())
+        for weight, term in self.terms:
+            if term.correlation is None:
+                value = term(unit)
+            else:
+                key = id(term.correlation)
+                if key not in tables:
+                    tables[key] = term.correlation(unit)
+                value = term.of_table(tables[key], unit)
+            total = total + weight * value
+        return total
+
+    def of_table(self, table: torch.Tensor, unit: torch.Tensor) -> torch.Tensor:
+        """The objective from a given table; its terms make their own tables."""
+        return self(unit)
+
+    def at(self, iteration: int, iterations: int) -> Weighted:
+        """Every term as it is at that step."""
+        return Weighted(tuple((weight, term.at(iteration, iterations)) for weight, term in self.terms))
+
+
+@dataclass(frozen=True)
+class AreaPenalty(Objective):
+    r"""weight (mean transmission - c)², with c led from 1 down to the target: the αarea term of the target function.
+
+    Good for keeping a relaxed unit on the way to a count; a binary unit has its count anyway.
+
+    Attributes:
+        target: final open ratio.
+        weight: α.
+        settled: share of the run after which c is the target; on the way there it falls evenly.
+        stair: height of the published stairs, 0 for an even slope. Steps are then even in time too.
+        now: c of this step; None before ``at``, which means the target.
+    """
+
+    target: float
+    weight: float
+    settled: float = 0.4
+    stair: float = 0.0
+    now: float | None = None
+    correlation = None
+
+    def wanted(self, iteration: int, iterations: int) -> float:
+        """c at a step."""
+        done = iteration / max(iterations - 1, 1)
+        if self.stair > 0:
+            stairs = max(round((1 - self.target) / self.stair), 1)
+            return max(self.target, 1 - self.stair * int(iteration / max(iterations, 1) / self.settled * stairs + 1e-9))
+        return 1 + (self.target - 1) * min(done / self.settled, 1)
+
+    def at(self, iteration: int, iterations: int) -> AreaPenalty:
+        """The penalty with the c of that step."""
+        now = self.target if iteration < 0 else self.wanted(iteration, iterations)
+        return AreaPenalty(self.target, self.weight, self.settled, self.stair, now)
+
+    def of_table(self, table: torch.Tensor, unit: torch.Tensor) -> torch.Tensor:
+        """The penalty of a unit."""
+        return self.weight * (unit.mean() - (self.target if self.now is None else self.now)) ** 2
+
+
+@dataclass(frozen=True, eq=False)
+class Invertibility(Objective):
+    """Survival of the worst spatial frequencies under a Wiener filter, with photons counted.
+
+    The OTF at the frequency nu is the pupil's autocorrelation AC at the lag lambda f nu (Goodman, Introduction to
+    Fourier Optics, 6.4). With it
+
+        O = AC / (clear area of the bare stop x target open ratio),  H = O^2 / (O^2 + epsilon),
+        loss = -mean of the smallest ``worst_fraction`` of H,
+
+    over all lags of at least one dot up to half a cycle per sensor pixel (Yang & Sankaranarayanan 2021, equation 9
+    and L_inv; thirty percent is meant where the text once says ten).
+
+    O is divided by the light that a pattern of the target's open ratio passes, not by the PSF's own sum. With the
+    latter a grey filter is free of charge: its O is that of the bare stop however dark it is, holes of the open ratio
+    r have r times that on average, and the optimum is uniform grey. With photons counted, grey of the share r has
+    r times the bare stop's O as well; all it keeps is its evenness, which binarisation takes away.
+
+    Good for worst cases whatever the picture. It knows neither the picture's spectrum nor the sensor's edge: for
+    photographs use :class:`maskfab.designs.descent.losses.ExpectedError`.
+
+    Attributes:
+        correlation: autocorrelation of the stop filled with oriented cells, far enough for these lags.
+        lags: per wavelength, int64 flat indices into the autocorrelation table: integer lags of a half plane (the
+            other half is its mirror image).
+        light: clear area of the stop, in dots, x target open ratio: AC(0) of an opening that meets the target.
+        epsilon: noise-to-signal ratio of the Wiener filter.
+        worst_fraction: share of the lags that counts.
+        own_sum: divide by the PSF's own sum, AC(0), as published, so that darkness is free; its optimum is grey.
+    """
+
+    correlation: Autocorrelation
+    lags: tuple[torch.Tensor, ...]
+    light: float
+    epsilon: float
+    worst_fraction: float
+    own_sum: bool = False
+
+    def of_table(self, table: torch.Tensor, unit: torch.Tensor) -> torch.Tensor:
+        """The loss from the unit's autocorrelation table; a scalar between -1 and 0."""
+        autocorrelation = table.flatten()
+        light = autocorrelation[0] if self.own_sum else self.light
+        worst = []
+        for lags in self.lags:
+            otf = autocorrelation.index_select(0, lags) / light
+            kept = otf**2 / (otf**2 + self.epsilon)
+            count = math.ceil(self.worst_fraction * lags.numel())
+            worst.append(torch.topk(kept, count, largest=False, sorted=False).values.mean())
+        return -torch.stack(worst).mean()
+
+
+MAX_SIDE = 4096
+"""Dots across the stop; one step of a descent then takes seconds and a gigabyte."""
+
+
+def cells_across(stop: Stop, dots: int, dot_nm: int) -> int:
+    """Cells along the side of the smallest square of cells that covers the stop."""
+    return math.ceil(stop.diameter_um * NM_PER_UM / CellSize(dots, dot_nm).pitch_nm - 1e-9)
+
+
+def lags_within(reach: float, table: int) -> NDArray[np.int64]:
+    """Flat table indices of the integer lags with 0 < |lag| <= reach in the half plane y > 0, or y = 0 and x > 0."""
+    whole = math.floor(reach)
+    y, x = np.mgrid[0 : whole + 1, -whole : whole + 1]
+    wanted = (x**2 + y**2 <= reach**2) & ((y > 0) | (x > 0))
+    return np.asarray(y[wanted] * table + x[wanted] % table, dtype=np.int64)
+
+
+Precision = Literal["float32", "float64"]
+TINY = 1e-30
+"""In place of an epsilon of 0, so that a frequency which is nil has a value and a slope."""
+FEWEST_DOTS = 2
+"""Inside a stop: one dot has no lag but 0."""
+DTYPES: dict[str, torch.dtype] = {"float32": torch.float32, "float64": torch.float64}
+
+
+@dataclass(frozen=True, eq=False)
+class TiledStop:
+    """One layout of units behind one camera's stop.
+
+    Attributes:
+        correlation: of the pupil, one dot farther than the lag of half a cycle per pixel at any wavelength.
+        camera: the lens, its wavelengths and the sensor.
+        dot_nm: side of a dot.
+        bare: dots of the stop.
+        dtype: of the constants.
+    """
+
+    correlation: Autocorrelation
+    camera: Camera
+    dot_nm: int
+    bare: int
+    dtype: torch.dtype
+
+    @property
+    def device(self) -> torch.device:
+        """Where it is computed."""
+        return self.correlation.index.device
+
+    def per_cycle(self, wavelength_nm: float) -> float:
+        """Lag in dots of one cycle per pixel."""
+        return wavelength_nm * self.camera.focal_um / self.camera.pixel_um / self.dot_nm
+
+    def here(self, array: NDArray[np.generic]) -> torch.Tensor:
+        """A constant on this device; floating ones in this type."""
+        tensor = torch.from_numpy(np.ascontiguousarray(array))
+        return tensor.to(self.device, self.dtype if tensor.is_floating_point() else None)
+
+    def share(self, table: torch.Tensor) -> torch.Tensor:
+        """Share of the bare stop's light that a table's unit passes, 0 to 1: lag 0 over the bare stop's dots."""
+        return table[0, 0] / self.bare
+
+    def at_points(self, wavelength_nm: float, y: Floats, x: Floats) -> PointTransfer:
+        """The transfer at points in cycles per pixel, y >= 0, |x| and y at most one half."""
+        lag_y, lag_x = (self.per_cycle(wavelength_nm) * v for v in (y, x))
+        low_y, low_x = (np.floor(lag).astype(np.int64) for lag in (lag_y, lag_x))
+        part_y, part_x = lag_y - low_y, lag_x - low_x
+        size, reach = self.correlation.size, self.correlation.reach
+        index, weight = [], []
+        for up, share_y in ((0, 1 - part_y), (1, part_y)):
+            for right, share_x in ((0, 1 - part_x), (1, part_x)):
+                row, column = low_y + up, low_x + right
+                known = (row <= reach) & (abs(column) <= reach)
+                index.append(np.where(known, row * size + column % size, 0))
+                weight.append(np.where(known, share_y * share_x * np.sinc(y) * np.sinc(x), 0.0))
+        return PointTransfer(self.here(np.stack(index)), self.here(np.stack(weight)))
+
+    def on_grid(self, shape: tuple[int, int]) -> GridTransfer:
+        """The transfer at the frequencies of ``rfft2`` of pictures of that shape, for every wavelength."""
+        reach = self.correlation.reach
+        lags = np.arange(-reach, reach + 1)
+
+        def matrix(frequency: NDArray[np.floating[Any]], wavelength_nm: float) -> torch.Tensor:
+            hat = np.maximum(0, 1 - abs(frequency[:, None] * self.per_cycle(wavelength_nm) - lags))
+            return self.here(hat * np.sinc(frequency)[:, None])
+
+        y, x = np.fft.fftfreq(shape[0]), np.fft.rfftfreq(shape[1])
+        pairs = tuple((matrix(y, nm), matrix(x, nm).T.contiguous()) for nm in self.camera.wavelengths_nm)
+        return GridTransfer(pairs, reach)
+
+
+@dataclass(frozen=True, eq=False)
+class PointTransfer:
+    """The transfer at scattered points: index and weight of the four whole lags about each, [4, points]."""
+
+    index: torch.Tensor
+    weight: torch.Tensor
+
+    def __call__(self, table: torch.Tensor) -> torch.Tensor:
+        """[points], 1 at frequency 0."""
+        around = table.flatten().index_select(0, self.index.flatten()).view(self.index.shape)
+        return (around * self.weight).sum(0) / table[0, 0]
+
+
+@dataclass(frozen=True, eq=False)
+class GridTransfer:
+    """The transfer on a picture's frequencies: for each wavelength, matrices from whole lags to those of y and of x."""
+
+    lines: tuple[tuple[torch.Tensor, torch.Tensor], ...]
+    reach: int
+
+    def __call__(self, table: torch.Tensor) -> torch.Tensor:
+        """[wavelengths, rows, columns / 2 + 1], 1 at frequency 0."""
+        columns = torch.arange(-self.reach, self.reach + 1, device=table.device) % table.shape[1]
+        upper = table.index_select(1, columns)
+        # A real pupil's autocorrelation is the same at opposite lags.
+        whole = torch.cat([upper[1:].flip(0, 1), upper]) / table[0, 0]
+        return torch.stack([along_y @ whole @ along_x for along_y, along_x in self.lines])
+
+
+def tiled_stop(
+    dots: int,
+    dot_nm: int,
+    orientations: NDArray[np.int8],
+    camera: Camera,
+    *,
+    precision: Precision = "float32",
+    device: str = "cpu",
+) -> TiledStop:
+    """Fill a stop with units of ``dots`` dots a side.
+
+    Args:
+        dots: dots along the unit's side.
+        dot_nm: side of one dot.
+        orientations: int8 [cells, cells], elements of D4; the square of cells is centred on the stop and covers it.
+        camera: lens, wavelengths, sensor.
+        precision: of the computation.
+        device: "cpu", "cuda", or "auto" for CUDA where there is any.
+
+    Raises:
+        JobError: MF104 if half a cycle per pixel is less than a lag of one dot, or the stop holds no two dots; MF105
+            for a device that is not there; MF114 if the cells do not cover the stop; MF115 if they are too many dots;
+            MF122 for orientations that are no square of elements of D4.
+    """
+    chosen = ("cuda" if torch.cuda.is_available() else "cpu") if device == "auto" else device
+    if chosen not in ("cpu", "cuda") or (chosen == "cuda" and not torch.cuda.is_available()):
+        raise JobError("MF105", f"there is no device {device!r} here", where="design.device", cure='Use "cpu"')
+    _require_square(orientations)
+    cells = len(orientations)
+    side = cells * dots
+    if side > MAX_SIDE:
+        raise JobError(
+            "MF115",
+            f"the stop of {camera.stop.diameter_um:g} um is {side} dots of {dot_nm / NM_PER_UM:g} um across; the limit "
+            f"is {MAX_SIDE}",
+            where="camera.stop",
+            cure="Design with a smaller stop, or with fewer dots per pitch",
+        )
+    if side * dot_nm < camera.stop.diameter_um * NM_PER_UM - 1:
+        raise JobError(
+            "MF114",
+            f"{cells} x {cells} cells of {CellSize(dots, dot_nm).pitch_um:g} um do not cover a stop of "
+            f"{camera.stop.diameter_um:g} um",
+            where="camera.stop",
+            cure=f"Give {cells_across(camera.stop, dots, dot_nm)} x {cells_across(camera.stop, dots, dot_nm)} cells",
+        )
+    inside = stop_dots(camera.stop, side, dot_nm / NM_PER_UM)
+    if inside.sum() < FEWEST_DOTS:
+        raise JobError(
+            "MF104",
+            f"the stop of {camera.stop.diameter_um:g} um holds the middles of {int(inside.sum())} dots of "
+            f"{dot_nm / NM_PER_UM:g} um; a transfer needs at least {FEWEST_DOTS}",
+            where="camera.stop",
+            cure="Use smaller dots, or a larger stop",
+        )
+    nyquist = max(camera.wavelengths_nm) * camera.focal_um / (2 * camera.pixel_um) / dot_nm
+    if nyquist < 1:
+        raise JobError(
+            "MF104",
+            f"half a cycle per pixel of {camera.pixel_um:g} um is a lag of {nyquist:.3g} dots; it must be at least 1",
+            where="camera.pixel",
+            cure="Use smaller dots, or a smaller sensor pixel",
+        )
+    made = autocorrelation(dots, orientations, inside, min(math.floor(nyquist) + 1, min(inside.shape) - 1))
+    moved = replace(made, index=made.index.to(chosen))
+    return TiledStop(moved, camera, dot_nm, int(inside.sum()), DTYPES[precision])
+
+
+def _require_square(orientations: NDArray[np.int8]) -> None:
+    shape = orientations.shape
+    if len(shape) == 2 and shape[0] == shape[1] > 0 and 0 <= orientations.min() <= orientations.max() < ORIENTATIONS:
+        return
+    within = f", {orientations.min()} to {orientations.max()}" if orientations.size else ""
+    raise JobError(
+        "MF122",
+        f"the orientations have the shape {shape}{within}; a square of elements 0 to {ORIENTATIONS - 1} is needed",
+        where="design.orientations",
+        cure="Give as many rows as columns",
+    )
+
+
+def invertibility_of(
+    stop: TiledStop,
+    target: float = 0.2,
+    *,
+    epsilon: float = 0.015,
+    worst_fraction: float = 0.3,
+    own_sum: bool = False,
+) -> Invertibility:
+    """The invertibility loss that shares this stop's autocorrelation with other objectives.
+
+    Args:
+        stop: the layout.
+        target: open ratio at which O(0) = 1.
+        epsilon: noise-to-signal ratio of the Wiener filter; with 0 every frequency that is not nil counts as kept.
+        worst_fraction: share of the frequencies that counts.
+        own_sum: the published normalisation, whose optimum is grey.
+
+    Raises:
+        JobError: MF104 for numbers out of range.
+    """
+    if not (epsilon >= 0 and 0 < worst_fraction <= 1 and 0 < target <= 1):
+        raise JobError(
+            "MF104",
+            f"epsilon = {epsilon:g}, worst_fraction = {worst_fraction:g}, target = {target:g}: shares lie within 0 to "
+            "1 and epsilon is not negative",
+            where="design.invertibility",
+            cure="Take the defaults: 0.015, 0.3, 0.2",
+        )
+    size, reach = stop.correlation.size, stop.correlation.reach
+    lags = tuple(stop.here(lags_within(min(stop.per_cycle(nm) / 2, reach), size)) for nm in stop.camera.wavelengths_nm)
+    return Invertibility(stop.correlation, lags, stop.bare * target, max(epsilon, TINY), worst_fraction, own_sum)

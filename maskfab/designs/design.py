@@ -1,0 +1,389 @@
+"""An opening, and its map, as a job's [design] asks for them, by the method that it names."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+from maskfab.base.errors import JobError, OutputError
+from maskfab.base.model import UNSTATED
+from maskfab.base.units import NM_PER_UM, to_nm
+from maskfab.base.work import NO_END, Clock, Progress, silent
+from maskfab.camera import scenes as scene_sets
+from maskfab.camera.lens import PhotoCamera, lattice
+from maskfab.camera.protocol import Protocol, stated_light, stated_sensor
+from maskfab.camera.scenes import Folder, folder
+from maskfab.designs.maps.light import most_dots, shares
+from maskfab.designs.model.conditions import SceneConditions
+from maskfab.designs.model.robustness import EXACT, Spread
+from maskfab.designs.model.statistics import F1_TAKING, Taking
+from maskfab.designs.rules.display_fit import Display
+from maskfab.designs.search.result import Designed, constraints_of
+from maskfab.display.feasibility import DisplayRules
+from maskfab.job.reference import USES, Keys, unused
+from maskfab.job.sections import DesignSection, JobSpec, RelaxSection, SceneSection, SearchSection
+from maskfab.mask.opening_file import dot_of_pitch
+from maskfab.optics.scene.scene import Scene
+
+_SCENES_OF_MAPS = 16
+_DIE_STOPS = 2.1
+"""Side of a die over the stop's diameter, where no plate states one: as on ``layouts/upc12.toml``, 8.4 mm before a stop
+of 4 mm."""
+_MOST_ACROSS = 100
+"""Pixels along a side of such a die at most: the check of 100 x 100 takes seconds."""
+_OF_DISPLAYS = ("emitters", "wires")
+_F1S_OWN = ("sensor", "exposure")
+"""Sections of a job that say how photographs are taken, in whose place protocol F1 has its own."""
+_NOT_DESIGNED_FOR = ("spectrum", "illuminant", "distortion", "saturation")
+"""Keys of [scene] that openings are not compared by, and that are set aside before its plan."""
+
+
+def taking_of(spec: JobSpec) -> Taking:
+    """The photographs that a job's openings are compared by: its own where it states a sensor or its light.
+
+    Raises:
+        JobError: MF140, MF141 for a sensor or a light that cannot be.
+    """
+    section = spec.design
+    named = section.protocol if isinstance(section, SearchSection) else "f1"
+    if named == "f1" or (named is None and all(getattr(spec, name) is None for name in _F1S_OWN)):
+        return F1_TAKING
+    sensor = stated_sensor(spec.sensor)
+    levels, _ = stated_light(spec.exposure, sensor, spec.camera.camera())
+    return Taking(Protocol("camera", sensor), levels)
+
+
+def notes_of(
+    spec: JobSpec,
+    scenes: Folder,
+    uses: Keys,
+    taking: Taking = F1_TAKING,
+    seen: SceneConditions | None = None,
+) -> tuple[str, ...]:
+    """Sentences on what a search leaves out of a job, and of the folder of its photographs.
+
+    Args:
+        spec: of the job.
+        scenes: the folder.
+        uses: keys that the search depends on, whatever its light and its scene.
+        taking: of the photographs that openings are compared by.
+        seen: conditions of the scene, as far as it is used.
+    """
+    if taking.is_f1:
+        told = "Openings are compared in the light of protocol F1, code values taken for light"
+        named = isinstance(spec.design, SearchSection) and spec.design.protocol == "camera"
+        idle = ["protocol of [design]"] if named else []
+    else:
+        told, idle = "Openings are compared by the job's camera, sensor and light", []
+        uses += USES["design by its own light"]
+    uses += () if seen is None else USES["design for a scene"]
+    idle += unused(spec, *uses)
+    notes = [f"{told}; not used of the job: {', '.join(idle)}."] if idle else []
+    notes += [] if seen is None else [f"Of the scene, {sentence}." for sentence in seen.neglected]
+    if scenes.skipped:
+        notes.append(f"Skipped, as no photographs: {', '.join(scenes.skipped)}.")
+    return tuple(notes)
+
+
+def display_notes(spec: JobSpec) -> tuple[str, ...]:
+    """Sentence on the display of a job that its opening need not fit."""
+    unfitted = [f"[{name}]" for name in _OF_DISPLAYS if getattr(spec, name) is not None]
+    if not unfitted or getattr(spec.design, "fit", False):
+        return ()
+    return (f"The opening need not fit {', '.join(unfitted)}, for [design] does not say fit = true.",)
+
+
+def check_possible(spec: JobSpec, *, where: str) -> None:
+    """Refuse rules that no opening keeps, and a camera that no search knows, before anything is read or drawn.
+
+    Raises:
+        JobError: MF105 without a [design]; MF123 for rules that contradict each other; MF133 to MF135 for the camera;
+            MF140, MF141 for its sensor and its light.
+    """
+    _possible(spec, where)
+
+
+def _possible(spec: JobSpec, where: str) -> tuple[Display | None, SceneConditions | None]:
+    """The display that the opening must hold, and the conditions of the scene, of a job that is possible."""
+    section, display = section_of(spec, where), display_of(spec, where)
+    rules = constraints_of(section, where=f"{where}: design", display=display)
+    rules.require_possible()
+    if isinstance(section, SearchSection):
+        from maskfab.designs.search.scan import require_shapes
+
+        require_weights(section, taking_of(spec), where)
+        if section.fit and spec.emitters is not None:
+            require_room(section, spec.emitters.required, where=f"{where}: design")
+        camera = PhotoCamera.of(spec.camera.camera(), where=where)
+        lattice(section.dots, rules.dot_nm, camera=camera, where=f"{where}: design.dots")
+        spread_of(spec, where)
+        require_shapes(section, rules)
+        return display, conditions_of(spec, section, rules.dot_nm, where)
+    return display, None
+
+
+def conditions_of(spec: JobSpec, section: SearchSection, dot_nm: int, where: str) -> SceneConditions | None:
+    """Conditions of the job's scene; None without one, and where a search is by protocol F1 by name or by the AUC.
+
+    Raises:
+        JobError: MF104, MF114, MF115 for a scene that cannot be modelled; MF134 for other than three wavelengths;
+            MF302 and others for the glass of the plate.
+    """
+    if spec.scene is None or section.protocol == "f1" or section.objective != "restored":
+        return None
+    from maskfab.designs.search.scan import first_shape
+
+    defaults = {key: SceneSection.model_fields[key].default for key in _NOT_DESIGNED_FOR}
+    camera, blank = spec.camera.camera(), UNSTATED if spec.plate is None else spec.plate.mask_blank()
+    scene = Scene.of(spec.scene.model_copy(update=defaults), where=where).through(blank)
+    room = lattice(section.dots, dot_nm, camera=PhotoCamera.of(camera, where=where), where=f"{where}: design.dots")
+    try:
+        return SceneConditions.planned(camera, scene, spec.scene.accuracy, first_shape(section), room)
+    except JobError as refusal:
+        raise JobError(
+            refusal.code, refusal.what, where=f"{where}: {refusal.where or 'scene'}", cure=refusal.cure
+        ) from None
+
+
+def design(
+    spec: JobSpec,
+    command: str,
+    *,
+    where: str,
+    images: Path | None = None,
+    progress: Progress = silent,
+    clock: Clock = NO_END,
+    checkpoint: Path | None = None,
+    price_rules: bool = False,
+) -> Designed:
+    """Find the opening of the job's [design], and its map where one is asked for.
+
+    Args:
+        spec: a validated job with [design].
+        command: what reproduces it, for its provenance.
+        where: the job, for errors.
+        images: folder of photographs to design for; synthetic scenes if None.
+        progress: told where the work stands.
+        clock: of its budget, after which the best so far is taken.
+        checkpoint: file that saves the state of the search, from which it goes on if it exists.
+        price_rules: search once more without each rule, beyond the budget.
+
+    Raises:
+        JobError: as :func:`check_possible`.
+        OutputError: MF401 for a checkpoint in a directory that does not exist.
+        SourceError: for photographs that cannot be read.
+    """
+    display, seen = _possible(spec, where)
+    if checkpoint is not None and not os.path.isdir(checkpoint.absolute().parent):
+        raise OutputError(
+            "MF401",
+            f"there is no directory for the checkpoint {checkpoint}",
+            cure="Create that directory, or give a path in one that exists",
+        )
+    section, camera, taking = section_of(spec, where), spec.camera.camera(), taking_of(spec)
+    source = scenes_of(images, section)
+    scenes = source.photographs
+    if isinstance(section, RelaxSection):
+        from maskfab.designs.descent.method import relax
+
+        found = relax(section, camera, scenes, command, progress, clock=clock, checkpoint=checkpoint)
+    else:
+        from maskfab.designs.search.method import search
+
+        assert isinstance(section, SearchSection)
+        needed = seen is not None and seen.needed
+        found = search(
+            section,
+            scenes,
+            command,
+            progress,
+            camera=PhotoCamera.of(camera),
+            taking=taking,
+            display=display,
+            spread=spread_of(spec, where),
+            seen=seen if needed else None,
+            clock=clock,
+            checkpoint=checkpoint,
+            price_rules=price_rules,
+        )
+    spread = found.robust is not None
+    uses = (
+        USES["design"]
+        + (USES["design that fits"] if display is not None else ())
+        + (USES["design over a spread"] if spread else ())
+    )
+    notes = (*found.notes, *notes_of(spec, source, uses, taking, seen), *display_notes(spec))
+    if price_rules and (found.account is None or found.account.without is None):
+        notes += ("No search without a rule was made: that takes rules, and annealing for restored photographs.",)
+    if not spread and spread_of(spec, where) != EXACT:
+        notes += ("A descent and a short budget are not appraised over [process.spread].",)
+    account = found.account
+    if account is not None:
+        account = replace(account, budget_s=clock.budget_s, scenes=scenes_line(source, images))
+    return replace(found, notes=notes, account=account)
+
+
+def display_of(spec: JobSpec, where: str) -> Display | None:
+    """The display that the opening of a job must hold, on a die of its plate or a usual one; None if none must.
+
+    Raises:
+        JobError: MF105 if one must and there are no [emitters]; MF106, MF107 for the pitch; MF107, MF116 for the
+            display's rules; MF133 to MF135 for a camera that no search knows.
+    """
+    section = section_of(spec, where)
+    if not isinstance(section, SearchSection) or not section.fit:
+        return None
+    return stated_display(spec, section, where, key="design.fit")
+
+
+def stated_display(spec: JobSpec, section: SearchSection, where: str, *, key: str) -> Display:
+    """The display of a job, whether or not its [design] must fit it, on a die of its plate or a usual one.
+
+    Args:
+        spec, section: the job and its [design].
+        where: the job, for errors.
+        key: that asks for it.
+
+    Raises:
+        JobError: as :func:`display_of`.
+    """
+    if spec.emitters is None:
+        raise JobError(
+            "MF105",
+            "the job has no display that its opening could fit",
+            where=f"{where}: {key}",
+            cure=f"Add [emitters], and [wires] if they must be wired, or remove {key}",
+        )
+    dot_nm = dot_of_pitch(section.pitch, section.dots, where=f"{where}: design.pitch")
+    camera = PhotoCamera.of(spec.camera.camera(), where=where)
+    before = lattice(section.dots, dot_nm, camera=camera, where=f"{where}: design.dots").cells
+    if spec.plate is None:
+        side_um = _DIE_STOPS * spec.camera.camera().stop.diameter_um
+        across = min(int(side_um * NM_PER_UM / (section.dots * dot_nm)), _MOST_ACROSS)
+    else:
+        side_nm = to_nm(spec.plate.die_size, where=f"{where}: plate.die_size", name="die_size")
+        across = side_nm // (section.dots * dot_nm)
+    rules = DisplayRules.of(spec.emitters, spec.light, spec.wires, where=where)
+    seed = section.seed if section.tiling_seed is None else section.tiling_seed
+    return Display.of(rules, section.tiling, seed, before, max(before, across))
+
+
+def spread_of(spec: JobSpec, where: str) -> Spread:
+    """Standard deviations over the displays that are made.
+
+    Raises:
+        JobError: MF127 for a bias at which dots vanish, MF104 for a stop's centre beyond the stop.
+    """
+    stated = None if spec.process is None else spec.process.spread
+    if stated is None:
+        return EXACT
+    section, camera = section_of(spec, where), spec.camera.camera()
+    dot_um = dot_of_pitch(section.pitch, section.dots, where=f"{where}: design.pitch") / NM_PER_UM
+    bias_um, centre_um = stated.bias or 0.0, stated.centre or 0.0
+    if bias_um >= dot_um:
+        raise JobError(
+            "MF127",
+            f"a bias of {bias_um:g} um, one standard deviation, closes dots of {dot_um:g} um",
+            where=f"{where}: process.spread.bias",
+            cure=f"Use less than {dot_um:g} um",
+        )
+    if centre_um >= camera.stop.diameter_um / 2:
+        raise JobError(
+            "MF104",
+            f"a stop's centre {centre_um:g} um off lies outside the stop of {camera.stop.diameter_um:g} um",
+            where=f"{where}: process.spread.centre",
+            cure=f"Use less than {camera.stop.diameter_um / 2:g} um",
+        )
+    return Spread(bias_um, centre_um)
+
+
+def section_of(spec: JobSpec, where: str) -> DesignSection:
+    """The [design] of a job.
+
+    Raises:
+        JobError: MF105 without one.
+    """
+    if spec.design is None:
+        raise JobError(
+            "MF105",
+            "the job has no [design] section",
+            where=where,
+            cure="Add a [design] section, as in layouts/design_bar.toml",
+        )
+    return spec.design
+
+
+def require_weights(section: SearchSection, taking: Taking, where: str) -> None:
+    """Refuse weights that are not one for each level of light.
+
+    Raises:
+        JobError: MF105.
+    """
+    if section.weights is not None and len(section.weights) != len(taking.levels):
+        told = ", ".join(f"{level:g}" for level in taking.levels)
+        raise JobError(
+            "MF105",
+            f"{len(section.weights)} weights for {len(taking.levels)} levels of light, {told} dB",
+            where=f"{where}: design.weights",
+            cure="Give one weight per level, or none",
+        )
+
+
+def require_room(section: SearchSection, required: float, *, where: str) -> None:
+    """Refuse denser pixels whose openings and emitters are more than a pixel.
+
+    Args:
+        section: with its density or cluster, if it has any.
+        required: least share of the pixel for each colour.
+        where: the section, for errors.
+
+    Raises:
+        JobError: MF104 for dots of a group that no pixels share; MF123 where emitters need more than is closed.
+    """
+    if section.cluster is not None:
+        most, _ = shares(section.clear_dots, most_dots(section))
+        key, stated, dense = "most_dots", float(most), most / section.dots**2
+    elif section.density is not None:
+        key, stated, dense = "density", section.density, section.density
+    else:
+        return
+    require_closed(1 - dense, required, f"{key} = {stated:g}", where=f"{where}.{key}")
+
+
+def require_closed(closed: float, required: float, stated: str, *, where: str) -> None:
+    """Refuse pixels whose closed share is less than three emitters need.
+
+    Raises:
+        JobError: MF123.
+    """
+    needed = 3 * required
+    if needed > closed + 1e-9:
+        raise JobError(
+            "MF123",
+            f"{stated} leaves {closed:.1%} of the pixel closed, and three emitters of {required:.1%} are "
+            f"{needed - closed:.1%} of the pixel more",
+            where=where,
+            cure=f"Leave {min(1.0, needed):.1%} of the pixel closed, or ask for smaller emitters",
+        )
+
+
+def scenes_line(source: Folder, images: Path | None) -> str:
+    """The scenes of a folder, or synthetic ones, in words."""
+    count = len(source.photographs)
+    kind = "synthetic scene" if images is None else "photograph"
+    return f"{count} {kind}{'' if count == 1 else 's'}{'' if images is None else f' of {images.name}'}"
+
+
+def scenes_of(images: Path | None, section: DesignSection) -> Folder:
+    """Photographs that openings are compared by: of a folder, or synthetic ones.
+
+    Maps fit the very pictures they are designed on, so they get more of them.
+
+    Raises:
+        SourceError: for photographs that cannot be read.
+    """
+    if images is not None:
+        return folder(images)
+    for_map = getattr(section, "map", None) is not None
+    return Folder(scene_sets.bundled(_SCENES_OF_MAPS) if for_map else scene_sets.bundled(), ())

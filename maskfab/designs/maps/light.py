@@ -1,0 +1,465 @@
+"""More light in the middle of the stop than at its rim, at the light of a uniform panel, and what the display pays.
+
+Cells whose middle lies in the central half of the stop's area hold a denser unit, those beyond it a sparser one, so
+that the whole panel passes what the uniform one does; the cells that the stop cuts are turned to make up what whole
+dots leave over. A stop that is clearer in its middle passes more at the frequencies that pictures live from.
+
+All cells have one plan of emitters, which keeps clear of both units: they are as large as the denser cell lets them be,
+and neither luminance nor life differs from cell to cell. The sparser unit is turned so that it lies behind the denser
+one as far as it can, where it takes no room of its own.
+
+Notes:
+    It is no merit of the mask: emitters are smaller than those of the uniform panel, in every cell, run at a higher
+    current density for the same luminance, and age faster. That is stated; quote it beside the gain.
+
+Light shared unevenly within groups of 2 x 2 pixels, each of which passes what four equal pixels do.
+
+Two pixels of every group hold a denser unit, two a sparser one: larger openings scatter less light. A group is laid and
+turned as one. The map chooses among several arrangements of a group, which differ in what each of its pixels holds and
+in how that is turned within the group, so that groups do not repeat on a lattice, whose orders would be seen.
+
+All pixels have one plan of emitters, as in :mod:`maskfab.designs.maps.light`: no colour, luminance or life differs
+from pixel to pixel.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maskfab.base.arrays import Mask
+from maskfab.base.errors import JobError
+from maskfab.base.model import ORIENTATIONS, frozen, orient, side_by_side
+from maskfab.base.work import Progress, silent
+from maskfab.designs.maps.orientation_map import DesignedMap, MapMode, design_map
+from maskfab.designs.model.panel_error import PanelError
+from maskfab.designs.rules.constraints import Constraints
+from maskfab.designs.rules.display_fit import DieFit, Display, fitting_die
+from maskfab.display.drive import LightDemand, relative_life
+from maskfab.display.placement import footprint
+from maskfab.job.sections import SearchSection
+from maskfab.mask.panels import CellMap
+from maskfab.optics.tiling import MOST_OPENINGS
+
+_TRIED = 12
+"""Pairs of units for which a map is designed before a display is said not to hold them."""
+_SPARSER = 3
+"""Sparser units that are tried beside each denser one."""
+
+
+@dataclass(frozen=True)
+class DisplayPrice:
+    """Cost of a denser middle for the display, whose emitters are alike in all cells, against the uniform panel.
+
+    Attributes:
+        uniform_share: of a cell that each colour's emitter covers on the uniform panel, 0 to 1.
+        share: the same of the panel of two units.
+        current_ratio: current density for equal luminance over the uniform panel's; inf where nothing fits.
+        life_ratio: life of the emitters over that of the uniform panel's, 0 where nothing fits.
+        lines: that are drawn for every pixel each way on a die of these cells; None where no wires are asked for.
+    """
+
+    uniform_share: float
+    share: float
+    current_ratio: float
+    life_ratio: float
+    lines: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Graded:
+    """A panel with two units.
+
+    Attributes:
+        units: bool [2, dots, dots], the denser one first.
+        designed: the map, 8 u + k for unit u; its gains are over the same cells turned at random.
+        uniform_psnr: expected restored PSNR of the uniform unit's random map, dB by level.
+        uniform_clear_dots: inside the stop, of the same.
+        price: of the display.
+        fit: of the display on a die; None where none must be held.
+    """
+
+    units: Mask
+    designed: DesignedMap
+    uniform_psnr: tuple[float, ...]
+    uniform_clear_dots: int
+    price: DisplayPrice
+    fit: DieFit | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "units", frozen(np.asarray(self.units, dtype=np.bool_)))
+
+    @property
+    def gain_db(self) -> tuple[float, ...]:
+        """Over the uniform unit's random map of equal light, at each level."""
+        return tuple(a - b for a, b in zip(self.designed.psnr, self.uniform_psnr, strict=True))
+
+
+def graded(
+    uniform: Mask,
+    error: PanelError,
+    share: float,
+    find: Callable[[int], Iterable[Mask]],
+    *,
+    constraints: Constraints,
+    seed: int = 0,
+    kicks: int = 0,
+    progress: Progress = silent,
+) -> Graded:
+    """Design a panel whose middle is denser, at equal light; where a display must fit, one that it fits.
+
+    Args:
+        uniform: bool [dots, dots], the unit of the panel that is compared with.
+        error: of panels of such units.
+        share: of the denser unit's dots that are clear, above the uniform unit's.
+        find: gives units of so many clear dots that keep the constraints, bool [dots, dots], the best first.
+        constraints: that each unit keeps for its own count of clear dots, and both beside one another.
+        seed: of the random map.
+        kicks: as of :func:`maskfab.designs.maps.orientation_map.design_map`.
+        progress: as ``design_map`` tells.
+
+    Raises:
+        JobError: MF104 for a share that is not between the uniform unit's and 1, or leaves nothing clear outside;
+            MF117, MF118 where the emitters' rules do not suit the pixel; MF123 for units that break the constraints,
+            or a display that fits no pair of them on its map.
+    """
+    mask = np.asarray(uniform, dtype=np.bool_)
+    first = error.laid(mask, seed=seed)
+    clear = round(float(first.sum()))
+    size = error.cells, error.cells
+    drawn = np.random.default_rng(seed).integers(ORIENTATIONS, size=size).astype(np.int8)
+    start = (drawn + ORIENTATIONS * ~central(error)).astype(np.int8)
+    why = ""
+    for units in islice(_pairs(find, counts(mask, error, share), constraints), _TRIED):
+        designed = design_map(
+            units,
+            error,
+            mode=MapMode.EQUAL_LIGHT,
+            seed=seed,
+            kicks=kicks,
+            start=start,
+            light=clear,
+            keep_units=True,
+            progress=progress,
+        )
+        fit, lines = shown(units, designed.orientations, constraints)
+        if fit is not None and fit.why is not None:
+            why = fit.why
+            continue
+        price = display_price(mask, units, constraints, lines)
+        return Graded(units, designed, error.psnr(first), clear, price, fit)
+    raise JobError(
+        "MF123",
+        f"the display fits none of the {_TRIED} best pairs of openings on their own maps: {why}",
+        where="design.fit",
+        cure="Ask for fewer lines, smaller emitters, a smaller density or another tiling_seed",
+    )
+
+
+def shown(units: Mask, kinds: NDArray[np.int8], constraints: Constraints) -> tuple[DieFit | None, int | None]:
+    """Whether the display that must be held fits two openings on their map, and the lines each way if it does.
+
+    One die is tried: there are other pairs of openings. Both are None where no display must be held, the lines too
+    where none with wires must.
+    """
+    display: Display | None = constraints["emitters"] or None
+    if display is None:
+        return None, None
+    cells = CellMap("map", kinds)
+    fit = fitting_die(display, units[0], constraints.dot_nm, cells, units[1], most=1)
+    if fit.why is not None:
+        return fit, None
+    return fit, display.most_lines(display.die(units[0], constraints.dot_nm, cells, units[1]))
+
+
+def _pairs(find: Callable[[int], Iterable[Mask]], wanted: tuple[int, int], constraints: Constraints) -> Iterator[Mask]:
+    """Denser and sparser units that keep the constraints beside one another, bool [2, dots, dots], the best first.
+
+    Raises:
+        JobError: MF123 where there are none.
+    """
+    dense_count, sparse_count = wanted
+    sparser: list[Mask] | None = None
+    found, broken = False, None
+    for dense in find(dense_count):
+        _require(dense, dense_count, constraints, "denser")
+        if sparser is None:
+            sparser = list(islice(find(sparse_count), _SPARSER))
+        for sparse in sparser:
+            _require(sparse, sparse_count, constraints, "sparser")
+            units = np.stack([dense, behind(sparse, dense, constraints.orientations)])
+            broken = constraints.broken_beside(units)
+            if broken is None:
+                found = True
+                yield units
+    if not found:
+        raise JobError(
+            "MF123",
+            f"openings of {dense_count} and {sparse_count} clear dots break {broken} where they meet",
+            where="density",
+            cure="Relax that rule, ask for rim_dots, or choose a smaller density",
+        )
+
+
+def behind(sparse: Mask, dense: Mask, orientations: Sequence[int]) -> Mask:
+    """The sparser unit in the orientation, of those in use, in which most of it lies where the denser one is clear."""
+    return max((orient(sparse, k) for k in orientations), key=lambda turned: int((turned & dense).sum()))
+
+
+def _require(unit: Mask, count: int, constraints: Constraints, which: str) -> None:
+    if (broken := replace(constraints, clear_dots=count).first_broken(unit)) is not None:
+        raise JobError(
+            "MF123",
+            f"the {which} opening of {count} clear dots breaks {broken}",
+            where="density",
+            cure="Relax that rule, or choose another density",
+        )
+
+
+def central(error: PanelError) -> Mask:
+    """Cells whose middle lies in the central half of the stop's area, bool [24, 24]."""
+    middles = np.arange(error.cells) - (error.cells - 1) / 2
+    # The stop's radius comes from its area, so that the panel's pitch plays no part.
+    squared = float(error.inside.sum()) / error.dots**2 / math.pi
+    return np.asarray(middles[:, None] ** 2 + middles**2 <= squared / 2)
+
+
+def counts(uniform: Mask, error: PanelError, share: float) -> tuple[int, int]:
+    """Clear dots of the denser and the sparser unit for the light of the uniform one, to the nearest dot.
+
+    Raises:
+        JobError: MF104 for a share that is not between the uniform unit's and 1, or leaves nothing clear outside.
+    """
+    dots = error.dots
+    dense = round(share * dots**2) if math.isfinite(share) else 0
+    uniform_count = int(uniform.sum())
+    if not uniform_count < dense <= dots**2:
+        raise JobError(
+            "MF104",
+            f"density = {share:g} is not above the uniform unit's {uniform_count / dots**2:.3g}, and at most 1",
+            where="density",
+            cure="Choose a larger share of clear dots for the middle",
+        )
+    cells = error.cells
+    area = error.inside.reshape(cells, dots, cells, dots).sum(axis=(1, 3)) / dots**2
+    middle = central(error)
+    inner, outer = float(area[middle].sum()), float(area[~middle].sum())
+    sparse = round((uniform_count * (inner + outer) - dense * inner) / outer)
+    if sparse < 1:
+        raise JobError(
+            "MF104",
+            f"density = {share:g} leaves {sparse} clear dots outside the middle",
+            where="density",
+            cure=f"Choose less than {uniform_count * (inner + outer) / inner / dots**2:.3g}",
+        )
+    return dense, sparse
+
+
+def display_price(uniform: Mask, units: Mask, constraints: Constraints, lines: int | None = None) -> DisplayPrice:
+    """Cost for the display, from the largest emitters found around one unit, and around both, in all orientations.
+
+    Args:
+        uniform: bool [dots, dots].
+        units: bool [2, dots, dots].
+        constraints: whose rules of emitters hold, and whose display's light says how fast emitters age.
+        lines: that are drawn each way; None where none are asked for.
+
+    Raises:
+        JobError: MF117, MF118 as :func:`maskfab.display.placement.footprint`.
+    """
+
+    def largest(clear: Mask) -> float:
+        opening, orientations = constraints.opening(clear), constraints.orientations
+        return footprint(opening, constraints.dot_nm, 0, orientations, constraints.emitters, largest=True).found_share
+
+    before, share = largest(uniform), largest(np.logical_or(*units))
+    fits = before > 0 and share > 0
+    ratio = before / share if fits else math.inf
+    display: Display | None = constraints["emitters"] or None
+    light = LightDemand() if display is None else display.rules.light
+    life = relative_life(ratio, 1.0, light.ageing_exponent) if fits else 0.0
+    return DisplayPrice(before, share, ratio, life, lines)
+
+
+SIDE = 2
+"""Pixels along a group."""
+
+_UNITS = 24
+"""Denser and sparser units, each, of which pairs are drawn."""
+_PAIRS, _ARRANGED = 400, 600
+"""Arrangements drawn of all pairs, and of the pair that is taken."""
+_BEST = 150
+"""Of the latter, the best, among which the map's are spread: more alike ones would leave it less to choose from."""
+_MARKS = np.arange(9).reshape(3, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class Groups:
+    """Groups of pixels as the search judges them.
+
+    Attributes:
+        value: of a group, bool [2 dots, 2 dots], the groups turned at random; higher is better.
+        error: of panels of groups.
+    """
+
+    value: Callable[[Mask], float]
+    error: PanelError
+
+
+@dataclass(frozen=True)
+class Arrangement:
+    """Contents of a group's pixels.
+
+    Attributes:
+        held: the unit of each, 0 the denser one, row by row from the lower left.
+        turned: the element of D4 under which it lies there.
+    """
+
+    held: tuple[int, ...]
+    turned: tuple[int, ...]
+
+    def group(self, units: Mask) -> Mask:
+        """The group of these units, bool [2, dots, dots], as bool [2 dots, 2 dots]."""
+        cells = np.stack([orient(units[u], k) for u, k in zip(self.held, self.turned, strict=True)])
+        return side_by_side(cells.reshape(SIDE, SIDE, *cells.shape[1:]))
+
+    def cells(self, element: int) -> NDArray[np.int8]:
+        """Contents of the pixels of a turned group, int8 [2, 2]: 8 u + k for unit u under element k."""
+        here = np.array(self.held).reshape(SIDE, SIDE)
+        turned = np.array([_in_turn(k, element) for k in self.turned]).reshape(SIDE, SIDE)
+        return orient(ORIENTATIONS * here + turned, element).astype(np.int8)
+
+
+def clustered(
+    uniform: Mask,
+    error: PanelError,
+    most_dots: int,
+    find: Callable[[int], Iterable[Mask]],
+    groups: Groups,
+    *,
+    constraints: Constraints,
+    seed: int = 0,
+    kicks: int = 0,
+    progress: Progress = silent,
+) -> Graded:
+    """Design a panel of groups whose pixels share their light unevenly, at equal light.
+
+    Args:
+        uniform: bool [dots, dots], the unit of the panel that is compared with.
+        error: of panels of such units.
+        most_dots: clear dots of the denser unit; the sparser one has as many fewer.
+        find: gives units of so many clear dots that keep the constraints, bool [dots, dots], the best first.
+        groups: how they are judged.
+        constraints: that each unit keeps for its own count of clear dots, and both beside one another.
+        seed: of the random map, and of the arrangements.
+        kicks: as of :func:`maskfab.designs.maps.orientation_map.design_map`.
+        progress: as ``design_map`` tells.
+
+    Raises:
+        JobError: MF104 for dots that are not more than the uniform unit's and less than twice as many; MF123 for units
+            that break the constraints, or a display that fits no pair of them on its map.
+    """
+    mask = np.asarray(uniform, dtype=np.bool_)
+    first = error.laid(mask, seed=seed)
+    clear = round(float(first.sum()))
+    why = "none was found"
+    for units in islice(_group_pairs(find, shares(int(mask.sum()), most_dots), groups, seed), _TRIED):
+        if broken := constraints.broken_beside(units):
+            why = f"they break {broken} where they meet"
+            continue
+        arranged = _spread(units, groups, seed)
+        designed = design_map(
+            np.stack([each.group(units) for each in arranged]),
+            groups.error,
+            mode=MapMode.EQUAL_LIGHT,
+            seed=seed,
+            kicks=kicks,
+            light=clear,
+            progress=progress,
+        )
+        pixels = _cut(pixel_map(designed, arranged), error.cells)
+        fit, lines = shown(units, pixels.orientations, constraints)
+        if fit is not None and fit.why is not None:
+            why = fit.why
+            continue
+        price = display_price(mask, units, constraints, lines)
+        return Graded(units, pixels, error.psnr(first), clear, price, fit)
+    raise JobError(
+        "MF123",
+        f"no pair of openings of {' and '.join(map(str, shares(int(mask.sum()), most_dots)))} clear dots keeps the "
+        f"rules in groups: {why}",
+        where="most_dots",
+        cure="Choose fewer most_dots, or relax that rule",
+    )
+
+
+def most_dots(section: SearchSection) -> int:
+    """Clear dots of the denser pixels of a group."""
+    return 3 * section.clear_dots // 2 if section.most_dots is None else section.most_dots
+
+
+def shares(clear_dots: int, most_dots: int) -> tuple[int, int]:
+    """Clear dots of the denser and the sparser unit for the light of a uniform panel.
+
+    Raises:
+        JobError: MF104 for dots that are not more than the uniform unit's and less than twice as many.
+    """
+    if not clear_dots < most_dots < 2 * clear_dots:
+        raise JobError(
+            "MF104",
+            f"most_dots = {most_dots} is not above the {clear_dots} clear dots of a pixel and below twice as many",
+            where="design.most_dots",
+            cure=f"Choose {clear_dots + 1} to {2 * clear_dots - 1}" if clear_dots > 1 else "Ask for more clear_dots",
+        )
+    return most_dots, 2 * clear_dots - most_dots
+
+
+def pixel_map(designed: DesignedMap, arranged: list[Arrangement]) -> DesignedMap:
+    """The map of the pixels from that of their groups, [rows, columns] of 8 a + k for arrangement a under element k."""
+    known = np.stack([each.cells(k) for each in arranged for k in range(ORIENTATIONS)])
+    return replace(designed, orientations=side_by_side(known[designed.orientations]))
+
+
+def _cut(pixels: DesignedMap, cells: int) -> DesignedMap:
+    """The map without pixels beyond the cells that cover the stop; groups take up to one more on each side."""
+    spare = (len(pixels.orientations) - cells) // 2
+    return replace(pixels, orientations=pixels.orientations[spare : spare + cells, spare : spare + cells])
+
+
+def _group_pairs(
+    find: Callable[[int], Iterable[Mask]], counts: tuple[int, int], groups: Groups, seed: int
+) -> Iterator[Mask]:
+    """Denser and sparser units, bool [2, dots, dots], in the order of the best arrangement that was drawn of them."""
+    dense, sparse = (list(islice(find(count), _UNITS)) for count in counts)
+    draw = np.random.default_rng([seed, 2])
+    best: dict[tuple[int, int], float] = {}
+    for _ in range(_PAIRS):
+        pair = int(draw.integers(len(dense))), int(draw.integers(len(sparse)))
+        units = np.stack([dense[pair[0]], behind(sparse[pair[1]], dense[pair[0]], range(ORIENTATIONS))])
+        best[pair] = max(best.get(pair, -np.inf), groups.value(_drawn(draw).group(units)))
+    for i, j in sorted(best, key=lambda pair: -best[pair]):
+        yield np.stack([dense[i], behind(sparse[j], dense[i], range(ORIENTATIONS))])
+
+
+def _spread(units: Mask, groups: Groups, seed: int) -> list[Arrangement]:
+    """Arrangements for the map to choose from, spread over the best that were drawn."""
+    draw = np.random.default_rng([seed, 3])
+    drawn = list(dict.fromkeys(_drawn(draw) for _ in range(_ARRANGED)))
+    drawn.sort(key=lambda each: -groups.value(each.group(units)))
+    return drawn[:_BEST][:: _BEST // MOST_OPENINGS][:MOST_OPENINGS]
+
+
+def _drawn(draw: np.random.Generator) -> Arrangement:
+    held = draw.permutation(np.repeat([0, 1], SIDE**2 // 2))
+    return Arrangement(tuple(held.tolist()), tuple(draw.integers(ORIENTATIONS, size=SIDE**2).tolist()))
+
+
+def _in_turn(first: int, then: int) -> int:
+    """The element of D4 that does both."""
+    moved = orient(orient(_MARKS, first), then)
+    return next(k for k in range(ORIENTATIONS) if np.array_equal(orient(_MARKS, k), moved))

@@ -1,0 +1,289 @@
+"""Photographs that openings are compared by, and the noise of their pixels.
+
+By protocol F1 code values are taken for light, and a pixel's noise is that of the scenes' mean. By protocol ``camera``
+light is linear, and its scenes differ so much in brightness that each one's noise is scaled as its contrast is where
+they are brought to one contrast: dim pictures have little of both.
+
+Statistics of scenes that a surrogate is made of: noise, mean spectrum, and low-passed pictures of them.
+
+The statistics of the bundled scenes for protocol F1 are kept beside this module, since to draw those scenes takes most
+of a second for each: ``python -m maskfab.designs.model.statistics`` writes that file anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from maskfab.base.arrays import Floats
+from maskfab.base.errors import JobError
+from maskfab.camera.protocol import F1, LEVELS, Protocol, told
+from maskfab.camera.scenes import Bundled, Photograph, bundled
+from maskfab.camera.sensor import ELECTRONS, REFERENCE_TRANSMISSION
+
+if TYPE_CHECKING:
+    import torch
+
+
+Value = TypeVar("Value", float, NDArray, "torch.Tensor")  # type: ignore[type-arg]
+
+
+@dataclass(frozen=True)
+class Taking:
+    """A protocol at levels of light.
+
+    Attributes:
+        protocol: F1, or one with a job's own sensor; without brackets.
+        levels: signal-to-noise ratios of white behind the published display, dB.
+
+    Raises:
+        JobError: MF141 for a level without light, or above a full well.
+    """
+
+    protocol: Protocol = F1
+    levels: tuple[float, ...] = LEVELS
+
+    def __post_init__(self) -> None:
+        _ = self.electrons
+
+    @property
+    def is_f1(self) -> bool:
+        """Whether the photographs are protocol F1's, but perhaps for the lens."""
+        return self.protocol == F1
+
+    @cached_property
+    def electrons(self) -> Mapping[float, float]:
+        """Of white behind the published display, by level; of protocol F1 at all of its levels."""
+        if self.is_f1:
+            return MappingProxyType({float(level): float(count) for level, count in ELECTRONS.items()})
+        return MappingProxyType({level: self.protocol.exposure(level).electrons for level in self.levels})
+
+    @cached_property
+    def read_noise(self) -> float:
+        """Standard deviation of what a pixel adds to its light, rounding by the converter included, in electrons."""
+        sensor = self.protocol.sensor
+        if not sensor.step:
+            return sensor.read_noise
+        return float((sensor.read_noise**2 + sensor.step**2 / 12) ** 0.5)
+
+    def require(self, levels: Sequence[float]) -> None:
+        """Refuse levels whose light is not known.
+
+        Raises:
+            JobError: MF104.
+        """
+        if unknown := [level for level in levels if level not in self.electrons]:
+            raise JobError(
+                "MF104",
+                f"the level {unknown[0]:g} dB is not one of {', '.join(f'{each:g}' for each in self.electrons)}",
+                where="design.levels",
+                cure="Use levels from that list only",
+            )
+
+    @property
+    def line(self) -> str:
+        """In words."""
+        light = "linear light, scored as sRGB" if self.protocol.linear else "code values taken for light"
+        levels = "/".join(f"{level:g}" for level in self.levels)
+        return f"protocol {self.protocol.name}: {told(self.protocol.sensor)}; {levels} dB; {light}"
+
+
+F1_TAKING = Taking()
+
+
+@dataclass(frozen=True)
+class PixelNoise:
+    """Noise of a pixel before restoration, and the PSNR that an error of restored pictures stands for.
+
+    Attributes:
+        taking: of the photographs.
+        shot: mean of the scenes, white is 1: variance of the shot noise times the electrons of white.
+        flat: the same of what a pixel adds, over its own square; 1 where all scenes count alike.
+        coded_db: by level, what the PSNR of code values has above that of what errors are computed of.
+    """
+
+    taking: Taking
+    shot: float
+    flat: float = 1.0
+    coded_db: Mapping[float, float] = field(default_factory=lambda: MappingProxyType({}))
+
+    def white(self, level: float, open_share: float) -> float:
+        """Electrons of white behind a panel of this open share."""
+        return self.taking.electrons[level] * open_share / REFERENCE_TRANSMISSION
+
+    def of_white(self, white: Value) -> Value:
+        """σ² of a pixel with so many electrons of white, white is 1."""
+        return self.shot / white + self.flat * (self.taking.read_noise / white) ** 2
+
+    def variance(self, level: float, open_share: float) -> float:
+        """σ² of a pixel at a level of light behind a panel of this open share, white is 1."""
+        return self.of_white(self.white(level, open_share))
+
+    def added_db(self, level: float) -> float:
+        """Decibels added to -10 log10 of a mean squared error; 0 for protocol F1."""
+        return self.coded_db.get(level, 0.0)
+
+
+ROWS, COLUMNS, FACTOR = 128, 192, 8
+"""Of low-passed pictures, and how many pixels of a scene one of theirs is wide."""
+WIDTH = 32
+"""Of the margin round the sensor in low-passed pictures."""
+LEAST_CONTRAST = 1e-4
+"""A tenth of what the smallest step of eight bits is, evenly spread."""
+KEPT = ((4, 2), (16, 2), (16, 8))
+"""Numbers of bundled scenes, and of pictures that leak as much as they do, whose statistics are kept."""
+_FILE = Path(__file__).with_name("bundled_scenes.npz")
+
+
+@dataclass(frozen=True, eq=False)
+class SceneStatistics:
+    """Knowledge of a surrogate about its scenes, whatever cells they are seen through.
+
+    Attributes:
+        noise: of their pixels.
+        factor, power: c and p of their spectrum c f^-p.
+        low: complex64 [scenes, 128, 97], low-passed scenes.
+        pixels: of every scene, before it was brought to one contrast with the others, and by what factor it was; empty
+            for protocol F1, which does not ask for them.
+    """
+
+    noise: PixelNoise
+    factor: float
+    power: float
+    low: NDArray[np.complex64]
+    pixels: tuple[tuple[Floats, float], ...]
+
+    @classmethod
+    def of(cls, scenes: Sequence[Photograph], *, leak_scenes: int = 2, taking: Taking = F1_TAKING) -> SceneStatistics:
+        """Of scenes as :func:`scene_statistics` takes them; errors likewise."""
+        kept = _of_use(scenes)
+        if taking.protocol.linear:
+            kept = [Photograph(s.name, s.number, np.minimum(s.light, 1)) for s in kept]
+        means, scales = [float(s.values.mean()) for s in kept], _scales(kept)
+        if taking.protocol.linear:
+            noise = PixelNoise(taking, float(np.mean(scales**2 * means)), float(np.mean(scales**2)))
+        else:
+            noise = PixelNoise(taking, float(np.mean([s.values.mean() for s in kept])))
+        own = () if taking.is_f1 else tuple((_inner_pixels(s), float(k)) for s, k in zip(kept, scales, strict=True))
+        kept = [Photograph(s.name, s.number, s.values * np.float32(k)) for s, k in zip(kept, scales, strict=True)]
+        factor, power = _spectrum(kept)
+        spectra = np.stack([scipy.fft.rfft2(values) for values in _mixed(kept, leak_scenes)])
+        rows = np.r_[0 : ROWS // 2, -ROWS // 2 : 0]
+        cut = spectra[:, rows, : COLUMNS // 2 + 1] / FACTOR**2
+        # The highest frequencies of an even grid stand for both signs; without them nothing is ambiguous.
+        cut[:, ROWS // 2] = 0
+        cut[:, :, -1] = 0
+        return cls(noise, factor, power, cut.astype(np.complex64), own)
+
+    @cached_property
+    def low_truth(self) -> NDArray[np.float32]:
+        """The low-passed scenes' own part on the sensor, float32 [scenes, 64, 128]."""
+        small = scipy.fft.irfft2(self.low.astype(np.complex128), (ROWS, COLUMNS)).astype(np.float32)
+        return np.asarray(small[:, WIDTH:-WIDTH, WIDTH:-WIDTH])
+
+
+def scene_statistics(
+    scenes: Sequence[Photograph], *, leak_scenes: int = 2, taking: Taking = F1_TAKING
+) -> SceneStatistics:
+    """Of scenes of 1024 x 1536 pixels (others are left out); of bundled ones as they are kept.
+
+    Args:
+        scenes: photographs, or drawn ones.
+        leak_scenes: pictures that the leak is computed on.
+        taking: of the photographs.
+
+    Raises:
+        JobError: MF121 if no scene has that size, or one is the same grey everywhere.
+    """
+    if taking.is_f1 and isinstance(scenes, Bundled) and (len(scenes), leak_scenes) in KEPT:
+        return _kept(len(scenes), leak_scenes, taking)
+    return SceneStatistics.of(scenes, leak_scenes=leak_scenes, taking=taking)
+
+
+def keep(path: Path = _FILE) -> None:
+    """Write the statistics of the bundled scenes."""
+    kept: dict[str, Any] = {}
+    for count, leak_scenes in KEPT:
+        found = SceneStatistics.of(bundled(count), leak_scenes=leak_scenes)
+        kept[f"{count}_{leak_scenes}"] = found.low
+        kept[f"{count}_numbers"] = np.array([found.noise.shot, found.factor, found.power])
+    np.savez_compressed(path, **kept)
+
+
+def _kept(count: int, leak_scenes: int, taking: Taking) -> SceneStatistics:
+    with np.load(_FILE) as kept:
+        shot, factor, power = (float(each) for each in kept[f"{count}_numbers"])
+        return SceneStatistics(PixelNoise(taking, shot), factor, power, kept[f"{count}_{leak_scenes}"], ())
+
+
+def _inner_pixels(scene: Photograph) -> Floats:
+    """Some of the green pixels on the sensor."""
+    edge = WIDTH * FACTOR
+    return scene.values[1, edge:-edge:FACTOR, edge:-edge:FACTOR].astype(np.float64)
+
+
+def _of_use(scenes: Sequence[Photograph]) -> list[Photograph]:
+    kept = [s for s in scenes if s.values.shape[1:] == (ROWS * FACTOR, COLUMNS * FACTOR)]
+    if not kept:
+        raise JobError(
+            "MF121",
+            "no scene has 1536 x 1024 pixels",
+            where="scenes",
+            cure="Give photographs of 1536 x 1024 pixels or more",
+        )
+    for scene in kept:
+        contrast = float(scene.values[1].std(dtype=np.float64))
+        if not contrast >= LEAST_CONTRAST:
+            raise JobError(
+                "MF121",
+                f"the picture {scene.name} is the same grey everywhere: its green values deviate by {contrast:.2g} of "
+                f"white, least {LEAST_CONTRAST:g}; it has no spectrum to design for",
+                where=f"scenes.{scene.name}",
+                cure="Take it away, or give a photograph",
+            )
+    return kept
+
+
+def _scales(scenes: Sequence[Photograph]) -> Floats:
+    """Factors that bring the scenes' contrasts to their geometric mean, as a mean over decibels weighs them alike."""
+    contrast = np.array([float(s.values[1].std(dtype=np.float64)) for s in scenes])
+    return np.asarray(np.exp(np.log(np.maximum(contrast, 1e-6)).mean()) / np.maximum(contrast, 1e-6))
+
+
+def _mixed(scenes: Sequence[Photograph], most: int) -> list[Floats]:
+    """At most so many pictures that leak as much as all: sums with random signs, over the root of their number.
+
+    The leak is a square of something linear in the picture, so products of different scenes cancel on average.
+    """
+    green = np.stack([s.values[1] for s in scenes]).astype(np.float64)
+    if len(scenes) <= most:
+        return list(green)
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(most, len(scenes))) / np.sqrt(len(scenes))
+    return list(np.tensordot(signs, green, axes=1))
+
+
+def _spectrum(scenes: Sequence[Photograph]) -> tuple[float, float]:
+    """c and p of the green channels' power c f^-p, per pixel of variance."""
+    rows, columns = scenes[0].values.shape[1:]
+    window = np.hanning(rows)[:, None] * np.hanning(columns)
+    power = np.mean([abs(scipy.fft.rfft2((s.values[1] - s.values[1].mean()) * window)) ** 2 for s in scenes], axis=0)
+    power /= (window**2).sum()
+    distance = np.hypot(scipy.fft.fftfreq(rows)[:, None], scipy.fft.rfftfreq(columns))
+    edges = np.geomspace(0.02, 0.4, 13)
+    ring = np.digitize(distance, edges)
+    middle = np.sqrt(edges[:-1] * edges[1:])
+    level = [power[ring == k].mean() for k in range(1, len(edges))]
+    slope, offset = np.polyfit(np.log(middle), np.log(level), 1)
+    return float(np.exp(offset)), float(-slope)
+
+
+if __name__ == "__main__":
+    keep()

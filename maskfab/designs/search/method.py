@@ -1,0 +1,444 @@
+"""Which of a scan's shapes a designed map makes the most of: thick ones gain more from a map than slender ones.
+
+A scan judges openings turned at random. A map gains most where the halo that it can take away is strongest, so the best
+under a map need not be the best of the scan. The best shapes that differ in family or size are each given one descent
+of a map, and the best of these goes on.
+
+The method "search": scan families, anneal the best, turn the cells, and report the gain.
+
+A checkpoint holds the scan once it is whole, and the annealing at every so many evaluations; the map is designed again.
+A run that goes on from it ends byte for byte where an uninterrupted one does. A budget of time ends the scan early,
+then the annealing; what it has cut short depends on the clock, and the notes say so.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from maskfab.base.arrays import Mask
+from maskfab.base.errors import JobError
+from maskfab.base.files import Kept
+from maskfab.base.model import Opening, Tiling
+from maskfab.base.work import NO_END, Clock, Progress, silent
+from maskfab.camera.lens import F1, FEWEST_CELLS, CellGrid, PhotoCamera, lattice
+from maskfab.camera.scenes import Photograph
+from maskfab.designs.bounds.limits import rings
+from maskfab.designs.maps.alternation import require_places
+from maskfab.designs.maps.orientation_map import MapMode, design_map, require_size
+from maskfab.designs.model.conditions import SceneConditions
+from maskfab.designs.model.panel_error import PanelError, PupilError
+from maskfab.designs.model.robustness import EXACT, Robustness, Spread, compared_bias_um, moved_by_bias, robustness
+from maskfab.designs.model.statistics import F1_TAKING, Taking
+from maskfab.designs.rules.constraints import Constraints
+from maskfab.designs.rules.display_fit import DieFit, Display, fitting_die
+from maskfab.designs.rules.families import Candidate, kind
+from maskfab.designs.search.account import (
+    NO_BOUNDS,
+    Account,
+    Alternatives,
+    Stages,
+    alternatives,
+    asked_of,
+    prices,
+    stopped,
+)
+from maskfab.designs.search.annealing import ExpectedPsnr, Ranked, anneal, nearest
+from maskfab.designs.search.finish import MAP_LEAK_SCENES, Judges, Mapped, groups_of, map_seed, mapped, over_scene
+from maskfab.designs.search.mtf_exchange import best_for_auc
+from maskfab.designs.search.result import (
+    Designed,
+    Facts,
+    appraised,
+    by_level,
+    camera_facts,
+    constraints_of,
+    made_for_line,
+    of_prices,
+    origin,
+    run_key,
+)
+from maskfab.designs.search.scan import Best, allowed, annealed, annealed_without, first_shape, scanned
+from maskfab.job.sections import SearchSection
+from maskfab.mask.panels import DieSeeds, shifted
+from maskfab.optics.tiling import orientations
+
+
+def shortlisted(
+    found: Best,
+    most: int,
+    error: PanelError,
+    rules: Constraints,
+    clock: Clock,
+    progress: Progress,
+    *,
+    mode: MapMode,
+    seed: int,
+    positions: int = 1,
+) -> Best:
+    """The search with that opening as its best which restores best under a quick map; of equals, the earlier.
+
+    Args:
+        found: its best is on the list, then those that were looked at, best first.
+        most: openings on the list; 1 leaves everything as it is.
+        error: of panels of such units; the levels weigh in it as they do in the scan.
+        rules: that all on the list keep.
+        clock: no further map is begun or compared when its time is over.
+        progress: told after every map.
+        mode, seed, positions: of :func:`maskfab.designs.maps.orientation_map.design_map`.
+
+    Raises:
+        JobError: as ``design_map``.
+    """
+    listed = different([Candidate(found.best.name, found.best.unit), *found.looked], rules, most)
+    if len(listed) < 2:
+        return found
+    # A random map's light differs by chance, and more of it is no merit of a shape: all have what is expected.
+    count = int(listed[0].unit.sum())
+    light = round(float(error.inside.sum()) * count / error.dots**2)
+
+    def restored(each: Candidate) -> float | None:
+        if clock.over:
+            return None
+        quick = design_map(
+            each.unit,
+            error,
+            mode=mode,
+            seed=seed,
+            kicks=0,
+            positions=positions,
+            allows=rules.allows,
+            light=light,
+            clock=clock,
+        )
+        # Maps that were ended early are not compared.
+        return None if clock.over else float(np.dot(error.weights, quick.psnr))
+
+    values: list[float] = []
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        for value in pool.map(restored, listed):
+            if value is None:
+                break
+            values.append(value)
+            progress("shortlist", len(values), len(listed))
+    cut = len(values) < len(listed)
+    notes = [f"The budget ended the shortlist after {len(values)} of {len(listed)} quick maps."] if cut else []
+    best = max(range(len(values)), key=values.__getitem__, default=0)
+    if best:
+        notes.append(
+            f"Under quick maps, {listed[best].name} restores {values[best] - values[0]:.3f} dB better than "
+            f"{listed[0].name}, which is the better one turned at random."
+        )
+    chosen = found.best if best == 0 else Ranked(listed[best].name, listed[best].unit, found.best.value)
+    return replace(
+        found,
+        best=chosen,
+        notes=(*found.notes, *notes),
+        cut=found.cut or cut,
+        stages=(*found.stages, ("quick maps", len(values))),
+    )
+
+
+def different(candidates: Iterable[Candidate], rules: Constraints, most: int) -> tuple[Candidate, ...]:
+    """At most so many that keep the rules: of every family and size, turned or not, the first."""
+    kept: dict[tuple[str, int, int], Candidate] = {}
+    for each in candidates:
+        if len(kept) >= most:
+            break
+        key = kind(each.name, each.unit)
+        if key not in kept and rules.allows(each.unit):
+            kept[key] = each
+    return tuple(kept.values())
+
+
+_LONGEST = 18
+_AUC_EVALUATIONS = 4000
+_AUC_TEMPERATURE = (0.001, 0.00001)
+
+
+def search(
+    section: SearchSection,
+    scenes: Sequence[Photograph],
+    command: str,
+    progress: Progress = silent,
+    *,
+    camera: PhotoCamera = F1,
+    taking: Taking = F1_TAKING,
+    display: Display | None = None,
+    spread: Spread = EXACT,
+    seen: SceneConditions | None = None,
+    clock: Clock = NO_END,
+    checkpoint: Path | None = None,
+    price_rules: bool = False,
+) -> Designed:
+    """Search as the section says.
+
+    Args:
+        section: of a job.
+        scenes: photographs whose spectrum and edges count.
+        command: for the provenance.
+        progress: told where the work stands.
+        camera: that looks through the panel.
+        taking: of the photographs that openings are compared by.
+        display: that the opening must hold; None for any or none.
+        spread: over which the panel is appraised.
+        seen: conditions of the scene; None where nothing of it must be modelled.
+        clock: ends every stage in time for those after it; bounds, appraisals and alternatives are left out where
+            they would take most of what is left.
+        checkpoint: file to go on from, and to keep.
+        price_rules: anneal once more without each rule, beyond the budget.
+
+    Raises:
+        JobError, OpeningError: MF104, MF106, MF107, MF135 for numbers; MF121 for scenes without a spectrum; MF123,
+            MF203, MF204 for rules that no opening keeps, or that cannot be shown to hold at several places in a cell;
+            MF115 for a map of too many cells, or of cells of too many dots.
+        SourceError, OutputError: MF303, MF304, MF401 for the checkpoint.
+    """
+    rules = constraints_of(section, display=display)
+    room = lattice(section.dots, rules.dot_nm, camera=camera)
+    if section.map is not None:
+        require_size(room)
+    if section.positions > 1:
+        require_places(rules)
+    rules.require_possible()
+    progress("photographs", 0, 1)
+    judges = Judges(section, scenes, room, taking, seen)
+    expected = judges.expected
+    progress("photographs", 1, 1)
+    panels = judges if section.map is None else replace(judges, leak_scenes=MAP_LEAK_SCENES)
+    # Made before the stages have their time, for it takes some.
+    panel = None if section.map is None else panels.panel
+    stages = Stages.of(
+        expected, first_shape(section), clock, mapped=section.map is not None, fitted=display is not None
+    )
+    made_for = camera_facts(camera, taking, seen)
+    kept = None if checkpoint is None else Kept(checkpoint, run_key(section, scenes, *made_for.values()))
+    if section.objective == "auc":
+        found = _by_auc(section, rules, room, stages.search, progress)
+    else:
+        found = scanned(section, rules, expected, stages.search, kept, progress)
+        found = annealed(found, section, rules, expected, stages.search, kept, progress)
+    if panel is not None and section.map is not None and section.objective != "auc" and not _of_two_openings(section):
+        found = shortlisted(
+            found,
+            section.shortlist,
+            panel,
+            rules,
+            stages.search,
+            progress,
+            mode=MapMode(section.map),
+            seed=map_seed(section),
+            positions=section.positions,
+        )
+    facts: Facts = {**origin(section, command, made_for), "shape": found.best.name}
+
+    def of_count(clear_dots: int) -> Iterator[Mask]:
+        other = section.model_copy(update={"clear_dots": clear_dots})
+        return allowed(other, replace(rules, clear_dots=clear_dots), expected, stages.map, progress)
+
+    laid = mapped(
+        section,
+        found.best.unit,
+        rules,
+        judges.estimate,
+        panel,
+        origin(section, command, made_for),
+        of_count,
+        stages.map,
+        progress,
+        groups=groups_of(panels, rules.dot_nm),
+        bounded=stages.bounded,
+    )
+    laid, fit, seeds = _with_seeds(laid, _required_fit(display, laid, rules, progress))
+    priced = prices(found.looked, expected, rules) if found.looked else None
+    psnr, head_room, gap, notes = laid.psnr, None, None, (*found.notes, *laid.notes)
+    known: Facts = {}
+    short = not stages.bounded or not clock.affords(stages.bounds_s)
+    if psnr is None and short:
+        notes += (NO_BOUNDS,)
+    elif psnr is None:
+        progress("bounds", 0, 1)
+        psnr, known, head_room, gap = appraised(judges.estimate, laid.unit, periodic=expected.periodic)
+        progress("bounds", 1, 1)
+    if psnr is None or (expected.distances and laid.psnr is None):
+        psnr = expected.by_level(laid.unit)
+    robust = None if short else _appraised(section, laid, panels.in_focus, spread)
+    near = None if short else _alternatives(section, found, laid, rules, expected, panels.in_focus)
+    scene = None if seen is None or short else over_scene(section, laid, rules.dot_nm, panels, seen)
+    if seen is not None and short:
+        notes += ("The scene counts in the search; with a longer budget its conditions are told apart.",)
+    facts |= {
+        **known,
+        **by_level("expected_psnr", psnr, taking.levels),
+        "evaluated": found.evaluated,
+        **seeds,
+        **({} if priced is None else of_prices(priced)),
+    }
+    account = _account(section, found, rules, laid)
+    if price_rules and rules.active and section.anneal and found.looked:
+        account = replace(account, without=annealed_without(found, section, rules, expected, progress))
+    return Designed(
+        Opening(section.name, laid.unit, rules.dot_nm, facts),
+        found.best.name,
+        psnr,
+        head_room,
+        found.evaluated,
+        priced,
+        laid.cells,
+        laid.designed,
+        laid.head_room,
+        gap,
+        None if laid.outer is None else Opening(f"{section.name[:_LONGEST]}_outer", laid.outer, rules.dot_nm, facts),
+        (*_few_cells(room, section), *notes),
+        found.cut or laid.cut,
+        camera=made_for_line(camera, taking, seen),
+        levels=taking.levels,
+        robust=robust,
+        fit=fit,
+        scene=scene,
+        account=account,
+        alternatives=near,
+    )
+
+
+def _account(section: SearchSection, found: Best, rules: Constraints, laid: Mapped) -> Account:
+    by_auc = section.objective == "auc"
+    wanted = "area under the radial minimum of the blue MTF" if by_auc else "expected restored PSNR"
+    among = "" if by_auc else f" among shapes of the families {', '.join(section.families)}"
+    stages = found.stages
+    if section.joint and not laid.cut:
+        stages = (*stages, ("rounds of opening and map, at most", section.joint))
+    return Account(
+        f"search for the most {wanted}{among}",
+        section.seed,
+        stages,
+        "" if by_auc else "expected restored PSNR, dB, weighted mean over the levels",
+        found.bettered,
+        stopped(found.cut or laid.cut),
+        section.tiling,
+        map_seed(section),
+        asked_of(rules),
+        priced_among=len(found.looked),
+    )
+
+
+def _alternatives(
+    section: SearchSection, found: Best, laid: Mapped, rules: Constraints, expected: ExpectedPsnr, error: PupilError
+) -> Alternatives | None:
+    """Openings within reach of the one that is laid; None for a panel of two, and where none was judged in dB."""
+    if laid.outer is not None or not found.near:
+        return None
+    seed, shape = map_seed(section), (error.cells, error.cells)
+    # One tiling for all, so that openings are compared and not tilings.
+    kinds = orientations(section.tiling, *shape, seed)
+    own = found.best.value if np.array_equal(laid.unit, found.best.unit) else expected(laid.unit)
+    bias_um = compared_bias_um(rules.dot_nm)
+
+    def moved(unit: Mask) -> float:
+        return moved_by_bias(unit, kinds, error, bias_um)
+
+    return alternatives(Ranked(found.best.name, laid.unit, own), found.near, rules, moved=moved, bias_um=bias_um)
+
+
+def _appraised(section: SearchSection, laid: Mapped, error: PupilError, spread: Spread) -> Robustness:
+    """The panel beside those that are made instead of it."""
+    seed, shape = map_seed(section), (error.cells, error.cells)
+    kinds = orientations(section.tiling, *shape, seed) if laid.designed is None else laid.designed.orientations
+    units = [laid.unit, laid.outer] if laid.outer is not None else [laid.unit]
+    if laid.designed is not None and laid.designed.shifts:
+        units = [shifted(laid.unit, shift) for shift in laid.designed.shifts]
+    return robustness(
+        np.stack(units),
+        kinds,
+        error,
+        spread=spread,
+        seed=seed,
+        periodic=section.tiling is Tiling.PERIODIC,
+        mapped=laid.designed is not None,
+    )
+
+
+def _of_two_openings(section: SearchSection) -> bool:
+    return section.density is not None or section.cluster is not None
+
+
+def _required_fit(display: Display | None, laid: Mapped, rules: Constraints, progress: Progress) -> DieFit | None:
+    """A die of the panel that holds the display, if it must; that of two openings was found with them.
+
+    Raises:
+        JobError: MF123 where none does, though the opening does on another panel.
+    """
+    if display is None or laid.outer is not None:
+        return laid.fit
+    fit = fitting_die(display, laid.unit, rules.dot_nm, laid.cells, progress=progress)
+    if fit.why is not None:
+        seeds = f"seed {min(fit.failed)}" if len(fit.failed) == 1 else f"seeds {min(fit.failed)} to {max(fit.failed)}"
+        own = "" if laid.cells is None else " with its own map"
+        raise JobError(
+            "MF123",
+            f"the display fits the opening on a panel turned at random, and not on a die of {fit.across} x "
+            f"{fit.across} pixels{own}, {seeds}: {fit.why}",
+            where="design.fit",
+            cure="Design with another tiling_seed, with fewer lines, or without a map",
+        )
+    return fit
+
+
+def _with_seeds(laid: Mapped, fit: DieFit | None) -> tuple[Mapped, DieFit | None, Facts]:
+    """The panel whose map names the seeds of dies that were tried, if one failed; without a map, the opening does."""
+    if fit is None or fit.seed is None or not fit.failed:
+        return laid, fit, {}
+    facts: Facts = dict(DieSeeds((fit.seed,), tuple(fit.failed)).facts)
+    if laid.cells is None:
+        return laid, fit, facts
+    return replace(laid, cells=replace(laid.cells, provenance={**laid.cells.provenance, **facts})), fit, {}
+
+
+def _few_cells(room: CellGrid, section: SearchSection) -> tuple[str, ...]:
+    if room.cells >= FEWEST_CELLS or section.tiling is Tiling.PERIODIC or section.map is not None:
+        return ()
+    told = f"Only {room.cells} x {room.cells} cells lie behind the stop: one random layout of them may restore 2 dB"
+    return (f"{told} better or worse than is expected of all.",)
+
+
+def _by_auc(section: SearchSection, rules: Constraints, room: CellGrid, clock: Clock, progress: Progress) -> Best:
+    """The best blue AUC; where it breaks the rules, annealed from the nearest that keeps them."""
+    periodic = section.tiling is Tiling.PERIODIC
+    unit = best_for_auc(
+        section.dots,
+        section.clear_dots,
+        periodic=periodic,
+        seed=section.seed,
+        steps=section.anneal or None,
+        room=room,
+        progress=progress,
+    )
+    figure, notes, evaluated, cut = rings(section.dots, room=room), [], 1, False
+
+    def area(mask: Mask) -> float:
+        return figure.of_unit(mask, periodic=periodic)
+
+    if broken := sorted(rules.broken(unit)):
+        free = area(unit)
+        walked = anneal(
+            nearest(unit, rules, seed=section.seed),
+            area,
+            rules,
+            evaluations=section.anneal or _AUC_EVALUATIONS,
+            seed=section.seed,
+            temperature=_AUC_TEMPERATURE,
+            budget_s=clock.left(),
+            progress=progress,
+        )
+        unit, evaluated, cut = walked.unit, 2 + walked.state.evaluations, not (walked.complete or walked.stuck)
+        notes.append(
+            f"The best for AUC, {free:.4f}, breaks {', '.join(broken)}; annealed for {walked.state.evaluations} "
+            f"evaluations from the nearest opening found that keeps them, to {walked.value:.4f}."
+        )
+    best = Ranked(f"auc {area(unit):.4f}", unit, area(unit))
+    return Best(best, (), evaluated, tuple(notes), cut, stages=(("openings judged", evaluated),))

@@ -1,0 +1,428 @@
+"""The best compact opening of some families, then annealed: the two stages of a search that take budget and checkpoint.
+
+Both are pure in the section, the objective and the rules; only a budget lets the clock in.
+
+Searches once more without each rule: what an annealing gains that need not keep it.
+
+A scan judges shapes whether or not they keep the rules, so that it prices them by the way. An annealing keeps every
+rule from its first step to its last, and has to be repeated for that.
+
+A given opening with fewer clear dots: for comparing designs at equal light with one that was drawn for more.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maskfab.base import __version__
+from maskfab.base.arrays import Mask
+from maskfab.base.errors import JobError
+from maskfab.base.files import Kept
+from maskfab.base.model import Opening, Tiling, frozen
+from maskfab.base.work import Clock, Progress, silent
+from maskfab.camera.lens import PhotoCamera, lattice
+from maskfab.camera.scenes import Photograph
+from maskfab.designs.model.expected_psnr import surrogate_behind
+from maskfab.designs.rules.constraints import Constraints
+from maskfab.designs.rules.display_fit import Display
+from maskfab.designs.rules.families import FAMILIES, Candidate, kind, orbits
+from maskfab.designs.search.account import ANNEALING, WITHIN_DB, Without
+from maskfab.designs.search.annealing import Bettered, ExpectedPsnr, Objective, Ranked, Scan, State, anneal, scan
+from maskfab.designs.search.result import camera_facts
+from maskfab.job.sections import SearchSection
+from maskfab.job.values import Symmetry
+from maskfab.mask.opening import closed
+
+PRICED = 200
+"""Best openings of a scan among which rules are priced."""
+SAVED_EVERY = 1024
+"""Evaluations of an annealing between checkpoints."""
+
+_SCAN_SHARE = 0.5
+_AT_LEAST_S = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Best:
+    """State of a search and its best opening so far.
+
+    Attributes:
+        best: keeps the rules; its name says where it came from.
+        looked: openings among which the rules are priced; empty where they are not judged in dB.
+        evaluated: openings judged so far.
+        notes: what a user should know, as sentences.
+        cut: the budget cut it short.
+        near: openings judged that lie within reach of the best, whether or not they keep the rules; empty where
+            ``looked`` is.
+        bettered: evaluations made when the best that was judged was bettered, and its value; of a scan, whether or not
+            it keeps the rules.
+        stages: what was tried, and how often.
+    """
+
+    best: Ranked
+    looked: tuple[Candidate, ...]
+    evaluated: int
+    notes: tuple[str, ...] = ()
+    cut: bool = False
+    near: tuple[Ranked, ...] = ()
+    bettered: Bettered = ()
+    stages: tuple[tuple[str, int], ...] = ()
+
+
+def require_shapes(section: SearchSection, rules: Constraints) -> None:
+    """Refuse a symmetry that no shape of the families has, and lines for which none of them leaves room.
+
+    Raises:
+        JobError: MF123, with the symmetries that some have, or the most lines that pass beside any.
+        OpeningError: MF204 for a count that no family can have.
+    """
+    symmetry: Symmetry | None = rules["symmetry"]
+    display: Display | None = rules["wires"] or None
+    if section.objective != "restored" or (symmetry is None and display is None):
+        return
+    shapes = _shapes(section)
+    units, named = np.stack([each.unit for each in shapes]), ", ".join(section.families)
+    told = f"none of the {len(shapes)} shapes of {section.clear_dots} clear dots in families {named}"
+    if symmetry is not None:
+        kept = {name: int(_symmetric(units, name).sum()) for name in get_args(Symmetry)}
+        if not kept[symmetry]:
+            some = " and ".join(f"{name} ({count} of them)" for name, count in kept.items() if count)
+            raise JobError(
+                "MF123",
+                f"{told} has the symmetry {symmetry}; {f'some have {some}' if some else 'none has any'}",
+                where="design.rules.symmetry",
+                cure="Add families such as discs, use another symmetry, or change clear_dots",
+            )
+        units = units[_symmetric(units, symmetry)]
+    most = None if display is None or section.density is not None else display.lines_beside(units, rules.dot_nm)
+    if display is None or most is None:
+        return
+    if int(most.max()) < display.opaque_lines:
+        raise JobError(
+            "MF123",
+            f"{told} lets so many lines pass along x and y: {display.lines_told(section.dots * rules.dot_nm)}, and "
+            f"no more than {int(most.max())} pass a chain of openings across",
+            where="wires.lines",
+            cure=f"Use at most {int(most.max())} lines, finer ones, or fewer clear_dots",
+        )
+
+
+def _symmetric(units: NDArray[np.bool_], symmetry: Symmetry) -> NDArray[np.bool_]:
+    """Which of the openings [units, dots, dots] have a symmetry."""
+    flat = units.reshape(len(units), -1)
+    uneven = (flat[:, orbit].any(axis=1) & ~flat[:, orbit].all(axis=1) for orbit in orbits(units.shape[1], symmetry))
+    return np.asarray(~np.any(np.stack(list(uneven)), axis=0))
+
+
+def first_shape(section: SearchSection) -> Mask:
+    """The first shape that the section's families have, whatever its rules.
+
+    Raises:
+        OpeningError: MF204 for a count that the family cannot have.
+    """
+    return next(FAMILIES[section.families[0]](section.dots, section.clear_dots)).unit
+
+
+def scanned(
+    section: SearchSection,
+    rules: Constraints,
+    objective: Objective,
+    clock: Clock,
+    kept: Kept | None,
+    progress: Progress,
+) -> Best:
+    """The best of the section's families that keeps the rules; half of a budget where annealing follows.
+
+    Raises:
+        JobError: MF123 if none keeps the rules.
+    """
+    if kept is not None and "scan_units" in kept.state:
+        return _restored(kept.state)
+    shapes = _shapes(section)
+    share = _SCAN_SHARE if section.anneal else 1.0
+    look = partial(_look, section, shapes, objective, progress)
+    found = look(Constraints(section.clear_dots, dots=section.dots, dot_nm=rules.dot_nm), clock.left(share))
+    evaluated, complete = found.evaluated, found.complete
+    best, ruled = next((each for each in found.ranked if rules.allows(each.unit)), None), None
+    if best is None:
+        left = clock.left(share)
+        ruled = look(rules, None if left is None else max(left, _AT_LEAST_S))
+        best, evaluated, complete = ruled.best, evaluated + ruled.evaluated, complete and ruled.complete
+    looked = list(found.ranked[:PRICED])
+    if all(each.unit is not best.unit for each in looked):
+        looked.append(best)
+    if ruled is not None and section.map is not None:
+        # A shortlist for the map wants several sizes that keep the rules.
+        sizes = {kind(best.name, best.unit)}
+        for each in ruled.ranked:
+            size = kind(each.name, each.unit)
+            if len(sizes) < section.shortlist and size not in sizes:
+                sizes.add(size)
+                looked.append(each)
+    told = f"The budget ended the scan when {evaluated + found.repeated} of {len(shapes)} shapes had been judged."
+    # All that keep the rules were judged where the first look found none.
+    last = found if ruled is None else ruled
+    made = Best(
+        best,
+        _candidates(looked),
+        evaluated,
+        () if complete else (told,),
+        not complete,
+        near=tuple(each for each in last.ranked if each.value >= best.value - WITHIN_DB),
+        bettered=last.bettered,
+        stages=(("shapes judged", evaluated),),
+    )
+    if kept is not None and complete:
+        kept.put(_stored(made))
+    return made
+
+
+def allowed(
+    section: SearchSection, rules: Constraints, objective: Objective, clock: Clock, progress: Progress
+) -> Iterator[Mask]:
+    """Openings of the section's families that keep the rules, the best first; looked at as they are asked for.
+
+    Raises:
+        JobError: MF123 if none keeps the rules.
+    """
+    look = partial(_look, section, _shapes(section), objective, progress)
+    found = False
+    for each in look(Constraints(section.clear_dots, dots=section.dots, dot_nm=rules.dot_nm), clock.left()).ranked:
+        if rules.allows(each.unit):
+            found = True
+            yield each.unit
+    if not found:
+        yield from (each.unit for each in look(rules, clock.left()).ranked)
+
+
+def annealed(
+    found: Best,
+    section: SearchSection,
+    rules: Constraints,
+    objective: Objective,
+    clock: Clock,
+    kept: Kept | None,
+    progress: Progress,
+) -> Best:
+    """The best changed dot by dot for the section's evaluations, if that betters it."""
+    if not section.anneal:
+        return found
+    # An annealing from where the clock ended the scan is no part of the run that another call could go on with.
+    kept = None if found.cut else kept
+    start: Any = found.best.unit
+    if kept is not None and "anneal" in kept.state:
+        plain = json.loads(str(kept.state["anneal"]))
+        start = State.of({**plain, **{name: np.array(plain[name], dtype=np.bool_) for name in ("unit", "best")}})
+    while True:
+        made = start.evaluations if isinstance(start, State) else 0
+        walked = anneal(
+            start,
+            objective,
+            rules,
+            evaluations=section.anneal,
+            seed=section.seed,
+            until=None if kept is None else made + SAVED_EVERY,
+            budget_s=clock.left(),
+            progress=progress,
+        )
+        start = walked.state
+        if kept is not None:
+            kept.put({"anneal": np.array(json.dumps(start.plain()))})
+        if walked.complete or walked.stuck or clock.over:
+            break
+    notes = list(found.notes)
+    if not walked.complete:
+        why = "No move that keeps the rules was left" if walked.stuck else "The budget ended the annealing"
+        notes.append(f"{why} after {start.evaluations} of {section.anneal} evaluations.")
+    name = f"{found.best.name}, annealed"
+    found = replace(
+        found,
+        evaluated=found.evaluated + start.evaluations,
+        notes=tuple(notes),
+        cut=found.cut or not (walked.complete or walked.stuck),
+        near=(*found.near, *(Ranked(name, unit, value) for value, unit in start.visited)),
+        bettered=(*found.bettered, *((found.evaluated + made, value) for made, value in start.bettered)),
+        stages=(*found.stages, (ANNEALING, start.evaluations)),
+    )
+    if not walked.value > found.best.value:
+        return found
+    best = Ranked(name, walked.unit, walked.value)
+    return replace(found, best=best, looked=(*found.looked, *_candidates([best])))
+
+
+def _shapes(section: SearchSection) -> list[Candidate]:
+    return list(chain.from_iterable(FAMILIES[name](section.dots, section.clear_dots) for name in section.families))
+
+
+def _look(
+    section: SearchSection,
+    shapes: list[Candidate],
+    objective: Objective,
+    progress: Progress,
+    constraints: Constraints,
+    budget_s: float | None,
+) -> Scan:
+    return scan(
+        shapes,
+        objective,
+        constraints,
+        turned_alike=section.tiling is not Tiling.PERIODIC,
+        budget_s=budget_s,
+        workers=os.cpu_count() or 1,
+        progress=progress,
+    )
+
+
+def _candidates(ranked: list[Ranked]) -> tuple[Candidate, ...]:
+    return tuple(Candidate(each.name, each.unit) for each in ranked)
+
+
+def _stored(found: Best) -> dict[str, np.ndarray[Any, Any]]:
+    place = next(k for k, each in enumerate(found.looked) if each.unit is found.best.unit)
+    return {
+        "scan_names": np.array([each.name for each in found.looked], dtype=np.str_),
+        "scan_units": np.stack([each.unit for each in found.looked]),
+        "scan_numbers": np.array([place, found.evaluated], dtype=np.int64),
+        "scan_value": np.array([found.best.value]),
+        "near_names": np.array([each.name for each in found.near], dtype=np.str_),
+        "near_units": np.stack([each.unit for each in found.near]),
+        "near_values": np.array([each.value for each in found.near]),
+        "bettered": np.array(found.bettered),
+    }
+
+
+def _restored(state: dict[str, Any]) -> Best:
+    pairs = zip(state["scan_names"], state["scan_units"], strict=True)
+    looked = tuple(Candidate(str(name), unit) for name, unit in pairs)
+    place, evaluated = (int(v) for v in state["scan_numbers"])
+    best = Ranked(looked[place].name, looked[place].unit, float(state["scan_value"][0]))
+    near = zip(state["near_names"], state["near_units"], state["near_values"], strict=True)
+    return Best(
+        best,
+        looked,
+        evaluated,
+        near=tuple(Ranked(str(name), unit, float(value)) for name, unit, value in near),
+        bettered=tuple((int(number), float(value)) for number, value in state["bettered"]),
+        stages=(("shapes judged", evaluated),),
+    )
+
+
+def annealed_without(
+    found: Best, section: SearchSection, rules: Constraints, objective: Objective, progress: Progress
+) -> Without:
+    """Annealings by the photographs that are restored, one without each rule.
+
+    Each annealing is as long as the search's own, has its seed, and begins at the best opening that keeps the others.
+
+    Args:
+        found: the search after its annealing.
+        section: of a job, with its evaluations and its seed.
+        rules: that the search kept.
+        objective: of the search.
+        progress: told at every multiple of 64 evaluations.
+    """
+    gains, begun_s = {}, time.process_time()
+    for left_out in rules.active:
+        others = rules.without(left_out)
+        begun = [(objective(found.best.unit), found.best.unit)]
+        # The best shapes come first, whether or not they keep any rule.
+        first = next((each.unit for each in found.looked if others.allows(each.unit)), None)
+        if first is not None:
+            begun.append((objective(first), first))
+        _, start = max(begun, key=lambda each: each[0])
+        walked = anneal(
+            start,
+            objective,
+            others,
+            evaluations=section.anneal,
+            seed=section.seed,
+            progress=lambda stage, done, total, rule=left_out: progress(f"without {rule}: {stage}", done, total),  # type: ignore[misc]
+        )
+        gains[left_out] = max(walked.value - found.best.value, 0.0)
+    return Without(gains, time.process_time() - begun_s)
+
+
+def reduced_opening(
+    opening: Opening,
+    clear_dots: int,
+    camera: PhotoCamera,
+    scenes: Sequence[Photograph],
+    command: str,
+    *,
+    periodic: bool = False,
+    progress: Progress = silent,
+) -> Opening:
+    """The opening with those dots closed that photographs, restored, miss least.
+
+    Args:
+        opening: what to reduce; its emitters are left out, as they may lie where there was light.
+        clear_dots: how many stay clear.
+        camera: that looks through it.
+        scenes: photographs whose spectrum and edges count.
+        command: for the provenance.
+        periodic: whether all cells are laid alike; otherwise each is turned at random.
+        progress: told where the work stands.
+
+    Raises:
+        JobError, OpeningError: as :func:`reduced`; MF104, MF106, MF121, MF135 as a search for such an opening.
+    """
+    estimate = surrogate_behind(scenes, lattice(opening.dots, opening.dot_nm, camera=camera, where=opening.name))
+    mask = reduced(opening.mask, clear_dots, ExpectedPsnr(estimate, periodic), progress)
+    made = {"author": "maskfab", "command": command, "version": __version__, "from": opening.name}
+    return Opening(f"{opening.name}_{clear_dots}", mask, opening.dot_nm, made | camera_facts(camera))
+
+
+def reduced(
+    unit: NDArray[np.bool_], clear_dots: int, objective: Objective, progress: Progress = silent
+) -> NDArray[np.bool_]:
+    """Close the least useful dots of an opening one after the other, each where the objective loses least.
+
+    Args:
+        unit: bool [dots, dots].
+        clear_dots: how many stay clear.
+        objective: higher is better; asked for every clear dot at every step.
+        progress: told how many dots are closed.
+
+    Raises:
+        JobError, OpeningError: as :func:`require_count`.
+    """
+    require_count(unit, clear_dots)
+    mask = np.array(unit, dtype=np.bool_)
+    surplus = int(mask.sum()) - clear_dots
+    for step in range(surplus):
+        progress("dots", step, surplus)
+        worths = []
+        places = np.argwhere(mask)
+        for row, column in places:
+            mask[row, column] = False
+            worths.append(objective(mask))
+            mask[row, column] = True
+        row, column = places[int(np.argmax(worths))]
+        mask[row, column] = False
+        progress("dots", step + 1, surplus)
+    return frozen(mask)
+
+
+def require_count(unit: NDArray[np.bool_], clear_dots: int) -> None:
+    """Refuse to leave no dot clear, or more than there are.
+
+    Raises:
+        OpeningError: MF203 for no clear dots.
+        JobError: MF104 for more clear dots than the opening has.
+    """
+    where, count = "clear_dots", int(unit.sum())
+    if clear_dots < 1:
+        raise closed(clear_dots, unit.size, where=where)
+    if clear_dots > count:
+        what = f"{clear_dots} dots are to be clear, and the opening has {count}"
+        raise JobError("MF104", what, where=where, cure=f"Set clear_dots to {count} or fewer")

@@ -1,0 +1,221 @@
+"""Room for the drive circuits. A panel that emits upwards hides them under its emitters and closed area.
+
+What counts is area at least ``min_width`` wide: the union of squares of that side that hold no opening.
+
+Cost of an emitter's area: current density, and the life that goes with it.
+
+    J_k = L s_k / (η_k a_k),   life ~ J^-n,
+
+L the luminance of white, s_k the colour's share of it, η_k its efficacy and a_k its area as a share of the pixel.
+
+Notes:
+    Regimes: efficacy that does not fall with current, no loss in a polariser (divide η by its transmission), one
+    ageing exponent for all colours. Extrapolated lives can be wrong by a factor of three.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from maskfab.base.arrays import Mask
+from maskfab.base.errors import JobError
+from maskfab.base.model import COLOURS, Emitters, Opening, refined
+from maskfab.base.units import NM_PER_UM
+from maskfab.display.emitter_rules import MOST_CELLS, Certificate, Proof, finest_cell
+from maskfab.optics.colour import LUMINANCE
+
+BY_AREA = "circuits by area alone"
+NOT_PLACED = (
+    "Circuits are judged by area alone: none is placed, and no gap between circuits and openings or wires is kept, so "
+    "a display that fits may have no place for them"
+)
+"""A limit of every answer on a display."""
+
+
+@dataclass(frozen=True)
+class CircuitRules:
+    """Area rules of the drive circuits.
+
+    Attributes:
+        need_um2: area of the circuit and lines of one subpixel. 1985 um^2 is derived from a panel on sale: BOE
+            BF060Y8M, a pixel pitch of 63 um with two subpixels each (green beside red or blue), 63² / 2.
+        circuits: how many of them one pixel holds.
+        shared_by: pixels that share one circuit between them, in turn.
+        min_width_nm: narrower closed area holds no circuit. 8 um is a judgement.
+
+    Raises:
+        JobError: MF104 if a number is not positive.
+    """
+
+    need_um2: float = 1985.0
+    circuits: int = 3
+    shared_by: int = 1
+    min_width_nm: int = 8000
+
+    def __post_init__(self) -> None:
+        for name in ("need_um2", "circuits", "shared_by", "min_width_nm"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise JobError(
+                    "MF104", f"{name} = {value:g} is not positive", where="circuit", cure=f"Give {name} above 0"
+                )
+
+    @property
+    def pixel_need_um2(self) -> float:
+        return self.need_um2 * self.circuits / self.shared_by
+
+
+@dataclass(frozen=True, eq=False)
+class Room:
+    """Area available for circuits, and area needed.
+
+    Attributes:
+        area_um2: room at least as wide as asked.
+        closed_um2: all of it, however narrow.
+        need_um2: what the circuits need.
+        certificate: why they do not fit; None where the area is enough (which does not lay them out).
+    """
+
+    area_um2: float
+    closed_um2: float
+    need_um2: float
+    certificate: Certificate | None
+
+    @property
+    def enough(self) -> bool:
+        return self.certificate is None
+
+
+def pixel_room(opening: Opening, dot_nm: int, rules: CircuitRules) -> Room:
+    """Room of one pixel for all its circuits together, anywhere in the closed area between its dots; not the gutter.
+
+    Raises:
+        JobError: MF118 if dots and width are whole numbers only on a grid of more than 128 cells.
+    """
+    cell = math.gcd(dot_nm, rules.min_width_nm)
+    if opening.dots * dot_nm // cell > MOST_CELLS:
+        raise JobError(
+            "MF118",
+            f"dots of {dot_nm / NM_PER_UM:g} um and a width of {rules.min_width_nm / NM_PER_UM:g} um are whole numbers "
+            f"only on a grid of {cell / NM_PER_UM:g} um; the limit is {MOST_CELLS} cells a side",
+            where="circuit.min_width",
+            cure=f"Round the width to a multiple of {finest_cell(opening.dots, dot_nm) / NM_PER_UM:g} um",
+        )
+    per_dot = dot_nm // cell
+    closed = refined(~opening.mask, per_dot)
+    return _room("the closed area", closed, cell, rules.min_width_nm // cell, rules.pixel_need_um2)
+
+
+def emitter_rooms(emitters: Emitters, rules: CircuitRules) -> tuple[Room, Room, Room]:
+    """Room under the red, the green and the blue emitter for a circuit of its own each.
+
+    Raises:
+        JobError: MF118 if the width is no whole number of the emitters' cells.
+    """
+    if rules.min_width_nm % emitters.cell_nm:
+        raise JobError(
+            "MF118",
+            f"a width of {rules.min_width_nm / NM_PER_UM:g} um is not a multiple of the emitters' "
+            f"{emitters.cell_nm / NM_PER_UM:g} um",
+            where="circuit.min_width",
+            cure="Round min_width to a multiple of that",
+        )
+    width, need = rules.min_width_nm // emitters.cell_nm, rules.need_um2 / rules.shared_by
+    red, green, blue = (
+        _room(f"the {colour} emitter", emitters.labels == k, emitters.cell_nm, width, need)
+        for k, colour in enumerate(COLOURS, start=1)
+    )
+    return red, green, blue
+
+
+def _room(name: str, cells: Mask, cell_nm: int, width: int, need_um2: float) -> Room:
+    square = np.ones((width, width), dtype=np.bool_)
+    # Eroding and dilating about opposite ends of the square is the opening, also where its side is even.
+    wide = scipy.ndimage.binary_opening(np.pad(cells, width), square)[width:-width, width:-width]
+    area, closed = (float(kept.sum()) * cell_nm**2 / 1e6 for kept in (wide, cells))
+    if area >= need_um2 * (1 - 1e-12):
+        return Room(area, closed, need_um2, None)
+    statement = (
+        f"{name} holds {area:.0f} um^2 at least {width * cell_nm / NM_PER_UM:g} um wide ({closed:.0f} um^2 in all); "
+        f"the circuits need {need_um2:.0f} um^2"
+    )
+    numbers = {"area_um2": area, "closed_um2": closed, "need_um2": need_um2}
+    return Room(area, closed, need_um2, Certificate(Proof.CIRCUIT_AREA, statement, numbers, wide, cell_nm))
+
+
+Triple = tuple[float, float, float]
+
+SHARES: Triple = (float(LUMINANCE[0]), float(LUMINANCE[1]), float(LUMINANCE[2]))
+"""Luminance of the primaries in white."""
+
+MA_PER_CM2 = 0.1
+"""1 A/m² in mA/cm²."""
+
+
+@dataclass(frozen=True)
+class LightDemand:
+    """Light required of the emitters, and their efficacies.
+
+    Attributes:
+        luminance_cd_per_m2: of white. 500 is a judgement: a phone indoors.
+        efficacy_cd_per_a: red, green and blue. 45, 110 and 8 are a judgement; no source was found.
+        shares: red's, green's and blue's share of the luminance, by BT.709.
+        ageing_exponent: n of life ~ J^-n. 1.44 is derived from a vendor's claim: three times the life at 60 % emitting
+            area instead of 28 %, ln 3 / ln (60 / 28).
+
+    Raises:
+        JobError: MF104 if a number is not positive and finite.
+    """
+
+    luminance_cd_per_m2: float = 500.0
+    efficacy_cd_per_a: Triple = (45.0, 110.0, 8.0)
+    shares: Triple = SHARES
+    ageing_exponent: float = 1.44
+
+    def __post_init__(self) -> None:
+        _check("luminance", (self.luminance_cd_per_m2,))
+        _check("efficacy", self.efficacy_cd_per_a)
+        _check("shares", self.shares)
+        _check("ageing_exponent", (self.ageing_exponent,))
+
+
+def current_density(light: LightDemand, area_shares: Triple) -> Triple:
+    """Current density of red, green and blue at white, in mA/cm².
+
+    Args:
+        light: what is asked.
+        area_shares: each emitter's area over the pixel's, gutter included.
+
+    Raises:
+        JobError: MF104 if a share is not within (0, 1].
+    """
+    _check("area share", area_shares, highest=1.0)
+    red, green, blue = (
+        MA_PER_CM2 * light.luminance_cd_per_m2 * share / (efficacy * area)
+        for share, efficacy, area in zip(light.shares, light.efficacy_cd_per_a, area_shares, strict=True)
+    )
+    return red, green, blue
+
+
+def relative_life(density: float, reference: float, exponent: float = LightDemand.ageing_exponent) -> float:
+    """Life at a current density over that at another: (J / J_ref)^-n.
+
+    Raises:
+        JobError: MF104 if a number is not positive and finite.
+    """
+    _check("current density", (density, reference))
+    _check("ageing_exponent", (exponent,))
+    return float((density / reference) ** -exponent)
+
+
+def _check(name: str, values: tuple[float, ...], highest: float = math.inf) -> None:
+    for value in values:
+        if not (math.isfinite(value) and 0 < value <= highest):
+            limit = "positive and finite" if highest == math.inf else f"above 0 and at most {highest:g}"
+            raise JobError(
+                "MF104", f"{name} = {value:g} is not {limit}", where="light", cure=f"Give {name} as a number {limit}"
+            )

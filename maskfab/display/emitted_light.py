@@ -1,0 +1,340 @@
+"""From where a display is looked at.
+
+The light that leaves a display: every pixel's red, green and blue from where its emitters really are.
+
+The light of a display as the eye's optics and nerves take it: a Fourier series up to what they pass.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from maskfab.base.arrays import Floats
+from maskfab.base.errors import JobError
+from maskfab.base.model import COLOURS, ORIENTATIONS, Emitters, Opening, Panel, frozen, orient
+from maskfab.base.units import UM_PER_MM
+
+TELEPHONE_UM = 300_000.0
+"""From the eye to a telephone that is held as usual."""
+_NEAREST_UM, _FARTHEST_UM = 1e4, 1e8
+
+
+@dataclass(frozen=True)
+class Viewing:
+    """A display's pixels and an eye in front of them.
+
+    Attributes:
+        pitch_um: from pixel to pixel.
+        distance_um: from the eye to the display, 10 mm to 100 m.
+
+    Raises:
+        JobError: MF121 if nothing can be seen from there, MF104 if the pitch is not finite and positive.
+    """
+
+    pitch_um: float
+    distance_um: float
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.pitch_um) and self.pitch_um > 0):
+            raise JobError("MF104", f"the pitch is {self.pitch_um:g} um", cure="Give a finite, positive pitch")
+        if not _NEAREST_UM <= self.distance_um <= _FARTHEST_UM:
+            raise JobError(
+                "MF121",
+                f"a viewing distance of {self.distance_um / UM_PER_MM:g} mm is outside {_NEAREST_UM / UM_PER_MM:g} mm "
+                f"to {_FARTHEST_UM / 1e6:g} m",
+                where="distance",
+                cure=f"A telephone is held at about {TELEPHONE_UM / UM_PER_MM:g} mm",
+            )
+
+    @property
+    def pixels_per_degree(self) -> float:
+        """On the axis, where one degree is the distance times pi / 180."""
+        return math.radians(self.distance_um) / self.pitch_um
+
+
+MOST_SAMPLES = 1 << 24
+"""Samples of one picture; three colours of them and their transforms stay under 1.5 GB."""
+
+
+@dataclass(frozen=True, eq=False)
+class EmittedLight:
+    """Emitted light on square samples, each the exact mean over its own area.
+
+    Attributes:
+        rgb: float64 [3, y, x], row 0 the lowest; linear-light red, green and blue with the primaries of sRGB. The mean
+            over a pixel is what the picture asks of it, so a white picture has the mean 1.
+        samples: along the side of a pixel.
+        pitch_um: from pixel to pixel.
+    """
+
+    rgb: Floats
+    samples: int
+    pitch_um: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rgb", frozen(self.rgb))
+
+    @property
+    def pixels(self) -> tuple[int, int]:
+        """Rows and columns of pixels."""
+        return self.rgb.shape[1] // self.samples, self.rgb.shape[2] // self.samples
+
+
+def show(panel: Panel, image: Floats, samples: int) -> EmittedLight:
+    """The image on the pixels in the middle of a panel.
+
+    Every emitter is driven so that the pixel sends out the colour asked for, whatever the emitters' areas (a small one
+    is brighter). Openings and gutters are dark.
+
+    Args:
+        panel: with emitters.
+        image: [rows, columns, 3] linear light 0 to 1, one value per pixel, row 0 the lowest.
+        samples: along the side of a pixel.
+
+    Raises:
+        JobError: MF121 if the panel has no emitters or too few pixels, or the image is none; MF119 if an emitter lies
+            over an opening or off the grid of dots; MF115 if there would be too many samples.
+    """
+    rows, columns = _checked(image)
+    high, wide = panel.orientations.shape
+    if rows > high or columns > wide:
+        raise JobError(
+            "MF121",
+            f"the picture has {columns} x {rows} pixels and the panel {wide} x {high}",
+            where="pixels",
+            cure=f"Show at most {min(high, wide)} x {min(high, wide)} pixels, or make the panel larger",
+        )
+    _check_samples(rows, columns, samples)
+    bottom, left = (high - rows) // 2, (wide - columns) // 2
+    turned = panel.orientations[bottom : bottom + rows, left : left + columns]
+    tiles = emission(panel, samples)
+    rgb = np.empty((3, rows, samples, columns, samples))
+    for colour in range(3):
+        # One row of pixels at a time keeps the gathered tiles small.
+        for row in range(rows):
+            lit = tiles[turned[row], colour] * image[row, :, colour, None, None]
+            rgb[colour, row] = lit.transpose(1, 0, 2)
+    return EmittedLight(_still(rgb.reshape(3, rows * samples, columns * samples)), samples, panel.cell_size.pitch_um)
+
+
+def ideal(image: Floats, samples: int, pitch_um: float) -> EmittedLight:
+    """The image on a display whose pixels shine evenly over all of their area in every colour: the reference.
+
+    Raises:
+        JobError: MF121, MF115 as for :func:`show`.
+    """
+    _check_samples(*_checked(image), samples)
+    even = np.repeat(np.repeat(np.moveaxis(image, -1, 0), samples, axis=1), samples, axis=2)
+    return EmittedLight(_still(even), samples, pitch_um)
+
+
+def emission(panel: Panel, samples: int) -> Floats:
+    """Light distribution of every possible cell content, [8 openings, 3, samples, samples], of mean 1 per colour.
+
+    Notes:
+        A sample that an emitter covers in part takes its share of the area, so the means are exact on any grid.
+
+    Raises:
+        JobError: MF121, MF119 as for :func:`emitters_of`.
+    """
+    bounds = np.linspace(0.0, panel.pitch_nm, samples + 1)
+    tiles = []
+    for emitters in emitters_of(panel):
+        # Half a gutter, the cells, half a gutter; the ends are common to every sample grid.
+        edges = panel.gutter_nm / 2 + emitters.cell_nm * np.arange(len(emitters.labels) + 1.0)
+        shared = np.minimum(bounds[1:, None], edges[1:]) - np.maximum(bounds[:-1, None], edges[:-1])
+        share = np.maximum(shared, 0.0) * (samples / panel.pitch_nm)
+        for turn in range(ORIENTATIONS):
+            labels = orient(emitters.labels, turn)
+            covered = np.stack([share @ (labels == colour) @ share.T for colour in (1, 2, 3)])
+            tiles.append(covered / covered.mean(axis=(1, 2), keepdims=True))
+    return np.stack(tiles)
+
+
+def has_emitters(panel: Panel) -> bool:
+    """Whether anything is said of where the panel emits."""
+    return panel.emitters is not None or all(opening.emitters is not None for opening in panel.openings)
+
+
+def emitters_of(panel: Panel) -> tuple[Emitters, ...]:
+    """The emitters behind each opening of a panel, if they can be shown: the panel's, or else the opening's own.
+
+    Raises:
+        JobError: MF121 if there are no emitters, or none of one colour; MF119 if an emitter lies over an opening or off
+            the grid of dots.
+    """
+    return tuple(_checked_emitters(panel, opening) for opening in panel.openings)
+
+
+def _checked_emitters(panel: Panel, opening: Opening) -> Emitters:
+    where = f"opening {opening.name}"
+    emitters = panel.emitters
+    if emitters is None and opening.emitters is not None:
+        emitters = Emitters(opening.emitters, panel.cell_size.dots_nm // len(opening.emitters))
+    if emitters is None:
+        raise JobError(
+            "MF121", "the panel has no emitters", where=where, cure="Say in the job where red, green and blue emit"
+        )
+    labels = emitters.labels
+    side = panel.cell_size.dots_nm
+    if labels.ndim != 2 or labels.shape[0] != labels.shape[1] or labels.shape[0] * emitters.cell_nm != side:
+        raise JobError(
+            "MF119",
+            f"{labels.shape} cells of {emitters.cell_nm} nm are not the pixel's {side} nm",
+            where=where,
+            cure="Divide the pixel less its gutter into square cells of whole nanometres",
+        )
+    if panel.dot_nm % emitters.cell_nm:
+        raise JobError(
+            "MF119",
+            f"cells of {emitters.cell_nm} nm do not divide a dot of {panel.dot_nm} nm",
+            where=where,
+            cure="Use cells that divide a dot",
+        )
+    per_dot = panel.dot_nm // emitters.cell_nm
+    clear = np.kron(opening.mask, np.ones((per_dot, per_dot), dtype=np.bool_))
+    over = int((clear & (labels > 0)).sum())
+    if over:
+        raise JobError(
+            "MF119",
+            f"{over} cells of the emitters lie over an opening",
+            where=where,
+            cure="Move the emitters behind the closed area",
+        )
+    for number, colour in enumerate(COLOURS, start=1):
+        if not (labels == number).any():
+            raise JobError("MF121", f"no part of a pixel emits {colour}", where=where, cure=f"Give {colour} an emitter")
+    return emitters
+
+
+def _checked(image: Floats) -> tuple[int, int]:
+    """Rows and columns of an image that can be shown."""
+    if image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
+        raise JobError(
+            "MF121", f"an array of shape {image.shape} is not a picture", cure="Give [rows, columns, 3], not empty"
+        )
+    if not np.isfinite(image).all() or image.min() < 0 or image.max() > 1:
+        raise JobError("MF121", "a picture's light is not within 0 to 1", cure="Scale the picture to 0 to 1")
+    return image.shape[0], image.shape[1]
+
+
+def _check_samples(rows: int, columns: int, samples: int) -> None:
+    if samples < 1:
+        raise JobError("MF121", f"{samples} samples per pixel", where="samples", cure="Use 1 or more; 21 is usual")
+    if rows * columns * samples**2 > MOST_SAMPLES:
+        raise JobError(
+            "MF115",
+            f"{columns} x {rows} pixels of {samples} x {samples} samples are more than {MOST_SAMPLES}",
+            where="pixels, samples",
+            cure=f"Show fewer pixels, or use {max(1, int((MOST_SAMPLES / (rows * columns)) ** 0.5))} samples",
+        )
+
+
+def _still(array: Floats) -> Floats:
+    array.flags.writeable = False  # or Light would copy it
+    return array
+
+
+MOST_SEEN = 1 << 20
+"""Samples of a picture as the eye takes it in."""
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Coefficients c(k) of L(r) = sum over k of c(k) exp(2 pi i k r), for light that repeats beyond its edges.
+
+    Attributes:
+        coefficients: complex128 [3, y, x]; y runs from -K to K, x from 0 to K (the rest is their conjugate).
+        y_cpd, x_cpd: the frequencies, cycles per degree.
+        pixels: rows and columns of pixels.
+        pitch_um: from pixel to pixel.
+        pixel_deg: the same as an angle.
+    """
+
+    coefficients: NDArray[np.complex128]
+    y_cpd: Floats
+    x_cpd: Floats
+    pixels: tuple[int, int]
+    pitch_um: float
+    pixel_deg: float
+
+    @property
+    def radius_cpd(self) -> Floats:
+        """[y, x] length of the frequency vector."""
+        radius: Floats = np.hypot(self.y_cpd[:, None], self.x_cpd)
+        return radius
+
+    def filtered(self, gain: Callable[[Floats], Floats], mix: Floats | None = None) -> Series:
+        """The light after ``mix`` [n, 3] of its colours and a gain [n, y, x] (or [y, x]) of the frequency."""
+        mixed = self.coefficients if mix is None else np.tensordot(mix, self.coefficients, axes=1)
+        return replace(self, coefficients=mixed * gain(self.radius_cpd))
+
+    def displaced(self, x_px: float, y_px: float) -> Series:
+        """The light displaced right and up by a distance in pixels."""
+        degrees_y, degrees_x = (self.pixel_deg * shift for shift in (y_px, x_px))
+        turn = np.exp(-2j * np.pi * degrees_y * self.y_cpd)[:, None] * np.exp(-2j * np.pi * degrees_x * self.x_cpd)
+        return replace(self, coefficients=self.coefficients * turn)
+
+    def values(self, samples: int) -> Floats:
+        """[3, y, x] the series at the middles of ``samples`` squares along each pixel, which must carry its band.
+
+        Raises:
+            JobError: MF115 if that is too many samples: an eye near the display resolves too much of it.
+        """
+        rows, columns = (count * samples for count in self.pixels)
+        _refuse_too_many(rows, columns)
+        most_y, most_x = len(self.y_cpd) // 2, len(self.x_cpd) - 1
+        if 2 * most_y >= rows or 2 * most_x >= columns:
+            raise ValueError(f"{samples} samples per pixel cannot carry {most_x} cycles on {columns} samples")
+        spectrum = np.zeros((len(self.coefficients), rows, columns // 2 + 1), dtype=np.complex128)
+        y, x = np.arange(-most_y, most_y + 1), np.arange(most_x + 1)
+        phase = np.exp(1j * np.pi * y / rows)[:, None] * np.exp(1j * np.pi * x / columns)
+        spectrum[:, y % rows, : most_x + 1] = self.coefficients * phase
+        found: Floats = scipy.fft.irfft2(spectrum, s=(rows, columns), overwrite_x=True) * (rows * columns)
+        return found
+
+
+def series(light: EmittedLight, viewing: Viewing, highest_cpd: float) -> Series:
+    """The Fourier series of light up to ``highest_cpd`` along x and along y.
+
+    Raises:
+        JobError: MF115 if these are too many: an eye near the display resolves too much of it.
+
+    Notes:
+        The samples are squares of constant light, so their series is their discrete transform, which repeats, times
+        the sinc of a square: exact at every frequency, also above the grid's own Nyquist frequency.
+    """
+    rows, columns = light.rgb.shape[1:]
+    high, wide = light.pixels
+    degrees = high / viewing.pixels_per_degree, wide / viewing.pixels_per_degree
+    most_y, most_x = (math.floor(highest_cpd * side) for side in degrees)
+    _refuse_too_many(2 * most_y + 1, 2 * most_x + 1)
+    y, x = np.arange(-most_y, most_y + 1), np.arange(most_x + 1)
+    # exp(-i pi k / n) moves the origin from the middle of sample 0 to its corner.
+    weight_y = np.sinc(y / rows) * np.exp(-1j * np.pi * y / rows) / rows
+    weight_x = np.sinc(x / columns) * np.exp(-1j * np.pi * x / columns) / columns
+    found = np.empty((3, len(y), len(x)), dtype=np.complex128)
+    for colour in range(3):
+        if 2 * x[-1] <= columns:
+            lines = scipy.fft.rfft(light.rgb[colour], axis=1)[:, : len(x)]
+        else:
+            lines = scipy.fft.fft(light.rgb[colour], axis=1)[:, x % columns]
+        found[colour] = scipy.fft.fft(lines, axis=0)[y % rows]
+    found *= weight_y[:, None] * weight_x
+    return Series(found, y / degrees[0], x / degrees[1], light.pixels, light.pitch_um, 1.0 / viewing.pixels_per_degree)
+
+
+def _refuse_too_many(rows: int, columns: int) -> None:
+    if rows * columns > MOST_SEEN:
+        raise JobError(
+            "MF115",
+            f"from this distance the eye resolves {columns} x {rows} samples of the picture, more than {MOST_SEEN}",
+            where="distance, pixels",
+            cure="Look from farther away, or show fewer pixels",
+        )

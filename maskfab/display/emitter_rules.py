@@ -1,0 +1,204 @@
+"""Emitter rules of a display maker, and the square grid on which these rules are whole numbers.
+
+Answer about a pixel: a placement, a proof that there is none, or the bracket between the best known of both.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maskfab.base.cell_size import CellSize
+from maskfab.base.errors import JobError
+from maskfab.base.model import Emitters, Opening, Point, frozen
+from maskfab.base.units import NM_PER_UM
+
+MOST_CELLS = 128
+"""Cells along a pixel's side; more would take the window table beyond a gigabyte."""
+
+
+@dataclass(frozen=True)
+class EmitterRules:
+    """The rules of placement. Gaps are Chebyshev distances: kept in x or in y, also from corner to corner.
+
+    Attributes:
+        gap_to_opening_nm: least distance from an emitter to any opening, that of neighbouring pixels included.
+        colour_gap_nm: least distance between emitters of different colours, across pixels too.
+        min_width_nm: every emitter is a union of squares of this side joined by shifts along x or y.
+        ratio: relative areas of red, green and blue, scaled so that they sum to 3.
+        required: least footprint: the mean share of the pixel, gutter included, that one colour covers.
+        max_aspect: longest over shortest side of a rectangular emitter; infinity allows any.
+    """
+
+    gap_to_opening_nm: int
+    colour_gap_nm: int
+    min_width_nm: int
+    ratio: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    required: float = 0.0
+    max_aspect: float = math.inf
+
+    def __post_init__(self) -> None:
+        total = math.fsum(self.ratio)
+        if len(self.ratio) != 3 or not (math.isfinite(total) and min(self.ratio) > 0):
+            raise JobError(
+                "MF116",
+                f"the ratio {self.ratio} is not three positive numbers",
+                where="emitters.ratio",
+                cure="Give the relative areas of red, green and blue, such as [1, 1, 2]",
+            )
+        object.__setattr__(self, "ratio", tuple(3 * part / total for part in self.ratio))
+
+
+@dataclass(frozen=True)
+class EmitterGrid:
+    """A pixel as square cells on which the opening and every rule are whole numbers.
+
+    Attributes:
+        cells: along a side of the area that holds dots (the pixel less its gutter).
+        cell_nm: side of one cell.
+        per_dot: cells along a dot.
+        gutter_nm: opaque space between the dots of neighbouring pixels.
+        to_opening, colour_gap, min_width: the rules in cells.
+    """
+
+    cells: int
+    cell_nm: int
+    per_dot: int
+    gutter_nm: int
+    to_opening: int
+    colour_gap: int
+    min_width: int
+
+    @property
+    def pitch_nm(self) -> int:
+        return CellSize(self.cells, self.cell_nm, self.gutter_nm).pitch_nm
+
+    @property
+    def gutter(self) -> int:
+        """The gutter in cells."""
+        return self.gutter_nm // self.cell_nm
+
+
+def finest_cell(dots: int, dot_nm: int) -> int:
+    """The smallest cell, in nanometres, that divides a dot and leaves no more than 128 of them along a pixel."""
+    return next(dot_nm // parts for parts in range(max(1, MOST_CELLS // dots), 0, -1) if dot_nm % parts == 0)
+
+
+def grid_of(
+    opening: Opening, dot_nm: int, gutter_nm: int, rules: EmitterRules, *, where: str = "emitters"
+) -> EmitterGrid:
+    """The coarsest grid on which the dots, the gutter and all rules are whole numbers of cells.
+
+    Rectangles and squares that are largest under whole-number rules have whole-number corners, so nothing is lost.
+
+    Raises:
+        JobError: MF117 if a rule is wider than the pixel, MF118 if the grid would have more than 128 cells on a side.
+    """
+    side = CellSize(opening.dots, dot_nm, gutter_nm).dots_nm
+    for name, value in (
+        ("gap_to_opening", rules.gap_to_opening_nm),
+        ("colour_gap", rules.colour_gap_nm),
+        ("min_width", rules.min_width_nm),
+    ):
+        if value > side or value < 0 or (name == "min_width" and value == 0):
+            raise JobError(
+                "MF117",
+                f"{name} = {value / NM_PER_UM:g} um is not within the {side / NM_PER_UM:g} um of a pixel less its "
+                "gutter",
+                where=f"{where}.{name}",
+                cure=f"Give a length up to {side / NM_PER_UM:g} um",
+            )
+    cell = math.gcd(dot_nm, gutter_nm, rules.gap_to_opening_nm, rules.colour_gap_nm, rules.min_width_nm)
+    cells = side // cell
+    if cells > MOST_CELLS:
+        coarse = finest_cell(opening.dots, dot_nm)
+        raise JobError(
+            "MF118",
+            f"dots of {dot_nm / NM_PER_UM:g} um and these rules are whole numbers only on a grid of "
+            f"{cell / NM_PER_UM:g} um, {cells} cells a side; the limit is {MOST_CELLS}",
+            where=where,
+            cure=f"Round the gaps, the width and the gutter to multiples of {coarse / NM_PER_UM:g} um",
+        )
+    return EmitterGrid(
+        cells,
+        cell,
+        dot_nm // cell,
+        gutter_nm,
+        rules.gap_to_opening_nm // cell,
+        rules.colour_gap_nm // cell,
+        rules.min_width_nm // cell,
+    )
+
+
+class Verdict(StrEnum):
+    """UNKNOWN is an answer: no placement was found and no proof that there is none."""
+
+    FITS = "FITS"
+    DOES_NOT_FIT = "DOES NOT FIT"
+    UNKNOWN = "UNKNOWN"
+
+
+class Proof(StrEnum):
+    """Why something cannot be."""
+
+    NO_THREE_SQUARES = "no three squares"
+    COMPONENT_PACKING = "component packing"
+    SEPARATION = "separation"
+    CIRCUIT_AREA = "circuit area"
+    BORDER_PAIR = "border pair"
+    FLOW = "flow"
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """A proof that something cannot be, which a reader can check by hand.
+
+    Attributes:
+        proof: the kind.
+        statement: one sentence with the numbers and their units.
+        numbers: what the sentence was made from, by name.
+        witness: bool [n, n] the cells to look at; None where there is nothing to draw.
+        cell_nm: side of the witness's cells.
+        chain_nm: corners of a line across the panel to look along, from its lower left corner; none where the witness
+            says it.
+    """
+
+    proof: Proof
+    statement: str
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    witness: NDArray[np.bool_] | None = None
+    cell_nm: int = 0
+    chain_nm: tuple[Point, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.witness is not None:
+            object.__setattr__(self, "witness", frozen(self.witness))
+
+
+@dataclass(frozen=True, eq=False)
+class Footprint:
+    """Bracket of the largest footprint of three emitters.
+
+    Attributes:
+        verdict: whether the required footprint is reached.
+        found: the best placement that keeps all rules; None if none was found.
+        found_share: its footprint (mean share of the pixel, gutter included, per colour; of the smallest relative to
+            its ratio); 0 if none.
+        bound_share: no placement under the rules has a larger one.
+        rectangles_share: the largest footprint of three rectangles, exact.
+        certificate: why not, if the verdict is that it does not fit; also why ``bound_share`` is what it is.
+        method: how ``found`` was found.
+    """
+
+    verdict: Verdict
+    found: Emitters | None
+    found_share: float
+    bound_share: float
+    rectangles_share: float
+    certificate: Certificate | None
+    method: str

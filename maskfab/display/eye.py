@@ -1,0 +1,413 @@
+"""S-CIELAB: how different two pictures look from where they are looked at.
+
+Zhang and Wandell, "A spatial extension of CIELAB for digital color-image reproduction", SID Symposium Digest 27 (1996)
+and Journal of the SID 5 (1997): the light is split into a luminance and two opponent-colour channels (Poirson and
+Wandell), each is blurred by a sum of Gaussians k exp(-(r/s)^2) whose spreads s are degrees of visual angle, and the
+result is compared in CIELAB. The weights k are scaled to sum to 1 in each channel, so an even field keeps its colour.
+
+The Fourier transform of exp(-(r/s)^2) / (pi s^2) is exp(-(pi s f)^2): here the blur is that product, exact, and no
+kernel is cut off. The picture repeats beyond its edges.
+
+Appearance of a display from a distance, to be shown magnified to a reader.
+
+S-CIELAB's own filtered picture is a step of a calculation: its luminance channel takes away a part of the surround, and
+grey is not zero in its opponent channels, so that black and white edges come out tinted. Here the luminance passes the
+two narrow Gaussians of that model's luminance channel, and what a colour has beyond grey passes its red-green channel:
+greys stay grey, and colour is blurred more than lightness, as the eye blurs them.
+
+Grain: the unevenness of an even field when neighbouring pixels are turned differently.
+
+Derivation of the formula. Let every pixel send its luminance, on average over the wavelength of slow grain, from one
+point: the luminance-weighted centroid of its emitters, off the pixel's centre by c_j (in pixels) for pixel j. To first
+order in f c the transform of the field is that of the lattice, which the eye does not see, plus
+
+    -2 pi i sum_j (f . d_j) exp(-2 pi i f . r_j),     d_j = c_j - mean of c.
+
+The mean offset moves the whole picture and makes no grain. For independent orientations the terms add in power, and
+turning by 90 degrees or a mean over directions gives E[(f . d)^2] = f^2 E[|d|^2] / 2. So with the pixel as unit of
+length, and mean luminance 1,
+
+    PSD(f) = (2 pi f)^2 |c|^2 / 2,                        |c|^2 = E[|d|^2],
+    rms^2  = integral from 0 to F of PSD(f) 2 pi f df = (2 pi)^3 |c|^2 F^4 / 8,
+    rms    = (2 pi)^1.5 / sqrt(8) F^2 |c| = 5.568 (F / ppd)^2 |c|
+
+for F cycles per degree and ppd pixels per degree. Next come terms of order (f c)^2 and the emitters' own extent: below
+about |c| = 0.02 pixel they are as large as the first.
+
+ColorVideoVDP's judgement of two pictures, for whoever has it: ``pip install 'maskfab[eye]'``.
+
+Mantiuk, Hanji, Ashraf, Asano and Chapiro, "ColorVideoVDP: a visual difference predictor for image, video and display
+distortions", ACM Trans. Graph. 43 (2024). 10 JOD is no difference; 1 JOD less is seen by three of four observers.
+
+Panels side by side: what each picture looks like on each of them, and how far that is from an ideal display.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maskfab.base.arrays import Floats
+from maskfab.base.errors import JobError
+from maskfab.base.model import ORIENTATIONS, Emitters, Panel, Quantity, frozen, orient
+from maskfab.display import pictures
+from maskfab.display.emitted_light import EmittedLight, Series, Viewing, emitters_of, ideal, series, show
+from maskfab.display.pictures import Picture, on_pixels
+from maskfab.optics.colour import LUMINANCE, XYZ_OF_RGB, delta_e_1976, lab_of_linear_srgb, luminance_centroid
+
+# Luminance, red-green, blue-yellow; from CIE XYZ.
+_OPPONENT_OF_XYZ = ((0.279, 0.72, -0.107), (-0.449, 0.29, -0.077), (0.086, -0.59, 0.501))
+OPPONENT_OF_RGB = frozen(np.array(_OPPONENT_OF_XYZ) @ XYZ_OF_RGB)
+"""Of linear sRGB, [3, 3]."""
+GAUSSIANS: tuple[tuple[tuple[float, float], ...], ...] = (
+    ((0.921, 0.0283), (0.105, 0.133), (-0.108, 4.336)),
+    ((0.531, 0.0392), (0.330, 0.494)),
+    ((0.488, 0.0536), (0.371, 0.386)),
+)
+"""Weight and spread in degrees of each Gaussian, channel by channel."""
+
+_FLOOR = 1e-12
+HIGHEST_CPD = math.sqrt(-math.log(_FLOOR)) / (math.pi * 0.0283)
+"""Above this no channel passes more than 1e-12 (59.1 cycles per degree)."""
+
+
+@dataclass(frozen=True, eq=False)
+class ColourDifference:
+    """Difference of two pictures.
+
+    Attributes:
+        delta_e: float64 [y, x] CIE 1976 colour difference; about 2.3 is just noticeable.
+        colour: float64 [y, x] its part in a* and b* alone.
+    """
+
+    delta_e: Floats
+    colour: Floats
+
+    @property
+    def mean(self) -> float:
+        return float(self.delta_e.mean())
+
+    @property
+    def worst_twentieth(self) -> float:
+        """The 95th percentile of the colour difference."""
+        return float(np.quantile(self.delta_e, 0.95))
+
+    @property
+    def fringe(self) -> float:
+        """The largest difference in a* and b*: at an edge between greys, its colour fringe."""
+        return float(self.colour.max())
+
+
+def see(light: EmittedLight, viewing: Viewing) -> Floats:
+    """CIE L*a*b* of light after the eye's blur, [y, x, 3] against the white of sRGB, row 0 the lowest.
+
+    Samples lie as :func:`carrying` says, so that they hold all that the eye passes.
+    """
+    return of_series(series(light, viewing, HIGHEST_CPD), viewing)
+
+
+def of_series(spectrum: Series, viewing: Viewing) -> Floats:
+    """S-CIELAB response from a Fourier series that reaches up to :data:`HIGHEST_CPD`."""
+    samples = carrying(HIGHEST_CPD, viewing)
+    blurred = spectrum.filtered(gains, OPPONENT_OF_RGB).values(samples)
+    rgb = np.moveaxis(np.tensordot(np.linalg.inv(OPPONENT_OF_RGB), blurred, axes=1), 0, -1)
+    return lab_of_linear_srgb(rgb)
+
+
+def colour_difference(first: Floats, second: Floats) -> ColourDifference:
+    """The colour difference at every sample of two pictures [y, x, 3] in L*a*b*."""
+    return ColourDifference(delta_e_1976(first, second), np.asarray(np.linalg.norm((first - second)[..., 1:], axis=-1)))
+
+
+def gains(radius_cpd: Floats) -> Floats:
+    """Transmission of each channel, [3, ...] of cycles per degree [...]; 1 at 0."""
+    return np.stack(
+        [
+            sum(weight * np.exp(-((np.pi * spread * radius_cpd) ** 2)) for weight, spread in channel)
+            / sum(weight for weight, _ in channel)
+            for channel in GAUSSIANS
+        ]
+    )
+
+
+def carrying(highest_cpd: float, viewing: Viewing) -> int:
+    """Fewest samples along a pixel that carry frequencies up to ``highest_cpd``, and at least two."""
+    return max(2, math.floor(2 * highest_cpd / viewing.pixels_per_degree) + 1)
+
+
+def appearance(spectrum: Series, viewing: Viewing) -> Floats:
+    """Linear light [y, x, 3] after the eye's blur, row 0 the lowest, on samples that carry all of it.
+
+    Args:
+        spectrum: up to :data:`~maskfab.display.eye.HIGHEST_CPD`.
+        viewing: where the eye is.
+    """
+    radius = spectrum.radius_cpd
+    lightness, colour = _gain(GAUSSIANS[0][:2], radius), _gain(GAUSSIANS[1], radius)
+    grey = np.broadcast_to(LUMINANCE, (3, 3))
+    light = spectrum.filtered(lambda _: lightness, grey).values(carrying(HIGHEST_CPD, viewing))
+    rest = spectrum.filtered(lambda _: colour, np.eye(3) - grey).values(carrying(HIGHEST_CPD, viewing))
+    return np.moveaxis(light + rest, 0, -1)
+
+
+def _gain(gaussians: tuple[tuple[float, float], ...], radius_cpd: Floats) -> Floats:
+    passed = sum(weight * np.exp(-((np.pi * spread * radius_cpd) ** 2)) for weight, spread in gaussians)
+    return np.asarray(passed / sum(weight for weight, _ in gaussians))
+
+
+SLOW_CPD = 10.0
+"""Grain slower than this many cycles per degree is what the eye sees best."""
+FINE_CPD = 30.0
+"""Grain finer than this is lost to most eyes."""
+
+CONSTANT: float = (2 * math.pi) ** 1.5 / math.sqrt(8)
+
+
+def centroids(panel: Panel) -> tuple[Floats, float]:
+    """Mean (x, y) of the centroids of a panel's pixels off their centres, and their rms distance from it, in pixels.
+
+    The mean moves the whole picture; the rms is |c| of the formula: 0 if all pixels have one orientation, the length of
+    the centroid's offset if all eight are equally frequent.
+
+    Raises:
+        JobError: MF121, MF119 for emitters that cannot be shown.
+    """
+    places = np.array(
+        [
+            luminance_centroid(Emitters(orient(emitters.labels, turn), emitters.cell_nm), panel.pitch_nm)
+            for emitters in emitters_of(panel)
+            for turn in range(ORIENTATIONS)
+        ]
+    )
+    used = np.bincount(panel.orientations.ravel(), minlength=len(places))
+    share = used / used.sum()
+    mean = share @ places
+    return mean, float(math.sqrt(share @ ((places - mean) ** 2).sum(axis=1)))
+
+
+def predicted_rms(offset_px: float, viewing: Viewing, highest_cpd: float = SLOW_CPD) -> float:
+    """rms luminance contrast from 0 to ``highest_cpd`` of a flat white field of independently turned pixels."""
+    return float(CONSTANT * (highest_cpd / viewing.pixels_per_degree) ** 2 * offset_px)
+
+
+def measured_rms(spectrum: Series, low_cpd: float, high_cpd: float) -> float:
+    """rms luminance contrast of light between two frequencies, the lower one excluded.
+
+    Args:
+        spectrum: of a flat field, up to ``high_cpd`` or more.
+        low_cpd, high_cpd: the band, cycles per degree.
+    """
+    luminance = np.tensordot(LUMINANCE, spectrum.coefficients, axes=1)
+    mean = luminance[len(spectrum.y_cpd) // 2, 0].real
+    inside = (spectrum.radius_cpd > low_cpd) & (spectrum.radius_cpd <= high_cpd)
+    # A column x > 0 stands for its conjugate at -x too.
+    times = np.where(spectrum.x_cpd > 0, 2.0, 1.0)
+    power = (np.abs(luminance) ** 2 * times)[inside].sum()
+    return float(math.sqrt(power) / mean)
+
+
+WHITE_CD_M2 = 500.0
+_PASS_CPD, _STOP_CPD = 40.0, 50.0
+
+
+def metric() -> ModuleType:
+    """The installed ``pycvvdp``.
+
+    Raises:
+        JobError: MF121 if it is not installed, or cannot be imported.
+    """
+    try:
+        return importlib.import_module("pycvvdp")
+    except ImportError as problem:
+        raise JobError(
+            "MF121",
+            f"JOD needs ColorVideoVDP, which cannot be imported ({problem})",
+            where="--jod",
+            cure="Run pip install 'maskfab[eye]', or leave --jod out",
+        ) from None
+
+
+def jod(test: EmittedLight, reference: EmittedLight, viewing: Viewing, white_cd_m2: float = WHITE_CD_M2) -> float:
+    """Quality of a display in just-objectionable differences, at most 10.
+
+    Args:
+        test: what the display shows.
+        reference: the same picture on an ideal display, of as many pixels.
+        viewing: where the eye is.
+        white_cd_m2: luminance of the display's white, on the mean over a pixel.
+
+    Notes:
+        The metric takes the pixel lattice at some 60 cycles per degree for a visible pattern, so frequencies from 40 to
+        50 are faded out and higher ones removed before it sees the light. It wants absolute luminance (relative light
+        is below its threshold everywhere, and all is 10.00), a linear EOTF, and a peak that clips nothing.
+
+    Raises:
+        JobError: MF121 if ColorVideoVDP is not installed.
+    """
+    library = metric()
+    shown = [_absolute(light, viewing, white_cd_m2) for light in (test, reference)]
+    rows, columns = shown[0].shape[:2]
+    samples_per_degree = carrying(_STOP_CPD, viewing) * viewing.pixels_per_degree
+    photometry = library.vvdp_display_photo_eotf(
+        float(max(light.max() for light in shown)), contrast=1e6, source_colorspace="BT.709", EOTF="linear"
+    )
+    geometry = library.vvdp_display_geometry((columns, rows), ppd=samples_per_degree)
+    judge = library.cvvdp(display_photometry=photometry, display_geometry=geometry)
+    quality, _ = judge.predict(*shown, dim_order="HWC")
+    return float(quality)
+
+
+def _absolute(light: EmittedLight, viewing: Viewing, white_cd_m2: float) -> NDArray[np.float32]:
+    """Luminous light [y, x, 3] in cd/m2, top row first, without what is finer than the eye resolves."""
+    passed = series(light, viewing, _STOP_CPD).filtered(_fade)
+    values = passed.values(carrying(_STOP_CPD, viewing))
+    # Fading out rings a little; light is never negative.
+    lit = np.maximum(np.moveaxis(values, 0, -1)[::-1], 0.0) * white_cd_m2
+    return np.ascontiguousarray(lit, dtype=np.float32)
+
+
+def _fade(radius_cpd: Floats) -> Floats:
+    part = np.clip((radius_cpd - _PASS_CPD) / (_STOP_CPD - _PASS_CPD), 0.0, 1.0)
+    return np.asarray(0.5 + 0.5 * np.cos(np.pi * part))
+
+
+FLAT, EDGE, ZONE, TEXT, LEAVES, PICTURE = "flat", "edge", "zone_plate", "text", "leaves", "picture"
+_FEWEST, _MOST = 8, 1000
+
+
+@dataclass(frozen=True, eq=False)
+class PictureView:
+    """One picture on one panel.
+
+    Attributes:
+        seen: linear light [y, x, 3] as it appears to the eye, row 0 the lowest, for a reader to look at.
+        reference: the same of an ideal display.
+        samples: along a pixel, of both.
+        delta_e: mean S-CIELAB difference of the two.
+        delta_e_95: its 95th percentile.
+        delta_e_aligned: its mean after the reference moved by the panel's mean centroid.
+        fringe: largest difference in a* and b* after that move.
+        jod: ColorVideoVDP's judgement; None if it was not asked.
+    """
+
+    seen: NDArray[np.float32]
+    reference: NDArray[np.float32]
+    samples: int
+    delta_e: float
+    delta_e_95: float
+    delta_e_aligned: float
+    fringe: float
+    jod: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class SeenPanel:
+    """A panel, every picture on it (linear light by pixel, and as it is seen), and its numbers."""
+
+    name: str
+    panel: Panel
+    viewing: Viewing
+    images: Mapping[str, Floats]
+    views: Mapping[str, PictureView]
+    quantities: tuple[Quantity, ...]
+
+
+def target_pictures(pixels: int, photograph: Picture | None = None) -> dict[str, Floats]:
+    """The targets by name, and a photograph in place of the leaves if there is one.
+
+    Raises:
+        JobError: MF121 if there are fewer than 8 pixels or absurdly many, or the photograph cannot be shown.
+    """
+    if not _FEWEST <= pixels <= _MOST:
+        raise JobError(
+            "MF121",
+            f"{pixels} pixels along a side are outside {_FEWEST} to {_MOST}",
+            where="pixels",
+            cure="Use 100",
+        )
+    shown = {
+        FLAT: pictures.flat(pixels),
+        EDGE: pictures.edge(pixels),
+        ZONE: pictures.zone_plate(pixels),
+        TEXT: pictures.text(pixels),
+    }
+    if photograph is None:
+        return {**shown, LEAVES: pictures.leaves(pixels)}
+    return {**shown, PICTURE: on_pixels(photograph, pixels, pixels)}
+
+
+def judge(
+    name: str, panel: Panel, images: Mapping[str, Floats], samples: int, viewing: Viewing, *, with_jod: bool = False
+) -> SeenPanel:
+    """Show every image on a panel and look at it.
+
+    Args:
+        name: the die's.
+        panel: with emitters.
+        images: by name, [rows, columns, 3] linear light; grain is measured on ``flat``.
+        samples: along the side of a pixel.
+        viewing: its pitch may differ from the panel's own: then the whole panel is seen scaled to it.
+        with_jod: ask ColorVideoVDP too.
+
+    Raises:
+        JobError: MF121, MF119, MF115 for what cannot be shown.
+    """
+    if with_jod:
+        metric()
+    (shift_x, shift_y), offset = centroids(panel)
+    predicted = predicted_rms(offset, viewing)
+    own = [
+        Quantity("pixels_per_degree", viewing.pixels_per_degree, "distance x 1 degree / pitch", die=name),
+        Quantity("centroid_offset", offset, "emitters' luminance centroid, rms off its mean", die=name),
+        Quantity("grain_predicted", predicted, "5.568 (F/ppd)^2 |c|, F = 10 cy/deg", die=name),
+    ]
+    views = {}
+    for title, image in images.items():
+        light = show(panel, image, samples)
+        perfect = ideal(image, 1, light.pitch_um)  # its series is as exact with one sample as with many
+        spectrum = series(light, viewing, HIGHEST_CPD)
+        even = series(perfect, viewing, HIGHEST_CPD)
+        lab, reference = of_series(spectrum, viewing), of_series(even, viewing)
+        moved = of_series(even.displaced(shift_x, shift_y), viewing)
+        quality = jod(light, perfect, viewing) if with_jod else None
+        plain, aligned = colour_difference(lab, reference), colour_difference(lab, moved)
+        view = PictureView(
+            appearance(spectrum, viewing).astype(np.float32),
+            appearance(even, viewing).astype(np.float32),
+            carrying(HIGHEST_CPD, viewing),
+            plain.mean,
+            plain.worst_twentieth,
+            aligned.mean,
+            aligned.fringe,
+            quality,
+        )
+        views[title] = view
+        if title == FLAT:
+            for word, low, high in (("slow", 0.0, SLOW_CPD), ("fine", SLOW_CPD, FINE_CPD)):
+                rms = measured_rms(spectrum, low, high)
+                method = f"rms luminance contrast of an even field, {low:g} to {high:g} cy/deg"
+                own.append(Quantity(f"grain_{word}", rms, method, die=name))
+        own.extend(_numbers(name, title, view))
+    return SeenPanel(name, panel, viewing, images, views, tuple(own))
+
+
+def _numbers(name: str, title: str, view: PictureView) -> list[Quantity]:
+    found = [
+        Quantity(f"{title}_delta_e_mean", view.delta_e, "S-CIELAB, CIE 1976, mean", die=name),
+        Quantity(f"{title}_delta_e_95", view.delta_e_95, "the same, 95th percentile", die=name),
+        Quantity(
+            f"{title}_delta_e_aligned", view.delta_e_aligned, "mean, the common shift of all pixels removed", die=name
+        ),
+    ]
+    if title == EDGE:
+        method = "largest S-CIELAB difference in a* and b*, the common shift removed"
+        found.append(Quantity("edge_fringe", view.fringe, method, die=name))
+    if view.jod is not None:
+        found.append(Quantity(f"{title}_jod", view.jod, "ColorVideoVDP, white 500 cd/m2", die=name))
+    return found

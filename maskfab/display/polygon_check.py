@@ -1,0 +1,190 @@
+"""A placement measured again from its polygons, by KLayout's own geometry, on a tile in which every pair meets.
+
+Lines laid across a panel measured again from their polygons, by KLayout's own geometry, on the whole panel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from klayout import db
+from numpy.typing import NDArray
+
+from maskfab.base.model import CLEAR, EMITTERS, Layer, Panel, Polygon
+from maskfab.display.emitter_rules import EmitterRules
+from maskfab.display.free_area import meetings
+from maskfab.display.panel_lines import PanelLines
+from maskfab.display.pixel_lines import WireRules
+from maskfab.mask.layout import simple_polygon
+from maskfab.mask.outlines import unit_shapes
+
+SQUARE = 2
+"""Sized with this mode an edge keeps its square corners, so that sizes are Chebyshev distances."""
+# Pairs stand so far apart, in pixels, that no rule reaches from one to the next.
+_APART, _COLUMNS = 4, 16
+_BLOCK = 8
+"""Cells along a side of the middle of a panel."""
+
+
+@dataclass(frozen=True)
+class Violation:
+    """Violation of a rule.
+
+    Attributes:
+        rule: which one.
+        area_um2: of what breaks it, on the whole tile.
+        place_nm: of the first such area on the tile.
+        outlines: of these areas in a pixel of orientation 0, its lower left corner the origin; empty without one.
+    """
+
+    rule: str
+    area_um2: float
+    place_nm: tuple[int, int]
+    outlines: tuple[Polygon, ...] = ()
+
+
+def violations(panel: Panel, rules: EmitterRules) -> tuple[Violation, ...]:
+    """Every rule that the emitters of a panel break, on a tile that holds all pairs of neighbours of the panel.
+
+    Gaps are tested by growing one shape by the gap and looking for what it covers of the other, widths by shrinking and
+    growing back; gaps are exact, widths to 1 nm.
+    """
+    cells = _clusters(panel)
+    regions = _regions(panel, cells, (CLEAR, *EMITTERS))
+    clear, colours = regions[CLEAR], [regions[layer] for layer in EMITTERS]
+    pitch = panel.pitch_nm
+    frame = db.Region()
+    for _, (column, row) in cells:
+        frame.insert(db.Box(column * pitch, row * pitch, (column + 1) * pitch, (row + 1) * pitch))
+    found = [("emitter outside its pixel", shape - frame) for shape in colours]
+    for name, shape in zip(("red", "green", "blue"), colours, strict=True):
+        grown = shape.sized(rules.gap_to_opening_nm, SQUARE)
+        found.append((f"gap from {name} to openings", grown & clear))
+        # Doubled, so that half a width is a whole number too, and a nanometre short, so that what is exactly wide
+        # enough does not vanish.
+        doubled, half = shape.transformed(db.ICplxTrans(2.0)), rules.min_width_nm - 1
+        opened = doubled.sized(-half, SQUARE).sized(half, SQUARE)
+        found.append((f"width of {name}", (doubled - opened).transformed(db.ICplxTrans(0.5))))
+    for one, other in ((0, 1), (0, 2), (1, 2)):
+        close = colours[one].sized(rules.colour_gap_nm, SQUARE) & colours[other]
+        found.append((f"gap between {EMITTERS[one].name.lower()} and {EMITTERS[other].name.lower()}", close))
+    upright = next(
+        (db.Box(0, 0, pitch, pitch).moved(column * pitch, row * pitch) for cell, (column, row) in cells if cell == 0),
+        None,
+    )
+    return tuple(told_of(rule, shapes, upright) for rule, shapes in found if shapes.area())
+
+
+def left_of_emitters(panel: Panel, rules: EmitterRules, growth_nm: int) -> tuple[float, float, float]:
+    """Red, green and blue area of a panel's emitters that keeps its gap to openings all of whose edges have moved.
+
+    In the middle of the panel, where every pixel has all of its neighbours; as a share of what the emitters have there.
+
+    Args:
+        panel: with emitters.
+        rules: that state the gap.
+        growth_nm: by which every edge of the openings has moved outwards; negative inwards.
+    """
+    held, pitch = _middle(panel), panel.pitch_nm
+    rows, columns = held.shape
+    cells = [(int(cell), (column, row)) for (row, column), cell in np.ndenumerate(held)]
+    regions = _regions(panel, cells, (CLEAR, *EMITTERS))
+    taken = regions[CLEAR].sized(rules.gap_to_opening_nm + growth_nm, SQUARE)
+    frame = db.Region(db.Box(pitch, pitch, (columns - 1) * pitch, (rows - 1) * pitch))
+    drawn = [regions[layer] & frame for layer in EMITTERS]
+    red, green, blue = ((colour - taken).area() / max(1, colour.area()) for colour in drawn)
+    return red, green, blue
+
+
+def _middle(panel: Panel) -> NDArray[np.int8]:
+    """Orientations of the middle cells of a panel and a ring of neighbours round them; a narrow panel is repeated."""
+    cells = panel.orientations
+    first, size = zip(*((max(0, (each - _BLOCK) // 2), min(each, _BLOCK)) for each in cells.shape), strict=True)
+    around = [(np.arange(-1, many + 1) + at) % each for at, many, each in zip(first, size, cells.shape, strict=True)]
+    return np.asarray(cells[np.ix_(*around)])
+
+
+def told_of(rule: str, shapes: db.Region, pixel: db.Box | None = None) -> Violation:
+    """Violation by some shapes; outlined within a pixel, if one is given."""
+    outlines: tuple[Polygon, ...] = ()
+    if pixel is not None:
+        inside = (shapes & db.Region(pixel)).moved(-pixel.left, -pixel.bottom)
+        outlines = tuple(tuple((p.x, p.y) for p in each.each_point_hull()) for each in inside.merged().each())
+    box = shapes.bbox()
+    return Violation(rule, shapes.merged().area() / 1e6, (box.left, box.bottom), outlines)
+
+
+def whole_panel(panel: Panel, wanted: Sequence[Layer]) -> dict[Layer, db.Region]:
+    """Everything that the cells of a panel draw on some layers, its lower left corner the origin."""
+    cells = [(int(cell), (column, row)) for (row, column), cell in np.ndenumerate(panel.orientations)]
+    return _regions(panel, cells, wanted)
+
+
+def _clusters(panel: Panel) -> list[tuple[int, tuple[int, int]]]:
+    """Contents and positions (column, row) of the cells of a tile: every pair that meets, each by itself.
+
+    Pairs of orientations are told apart up to quarter turns of both, pairs of several openings as they stand.
+    """
+    if panel.others:
+        cells = panel.orientations
+        pairs = [
+            (int(one), int(other), step)
+            for step, (low, high) in {
+                (1, 0): (cells[:, :-1], cells[:, 1:]),
+                (0, 1): (cells[:-1], cells[1:]),
+                (1, 1): (cells[:-1, :-1], cells[1:, 1:]),
+                (-1, 1): (cells[:-1, 1:], cells[1:, :-1]),
+            }.items()
+            for one, other in sorted(set(zip(low.ravel().tolist(), high.ravel().tolist(), strict=True)))
+        ]
+    else:
+        beside, across = meetings(panel.orientations)
+        pairs = [(*pair, step) for step, found in (((1, 0), beside), ((1, 1), across)) for pair in sorted(found)]
+    placed = []
+    for number, (one, other, (right, up)) in enumerate(pairs):
+        column, row = _APART * (number % _COLUMNS) + 1, _APART * (number // _COLUMNS)
+        placed += [(one, (column, row)), (other, (column + right, row + up))]
+    return placed or [(int(panel.orientations[0, 0]), (1, 0))]
+
+
+def _regions(
+    panel: Panel, cells: Sequence[tuple[int, tuple[int, int]]], wanted: Sequence[Layer]
+) -> dict[Layer, db.Region]:
+    layout = db.Layout()
+    layers = {layer: layout.layer(layer.number, layer.datatype) for layer in wanted}
+    top = layout.create_cell("TILE")
+    units: dict[int, int] = {}
+    for cell, (column, row) in cells:
+        if cell not in units:
+            unit = layout.create_cell(f"UNIT_{cell}")
+            units[cell] = unit.cell_index()
+            for layer, polygons in unit_shapes(panel, cell).items():
+                if layer in layers:
+                    for polygon in polygons:
+                        unit.shapes(layers[layer]).insert(simple_polygon(polygon))
+        top.insert(db.CellInstArray(units[cell], db.Trans(column * panel.pitch_nm, row * panel.pitch_nm)))
+    return {layer: db.Region(top.begin_shapes_rec(index)).merged() for layer, index in layers.items()}
+
+
+def line_violations(panel: Panel, laid: Sequence[PanelLines], rules: WireRules) -> tuple[Violation, ...]:
+    """Every rule that lines break: their width, the space between and within them, their distance to openings.
+
+    Distances are Chebyshev's, and lines that touch are told as lines that are not apart. Space is measured from edge to
+    edge: KLayout compares a polygon with each that its box meets, edge by edge, and boxes of lines meet most others'.
+    """
+    clear = whole_panel(panel, (CLEAR,))[CLEAR]
+    beside = db.Region(db.Box(0, 0, *panel.size_nm).enlarged(panel.pitch_nm))
+    found = []
+    for lines in laid:
+        drawn = db.Region(lines.polygons(rules.line_nm))
+        count, drawn = drawn.count(), drawn.merged()
+        found += [
+            ("line far outside the panel", drawn - beside),
+            ("clearance of lines", drawn.sized(rules.clearance_nm, SQUARE) & clear),
+            ("width of lines", drawn.width_check(rules.line_nm).polygons()),
+            ("space between lines", drawn.edges().space_check(rules.space_nm, False, db.Region.Square).polygons()),
+            ("lines that touch", drawn if drawn.count() != count else db.Region()),
+        ]
+    return tuple(told_of(rule, shapes) for rule, shapes in found if not shapes.is_empty())

@@ -1,0 +1,307 @@
+"""Path of each emitter to a gutter through closed dots, or the reason why there is none.
+
+Wires as polygons: straight ones in the gutters, crooked ones through closed area, transparent ones across.
+
+Everything along x lies on the lower metal and everything along y on the upper, in every orientation, so pixels meet
+without vias.
+
+Can a panel's pixels be wired: lines in gutters, through closed area and across the panel, or a proof that not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import scipy
+from klayout import db
+from numpy.typing import NDArray
+
+from maskfab.base.errors import JobError
+from maskfab.base.model import COLOURS, ORIENTATIONS, Emitters, Opening, Panel, Polygon, Track
+from maskfab.base.units import NM_PER_UM
+from maskfab.display.emitter_rules import Certificate, Proof, Verdict
+from maskfab.display.panel_lines import AXES, PanelLines, panel_cut, panel_lines
+from maskfab.display.pixel_lines import (
+    DIRECTIONS,
+    Direction,
+    Net,
+    RoutingGrid,
+    WireRules,
+    lines_per_layer,
+    ports,
+    routing_grids,
+)
+from maskfab.display.polygon_check import Violation, line_violations
+
+
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """The way from one connected emitter to a gutter.
+
+    Attributes:
+        colour: 1 to 3 for red, green and blue.
+        path: intp [k, 2] row and column of the dots from the emitter to the pixel's side; None if there is no way.
+        certificate: the island that the emitter lies on, if there is no way.
+    """
+
+    colour: int
+    path: NDArray[np.intp] | None
+    certificate: Certificate | None
+
+
+def reaches(closed: NDArray[np.bool_], emitters: Emitters) -> tuple[Reach, ...]:
+    """The shortest way of every connected emitter, by colour, through closed dots that share sides.
+
+    Args:
+        closed: bool [n, n], True where a line may run.
+        emitters: on cells that divide the dots.
+    """
+    per_dot = emitters.labels.shape[0] // closed.shape[0]
+    found = []
+    for colour in range(1, len(COLOURS) + 1):
+        pieces, count = scipy.ndimage.label(emitters.labels == colour)
+        for piece in range(1, count + 1):
+            start = np.zeros(closed.shape, dtype=np.bool_)
+            rows, columns = np.nonzero(pieces == piece)
+            start[rows // per_dot, columns // per_dot] = True
+            found.append(_reach(closed, start & closed, colour, emitters.cell_nm * per_dot))
+    return tuple(found)
+
+
+def _reach(closed: NDArray[np.bool_], start: NDArray[np.bool_], colour: int, dot_nm: int) -> Reach:
+    n = closed.shape[0]
+    before: dict[tuple[int, int], tuple[int, int] | None] = {(int(y), int(x)): None for y, x in np.argwhere(start)}
+    queue = list(before)
+    for y, x in queue:
+        if y in (0, n - 1) or x in (0, n - 1):
+            path = [(y, x)]
+            while (last := before[path[-1]]) is not None:
+                path.append(last)
+            return Reach(colour, np.array(path[::-1], dtype=np.intp), None)
+        for step in ((y + 1, x), (y - 1, x), (y, x + 1), (y, x - 1)):
+            if closed[step] and step not in before:
+                before[step] = (y, x)
+                queue.append(step)
+    island = np.zeros(closed.shape, dtype=np.bool_)
+    for place in before:
+        island[place] = True
+    statement = (
+        f"the {COLOURS[colour - 1]} emitter lies on an island of {len(before)} closed dots with openings all round"
+    )
+    return Reach(colour, None, Certificate(Proof.FLOW, statement, {"dots": float(len(before))}, island, dot_nm))
+
+
+Axis = Literal["x", "y"]
+_AXES: dict[Direction, Axis] = {"vertical": "y", "horizontal": "x"}
+
+
+def gutter_tracks(pitch_nm: int, gutter_nm: int, count: int, rules: WireRules) -> tuple[Track, ...]:
+    """``count`` lines along each axis, centred in the gutters; a pixel draws its half of each gutter."""
+    step = rules.line_nm + rules.space_nm
+    # Of a gutter centred on the pixel's border at 0, what reaches into this pixel, and into the one before.
+    starts = [round((number - (count - 1) / 2) * step - rules.line_nm / 2) for number in range(count)]
+    bars = []
+    for start in starts:
+        for low in (start, start + pitch_nm):
+            bounded = max(low, 0), min(low + rules.line_nm, pitch_nm)
+            if bounded[0] < bounded[1]:
+                bars.append(bounded)
+    across = tuple(_box(0, low, pitch_nm, high) for low, high in bars)
+    upright = tuple(_box(low, 0, high, pitch_nm) for low, high in bars)
+    return (Track("gutter", "x", across, False), Track("gutter", "y", upright, False)) if bars else ()
+
+
+def routed_track(
+    grid: RoutingGrid, direction: Direction, places: Iterable[int], pitch_nm: int, rules: WireRules
+) -> Track:
+    """One line for each port, along free nodes from border to border; port i comes out as port i."""
+    ports = np.array(sorted(places), dtype=np.intp)
+    paths = Net(grid.free, direction).paths(ports)
+    polygons = tuple(_line(path, grid.places_nm, direction, pitch_nm, rules.line_nm) for path in paths)
+    return Track("line", _AXES[direction], polygons, True)
+
+
+def transparent_tracks(pitch_nm: int, width_nm: int, transmission: float) -> tuple[Track, Track]:
+    """A transparent wire along each axis through the middle of every pixel."""
+    low = (pitch_nm - width_nm) // 2
+    return (
+        Track("transparent", "x", (_box(0, low, pitch_nm, low + width_nm),), False, transmission),
+        Track("transparent", "y", (_box(low, 0, low + width_nm, pitch_nm),), False, transmission),
+    )
+
+
+def _line(
+    path: NDArray[np.intp], places_nm: NDArray[np.int64], direction: Direction, pitch_nm: int, width_nm: int
+) -> Polygon:
+    """The outline of a line along nodes (row, column), drawn on to both borders."""
+    points = [(int(places_nm[column]), int(places_nm[row])) for row, column in path]
+    (x0, y0), (x1, y1) = points[0], points[-1]
+    ends = ((x0, 0), (x1, pitch_nm)) if direction == "vertical" else ((0, y0), (pitch_nm, y1))
+    whole = [db.Point(*point) for point in (ends[0], *points, ends[1])]
+    outline = db.Path(whole, width_nm).simple_polygon()
+    return tuple((point.x, point.y) for point in outline.each_point())
+
+
+def _box(x0: int, y0: int, x1: int, y1: int) -> Polygon:
+    return (x0, y0), (x1, y0), (x1, y1), (x0, y1)
+
+
+@dataclass(frozen=True)
+class WireDemand:
+    """Wires required by the display maker.
+
+    Attributes:
+        rules: width, space and clearance of opaque lines.
+        lines: that must cross every pixel along x, and along y.
+        transparent_nm: width of a transparent wire along each axis; 0 for none.
+        transmission: share of light that it passes.
+    """
+
+    rules: WireRules
+    lines: int
+    transparent_nm: int = 0
+    transmission: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Wiring:
+    """Wiring of the pixels of a panel.
+
+    Attributes:
+        wanted: lines along each axis.
+        in_gutter: opaque lines that every gutter holds, of those wanted.
+        through: opaque lines drawn through closed area of every pixel alike, along x and along y, at ports that all
+            orientations share.
+        transparent: transparent lines along each axis.
+        laid: opaque lines laid across the whole panel, along x and along y, one for each that is wanted and not
+            transparent in every row and column of pixels; None where every pixel is drawn alike.
+        failed: a proof that the lines asked for cannot be; None without.
+        tracks: the wires that every pixel is drawn with.
+        broken: rules that the laid lines break, measured from their polygons.
+    """
+
+    wanted: int
+    in_gutter: int
+    through: tuple[int, int]
+    transparent: int
+    laid: tuple[PanelLines, PanelLines] | None
+    failed: Certificate | None
+    tracks: tuple[Track, ...]
+    broken: tuple[Violation, ...] = ()
+
+    @property
+    def verdict(self) -> Verdict:
+        """FITS if all lines are drawn and keep the rules."""
+        if min(self.lines) >= self.wanted and not self.broken:
+            return Verdict.FITS
+        return Verdict.DOES_NOT_FIT if self.failed is not None else Verdict.UNKNOWN
+
+    @property
+    def lines(self) -> tuple[int, int]:
+        """Lines drawn for every pixel along x and along y."""
+        if self.laid is None:
+            along_x, along_y = self.through
+            return self.in_gutter + along_x + self.transparent, self.in_gutter + along_y + self.transparent
+        return self.wanted, self.wanted
+
+
+def check_wires(panel: Panel, demand: WireDemand) -> None:
+    """Refuse wires that no pixel can hold.
+
+    Raises:
+        JobError: MF120 if a line or a transparent wire is wider than the pixel.
+    """
+    for name, width_nm in (("line", demand.rules.line_nm), ("transparent", demand.transparent_nm)):
+        if width_nm > panel.pitch_nm:
+            raise JobError(
+                "MF120",
+                f"{name} = {width_nm / NM_PER_UM:g} um is wider than the {panel.cell_size.pitch_um:g} um of a pixel",
+                where=f"wires.{name}",
+                cure=f"Give a width up to {panel.cell_size.pitch_um:g} um",
+            )
+
+
+def wiring(panel: Panel, opening: Opening, demand: WireDemand) -> Wiring:
+    """Wires of the pixels of a panel.
+
+    First every pixel is drawn alike: gutters are filled, and what they cannot hold runs through closed area. Where
+    that is too little, lines are laid across the whole panel as its cells lie, each within a pixel of its own, unless
+    a chain of openings proves that they cannot be.
+
+    Args:
+        panel: pitch, gutter and orientations.
+        opening: what is clear in any of its openings.
+        demand: what is asked.
+    """
+    transparent = int(demand.transparent_nm > 0)
+    crossing = transparent_tracks(panel.pitch_nm, demand.transparent_nm, demand.transmission) if transparent else ()
+    alike = _alike(panel, opening, demand, demand.lines - transparent)
+    drawn = replace(alike, transparent=transparent, tracks=(*alike.tracks, *crossing))
+    if drawn.verdict is Verdict.FITS:
+        return drawn
+    asked = panel, demand.rules, demand.lines - transparent
+    cut = next((found for axis in AXES if (found := panel_cut(*asked, axis)) is not None), None)
+    if cut is not None:
+        return replace(drawn, failed=cut)
+    laid = panel_lines(*asked, "x"), panel_lines(*asked, "y")
+    if not all(each.paths for each in laid):
+        return drawn
+    broken = line_violations(panel, laid, demand.rules)
+    return Wiring(demand.lines, 0, (0, 0), transparent, laid, None, crossing, broken)
+
+
+def most_lines(panel: Panel, opening: Opening, demand: WireDemand) -> int:
+    """Lines that can be drawn for every pixel along each axis, if those asked for can: so many, and not one more.
+
+    Args:
+        panel, opening, demand: as for :func:`wiring`.
+    """
+    lines = demand.lines
+    while wiring(panel, opening, replace(demand, lines=lines + 1)).verdict is Verdict.FITS:
+        lines += 1
+    return lines
+
+
+def _alike(panel: Panel, opening: Opening, demand: WireDemand, wanted: int) -> Wiring:
+    """Opaque wires that every pixel is drawn with, as many as can be."""
+    rules = demand.rules
+    in_gutter = min(wanted, _gutter_lines(panel.gutter_nm, rules))
+    used = np.unique(panel.orientations % ORIENTATIONS)
+    turned, mirrored = bool((used % 2 != used[0] % 2).any()), used.size > 1
+    needed = wanted - in_gutter
+    tracks: list[Track] = list(gutter_tracks(panel.pitch_nm, panel.gutter_nm, in_gutter, rules))
+    through = dict.fromkeys(DIRECTIONS, 0)
+    groups: list[tuple[Direction, ...]] = [DIRECTIONS] if turned else [(direction,) for direction in DIRECTIONS]
+    grids = list(routing_grids(opening, panel.dot_nm, panel.gutter_nm, rules)) if needed > 0 else []
+    for group in groups if grids else []:
+        grid, places = _best(grids, group, mirrored, needed)
+        for direction in group:
+            through[direction] = len(places)
+            if places:
+                tracks.append(routed_track(grid, direction, places, panel.pitch_nm, rules))
+    both = through["horizontal"], through["vertical"]
+    return Wiring(demand.lines, in_gutter, both, 0, None, None, tuple(each for each in tracks if each.polygons))
+
+
+def _gutter_lines(gutter_nm: int, rules: WireRules) -> int:
+    """Lines of a gutter that also keep half a space from those in the closed area beside it."""
+    margin = max(rules.clearance_nm, -(-rules.space_nm // 2))
+    return lines_per_layer(gutter_nm, WireRules(rules.line_nm, rules.space_nm, margin))
+
+
+def _best(
+    grids: Sequence[RoutingGrid], group: Sequence[Direction], symmetric: bool, needed: int
+) -> tuple[RoutingGrid, tuple[int, ...]]:
+    """The grid with most ports, up to those needed, and its ports."""
+    best = grids[0]
+    places: tuple[int, ...] = ()
+    for grid in grids:
+        found = ports(grid.free, group, symmetric=symmetric, enough=needed).places
+        if len(found) > len(places):
+            best, places = grid, found
+        if len(places) >= needed:
+            break
+    return best, places

@@ -1,1 +1,0 @@
-"""Design rules of a plate or of any layout, checked exactly."""

@@ -1,1 +1,0 @@
-"""Writers of a plate's files, one module for each format. Reading them back is in :mod:`maskfab.readers`."""

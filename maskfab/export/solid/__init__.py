@@ -1,1 +1,0 @@
-"""Writers of three-dimensional files: STEP and meshes."""

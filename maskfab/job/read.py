@@ -1,0 +1,583 @@
+"""Checks of a job file that involve more than one section.
+
+From a file or parsed data to a valid spec, or to the first thing that is wrong with it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+from collections import Counter
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
+
+from maskfab.base import resources, units
+from maskfab.base.errors import JobError, SourceError
+from maskfab.base.model import Camera, Tiling
+from maskfab.base.units import NM_PER_UM, UM_PER_NM
+from maskfab.job.sections import DesignSection, DieSection, JobSpec, RelaxSection, SearchSection
+from maskfab.job.toml import loads
+from maskfab.job.values import METHODS, Section, first_problem
+
+_MOST_DOTS_ACROSS_STOP = 6000
+_MOST_SAMPLES = 4096
+_SOLIDS = frozenset({"step", "glb", "3mf", "stl"})
+_ROUNDING_NM = 1e-6
+_FILM_UM = (0.01, 1e6)
+"""Films that solids show: STEP, to which 0.1 nm is nothing, cuts thinner ones wrongly; thicker ones dwarf any plate."""
+
+
+def check_dies(spec: JobSpec, where: str) -> None:
+    """Dies of different names, on the grid of 1 nm, before a fit camera.
+
+    Raises:
+        JobError: MF105 to MF131, see :func:`check_lens` and :func:`check_pupil` for the camera; its window is left to
+            what shows a PSF, see :func:`check_windows`.
+    """
+    check_lens(spec.camera.camera(), where=f"{where}: camera.stop")
+    for name, count in Counter(die.name for die in spec.die).items():
+        if count > 1:
+            raise JobError(
+                "MF109",
+                f"{count} dies have the name {name!r}",
+                where=f"{where}: die",
+                cure="Give each die a name of its own",
+            )
+    for folded, count in Counter(die.name.lower() for die in spec.die).items():
+        if count > 1:
+            alike = ", ".join(repr(die.name) for die in spec.die if die.name.lower() == folded)
+            raise JobError(
+                "MF109",
+                f"the dies {alike} differ in case only, and many systems would write their files over each other",
+                where=f"{where}: die",
+                cure="Give each die a name of its own",
+            )
+    for number, die in enumerate(spec.die):
+        place = f"{where}: die[{number}]"
+        check_die(die, place)
+        check_pupil(spec.camera.camera(), die.dot, where=place)
+
+
+def check_die(die: DieSection, where: str) -> None:
+    """A tiling with the map that it needs, and a dot and a gutter on the grid of 1 nm.
+
+    Raises:
+        JobError: MF105, MF107 or MF122.
+    """
+    if (die.tiling is Tiling.MAP) != (die.map is not None):
+        without = die.map is None
+        raise JobError(
+            "MF122",
+            f"die {die.name!r} is tiled {die.tiling} and has {'no' if without else 'a'} map",
+            where=f"{where}.map",
+            cure='Add map = "maps/x.toml"' if without else 'Use tiling = "map", or remove the key',
+        )
+    if die.tiling is Tiling.HEXAGONAL and (die.others or die.gutter):
+        raise JobError(
+            "MF122",
+            f"die {die.name!r} is tiled hexagonal, which takes one opening and no gutter",
+            where=f"{where}.{'others' if die.others else 'gutter'}",
+            cure="Remove that key, or use another tiling",
+        )
+    units.to_nm(die.dot, where=f"{where}.dot", name="dot")
+    even_nm(die.gutter, where=f"{where}.gutter", name="gutter")
+
+
+def check_seed(die: DieSection, where: str) -> None:
+    """A seed where chance is asked for.
+
+    Raises:
+        JobError: MF111.
+    """
+    if (die.tiling.seeded or die.others) and die.seed is None:
+        what = f"is tiled {die.tiling}" if die.tiling.seeded else f"chooses among {1 + len(die.others or ())} openings"
+        raise JobError(
+            "MF111",
+            f"die {die.name!r} {what} without a seed",
+            where=f"{where}.seed",
+            cure="Add seed = 1",
+        )
+
+
+def check_display(spec: JobSpec, where: str) -> None:
+    """Wires and light belong to a display whose emitters the job describes.
+
+    Raises:
+        JobError: MF105.
+    """
+    for name in ("wires", "light"):
+        if getattr(spec, name) is not None and spec.emitters is None:
+            raise JobError(
+                "MF105",
+                f"the job has [{name}] and no [emitters]",
+                where=f"{where}: {name}",
+                cure='Add [emitters] with colour_gap = "8 um" and min_width = "8 um"',
+            )
+
+
+def check_method(document: object, where: str) -> None:
+    """Keys of [design] that belong to the other method, told as such before they are found to be unknown.
+
+    Raises:
+        JobError: MF102; MF105 for a method that there is not.
+    """
+    design = document.get("design") if isinstance(document, dict) else None
+    if not isinstance(design, dict):
+        return
+    method = design.get("method", "search")
+    if method not in METHODS:
+        raise JobError(
+            "MF105",
+            f"design.method = {method!r} is not a design method",
+            where=f"{where}: design.method",
+            cure=f"Use {' or '.join(map(repr, METHODS))}",
+        )
+    own, other = (SearchSection, RelaxSection) if method == "search" else (RelaxSection, SearchSection)
+    for key in design:
+        if key in other.model_fields and key not in own.model_fields:
+            another = "relax" if method == "search" else "search"
+            raise JobError(
+                "MF102",
+                f'the key {key!r} belongs to method = "{another}", and the method is "{method}"',
+                where=f"{where}: design.{key}",
+                cure=f'Remove it, or set method = "{another}"',
+            )
+
+
+def check_design(spec: JobSpec, where: str) -> None:
+    """Keys of [design] that need another, or leave it nothing to do; a tiling that its method can judge.
+
+    Raises:
+        JobError: MF105, MF111 or MF122.
+    """
+    design = spec.design
+    if isinstance(design, SearchSection):
+        _check_search(design, f"{where}: design")
+    elif isinstance(design, RelaxSection):
+        _check_relax(design, f"{where}: design")
+
+
+def _check_search(design: SearchSection, where: str) -> None:
+    if design.tiling not in {Tiling.RANDOM, Tiling.PERIODIC}:
+        raise JobError(
+            "MF122",
+            f"a search judges openings for random and periodic tilings, not for {design.tiling}",
+            where=f"{where}.tiling",
+            cure='Use tiling = "random", or method = "relax"',
+        )
+    stated = _asked(design)
+    needs = (
+        ("map_output", design.map is not None, "a map to write", 'Add map = "equal_light"'),
+        ("positions", design.map is not None or design.positions == 1, "a map", 'Add map = "equal_light"'),
+        ("joint", design.map is not None or not design.joint, "a map", 'Add map = "equal_light"'),
+        ("shortlist", design.map is not None or design.shortlist == 1, "a map", 'Add map = "equal_light"'),
+        ("density", design.map is not None, "a map", 'Add map = "equal_light"'),
+        ("cluster", design.map is not None, "a map", 'Add map = "equal_light"'),
+        ("most_dots", design.cluster is not None, "groups of pixels", "Add cluster = 2"),
+        ("map", design.tiling is Tiling.RANDOM, 'tiling = "random"', "Remove it: periodic cells are laid alike"),
+    )
+    for key, met, needed, cure in needs:
+        if key in stated and getattr(design, key) is not None and not met:
+            raise JobError("MF105", f"{key} needs {needed}", where=f"{where}.{key}", cure=cure)
+    pairs = [("objective", "families"), ("objective", "weights"), ("density", "positions"), ("density", "joint")]
+    pairs += [("cluster", "positions"), ("cluster", "joint"), ("cluster", "density")]
+    if design.shortlist > 1:
+        pairs += [("objective", "shortlist"), ("density", "shortlist"), ("cluster", "shortlist")]
+    idle = {
+        "objective": design.objective == "auc",
+        "density": design.density is not None,
+        "cluster": design.cluster is not None,
+    }
+    for key, each in pairs:
+        if idle[key] and each in stated:
+            raise JobError(
+                "MF105",
+                f"{key} = {getattr(design, key)!r} makes {each} useless",
+                where=f"{where}.{each}",
+                cure=f"Remove {each}, or {key}",
+            )
+
+
+def _asked(design: DesignSection) -> set[str]:
+    """Keys with other values than their defaults; a job that was written out states those too."""
+    return {name for name, field in type(design).model_fields.items() if getattr(design, name) != field.default}
+
+
+def _check_relax(design: RelaxSection, where: str) -> None:
+    # Hexagonal sheets are no cells on a square lattice, which every loss is built on; a map is made for an opening
+    # that is there.
+    if design.tiling in {Tiling.HEXAGONAL, Tiling.MAP}:
+        raise JobError(
+            "MF122",
+            f"no opening can be designed for the {design.tiling} tiling",
+            where=f"{where}.tiling",
+            cure=f"Use {', '.join(each for each in Tiling if each not in {Tiling.HEXAGONAL, Tiling.MAP})}",
+        )
+    if design.tiling.seeded and design.tiling_seed is None:
+        raise JobError(
+            "MF111",
+            f"the {design.tiling} tiling has no seed",
+            where=f"{where}.tiling_seed",
+            cure="Add tiling_seed = 1",
+        )
+    own = set(RelaxSection.model_fields) - set(DesignSection.model_fields) - {"recipe", "epochs"}
+    stated = _asked(design)
+    needless = own & stated if design.recipe is not None else {"epochs"} & stated
+    for key in sorted(needless):
+        raise JobError(
+            "MF105",
+            f"the recipe {design.recipe!r} has its own {key}" if design.recipe else f"{key} counts for recipes alone",
+            where=f"{where}.{key}",
+            cure=f"Remove {key}, or the recipe" if design.recipe else "Use iterations",
+        )
+    if not any(weight > 0 for name, weight in design.objectives.items() if name != "area"):
+        raise JobError(
+            "MF105",
+            f"the objectives {', '.join(design.objectives)} leave nothing to minimise",
+            where=f"{where}.objectives",
+            cure="Add invertibility = 1.0",
+        )
+
+
+def check_scene(spec: JobSpec, where: str) -> None:
+    """Objects within the focal length have no image, and a camera of lines no illuminant.
+
+    Raises:
+        JobError: MF104 or MF105.
+    """
+    if spec.scene is None:
+        return
+    if spec.scene.spectrum == "lines" and spec.scene.illuminant != "equal":
+        raise JobError(
+            "MF105",
+            "an illuminant lights a camera of colours, and the spectrum is the camera's own lines",
+            where=f"{where}: scene.illuminant",
+            cure='Add spectrum = "rgb" or a file such as "camera.csv" to [scene], or remove the illuminant',
+        )
+    for key, distance in (("depth", spec.scene.depth[0]), ("focus", spec.scene.focus)):
+        if not distance > spec.camera.focal:
+            raise JobError(
+                "MF104",
+                f"{distance:g} um is not beyond the focal length of {spec.camera.focal:g} um",
+                where=f"{where}: scene.{key}",
+                cure="Give a distance from the lens, beyond its focal length",
+            )
+
+
+def even_nm(value_um: float, *, where: str, name: str) -> int:
+    """Integer nanometres of a length of which either half must lie on the database grid (MF107 otherwise)."""
+    value_nm = units.to_nm(value_um, where=where, name=name)
+    if value_nm % 2:
+        raise JobError(
+            "MF107",
+            f"{name} {value_um:g} um is an odd number of nanometres, half of which is off the 1 nm grid",
+            where=where,
+            cure=f"Use {value_um + UM_PER_NM:g} um",
+        )
+    return value_nm
+
+
+def check_lens(camera: Camera, *, where: str) -> None:
+    """Refuse a stop through which no lens of its focal length can bring light to a focus, and a pinhole.
+
+    By the sine condition the numerical aperture is D / 2f, the sine of an angle. A stop narrower than a wavelength is
+    no aperture of scalar diffraction.
+
+    Raises:
+        JobError: MF131 if D / 2f exceeds 1; MF104 if D is less than the longest wavelength.
+    """
+    width, widest = camera.stop.diameter_um, 2 * camera.focal_um
+    line = max(camera.wavelengths_nm) * UM_PER_NM
+    if width < line:
+        raise JobError(
+            "MF104",
+            f"a stop of {width:g} um is narrower than the wavelength of {line:g} um",
+            where=where,
+            cure='Give the diameter of the lens, such as "4 mm"',
+        )
+    if width > widest:
+        raise JobError(
+            "MF131",
+            f"a stop of {width:g} um before a focal length of {camera.focal_um:g} um has the numerical aperture "
+            f"{width / widest:.3g}; in air the limit is 1",
+            where=where,
+            cure=f"Use a stop of at most {widest:g} um, or a longer focal length",
+        )
+
+
+def check_windows(spec: JobSpec, where: str) -> None:
+    """Refuse the window of a PSF that a die has no room for, by :func:`check_window`; photographs use none."""
+    for number, die in enumerate(spec.die):
+        check_window(spec.camera.camera(), die.dot, where=f"{where}: die[{number}]")
+
+
+def check_optics(camera: Camera, dot_um: float, *, where: str) -> None:
+    """Refuse what :func:`check_pupil` and :func:`check_window` refuse."""
+    check_pupil(camera, dot_um, where=where)
+    check_window(camera, dot_um, where=where)
+
+
+def check_pupil(camera: Camera, dot_um: float, *, where: str) -> None:
+    """Refuse an aperture too fine to hold, and a wavelength that is there twice.
+
+    Raises:
+        JobError: MF105 if a wavelength is there twice; MF115 if the stop is more than 6000 dots across.
+    """
+    twice = [line for line, count in Counter(camera.wavelengths_nm).items() if count > 1]
+    if twice:
+        raise JobError(
+            "MF105",
+            f"the wavelength {twice[0]:g} nm is given more than once",
+            where=f"{where}: camera.wavelengths",
+            cure="List each wavelength once",
+        )
+    across = camera.stop.diameter_um / dot_um
+    if across > _MOST_DOTS_ACROSS_STOP:
+        raise JobError(
+            "MF115",
+            f"a stop of {camera.stop.diameter_um:g} um is {across:.0f} dots of {dot_um:g} um across; the limit is "
+            f"{_MOST_DOTS_ACROSS_STOP}",
+            where=where,
+            cure="Use a smaller stop or a coarser dot",
+        )
+
+
+def check_window(camera: Camera, dot_um: float, *, where: str) -> None:
+    """Refuse a window with replicas of the PSF in it, and one that is too fine to hold.
+
+    Raises:
+        JobError: MF104 for a window smaller than a pixel; MF113 if it is wider than λf/dot at the shortest wavelength;
+            MF115 if it is more than 4096 samples wide.
+    """
+    shortest = min(camera.wavelengths_nm)
+    limit = shortest * UM_PER_NM * camera.focal_um / dot_um
+    if camera.window_um > limit:
+        raise JobError(
+            "MF113",
+            f"window {camera.window_um:g} um is wider than λf/dot = {limit:.1f} um at {shortest:g} nm for a dot of "
+            f"{dot_um:g} um",
+            where=f"{where}: camera.window",
+            cure=f"Use a window of at most {math.floor(limit * 10) / 10:g} um",
+        )
+    if camera.window_um < camera.pixel_um:
+        raise JobError(
+            "MF104",
+            f"window {camera.window_um:g} um is smaller than one sensor pixel of {camera.pixel_um:g} um",
+            where=f"{where}: camera.window",
+            cure="Use a window of many pixels",
+        )
+    finest = min(camera.pixel_um, shortest * UM_PER_NM * camera.focal_um / camera.stop.diameter_um) / 2
+    samples = camera.window_um / finest
+    if samples > _MOST_SAMPLES:
+        raise JobError(
+            "MF115",
+            f"a window of {camera.window_um:g} um is {samples:.0f} samples of {finest:g} um wide; the limit is "
+            f"{_MOST_SAMPLES}",
+            where=f"{where}: camera.window",
+            cure=f"Use a window of at most {math.floor(_MOST_SAMPLES * finest * 10) / 10:g} um, or a larger pixel",
+        )
+
+
+def check_order(spec: JobSpec, where: str) -> None:
+    """An [order] that does not contradict the plate, and asks for no bias that nobody states.
+
+    Raises:
+        JobError: MF128.
+    """
+    order, plate = spec.order, spec.plate
+    if order is None:
+        return
+    glass = None if plate is None else plate.glass
+    if glass is not None and (order.parity or order.chrome) and order.mirrored != (glass.chrome == "away"):
+        parity, chrome = order.parity or "right reading", order.chrome or "up"
+        side = "the chrome" if glass.chrome == "lens" else "the glass"
+        raise JobError(
+            "MF128",
+            f"{parity}, chrome {chrome}, would show the design mirrored to a lens that looks at {side}",
+            where=f"{where}: order.parity",
+            cure=f'Set parity = "right reading" and chrome = "{"up" if glass.chrome == "lens" else "down"}" in [order]',
+        )
+    for key, wish, known, of in (
+        ("thickness", order.thickness, None if glass is None else glass.thickness, "plate.glass.thickness"),
+        ("optical_density", order.optical_density, None if plate is None else plate.optical_density,
+         "plate.optical_density"),
+    ):  # fmt: skip
+        if wish is not None and known is not None and wish != known:
+            raise JobError(
+                "MF128",
+                f"{key} is {wish:g} in [order], and {of} is {known:g}",
+                where=f"{where}: order.{key}",
+                cure="State it once: leave it out of [order]",
+            )
+    if order.bias in ("house", "data") and (spec.process is None or not spec.process.cd_bias):
+        by = "the house is" if order.bias == "house" else "the data are"
+        raise JobError(
+            "MF128",
+            f"{by} to make good a bias that [process] does not state",
+            where=f"{where}: order.bias",
+            cure='Add cd_bias = "0.2 um" to [process], by which clear widths come out wider, or set bias = "none"',
+        )
+    if order.bias == "data":
+        _check_biased_data(spec, where)
+
+
+def _check_biased_data(spec: JobSpec, where: str) -> None:
+    """Data that can be biased, by a multiple of their grid at either edge.
+
+    Raises:
+        JobError: MF107.
+    """
+    grid = 1 if spec.export is None or spec.export.grid is None else max(1, round(spec.export.grid * NM_PER_UM))
+    bias_nm = 0.0 if spec.process is None else spec.process.cd_bias * NM_PER_UM
+    step = 2 * grid
+    if abs(bias_nm - step * round(bias_nm / step)) > _ROUNDING_NM:
+        near = math.copysign(step * max(1, round(abs(bias_nm) / step)), bias_nm)
+        raise JobError(
+            "MF107",
+            f"a bias of {bias_nm:g} nm moves edges by {bias_nm / 2:g} nm, off the data's grid of {grid} nm",
+            where=f"{where}: process.cd_bias",
+            cure=f'Use a multiple of {step} nm, such as "{near:g} nm"',
+        )
+
+
+def check_report(spec: JobSpec, where: str) -> None:
+    """A [report] that compares with a die of the job, at frequencies that the sensor samples.
+
+    Raises:
+        JobError: MF105 for a die that there is not, MF104 for a frequency beyond half a cycle per pixel.
+    """
+    report = spec.report
+    if report is None:
+        return
+    names = [die.name for die in spec.die]
+    if report.reference is not None and report.reference not in names:
+        raise JobError(
+            "MF105",
+            f"there is no die {report.reference!r} to compare with",
+            where=f"{where}: report.reference",
+            cure=f"Use one of {', '.join(names)}" if names else "Add a [[die]] of that name, or remove the key",
+        )
+    highest = spec.camera.camera().nyquist_cy_per_mm
+    for frequency in report.frequencies or ():
+        if frequency > highest * (1 + 1e-12):
+            raise JobError(
+                "MF104",
+                f"{frequency:g} cy/mm is beyond half a cycle per pixel, {highest:g} cy/mm",
+                where=f"{where}: report.frequencies",
+                cure=f"Use at most {highest:g} cy/mm",
+            )
+
+
+def check_film(spec: JobSpec, where: str) -> None:
+    """Chrome that solids can show, as thick as they draw it.
+
+    Raises:
+        JobError: MF104.
+    """
+    section = spec.export
+    if section is None or _SOLIDS.isdisjoint(section.formats or ()):
+        return
+    (least, most), film = _FILM_UM, section.chrome * section.exaggeration
+    if least * (1 - 1e-9) <= film <= most * (1 + 1e-9):
+        return
+    key, cure = "chrome", f'Use chrome = "{least * NM_PER_UM:g} nm" or more, or leave solids out of export.formats'
+    if section.chrome > most:
+        cure = f'Use chrome = "{most / 1e6:g} m" or less'
+    elif film > most:
+        key, cure = "exaggeration", f"Use at most {most / section.chrome:g}, or thinner chrome"
+    raise JobError(
+        "MF104",
+        f"chrome of {section.chrome:g} um, drawn {section.exaggeration:g} times as thick, is a film of {film:g} um; "
+        f"solids show films of {least * NM_PER_UM:g} nm to {most / 1e6:g} m",
+        where=f"{where}: export.{key}",
+        cure=cure,
+    )
+
+
+Kind = TypeVar("Kind", bound=Section)
+
+
+def read(path: Path) -> JobSpec:
+    """Load and validate a job file (.toml, or the .json that a run keeps).
+
+    Raises:
+        SourceError: MF301, MF302, MF303 or MF308 if the file cannot be read.
+        JobError: MF101 to MF115 for the first thing that is wrong with its content.
+    """
+    return validate(document(path, "job"), where=str(path))
+
+
+def document(path: Path, kind: str) -> object:
+    """Plain data of a file that a user writes, unchecked.
+
+    Args:
+        path: of a .toml, or of the .json that a run keeps.
+        kind: of file, in words.
+
+    Raises:
+        SourceError: MF301, MF302, MF303, MF304 or MF308 if the file cannot be read.
+        JobError: MF101 for what is no TOML.
+    """
+    if not os.path.isfile(path):
+        raise SourceError(
+            "MF301",
+            f"there is no {kind} file {path}",
+            cure=f"Give the path of a {kind} file (.toml); the shipped ones are in {resources.path('layouts')}",
+        )
+    data = path.read_bytes()
+    if not data.strip():
+        raise SourceError("MF302", f"the {kind} file {path} is empty", cure="Start from a shipped one, in layouts")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise SourceError("MF304", f"the {kind} file {path} is not text: {error}", cure="Save it as UTF-8") from error
+    if path.suffix == ".json":
+        try:
+            return json.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise SourceError(
+                "MF303", f"{path} is not valid JSON: {error}", cure="Run the job again to rewrite it"
+            ) from error
+    if path.suffix != ".toml":
+        raise SourceError("MF308", f"{path} has the suffix {path.suffix!r}", cure=f"A {kind} file ends in .toml")
+    return _toml(text, str(path))
+
+
+def validate(document: object, *, where: str) -> JobSpec:
+    """A spec from parsed data; ``where`` names the file in errors."""
+    check_method(document, where)
+    spec = parse_section(JobSpec, document, where=where)
+    check_design(spec, where)
+    check_dies(spec, where)
+    check_display(spec, where)
+    check_scene(spec, where)
+    check_film(spec, where)
+    check_order(spec, where)
+    check_report(spec, where)
+    return spec
+
+
+def parse_section(kind: type[Kind], values: object, *, where: str) -> Kind:
+    """One section from values that did not come from a file; errors as for a job."""
+    try:
+        return kind.model_validate(values)
+    except ValidationError as error:
+        raise first_problem(error, where) from error
+
+
+def _toml(text: str, where: str) -> dict[str, Any]:
+    try:
+        return loads(text)
+    except (ValueError, RecursionError) as error:
+        found = re.search(r"line (\d+), column (\d+)", str(error))
+        place = f"{where}:{found[1]}:{found[2]}" if found else f"{where}, at the end"
+        raise JobError(
+            "MF101",
+            f"TOML syntax: {error}",
+            where=place,
+            cure="Correct the TOML there: close quotes and brackets, give every key one value",
+        ) from error

@@ -1,0 +1,422 @@
+"""Uses: keys of a job that each verb depends on, and the names of all others that a job states.
+
+A verb declares what it uses; whatever else a job states is named in the verb's answer, or refused. So a key that is new
+in the schema is named by every verb until one says that it uses it.
+
+A table stands for all its keys; where a verb uses some of a table, or where keys are still to come, keys are listed one
+by one. Names and titles ask for nothing, and every verb goes by them.
+
+The keys of a job file: form, default and meaning of each, as ``maskfab explain`` and the documentation give them.
+
+Form and default are those of the types that check a job; the meaning is the text that stands below each key in
+:mod:`maskfab.job.sections` and :mod:`maskfab.job.order`.
+
+The JSON Schema of a job file, from which editors complete keys and show their meaning.
+
+It is that of the types that check a job, with values as a job file writes them. An editor may let pass what
+:func:`maskfab.job.read` refuses, and refuses nothing that it takes.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import json
+import re
+from collections.abc import Collection, Iterator, Mapping, Set
+from dataclasses import dataclass
+from difflib import SequenceMatcher
+from functools import cache
+from types import MappingProxyType
+from typing import Any, get_args
+
+from pydantic.fields import FieldInfo
+
+from maskfab.base.errors import JobError
+from maskfab.job import order, sections
+from maskfab.job.sections import JobSpec
+from maskfab.job.values import Section
+
+Keys = tuple[str, ...]
+
+INNER = frozenset({"openings", "maps", "curves", "shops"})
+"""Tables that a resolved job holds and nobody writes."""
+
+
+def _of(table: str, keys: str) -> Keys:
+    """Keys of one table."""
+    return tuple(f"{table}.{key}" for key in keys.split())
+
+
+_NAMES: Keys = ("job", "die.name", "die.label")
+_LENS = _of("camera", "focal stop wavelengths pixel")
+_CAMERA: Keys = (*_LENS, "camera.window")
+_DIES: Keys = ("die", "plate.die_size")
+_LAYOUT: Keys = (*_DIES, *_of("plate", "template blank writable die_pitch columns"), "export.grid")
+_BLANK = _of("plate", "optical_density film_phase glass")
+_FIT: Keys = ("emitters", *_of("wires", "line space clearance lines transparent"))
+_PLACES = _of("scene", "accuracy depth focus field gap aberrations")
+_LIGHT = _of("scene", "spectrum illuminant")
+_OPTICS: Keys = (*_PLACES, *_LIGHT, *_of("scene", "distortion saturation"))
+_SENSOR = _of("sensor", "full_well read_noise bits black_level mosaic")
+_PHOTOGRAPHS: Keys = (*_DIES, *_LENS, *_SENSOR, "exposure")
+_EDGES: Keys = (*_of("process", "corner_radius cd_bias roughness"), "order.bias")
+_STANDS: Keys = ("plate.glass.chrome", *_of("order", "parity chrome"))
+_OFFERS = _of(
+    "order",
+    "glass thickness film optical_density cd registration defects protection corner_touches quantity",
+)
+_HOUSE: Keys = (*_LAYOUT, *_OFFERS, *_of("order", "tone parity chrome bias"), *_BLANK[::2], "export", "process.cd_bias")
+
+USES: Mapping[str, Keys] = MappingProxyType({
+    "run": (
+        *_CAMERA, *_LAYOUT, *_BLANK, *_OPTICS, *_SENSOR, *_EDGES, *_of("process.spread", "bias radius"),
+        *_of("order", "tone parity chrome cd"),
+        *("limits", "emitters", "wires", "light", "exposure", "export", "report"),
+    ),
+    "run for a house": _OFFERS,
+    "package": (*_HOUSE, "order"),
+    "order": (*_LAYOUT, *_BLANK[::2], *_of("export", "shop chrome"), "order", "process.cd_bias"),
+    "shops": (*_HOUSE, "order"),
+    "check": (*_LAYOUT, "emitters", "wires", "light"),
+    "check --shop": _HOUSE,
+    "render": (*_LAYOUT, *_FIT),
+    "plan": (*_CAMERA, *_DIES, *_BLANK, *_OPTICS),
+    "simulate": _PHOTOGRAPHS,
+    "learn": _PHOTOGRAPHS,
+    "simulate a scene": (*_PLACES, *_LIGHT, "plate.glass", "camera.window"),
+    "simulate --protocol": _DIES,
+    "restore": (*_DIES, *_LENS, *_STANDS),
+    "study": (*_DIES, "study"),
+    "study of optics": _CAMERA,
+    "bench": (*_LAYOUT, *_CAMERA),
+    "measure": (*_DIES, *_of("camera", "focal stop pixel"), *_SENSOR, *_STANDS, "process.cd_bias", "order.bias",
+                "export.shop"),
+    "measure --edge": (*_DIES, *_of("camera", "focal stop pixel"), *_STANDS),
+    "measure by lines": ("camera.wavelengths",),
+    "measure without --line": _LIGHT,
+    "measure without a die": ("camera.pixel",),
+    "design": ("design", *_LENS),
+    "design by its own light": (*_of("sensor", "read_noise bits black_level"),
+                                *_of("exposure", "snr white luminance time quantum_efficiency")),
+    "design for a scene": (*_PLACES, "plate.glass"),
+    "design that fits": (*_FIT, "plate.die_size"),
+    "design over a spread": _of("process.spread", "bias centre"),
+    "pareto": ("pareto", *_LENS, *_FIT, "plate.die_size",
+               *_of("design", "name method dots pitch tiling tiling_seed seed rules families map weights protocol")),
+    "verify --against": (*_LAYOUT, *_CAMERA, *_BLANK, *_of("order", "tone parity chrome bias"), "limits",
+                         *_of("export", "shop max_vertices")),
+    "sweep": ("limits",),
+    "sweep open ratio": _DIES,
+    "sweep mtf": (*_DIES, *_CAMERA),
+    "sweep restoration": (*_DIES, *_CAMERA),
+    "sweep features": (*_DIES, *_EDGES),
+    "sweep psf as written": (*_DIES, *_CAMERA, *_EDGES),
+    "sweep mtf as written": (*_DIES, *_CAMERA, *_EDGES),
+    "sweep scatter": (*_DIES, *_CAMERA, *_EDGES),
+    "sweep surrogate": (*_DIES, *_LENS),
+    "sweep footprint": (*_DIES, "emitters"),
+    "sweep display": (*_DIES, *_FIT),
+    "sweep scene": (*_CAMERA, *_DIES, *_BLANK, *_OPTICS),
+    "sweep photographs": _PHOTOGRAPHS,
+})  # fmt: skip
+"""By verb; and what it uses more where it is asked in one way, or instead."""
+
+
+def unused(spec: JobSpec, *uses: str) -> tuple[str, ...]:
+    """Names of all that a job states and a verb does not depend on, in the order of the job; see :func:`named`.
+
+    Args:
+        spec: of the job.
+        uses: keys and tables that are used.
+    """
+    return tuple(dict.fromkeys(_unused(spec, "", frozenset((*_NAMES, *uses)))))
+
+
+def covered(path: str, uses: Collection[str]) -> bool:
+    """Whether a key, such as ``process.spread.bias``, is one of the keys, or of the tables, that are used."""
+    parts = path.split(".")
+    return not {".".join(parts[:end]) for end in range(1, len(parts) + 1)}.isdisjoint((*_NAMES, *uses))
+
+
+def named(path: str, *, table: bool = False) -> str:
+    """A key as messages name it: ``gap of [scene]``, ``[process.spread]``, ``gutter of [[die]]``."""
+    if table:
+        return f"[[{path}]]" if path == "die" else f"[{path}]"
+    section, _, key = path.rpartition(".")
+    return f"{key} of {named(section, table=True)}" if section else f"[{key}]"
+
+
+def in_words(names: tuple[str, ...]) -> tuple[str, ...]:
+    """The sentence that names what a verb does not use; none without names."""
+    return (f"Not used of the job: {', '.join(names)}.",) if names else ()
+
+
+def _unused(section: Section, path: str, used: frozenset[str]) -> Iterator[str]:
+    for key, field in type(section).model_fields.items():
+        here, value = f"{path}.{key}".lstrip("."), getattr(section, key)
+        if here in used or here in INNER or value is None:
+            continue
+        tables = [each for each in (value if isinstance(value, tuple) else (value,)) if isinstance(each, Section)]
+        if not field.is_required() and value == field.default:
+            continue
+        if not tables:
+            yield named(here)
+        elif not any(each.startswith(f"{here}.") for each in used - frozenset(_NAMES)):
+            yield named(here, table=True)
+        else:
+            for each in tables:
+                yield from _unused(each, here, used)
+
+
+FORMS: Mapping[str, str] = MappingProxyType(
+    {
+        "LengthOrZero": 'length with its unit, or "0 um"',
+        "SignedLength": 'length of either sign, such as "-0.1 um"',
+        "PlateLength": 'length up to 2 m, such as "5 in"',
+        "Length": 'length with its unit, such as "8 um"',
+        "Dpi": 'dots per inch, such as "25400 dpi"',
+        "Pitch": 'length or resolution, such as "168 um" or "302 DPI"',
+        "Wavelength": 'list of lengths, such as ["610 nm", "530 nm"]',
+        "Area": 'area, such as "1985 um^2"',
+        "ThreeColours": "three positive numbers: red, green, blue",
+        "Corners": 'list of pairs of lengths, such as [["1 mm", "0 mm"], ...]',
+        "Counts": "list of whole numbers, or { from, to, step }",
+        "Frequency": 'list of frequencies, such as ["30 cy/mm", "60 cy/mm"]',
+        "Time": 'time with its unit, such as "10 ms"',
+        "Accuracy": '"draft", "standard", "certify" or a number',
+        "Depth": 'pair of distances, such as ["1 m", "inf"]',
+        "Distance": 'length, or "inf"',
+        "LensDistortion": '{ ratio, height }, such as { ratio = 0.02, height = "2 mm" }',
+        "Aberrations": "list of pairs, such as [[11, 0.02]]",
+        "Spectrum": '"lines", "rgb" or a file',
+        "Illuminant": '"equal", a temperature such as "6500 K", or a file',
+        "Formats": "list of formats",
+        "Names": "name, or list of names",
+        "Name": "name",
+        "DrawnText": "ASCII text",
+        "Line": "one line of text, at most 200 characters",
+        "ObjectiveName": "table of an objective's name and its weight",
+    }
+)
+"""Forms of values by the names of their types, where those say more than the plain type does."""
+_PLAIN: Mapping[str, str] = MappingProxyType(
+    {"integer": "whole number", "number": "number", "string": "text", "boolean": "true or false", "object": "table"}
+)
+_LIMITS: Mapping[str, str] = MappingProxyType(
+    {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
+)
+
+
+_LIKE, _PART_OF_A_WORD = 0.7, 0.9
+"""Likeness of words, 1 of equal ones: from which on one may be meant, and of one that is part of the other."""
+
+
+@dataclass(frozen=True)
+class Key:
+    """One key of a job file.
+
+    Attributes:
+        section: its table, such as ``camera.stop``; of a method of [design], ``design (method = "relax")``.
+        name: the key.
+        form: kind of value, with range or choices.
+        default: value as a job file writes it; None for a required key, empty where leaving it out means none.
+        meaning: one or two sentences.
+    """
+
+    section: str
+    name: str
+    form: str
+    default: str | None
+    meaning: str
+
+    @property
+    def path(self) -> str:
+        """Table and key, without the method that the key is for."""
+        return f"{self.section.partition(' ')[0]}.{self.name}".lstrip(".")
+
+
+@dataclass(frozen=True)
+class Table:
+    """One table of a job file: its name, its text, and its keys."""
+
+    name: str
+    meaning: str
+    keys: tuple[Key, ...]
+
+
+@cache
+def tables() -> tuple[Table, ...]:
+    """Every table of a job file, in the order in which a job states them."""
+    return tuple(_tables(JobSpec, ""))
+
+
+def keys_of(path: str, *, or_word: bool = False) -> tuple[Key, ...]:
+    """The keys of a path such as ``camera.stop.diameter``, or of a table such as ``camera`` or ``[camera]``.
+
+    Args:
+        path: of a key or table.
+        or_word: take a word such as ``diameter``, too: every key that it ends, and those of every table that it ends.
+
+    Raises:
+        JobError: MF105 for an unknown path, with those that look like it.
+    """
+    every = [key for table in tables() for key in table.keys]
+    wanted = path.strip().strip("[]").lower()
+    keys = tuple(key for key in every if wanted in {key.path, key.path.rpartition(".")[0]})
+    if or_word and not keys:
+        keys = tuple(key for key in every if wanted in {key.name, key.path.rpartition(".")[0].rpartition(".")[2]})
+    if not (wanted and keys):
+        meant = _alike(wanted, {place for key in every for place in (key.path, key.path.rpartition(".")[0])} - {""})
+        listed = "maskfab explain lists all codes; a key is written as camera.pixel, a table as camera"
+        cure = f"Did you mean {' or '.join(meant)}? {listed}" if meant else listed
+        raise JobError("MF105", f"a job has no key or table {path!r}", where="KEY", cure=cure)
+    return keys
+
+
+def _alike(wanted: str, paths: Set[str]) -> list[str]:
+    """The likeliest paths, three at most: by their last word, and of those that are alike in it by what precedes it."""
+    table, _, word = wanted.rpartition(".")
+
+    def likeness(path: str) -> tuple[float, float]:
+        before, _, last = path.rpartition(".")
+        held = _PART_OF_A_WORD if word in last.split("_") else SequenceMatcher(None, word, last).ratio()
+        return 1.0 if word == last else held, SequenceMatcher(None, table, before).ratio()
+
+    known = {path: likeness(path) for path in paths if wanted}
+    near = sorted(path for path, (last, _) in known.items() if last >= _LIKE)
+    return sorted(near, key=lambda path: sum(known[path]), reverse=True)[:3]
+
+
+def _tables(model: type[Section], name: str) -> Iterator[Table]:
+    inner = {key: list(_models(field)) for key, field in model.model_fields.items()}
+    own = tuple(_key(model, name, key) for key in model.model_fields if not inner[key])
+    if own:
+        yield Table(name, inspect.cleandoc(model.__doc__ or ""), own)
+    for key, models in inner.items():
+        path = f"{name}.{key}".lstrip(".")
+        if len(models) == 1:
+            yield from _tables(models[0], path)
+        elif models:
+            yield from _methods(models, path)
+
+
+def _methods(models: list[type[Section]], path: str) -> Iterator[Table]:
+    """A table whose keys depend on its method: those in common, then those of each."""
+    common = next(base for base in models[0].__mro__[1:] if issubclass(base, Section))
+    yield from _tables(common, path)
+    for model in models:
+        method = f'{path} (method = "{model.__name__.removesuffix("Section").lower()}")'
+        own = [key for key in model.model_fields if key not in common.model_fields]
+        yield Table(method, inspect.cleandoc(model.__doc__ or ""), tuple(_key(model, method, key) for key in own))
+
+
+def _models(field: FieldInfo) -> Iterator[type[Section]]:
+    """The sections that a field holds."""
+    stack: list[Any] = [field.annotation]
+    while stack:
+        each = stack.pop(0)
+        if isinstance(each, type) and issubclass(each, Section):
+            yield each
+        else:
+            stack[:0] = get_args(each)
+
+
+def _key(model: type[Section], section: str, name: str) -> Key:
+    written, meaning = written_key(model, name)
+    return Key(section, name, _form(model, name, written), _default(model, name), meaning)
+
+
+def holds_sections(model: type[Section], name: str) -> bool:
+    """Whether a section's key is a table with keys of its own, or a list of such tables."""
+    return any(_models(model.model_fields[name]))
+
+
+def written_key(model: type[Section], name: str) -> tuple[str, str]:
+    """Annotation and meaning of a section's key, as its source states them."""
+    return next(_source()[base.__name__, name] for base in model.__mro__ if (base.__name__, name) in _source())
+
+
+@cache
+def _source() -> Mapping[tuple[str, str], tuple[str, str]]:
+    """Annotation and text of every key, by class and name, from the source of the sections."""
+    return MappingProxyType(
+        {
+            (section.name, key.target.id): (ast.unparse(key.annotation), " ".join(text.value.value.split()))
+            for module in (sections, order)
+            for section in ast.parse(inspect.getsource(module)).body
+            if isinstance(section, ast.ClassDef)
+            for key, text in zip(section.body, section.body[1:], strict=False)
+            if isinstance(key, ast.AnnAssign) and isinstance(key.target, ast.Name)
+            if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant) and isinstance(text.value.value, str)
+        }
+    )
+
+
+@cache
+def _schema(model: type[Section]) -> Mapping[str, Any]:
+    """Made once of a section, not once of every key."""
+    return model.model_json_schema()
+
+
+def _form(model: type[Section], name: str, written: str) -> str:
+    for word in re.findall(r"\w+", written):
+        if word in FORMS:
+            return FORMS[word]
+    stated = _schema(model)
+    schema = stated["properties"][name]
+    choices = [each for each in schema.get("anyOf", [schema]) if each.get("type") != "null"]
+    schema = choices[0]
+    if "$ref" in schema:
+        schema = stated["$defs"][schema["$ref"].rpartition("/")[2]]
+    if "items" in schema or "prefixItems" in schema:
+        inner = schema.get("items") or schema["prefixItems"][0]
+        return f"list of {_words(inner)}"
+    return _words(schema)
+
+
+def _words(schema: Mapping[str, Any]) -> str:
+    if "enum" in schema:
+        return ", ".join(json.dumps(each) for each in schema["enum"])
+    limits = [f"{sign} {schema[key]:,.15g}".replace(",", " ") for key, sign in _LIMITS.items() if key in schema]
+    return ", ".join([_PLAIN[schema["type"]], *limits])
+
+
+def _default(model: type[Section], name: str) -> str | None:
+    if model.model_fields[name].is_required():
+        return None
+    value = model.model_construct().model_dump(mode="json", include={name})[name]
+    return "" if value is None or value == {} else json.dumps(value)
+
+
+_TEXTS = frozenset(
+    {"LengthOrZero", "SignedLength", "PlateLength", "Length", "Pitch", "Area", "Time", "Distance", "Name", "Line"}
+)
+
+
+def job_schema() -> dict[str, Any]:
+    """The JSON Schema (draft 2020-12)."""
+    stated = JobSpec.model_json_schema()
+    kinds = {kind.__name__: kind for kind in _sections(Section)}
+    for name, rules in {JobSpec.__name__: stated, **stated["$defs"]}.items():
+        if name in kinds:
+            written = {key: each for key, each in rules["properties"].items() if key not in INNER}
+            rules["properties"] = {key: _as_written(kinds[name], key, each) for key, each in written.items()}
+            rules.pop("title", None)
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "maskfab job", **stated}
+
+
+def _sections(kind: type[Section]) -> list[type[Section]]:
+    return [each for below in kind.__subclasses__() for each in (below, *_sections(below))]
+
+
+def _as_written(kind: type[Section], key: str, rules: dict[str, Any]) -> dict[str, Any]:
+    """Rules of one key: of a value with a unit or of several forms, those of its text in the job."""
+    if holds_sections(kind, key):
+        return rules
+    annotation, meaning = written_key(kind, key)
+    form = next((word for word in re.findall(r"\w+", annotation) if word in FORMS), None)
+    told = {"description": meaning if form is None else f"{meaning} Form: {FORMS[form]}."}
+    if form is None:
+        return {name: each for name, each in rules.items() if name != "title"} | told
+    return told | ({"type": "string"} if form in _TEXTS else {})

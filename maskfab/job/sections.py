@@ -1,0 +1,813 @@
+"""The sections of a job file, and the whole of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Discriminator, Field, Tag, model_validator
+
+from maskfab.base.errors import JobError
+from maskfab.base.model import Camera, Glass, MaskBlank, Process, Roughness, Stop, StopShape, Tiling
+from maskfab.base.units import NM_PER_UM
+from maskfab.job.order import DATA_KEYS, OrderSection, Tone
+from maskfab.job.values import (
+    MASK_FORMATS,
+    MOST_DOTS_PER_UM,
+    Aberrations,
+    Accuracy,
+    Area,
+    Corners,
+    Counts,
+    Depth,
+    Distance,
+    Dpi,
+    DrawnText,
+    Formats,
+    Frequency,
+    Illuminant,
+    Kissing,
+    Length,
+    LengthOrZero,
+    LensDistortion,
+    Method,
+    Name,
+    Names,
+    ObjectiveName,
+    Pitch,
+    PlateLength,
+    Section,
+    SignedLength,
+    Spectrum,
+    Symmetry,
+    ThreeColours,
+    Time,
+    Wavelength,
+    Weight,
+    refusing,
+)
+
+
+class JobSection(Section):
+    """[job]: name and title of the plate."""
+
+    name: Name
+    """Name of the plate: a letter, then at most 23 letters, digits or underscores. Files are named after it."""
+    title: DrawnText = Field(max_length=80)
+    """Text of the title block, ASCII, at most 80 characters."""
+
+
+class StopSection(Section):
+    """camera.stop: the lens aperture, the optical axis in its middle or, for a polygon, at the corners' origin."""
+
+    shape: StopShape = "circle"
+    """Shape of the lens stop."""
+    diameter: Length | None = None
+    """Diameter of a circle or of an annulus, side of a square."""
+    inner: Length | None = None
+    """Diameter of the dark middle of an annulus."""
+    width: Length | None = None
+    """Width along x of an ellipse or rectangle."""
+    height: Length | None = None
+    """Height along y of an ellipse or rectangle."""
+    corners: Corners | None = None
+    """Corners of a polygon as pairs of x and y, in either sense of rotation; its sides must not cross."""
+
+    @model_validator(mode="after")
+    def _of_its_shape(self) -> StopSection:
+        """The keys of the shape, all of them and no others."""
+        return refusing(_whole, self)  # type: ignore[no-any-return]
+
+    def stop(self) -> Stop:
+        """The stop of the model."""
+        if self.corners is not None:
+            return Stop.polygon(self.corners)
+        if self.width is not None and self.height is not None:
+            return (
+                Stop.ellipse(self.width, self.height)
+                if self.shape == "ellipse"
+                else Stop.rectangle(self.width, self.height)
+            )
+        assert self.diameter is not None
+        return Stop.annulus(self.diameter, self.inner) if self.inner is not None else Stop(self.shape, self.diameter)
+
+
+_STOP_KEYS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "circle": ("diameter",),
+        "square": ("diameter",),
+        "annulus": ("diameter", "inner"),
+        "ellipse": ("width", "height"),
+        "rectangle": ("width", "height"),
+        "polygon": ("corners",),
+    }
+)
+
+
+def _whole(section: StopSection) -> StopSection:
+    wanted = _STOP_KEYS[section.shape]
+    stated = {key for key in type(section).model_fields if key != "shape" and getattr(section, key) is not None}
+    missing, spare = [key for key in wanted if key not in stated], sorted(stated.difference(wanted))
+    if missing or spare:
+        problem = f"lacks {' and '.join(missing)}" if missing else f"has {' and '.join(spare)}, which means nothing"
+        cure = f"Give {' and '.join(wanted)}, and nothing else"
+        raise JobError("MF105", f"a stop of the shape {section.shape!r} {problem}", cure=cure)
+    if section.inner is not None and section.diameter is not None and section.inner >= section.diameter:
+        raise JobError(
+            "MF132",
+            f"an annulus of {section.diameter:g} um with a dark middle of {section.inner:g} um passes nothing",
+            cure="Give an inner diameter below the outer one",
+        )
+    return section
+
+
+class CameraSection(Section):
+    """[camera]: the camera behind the panel, and the window of the sensor around the axis."""
+
+    focal: Length
+    """Focal length of the lens."""
+    stop: StopSection
+    """The lens stop, a table."""
+    wavelengths: Annotated[tuple[Wavelength, ...], Field(min_length=1, max_length=64, strict=False)]
+    """One to 64 lines at which PSF and MTF are computed."""
+    pixel: Length
+    """Pixel pitch of the sensor."""
+    window: Length = 256.0
+    """Side of the PSF's window on the sensor; at most wavelength x focal / dot."""
+
+    def camera(self) -> Camera:
+        """The camera of the model."""
+        return Camera(self.focal, self.stop.stop(), self.wavelengths, self.pixel, self.window)
+
+
+class GlassSection(Section):
+    """plate.glass: substrate of the plate."""
+
+    thickness: Length
+    """Thickness of the plate."""
+    index: float = Field(ge=1, le=4, allow_inf_nan=False)
+    """Refractive index of the plate."""
+    chrome: Literal["lens", "away"]
+    """Side of the glass that carries the chrome: towards the lens, or away from it."""
+
+
+class BlankSection(Section):
+    """Chrome and glass of [plate]; what is left out is part of the model bar instead of the model."""
+
+    optical_density: float | None = Field(default=None, gt=0, le=12, allow_inf_nan=False)
+    """Optical density of the chrome; without it the leak is part of the model bar."""
+    film_phase: float | None = Field(default=None, ge=-1, le=1, allow_inf_nan=False)
+    """Phase lag, in waves, of light that leaks through the chrome, equal at every line; without it the worst."""
+    glass: GlassSection | None = None
+    """Substrate, a table; without it the model bar assumes 90 mil of silica, chrome away from the lens."""
+
+    @model_validator(mode="after")
+    def _phase_of_something(self) -> Self:
+        return refusing(_with_density, self)  # type: ignore[no-any-return]
+
+    def mask_blank(self) -> MaskBlank:
+        """The mask blank, in the model's terms."""
+        glass = None if self.glass is None else Glass(self.glass.thickness, self.glass.index, self.glass.chrome)
+        return MaskBlank(self.optical_density, self.film_phase, glass)
+
+
+def _with_density(section: BlankSection) -> BlankSection:
+    if section.film_phase is not None and section.optical_density is None:
+        raise JobError(
+            "MF105",
+            "film_phase is given without optical_density",
+            cure="Add optical_density, such as 3, or remove film_phase",
+        )
+    return section
+
+
+class PlateSection(BlankSection):
+    """[plate]: the blank and how dies are arranged on it."""
+
+    template: str | None = None
+    """A file of export_templates/plates, such as "5in", that states blank, writable area and marks."""
+    blank: PlateLength | None = None
+    """Side of the blank; required without a template."""
+    writable: PlateLength | None = None
+    """Side of the area that may be written; required without a template."""
+    die_size: PlateLength
+    """Side of the square that each die fills."""
+    die_pitch: PlateLength
+    """Distance between the centres of neighbouring dies."""
+    columns: int = Field(ge=1, le=100)
+    """Dies in a row."""
+
+
+class LimitsSection(Section):
+    """[limits]: limits of every die; quantities without a limit are reported without a verdict."""
+
+    corner_touches: int | None = Field(default=None, ge=0)
+    """Most points at which two clear corners may touch."""
+    min_feature: Length | None = None
+    """Narrowest clear shape."""
+    min_space: Length | None = None
+    """Narrowest chrome between clear shapes."""
+
+
+class DieSection(Section):
+    """[[die]]: one opening laid out as one panel."""
+
+    name: Name
+    """Name of the die in files and reports."""
+    label: DrawnText = Field(min_length=1, max_length=40)
+    """Text under the die, ASCII."""
+    opening: str
+    """A key of [openings], or the path of a file relative to the job: TOML, text, PNG, TIFF, EXR, NumPy, GDSII, OASIS
+    or DXF.
+    """
+    opening_layer: str | None = None
+    """Layer that holds the opening, in a layout file."""
+    opening_cell: str | None = None
+    """Cell that holds the opening, in a layout file."""
+    others: Annotated[tuple[str, ...], Field(min_length=1, max_length=14, strict=False)] | None = None
+    """Further openings; every cell draws one of all."""
+    dot: Length
+    """Side of one dot."""
+    pitch: Pitch | None = None
+    """Pitch of the pixels, as a length or in DPI; checked against dots x dot + gutter."""
+    gutter: LengthOrZero = 0.0
+    """Opaque space between neighbouring cells, half of it on each side."""
+    tiling: Annotated[Tiling, Field(strict=False)]
+    """Order of orientations over the panel."""
+    map: str | None = None
+    """With tiling = "map": a key of [maps], or the path of a file relative to the job."""
+    seed: int | None = Field(default=None, ge=0)
+    """Seed of a tiling that is drawn at random."""
+    size: PlateLength | None = None
+    """Side of the square that the panel fills with whole pixels; default: plate.die_size."""
+
+
+class RulesSection(Section):
+    """design.rules: rules of the opening; see :class:`maskfab.designs.rules.constraints.Constraints` for each."""
+
+    min_feature_dots: int = Field(default=1, ge=1)
+    """Narrowest clear shape, dots."""
+    min_space_dots: int = Field(default=1, ge=1)
+    """Narrowest closed space, dots."""
+    kissing: Kissing = "allowed"
+    """Corners that only touch: allowed, none within a cell, or none between neighbours either."""
+    rim_dots: int = Field(default=0, ge=0)
+    """Closed dots all round the cell; neighbours meet with twice as many between their openings."""
+    symmetry: Symmetry | None = None
+    """Symmetry that the opening must have."""
+    ports: int | None = Field(default=None, ge=1)
+    """Symmetric ports through which so many lines can cross the closed dots of the cell either way, whatever their
+    neighbours' orientations."""
+    centroid_px: float | None = Field(default=None, gt=0, le=1, allow_inf_nan=False)
+    """Largest distance of the light's centroid from the pixel's centre, pixels; of the emitters that ``fit`` places."""
+    keep_out: str | None = None
+    """Drawing of the cell, top row first: x stays closed, . is free."""
+
+
+class DesignSection(Section):
+    """[design]: an opening to be found, by either method."""
+
+    name: Name
+    """Name of the opening."""
+    method: Method = "search"
+    """"search" over compact shapes, or "relax", gradient descent."""
+    dots: int = Field(ge=1, le=128)
+    """Dots along a side of the cell."""
+    pitch: Pitch
+    """Pitch of the pixels, as a length or in DPI."""
+    clear_dots: int = Field(ge=1)
+    """Number of clear dots; met exactly."""
+    tiling: Annotated[Tiling, Field(strict=False)] = Tiling.RANDOM
+    """Order of orientations that the opening is designed for."""
+    tiling_seed: int | None = Field(default=None, ge=0)
+    """Seed of that order."""
+    seed: int = Field(default=0, ge=0)
+    """Seed of the search."""
+    anneal: int = Field(default=0, ge=0, le=10_000_000)
+    """Evaluations of a search dot by dot that follows."""
+    rules: RulesSection = RulesSection()
+    """Hard constraints on the opening, a table."""
+    output: str | None = None
+    """File of the opening, relative to the job."""
+
+
+class SearchSection(DesignSection):
+    """[design] with method "search": compact shapes, by the photographs that could be restored behind them.
+
+    Every shape of the ``families`` is judged by the expected restored PSNR, levels of light by their ``weights``, and
+    the best is changed dot by dot for ``anneal`` evaluations. With the ``objective`` "auc" it is the area under the
+    radial minimum of the blue MTF instead, and no families are looked at. With ``map`` the orientations of the cells
+    round the axis are designed too: with the light of a random map, drawn by ``tiling_seed``, or with cut cells turned
+    inward; of the best shapes that differ in family or size, so many as the ``shortlist`` has are tried under a quick
+    map, and the best goes on. The opening may then lie at one of so many ``positions`` in its cell, and opening and map
+    are bettered in turns for ``joint`` rounds. ``density`` is the share of the dots that are clear in the central half
+    of the stop; the rest has so many fewer that the light is the same, and there is no shortlist. With ``cluster`` two
+    pixels of every group of 2 x 2 have ``most_dots`` clear dots and two as many fewer, and groups are turned as one.
+    """
+
+    families: Annotated[
+        tuple[Literal["bars", "discs", "l_shapes", "crosses", "blobs"], ...], Field(min_length=1, strict=False)
+    ] = ("bars",)
+    """Shapes that are tried."""
+    objective: Literal["restored", "auc"] = "restored"
+    """Expected PSNR of restored photographs, or area under the radial minimum of the blue MTF."""
+    protocol: Literal["f1", "camera"] | None = None
+    """Photographs that openings are compared by: protocol F1's, code values taken for light at 24, 32 and 40 dB, or
+    those of the job's own sensor and levels in linear light; default: its own where it has [sensor] or [exposure]."""
+    weights: Annotated[tuple[float, ...], Field(min_length=1, max_length=16, strict=False)] | None = None
+    """Weights of the levels of light; equal where they are left out."""
+    map: Literal["equal_light", "edge_packing"] | None = None
+    """Design the orientation of each cell too: at the light of a random map, or with cut cells turned inwards."""
+    map_output: str | None = None
+    """File of the map, relative to the job."""
+    shortlist: int = Field(default=4, ge=1, le=100)
+    """Best shapes that are tried under a quick map before one is chosen."""
+    positions: int = Field(default=1, ge=1, le=15)
+    """Offsets of the opening in its cell that the map may choose from."""
+    joint: int = Field(default=0, ge=0, le=100)
+    """Rounds that alternate between opening and map."""
+    fit: bool = False
+    """The display of the job's [emitters] and [wires] must fit, by the checks of ``maskfab check``, on a die too."""
+    density: float | None = Field(default=None, gt=0, lt=1, allow_inf_nan=False)
+    """Share of clear dots in the central half of the stop; the rest has fewer, so that total light is the same."""
+    cluster: Literal[2] | None = None
+    """Pixels along the side of groups that share their light unevenly and are laid as one: two by two."""
+    most_dots: int | None = Field(default=None, ge=1)
+    """Clear dots of the denser pixels of such a group; default: half as many again as clear_dots."""
+
+
+class RelaxSection(DesignSection):
+    """[design] with method "relax": gradient descent on relaxed dots, see
+    :class:`maskfab.designs.descent.schedule.Descent`.
+
+    The weighted sum of ``objectives`` is minimised, ``area`` being the pull on the open ratio; or a published
+    ``recipe`` is followed, which has its own objectives and schedule. Then ``anneal`` exchanges of dots are tried.
+    """
+
+    recipe: Literal["paper-l2", "paper-l2+inv"] | None = None
+    """A published schedule with its own objectives."""
+    epochs: int = Field(default=150, ge=1, le=10_000)
+    """Epochs of the recipe."""
+    objectives: Annotated[dict[ObjectiveName, Weight], Field(min_length=1)] = {"invertibility": 1.0}  # noqa: RUF012  # pydantic copies it
+    """Weights of the objectives that are minimised; area is the pull on the open ratio."""
+    epsilon: float = Field(default=0.015, ge=0, le=1, allow_inf_nan=False)
+    """Regularisation of the invertibility objective."""
+    worst_fraction: float = Field(default=0.3, gt=0, le=1, allow_inf_nan=False)
+    """Share of frequencies, the weakest, that the invertibility objective counts."""
+    normalisation: Literal["light", "own_sum"] = "light"
+    """Scale of the PSF: by the light of an open stop, or to a sum of 1."""
+    iterations: int = Field(default=300, ge=1, le=100_000)
+    """Steps of the descent."""
+    starts: int = Field(default=1, ge=1, le=1000)
+    """Noisy starts, of which the best is kept."""
+    optimiser: Literal["adam", "sgd"] = "adam"
+    """Optimiser of the descent."""
+    rate: float = Field(default=0.2, gt=0, le=1e6, allow_inf_nan=False)
+    """Step size."""
+    start_logit: float = Field(default=1.0, ge=-100, le=100, allow_inf_nan=False)
+    """Mean logit of the dots at the start; 1 is 0.73 open."""
+    start_noise: float = Field(default=0.5, ge=0, le=100, allow_inf_nan=False)
+    """Standard deviation of the logits at the start."""
+    straight_through: bool = False
+    """Round dots to 0 or 1 on the way forward, with the gradient of the relaxed ones."""
+    patience: int = Field(default=0, ge=0)
+    """Judgements without a better candidate after which a start ends; 0 for no end."""
+
+
+def _method(values: object) -> str:
+    """Which of the two a [design] is read as; what is no method is refused by either."""
+    stated = values.get("method") if isinstance(values, dict) else getattr(values, "method", None)
+    return "relax" if stated == "relax" else "search"
+
+
+AnyDesign = Annotated[
+    Annotated[SearchSection, Tag("search")] | Annotated[RelaxSection, Tag("relax")], Discriminator(_method)
+]
+
+
+class ParetoSection(Section):
+    """[pareto]: light, photographs, emitters, wires and grain of designs for the job's display, among the shapes of
+    [design]."""
+
+    clear_dots: Counts
+    """Numbers of clear dots, listed or as a range; each is a curve."""
+    lines: (
+        Annotated[tuple[Annotated[int, Field(ge=0, le=64)], ...], Field(min_length=1, max_length=16, strict=False)]
+        | None
+    ) = None
+    """Numbers of lines each way that designs are sought for; default: those of [wires]."""
+    compare: Annotated[tuple[str, ...], Field(max_length=100, strict=False)] = ()
+    """Files of openings, relative to the job, that are judged beside the curves."""
+    anneal: int = Field(default=0, ge=0, le=1_000_000)
+    """Evaluations of a search dot by dot at each point, footprint and lines kept."""
+    points: int = Field(default=4, ge=1, le=100)
+    """Designs of each curve, spread over it, that are annealed, given their map and laid on a die."""
+    density: Annotated[
+        tuple[Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)], ...], Field(max_length=16, strict=False)
+    ] = ()
+    """Shares of the dots that are clear in the middle of the stop, as density of [design]: a design for each, at the
+    light of each curve."""
+    most_dots: Annotated[tuple[Annotated[int, Field(ge=2, le=1_000_000)], ...], Field(max_length=16, strict=False)] = ()
+    """Clear dots of the denser pixels of groups of 2 x 2, as most_dots of [design]: a design for each, likewise."""
+
+
+class EmittersSection(Section):
+    """[emitters]: placement rules of the red, green and blue emitters around the openings of every die."""
+
+    gap_to_opening: LengthOrZero = 0.0
+    """Least gap from an emitter to any opening, neighbours' included; in x or in y, as all gaps."""
+    colour_gap: LengthOrZero
+    """Least gap between emitters of two colours, across pixels too."""
+    min_width: Length
+    """Least width: every emitter is a union of squares of this side."""
+    ratio: ThreeColours = (1.0, 1.0, 1.0)
+    """Areas of red, green and blue relative to each other."""
+    max_aspect: float | None = Field(default=None, ge=1, allow_inf_nan=False)
+    """Largest aspect of an emitter that is a rectangle."""
+    required: float = Field(default=0.0, ge=0, le=1, allow_inf_nan=False)
+    """Least share of the pixel for each colour, divided by its ratio (ratios scaled to sum to 3)."""
+    keep: float = Field(default=1.0, gt=0, le=1, allow_inf_nan=False)
+    """Share of the largest footprint above which the placement with the best-centred light is chosen."""
+    circuit: Area = 1985.0
+    """Area of one drive circuit."""
+    circuits: int = Field(default=3, ge=1, le=16)
+    """Drive circuits that a pixel's closed area must hold."""
+    shared_by: int = Field(default=1, ge=1, le=16)
+    """Pixels that take turns at one circuit."""
+
+
+class WiresSection(Section):
+    """[wires]: the display's wires."""
+
+    line: Length = 3.0
+    """Width of an opaque wire."""
+    space: Length = 3.0
+    """Least space between wires."""
+    clearance: LengthOrZero = 2.5
+    """Least distance from a wire to an opening."""
+    lines: int = Field(default=4, ge=1, le=64)
+    """Wires that must cross every pixel from top to bottom, and from left to right, on two layers of metal."""
+    transparent: Length | None = None
+    """Width of one transparent wire along each axis, straight over every pixel; none if left out."""
+    transmission: float = Field(default=0.9, gt=0, le=1, allow_inf_nan=False)
+    """Transmission of a transparent wire."""
+
+
+class LightSection(Section):
+    """[light]: light that the display must emit."""
+
+    luminance: float = Field(default=500.0, gt=0, allow_inf_nan=False)
+    """Luminance of white, cd/m2."""
+    efficacy: ThreeColours = (45.0, 110.0, 8.0)
+    """Efficacy of red, green and blue, cd/A."""
+    life_exponent: float = Field(default=1.44, gt=0, allow_inf_nan=False)
+    """Life falls with current density to this power, negative."""
+
+
+class SceneSection(Section):
+    """[scene]: what the camera looks at and how accurate the PSF must be; the defaults ask for nothing extra.
+
+    A ``design`` that searches is for the mean over what its accuracy asks to be modelled of depth, focus, field, gap
+    and aberrations; it does not use the other keys. A file is a path relative to the job file, or a key of [curves].
+    """
+
+    accuracy: Accuracy = 1e-3
+    """Largest relative L2 error of the PSF: "draft" 1e-2, "standard" 1e-3, "certify" 1e-6, or a number."""
+    depth: Depth = (math.inf, math.inf)
+    """Nearest and farthest object."""
+    focus: Distance = math.inf
+    """Distance of the object that is in focus."""
+    field: LengthOrZero = 0.0
+    """Largest image height."""
+    gap: LengthOrZero = 0.0
+    """Distance from the panel to the stop."""
+    aberrations: Aberrations = ()
+    """Pairs of Noll's number and waves at the first wavelength."""
+    distortion: LensDistortion | None = None
+    """Relative displacement of the image at a height, positive for a pincushion: { ratio = 0.02, height = "2 mm" }."""
+    saturation: bool = False
+    """Highlights clip at the sensor; left to the capture, adds nothing to the PSF."""
+    spectrum: Spectrum = "lines"
+    """"lines" of the camera, "rgb", a generic colour camera, or the path of a response."""
+    illuminant: Illuminant = "equal"
+    """Light on the scene, for colours: "equal" energy, a black body such as "6500 K", or a file of one curve."""
+
+
+class SensorSection(Section):
+    """[sensor]: what turns light into numbers; the defaults are those of protocol F1.
+
+    ``simulate`` and ``run`` take photographs with it, and a ``design`` that searches is for it; ``pareto`` compares
+    openings by F1's sensor.
+    """
+
+    full_well: float = Field(default=15506.0, gt=0, le=1e9, allow_inf_nan=False)
+    """Most electrons that a pixel holds."""
+    read_noise: float = Field(default=4.87, ge=0, le=1e9, allow_inf_nan=False)
+    """Standard deviation of the read noise, electrons."""
+    bits: int | None = Field(default=None, ge=1, le=32)
+    """Bits of the converter, whose largest code is a full well; without it nothing is rounded."""
+    black_level: int = Field(default=0, ge=0)
+    """Code of no light."""
+    mosaic: Literal["none", "rggb"] = "none"
+    """All colours at every pixel, or one of red, green, green and blue."""
+
+
+class ExposureSection(Section):
+    """[exposure]: light of white, stated in one of three ways; without any photographs are taken at 24, 32 and 40 dB.
+
+    Levels and electrons are those behind the published display, which passes 20.72 % of the stop's light: behind every
+    die there are as many more as it lets through.
+    """
+
+    snr: Annotated[tuple[float, ...], Field(min_length=1, max_length=16, strict=False)] | None = None
+    """Signal-to-noise ratios of white behind the published display, dB."""
+    white: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    """Electrons of white behind the published display."""
+    luminance: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    """Luminance of white in the scene, cd/m2; needs time and quantum_efficiency."""
+    time: Time | None = None
+    """Exposure time."""
+    quantum_efficiency: float | None = Field(default=None, gt=0, le=1, allow_inf_nan=False)
+    """Electrons for each photon."""
+    brackets: Annotated[tuple[float, ...], Field(min_length=1, max_length=8, strict=False)] | None = None
+    """Exposures of every scene that photographs merge: times by which their light is less, such as [1, 4, 16]."""
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        return refusing(_stated_once, self)  # type: ignore[no-any-return]
+
+
+_SCENE_LIGHT = ("luminance", "time", "quantum_efficiency")
+
+
+def _stated_once(section: ExposureSection) -> ExposureSection:
+    given = [key for key in _SCENE_LIGHT if getattr(section, key) is not None]
+    ways = [key for key in ("snr", "white") if getattr(section, key) is not None] + given[:1]
+    if len(ways) > 1 or not (ways or section.brackets) or len(given) not in (0, len(_SCENE_LIGHT)):
+        stated = ", ".join(key for key in ("snr", "white", *_SCENE_LIGHT) if getattr(section, key) is not None)
+        raise JobError(
+            "MF105",
+            f"the exposure states {stated or 'nothing'}",
+            cure=f"Give snr, or white, or {', '.join(_SCENE_LIGHT)} together",
+        )
+    return section
+
+
+DRAWING_KEYS = ("hierarchy", "max_vertices", "holes", "corners", "max_references")
+"""Keys of [export] that say how polygons are drawn."""
+
+
+class ExportSection(Section):
+    """[export]: the files of a plate, and how their polygons are drawn.
+
+    Formats and drawing options that the job states are honoured and checked against the shop's rules. Those it omits
+    are None with a shop and default to the shop's: its first format, and polygons as ``maskfab package`` would draw
+    them, except that holes never get a layer of their own. The format ``exr`` is of the PSFs that are measured in the
+    files before it.
+    """
+
+    formats: Formats | None = MASK_FORMATS
+    """File formats; the first four if left out."""
+    shop: str | None = None
+    """A mask shop: its name, or the path of your own profile. Its rules are checked on every mask file."""
+    hierarchy: Literal["cells", "flat", "merged"] | None = "cells"
+    """Cells placed by reference, flat polygons, or polygons merged across pixels."""
+    max_vertices: int | None = Field(default=4094, ge=4, le=4094)
+    """Most vertices of a polygon."""
+    holes: Literal["bisect", "keyhole", "trapezoids"] | None = "bisect"
+    """Way in which outlines with holes are written."""
+    corners: Literal["apart", "joined"] | None = "apart"
+    """Dots that touch at a corner: apart, or joined in one outline."""
+    max_references: int | None = Field(default=None, ge=1)
+    """References of a die above which two pixels share a cell."""
+    grid: Length | None = None
+    """Grid of the data: dies off it are refused, marks are moved to it; default: 1 nm, or the shop's."""
+    dots_per_um: float = Field(default=0.125, gt=0, le=MOST_DOTS_PER_UM, allow_inf_nan=False)
+    """Pixels per micrometre of PNG and TIFF."""
+    dpi: Dpi | None = None
+    """Dots per inch of the plotter, for plate_tiff and plate_bmp; default: the finest that the shop states."""
+    stl_limit_mb: float = Field(default=100.0, gt=0, le=10_000, allow_inf_nan=False)
+    """Largest STL, MB."""
+    chrome: Length = 0.1
+    """Thickness of the film in solids."""
+    exaggeration: float = Field(default=1.0, ge=1, le=1e6, allow_inf_nan=False)
+    """Factor on that thickness, to make it visible."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _left_to_the_house(cls, stated: object) -> object:
+        """With a shop, what is left out stays open until its profile and the plate are known."""
+        if not (isinstance(stated, dict) and stated.get("shop") is not None):
+            return stated
+        return {**dict.fromkeys(("formats", *DRAWING_KEYS)), **stated}
+
+
+class CaseSection(Section):
+    """[[study.case]]: one state of the scene that a study takes photographs in."""
+
+    name: str = Field(min_length=1, max_length=40)
+    """Name of the case in tables and figures."""
+    scene: dict[str, Any] = Field(default_factory=dict)
+    """Keys of [scene] in place of the job's."""
+    brackets: Annotated[tuple[float, ...], Field(min_length=1, max_length=8, strict=False)] | None = None
+    """Exposures in place of exposure.brackets; a study with any draws lamps, and leaves out photographs without light
+    above white."""
+    restored_by: str | None = None
+    """Case whose blur restorers take the photographs' for; default: its own, on the axis."""
+
+
+class ClaimSection(Section):
+    """[[study.claim]]: a sentence that a study's numbers agree with or not.
+
+    The number is that of ``die``, less that of ``over``; photograph by photograph where it is a score. A claim holds
+    for every protocol, level, case and restorer of the study unless it names some. It agrees where the whole 95 %
+    interval lies within the limits, does not where all of it lies outside, and cannot be told otherwise.
+    """
+
+    says: str = Field(min_length=1, max_length=400)
+    """The claim, in your own words."""
+    measure: Literal["psnr", "psnr_inner", "ssim", "delta_e", "auc_radial_min", "open_ratio", "psf_difference"] = "psnr"
+    """Number that is compared: a mean score of restored photographs, one of the optics, or the relative difference of
+    two PSFs."""
+    die: Names
+    """Die that the claim is about, or several."""
+    over: Names | None = None
+    """Die that it is compared with; one for all, or one for each."""
+    levels: Annotated[tuple[float, ...], Field(min_length=1, strict=False)] | None = None
+    """Levels of light that it is about, dB."""
+    protocols: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] | None = None
+    """Protocols that it is about."""
+    case: str | None = None
+    """Case that it is about."""
+    over_case: str | None = None
+    """Case that it is compared with."""
+    restorer: str | None = None
+    """Restorer that it is about."""
+    over_restorer: str | None = None
+    """Restorer that it is compared with."""
+    at_least: float | None = Field(default=None, allow_inf_nan=False)
+    """Least number that agrees."""
+    at_most: float | None = Field(default=None, allow_inf_nan=False)
+    """Largest number that agrees."""
+    why: str = Field(default="", max_length=600)
+    """Why it does not agree, shown where it does not."""
+
+
+class StudySection(Section):
+    """[study]: a figure made of the job's dies by ``maskfab study``, and claims that are held against its numbers."""
+
+    figure: str = Field(min_length=1, max_length=60)
+    """Figure that it remakes, or a short name of your own."""
+    title: str = Field(min_length=1, max_length=120)
+    """Heading of its page."""
+    about: str = Field(default="", max_length=1500)
+    """Its content, in a few sentences."""
+    optics: bool = False
+    """PSF, autocorrelation and radial-minimum MTF of every die."""
+    protocols: Annotated[tuple[Literal["camera", "f1", "paper"], ...], Field(strict=False)] = ()
+    """Protocols that photographs are taken by; none for a study without photographs."""
+    levels: Annotated[tuple[float, ...], Field(min_length=1, max_length=16, strict=False)] | None = None
+    """Levels of light, dB; default: those of the protocol or of [exposure]."""
+    restore: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] | None = None
+    """Restorers, as ``maskfab simulate --restore`` names them; protocol paper has its own."""
+    scenes: int = Field(default=4, ge=0, le=30)
+    """Drawn scenes, beside the photographs of --images."""
+    axis: Literal["level", "dpi", "restorer", "case"] = "level"
+    """Axis of the figure of scores; along "dpi", dies of one opening and tiling are one curve."""
+    case: Annotated[tuple[CaseSection, ...], Field(max_length=16, strict=False)] = ()
+    """States of the scene; default: the job's own."""
+    claim: Annotated[tuple[ClaimSection, ...], Field(max_length=40, strict=False)] = ()
+    """Claims."""
+
+
+class ReportSection(Section):
+    """[report]: what dies are compared by. The data do not depend on it, nor does the hash on the plate."""
+
+    reference: Name | None = None
+    """Die that gains of restored photographs are over; default: the first that can be photographed."""
+    frequencies: Annotated[tuple[Frequency, ...], Field(min_length=1, max_length=3, strict=False)] | None = None
+    """Up to three frequencies on the sensor at which the MTF in its worst direction is told, at most half a cycle per
+    pixel; default: a tenth, a quarter and half of that."""
+
+
+class SpreadSection(Section):
+    """[process.spread]: standard deviations over the displays that are made; a design is appraised over them, and the
+    numbers of a report get bands of bias and radius."""
+
+    bias: Length | None = None
+    """Of the width of clear features."""
+    radius: Length | None = None
+    """Of the radius to which corners are rounded; a ``design`` does not use it."""
+    centre: Length | None = None
+    """Of the stop's centre from the orientation map's, along x and along y."""
+
+
+class RoughnessSection(Section):
+    """[process.roughness]: written edges that are not straight; what they scatter is part of PSF and MTF as written."""
+
+    sigma: LengthOrZero
+    """Root mean square of their displacements along the normal; a third of what is called 3σ line edge roughness."""
+    correlation: Length
+    """Distance along an edge at which the correlation of displacements, exp(-(s / correlation)²), is 1/e."""
+
+
+class ProcessSection(Section):
+    """[process]: what the mask writer does to corners, widths and edges."""
+
+    corner_radius: LengthOrZero = 0.0
+    """Radius to which the writer rounds corners."""
+    cd_bias: SignedLength = 0.0
+    """Change of width of a clear line; positive widens what is clear."""
+    roughness: RoughnessSection | None = None
+    spread: SpreadSection | None = None
+
+
+class JobSpec(Section):
+    """A whole job file."""
+
+    job: JobSection | None = None
+    camera: CameraSection
+    plate: PlateSection | None = None
+    limits: LimitsSection = LimitsSection()
+    die: Annotated[tuple[DieSection, ...], Field(strict=False)] = ()
+    design: AnyDesign | None = None
+    pareto: ParetoSection | None = None
+    scene: SceneSection | None = None
+    emitters: EmittersSection | None = None
+    wires: WiresSection | None = None
+    light: LightSection | None = None
+    sensor: SensorSection | None = None
+    exposure: ExposureSection | None = None
+    export: ExportSection | None = None
+    order: OrderSection | None = None
+    process: ProcessSection | None = None
+    report: ReportSection | None = None
+    study: StudySection | None = None
+    openings: dict[str, str] = Field(default_factory=dict)
+    """Openings as text, by the names that dies use: a job is then self-contained."""
+    maps: dict[str, str] = Field(default_factory=dict)
+    """Orientation maps as text, by the names that dies use."""
+    curves: dict[str, str] = Field(default_factory=dict)
+    """Spectral tables as text, by the names that [scene] uses."""
+    shops: dict[str, str] = Field(default_factory=dict)
+    """Profiles of mask shops as text, by the names that [export] uses."""
+
+    def dump(self) -> dict[str, Any]:
+        """Plain data that loads to an equal spec; defaults are written out, so that they are part of the job's hash.
+
+        Left out are ``curves``, ``maps`` and ``shops`` where they are empty, and what [export] leaves to its shop.
+        """
+        data = self.model_dump(mode="json", exclude_none=True)
+        # A job without tables, maps or profiles keeps the hash that it had before jobs could name any.
+        return {key: value for key, value in data.items() if value or key not in {"curves", "maps", "shops"}}
+
+    @property
+    def tone(self) -> Tone:
+        """Of the data; a house's profile has no say in what is drawn."""
+        return "clear" if self.order is None or self.order.tone is None else self.order.tone
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether the data are the mirror image of the design; see :class:`maskfab.job.order.OrderSection`."""
+        return self.order is not None and self.order.mirrored
+
+    @property
+    def frequencies_cy_per_mm(self) -> tuple[float, ...]:
+        """At which the MTF in its worst direction is told."""
+        highest = self.camera.camera().nyquist_cy_per_mm
+        asked = None if self.report is None else self.report.frequencies
+        return asked or tuple(share * highest for share in (0.1, 0.25, 0.5))
+
+    @property
+    def written(self) -> Process | None:
+        """The process as the finished plate shows it, without a bias that the house or the data make good; or None."""
+        if self.process is None:
+            return None
+        made_good = self.order is not None and self.order.bias in ("house", "data")
+        rough = self.process.roughness
+        return Process(
+            self.process.corner_radius,
+            0.0 if made_good else self.process.cd_bias,
+            None if rough is None else Roughness(rough.sigma, rough.correlation),
+        )
+
+    @property
+    def data_bias_nm(self) -> int | None:
+        """By which clear widths of the data are narrower than the plate's, if the data make the bias good; or None."""
+        if self.order is None or self.order.bias != "data" or self.process is None:
+            return None
+        return round(self.process.cd_bias * NM_PER_UM)
+
+    def drawn(self) -> dict[str, Any]:
+        """Content of the job's hash: :meth:`dump` without what [order] says on paper alone, and without [report].
+
+        The plate carries the hash in its marks, and an address or a purchase number must not change them.
+        """
+        data = self.dump()
+        data.pop("report", None)
+        biased = ("bias", "data")
+        stated = data.pop("order", {}).items()
+        order = {key: value for key, value in stated if key in DATA_KEYS or (key, value) == biased}
+        return {**data, "order": order} if order else data

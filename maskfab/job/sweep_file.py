@@ -1,0 +1,147 @@
+"""The study file of a sweep: a job, keys of it that take other values, and the quantities that are wanted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal, TypeAlias
+
+from pydantic import Field, StrictBool, StrictFloat, StrictInt, StrictStr, model_validator
+
+from maskfab.base.errors import JobError
+from maskfab.job.read import document, parse_section
+from maskfab.job.values import Counts, Names, Section, refusing
+
+Value: TypeAlias = StrictBool | StrictInt | StrictFloat | StrictStr
+"""One value of a key, as a job file writes it."""
+Family = Literal["bars", "discs", "l_shapes", "crosses", "blobs"]
+
+_WAYS = ("values", "from", "uniform", "normal", "shapes")
+
+
+class NormalSection(Section):
+    """field.normal: values drawn from a normal distribution."""
+
+    mean: Value
+    """Its mean."""
+    sigma: Value
+    """Its standard deviation."""
+
+
+class ShapesSection(Section):
+    """field.shapes: openings drawn from families of compact shapes, each shape as likely as any other."""
+
+    families: Annotated[tuple[Family, ...], Field(min_length=1, strict=False)]
+    """Families that are drawn from."""
+    dots: int = Field(ge=1, le=128)
+    """Dots along a side of the cell."""
+    clear_dots: Counts
+    """Numbers of clear dots: a list, or { from, to, step }."""
+
+
+class FieldSection(Section):
+    """[[field]]: a key of the job, and the values that it takes, stated in one of five ways.
+
+    Listed and ranged fields are combined with each other, every value with every other. Fields that are drawn all get
+    a new value for each of ``sweep.cases`` draws, and every draw is combined with every listed value.
+    """
+
+    key: Names
+    """Key of the job, such as process.cd_bias or die.TOLED_R150.seed, or keys that take the same value; die.* means
+    every die of the sweep."""
+    values: Annotated[tuple[Value, ...], Field(min_length=1, strict=False)] | None = None
+    """Values, one after the other."""
+    first: Value | None = Field(default=None, alias="from")
+    """First value of a range, with its unit."""
+    last: Value | None = Field(default=None, alias="to")
+    """Last value of the range, in the same unit."""
+    count: int | None = Field(default=None, ge=2)
+    """Number of values of the range, evenly spaced."""
+    uniform: Annotated[tuple[Value, Value], Field(strict=False)] | None = None
+    """Ends of an interval from which values are drawn."""
+    normal: NormalSection | None = None
+    """Normal distribution from which values are drawn."""
+    shapes: ShapesSection | None = None
+    """Families of shapes from which openings are drawn; the key is one of die.NAME.opening."""
+
+    @property
+    def drawn(self) -> bool:
+        """Whether values are drawn by chance."""
+        return self.values is None and self.first is None
+
+    @model_validator(mode="after")
+    def _one_way(self) -> FieldSection:
+        return refusing(_stated_once, self)  # type: ignore[no-any-return]
+
+
+def _stated_once(section: FieldSection) -> FieldSection:
+    stated = [
+        way for way, value in zip(_WAYS, (section.values, section.first, section.uniform, section.normal,
+                                          section.shapes), strict=True) if value is not None
+    ]  # fmt: skip
+    if len(stated) != 1:
+        told = f"states {' and '.join(stated)}" if stated else "states no values"
+        cure = 'Give one of values, from with to and count, uniform, normal, shapes: values = ["0 um", "0.5 um"]'
+        raise JobError("MF160", f"the field {' and '.join(section.key)} {told}", cure=cure)
+    if (section.first is not None) != (section.last is not None) or (section.first is None) != (section.count is None):
+        what = f"the field {' and '.join(section.key)} has not all of from, to and count"
+        raise JobError("MF160", what, cure='Write from = "-0.5 um", to = "0.5 um", count = 11')
+    return section
+
+
+class LimitSection(Section):
+    """[[limit]]: what a quantity must keep, beside the job's [limits]: the yield is of the cases that keep all."""
+
+    quantity: str
+    """Name of a quantity of the sweep."""
+    at_least: float | None = Field(default=None, allow_inf_nan=False)
+    """Least value that passes."""
+    at_most: float | None = Field(default=None, allow_inf_nan=False)
+    """Largest value that passes."""
+
+    @model_validator(mode="after")
+    def _some_limit(self) -> LimitSection:
+        return refusing(_limiting, self)  # type: ignore[no-any-return]
+
+
+def _limiting(section: LimitSection) -> LimitSection:
+    if section.at_least is None and section.at_most is None:
+        raise JobError("MF105", f"{section.quantity} has no limit", cure="Add at_least or at_most")
+    return section
+
+
+class SweepSection(Section):
+    """[sweep]: the job, the numbers wanted of it, and how values are drawn."""
+
+    title: str = Field(max_length=200)
+    """Heading of its page."""
+    about: str = Field(default="", max_length=1500)
+    """Its subject, in a few sentences."""
+    job: str
+    """Path of the job file, relative to this one."""
+    quantities: Names
+    """Names of the quantities wanted, as report.json has them."""
+    dies: Names | None = None
+    """Dies that are looked at; default: all of the job."""
+    cases: int | None = Field(default=None, ge=1)
+    """Number of draws, if any field is drawn."""
+    sampling: Literal["latin", "random"] = "latin"
+    """Draws spread evenly over every field (a Latin hypercube), or each by itself."""
+    seed: int = Field(default=0, ge=0)
+    """Seed of the draws."""
+
+
+class SweepSpec(Section):
+    """A whole study file."""
+
+    sweep: SweepSection
+    field: Annotated[tuple[FieldSection, ...], Field(min_length=1, max_length=32, strict=False)]
+    limit: Annotated[tuple[LimitSection, ...], Field(max_length=64, strict=False)] = ()
+
+
+def read_sweep(path: Path) -> SweepSpec:
+    """Load and validate a study file; nothing that it names is read yet.
+
+    Raises:
+        SourceError, JobError: as :func:`maskfab.job.read.read`; MF160 for a field that is not stated once.
+    """
+    return parse_section(SweepSpec, document(path, "study"), where=str(path))

@@ -1,0 +1,552 @@
+"""A table of a job file or of a profile.
+
+Our errors on their way through pydantic, and pydantic's own as errors of ours that name the key.
+
+Values of a job file and their types: lengths and areas with their units, names, text, formats, counts, colours.
+
+Values of [scene] and their types: distances, accuracies, aberrations, spectra and illuminants.
+
+The corners of a lens stop of straight sides.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from itertools import islice
+from pathlib import Path
+from types import MappingProxyType
+from typing import Annotated, Any, Literal, TypeAlias, get_args
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, ValidationError
+from pydantic_core import PydanticCustomError
+
+from maskfab.base import units
+from maskfab.base.errors import JobError
+
+
+class Section(BaseModel):
+    """A table of a job file: frozen, and refused if it has an unknown key or a value of the wrong type."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+_PART = "\x1f"  # parts what from cure on the way through pydantic
+_OUT_OF_RANGE = frozenset({"greater_than", "greater_than_equal", "less_than", "less_than_equal", "finite_number"})
+
+
+def refusing(parse: Any, value: object, **options: object) -> Any:
+    """Run one of our parsers inside pydantic, which then adds the place of the value."""
+    try:
+        return parse(value, **options)
+    except JobError as error:
+        # Without a context pydantic takes the text as it is, braces included.
+        raise PydanticCustomError(error.code, error.what + _PART + error.cure) from error
+
+
+def _written(loc: tuple[int | str, ...]) -> tuple[int | str, ...]:
+    """A place without the name of the method that [design] was read as, which pydantic puts into it."""
+    return loc[:1] + loc[2:] if loc[:1] == ("design",) and loc[1:2] in {("search",), ("relax",)} else loc
+
+
+def first_problem(error: ValidationError, where: str) -> JobError:
+    """The first problem pydantic found, as an error of ours that names the key; the number of others is told.
+
+    An unknown key comes first of all: a misspelt one is also missing under its true name.
+    """
+    problems = sorted(error.errors(include_url=False), key=lambda p: p["type"] != "extra_forbidden")
+    for each in problems:
+        each["loc"] = _written(each["loc"])
+    problem = problems[0]
+    # A list of which one item is wrong may also count as too short; that is no problem of its own.
+    more = sum(p["loc"] != problem["loc"][: len(p["loc"])] for p in problems)
+    key = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in problem["loc"]).lstrip(".") or "the file"
+    place = f"{where}: {key}"
+    others = f"; {more} more problem{'s follow' if more > 1 else ' follows'}" if more else ""
+    kind = problem["type"]
+    if kind.startswith("MF"):
+        what, _, cure = problem["msg"].partition(_PART)
+        return JobError(kind, f"{key} = {what}{others}" if kind != "MF110" else what + others, where=place, cure=cure)
+    if kind == "extra_forbidden":
+        return JobError("MF102", f"unknown key {key!r}{others}", where=place, cure="Remove it, or mend its spelling")
+    if kind == "missing":
+        return JobError("MF105", f"the key {key!r} is missing{others}", where=place, cure=f"Add {key}")
+    code = "MF104" if kind in _OUT_OF_RANGE else "MF105"
+    what = f"{key} = {problem['input']!r}: {problem['msg'][0].lower()}{problem['msg'][1:]}{others}"
+    return JobError(code, what, where=place, cure=f"Change {key}")
+
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,23}")
+_DEVICE = re.compile(r"(?i)con|prn|aux|nul|(?:com|lpt)[0-9]")
+_AREA = re.compile(r"\s*(\S+?)\s*(nm|um|µm|mm)(?:\^2|2|²)\s*")
+_LONGEST_UM = 1e9
+_LARGEST_PLATE_UM = 2e6
+_MOST_COUNTS = 64
+
+Method = Literal["search", "relax"]
+METHODS: tuple[str, ...] = get_args(Method)
+Symmetry = Literal["d4", "mirror", "rot180"]
+Kissing = Literal["allowed", "cell", "neighbours"]
+ObjectiveName = Literal["invertibility", "top_residual", "expected_error", "boundary_leak", "mtf_auc", "area"]
+Weight = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
+
+FileFormat: TypeAlias = Literal[
+    "gdsii",
+    "oasis",
+    "dxf_r12",
+    "dxf_r2010",
+    "gerber",
+    "cif",
+    "svg",
+    "step",
+    "glb",
+    "3mf",
+    "stl",
+    "png",
+    "tiff",
+    "exr",
+    "plate_tiff",
+    "plate_bmp",
+]
+MASK_FORMATS: tuple[FileFormat, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010")
+"""Default formats of a plate."""
+
+MEASURED_FORMATS: tuple[FileFormat, ...] = (*MASK_FORMATS, "cif")
+"""Formats from which a plate's optics can be measured."""
+
+PlateBitmap: TypeAlias = Literal["plate_tiff", "plate_bmp"]
+PLATE_BITMAPS: tuple[PlateBitmap, ...] = get_args(PlateBitmap)
+"""Formats of a whole plate as a plotter's dots."""
+
+MOST_DOTS_PER_UM = 100
+"""Pixels of a PNG or a TIFF in a micrometre."""
+
+
+def check_name(name: object, *, where: str = "") -> str:
+    """Refuse a name that mask houses would refuse in a GDSII library.
+
+    Raises:
+        JobError: MF110. A name has 1 to 24 letters, digits and underscores, a letter first (files carry suffixes
+            within the 32 characters of GDSII), and nowhere "main", which mask houses keep for their own top cell. Nor
+            is it a device of Windows, where no file can have its name.
+    """
+    if not isinstance(name, str):
+        raise JobError("MF105", f"{name!r} is not text", where=where, cure='Write a name such as "TOLED_150"')
+    if "main" in name.lower():
+        problem = f'the name {name!r} holds "main", which mask houses refuse'
+        raise JobError("MF110", problem, where=where, cure='Choose a name without "main", such as "TOLED_150"')
+    if _DEVICE.fullmatch(name):
+        problem = f"the name {name!r} is that of a device, and Windows has no file called so"
+        raise JobError("MF110", problem, where=where, cure='Choose another name, such as "TOLED_150"')
+    if not _NAME.fullmatch(name):
+        raise JobError(
+            "MF110",
+            f"the name {name!r} of {len(name)} characters is not a letter followed by at most 23 letters, digits or "
+            "underscores",
+            where=where,
+            cure='Use a name such as "TOLED_150"; the name of a file is its stem unless one is given',
+        )
+    return name
+
+
+def _listed(value: object) -> object:
+    return [value] if isinstance(value, str) else value
+
+
+def um_text(value: float) -> str:
+    """Micrometres as a job file writes them."""
+    return f"{value:.15g} um"
+
+
+def distance_text(value: float) -> str:
+    """A distance, which may be infinite, as a job file writes it."""
+    return "inf" if math.isinf(value) else um_text(value)
+
+
+def _nm_text(value: float) -> str:
+    return f"{value:.15g} nm"
+
+
+def length_um(value: object, *, zero_allowed: bool = False) -> float:
+    """Micrometres of a length written with its unit, at most 1 km.
+
+    Raises:
+        JobError: MF103 for a missing or wrong unit, MF104 for a length out of range.
+    """
+    return _in_range(units.parse_length_um(value, zero_allowed=zero_allowed), value)
+
+
+def _in_range(length: float, value: object) -> float:
+    if length > _LONGEST_UM:
+        raise JobError("MF104", f"{value!r} is longer than the limit of 1 km", cure="Give a length of at most 1 km")
+    return length
+
+
+def _pitch(value: object) -> float:
+    return _in_range(float(f"{units.parse_pitch_um(value):.15g}"), value)  # densities give more digits than are meant
+
+
+def _on_plate(value: object) -> float:
+    length = length_um(value)
+    if length > _LARGEST_PLATE_UM:
+        raise JobError(
+            "MF104",
+            f"{value!r} is more than 2 m, beyond what the coordinates of GDSII reach in steps of 1 nm",
+            cure="Give a length of at most 2 m",
+        )
+    return length
+
+
+def _drawn(text: object) -> object:
+    """Text that the plate shows in letters of its own; its type is checked elsewhere."""
+    lacking = sorted({c for c in text if not " " <= c <= "~"}) if isinstance(text, str) else []
+    if lacking:
+        raise JobError(
+            "MF110",
+            f"the plate's font has no {', '.join(map(repr, lacking))} for the text {text!r}",
+            cure="Use ASCII letters, digits and punctuation",
+        )
+    return text
+
+
+def _area(value: object) -> float:
+    """Square micrometres of an area such as ``"1985 um^2"``."""
+    match = _AREA.fullmatch(value) if isinstance(value, str) else None
+    if match is None:
+        raise JobError("MF103", f"{value!r} is not an area with its unit", cure='Write it as "1985 um^2"')
+    # A number times a unit squared is a length in that unit, times the unit once more.
+    once = units.parse_length_um(f"{match[1]} {match[2]}", zero_allowed=True)
+    return float(f"{once * units.parse_length_um(f'1 {match[2]}'):.15g}")
+
+
+def _area_text(value: float) -> str:
+    return f"{value:.15g} um^2"
+
+
+def _three(value: object) -> tuple[float, float, float]:
+    """Three finite positive numbers, for red, green and blue."""
+    parts = value if isinstance(value, list | tuple) else ()
+    numbers = [part for part in parts if isinstance(part, int | float) and not isinstance(part, bool)]
+    if len(parts) != 3 or len(numbers) != 3 or not all(math.isfinite(part) and part > 0 for part in numbers):
+        raise JobError(
+            "MF116", f"{value!r} is not three positive numbers", cure="Give red, green and blue, such as [1, 1, 2]"
+        )
+    red, green, blue = (float(part) for part in numbers)
+    return red, green, blue
+
+
+def length_keys(section: type[BaseModel]) -> frozenset[str]:
+    """Keys of a job file's section that hold one length each: those that are written as lengths."""
+    return frozenset(
+        key
+        for key, field in section.model_fields.items()
+        for each in (*field.metadata, *(mark for kind in get_args(field.annotation) for mark in get_args(kind)[1:]))
+        if isinstance(each, PlainSerializer) and each.func in (um_text, distance_text)
+    )
+
+
+def checked_formats(formats: tuple[FileFormat, ...]) -> tuple[FileFormat, ...]:
+    """Refuse formats of which the first is no layout, or one is named twice.
+
+    Raises:
+        JobError: MF105.
+    """
+    if formats[0] not in MEASURED_FORMATS:
+        raise JobError(
+            "MF105",
+            f"{list(formats)}: the optics are measured from the first file, and {formats[0]} cannot be measured",
+            cure=f"Put one of {', '.join(MEASURED_FORMATS)} first",
+        )
+    if len(set(formats)) < len(formats):
+        raise JobError("MF105", f"{list(formats)}: a format is named twice", cure="Name each once")
+    return formats
+
+
+def signed_length_um(value: object) -> float:
+    """Micrometres of a length that may be negative; raises as :func:`length_um`."""
+    if not (isinstance(value, str) and value.strip().startswith("-")):
+        return length_um(value, zero_allowed=True)
+    try:
+        return -length_um(value.strip()[1:], zero_allowed=True)
+    except JobError as error:
+        what = f"{value!r} is no finite length of at most 1 km, with one sign and a unit"
+        raise JobError(error.code, what, cure='Write it as "-0.1 um"') from error
+
+
+def _listed_counts(value: object) -> object:
+    """A table of ``from``, ``to`` and ``step`` as the list that it stands for; anything else as it is."""
+    if not isinstance(value, dict):
+        return value
+    asked = {"step": 1, **value}
+    if (
+        asked.keys() != {"from", "to", "step"}
+        or not all(type(each) is int for each in asked.values())
+        or not 1 <= asked["from"] <= asked["to"]
+        or asked["step"] < 1
+    ):
+        raise JobError(
+            "MF105",
+            f"{value!r} is not a range of whole numbers from 1 upwards",
+            cure="Write { from = 60, to = 110, step = 10 }, or a list",
+        )
+    # One more than may be is enough to be refused.
+    return list(islice(range(asked["from"], asked["to"] + 1, asked["step"]), _MOST_COUNTS + 1))
+
+
+Length = Annotated[float, BeforeValidator(lambda v: refusing(length_um, v)), PlainSerializer(um_text)]
+LengthOrZero = Annotated[
+    float,
+    BeforeValidator(lambda v: refusing(length_um, v, zero_allowed=True)),
+    PlainSerializer(um_text),
+]
+PlateLength = Annotated[float, BeforeValidator(lambda v: refusing(_on_plate, v)), PlainSerializer(um_text)]
+Pitch = Annotated[float, BeforeValidator(lambda v: refusing(_pitch, v)), PlainSerializer(um_text)]
+Wavelength = Annotated[
+    float, BeforeValidator(lambda v: refusing(units.parse_wavelength_nm, v)), PlainSerializer(_nm_text)
+]
+DrawnText = Annotated[str, BeforeValidator(lambda v: refusing(_drawn, v))]
+Frequency = Annotated[
+    float,
+    BeforeValidator(lambda v: refusing(units.parse_frequency_cy_per_mm, v)),
+    PlainSerializer(lambda v: f"{v:.15g} cy/mm"),
+]
+"""On the sensor, in cycles per millimetre."""
+Names = Annotated[tuple[str, ...], BeforeValidator(_listed), Field(min_length=1, strict=False)]
+Name = Annotated[str, BeforeValidator(lambda v: refusing(check_name, v))]
+Area = Annotated[float, BeforeValidator(lambda v: refusing(_area, v)), PlainSerializer(_area_text)]
+ThreeColours = Annotated[tuple[float, float, float], BeforeValidator(lambda v: refusing(_three, v))]
+SignedLength = Annotated[float, BeforeValidator(lambda v: refusing(signed_length_um, v)), PlainSerializer(um_text)]
+Time = Annotated[
+    float, BeforeValidator(lambda v: refusing(units.parse_time_s, v)), PlainSerializer(lambda v: f"{v:.15g} s")
+]
+"""Seconds."""
+Dpi = Annotated[int, BeforeValidator(lambda v: refusing(units.parse_dpi, v)), PlainSerializer(lambda v: f"{v} dpi")]
+"""Dots per inch of a plotter."""
+Formats = Annotated[
+    tuple[FileFormat, ...],
+    Field(min_length=1, strict=False),
+    AfterValidator(lambda v: refusing(checked_formats, v)),
+]
+Counts = Annotated[
+    tuple[Annotated[int, Field(ge=1)], ...],
+    Field(min_length=1, max_length=_MOST_COUNTS, strict=False),
+    BeforeValidator(lambda v: refusing(_listed_counts, v)),
+]
+
+
+COLDEST_K, HOTTEST_K = 1000.0, 100_000.0
+"""Temperatures of black bodies, kelvins."""
+
+ACCURACIES: Mapping[str, float] = MappingProxyType({"draft": 1e-2, "standard": 1e-3, "certify": 1e-6})
+"""Admissible relative L2 error of the PSF, by name."""
+
+MOST_DISTORTION = 0.3
+"""Beyond it a barrel folds the picture within the height at which it is stated."""
+
+_TEMPERATURE = re.compile(r"\s*([-+]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|nan|inf))\s*(\S*)\s*")
+_HIGHEST_NOLL = 66
+
+
+def _distance(value: object) -> float:
+    """Micrometres of a length, or infinity for ``"inf"``."""
+    return math.inf if value == "inf" else length_um(value)
+
+
+def _depth(value: object) -> tuple[float, float]:
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise JobError("MF105", f"{value!r} is not a pair of distances", cure='Write it as ["1 m", "inf"]')
+    nearest, farthest = (_distance(each) for each in value)
+    if nearest > farthest:
+        raise JobError(
+            "MF104", f"{value!r} has the nearest object beyond the farthest", cure="Swap them: the nearest comes first"
+        )
+    return nearest, farthest
+
+
+def _accuracy(value: object) -> float:
+    """Admissible relative L2 error of the PSF, by name or as a number in (0, 1)."""
+    if isinstance(value, str) and value in ACCURACIES:
+        return ACCURACIES[value]
+    names = ", ".join(f'"{name}"' for name in ACCURACIES)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise JobError("MF105", f"{value!r} is not an accuracy", cure=f"Use {names} or a number between 0 and 1")
+    if not 0 < value < 1:
+        raise JobError("MF104", f"{value!r} is outside 0 to 1", cure=f"Use {names} or a ratio such as 1e-3")
+    return float(value)
+
+
+def _aberrations(value: object) -> tuple[tuple[int, float], ...]:
+    cure = "Write pairs of Noll's number and waves: [[4, 0.05], [11, 0.02]]"
+    if not isinstance(value, list | tuple):
+        raise JobError("MF105", f"{value!r} is not a list of pairs", cure=cure)
+    found: list[tuple[int, float]] = []
+    for pair in value:
+        if not isinstance(pair, list | tuple) or len(pair) != 2:
+            raise JobError("MF105", f"{pair!r} is not a pair", cure=cure)
+        term, waves = pair
+        if type(term) is not int or type(waves) not in (int, float):
+            raise JobError("MF105", f"{pair!r} is not a whole number and a number", cure=cure)
+        if not 1 <= term <= _HIGHEST_NOLL:
+            raise JobError("MF104", f"{pair!r} has a Noll index outside 1 to {_HIGHEST_NOLL}", cure=cure)
+        if not math.isfinite(waves):
+            raise JobError("MF104", f"{pair!r} has a coefficient that is not finite", cure=cure)
+        if term in (known for known, _ in found):
+            raise JobError("MF105", f"{pair!r} repeats Noll's term {term}", cure="Give every term once")
+        found.append((term, float(waves)))
+    return tuple(found)
+
+
+def _distortion(value: object) -> tuple[float, float]:
+    """Relative displacement, and the image height where it was measured, in micrometres."""
+    cure = 'Write it as { ratio = 0.02, height = "2 mm" }'
+    if not isinstance(value, Mapping) or set(value) != {"ratio", "height"}:
+        raise JobError("MF105", f"{value!r} is not a distortion and the image height where it was measured", cure=cure)
+    ratio = value["ratio"]
+    if type(ratio) not in (int, float):
+        raise JobError("MF105", f"{ratio!r} is not a ratio", cure=cure)
+    if not abs(ratio) <= MOST_DISTORTION:
+        raise JobError("MF104", f"a distortion of {ratio!r} is beyond {MOST_DISTORTION:g}", cure="Write 0.02 for 2 %")
+    return float(ratio), length_um(value["height"])
+
+
+def is_table(name: str) -> bool:
+    """Whether a text names a file of curves."""
+    return Path(name).suffix.lower() == ".csv"
+
+
+def _spectrum(value: object) -> str:
+    if not isinstance(value, str) or not (value in ("lines", "rgb") or is_table(value)):
+        raise JobError(
+            "MF105", f"{value!r} is not a spectrum", cure='Use "lines", "rgb" or a file such as "camera.csv"'
+        )
+    return value
+
+
+def _illuminant(value: object) -> str | float:
+    """``"equal"``, the name of a file of one curve, or a black body's temperature in kelvins."""
+    if isinstance(value, str) and (value == "equal" or is_table(value)):
+        return value
+    cure = 'Use "equal", a temperature such as "6500 K" or a file such as "light.csv"'
+    found = None if isinstance(value, bool) else _TEMPERATURE.fullmatch(str(value))
+    if found is None:
+        raise JobError("MF105", f"{value!r} is not an illuminant", cure=cure)
+    if found[2] != "K":
+        problem = "no unit" if not found[2] else f"the unit {found[2]!r}, which is no kelvin"
+        raise JobError("MF103", f"{value!r} has {problem}", cure=cure)
+    # As with lengths: 15 digits, which are written out and read again as they are.
+    kelvins = float(f"{float(found[1]):.15g}")
+    if not COLDEST_K <= kelvins <= HOTTEST_K:
+        raise JobError(
+            "MF104", f"{value!r} is outside {COLDEST_K:g} K to {HOTTEST_K:g} K", cure="Daylight is about 6500 K"
+        )
+    return kelvins
+
+
+Spectrum = Annotated[str, BeforeValidator(lambda v: refusing(_spectrum, v))]
+Illuminant = Annotated[
+    str | float,
+    BeforeValidator(lambda v: refusing(_illuminant, v)),
+    PlainSerializer(lambda v: f"{v:.15g} K" if isinstance(v, float) else v),
+]
+Distance = Annotated[float, BeforeValidator(lambda v: refusing(_distance, v)), PlainSerializer(distance_text)]
+Depth = Annotated[
+    tuple[float, float],
+    BeforeValidator(lambda v: refusing(_depth, v)),
+    PlainSerializer(lambda v: [distance_text(each) for each in v]),
+]
+Accuracy = Annotated[float, BeforeValidator(lambda v: refusing(_accuracy, v))]
+Aberrations = Annotated[tuple[tuple[int, float], ...], BeforeValidator(lambda v: refusing(_aberrations, v))]
+LensDistortion = Annotated[
+    tuple[float, float],
+    BeforeValidator(lambda v: refusing(_distortion, v)),
+    PlainSerializer(lambda v: {"ratio": v[0], "height": um_text(v[1])}),
+]
+
+
+_MOST_CORNERS = 256
+_CURE = 'Write pairs of x and y: [["1 mm", "0 mm"], ["0 mm", "1 mm"], ["-1 mm", "-1 mm"]]'
+
+Corner = tuple[float, float]
+
+
+def _coordinate(value: object) -> float:
+    """Micrometres of a length that may be negative or zero."""
+    text = value.strip() if isinstance(value, str) else value
+    if isinstance(text, str) and text.startswith("-"):
+        return -length_um(text[1:], zero_allowed=True)
+    return length_um(text, zero_allowed=True)
+
+
+def _corners(value: object) -> tuple[Corner, ...]:
+    """Corners of a polygon whose sides meet only where one follows the other.
+
+    Raises:
+        JobError: MF105 for what is no list of pairs, MF103 and MF104 for their lengths; MF132 for sides that cross or
+            touch, corners that coincide, or fewer than three; MF115 for more than 256.
+    """
+    if not isinstance(value, list | tuple) or not all(isinstance(p, list | tuple) and len(p) == 2 for p in value):
+        raise JobError("MF105", f"{value!r} is not a list of pairs", cure=_CURE)
+    if len(value) < 3:
+        raise JobError("MF132", f"{len(value)} corners hold no area; 3 are needed", cure=_CURE)
+    if len(value) > _MOST_CORNERS:
+        raise JobError(
+            "MF115", f"{len(value)} corners are more than {_MOST_CORNERS}", cure="Draw the stop with fewer corners"
+        )
+    found = tuple((_coordinate(x), _coordinate(y)) for x, y in value)
+    _refuse_crossing(found)
+    return found
+
+
+def _refuse_crossing(corners: Sequence[Corner]) -> None:
+    sides = list(zip(corners, (*corners[1:], *corners[:1]), strict=True))
+    for k, first in enumerate(sides):
+        if first[0] == first[1]:
+            raise JobError("MF132", f"corner {k + 1} and the next coincide", cure="Remove one of the two corners")
+        for j in range(k + 1, len(sides)):
+            second = sides[j]
+            if j == k + 1 or (k == 0 and j == len(sides) - 1):
+                shared, before, after = (
+                    (first[1], first[0], second[1]) if j == k + 1 else (first[0], first[1], second[0])
+                )
+                meet = _turn(before, shared, after) == 0 and _ahead(before, shared, after)
+            else:
+                meet = _cross(*first, *second)
+            if meet:
+                raise JobError(
+                    "MF132",
+                    f"sides {k + 1} and {j + 1} cross or touch",
+                    cure="Give the corners in order round the stop",
+                )
+
+
+def _turn(p: Corner, q: Corner, r: Corner) -> float:
+    """Positive if p, q, r turn left; 0 on a line, up to rounding."""
+    turn = (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
+    return 0.0 if abs(turn) <= 1e-12 * math.dist(p, q) * math.dist(p, r) else turn
+
+
+def _ahead(p: Corner, q: Corner, r: Corner) -> bool:
+    """Whether the way from q to r leads back along that from p to q."""
+    return (q[0] - p[0]) * (r[0] - q[0]) + (q[1] - p[1]) * (r[1] - q[1]) < 0
+
+
+def _cross(p: Corner, q: Corner, r: Corner, s: Corner) -> bool:
+    """Whether two sides have a place in common."""
+    turns = _turn(p, q, r), _turn(p, q, s), _turn(r, s, p), _turn(r, s, q)
+    if all(turns):
+        return (turns[0] > 0) != (turns[1] > 0) and (turns[2] > 0) != (turns[3] > 0)
+    ends = (p, q, r), (p, q, s), (r, s, p), (r, s, q)
+    return any(turn == 0 and _between(*end) for turn, end in zip(turns, ends, strict=True))
+
+
+def _between(p: Corner, q: Corner, r: Corner) -> bool:
+    """Whether r, which is in line with p and q, lies between them."""
+    return all(min(a, b) <= c <= max(a, b) for a, b, c in zip(p, q, r, strict=True))
+
+
+Corners = Annotated[
+    tuple[Corner, ...],
+    BeforeValidator(lambda v: refusing(_corners, v)),
+    PlainSerializer(lambda v: [[um_text(x), um_text(y)] for x, y in v]),
+]

@@ -1,0 +1,683 @@
+"""Slivers: differences too narrow to matter, told from faults by their width.
+
+A fracture into trapezoids rounds every corner that it makes on a slanted edge to the grid, so that slivers narrower
+than a grid step are left out or drawn twice all along it. A difference is a sliver if nothing is left of it once its
+outline is moved inwards by half the tolerance.
+
+Dark data as clear ones: what a plate's writable area has besides the chrome that a file draws.
+
+A written mask file against the plate it was written from.
+
+The file is read by a library that did not write it, and compared twice: with the layout, polygon by polygon, and with
+the openings and orientations themselves, dot by dot, without the layout.
+
+A file of biased data against its plate, twice: as it is, and as the writer will make it.
+
+The data are held against the sized design, polygon by polygon, and against the openings without any polygons, on lines
+half the bias beside those of the dots. Then what was read is sized back, and compared with the design as any file is:
+a bias taken off twice, or not at all, fails there, whatever the sizing of the design does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from klayout import db
+from numpy.typing import NDArray
+
+from maskfab.base.arrays import Floats, Mask
+from maskfab.base.model import CHROME, CLEAR, LAYERS, NOTE, Box, Die, Gauge, Layer, Plate, Point, Quantity
+from maskfab.base.units import NM_PER_UM
+from maskfab.mask.dots import corner_touches, die_edges_nm, die_raster
+from maskfab.mask.figures import CUT, DRAWN_LAYERS
+from maskfab.mask.formats.reader import find_cell, read_layout, rounding_nm
+from maskfab.mask.layout import layer_info, region
+from maskfab.mask.raster import coverage, placed_boxes
+from maskfab.mask.writer import biased_data, written_of
+
+MOST_SIFTED = 100_000
+"""Differing polygons above which none is looked at: such a file has faults."""
+
+_FINEST = 1000
+_LARGEST = 2**30
+_SLACK = 2
+"""Units of the refined grid by which moved outlines may be off."""
+
+_STEPS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Sifted:
+    """Differing area by its width.
+
+    Attributes:
+        faults: what is wider than the tolerance.
+        slivers: what is not.
+        widest_nm: no sliver is wider; 0 if there is none. Of polygons of up to a millimetre this and the tolerance are
+            kept to 4 pm, of larger ones to the same share of their size.
+    """
+
+    faults: db.Region
+    slivers: db.Region
+    widest_nm: float = 0.0
+
+
+def sift(differing: db.Region, tolerance_nm: float) -> Sifted:
+    """Tell slivers from faults, polygon by polygon.
+
+    Args:
+        differing: merged, in nanometres.
+        tolerance_nm: width up to which a polygon is a sliver; 0 if none is.
+    """
+    if tolerance_nm <= 0 or differing.count() > MOST_SIFTED:
+        return Sifted(differing, db.Region())
+    faults, slivers = db.Region(), db.Region()
+    widest = 0.0
+    for polygon in differing.each():
+        if not _vanishes(polygon, tolerance_nm):
+            faults.insert(polygon)
+            continue
+        slivers.insert(polygon)
+        if not _vanishes(polygon, widest):
+            widest = _width(polygon, widest, tolerance_nm)
+    return Sifted(faults, slivers, widest)
+
+
+def _vanishes(polygon: db.Polygon, width_nm: float) -> bool:
+    finer, box = _finer(polygon), polygon.bbox()
+    grown = polygon.moved(-box.left, -box.bottom).transformed(db.ICplxTrans(float(finer)))
+    return bool(db.Region(grown).sized(-math.ceil(width_nm * finer / 2) - _SLACK).is_empty())
+
+
+def _finer(polygon: db.Polygon) -> int:
+    box = polygon.bbox()
+    return max(1, min(_FINEST, _LARGEST // max(1, int(box.width()), int(box.height()))))
+
+
+def _width(polygon: db.Polygon, low: float, high: float) -> float:
+    """Upper bound of a polygon's width, by bisection between two widths, at one of which it vanishes."""
+    for _ in range(_STEPS):
+        middle = (low + high) / 2
+        low, high = (low, middle) if _vanishes(polygon, middle) else (middle, high)
+    return high + 2 * _SLACK / _finer(polygon)
+
+
+def cleared(read: db.Layout, plate: Plate) -> db.Layout:
+    """A layout whose layer CLEAR is what the chrome of another leaves of the writable area; other layers are as there.
+
+    Nothing is left in hierarchy on that layer, for a file from elsewhere may draw chrome in any cell.
+    """
+    found = read.dup()
+    top, half = found.top_cell(), plate.writable_nm // 2
+    clear = db.Region(db.Box(-half, -half, half, half)) - _drawn(found, CHROME)
+    cut = found.find_layer(layer_info(CUT))
+    if cut is not None:
+        clear += _drawn(found, CUT)
+    for layer in (CLEAR, CHROME, CUT):
+        index = found.find_layer(layer_info(layer))
+        if index is not None:
+            found.delete_layer(index)
+    top.shapes(found.layer(layer_info(CLEAR))).insert(clear.merged(True, 1))
+    return found
+
+
+def named_chrome(read: db.Layout) -> None:
+    """Call what a file without layers draws chrome: its reader takes it for what is clear."""
+    index = read.find_layer(layer_info(CLEAR))
+    if index is not None:
+        read.set_info(index, layer_info(CHROME))
+
+
+def _drawn(layout: db.Layout, layer: Layer) -> db.Region:
+    index = layout.find_layer(layer_info(layer))
+    return db.Region() if index is None else db.Region(layout.top_cell().begin_shapes_rec(index))
+
+
+__all__ = [
+    "CdCheck",
+    "DieCheck",
+    "Difference",
+    "RoundTrip",
+    "clear_length_nm",
+    "compare_layout",
+    "die_edges_nm",
+    "die_raster",
+    "roundtrip",
+]
+
+_NM2_PER_UM2 = NM_PER_UM**2
+_FEW_POLYGONS = 30_000
+"""Told one by one in a tenth of a second."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Where a file departs from the plate.
+
+    Attributes:
+        owner: the die or piece of furniture that it belongs to or lies nearest to.
+        layer: where it is drawn.
+        area_um2: area that only one of the two covers.
+        first_nm: lower left corner of the first such polygon, lowest first, then leftmost.
+    """
+
+    owner: str
+    layer: Layer
+    area_um2: float
+    first_nm: Point
+
+    def __str__(self) -> str:
+        x, y = (value / NM_PER_UM for value in self.first_nm)
+        return f"{self.owner}: {self.area_um2:g} um^2 differ on {self.layer.name}, first at ({x:.3f}, {y:.3f}) um"
+
+
+@dataclass(frozen=True)
+class DieCheck:
+    """One die of the file.
+
+    Attributes:
+        name: the die's name.
+        xor_area_um2: area on written layers that only one of file and design covers.
+        wrong_dots: grid cells whose share of clear differs from what opening and orientations say; None if not asked.
+        corner_touches: vertices at which two clear dots meet by a corner only; None if not asked.
+    """
+
+    name: str
+    xor_area_um2: float
+    wrong_dots: int | None
+    corner_touches: int | None
+
+
+@dataclass(frozen=True)
+class CdCheck:
+    """One gauge: its target, the clear length along it in the design, and that in the file."""
+
+    gauge: Gauge
+    drawn_nm: int
+    read_nm: int
+
+    @property
+    def delta_nm(self) -> int:
+        """File minus design."""
+        return self.read_nm - self.drawn_nm
+
+
+@dataclass(frozen=True, eq=False)
+class RoundTrip:
+    """Result of reading a file back.
+
+    Attributes:
+        path: the file.
+        layout: its content; the file's only top cell is the plate.
+        polygons: polygons on written layers, all references counted.
+        drawn_polygons: the same for the design.
+        rounding_nm: largest distance by which a coordinate of the file was off the nanometre grid.
+        differences: one for each die or piece of furniture and layer that differs; empty if all is well.
+        dies: in plate order.
+        cds: in the order of the plate's gauges.
+        differing: all that only one of file and plate makes clear, merged.
+        slivers: of that, what is no wider than the tolerance and so no difference.
+        data: rows of biased data before they are sized back; all else is of them sized back.
+        judged: rows of the second derivation, of :mod:`maskfab.mask.judge`.
+    """
+
+    path: Path
+    layout: db.Layout
+    polygons: int
+    drawn_polygons: int
+    rounding_nm: float
+    differences: tuple[Difference, ...]
+    dies: tuple[DieCheck, ...]
+    cds: tuple[CdCheck, ...]
+    differing: db.Region
+    slivers: Sifted
+    data: tuple[Quantity, ...] = ()
+    judged: tuple[Quantity, ...] = ()
+
+    @property
+    def xor_area_um2(self) -> float:
+        """Area of the plate that only one of file and design covers."""
+        return sum(difference.area_um2 for difference in self.differences)
+
+    def quantities(self) -> tuple[Quantity, ...]:
+        """Rows of report.json: of the plate first, then of the dies, then of either by the second derivation."""
+        return (*self._of_plate(), *self._of_dies(), *self.judged)
+
+    def _of_plate(self) -> Iterator[Quantity]:
+        name = self.path.name
+        yield from (row for row in self.data if row.die is None)
+        where = "; ".join(map(str, self.differences))
+        yield Quantity(
+            "readback_xor_area",
+            self.xor_area_um2,
+            f"{name}, read independently, XOR with the design" + (f": {where}" if where else ""),
+            limit=0.0,
+            passed=self.xor_area_um2 == 0,
+        )
+        yield Quantity(
+            "polygons",
+            self.polygons,
+            f"counted in {name}, every reference followed",
+            limit=self.drawn_polygons,
+            passed=self.polygons == self.drawn_polygons,
+        )
+        for cd in self.cds:
+            yield Quantity(
+                f"cd_{cd.gauge.name.removeprefix('cd_')}",
+                cd.read_nm,
+                f"clear length along the {cd.gauge.axis} gauge in {name}; drawn {cd.drawn_nm} nm, "
+                f"difference {cd.delta_nm:+d} nm",
+                limit=cd.gauge.target_nm,
+                passed=cd.read_nm == cd.gauge.target_nm,
+            )
+
+    def _of_dies(self) -> Iterator[Quantity]:
+        yield from (row for row in self.data if row.die is not None)
+        for die in self.dies:
+            yield Quantity(
+                "readback_xor_area",
+                die.xor_area_um2,
+                f"{self.path.name}, read independently, XOR with the design within the die",
+                limit=0.0,
+                passed=die.xor_area_um2 == 0,
+                die=die.name,
+            )
+            if die.wrong_dots is not None:
+                yield Quantity(
+                    "readback_wrong_dots",
+                    die.wrong_dots,
+                    f"clear share of every dot in {self.path.name} against the opening and its orientations",
+                    limit=0,
+                    passed=die.wrong_dots == 0,
+                    die=die.name,
+                )
+            if die.corner_touches is not None:
+                yield Quantity(
+                    "corner_touches",
+                    die.corner_touches,
+                    f"vertices of {self.path.name} at which two clear dots meet by a corner only",
+                    die=die.name,
+                )
+
+
+def roundtrip(
+    plate: Plate,
+    design: db.Layout,
+    path: Path,
+    *,
+    dots: bool = True,
+    drawn_polygons: int | None = None,
+    layer_names: Mapping[str, str] | None = None,
+) -> RoundTrip:
+    """Read a written file back and compare it with the plate.
+
+    What a layer CUT holds is taken from CLEAR before anything is compared, and chrome from the writable area.
+
+    Args:
+        plate: what was to be written.
+        design: its :func:`maskfab.mask.layout.plate_layout`.
+        path: the file.
+        dots: also compare every dot of every die, about a second for 10 000 cells.
+        drawn_polygons: how many polygons were written, as an account of figures says; those of the design by default.
+        layer_names: names in a DXF by names of the model, as :func:`maskfab.mask.formats.dxf.write_dxf` got them;
+            layers that it left out are not compared.
+
+    Raises:
+        SourceError: MF301 to MF308 as :func:`maskfab.mask.formats.reader.read_layout` and
+            :func:`maskfab.mask.formats.reader.find_cell`.
+    """
+    read = read_layout(path)
+    find_cell(read)
+    return compare_layout(plate, design, read, path, dots=dots, drawn_polygons=drawn_polygons, layer_names=layer_names)
+
+
+def compare_layout(
+    plate: Plate,
+    design: db.Layout,
+    read: db.Layout,
+    path: Path,
+    *,
+    dots: bool = True,
+    drawn_polygons: int | None = None,
+    layer_names: Mapping[str, str] | None = None,
+    tolerance_nm: float = 0.0,
+    dots_prove: bool = False,
+) -> RoundTrip:
+    """Comparison of a layout that was read already; ``path`` names it. It has one top cell.
+
+    What differs on the layer CLEAR and is no wider than ``tolerance_nm`` is told apart, see
+    :mod:`maskfab.mask.comparison.roundtrip`, and no difference. If ``dots_prove``, no polygons are compared within a
+    die whose every dot is clear or dark throughout as its opening says, for which one that differs by a square
+    nanometre is not: a file without cells has millions of edges there.
+    """
+    _settle(read, layer_names)
+    polygons = _written(read, _counts(read))
+    if read.find_layer(layer_info(CHROME)) is not None:
+        read = cleared(read, plate)
+    compared = (layer for layer in LAYERS if layer is not NOTE and (layer_names is None or layer.name in layer_names))
+    by_dots = [_compare_dots(die, read, tolerance_nm) if dots else None for die in plate.dies]
+    alike = [die for die, found in zip(plate.dies, by_dots, strict=True) if found and found.alike and dots_prove]
+    in_design, in_read = _counts(design), _counts(read)
+    differing = {
+        layer: db.Region()
+        if layer is not CLEAR and _same_polygons((design, in_design), (read, in_read), layer)
+        else _xor(design, read, layer, alike if layer is CLEAR else ())
+        for layer in (*compared, *_further_layers(read))
+    }
+    clear = differing.get(CLEAR, db.Region())
+    sifted = sift(clear, tolerance_nm)
+    differing[CLEAR] = sifted.faults
+    differences = tuple(
+        difference for layer, shapes in differing.items() for difference in _named(plate, layer, shapes)
+    )
+    return RoundTrip(
+        path=path,
+        layout=read,
+        polygons=polygons,
+        drawn_polygons=_written(design, in_design) if drawn_polygons is None else drawn_polygons,
+        rounding_nm=rounding_nm(read),
+        differences=differences,
+        dies=tuple(_check_die(die, found, differing) for die, found in zip(plate.dies, by_dots, strict=True)),
+        cds=tuple(
+            CdCheck(gauge, clear_length_nm(design, gauge), clear_length_nm(read, gauge)) for gauge in plate.gauges
+        ),
+        differing=clear,
+        slivers=sifted,
+    )
+
+
+def clear_length_nm(layout: db.Layout, gauge: Gauge) -> int:
+    """Clear length along a gauge, measured on the merged region of the layer CLEAR."""
+    (x, y), reach = gauge.centre_nm, gauge.reach_nm
+    dx, dy = (reach, 0) if gauge.axis == "x" else (0, reach)
+    probe = db.Edge(x - dx, y - dy, x + dx, y + dy)
+    around = _exposed(layout, (x - dx - 1, y - dy - 1, x + dx + 1, y + dy + 1))
+    return int(db.Edges(probe).inside_part(around).length())
+
+
+def _xor(design: db.Layout, read: db.Layout, layer: Layer, alike: Sequence[Die] = ()) -> db.Region:
+    """Symmetric difference of two layouts, merged; compared in hierarchy, for most cells are alike.
+
+    Where dies are known to be alike, only what lies between them is compared. A file without references is compared as
+    it is drawn: the search for cells in it would take longer than they save.
+    """
+    if alike:
+        around = db.Region([(each.top_cell().bbox() + db.Box(*alike[0].box_nm)) for each in (design, read)]).merged()
+        places = around - db.Region([db.Box(*die.box_nm) for die in alike])
+        return (_within(design, layer, places) ^ _within(read, layer, places)).merged(True, 1)
+    store = db.DeepShapeStore() if read.top_cell().child_instances() else None
+    one, other = (_drawn_regions(layout, layer, store) for layout in (design, read))
+    # A region in hierarchy dies with its store, so what differs is copied out of it.
+    return db.Region(list((one ^ other).each())).merged(True, 1)
+
+
+def _same_polygons(
+    design: tuple[db.Layout, Mapping[int, int]], read: tuple[db.Layout, Mapping[int, int]], layer: Layer
+) -> bool:
+    """Whether two layouts draw a layer with the same polygons, which are few enough to be told one by one.
+
+    Those of wires reach across a die, and take long to be laid over each other. Layouts come with their counts.
+    """
+    drawn: list[list[db.Polygon]] = []
+    for layout, counts in (design, read):
+        index = layout.find_layer(layer_info(layer))
+        if index is None or counts[index] > _FEW_POLYGONS:
+            return False
+        whole = db.Region(layout.top_cell().begin_shapes_rec(index))
+        whole.merged_semantics = False
+        drawn.append(sorted(whole.each()))
+    return drawn[0] == drawn[1]
+
+
+def _settle(read: db.Layout, names: Mapping[str, str] | None) -> None:
+    """Give layers that a DXF only names the numbers of the model."""
+    for layer in DRAWN_LAYERS:
+        index = read.find_layer(db.LayerInfo((names or {}).get(layer.name, layer.name)))
+        if index is not None:
+            read.set_info(index, layer_info(layer))
+
+
+def _further_layers(read: db.Layout) -> Iterator[Layer]:
+    """Layers with something on them of which the plate knows nothing."""
+    known = [layer_info(layer) for layer in DRAWN_LAYERS]
+    for info in read.layer_infos():
+        index = read.find_layer(info)
+        drawn = index is not None and not read.top_cell().bbox(index).empty()
+        if drawn and not any(info.is_equivalent(each) for each in known):
+            name = info.name or f"{info.layer}/{info.datatype}"
+            yield Layer(name, info.layer, info.datatype, True, "found in the file; the plate has no such layer")
+
+
+def _exposed(layout: db.Layout, box_nm: Box) -> db.Region:
+    """Exposed shapes of the file in a box."""
+    clear = region(layout, CLEAR, box_nm)
+    return clear if layout.find_layer(layer_info(CUT)) is None else clear - region(layout, CUT, box_nm)
+
+
+def _drawn_regions(layout: db.Layout, layer: Layer, store: db.DeepShapeStore | None) -> db.Region:
+    """Exposed shapes of a layout, in hierarchy if there is a store to hold it."""
+    kept = () if store is None else (store,)
+    index = layout.find_layer(layer_info(layer))
+    if index is None:
+        return db.Region()
+    drawn = db.Region(layout.top_cell().begin_shapes_rec(index), *kept)
+    cut = layout.find_layer(layer_info(CUT)) if layer is CLEAR else None
+    return drawn if cut is None else drawn - db.Region(layout.top_cell().begin_shapes_rec(cut), *kept)
+
+
+def _within(layout: db.Layout, layer: Layer, places: db.Region) -> db.Region:
+    """Exposed shapes in some places."""
+    drawn = []
+    for each in (layer, CUT) if layer is CLEAR else (layer,):
+        index = layout.find_layer(layer_info(each))
+        if index is None:
+            drawn.append(db.Region())
+        else:
+            drawn.append(db.Region(db.RecursiveShapeIterator(layout, layout.top_cell(), index, places, True)))
+    return (drawn[0] - drawn[1] if len(drawn) > 1 and not drawn[1].is_empty() else drawn[0]) & places
+
+
+def _named(plate: Plate, layer: Layer, differing: db.Region) -> Iterator[Difference]:
+    """The differing polygons by the die or mark that each lies in or nearest to."""
+    if differing.is_empty():
+        return
+    boxes: dict[str, list[Box]] = {die.name: [die.box_nm] for die in plate.dies}
+    for mark in plate.furniture:
+        if mark.layer == layer and mark.polygons:
+            boxes[mark.name] = [_bounds(polygon) for polygon in mark.polygons]
+    owners = [name for name, parts in boxes.items() for _ in parts]
+    table = np.array([box for parts in boxes.values() for box in parts], dtype=np.int64).reshape(-1, 4)
+    areas: dict[str, int] = {}
+    firsts: dict[str, Point] = {}
+    for polygon in differing.each():
+        box = polygon.bbox()
+        gap_x = np.maximum(0, np.maximum(table[:, 0] - box.right, box.left - table[:, 2]))
+        gap_y = np.maximum(0, np.maximum(table[:, 1] - box.top, box.bottom - table[:, 3]))
+        owner = owners[int(np.argmin(np.hypot(gap_x, gap_y)))] if owners else plate.name
+        areas[owner] = areas.get(owner, 0) + polygon.area()
+        corner = box.left, box.bottom
+        firsts[owner] = min(firsts.get(owner, corner), corner, key=lambda point: (point[1], point[0]))
+    for owner, area in areas.items():
+        yield Difference(owner, layer, area / _NM2_PER_UM2, firsts[owner])
+
+
+def _bounds(polygon: tuple[Point, ...]) -> Box:
+    xs, ys = zip(*polygon, strict=True)
+    return min(xs), min(ys), max(xs), max(ys)
+
+
+@dataclass(frozen=True)
+class _Dots:
+    """One die dot by dot: whether it is the design's, how many dots are wrong, and where corners only touch."""
+
+    alike: bool
+    wrong: int
+    touches: int
+
+
+def _compare_dots(die: Die, read: db.Layout, tolerance_nm: float) -> _Dots:
+    clear, designed = _read_raster(die, read), die_raster(die)
+    # As much as slivers along all four sides of a dot make of it.
+    slack = 4 * tolerance_nm / die.panel.dot_nm
+    wrong = np.count_nonzero(abs(clear - designed) > slack)
+    return _Dots(np.array_equal(clear, designed), int(wrong), corner_touches(clear > 0.5))
+
+
+def _check_die(die: Die, dots: _Dots | None, differing: dict[Layer, db.Region]) -> DieCheck:
+    box = db.Region(db.Box(*die.box_nm))
+    xor_area = sum((shapes & box).area() for shapes in differing.values() if not shapes.is_empty()) / _NM2_PER_UM2
+    if dots is None:
+        return DieCheck(die.name, xor_area, None, None)
+    return DieCheck(die.name, xor_area, dots.wrong, dots.touches)
+
+
+def _read_raster(die: Die, read: db.Layout) -> NDArray[np.float64]:
+    index = None if read.find_layer(layer_info(CUT)) is not None else read.find_layer(layer_info(CLEAR))
+    boxes = None if index is None else placed_boxes(read.top_cell(), index, db.Box(*die.box_nm))
+    return coverage(_exposed(read, die.box_nm) if boxes is None else boxes, *die_edges_nm(die))
+
+
+def _written(layout: db.Layout, counts: Mapping[int, int]) -> int:
+    """Polygons on written layers as drawn, of a layout that comes with its counts."""
+    wanted = [layout.find_layer(layer_info(layer)) for layer in DRAWN_LAYERS if layer.written]
+    return sum(counts[index] for index in wanted if index is not None)
+
+
+def _counts(layout: db.Layout) -> dict[int, int]:
+    """Shapes by index of layer, every reference followed."""
+    times = dict.fromkeys(layout.each_cell_top_down(), 0)
+    times[layout.top_cell().cell_index()] = 1
+    for index, placed in times.items():
+        for each in layout.cell(index).each_inst():
+            times[each.cell_index] += placed * each.size()
+    layers = layout.layer_indexes()
+    found = dict.fromkeys(layers, 0)
+    for index, placed in times.items():
+        shapes = layout.cell(index)
+        for layer in layers:
+            found[layer] += placed * shapes.shapes(layer).size()
+    return found
+
+
+def compare_biased(
+    plate: Plate,
+    design: db.Layout,
+    read: db.Layout,
+    path: Path,
+    bias_nm: int,
+    *,
+    dots: bool = True,
+    drawn_polygons: int | None = None,
+    layer_names: Mapping[str, str] | None = None,
+) -> RoundTrip:
+    """Comparison of a layout of biased data; arguments as of :func:`maskfab.mask.comparison.roundtrip.compare_layout`.
+
+    Returns:
+        The comparison of the layout sized back, which is its ``layout``; polygons are counted in the data.
+    """
+    sized = biased_data(region(design, CLEAR), plate, bias_nm)
+    raw = compare_layout(
+        plate,
+        _with_clear(design, sized),
+        read,
+        path,
+        dots=False,
+        drawn_polygons=drawn_polygons,
+        layer_names=layer_names,
+    )
+    data = region(raw.layout, CLEAR) - region(raw.layout, CUT)
+    back = compare_layout(
+        plate,
+        design,
+        _with_clear(raw.layout, written_of(data, plate, bias_nm)),
+        path,
+        dots=dots,
+        layer_names=layer_names,
+    )
+    return replace(
+        back,
+        polygons=raw.polygons,
+        drawn_polygons=raw.drawn_polygons,
+        rounding_nm=raw.rounding_nm,
+        differences=back.differences or raw.differences,
+        data=tuple(_rows(plate, raw, data, bias_nm, dots=dots)),
+    )
+
+
+def biased_raster(die: Die, bias_nm: int) -> tuple[Floats, Floats, Mask]:
+    """A die in biased data, without polygons: lines along x and y, and which parts between them are clear.
+
+    A line between two dots becomes two, half the bias to either side of it; what lies between them is clear if both
+    dots are (positive bias: shapes shrink), or if one is (negative: they grow), and so along x and then along y.
+
+    Returns:
+        float64 [nx + 1] and [ny + 1] lines in plate nanometres, bool [ny, nx].
+    """
+    clear = np.pad(die_raster(die), 1)
+    x, y = die_edges_nm(die)
+    clear, x = _between(clear, x, bias_nm)
+    turned, y = _between(clear.T, y, bias_nm)
+    return x, y, turned.T
+
+
+def _with_clear(layout: db.Layout, clear: db.Region) -> db.Layout:
+    """A layout whose layer CLEAR holds these shapes instead, in its top cell."""
+    found = layout.dup()
+    for layer in (CLEAR, CUT):
+        index = found.find_layer(layer_info(layer))
+        if index is not None:
+            found.delete_layer(index)
+    found.top_cell().shapes(found.layer(layer_info(CLEAR))).insert(clear)
+    return found
+
+
+def _rows(plate: Plate, raw: RoundTrip, data: db.Region, bias_nm: int, *, dots: bool) -> Iterator[Quantity]:
+    name, bias = raw.path.name, bias_nm / NM_PER_UM
+    yield Quantity(
+        "data_bias",
+        -bias,
+        f"of clear widths in the data of {name}, whose writer changes them by {bias:+g} um. What was read is sized "
+        "back: all other numbers are of the plate as it comes out",
+    )
+    yield Quantity(
+        "data_xor_area",
+        raw.xor_area_um2,
+        f"{name}, read independently, XOR with the design sized by {-bias:+g} um per width",
+        limit=0.0,
+        passed=raw.xor_area_um2 == 0,
+    )
+    widths = [each.read_nm - (each.gauge.target_nm - bias_nm) for each in raw.cds]
+    if widths:
+        worst = max(widths, key=abs)
+        told = f"largest of all CD structures in {name}, against their targets less the bias"
+        yield Quantity("data_width_error", worst, told, limit=0, passed=worst == 0)
+    for die in plate.dies if dots else ():
+        wrong = _wrong_parts(die, data, bias_nm)
+        told = f"parts between the biased lines of the dots in {name}, clear otherwise than the opening says"
+        yield Quantity("data_wrong_parts", wrong, told, limit=0, passed=wrong == 0, die=die.name)
+
+
+def _wrong_parts(die: Die, data: db.Region, bias_nm: int) -> int:
+    x, y, clear = biased_raster(die, bias_nm)
+    reach = abs(bias_nm)
+    inside = data & db.Region(db.Box(*die.box_nm).enlarged(reach, reach))
+    if min(x.size, y.size) < 2:
+        return 0 if inside.is_empty() else 1
+    return int(np.count_nonzero(coverage(inside, x, y) != clear))
+
+
+def _between(clear: Mask, lines_nm: Floats, bias_nm: int) -> tuple[Mask, Floats]:
+    """Columns with those between them; ``clear`` has one more on either side than the lines bound."""
+    # A line along which nothing changes, such as between two halves of a gutter, would be crossed by its neighbours.
+    edges = (clear[:, 1:] != clear[:, :-1]).any(axis=0)
+    columns = clear[:, np.concatenate([[True], edges])]
+    lines, half = lines_nm[edges], abs(bias_nm) / 2
+    joined = np.logical_and if bias_nm > 0 else np.logical_or
+    parts = np.empty((clear.shape[0], 2 * columns.shape[1] - 1), dtype=bool)
+    parts[:, ::2] = columns
+    parts[:, 1::2] = joined(columns[:, :-1], columns[:, 1:])
+    return parts[:, 1:-1], np.stack([lines - half, lines + half], axis=1).ravel()

@@ -1,0 +1,511 @@
+"""The entities of a text DXF, found in its bytes: fast enough for any plate, and blind to what no reader draws.
+
+Shapes of a text DXF that some programs hide or place differently.
+
+A plot shows paper space or the model but not both, and neither frozen layers nor what is invisible; a mask is made of
+what is left. Readers of DXF take all of it for one drawing, and look at shapes that stand upright from the side, each
+without a word. So what is drawn has to lie in model space, in its plane, and in sight.
+
+Offsets of the coordinates of a DXF from the nanometre grid, to which klayout rounds silently.
+
+Coordinates in a block are rounded before it is placed: where it is placed larger, its rounding is as much larger.
+
+Open lines, curves and other shapes of a text DXF that are no closed polygons, found before a reader interprets them.
+
+Readers of DXF turn arcs into chords, leave splines out, and take open lines for paths without width, each without a
+word. A mask has polygons only, so such drawings are refused and named. What is drawn out of sight, and what on the grid
+and what beside it, is found on the way.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from array import array
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import numpy as np
+from klayout import db
+from numpy.typing import NDArray
+
+from maskfab.base.errors import SourceError
+from maskfab.base.model import CHROME, CLEAR
+from maskfab.mask.layout import MOST_LAYERS, too_many_layers
+
+# Most of a plate are vertices, which belong to their polyline.
+_ENTITY = re.compile(rb"(?:^|\n)[ \t]*0[ \t]*\r?\n[ \t]*(?!(?i:vertex)[ \t]*\r?\n)((?:3D)?[A-Za-z][^\r\n]*)\r?(?=\n)")
+_SECTION = re.compile(rb"\s*2[ \t]*\r?\n[ \t]*(\w+)")
+_DRAWN = {b"BLOCKS", b"ENTITIES"}
+_TAG = re.compile(rb"\n[ \t]*(\d{1,4})[ \t]*\r?\n[ \t]*([^\r\n]*)")
+
+
+class Entity:
+    """One thing that is drawn; a vertex belongs to its polyline.
+
+    Args:
+        kind: its name, such as ``LWPOLYLINE``.
+        block: name of the block that it is drawn in; None in the drawing itself.
+        body: its bytes after its name.
+
+    Attributes:
+        layer: its layer; ``0``, in a block that of the reference, if it does not say.
+    """
+
+    __slots__ = ("_first", "_tags", "block", "kind", "layer")
+
+    def __init__(self, kind: str, block: str | None, body: bytes) -> None:
+        self.kind = kind
+        self.block = block
+        # Group codes and values stay bytes: a plate has millions of them, and few are looked at.
+        self._tags: list[tuple[bytes, bytes]] = _TAG.findall(body)
+        self._first = dict(reversed(self._tags))
+        self.layer = self.text(8, "0")
+
+    def says(self, codes: frozenset[bytes]) -> bool:
+        """Whether it has a value under any of these group codes: most have none that change how they are placed."""
+        return not codes.isdisjoint(self._first)
+
+    @property
+    def width(self) -> float:
+        """Width of a line, its first where it has several."""
+        if b"40" not in self._first and b"43" not in self._first:
+            return 0.0
+        return next(number_of(value) for code, value in self._tags if code in {b"43", b"40"})
+
+    @property
+    def bulges(self) -> bool:
+        """Whether an edge of a line is an arc."""
+        return b"42" in self._first and any(code == b"42" and number_of(value) != 0 for code, value in self._tags)
+
+    def text(self, code: int, default: str = "") -> str:
+        """The first value under a group code."""
+        said = self._first.get(b"%d" % code)
+        return default if said is None else said.decode("latin-1").strip()
+
+    def number(self, code: int, default: float = 0.0) -> float:
+        """The first value under a group code; 0 if it is no number."""
+        said = self._first.get(b"%d" % code)
+        return default if said is None else number_of(said)
+
+    def points(self) -> tuple[list[float], list[float]]:
+        """x and y of all vertices of a line, in units of the drawing."""
+        tags = self._tags
+        if self.kind == "POLYLINE":  # its own 10 and 20 are dummies
+            tags = tags[next((place for place, tag in enumerate(tags) if tag[0] == b"0"), len(tags)) :]
+        xs = [value for code, value in tags if code == b"10"]
+        ys = [value for code, value in tags if code == b"20"]
+        return _numbers(xs), _numbers(ys)
+
+
+def codes(*numbers: int) -> frozenset[bytes]:
+    """Group codes as :meth:`Entity.says` takes them."""
+    return frozenset(b"%d" % each for each in numbers)
+
+
+def number_of(text: bytes) -> float:
+    """A value as a number; 0 if it is none, or has no end."""
+    try:
+        value = float(text)
+    except ValueError:
+        return 0.0
+    return value if math.isfinite(value) else 0.0
+
+
+def _numbers(texts: list[bytes]) -> list[float]:
+    try:
+        return list(map(float, texts))
+    except ValueError:
+        return [number_of(text) for text in texts]
+
+
+def entities(data: bytes) -> Iterator[Entity]:
+    """Every entity of the sections BLOCKS and ENTITIES, BLOCK and ENDBLK among them, and every LAYER of the tables."""
+    section = b""
+    block: str | None = None
+    previous: tuple[str, int] | None = None
+    for match in _ENTITY.finditer(data):
+        kind = match[1].decode("latin-1").rstrip(" \t").upper()
+        if previous is not None:
+            entity = Entity(previous[0], block, data[previous[1] : match.start()])
+            if entity.kind == "BLOCK":
+                block = entity.block = entity.text(2)
+            elif entity.kind == "ENDBLK":
+                block = None
+            yield entity
+        previous = None
+        if kind == "SECTION":
+            said = _SECTION.match(data, match.end())
+            section = b"" if said is None else said[1].upper()
+            block = None
+        elif section in _DRAWN or (section == b"TABLES" and kind == "LAYER"):
+            previous = kind, match.end()
+
+
+_PAPER = ("*PAPER_SPACE", "$PAPER_SPACE")
+_FROZEN = 1
+_HIDING = codes(60, 67, 210, 220, 230)
+_IN_PLANE = 1e-9
+"""Directions are written with so many digits that those along z are closer to it."""
+
+
+class Unseen:
+    """Entities that draw or place something out of sight, collected one by one."""
+
+    def __init__(self) -> None:
+        self._layers: dict[str, str] = {}
+        self._drawn: Counter[tuple[str, str, str, str]] = Counter()
+
+    def add_layer(self, entry: Entity) -> None:
+        """Take an entry of the table of layers, which may stand behind what is drawn on it."""
+        if int(entry.number(70)) & _FROZEN:
+            self._layers[entry.text(2).upper()] = "the frozen "
+        elif entry.number(62) < 0:
+            self._layers[entry.text(2).upper()] = "the switched-off "
+
+    def add(self, entity: Entity) -> None:
+        """Take an entity that draws, or places a block."""
+        placed = entity.text(2) if entity.kind == "INSERT" else ""
+        self._drawn[entity.kind, entity.layer, placed, _out_of_sight(entity)] += 1
+
+    def told(self, counts: Callable[[str], bool], drawing: set[str]) -> list[str]:
+        """Hidden shapes with the reason, in words.
+
+        Args:
+            counts: whether the geometry on a layer of that name does.
+            drawing: the blocks that hold geometry that counts.
+        """
+        found: Counter[str] = Counter()
+        for (kind, layer, placed, why), count in self._drawn.items():
+            hidden = self._layers.get(layer.upper(), "")
+            if (why or hidden) and (placed in drawing if placed else counts(layer)):
+                found[f"{kind}{why} on {hidden}layer {layer!r}"] += count
+        return [f"{count} x {what}" for what, count in sorted(found.items())]
+
+
+def _out_of_sight(entity: Entity) -> str:
+    if (entity.block or "").upper().startswith(_PAPER):
+        return " in paper space"
+    if not entity.says(_HIDING):
+        return ""
+    if entity.number(67) == 1:
+        return " in paper space"
+    if entity.number(60) == 1:
+        return " made invisible"
+    x, y, z = entity.number(210), entity.number(220), entity.number(230, 1.0)
+    if not math.hypot(x, y) < _IN_PLANE * abs(z):
+        return " out of the plane"
+    return ""
+
+
+_ON_GRID_NM = 1e-4
+"""Decimals of inches and millimetres are written with so many digits that what is on the grid lies closer to it."""
+
+_ELSEWHERE = 4 | 8
+"""Flags of a block whose content is another file's, or is laid over from there."""
+
+_SPREADING = codes(41, 42, 44, 45, 70, 71)
+"""Attributes that make an array of a reference, or place its block at another scale."""
+
+_DRAWING = "\n"
+"""Stands for the drawing itself; no name of a block ends a line."""
+
+
+class DrawingGrid:
+    """The coordinates of a drawing, collected entity by entity, in nanometres.
+
+    Args:
+        nm_per_unit: length of one unit of the drawing.
+    """
+
+    def __init__(self, nm_per_unit: float) -> None:
+        self._scale = nm_per_unit
+        self._lines: dict[tuple[str, str], _Lines] = defaultdict(_Lines)
+        self._bases: dict[str, tuple[float, float]] = {}
+        self._placed: dict[str, dict[str, _Places]] = defaultdict(lambda: defaultdict(_Places))
+
+    def add(self, entity: Entity) -> None:
+        """Take the coordinates of an entity that draws, places or begins a block; others have none that count."""
+        block = _DRAWING if entity.block is None else entity.block
+        if entity.kind == "BLOCK" and not int(entity.number(70)) & _ELSEWHERE:
+            self._bases[block] = entity.number(10), entity.number(20)
+        elif entity.kind == "INSERT":
+            self._placed[block][entity.text(2)].add(entity)
+        elif entity.kind == "SOLID":
+            xs, ys = ([entity.number(axis + corner) for corner in (0, 1, 3, 2)] for axis in (10, 20))
+            self._lines[block, entity.layer].add(xs, ys)
+        elif entity.kind in {"LWPOLYLINE", "POLYLINE"}:
+            xs, ys = entity.points()
+            if entity.width > 0:
+                xs, ys = self._outline(xs, ys, entity.width)
+            self._lines[block, entity.layer].add(xs, ys)
+
+    def _outline(self, xs: list[float], ys: list[float], width: float) -> tuple[list[float], list[float]]:
+        # In nanometres, for klayout takes points within a hundred-thousandth of its unit for the same.
+        spine = [db.DPoint(x * self._scale, y * self._scale) for x, y in zip(xs, ys, strict=False)]
+        hull = list(db.DPath(spine, width * self._scale).polygon().each_point_hull())
+        return [point.x / self._scale for point in hull], [point.y / self._scale for point in hull]
+
+    def cycle(self) -> list[str]:
+        """Names of blocks each of which contains the next, the last the first; empty if there are none."""
+        try:
+            TopologicalSorter(self._graph()).prepare()
+        except CycleError as error:
+            names: list[str] = error.args[1][::-1]
+            return names
+        return []
+
+    def lacking(self) -> list[str]:
+        """Blocks that are placed and not there, by their exact names."""
+        placed = set().union(*self._placed.values())
+        return sorted(placed - self._bases.keys())
+
+    def _graph(self) -> dict[str, set[str]]:
+        return {
+            _DRAWING: set(),
+            **{block: set() for block in self._bases},
+            **{block: set(placed) for block, placed in self._placed.items()},
+        }
+
+    def drawing(self, counts: Callable[[str], bool]) -> set[str]:
+        """Names of the blocks that draw something that counts, or place a block that does.
+
+        Args:
+            counts: whether the geometry on a layer of that name does.
+        """
+        found = {block for block, layer in self._lines if counts(layer)}
+        for block in TopologicalSorter(self._graph()).static_order():
+            if not found.isdisjoint(self._placed.get(block, ())):
+                found.add(block)
+        return found - {_DRAWING}
+
+    def rounding_nm(self, counts: Callable[[str], bool]) -> float:
+        """The largest distance by which klayout moves a coordinate, seen in the drawing.
+
+        Args:
+            counts: whether the geometry on a layer of that name does.
+        """
+        own: dict[str, float] = {}
+        for (block, layer), lines in self._lines.items():
+            if counts(layer):
+                values = np.concatenate(lines.points())
+                own[block] = max(own.get(block, 0.0), self._rounding(values))
+        # A block that draws nothing that counts has no rounding at all, and where it is placed does not count.
+        found: dict[str, float] = {}
+        for block in TopologicalSorter(self._graph()).static_order():
+            roundings = [own[block]] if block in own else []
+            for name, places in self._placed.get(block, {}).items():
+                if name in found:
+                    roundings += [self._rounding(np.array(places.coordinates)), places.largest * found[name]]
+            if roundings:
+                found[block] = max(*roundings, self._rounding(np.array(self._bases.get(block, (0.0, 0.0)))))
+        return found.get(_DRAWING, 0.0)
+
+    def repeated_vertices(self, counts: Callable[[str], bool]) -> int:
+        """Vertices that lie on the one before once they are rounded; a line may end where it began."""
+        return sum(lines.repeated(self._scale) for (_, layer), lines in self._lines.items() if counts(layer))
+
+    def _rounding(self, values: NDArray[np.float64]) -> float:
+        scaled = _scaled(values, self._scale)
+        scaled = scaled[np.isfinite(scaled)]
+        largest = float(np.abs(scaled - np.rint(scaled)).max(initial=0.0))
+        return largest if largest > _ON_GRID_NM else 0.0
+
+
+def _scaled(values: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
+    """Coordinates in database units; who reads the polygons refuses those that are too large for any."""
+    with np.errstate(over="ignore"):
+        return values * scale
+
+
+class _Places:
+    """References to one block in another.
+
+    Attributes:
+        coordinates: of all of them, and the steps of arrays.
+        largest: how many times as large as it is drawn the block is placed at most.
+    """
+
+    def __init__(self) -> None:
+        self.coordinates, self.largest = array("d"), 0.0
+
+    def add(self, reference: Entity) -> None:
+        self.coordinates.append(reference.number(10))
+        self.coordinates.append(reference.number(20))
+        larger = 1.0
+        if reference.says(_SPREADING):
+            larger = max(abs(reference.number(41, 1.0)), abs(reference.number(42, 1.0)))
+            for step, count in ((44, 70), (45, 71)):
+                if abs(reference.number(count, 1.0)) > 1:
+                    self.coordinates.append(reference.number(step))
+        self.largest = max(self.largest, larger)
+
+
+class _Lines:
+    """Vertices of many lines, one after the other."""
+
+    def __init__(self) -> None:
+        self._x, self._y, self._last = array("d"), array("d"), array("q")
+
+    def add(self, xs: list[float], ys: list[float]) -> None:
+        count = min(len(xs), len(ys))
+        self._x.extend(xs[:count])
+        self._y.extend(ys[:count])
+        if count:
+            self._last.append(len(self._x) - 1)
+
+    def points(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return np.array(self._x), np.array(self._y)
+
+    def repeated(self, scale: float) -> int:
+        x, y = (np.rint(_scaled(values, scale)) for values in self.points())
+        same = (x[1:] == x[:-1]) & (y[1:] == y[:-1])
+        # Between the last vertex of a line and the first of the next there is no edge.
+        same[np.array(self._last[:-1], dtype=np.int64)] = False
+        return int(same.sum())
+
+
+# klayout's mode "automatic" takes all closed lines for paths without width as soon as there is one SOLID or HATCH, and
+# modes 3 and 4 take what two polygons share, or one has within another, away from both. Mode 2 makes each closed line
+# a polygon of its own, and only leaves lines alone that return to their start without being said to be closed.
+POLYLINE_MODE = 2
+
+_LINES = {"POLYLINE", "LWPOLYLINE"}
+_SHAPELESS = {
+    "TEXT", "MTEXT", "ATTRIB", "ATTDEF", "VERTEX", "SEQEND", "BLOCK", "ENDBLK", "SECTION", "ENDSEC", "VIEWPORT",
+}  # fmt: skip
+_HARMLESS = _SHAPELESS | {"INSERT", "SOLID"}
+_OPEN = {"LINE", "POINT", "3DFACE", "TRACE", "LEADER", "MLINE", "RAY", "XLINE", "HATCH", "REGION", "3DSOLID", "MESH"}
+# Shapes on layer 0 of a block are drawn on the layer of its reference, and those on CUT may be taken out of CLEAR.
+_DATA = {CLEAR.name, CHROME.name}
+_COUNTING = {*_DATA, "CUT", "0"}
+_CLOSED = 1
+_CURVE_FITTED = 2 | 4
+
+
+@dataclass(frozen=True)
+class DrawingFacts:
+    """Facts from the text of a drawing that klayout does not report.
+
+    Attributes:
+        rounding_nm: the largest distance by which a coordinate is moved to the nanometre grid.
+        repeated_vertices: vertices that then repeat the one before.
+    """
+
+    rounding_nm: float
+    repeated_vertices: int
+
+
+def look_through(path: Path, data: bytes, nm_per_unit: float) -> DrawingFacts:
+    """Refuse a drawing with open lines, curves or fills, or out of sight; on other layers if nothing lies on CLEAR.
+
+    Args:
+        path: the file, for errors.
+        data: its content, a text DXF.
+        nm_per_unit: length of one unit of the drawing.
+
+    Raises:
+        SourceError: MF303 blocks that contain themselves or are lacking, MF310 open lines or fills, MF311 arcs,
+            splines and bulges, MF313 too many layers, MF317 shapes in paper space, on frozen layers, invisible, or out
+            of the plane.
+    """
+    found: Counter[tuple[str, str, str]] = Counter()
+    clear_drawn = False
+    grid, unseen, layers = DrawingGrid(nm_per_unit), Unseen(), set[str]()
+    for entity in entities(data):
+        is_entry = entity.kind == "LAYER"
+        layers.add(entity.text(2) if is_entry else entity.layer)
+        if len(layers) > MOST_LAYERS:
+            raise too_many_layers(path)
+        if is_entry:
+            unseen.add_layer(entity)
+            continue
+        if entity.kind not in _SHAPELESS:
+            unseen.add(entity)
+        layer = entity.layer
+        clear_drawn = clear_drawn or layer in _DATA
+        fault = _fault(entity)
+        if fault:
+            found[(*fault, layer)] += 1
+        else:
+            grid.add(entity)
+
+    def counts(layer: str) -> bool:
+        return not clear_drawn or layer in _COUNTING
+
+    _refuse_blocks(path, grid)
+    _refuse_unseen(path, unseen.told(counts, grid.drawing(counts)))
+    _refuse_faults(path, {key: count for key, count in found.items() if counts(key[2])})
+    return DrawingFacts(grid.rounding_nm(counts), grid.repeated_vertices(counts))
+
+
+def _refuse_faults(path: Path, faults: dict[tuple[str, str, str], int]) -> None:
+    if faults:
+        told = [f"{count} x {what} on layer {layer!r}" for (_, what, layer), count in sorted(faults.items())]
+        raise SourceError(
+            max(code for code, _, _ in faults),
+            f"{path.name} draws {', '.join(told[:6])}; a mask has closed polygons only",
+            where=str(path),
+            cure="Close its lines, take its points out, and turn curves into polygons in the program that drew them",
+        )
+
+
+def _refuse_unseen(path: Path, told: list[str]) -> None:
+    if told:
+        raise SourceError(
+            "MF317",
+            f"{path.name} draws {', '.join(told[:6])}; a mask contains visible shapes of model space only",
+            where=str(path),
+            cure="Delete what is not part of the mask, draw the rest flat in model space, and show all its layers",
+        )
+
+
+def _refuse_blocks(path: Path, grid: DrawingGrid) -> None:
+    cycle, lacking = grid.cycle(), grid.lacking()
+    if cycle:
+        through = f", through {', '.join(repr(name) for name in cycle[1:-1])}" if len(cycle) > 2 else ""
+        what, cure = f"block {cycle[0]!r} contains itself{through}", "Take one of these references out"
+    elif lacking:
+        what = f"it places blocks that it lacks: {', '.join(lacking[:12])}"
+        cure = "Write it again with every block that it places"
+    else:
+        return
+    raise SourceError("MF303", f"{path.name}: {what}", where=str(path), cure=cure)
+
+
+def close_lines(layout: db.Layout) -> None:
+    """Make polygons of lines without width that end where they began; a SOLID beside them changes nothing."""
+    for layer in layout.layer_indexes():
+        for cell in layout.each_cell():
+            shapes = cell.shapes(layer)
+            for shape in list(shapes.each(db.Shapes.SPaths)):
+                points = list(shape.each_point())
+                if shape.path_width == 0 and len(points) > 3 and points[0] == points[-1]:
+                    shapes.replace(shape, db.Polygon(points[:-1]))
+
+
+def _fault(entity: Entity) -> tuple[str, str] | None:
+    kind = entity.kind
+    if kind in _HARMLESS:
+        return None
+    if kind in _OPEN:
+        return "MF310", kind
+    if kind not in _LINES:
+        return "MF311", kind
+    if entity.bulges:
+        return "MF311", f"{kind} with bulges"
+    flags = int(entity.number(70))
+    if flags & _CURVE_FITTED:
+        return "MF311", f"{kind} fitted by curves"
+    if not flags & _CLOSED and entity.width == 0 and not _returns(entity):
+        return "MF310", f"open {kind}"
+    return None
+
+
+def _returns(entity: Entity) -> bool:
+    """Whether a line ends where it began, which closes it as well as its flag does."""
+    xs, ys = entity.points()
+    return len(xs) > 3 and len(ys) == len(xs) and (xs[0], ys[0]) == (xs[-1], ys[-1])

@@ -1,0 +1,217 @@
+"""The content of cells as it passes from the process that reads a file, in arrays, for there may be millions.
+
+Cells are those of :mod:`maskfab.mask.formats.gdstk_process`.
+
+Run as a process of its own: reads GDSII or OASIS with gdstk and writes its content, in nanometres, to stdout.
+
+gdstk trusts its input: a damaged file can end the process that reads it, and may do so only later, when the name of a
+cell is asked for. A few bytes of OASIS can make klayout repeat a shape until memory is full. So both read here first,
+within limits, and :mod:`maskfab.mask.formats.reader` takes what came out whole. Imports little of maskfab, to start
+fast.
+
+    python -P -W error gdstk_process.py read_gds|read_oas FILE
+
+A cell is {"name", "polygons": {"corners", "sizes", "layers", "repetitions"}, "labels": [(text, origin, layer,
+texttype, repetition)], "references": [(cell name, origin, radians, magnification, mirrored, repetition)]}; a repetition
+is None, (columns, rows, 2 x 2 step vectors) or an array of offsets. Polygons come as arrays, for there may be millions:
+the corners of all of them one after the other, how many corners each has, its layer and datatype, and the repetitions
+by the numbers of those that have one.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import gdstk
+import numpy as np
+from numpy.typing import NDArray
+
+from maskfab.base.errors import SourceError
+from maskfab.mask.limits import limit_share
+from maskfab.mask.sandbox import answer_message, error_message
+
+Repetition: TypeAlias = tuple[int, int, NDArray[np.float64]] | NDArray[np.float64] | None
+_Polygons: TypeAlias = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64], Mapping[int, Repetition]]
+_Label: TypeAlias = tuple[str, tuple[float, float], int, int, Repetition]
+_References: TypeAlias = tuple[
+    tuple[str, ...], NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_], Mapping[int, Repetition]
+]
+"""Distinct names; which of them each has; x, y, radians and magnification [n, 4]; whether it is mirrored."""
+
+CellArrays: TypeAlias = tuple[str, _Polygons, tuple[_Label, ...], _References]
+
+
+def cell_arrays(cell: Mapping[str, Any]) -> CellArrays:
+    """A cell, to be handed over."""
+    polygons, references = cell["polygons"], cell["references"]
+    names = tuple(dict.fromkeys(reference[0] for reference in references))
+    place = {name: number for number, name in enumerate(names)}
+    return (
+        cell["name"],
+        (
+            polygons["corners"],
+            polygons["sizes"],
+            polygons["layers"],
+            {number: _plain(each) for number, each in polygons["repetitions"].items()},
+        ),
+        tuple((text, (float(x), float(y)), layer, kind, _plain(r)) for text, (x, y), layer, kind, r in cell["labels"]),
+        (
+            names,
+            np.array([place[each[0]] for each in references], dtype=np.int64),
+            np.array([(*each[1], *each[2:4]) for each in references], dtype=np.float64).reshape(-1, 4),
+            np.array([bool(each[4]) for each in references], dtype=np.bool_),
+            {number: _plain(each[5]) for number, each in enumerate(references) if each[5] is not None},
+        ),
+    )
+
+
+def cell_content(arrays: CellArrays) -> dict[str, Any]:
+    """A cell that was handed over.
+
+    Raises:
+        ValueError: for arrays that do not belong together.
+    """
+    name, (corners, sizes, layers, repetitions), labels, (names, which, placed, mirrored, repeated) = arrays
+    alike = corners.shape == (sizes.sum(), 2) and layers.shape == (len(sizes), 2) and (sizes >= 0).all()
+    placed_alike = placed.shape == (len(which), 4) and mirrored.shape == which.shape
+    if not (sizes.ndim == which.ndim == 1 and alike and placed_alike and ((which >= 0) & (which < len(names))).all()):
+        raise ValueError("arrays of a cell that do not belong together")
+    for each in (*repetitions.values(), *repeated.values(), *(label[4] for label in labels)):
+        _check(each)
+    return {
+        "name": name,
+        "polygons": {"corners": corners, "sizes": sizes, "layers": layers, "repetitions": dict(repetitions)},
+        "labels": list(labels),
+        "references": [
+            (names[number], (x, y), radians, magnification, turned, repeated.get(k))
+            for k, (number, (x, y, radians, magnification), turned) in enumerate(
+                zip(which.tolist(), placed.tolist(), mirrored.tolist(), strict=True)
+            )
+        ],
+    }
+
+
+def _plain(repetition: Any) -> Repetition:
+    if isinstance(repetition, tuple):
+        columns, rows, vectors = repetition
+        return int(columns), int(rows), np.asarray(vectors, dtype=np.float64)
+    return None if repetition is None else np.asarray(repetition, dtype=np.float64)
+
+
+def _check(repetition: Repetition) -> None:
+    if isinstance(repetition, tuple):
+        right = min(repetition[:2]) > 0 and repetition[2].shape == (2, 2)
+    else:
+        right = repetition is None or (repetition.ndim == 2 and repetition.shape[1] == 2)
+    if not right:
+        raise ValueError("a repetition that is none")
+
+
+_METRES_PER_NM = 1e-9
+_LARGEST_REPETITION = 10_000_000
+_LARGEST_MEMORY = 3 << 29
+_MEMORY_PER_BYTE = 256
+_AT_ONCE = 10_000
+_ENDLIB = 4
+_ENDLIB_RECORD = bytes([0, 4, _ENDLIB, 0])
+_SHORTEST_RECORD = 4
+
+
+def content(function: str, path: str) -> list[dict[str, Any]]:
+    """All cells of a file as plain data.
+
+    Raises:
+        SourceError: MF303 something stands behind the end of a GDSII file.
+    """
+    if function == "read_oas":
+        _try_klayout(path)
+    else:
+        _refuse_rest(path)
+    library = getattr(gdstk, function)(path, unit=_METRES_PER_NM)
+    return [_plain_repetition(cell) for cell in library.cells]
+
+
+def _refuse_rest(path: str) -> None:
+    """Readers of GDSII stop at its end, and say nothing of a second library behind it; tapes are filled up with zeros.
+
+    A record is its length in two bytes, its type in one, that of its data in another, and its data.
+    """
+    data = Path(path).read_bytes()
+    if data.find(_ENDLIB_RECORD) == len(data.rstrip(b"\0")) - len(_ENDLIB_RECORD.rstrip(b"\0")):
+        return  # nothing before looks like an end, and to go through a million records takes long
+    start, kind = 0, -1
+    while kind != _ENDLIB:
+        length, kind = data[start] << 8 | data[start + 1], data[start + 2]
+        if length < _SHORTEST_RECORD:
+            raise _damaged(path, f"it has a record of {length} bytes")
+        start += length
+    if rest := data[start:].strip(b"\0"):
+        raise _damaged(path, f"{len(rest)} bytes stand behind its end")
+
+
+def _damaged(path: str, what: str) -> SourceError:
+    return SourceError("MF303", f"{Path(path).name}: {what}", where=path, cure="Write or copy it again")
+
+
+def _try_klayout(path: str) -> None:
+    """Read the file with klayout where that may take all the memory that is allowed, and end in an exception."""
+    from klayout import db
+
+    options = db.LoadLayoutOptions()
+    options.warn_level = 0
+    try:
+        db.Layout().read(path, options)
+    except RuntimeError as error:
+        if "topological_sort" not in str(error):
+            raise  # cells that contain themselves are named by whoever sees the content
+
+
+def _plain_repetition(cell: Any) -> dict[str, Any]:
+    polygons = [*cell.polygons, *(polygon for path in cell.paths for polygon in path.to_polygons())]
+    return {
+        "name": cell.name,
+        "polygons": _outlines(polygons),
+        "labels": [(each.text, each.origin, each.layer, each.texttype, _repetition(each)) for each in cell.labels],
+        "references": [
+            (each.cell_name, each.origin, each.rotation, each.magnification, each.x_reflection, _repetition(each))
+            for each in cell.references
+        ],
+    }
+
+
+def _outlines(polygons: list[Any]) -> dict[str, Any]:
+    corners = [np.empty((0, 2))]
+    for start in range(0, len(polygons), _AT_ONCE):
+        corners.append(np.concatenate([each.points for each in polygons[start : start + _AT_ONCE]]))
+    repeated = ((number, _repetition(each)) for number, each in enumerate(polygons))
+    return {
+        "corners": np.concatenate(corners),
+        "sizes": np.array([each.size for each in polygons], dtype=np.int64),
+        "layers": np.array([(each.layer, each.datatype) for each in polygons], dtype=np.int64).reshape(-1, 2),
+        "repetitions": {number: repetition for number, repetition in repeated if repetition is not None},
+    }
+
+
+def _repetition(each: Any) -> Any:
+    repetition = each.repetition
+    if not repetition.size:
+        return None
+    if repetition.columns and repetition.rows:
+        if repetition.spacing is not None:
+            return repetition.columns, repetition.rows, np.diag(repetition.spacing)
+        return repetition.columns, repetition.rows, np.array([repetition.v1, repetition.v2])
+    if repetition.size > _LARGEST_REPETITION:
+        raise ValueError(f"it repeats one shape {repetition.size} times")
+    return repetition.get_offsets()
+
+
+if __name__ == "__main__":
+    limit_share(Path(sys.argv[2]), _LARGEST_MEMORY, _MEMORY_PER_BYTE)
+    try:
+        message = answer_message(tuple(map(cell_arrays, content(*sys.argv[1:]))), tuple[CellArrays, ...])
+    except SourceError as error:
+        message = error_message(error)
+    sys.stdout.buffer.write(message)

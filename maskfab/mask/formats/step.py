@@ -1,0 +1,447 @@
+"""Colours of the parts of a STEP file, added as text.
+
+The library's own writer numbers them in the order of addresses in memory, which differs between runs.
+
+STEP files (AP214, millimetres) of dies and plates, byte-identical between runs.
+
+The film of each opening is one solid, cut out of a box; every orientation in use is an assembly that holds it under a
+rigid placement, and the die holds those, once for each cell. Nothing is copied, and nothing that is not used is
+defined, for a part without a use would become a second root.
+
+Dies as objects of solid modellers, to go on with: an assembly of cadquery, a scene of trimesh. Both in millimetres.
+
+The file formats have writers of their own, whose bytes are the same in every run.
+"""
+
+from __future__ import annotations
+
+import colorsys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maskfab.base import __version__
+from maskfab.base.arrays import Floats
+from maskfab.base.errors import OutputError
+from maskfab.base.files import partial
+from maskfab.base.model import ORIENTATIONS, Die, Panel, Plate
+from maskfab.base.processes import quiet
+from maskfab.base.units import MM_PER_NM
+from maskfab.mask.formats.solid import (
+    CHROME_RGB,
+    GLASS_ALPHA,
+    GLASS_RGB,
+    MOST_CAD_CELLS,
+    MOST_CAD_VERTICES,
+    Mesh,
+    Stack,
+    box_mesh,
+    cells,
+    check_mesh_size,
+    check_solid_size,
+    film,
+    glass,
+    holes_nm,
+    openings_in_use,
+    rotation,
+    unit_names,
+)
+
+if TYPE_CHECKING:
+    import cadquery
+    import trimesh
+
+
+_END = b"ENDSEC;\nEND-ISO-10303-21;"
+_TAIL = 200
+
+
+@dataclass(frozen=True)
+class Shade:
+    """A colour.
+
+    Attributes:
+        rgb: red, green and blue, 0 to 1.
+        transparency: 0 is opaque.
+    """
+
+    rgb: tuple[float, float, float]
+    transparency: float = 0.0
+
+
+def add_colours(path: Path, model: Any, shades: Mapping[str, Shade]) -> None:
+    """Give every solid the colour of its product.
+
+    Args:
+        path: a file that the library has written without colours, its entities numbered as the model's.
+        model: what was written.
+        shades: by the product's name; others get none.
+    """
+    lines, number = [], model.NbEntities()
+    for name, solids, context in _parts(model):
+        if name not in shades:
+            continue
+        shade = shades[name]
+        styled = [number + 2 + n for n in range(len(solids))]
+        lines.append(
+            f"#{number + 1} = MECHANICAL_DESIGN_GEOMETRIC_PRESENTATION_REPRESENTATION('',"
+            f"({','.join(f'#{each}' for each in styled)}),#{context});"
+        )
+        first = number + 2 + len(solids)
+        lines += [f"#{n} = STYLED_ITEM('colour',(#{first}),#{solid});" for n, solid in zip(styled, solids, strict=True)]
+        style = list(_style(first, shade))
+        lines += style
+        number = first + len(style) - 1
+    with path.open("r+b") as file:
+        size = file.seek(0, 2)
+        start = max(0, size - _TAIL)
+        file.seek(start)
+        end = file.read().rindex(_END)
+        file.seek(start + end)
+        file.write(("\n".join(lines) + "\n").encode() + _END + b"\n")
+
+
+def _style(n: int, shade: Shade) -> Iterator[str]:
+    red, green, blue = shade.rgb
+    yield f"#{n} = PRESENTATION_STYLE_ASSIGNMENT((#{n + 1}));"
+    yield f"#{n + 1} = SURFACE_STYLE_USAGE(.BOTH.,#{n + 2});"
+    more = f",#{n + 6}" if shade.transparency else ""
+    yield f"#{n + 2} = SURFACE_SIDE_STYLE('',(#{n + 3}{more}));"
+    yield f"#{n + 3} = SURFACE_STYLE_FILL_AREA(#{n + 4});"
+    yield f"#{n + 4} = FILL_AREA_STYLE('',(#{n + 5}));"
+    yield f"#{n + 5} = FILL_AREA_STYLE_COLOUR('',#{n + (8 if more else 6)});"
+    if more:
+        yield f"#{n + 6} = SURFACE_STYLE_RENDERING_WITH_PROPERTIES(.NORMAL_SHADING.,#{n + 8},(#{n + 7}));"
+        yield f"#{n + 7} = SURFACE_STYLE_TRANSPARENT({shade.transparency:.6f});"
+    yield f"#{n + (8 if more else 6)} = COLOUR_RGB('',{red:.6f},{green:.6f},{blue:.6f});"
+
+
+def _parts(model: Any) -> Iterator[tuple[str, list[int], int]]:
+    """Product name, numbers of the solids and number of their context, for every product with solids."""
+    from OCP.StepShape import StepShape_ManifoldSolidBrep, StepShape_ShapeDefinitionRepresentation
+
+    entities = [model.Value(n) for n in range(1, model.NbEntities() + 1)]
+    # One Python object stands for one entity as long as it lives, so identity tells its number.
+    number = {id(entity): n for n, entity in enumerate(entities, 1)}
+    for entity in entities:
+        if not isinstance(entity, StepShape_ShapeDefinitionRepresentation):
+            continue
+        shape = entity.UsedRepresentation()
+        items = [shape.ItemsValue(n) for n in range(1, shape.NbItems() + 1)]
+        solids = [number[id(item)] for item in items if isinstance(item, StepShape_ManifoldSolidBrep)]
+        if solids:
+            product = entity.Definition().PropertyDefinition().Definition().ProductDefinition()
+            yield product.Formation().OfProduct().Name().ToCString(), solids, number[id(shape.ContextOfItems())]
+
+
+_CHROME = Shade(CHROME_RGB)
+_GLASS = Shade(GLASS_RGB, transparency=1 - GLASS_ALPHA)
+
+
+def write_step(
+    die: Die,
+    path: Path,
+    comments: Sequence[str] = (),
+    stack: Stack | None = None,
+    *,
+    most_vertices: int = MOST_CAD_VERTICES,
+    most_cells: int = MOST_CAD_CELLS,
+) -> None:
+    """Write a die: glass and chrome film, the centre of the die's slot the origin, one instance for each cell.
+
+    Args:
+        die: what to write.
+        path: the file.
+        comments: lines for the header.
+        stack: thicknesses; 100 nm of chrome on 2.3 mm of glass if None.
+        most_vertices: of all outlines of the openings in use, as the cut takes 0.5 s for 230, 8 s for 2200.
+        most_cells: of the panel, as a thousand take 0.6 s and 0.65 MB.
+
+    Raises:
+        OutputError: MF401 if the file cannot be written; MF410 or MF412 as
+            :func:`maskfab.mask.formats.solid.check_solid_size`.
+    """
+    stack = stack or Stack()
+    check_solid_size(die, "step", most_vertices, most_cells)
+    panel = die.panel
+    with quiet():
+        assembly = _Assembly(die.name)
+        low, high = glass(die, stack)
+        assembly.place(assembly.root, assembly.part(_box(high - low), f"{die.name}_GLASS", _GLASS), "GLASS", low)
+        tiles = {}
+        for opening in openings_in_use(panel):
+            name = f"{panel.openings[opening].name}_FILM{opening}"
+            tiles[opening] = assembly.part(_film(panel, opening, stack), name, _CHROME)
+        units = {}
+        for cell, name in unit_names(panel).items():
+            units[cell] = assembly.group(f"{die.name}_{name}")
+            turn = rotation(cell % ORIENTATIONS)
+            assembly.place(units[cell], tiles[cell // ORIENTATIONS], "FILM", np.zeros(3), turn)
+        for name, cell, centre in cells(die):
+            assembly.place(assembly.root, units[cell], name, centre)
+        assembly.write(path, (*comments, *stack.remarks()))
+
+
+def write_plate_step(plate: Plate, path: Path, comments: Sequence[str] = (), stack: Stack | None = None) -> None:
+    """Write a plate in outline: its blank, and each die as a box of the film's thickness in a colour of its own.
+
+    The centre of the plate is the origin, and a die's box is placed by its own centre.
+
+    Raises:
+        OutputError: MF401 if the file cannot be written.
+    """
+    stack = stack or Stack()
+    with quiet():
+        assembly = _Assembly(plate.name)
+        side = plate.blank_nm
+        blank = assembly.part(_box(np.array([side, side, stack.glass_nm])), f"{plate.name}_BLANK", _GLASS)
+        low = np.array([-side / 2, -side / 2, -stack.film_nm / 2 - stack.glass_nm])
+        assembly.place(assembly.root, blank, "BLANK", low)
+        for n, die in enumerate(plate.dies):
+            x0, y0, x1, y1 = die.box_nm
+            size = np.array([x1 - x0, y1 - y0, stack.film_nm])
+            shade = Shade(colorsys.hsv_to_rgb(n / len(plate.dies), 0.6, 0.9))
+            part = assembly.part(_box(size, -size / 2), f"{die.name}_DIE", shade)
+            assembly.place(assembly.root, part, die.name, np.array([(x0 + x1) / 2, (y0 + y1) / 2, 0.0]))
+        assembly.write(path, (*comments, *stack.remarks()))
+
+
+class _Assembly:
+    """An XDE document with one root; lengths in nanometres here, in millimetres there."""
+
+    def __init__(self, name: str) -> None:
+        from OCP.TCollection import TCollection_ExtendedString
+        from OCP.TDocStd import TDocStd_Document
+        from OCP.XCAFDoc import XCAFDoc_DocumentTool
+
+        self._document = TDocStd_Document(TCollection_ExtendedString("XmlXCAF"))
+        self._shapes = XCAFDoc_DocumentTool.ShapeTool_s(self._document.Main())
+        self._shades: dict[str, Shade] = {}
+        self._name = name
+        self.root = self.group(name)
+
+    def part(self, shape: Any, name: str, shade: Shade) -> Any:
+        """A shape that can be placed; its name is unique."""
+        self._shades[name] = shade
+        return self._named(self._shapes.AddShape(shape, False), name)
+
+    def group(self, name: str) -> Any:
+        """An empty assembly."""
+        return self._named(self._shapes.NewShape(), name)
+
+    def place(
+        self,
+        parent: Any,
+        child: Any,
+        name: str,
+        position_nm: NDArray[np.float64],
+        turn: NDArray[np.float64] | None = None,
+    ) -> None:
+        """Put a part or an assembly into an assembly."""
+        from OCP.gp import gp_Trsf, gp_Vec
+        from OCP.TopLoc import TopLoc_Location
+
+        to = gp_Trsf()
+        position = (position_nm * MM_PER_NM).tolist()
+        if turn is None:
+            to.SetTranslation(gp_Vec(*position))
+        else:
+            to.SetValues(*(value for row, x in zip(turn.tolist(), position, strict=True) for value in (*row, x)))
+        self._named(self._shapes.AddComponent(parent, child, TopLoc_Location(to)), name)
+
+    def write(self, path: Path, comments: Sequence[str]) -> None:
+        from OCP.APIHeaderSection import APIHeaderSection_MakeHeader
+        from OCP.IFSelect import IFSelect_ReturnStatus
+        from OCP.Interface import Interface_HArray1OfHAsciiString, Interface_Static
+        from OCP.STEPCAFControl import STEPCAFControl_Writer
+        from OCP.STEPControl import STEPControl_StepModelType
+        from OCP.TCollection import TCollection_HAsciiString
+        from OCP.XSControl import XSControl_WorkSession
+
+        self._shapes.UpdateAssemblies()
+        writer = STEPCAFControl_Writer(XSControl_WorkSession(), False)
+        # Curves on surfaces would double the file and say nothing new about planes.
+        Interface_Static.SetIVal_s("write.surfacecurve.mode", 0)
+        Interface_Static.SetCVal_s("write.step.unit", "MM")
+        Interface_Static.SetCVal_s("write.step.schema", "AP214IS")
+        writer.SetColorMode(False)
+        writer.SetLayerMode(False)
+        writer.SetPropsMode(False)
+        writer.Transfer(self._document, STEPControl_StepModelType.STEPControl_AsIs)
+        model = writer.ChangeWriter().Model()
+        header = APIHeaderSection_MakeHeader(model)
+        text = [_ascii(line) for line in comments] or [""]
+        lines = Interface_HArray1OfHAsciiString(1, len(text))
+        for n, line in enumerate(text, 1):
+            lines.SetValue(n, TCollection_HAsciiString(line))
+        header.SetDescription(lines)
+        header.SetName(TCollection_HAsciiString(_ascii(self._name)))
+        header.SetTimeStamp(TCollection_HAsciiString(""))
+        header.SetAuthorValue(1, TCollection_HAsciiString(""))
+        header.SetOrganizationValue(1, TCollection_HAsciiString(""))
+        header.SetOriginatingSystem(TCollection_HAsciiString(f"maskfab {__version__}"))
+        header.SetAuthorisation(TCollection_HAsciiString(""))
+        _number_occurrences(model)
+        with partial(path) as place:
+            if writer.Write(str(place)) != IFSelect_ReturnStatus.IFSelect_RetDone:
+                raise OutputError(
+                    "MF401", f"{path} cannot be written", cure="Give --out a writable folder with room to spare"
+                )
+            add_colours(place, model, self._shades)
+
+    @staticmethod
+    def _named(label: Any, name: str) -> Any:
+        from OCP.TCollection import TCollection_ExtendedString
+        from OCP.TDataStd import TDataStd_Name
+
+        TDataStd_Name.Set_s(label, TCollection_ExtendedString(name))
+        return label
+
+
+def _number_occurrences(model: Any) -> None:
+    """The library counts occurrences through all files of a process; here each file counts from one."""
+    from OCP.StepRepr import StepRepr_NextAssemblyUsageOccurrence
+    from OCP.TCollection import TCollection_HAsciiString
+
+    count = 0
+    for n in range(1, model.NbEntities() + 1):
+        entity = model.Value(n)
+        if isinstance(entity, StepRepr_NextAssemblyUsageOccurrence):
+            count += 1
+            entity.SetId(TCollection_HAsciiString(str(count)))
+
+
+def _ascii(text: str) -> str:
+    """One line of printable ASCII, all that a STEP header can hold."""
+    return " ".join(text.split()).encode("ascii", "replace").decode()
+
+
+def _box(size_nm: NDArray[np.float64], low_nm: NDArray[np.float64] | None = None) -> Any:
+    from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox
+    from OCP.gp import gp_Pnt
+
+    low = np.zeros(3) if low_nm is None else low_nm * MM_PER_NM
+    return BRepPrimAPI_MakeBox(gp_Pnt(*low.tolist()), gp_Pnt(*(low + size_nm * MM_PER_NM).tolist())).Shape()
+
+
+def _film(panel: Panel, opening: int, stack: Stack) -> Any:
+    """A box less the prisms of the openings.
+
+    Not a prism of the film's face: where holes touch by a corner that passes every check, but not once it is read back.
+    """
+    from OCP.BRepAlgoAPI import BRepAlgoAPI_Cut
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace, BRepBuilderAPI_MakePolygon
+    from OCP.BRepPrimAPI import BRepPrimAPI_MakePrism
+    from OCP.gp import gp_Pnt, gp_Vec
+    from OCP.TopTools import TopTools_ListOfShape
+
+    pitch, thick = float(panel.pitch_nm), stack.film_nm
+    size = np.array([pitch, pitch, thick])
+    whole = _box(size, -size / 2)
+    below, height = -thick * MM_PER_NM, 2 * thick * MM_PER_NM
+    prisms = TopTools_ListOfShape()
+    for hole in holes_nm(panel, opening):
+        wire = BRepBuilderAPI_MakePolygon()
+        for x, y in (hole * MM_PER_NM).tolist():
+            wire.Add(gp_Pnt(x, y, below))
+        wire.Close()
+        face = BRepBuilderAPI_MakeFace(wire.Wire()).Face()
+        prisms.Append(BRepPrimAPI_MakePrism(face, gp_Vec(0.0, 0.0, height)).Shape())
+    if prisms.IsEmpty():
+        return whole
+    arguments = TopTools_ListOfShape()
+    arguments.Append(whole)
+    cut = BRepAlgoAPI_Cut()
+    cut.SetArguments(arguments)
+    cut.SetTools(prisms)
+    cut.Build()
+    return cut.Shape()
+
+
+_SOLID_CHROME, _SOLID_GLASS = (*CHROME_RGB, 1.0), (*GLASS_RGB, GLASS_ALPHA)
+
+
+def cadquery_assembly(die: Die, stack: Stack | None = None) -> cadquery.Assembly:
+    """A die as an assembly: ``GLASS``, and the film of each cell, ``R0C0`` onwards, under its rigid placement.
+
+    Args:
+        die: what to model; the centre of its slot is the origin, chrome lies round z = 0.
+        stack: thicknesses; 100 nm of chrome on 2.3 mm of glass if None.
+
+    Raises:
+        OutputError: MF410 or MF412 as :func:`maskfab.mask.formats.solid.check_solid_size`.
+    """
+    stack = stack or Stack()
+    check_solid_size(die, "cadquery assembly", MOST_CAD_VERTICES, MOST_CAD_CELLS)
+    import cadquery
+
+    low, high = glass(die, stack)
+    size = (high - low) * MM_PER_NM
+    substrate = cadquery.Workplane(obj=cadquery.Solid.makeBox(*size.tolist()))
+    whole = cadquery.Assembly(name=die.name)
+    whole.add(substrate, name="GLASS", loc=_location(low), color=cadquery.Color(*_SOLID_GLASS))
+    tiles = {opening: _film_shape(die.panel, opening, stack) for opening in openings_in_use(die.panel)}
+    for name, cell, centre in cells(die):
+        opening, turn = divmod(cell, ORIENTATIONS)
+        whole.add(tiles[opening], name=name, loc=_location(centre, turn), color=cadquery.Color(*_SOLID_CHROME))
+    return whole
+
+
+def trimesh_scene(die: Die, stack: Stack | None = None) -> trimesh.Scene:
+    """A die as a scene of two closed meshes, ``GLASS`` and ``FILM``: see :func:`maskfab.mask.formats.solid.film`.
+
+    Args:
+        die: what to model; the centre of its slot is the origin, chrome lies round z = 0.
+        stack: thicknesses; 100 nm of chrome on 2.3 mm of glass if None.
+
+    Raises:
+        OutputError: MF410 or MF412 as :func:`maskfab.mask.formats.solid.check_mesh_size`; MF436 as
+            :func:`maskfab.mask.formats.solid.film`.
+    """
+    stack = stack or Stack()
+    check_mesh_size(die, "trimesh scene")
+    import trimesh
+
+    scene = trimesh.Scene(base_frame=die.name)
+    scene.units = "millimeters"
+    for name, mesh, colour in (
+        ("GLASS", box_mesh(*glass(die, stack)), _SOLID_GLASS),
+        ("FILM", film(die, stack)[0], _SOLID_CHROME),
+    ):
+        scene.add_geometry(_trimesh(mesh, colour), node_name=name, geom_name=name)
+    return scene
+
+
+def _film_shape(panel: Panel, opening: int, stack: Stack) -> cadquery.Workplane:
+    """The chrome of one cell, not turned: a box less a prism for each outline."""
+    import cadquery
+
+    side, thick = panel.pitch_nm * MM_PER_NM, stack.film_nm * MM_PER_NM
+    box = cadquery.Solid.makeBox(side, side, thick, cadquery.Vector(-side / 2, -side / 2, -thick / 2))
+    prisms = []
+    for hole in holes_nm(panel, opening):
+        corners = [cadquery.Vector(x, y, -thick) for x, y in (hole * MM_PER_NM).tolist()]
+        outline = cadquery.Wire.makePolygon(corners, close=True)
+        prisms.append(cadquery.Solid.extrudeLinear(outline, [], cadquery.Vector(0, 0, 2 * thick)))
+    return cadquery.Workplane(obj=box.cut(*prisms) if prisms else box)
+
+
+def _location(place_nm: Floats, orientation: int = 0) -> cadquery.Location:
+    import cadquery
+    from OCP.gp import gp_Trsf
+
+    to = gp_Trsf()
+    to.SetValues(*np.column_stack([rotation(orientation), place_nm * MM_PER_NM]).ravel().tolist())
+    return cadquery.Location(to)
+
+
+def _trimesh(mesh: Mesh, colour: tuple[float, float, float, float]) -> trimesh.Trimesh:
+    import trimesh
+
+    made = trimesh.Trimesh(mesh.vertices_nm * MM_PER_NM, mesh.triangles, process=False)
+    made.visual.face_colors = [round(255 * part) for part in colour]
+    return made

@@ -1,0 +1,294 @@
+"""A job with everything it refers to: the validated spec and its openings, self-contained and hashed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from maskfab import job
+from maskfab.base import provenance, units
+from maskfab.base.cell_size import CellSize
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError
+from maskfab.base.model import UNSTATED, Camera, MaskBlank, Opening, Panel, Plate, Quantity
+from maskfab.base.work import Progress, silent
+from maskfab.job.read import check_seed, check_window, check_windows
+from maskfab.job.sections import DieSection, JobSpec
+from maskfab.job.values import is_table
+from maskfab.mask import opening_file, panels
+from maskfab.mask.panels import DieSeeds, die_panels
+
+if TYPE_CHECKING:
+    from maskfab.base.processes import Alone
+    from maskfab.display.feasibility import DisplayRules, Populated
+    from maskfab.optics.scene.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """A resolved job.
+
+    Attributes:
+        spec: validated; its dies name openings that ``spec.openings`` holds as text.
+        openings: the openings of every die, by the die's name; most have one. A map that moves an opening makes
+            several of the one that the spec holds.
+        digest: SHA-256 of the resolved spec, as far as it shows in the data.
+        where: the file it came from.
+    """
+
+    spec: JobSpec
+    openings: Mapping[str, tuple[Opening, ...]]
+    digest: str
+    where: str
+
+    @property
+    def seeds(self) -> dict[str, int]:
+        return {die.name: die.seed for die in self.spec.die if die.seed is not None}
+
+    @property
+    def camera(self) -> Camera:
+        return self.spec.camera.camera()
+
+    @property
+    def blank(self) -> MaskBlank:
+        """The mask blank, as far as the job states it."""
+        return UNSTATED if self.spec.plate is None else self.spec.plate.mask_blank()
+
+    @cached_property
+    def scene(self) -> Scene | None:
+        """The scene of the camera; None if the job has no [scene]."""
+        if self.spec.scene is None:
+            return None
+        from maskfab.optics.scene.scene import Scene
+
+        return Scene.of(self.spec.scene, self.spec.curves, where=self.where).through(self.blank)
+
+    @property
+    def display_rules(self) -> DisplayRules | None:
+        """Rules of the display maker; None if the job has no [emitters]."""
+        from maskfab.display.feasibility import DisplayRules
+
+        section = self.spec.emitters
+        return None if section is None else DisplayRules.of(section, self.spec.light, self.spec.wires, where=self.where)
+
+    @property
+    def seed_notes(self) -> dict[str, Quantity]:
+        """By die, a note where its map or its opening names the seeds that its display fits, and not this one."""
+        notes = {}
+        for die in self.spec.die:
+            name, known = named_seeds(die, self.spec, self.openings[die.name])
+            told = None if known is None or die.seed is None else known.against(die.seed, name)
+            if told is not None:
+                notes[die.name] = Quantity("display_seed", die.seed, told, die=die.name)
+        return notes
+
+    @property
+    def signature(self) -> str:
+        return provenance.signature(self.digest, self.seeds)
+
+    def check_window(self) -> None:
+        """Refuse a window that shows replicas of the PSF, for verbs that show a PSF.
+
+        Raises:
+            JobError: MF104, MF113 or MF115 as :func:`maskfab.job.read.check_window`, of the camera's lines and of the
+                ends of the scene's bands.
+        """
+        check_windows(self.spec, self.where)
+        for band in () if self.scene is None else self.scene.bands:
+            for number, die in enumerate(self.spec.die):
+                place = f"{self.where}: scene.spectrum, {band.name}: die[{number}]"
+                check_window(replace(self.camera, wavelengths_nm=band.range_nm), die.dot, where=place)
+
+    def panels(self) -> dict[str, Panel]:
+        """The panel of every die, by its name; see :func:`maskfab.mask.panels.die_panels` for what is refused."""
+        return die_panels(self.spec, self.openings, where=self.where)
+
+    def plate(self) -> Plate:
+        """The job laid out; see :func:`maskfab.mask.plate.compose` for what is refused."""
+        from maskfab.mask.plate import compose
+
+        return compose(self.spec, self.openings, self.signature, where=self.where)
+
+    def displays(self, progress: Progress = silent) -> Populated:
+        """The job laid out with the emitters and wires that it asks for; see :mod:`maskfab.display.feasibility`."""
+        return self.displays_of(self.plate(), progress)
+
+    def displays_of(self, plate: Plate, progress: Progress = silent, *, crew: Alone | None = None) -> Populated:
+        """Displays of the job's plate, which is laid out already; by a crew, if there is one."""
+        from maskfab.display.feasibility import Populated, populate
+
+        rules = self.display_rules
+        return Populated(plate, {}) if rules is None else populate(plate, rules, progress, crew=crew)
+
+
+@checked_arguments
+def load_job(path: str | Path) -> Job:
+    """Read a job file and every file it names; nothing is computed yet.
+
+    Raises:
+        JobError, OpeningError, SourceError, OutputError: for the first thing that is wrong.
+    """
+    return resolve(job.read(Path(path)), Path(path))
+
+
+def resolve(stated: JobSpec, path: Path) -> Job:
+    """The job of a validated spec, with the files that it names and does not hold itself.
+
+    Args:
+        stated: the spec.
+        path: the file that it came from; names of other files are relative to its folder.
+
+    Raises:
+        JobError, OpeningError, SourceError, OutputError: for the first thing that is wrong.
+    """
+    found = {
+        die.name: tuple(_opening(name, die, i, stated, path) for name in (die.opening, *(die.others or ())))
+        for i, die in enumerate(stated.die)
+    }
+    texts: dict[str, str] = {}
+    for i, die in enumerate(stated.die):
+        check_alike(found[die.name], f"{path}: die[{i}].others")
+        for opening in found[die.name]:
+            _keep(texts, opening.name, opening_file.opening_text(opening), "openings", f"{path}: die[{i}].opening")
+    dies = tuple(_resolved(die, found[die.name]) for die in stated.die)
+    named = _with_seeds(_with_maps(stated.model_copy(update={"die": dies, "openings": texts}), path), found, path)
+    resolved = _with_shop(_with_curves(named, path), path)
+    return Job(resolved, _moved(resolved, found, path), provenance.job_hash(resolved.drawn()), str(path))
+
+
+def _keep(texts: dict[str, str], name: str, text: str, kind: str, where: str) -> None:
+    """Hold a file's text under its name, which must not stand for another text already."""
+    if texts.setdefault(name, text) != text:
+        raise JobError(
+            "MF109",
+            f"two different {kind} have the name {name!r}",
+            where=where,
+            cure="Give one of them another name in its file",
+        )
+
+
+def _with_maps(stated: JobSpec, path: Path) -> JobSpec:
+    """The spec with the text of every map that its dies name, by the map's own name."""
+    texts: dict[str, str] = {}
+    dies = []
+    for i, die in enumerate(stated.die):
+        if die.map is None:
+            dies.append(die)
+            continue
+        given = stated.maps.get(die.map)
+        cells = (
+            panels.read_map(path.parent / die.map)
+            if given is None
+            else panels.parse_map(given, f"{path}: maps.{die.map}")
+        )
+        _keep(texts, cells.name, panels.map_text(cells), "maps", f"{path}: die[{i}].map")
+        dies.append(die.model_copy(update={"map": cells.name}))
+    return stated.model_copy(update={"die": tuple(dies), "maps": texts})
+
+
+def _with_seeds(stated: JobSpec, found: Mapping[str, tuple[Opening, ...]], path: Path) -> JobSpec:
+    """The spec with a seed for every die that needs one and states none: the first that its files name.
+
+    Raises:
+        JobError: MF111 where they name none.
+    """
+    dies = tuple(_seeded(die, stated, found[die.name]) for die in stated.die)
+    for i, die in enumerate(dies):
+        check_seed(die, f"{path}: die[{i}]")
+    return stated.model_copy(update={"die": dies})
+
+
+def _seeded(die: DieSection, spec: JobSpec, held: Sequence[Opening]) -> DieSection:
+    if die.seed is not None or not (die.tiling.seeded or die.others):
+        return die
+    _, named = named_seeds(die, spec, held)
+    return die if named is None else die.model_copy(update={"seed": named.fit[0]})
+
+
+def named_seeds(die: DieSection, spec: JobSpec, held: Sequence[Opening]) -> tuple[str, DieSeeds | None]:
+    """The map of a die, or else its opening, by name, and the seeds of dies that it names; None where it names none."""
+    if die.map is not None:
+        cells = panels.parse_map(spec.maps[die.map], die.map)
+        return cells.name, DieSeeds.of(cells.provenance)
+    return held[0].name, DieSeeds.of(held[0].provenance)
+
+
+def _moved(resolved: JobSpec, found: Mapping[str, tuple[Opening, ...]], path: Path) -> dict[str, tuple[Opening, ...]]:
+    """The openings of every die with those that its map makes by moving one."""
+    held = dict(found)
+    for i, die in enumerate(resolved.die):
+        if die.map is not None:
+            where = f"{path}: die[{i}].map"
+            held[die.name] = panels.shifted_openings(
+                panels.parse_map(resolved.maps[die.map], where), held[die.name], where=where
+            )
+    return held
+
+
+def _with_curves(stated: JobSpec, path: Path) -> JobSpec:
+    """The spec with the text of every table of curves that its scene names, by the file's own name."""
+    if stated.scene is None:
+        return stated.model_copy(update={"curves": {}})
+    from maskfab.optics.response import curves_text
+
+    named: dict[str, str] = {}
+    texts: dict[str, str] = {}
+    for key, value in (("spectrum", stated.scene.spectrum), ("illuminant", stated.scene.illuminant)):
+        if not isinstance(value, str) or not is_table(value):
+            continue
+        where = f"{path}: scene.{key}"
+        text = stated.curves[value] if value in stated.curves else curves_text(path.parent / value, where)
+        named[key] = Path(value).name
+        _keep(texts, named[key], text, "tables", where)
+    return stated.model_copy(update={"scene": stated.scene.model_copy(update=named), "curves": texts})
+
+
+def _with_shop(stated: JobSpec, path: Path) -> JobSpec:
+    """The spec with the profile of the shop that its [export] names by a file, under the file's own name."""
+    section = stated.export
+    if section is None or section.shop is None or not section.shop.endswith(".toml"):
+        return stated.model_copy(update={"shops": {}})
+    from maskfab.job.shop import dump_shop, parse_shop, read_shop
+
+    name, kept = Path(section.shop).name, stated.shops.get(section.shop)
+    if kept is None:
+        shop = read_shop(path.parent / section.shop, f"{path}: export.shop")
+    else:
+        shop = parse_shop(kept, Path(name).stem, where=f"{path}: shops.{section.shop}")
+    return stated.model_copy(
+        update={"export": section.model_copy(update={"shop": name}), "shops": {name: dump_shop(shop)}}
+    )
+
+
+def _resolved(die: DieSection, held: tuple[Opening, ...]) -> DieSection:
+    """The die with its openings by name, whatever files they came from."""
+    first, *others = (opening.name for opening in held)
+    names = {"opening": first, "others": tuple(others) or None}
+    return die.model_copy(update={**names, "opening_layer": None, "opening_cell": None})
+
+
+def check_alike(held: tuple[Opening, ...], where: str) -> None:
+    """Cells that choose among openings are of one size."""
+    for opening in held[1:]:
+        if opening.dots != held[0].dots:
+            raise JobError(
+                "MF122",
+                f"the opening {opening.name!r} has {opening.dots} dots a side, and {held[0].name!r} has {held[0].dots}",
+                where=where,
+                cure="Choose among openings of one size",
+            )
+
+
+def _opening(name: str, die: DieSection, number: int, stated: JobSpec, path: Path) -> Opening:
+    where = f"{path}: die[{number}]"
+    if name in stated.openings:
+        return opening_file.parse_opening(stated.openings[name], f"{path}: openings.{name}")
+    source = path.parent / name
+    if source.suffix.lower() == ".toml":
+        return opening_file.load_opening(source)
+    dot_nm = units.to_nm(die.dot, where=f"{where}.dot", name="dot")
+    dots = None if die.pitch is None else CellSize.filling(die.pitch, dot_nm, units.to_nm(die.gutter)).dots
+    return opening_file.load_opening(source, dots=dots, dot_nm=dot_nm, layer=die.opening_layer, cell=die.opening_cell)

@@ -1,0 +1,535 @@
+"""Boundaries of shapes as whole numbers: two sets of polygons cover the same points if and only if theirs are equal.
+
+How often polygons cover a point changes where a vertical ray from below crosses their edges. Edges along one line that
+run in opposite senses cancel, so that it does not matter how shapes are cut into polygons. What is left of each line is
+told by the places at which the change itself changes.
+
+Dies that a job asks for, dot by dot: where each lies, and what each of its cells shows.
+
+Rows count from below and columns from the left, from 0. The rules are those of ``docs/layout.md``.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from klayout import db
+from numpy.typing import NDArray
+
+from maskfab.base.arrays import Ints, Mask
+from maskfab.base.units import NM_PER_UM
+from maskfab.job.sections import DieSection, JobSpec
+
+_HALF = 1 << 31
+_ROW = 1 << 32
+
+
+@dataclass(frozen=True, eq=False)
+class Boundary:
+    """Boundary of shapes, those of a file or those that are asked for.
+
+    Attributes:
+        level: int64 [n], places along horizontal lines in order of y, then x, as :func:`packed` has them.
+        change: int64 [n]: beyond its place, a ray that crosses the line gains so much.
+        slanted: int64 [m, 5] of dx, dy, dy x - dx y, x and change: the same along lines of another direction, dx > 0
+            and dy without a common divisor.
+    """
+
+    level: Ints
+    change: Ints
+    slanted: Ints
+
+    @classmethod
+    def none(cls) -> Boundary:
+        """The boundary of nothing."""
+        return cls(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 5), np.int64))
+
+    @classmethod
+    def of_edges(cls, edges: Ints) -> Boundary:
+        """Of the edges of polygons that are walked clockwise, int64 [n, 4] of x0, y0, x1, y1."""
+        x0, y0, x1, y1 = edges.T
+        gain = -np.sign(x1 - x0)
+        low, high = np.minimum(x0, x1), np.maximum(x0, x1)
+        flat, steep = (y0 == y1) & (gain != 0), (y0 != y1) & (gain != 0)
+        level = packed(np.concatenate([low[flat], high[flat]]), np.tile(y0[flat], 2))
+        dx, dy = np.abs(x1 - x0)[steep], ((y1 - y0) * np.sign(x1 - x0))[steep]
+        common = np.gcd(dx, dy)
+        dx, dy = dx // common, dy // common
+        line = dy * x0[steep] - dx * y0[steep]
+        slanted = [np.column_stack([dx, dy, line, x[steep], s[steep]]) for x, s in ((low, gain), (high, -gain))]
+        return total([cls(level, np.concatenate([gain[flat], -gain[flat]]), np.concatenate(slanted))])
+
+    @classmethod
+    def of_polygons(cls, polygons: Iterable[Iterable[tuple[int, int]]]) -> Boundary:
+        """Of simple polygons that share no area, walked either way."""
+        rings = [np.array(list(polygon), dtype=np.int64) for polygon in polygons]
+        return cls.of_edges(np.concatenate([np.empty((0, 4), np.int64), *(_walked(ring) for ring in rings)]))
+
+    @classmethod
+    def of_raster(cls, x: Ints, y: Ints, clear: Mask) -> Boundary:
+        """Of the clear parts, bool [ny, nx], between lines x, int64 [nx + 1], and y, int64 [ny + 1]."""
+        change = np.diff(np.diff(np.pad(clear.astype(np.int8), 1), axis=0), axis=1)
+        row, column = np.nonzero(change)
+        return cls(packed(x[column], y[row]), change[row, column].astype(np.int64), cls.none().slanted)
+
+    @property
+    def empty(self) -> bool:
+        return not (self.level.size or self.slanted.size)
+
+    @property
+    def corners(self) -> Ints:
+        """Places at which something changes, int64 [n, 2] of x and y; of slanted lines the nanometre below."""
+        dx, dy, line, x, _ = self.slanted.T
+        y = (dy * x - line) // np.maximum(dx, 1)
+        flat = np.column_stack([(self.level + _HALF) % _ROW - _HALF, (self.level + _HALF) // _ROW])
+        return np.concatenate([flat, np.column_stack([x, y])])
+
+    def times(self, factor: int) -> Boundary:
+        """Of the same shapes, each counted so often."""
+        return Boundary(self.level, factor * self.change, self.slanted * np.array([1, 1, 1, 1, factor]))
+
+    def kept(self, which: Mask) -> Boundary:
+        """The part of some of its :attr:`corners`."""
+        flat, steep = which[: len(self.level)], which[len(self.level) :]
+        return Boundary(self.level[flat], self.change[flat], self.slanted[steep])
+
+    def at(self, places: Ints) -> Boundary:
+        """Of the shapes repeated at each place, int64 [n, 2], and nowhere else."""
+        level = (packed(*places.T)[:, None] + self.level).ravel()
+        steps = np.zeros((len(places), 1, 5), np.int64)
+        steps[:, 0, 3] = places[:, 0]
+        slanted = self.slanted + steps
+        slanted[:, :, 2] += places[:, :1] * self.slanted[:, 1] - places[:, 1:] * self.slanted[:, 0]
+        return Boundary(level, np.tile(self.change, len(places)), slanted.reshape(-1, 5))
+
+    def seen(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.int32]:
+        """Number of times that each place of a grid is covered, int32 [ny, nx]; no place lies on an edge.
+
+        Args:
+            x: columns, float64 [nx], ascending.
+            y: rows, float64 [ny], ascending.
+        """
+        gains = np.zeros((len(y) + 1, len(x) + 1), dtype=np.int32)
+        left, below = self.corners[: len(self.level)].T
+        np.add.at(gains, (np.searchsorted(y, below), np.searchsorted(x, left)), self.change)
+        gains = np.cumsum(gains, axis=1, dtype=np.int32)
+        # Along a slanted line, rays of the columns between one change and the next cross it, each at a row of its own.
+        ordered = self.slanted[np.lexsort(self.slanted[:, 3::-1].T)]
+        dx, dy, line, start, change = ordered.T
+        gain, first = np.cumsum(change), np.searchsorted(x, start)
+        begins = np.flatnonzero(np.diff(ordered[:, :3], axis=0, prepend=np.zeros((1, 3), np.int64)).any(axis=1))
+        # Each line begins with nothing; the last change of one has no column, also where some of it was left out.
+        gain -= np.repeat((gain - change)[begins], np.diff(np.append(begins, len(gain))))
+        columns = np.append(first[1:] - first[:-1], 0)
+        columns[begins[1:] - 1] = 0
+        each = np.repeat(np.arange(len(start)), columns)
+        column = np.arange(len(each)) - np.repeat(np.cumsum(columns) - columns - first, columns)
+        row = np.searchsorted(y, (dy[each] * x[column] - line[each]) / dx[each])
+        np.add.at(gains, (row, column), gain[each])
+        return np.asarray(np.cumsum(gains, axis=0, dtype=np.int32)[:-1, :-1])
+
+
+def packed(x: Ints, y: Ints) -> Ints:
+    """Places as whole numbers that add as places do and are in order of y, then x; less than 2^31 either way."""
+    return y * _ROW + x
+
+
+def total(parts: Iterable[Boundary]) -> Boundary:
+    """The boundary of all shapes together, in which what cancels is gone."""
+    every = [Boundary.none(), *parts]
+    level, change = (np.concatenate([getattr(part, name) for part in every]) for name in ("level", "change"))
+    gains, losses = (np.sort(level.repeat(np.maximum(sign * change, 0))) for sign in (1, -1))
+    if np.array_equal(gains, losses):
+        level = change = Boundary.none().level
+    else:
+        order = np.argsort(level)
+        starts = np.flatnonzero(np.diff(level[order], prepend=np.iinfo(np.int64).min))
+        sums = np.add.reduceat(change[order], starts)
+        level, change = level[order][starts[sums != 0]], sums[sums != 0]
+    slanted = np.concatenate([part.slanted for part in every])
+    if slanted.size:
+        places, index = np.unique(slanted[:, :4], axis=0, return_inverse=True)
+        sums = np.bincount(index.ravel(), weights=slanted[:, 4]).astype(np.int64)
+        slanted = np.column_stack([places, sums])[sums != 0]
+    return Boundary(level, change, slanted)
+
+
+def _walked(ring: Ints) -> Ints:
+    """Edges of a polygon, clockwise."""
+    following = np.roll(ring, -1, axis=0)
+    edges = np.column_stack([ring, following])
+    twice = int(np.sum(ring[:, 0] * following[:, 1] - following[:, 0] * ring[:, 1]))
+    return edges if twice < 0 else edges[:, [2, 3, 0, 1]]
+
+
+@dataclass(frozen=True, eq=False)
+class Figures:
+    """Polygons of one cell of a file, and where it is placed.
+
+    Attributes:
+        edges: int64 [n, 4], clockwise round what is covered.
+        owner: int64 [n], the polygon of every edge.
+        boxes: int64 [p, 4] of every polygon.
+        places: int64 [k, 2], displacements.
+    """
+
+    edges: Ints
+    owner: Ints
+    boxes: Ints
+    places: Ints
+
+    @property
+    def box(self) -> Ints:
+        """Of all polygons together, int64 [4]."""
+        return np.concatenate([self.boxes[:, :2].min(axis=0), self.boxes[:, 2:].max(axis=0)])
+
+
+def figures(layout: db.Layout, layer: db.LayerInfo) -> Iterator[Figures]:
+    """Everything that a file draws on a layer: the polygons of each cell once, and the places of the cell.
+
+    Args:
+        layout: as it was read, with one top cell and a database unit of 1 nm; a layer is added for a while.
+        layer: its number and datatype.
+    """
+    index = layout.find_layer(layer)
+    if index is None or layout.top_cell().bbox(index).empty():
+        return
+    drawn = [cell for cell in layout.each_cell() if not cell.shapes(index).is_empty()]
+    placed = _placements(layout, drawn)
+    if placed is None:
+        drawn, placed = [layout.top_cell()], [(0, np.eye(2, dtype=np.int64), np.zeros((1, 2), np.int64))]
+        shapes = [db.Region(layout.top_cell().begin_shapes_rec(index))]
+    else:
+        shapes = [db.Region(cell.shapes(index)) for cell in drawn]
+    for number, matrix, places in placed:
+        yield from _figures(shapes[number], matrix, places)
+
+
+def _placements(layout: db.Layout, cells: Sequence[db.Cell]) -> list[tuple[int, Ints, Ints]] | None:
+    """Number, turn, int64 [2, 2], and displacements in the top cell, int64 [n, 2], of cells; None if one is scaled.
+
+    They are those of triangles that are put into the cells for a moment, their right angles at the origin, one leg, of
+    the cell's number from 1, upwards, and one twice as long to the right.
+    """
+    layer = layout.insert_layer(db.LayerInfo("PLACES"))
+    try:
+        for number, cell in enumerate(cells, 1):
+            corners = ((0, 0), (2 * number, 0), (0, number))
+            cell.shapes(layer).insert(db.Polygon([db.Point(*each) for each in corners]))
+        found = db.Region(layout.top_cell().begin_shapes_rec(layer))
+        points = _rings(found.to_s(found.count()))[0].reshape(-1, 3, 2)
+    finally:
+        layout.delete_layer(layer)
+    legs = np.stack([np.roll(points, step, axis=1) - points for step in (-1, 1)], axis=2)
+    square = np.argmin(np.abs((legs[:, :, 0] * legs[:, :, 1]).sum(axis=2)), axis=1)
+    places, legs = (each[np.arange(len(points)), square] for each in (points, legs))
+    lengths = np.abs(legs).sum(axis=2)
+    number = lengths.min(axis=1)
+    turns = np.take_along_axis(legs, np.argsort(-lengths, axis=1)[:, :, None], axis=1).transpose(0, 2, 1)
+    turns = turns / (number[:, None, None] * np.array([2, 1]))
+    if not ((np.abs(turns).sum(axis=1) == 1) & (np.abs(turns).max(axis=1) == 1)).all() or number.max() > len(cells):
+        return None
+    kinds, kind = np.unique(np.column_stack([number, turns.reshape(-1, 4)]), axis=0, return_inverse=True)
+    order = np.argsort(kind.ravel(), kind="stable")
+    parts = np.split(places[order], np.flatnonzero(np.diff(kind.ravel()[order])) + 1)
+    return [
+        (int(each[0]) - 1, each[1:].reshape(2, 2).astype(np.int64), part)
+        for each, part in zip(kinds, parts, strict=True)
+    ]
+
+
+def _figures(drawn: db.Region, matrix: Ints, places: Ints) -> Iterator[Figures]:
+    """A region's polygons, turned by a matrix."""
+    drawn.merged_semantics = False
+    count = drawn.count()
+    if not count:
+        return
+    points, ring, hull = _rings(drawn.to_s(count))
+    points = points @ matrix.T
+    starts = np.flatnonzero(np.diff(ring, prepend=-1))
+    following = np.roll(points, -1, axis=0)
+    following[np.append(starts[1:], len(points)) - 1] = points[starts]
+    twice = np.add.reduceat(points[:, 0] * following[:, 1] - following[:, 0] * points[:, 1], starts)
+    # A hull is walked clockwise, and a hole the other way.
+    backwards = np.where(hull, twice > 0, twice < 0)[ring]
+    edges = np.column_stack([points, following])
+    edges[backwards] = edges[backwards][:, [2, 3, 0, 1]]
+    owner = (np.cumsum(hull) - 1)[ring]
+    first = np.flatnonzero(np.diff(owner, prepend=-1))
+    boxes = np.column_stack([np.minimum.reduceat(points, first), np.maximum.reduceat(points, first)])
+    yield Figures(edges, owner, boxes, places)
+
+
+def _rings(text: str) -> tuple[Ints, Ints, Mask]:
+    """Points of KLayout's ``(x,y;x,y/x,y;...);(...)``: int64 [n, 2], the ring of each, and which rings are hulls."""
+    signs = np.frombuffer(text.encode(), dtype=np.uint8)
+    opening = np.flatnonzero((signs == ord("(")) | (signs == ord("/")))
+    ring = np.searchsorted(opening, np.flatnonzero(signs == ord(","))) - 1
+    numbers = text.translate(dict.fromkeys(map(ord, "(),;/"), " "))
+    points = np.fromstring(numbers, dtype=np.int64, sep=" ").reshape(-1, 2)
+    return points, ring, signs[opening] == ord("(")
+
+
+_TURNS = {
+    "random": (0, 1, 2, 3, 4, 5, 6, 7),
+    "map": (0, 1, 2, 3, 4, 5, 6, 7),
+    "paper4": (0, 5, 4, 3),
+    "flips": (0, 2, 4, 6),
+    "periodic": (0,),
+    "rot90": ((0, 1), (3, 2)),
+    "rot90flip": ((0, 5), (7, 2)),
+}
+"""Turns that cells draw from or, for the last two, blocks of 2 x 2 cells from the lower row upwards."""
+_REACH = 6
+
+
+@dataclass(frozen=True, eq=False)
+class AskedDie:
+    """A die as the job asks for it.
+
+    Attributes:
+        name: of the die.
+        label: text under it.
+        centre: of its slot, nanometres.
+        slot: side of it.
+        dot: side of a dot.
+        pitch: of its cells.
+        x: lines along which dots and gutters end, int64 [nx + 1].
+        y: int64 [ny + 1].
+        clear: bool [ny, nx], between lines.
+        narrowest: shortest clear run of its openings, or a dot where no run ends, nanometres.
+    """
+
+    name: str
+    label: str
+    centre: tuple[int, int]
+    slot: int
+    dot: int
+    pitch: int
+    x: Ints
+    y: Ints
+    clear: Mask
+    narrowest: int
+
+    @property
+    def box(self) -> tuple[int, int, int, int]:
+        return int(self.x[0]), int(self.y[0]), int(self.x[-1]), int(self.y[-1])
+
+
+def asked_dies(spec: JobSpec) -> tuple[AskedDie, ...]:
+    """Every die of a job, in its order, before the plate is mirrored."""
+    section = spec.plate
+    assert section is not None
+    slot, pitch = _nm(section.die_size), _nm(section.die_pitch)
+    columns = min(section.columns, len(spec.die))
+    rows = math.ceil(len(spec.die) / columns)
+    left, top = math.floor(-(columns - 1) * pitch / 2), math.floor((rows - 1) * pitch / 2)
+    return tuple(
+        _die(die, spec, (left + number % columns * pitch, top - number // columns * pitch), slot)
+        for number, die in enumerate(spec.die)
+    )
+
+
+def _die(die: DieSection, spec: JobSpec, centre: tuple[int, int], slot: int) -> AskedDie:
+    side, dot, gutter = slot if die.size is None else _nm(die.size), _nm(die.dot), _nm(die.gutter)
+    shapes = [_drawing(spec.openings[name]) for name in (die.opening, *(die.others or ()))]
+    dots = len(shapes[0])
+    rows = columns = side // (dots * dot + gutter)
+    if die.tiling == "hexagonal":
+        shapes = [_hexagonal(shapes[0], side // dot, die.seed or 0)]
+        dots, rows, columns = len(shapes[0]), 1, 1
+        cells: NDArray[np.int64] = np.zeros((1, 1), np.int64)
+    elif die.map is not None:
+        given = tomllib.loads(spec.maps[die.map])
+        turns = _digits(given["map"])
+        held = _digits(given["openings"]) if "openings" in given else 0 * turns
+        if given.get("shifts"):
+            shapes = [_moved(shapes[0], right, up) for right, up in given["shifts"]]
+        rows, columns = (room - (room - have) % 2 for room, have in zip((rows, columns), turns.shape, strict=True))
+        cells = _tiled("map", rows, columns, die.seed, len(shapes))
+        _put_in_the_middle(cells, 8 * held + turns)
+    elif die.tiling == "blue_noise":
+        cells = _blue_noise(8 * len(shapes), rows, columns, die.seed or 0)
+    else:
+        cells = _tiled(str(die.tiling), rows, columns, die.seed, len(shapes))
+    pitch = dots * dot + gutter
+    x, y = (_lines(count, dots, dot, gutter) for count in (columns, rows))
+    clear, rim = np.zeros((len(y) - 1, len(x) - 1), dtype=np.bool_), 1 if gutter else 0
+    every = np.stack([_turned(shape, turn) for shape in shapes for turn in range(8)])[cells]
+    for row in range(dots):
+        for column in range(dots):
+            clear[row + rim :: dots + rim, column + rim :: dots + rim] = every[:, :, row, column]
+    corner = centre[0] - columns * pitch // 2, centre[1] - rows * pitch // 2
+    runs = [run for shape in shapes if (run := _shortest_run(shape))]
+    narrowest = min(runs, default=1) * dot
+    return AskedDie(die.name, die.label, centre, slot, dot, pitch, corner[0] + x, corner[1] + y, clear, narrowest)
+
+
+def _nm(length_um: float) -> int:
+    return round(length_um * NM_PER_UM)
+
+
+def _drawing(text: str) -> Mask:
+    """Dots of an opening, bool [dots, dots]; drawn with the top row first."""
+    rows = [line.strip() for line in tomllib.loads(text)["grid"].splitlines() if line.strip()]
+    return np.array([[dot == "#" for dot in row] for row in reversed(rows)])
+
+
+def _digits(text: str) -> Ints:
+    """Digits of a map, int64; drawn with the top row first."""
+    rows = [line.strip() for line in text.splitlines() if line.strip()]
+    return np.array([[int(digit, 16) for digit in row] for row in reversed(rows)], dtype=np.int64)
+
+
+def _lines(cells: int, dots: int, dot: int, gutter: int) -> Ints:
+    """Where dots and gutters of so many cells end: half a gutter, the dots, a gutter, the dots, and so on."""
+    if not gutter:
+        return np.arange(cells * dots + 1, dtype=np.int64) * dot
+    widths = [gutter // 2, *([*[dot] * dots, gutter] * cells)[:-1], gutter // 2]
+    return np.concatenate([[0], np.cumsum(widths)]).astype(np.int64)
+
+
+def _turned(shape: Mask, turn: int) -> Mask:
+    """An opening mirrored left to right for turns 4 to 7, then turned counter-clockwise by quarters, turn modulo 4."""
+    if turn >= 4:
+        shape = shape[:, ::-1]
+    for _ in range(turn % 4):
+        shape = shape[::-1].T  # what lies to the right goes up, and what lies above to the left
+    return shape
+
+
+def _moved(shape: Mask, right: int, up: int) -> Mask:
+    """An opening moved by whole dots, none of which leaves the cell."""
+    return np.roll(shape, (up, right), axis=(0, 1))
+
+
+def _tiled(tiling: str, rows: int, columns: int, seed: int | None, openings: int) -> Ints:
+    """Contents of each cell: 8 times the opening's number and the turn."""
+    draw, turns = np.random.default_rng(seed), np.array(_TURNS[tiling])
+    if turns.ndim == 2:
+        cells = turns[np.arange(rows)[:, None] % 2, np.arange(columns) % 2]
+    elif tiling == "periodic":
+        cells = np.zeros((rows, columns), dtype=np.int64)
+    else:
+        cells = turns[draw.integers(len(turns), size=(rows, columns))]
+    return cells + 8 * draw.integers(openings, size=(rows, columns)) if openings > 1 else cells
+
+
+def _put_in_the_middle(cells: Ints, given: Ints) -> None:
+    """Overwrite the middle of a panel by a map, or all of it by the map's middle."""
+    room, have = np.array(cells.shape), np.array(given.shape)
+    to, start, size = np.maximum(room - have, 0) // 2, np.maximum(have - room, 0) // 2, np.minimum(room, have)
+    cells[to[0] : to[0] + size[0], to[1] : to[1] + size[1]] = given[
+        start[0] : start[0] + size[0], start[1] : start[1] + size[1]
+    ]
+
+
+def _blue_noise(kinds: int, rows: int, columns: int, seed: int) -> Ints:
+    """Equal cells kept apart by swaps; whole numbers alone decide, so that any machine comes to the same map."""
+    draw = np.random.default_rng(seed)
+    size = rows * columns
+    cells = draw.permutation(np.arange(size) % kinds).reshape(rows, columns)
+    repels = np.zeros((rows, columns), dtype=np.int64)
+    for up in range(-_REACH, _REACH + 1):
+        for right in range(-_REACH, _REACH + 1):
+            repels[up % rows, right % columns] += round(2**20 * math.exp(-(up * up + right * right) / 4.5))
+    up_to, right_to = np.nonzero(repels)
+    # felt[k, cell]: how much all cells of kind k together repel one that stands there.
+    felt = np.zeros((kinds, rows, columns), dtype=np.int64)
+    for row in range(rows):
+        for column in range(columns):
+            np.add.at(
+                felt[cells[row, column]], ((row + up_to) % rows, (column + right_to) % columns), repels[up_to, right_to]
+            )
+    for _ in range(6):
+        swaps = 0
+        for one in draw.permutation(size):
+            here, mine = divmod(int(one), columns), int(cells.flat[one])
+            others = draw.integers(size, size=24)
+            there_up, there_right = np.divmod(others, columns)
+            theirs = cells[there_up, there_right]
+            between = repels[(there_up - here[0]) % rows, (there_right - here[1]) % columns]
+            gain = felt[mine][here] - felt[theirs, here[0], here[1]]
+            gain = gain + felt[theirs, there_up, there_right] - felt[mine, there_up, there_right]
+            gain = np.where(theirs == mine, 0, gain + 2 * (between - repels[0, 0]))
+            best = int(np.argmax(gain))
+            if gain[best] > 0:
+                there, its = (int(there_up[best]), int(there_right[best])), int(theirs[best])
+                for place, comes, goes in ((here, its, mine), (there, mine, its)):
+                    around = (place[0] + up_to) % rows, (place[1] + right_to) % columns
+                    np.add.at(felt[comes], around, repels[up_to, right_to])
+                    np.subtract.at(felt[goes], around, repels[up_to, right_to])
+                cells[here], cells[there] = its, mine
+                swaps += 1
+        if not swaps:
+            break
+    return np.asarray(cells, dtype=np.int64)
+
+
+def _hexagonal(shape: Mask, dots: int, seed: int) -> Mask:
+    """A sheet of hexagonal cells, as wide from flat to flat as the opening, each turned by a multiple of 60 degrees."""
+    width = len(shape)
+    rise = width * math.sqrt(3) / 2
+    rows, columns = math.ceil(dots / rise) + 3, math.ceil(dots / width) + 3
+    turns = np.random.default_rng(seed).integers(6, size=(rows, columns))
+    middle = np.arange(dots) + 0.5 - dots / 2
+    y, x = np.meshgrid(middle, middle, indexing="ij")
+    found = []
+    for row in (np.floor(y / rise), np.floor(y / rise) + 1):
+        column = np.rint((x - width / 2 * (row % 2)) / width)
+        away_x, away_y = x - width / 2 * (row % 2) - column * width, y - row * rise
+        turn = turns[(row.astype(int) + rows // 2) % rows, (column.astype(int) + columns // 2) % columns]
+        found.append((away_x**2 + away_y**2, away_x, away_y, turn))
+    upper = found[1][0] < found[0][0]
+    right, up, turn = (np.where(upper, found[1][k], found[0][k]) for k in (1, 2, 3))
+    angle = -np.pi / 3 * turn
+    column = np.floor(right * np.cos(angle) - up * np.sin(angle) + width / 2).astype(int)
+    row = np.floor(right * np.sin(angle) + up * np.cos(angle) + width / 2).astype(int)
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < width)
+    return np.asarray(inside & shape[np.clip(row, 0, width - 1), np.clip(column, 0, width - 1)])
+
+
+def _shortest_run(shape: Mask) -> int:
+    """Dots of the shortest clear run of an opening that repeats; 0 where none ends."""
+    shortest = []
+    for line in (*shape, *shape.T):
+        if line.any() and not line.all():
+            ends = np.flatnonzero(~np.roll(line, -int(np.argmin(line))))
+            runs = np.diff(np.append(ends, len(line))) - 1
+            shortest.append(int(runs[runs > 0].min()))
+    return min(shortest, default=0)
+
+
+def narrowed(x: Ints, y: Ints, clear: Mask, bias: int) -> tuple[Ints, Ints, Mask]:
+    """Lines and what is clear between them when every edge has moved inwards by half a bias; outwards if negative.
+
+    Every line becomes two, half the bias to either side. What lies between them is clear where the parts on both sides
+    are, or with a negative bias where one is: along x, then along y.
+    """
+    for _ in range(2):
+        padded = np.pad(clear, ((0, 0), (1, 1)))
+        joined = padded[:, 1:] & padded[:, :-1] if bias > 0 else padded[:, 1:] | padded[:, :-1]
+        parts = np.empty((clear.shape[0], 2 * clear.shape[1] + 1), dtype=np.bool_)
+        parts[:, ::2], parts[:, 1::2] = joined, clear
+        lines = np.sort(np.concatenate([x - abs(bias) // 2, x + abs(bias) // 2]))
+        x, y, clear = y, lines, parts.T
+    return x, y, clear
+
+
+def boundary(die: AskedDie, bias: int) -> Boundary:
+    """Clear parts of a die in data of which edges have moved by half a bias."""
+    x, y, clear = die.x, die.y, die.clear
+    if bias:
+        # Without a dark rim, whose outer line could pass the edges of dots when both are moved.
+        kept = slice(1, -1) if not (clear[[0, -1]].any() or clear[:, [0, -1]].any()) else slice(None)
+        x, y, clear = narrowed(x[kept], y[kept], clear[kept, kept], bias)
+    return Boundary.of_raster(x, y, clear)
+
+
+def mirrored(die: AskedDie) -> AskedDie:
+    """The die with left and right exchanged about the plate's middle."""
+    return replace(die, centre=(-die.centre[0], die.centre[1]), x=-die.x[::-1], clear=die.clear[:, ::-1])

@@ -1,0 +1,414 @@
+"""Files of a plate held against what its job asks for: dies dot by dot, marks corner by corner, and text as it reads.
+
+From the job come the corners of everything clear; from the file, through whatever library has read it, those of
+everything that it draws. Both are whole numbers, and what is left where they do not cancel is named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from klayout import db
+from scipy import ndimage
+
+from maskfab.base import __version__
+from maskfab.base.arrays import Ints, Mask
+from maskfab.base.model import Quantity
+from maskfab.base.units import NM_PER_UM
+from maskfab.job.sections import JobSpec
+from maskfab.job.shop import Shop
+from maskfab.mask.judge import dies as of_dies
+from maskfab.mask.judge import marks as of_marks
+from maskfab.mask.judge.dies import AskedDie, Boundary, Figures, asked_dies, figures, packed, total
+from maskfab.mask.judge.marks import (
+    ADVANCE,
+    HEIGHT,
+    WIDTH,
+    Code,
+    Line,
+    Mark,
+    area_steps2,
+    asked_marks,
+    corner_squares,
+    drawing,
+    mirrored,
+    nearest,
+    on_grid,
+    points,
+    read,
+)
+
+_CLEAR, _CUT, _CHROME = db.LayerInfo(1, 0), db.LayerInfo(2, 0), db.LayerInfo(3, 0)
+_MOST_NAMED = 5
+_BARRED, _MOST_OFF = 1 / 8, 1 / 2
+"""Share of a line of text that bars of chrome may take at most, and of its corners that may be theirs."""
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """A plate as its job asks for it, in the coordinates of its files.
+
+    Attributes:
+        dies: with their lines as they lie on the plate.
+        marks: figures.
+        lines: of text, before the plate is mirrored.
+        codes: data matrices.
+        writable: side of the writable area, nanometres.
+        mirror: whether left and right are exchanged.
+        grids: to which marks have been moved, in that order, nanometres.
+        dark: whether the data are the chrome of the writable area.
+        bias: by which clear widths of the data are narrower, nanometres.
+        bar: width of bars of chrome that may cross marks, so that none has a hole or touches itself, nanometres; 0 for
+            none.
+    """
+
+    dies: tuple[AskedDie, ...]
+    marks: tuple[Mark, ...]
+    lines: tuple[Line, ...]
+    codes: tuple[Code, ...]
+    writable: int
+    mirror: bool
+    grids: tuple[int, ...]
+    dark: bool
+    bias: int
+    bar: int
+
+    @cached_property
+    def boundaries(self) -> tuple[Boundary, ...]:
+        """Clear parts of every die."""
+        return tuple(of_dies.boundary(die, self.bias) for die in self.dies)
+
+    @cached_property
+    def clear_marks(self) -> tuple[Boundary, ...]:
+        """Clear parts of every mark."""
+        return tuple(of_marks.boundary(mark, self.bias) for mark in self.marks)
+
+    def on_plate(self, x: Ints, *, across: bool) -> Ints:
+        """Coordinates of marks as they lie on the plate; ``across`` for those along x."""
+        if across and self.mirror:
+            x = -x
+        for grid in self.grids:
+            x = nearest(x, grid)
+        return x
+
+
+def asked(spec: JobSpec, shop: Shop | None = None, *, sent: bool = False, version: str = __version__) -> Asked:
+    """A plate from its job alone.
+
+    Args:
+        spec: a job that has been laid out, with its openings and maps as text.
+        shop: whose rules change how marks are drawn.
+        sent: whether it goes to the shop, which may ask for squares in the corners of a drawing.
+        version: of maskfab that signs the plate.
+    """
+    dies = asked_dies(spec)
+    grids = _grids(spec, dies, shop)
+    every, writable = asked_marks(spec, dies, version)
+    marks = every.marks
+    if spec.mirrored:
+        dies = tuple(of_dies.mirrored(die) for die in dies)
+        marks = tuple(map(mirrored, marks))
+    if sent and shop is not None and shop.plate.extent_mm is not None and shop.plate.corner_square_um is not None:
+        marks += tuple(corner_squares(shop.plate.extent_mm, shop.plate.corner_square_um))
+    for grid in grids:
+        marks = tuple(on_grid(mark, grid) for mark in marks)
+    return Asked(
+        dies,
+        marks,
+        every.lines,
+        every.codes,
+        writable,
+        spec.mirrored,
+        grids,
+        spec.tone == "dark",
+        spec.data_bias_nm or 0,
+        0 if shop is None or shop.polygons.shared_boundaries is not False else _bar(shop),
+    )
+
+
+def _bar(shop: Shop) -> int:
+    """Width of the bars that open holes for a house where no two figures may share an edge."""
+    least = shop.limits.min_space_um or shop.limits.min_feature_um or 0
+    return max(4_000, 2 * round(least * NM_PER_UM))
+
+
+def _grids(spec: JobSpec, dies: Sequence[AskedDie], shop: Shop | None) -> tuple[int, ...]:
+    """Grids to which marks are moved: the job's, then the house's."""
+    stated = None if spec.export is None or spec.export.grid is None else round(spec.export.grid * NM_PER_UM)
+    own = () if stated is None or stated == 1 else (stated,)
+    if shop is None:
+        return own
+    kept = [grid for grid in shop.limits.grid_nm or () if all(_lies_on(die, grid) for die in dies)]
+    if stated in kept or 1 in kept or not kept:
+        return own
+    return (*own, max(kept))
+
+
+def _lies_on(die: AskedDie, grid: int) -> bool:
+    return not (np.any(die.x % grid) or np.any(die.y % grid))
+
+
+def judged(read: db.Layout, name: str, plate: Asked) -> tuple[Quantity, ...]:
+    """Rows of a report on one file: of every die, of all marks, and of all text.
+
+    Args:
+        read: the file, read by a library that did not write it, layers under the plate's numbers; one top cell.
+        name: of the file.
+        plate: what its job asks for.
+    """
+    left = _left_over(read, plate)
+    owners = [die.box for die in plate.dies]
+    of_lines = [_line_box(line, plate) for line in plate.lines]
+    of_codes = [_code_box(code, plate) for code in plate.codes]
+    corners = left.corners
+    taken = np.full(len(corners), -1)
+    places = np.array([*owners, *of_lines, *of_codes], dtype=np.int64).reshape(-1, 4)
+    # What lies in a line belongs to it, and only then to another that it lies near.
+    near = [_line_box(line, plate, near=True) for line in plate.lines]
+    wider = np.array(near, dtype=np.int64).reshape(-1, 4)
+    for number, (x0, y0, x1, y1) in (*enumerate(places), *enumerate(wider, len(owners))):
+        inside = (corners[:, 0] >= x0) & (corners[:, 0] <= x1) & (corners[:, 1] >= y0) & (corners[:, 1] <= y1)
+        taken[inside & (taken < 0)] = number
+    parts = [left.kept(taken == number) for number in range(len(places))]
+    rows = [_die_row(die, part, name) for die, part in zip(plate.dies, parts, strict=False)]
+    texts = parts[len(owners) : len(owners) + len(of_lines)]
+    wrong_text = [said for line, part in zip(plate.lines, texts, strict=True) if (said := _misread(line, part, plate))]
+    codes = parts[len(owners) + len(of_lines) :]
+    wrong_text += [
+        said for code, part in zip(plate.codes, codes, strict=True) if (said := _miscoded(code, part, plate))
+    ]
+    wrong_marks = list(_wrong_marks(left.kept(taken < 0), plate))
+    marks_method = f"{len(plate.marks)} marks at the places and in the sense that job and template ask for"
+    text_method = f"{len(plate.lines) + len(plate.codes)} lines and codes read back as text, each at its place"
+    return (
+        *rows,
+        _plate_row("judged_marks", f"{name}: {marks_method}", wrong_marks),
+        _plate_row("judged_text", f"{name}: {text_method}", wrong_text),
+    )
+
+
+def _plate_row(quantity: str, method: str, wrong: Sequence[str]) -> Quantity:
+    more = f"; and {len(wrong) - _MOST_NAMED} more" if len(wrong) > _MOST_NAMED else ""
+    method += "".join(f"; {each}" for each in wrong[:_MOST_NAMED]) + more
+    return Quantity(quantity, len(wrong), method, limit=0, passed=not wrong)
+
+
+def _left_over(read: db.Layout, plate: Asked) -> Boundary:
+    """Difference of what the file makes clear and what the job asks for, its text apart."""
+    drawn: list[list[Boundary]] = [[] for _ in range(len(plate.dies) + 1)]
+    for layer, factor in ((_CHROME if plate.dark else _CLEAR, 1), (_CUT, -1)):
+        for each in figures(read, layer):
+            for number, part in _by_die(each, plate.dies):
+                drawn[number].append(part.times(factor))
+    *of_dies_drawn, rest = drawn
+    if not plate.dark:
+        marks = [*rest, *(each.times(-1) for each in plate.clear_marks)]
+        pairs = zip(plate.boundaries, of_dies_drawn, strict=True)
+        return total([*(total([*parts, clear.times(-1)]) for clear, parts in pairs), total(marks)])
+    # Chrome is asked for where the writable area is neither die nor mark, and in dies where nothing is clear.
+    squares = [_whole(die.x, die.y) for die in plate.dies]
+    side = np.array([-(plate.writable // 2), plate.writable // 2])
+    field = [*rest, _whole(side, side).times(-1), *squares, *plate.clear_marks]
+    triples = zip(squares, plate.boundaries, of_dies_drawn, strict=True)
+    of_chrome = (total([*parts, square.times(-1), clear]) for square, clear, parts in triples)
+    return total([*of_chrome, total(field)]).times(-1)
+
+
+def _whole(x: Ints, y: Ints) -> Boundary:
+    """Everything between the first and the last of some lines."""
+    return Boundary.of_raster(x[[0, -1]], y[[0, -1]], np.ones((1, 1), np.bool_))
+
+
+def _by_die(each: Figures, dies: Sequence[AskedDie]) -> Iterator[tuple[int, Boundary]]:
+    """The polygons that lie within a die, by its number, and all others under the number of dies."""
+    if len(each.places) > 1:
+        whole = Boundary.of_edges(each.edges)
+        for number, placed in _groups(_die_of(each.box + np.tile(each.places, 2), dies)):
+            yield number, whole.at(each.places[placed])
+        return
+    owner = _die_of(each.boxes + np.tile(each.places, 2), dies)[each.owner]
+    for number, edges in _groups(owner):
+        yield number, Boundary.of_edges(each.edges[edges]).at(each.places)
+
+
+def _groups(owner: Ints) -> Iterator[tuple[int, Ints]]:
+    """Indices of all that have the same owner, by owner."""
+    order = np.argsort(owner, kind="stable")
+    for part in np.split(order, np.flatnonzero(np.diff(owner[order])) + 1):
+        yield int(owner[part[0]]), part
+
+
+def _die_of(boxes: Ints, dies: Sequence[AskedDie]) -> Ints:
+    """The number of the die that holds each box, or how many dies there are."""
+    lines, nearest = [], []
+    for axis, middle in ((k, (boxes[:, k] + boxes[:, k + 2]) / 2) for k in (0, 1)):
+        lines.append(np.unique([die.centre[axis] for die in dies]))
+        nearest.append(np.searchsorted((lines[axis][1:] + lines[axis][:-1]) / 2, middle))
+    number = np.full([len(each) for each in lines], len(dies))
+    for count, die in enumerate(dies):
+        number[tuple(np.searchsorted(lines[axis], die.centre[axis]) for axis in (0, 1))] = count
+    guess = number[nearest[0], nearest[1]]
+    limits = np.array([*(die.box for die in dies), (0, 0, -1, -1)], dtype=np.int64)[guess]
+    held = (boxes[:, :2] >= limits[:, :2]).all(axis=1) & (boxes[:, 2:] <= limits[:, 2:]).all(axis=1)
+    return np.where(held, guess, len(dies))
+
+
+def _die_row(die: AskedDie, left: Boundary, name: str) -> Quantity:
+    corners = left.corners
+    said = ""
+    if len(corners):
+        column, row = ((corners - die.box[:2]) // die.pitch)[np.lexsort(corners.T)[0]]
+        said = f"; the first at {_first(corners)}, cell {column}, {row} from the lower left"
+    return Quantity(
+        "judged_die",
+        len(corners),
+        f"{name}: corners that place, tiling rule and opening of the job do not ask for, or that are missing{said}",
+        limit=0,
+        passed=not len(corners),
+        die=die.name,
+    )
+
+
+def _first(corners: Ints) -> str:
+    """The lowest place, and of those the leftmost."""
+    x, y = corners[np.lexsort(corners.T)[0]] / NM_PER_UM
+    return f"({x:.3f}, {y:.3f}) um"
+
+
+def _wrong_marks(left: Boundary, plate: Asked) -> Iterator[str]:
+    """A sentence on every mark at which something is left; each corner belongs to the mark that it lies nearest to."""
+    corners = left.corners
+    if not len(corners):
+        return
+    boxes = np.array([mark.box for mark in plate.marks], dtype=np.int64).reshape(-1, 4)
+    gap_x = np.maximum(0, np.maximum(boxes[:, 0] - corners[:, :1], corners[:, :1] - boxes[:, 2]))
+    gap_y = np.maximum(0, np.maximum(boxes[:, 1] - corners[:, 1:], corners[:, 1:] - boxes[:, 3]))
+    nearest_mark = np.argmin(np.hypot(gap_x, gap_y), axis=1)
+    for number in np.unique(nearest_mark):
+        mark, mine = plate.marks[number], left.kept(nearest_mark == number)
+        if plate.bar and _may_be_barred(plate.clear_marks[number]) and _only_bars(mine, plate):
+            continue
+        yield f"{mark.name}{_how(mark, mine, plate.clear_marks[number])}, first at {_first(mine.corners)}"
+
+
+def _how(mark: Mark, left: Boundary, clear: Boundary) -> str:
+    """In which way a mark is wrong, where that can be told."""
+    found = total([left, clear])
+    if found.empty:
+        return " is missing"
+    across = int(mark.box[0] + mark.box[2])
+    x, y = found.corners[: len(found.level)].T
+    if not found.slanted.size and total([Boundary(packed(across - x, y), found.change, found.slanted), clear]).empty:
+        return " is mirrored"
+    shift = found.corners.min(axis=0) - clear.corners.min(axis=0)
+    if total([found, clear.at(shift[None, :]).times(-1)]).empty:
+        return f" lies {shift[0]:+d} nm along x and {shift[1]:+d} nm along y from its place"
+    return " has another shape"
+
+
+def _may_be_barred(clear: Boundary) -> bool:
+    """Whether a mark has a hole, or touches itself at a corner, so that bars have to open it."""
+    seen = _parts(clear)[2] > 0
+    holes = ndimage.label(np.pad(~seen, 1, constant_values=True))[1] > 1
+    ones, others = seen[1:, 1:] & seen[:-1, :-1], seen[1:, :-1] & seen[:-1, 1:]
+    touches = (ones & ~(seen[1:, :-1] | seen[:-1, 1:])) | (others & ~(seen[1:, 1:] | seen[:-1, :-1]))
+    return bool(holes or touches.any())
+
+
+def _only_bars(left: Boundary, plate: Asked) -> bool:
+    """Whether nothing is clear that should not be, and what lacks is nowhere wider than a bar."""
+    width, height, seen = _parts(left)
+    if left.slanted.size or not np.isin(seen, (-1, 0)).all():
+        return False
+    lost = seen < 0
+    across, up = _runs(lost, width), _runs(lost.T, height).T
+    return bool((np.minimum(across, up)[lost] <= plate.bar).all())
+
+
+def _parts(boundary: Boundary) -> tuple[Ints, Ints, Ints]:
+    """Widths and heights of parts between all lines of a boundary without slants, and how often each is covered."""
+    x, y = (np.unique(boundary.corners[:, k]) for k in (0, 1))
+    seen = boundary.seen((x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2).astype(np.int64)
+    return np.diff(x), np.diff(y), seen
+
+
+def _runs(lost: Mask, widths: Ints) -> Ints:
+    """Length of the run along a row that each part belongs to, int64 [ny, nx]; of parts that are not lost, 0."""
+    starts = lost & ~np.pad(lost, ((0, 0), (1, 0)))[:, :-1]
+    number = np.cumsum(starts.ravel()).reshape(lost.shape) * lost
+    lengths = np.bincount(number.ravel(), weights=(lost * widths).ravel()).astype(np.int64)
+    return np.where(lost, lengths[number], 0)
+
+
+def _line_box(line: Line, plate: Asked, *, near: bool = False) -> tuple[int, int, int, int]:
+    """Letters of a line of text; what is near is half a letter to either side, and a stroke above and below."""
+    width = (len(line.text) * ADVANCE - (ADVANCE - WIDTH)) * line.step
+    margin, stroke = (count * line.step * near for count in (ADVANCE // 2, HEIGHT // 7))
+    x = plate.on_plate(np.array([line.left - margin, line.left + width + margin]), across=True)
+    low, high = plate.on_plate(np.array([line.base - stroke, line.base + HEIGHT * line.step + stroke]), across=False)
+    return int(x.min()), int(low), int(x.max()), int(high)
+
+
+def _misread(line: Line, found: Boundary, plate: Asked) -> str:
+    """The fault of a line of text; nothing if it reads as it should and lies where it should."""
+    text = line.text.upper()
+    if found.empty:
+        return f"{line.name} {text!r} is missing"
+    columns = plate.on_plate(line.left + line.step * np.arange(len(text) * ADVANCE + 1), across=True)
+    rows = plate.on_plate(line.base + line.step * np.arange(HEIGHT + 1), across=False)
+    x, y = (np.interp(points(len(each) - 1), np.arange(len(each)), each) for each in (columns, rows))
+    seen = found.seen(np.sort(x), y) != 0
+    seen = seen[:, ::-1] if plate.mirror else seen
+    wanted, corners = drawing(text), found.corners
+    off = ~(np.isin(corners[:, 0], columns) & np.isin(corners[:, 1], rows))
+    extra, lacking = area_steps2(seen & ~wanted), area_steps2(wanted & ~seen)
+    outside = (corners < (columns.min(), rows[0])).any(axis=1) | (corners > (columns.max(), rows[-1])).any(axis=1)
+    # Bars leave most corners where they were.
+    bars = plate.bar and lacking <= _BARRED * area_steps2(wanted) and off.mean() < _MOST_OFF and not outside.any()
+    if not extra and (bars or not (lacking or off.any())):
+        return ""
+    if (said := read(seen)) != text:
+        return f"{line.name} reads {said!r}, not {text!r}"
+    where = _first(corners[off] if off.any() else corners)
+    return f"{line.name} {text!r} is not drawn as letters are, or not at its place, first at {where}"
+
+
+def _code_box(code: Code, plate: Asked) -> tuple[int, int, int, int]:
+    reach = 40 * code.module
+    x = plate.on_plate(np.array([code.centre[0] - reach, code.centre[0] + reach]), across=True)
+    return int(x.min()), code.centre[1] - reach, int(x.max()), code.centre[1] + reach
+
+
+def _miscoded(code: Code, found: Boundary, plate: Asked) -> str:
+    """The fault of a data matrix, whose light modules are clear; nothing if it has none."""
+    if found.empty:
+        return f"{code.name} is missing"
+    import zxingcpp
+
+    corners = found.corners
+    side = int(corners[:, 0].max() - corners[:, 0].min()) + plate.bias
+    count = round(side / code.module)
+    start = (code.centre[0] - count * code.module // 2, code.centre[1] - count * code.module // 2)
+    lines = code.module * np.arange(count + 1)
+    x, y = (plate.on_plate(start[k] + lines, across=k == 0) for k in (0, 1))
+    x = np.sort(x)
+    # At nine places of each module, of which a bar may take three.
+    nine = (np.interp((np.arange(3 * count) + 0.5) / 3, np.arange(count + 1), each) for each in (x, y))
+    light = found.seen(*nine).reshape(count, 3, count, 3).sum(axis=(1, 3)) > 4
+    light = light[:, ::-1] if plate.mirror else light
+    picture = np.where(light[::-1], 255, 0).astype(np.uint8)
+    # A few pixels a module and some room around it, as a camera has.
+    scaled = np.pad(picture.repeat(8, axis=0).repeat(8, axis=1), 32, constant_values=255)
+    texts = [each.text for each in zxingcpp.read_barcodes(scaled)]
+    if texts != [code.text]:
+        return f"{code.name} reads {texts[0]!r}, not {code.text!r}" if texts else f"{code.name} cannot be read"
+    light = light[:, ::-1] if plate.mirror else light
+    boxes = [[x[i], y[j], x[i + 1], y[j + 1]] for j, i in zip(*np.nonzero(light), strict=True)]
+    mark = Mark(code.name, np.array(boxes, dtype=np.int64).reshape(-1, 4))
+    left = total([found, of_marks.boundary(mark, plate.bias).times(-1)])
+    if not (left.empty or (plate.bar and _only_bars(left, plate))):
+        return f"{code.name} has modules off their places"
+    return ""

@@ -1,0 +1,668 @@
+"""Many outlines at once between arrays and klayout, as records of GDSII in memory.
+
+Made one by one, a million polygons of klayout take half a minute; records of them take a second or two.
+
+Grids of cells, placed in a layout by records of GDSII in memory.
+
+Inserted one by one, ten thousand references of klayout take longer than all else that a plate is drawn by.
+
+Limits of a layout to be processed: few enough shapes once its references are followed, none self-crossing.
+
+Nothing is repaired. A polygon that crosses itself means one thing to a writer that fills by winding and another to
+one that fills by parity, so it is refused; vertices and polygons that have no meaning at all are counted.
+
+Plates as hierarchical layouts, and layouts as regions.
+
+A layout keeps one cell per orientation of an opening and places it thousands of times; nothing is flattened until
+a question needs it. Database unit: 1 nm.
+
+The size of a file, judged before it is written.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from klayout import db
+from numpy.typing import NDArray
+
+from maskfab.base.arrays import Ints
+from maskfab.base.errors import OutputError, SourceError
+from maskfab.base.model import CLEAR, LAYERS, NOTE, Box, Layer, Panel, Plate, Point, Polygon
+from maskfab.base.units import NM_PER_UM
+from maskfab.mask.outlines import UnitKey, unit_key, unit_name, unit_shapes
+from maskfab.mask.raster import coverage, disjoint, placed_boxes, to_boxes
+
+_MOST_CORNERS = 8190
+_AT_LEAST = 1e-9
+"""Share of the lengths multiplied in a cross product that it exceeds where it is other than 0, whatever is rounded."""
+
+LIBRARY = (
+    bytes.fromhex("00060002 0258 001c0102") + bytes(24) + bytes.fromhex("00060206 4100")
+    + bytes.fromhex("00140305 3e4189374bc6a7f0 3944b82fa09b5a54")
+)  # fmt: skip
+"""HEADER, BGNLIB, LIBNAME, and UNITS of a nanometre and a thousandth of the user's."""
+STRUCTURE_END, LIBRARY_END = bytes.fromhex("00040700"), bytes.fromhex("00040400")
+_BOUNDARY, _LAYER, _OF_LAYER, _DATATYPE, _XY, _ENDEL = 0x00040800, 0x00060D02, 0x0006, 0x0E020000, 0x1003, 0x00041100
+_WORDS_BEFORE, _WORDS_AROUND = 5, 6
+
+
+def is_plain(corners: Ints, sizes: Ints) -> NDArray[np.bool_]:
+    """Which outlines :func:`outlines_layout` draws as they are: every corner turns, and the whole has an area.
+
+    Args:
+        corners: int64 [sum of sizes, 2], those of each outline after those of the one before, in nanometres.
+        sizes: int64 [n], how many corners each has.
+
+    Returns:
+        bool [n]; False too for outlines of so many corners that no record holds them, or of none.
+    """
+    fit = (sizes >= 3) & (sizes <= _MOST_CORNERS)
+    kept = np.repeat(fit, sizes)
+    if not kept.any():
+        return fit
+    many, own = sizes[fit], corners[kept].astype(np.float64)
+    ends = np.cumsum(many)
+    starts = ends - many
+    after = np.arange(1, len(own) + 1)
+    after[ends - 1] = starts
+    along = own[after] - own
+    turn = _turns(along, along[after])
+    away = own - np.repeat(own[starts], many, axis=0)
+    area = along[:, 1] * away[:, 0], along[:, 0] * away[:, 1]
+    twice = np.add.reduceat(area[0] - area[1], starts)
+    rounded = _AT_LEAST * np.add.reduceat(np.abs(area[0]) + np.abs(area[1]), starts)
+    fit[fit] = np.logical_and.reduceat(turn, starts) & (np.abs(twice) > rounded)
+    return fit
+
+
+def _turns(before: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[np.bool_]:
+    one, other = before[:, 0] * after[:, 1], before[:, 1] * after[:, 0]
+    return np.abs(one - other) > _AT_LEAST * (np.abs(one) + np.abs(other))
+
+
+def outlines_layout(corners: Ints, sizes: Ints, layers: Ints) -> db.Layout:
+    """Outlines that are :func:`is_plain`, upright rectangles as boxes, in the one cell of a layout.
+
+    Args:
+        corners: int64 [sum of sizes, 2] in nanometres, each within 31 bits.
+        sizes: int64 [n].
+        layers: int64 [n], each from 0 to 32767: the number of the layer that an outline lies on, of datatype 0.
+    """
+    ends = np.cumsum(2 * sizes + _WORDS_AROUND + 2)
+    starts = ends - (2 * sizes + _WORDS_AROUND + 2)
+    words = np.empty(int(ends[-1]) if len(ends) else 0, dtype=">u4")
+    for place, word in enumerate(
+        (_BOUNDARY, _LAYER, layers << 16 | _OF_LAYER, _DATATYPE, (8 * sizes + 12) << 16 | _XY)
+    ):
+        words[starts + place] = word
+    words[ends - 1] = _ENDEL
+    first = np.cumsum(sizes) - sizes
+    # Each outline's first corner is said again behind its last.
+    at = np.repeat(starts + _WORDS_BEFORE - 2 * first, sizes) + 2 * np.arange(len(corners))
+    values = corners.astype(np.int32).view(np.uint32)
+    for axis in (0, 1):
+        words[at + axis] = values[:, axis]
+        words[ends - 3 + axis] = values[first, axis]
+    layout = db.Layout()
+    read_records(layout, b"".join([LIBRARY, structure("A"), words.tobytes(), STRUCTURE_END, LIBRARY_END]))
+    return layout
+
+
+def structure(name: str) -> bytes:
+    """BGNSTR and STRNAME."""
+    text = name.encode("ascii")
+    text += bytes(len(text) % 2)
+    return bytes.fromhex("001c0502") + bytes(24) + (4 + len(text)).to_bytes(2, "big") + b"\x06\x06" + text
+
+
+def read_records(layout: db.Layout, stream: bytes) -> None:
+    """Add what a stream of GDSII holds to the cells of a layout that have the names of its structures."""
+    options = db.LoadLayoutOptions()
+    options.warn_level = 0
+    layout.read_bytes(stream, options)
+
+
+DBU_UM = 0.001
+
+_SREF, _SNAME, _GRID_XY, _GRID_ENDEL = b"\x00\x04\x0a\x00", b"\x12\x06", b"\x00\x0c\x10\x03", b"\x00\x04\x11\x00"
+_AT_ORIGIN = _GRID_XY + bytes(8) + _GRID_ENDEL
+
+
+@dataclass(frozen=True, eq=False)
+class CellArray:
+    """Cells in rows and columns, none mirrored, turned or scaled.
+
+    Attributes:
+        cells: names.
+        index: int64 [rows, columns] into ``cells``, row 0 lowest.
+        origin_nm: of the cell [0, 0], in coordinates of the die.
+        step_nm: along x and y.
+    """
+
+    cells: tuple[str, ...]
+    index: NDArray[np.int64]
+    origin_nm: Point
+    step_nm: Point
+
+
+def placed(names: Iterable[str], grids: Mapping[str, Sequence[CellArray]]) -> db.Layout:
+    """A layout of empty cells and of the grids in some of them.
+
+    A grid of one cell is one array; of others every place has a reference. Database unit: 1 nm. Cells are in the order
+    of their names, except that one comes first which neither has grids nor is in any.
+
+    Args:
+        names: of all cells; one at least, such as the top cell, neither has grids nor is in any.
+        grids: by the name of the cell that they fill; not all cells have some.
+    """
+    ordered = sorted(names)
+    among = {*grids, *(cell for filled in grids.values() for grid in filled for cell in grid.cells)}
+    first = next(name for name in ordered if name not in among)
+    ordered.remove(first)
+    # Cells are made where they are first named: so the first one places all others, for a moment.
+    stream = [LIBRARY, structure(first), *(_head(name) + _AT_ORIGIN for name in ordered), STRUCTURE_END]
+    for name in ordered:
+        stream += [structure(name), *(_references(grid) for grid in grids.get(name, ())), STRUCTURE_END]
+    layout = db.Layout()
+    read_records(layout, b"".join([*stream, LIBRARY_END]))
+    layout.cell(first).clear_insts()
+    layout.clear_meta_info()  # of the stream, which would be written with the plate
+    layout.dbu = DBU_UM
+    for name, filled in grids.items():
+        for grid in filled:
+            if len(grid.cells) == 1:
+                layout.cell(name).insert(_array(layout, grid))
+    return layout
+
+
+def _array(layout: db.Layout, grid: CellArray) -> db.CellInstArray:
+    (dx, dy), (rows, columns) = grid.step_nm, grid.index.shape
+    index = layout.cell(grid.cells[0]).cell_index()
+    return db.CellInstArray(index, db.Trans(*grid.origin_nm), db.Vector(dx, 0), db.Vector(0, dy), columns, rows)
+
+
+def _references(grid: CellArray) -> bytes:
+    if len(grid.cells) == 1:
+        return b""
+    width = max(map(len, grid.cells))
+    heads = [_head(name, width) for name in grid.cells]
+    # A record for each kind of cell, its place still to be written.
+    kinds = np.frombuffer(b"".join(head + _AT_ORIGIN for head in heads), dtype=np.uint8).reshape(len(heads), -1)
+    rows, columns = grid.index.shape
+    places = np.empty((rows, columns, 2), dtype=">i4")
+    places[..., 0] = grid.origin_nm[0] + grid.step_nm[0] * np.arange(columns)
+    places[..., 1] = grid.origin_nm[1] + grid.step_nm[1] * np.arange(rows)[:, None]
+    records, start = kinds[grid.index.ravel()], len(heads[0]) + len(_GRID_XY)
+    records[:, start : start + places.itemsize * 2] = places.reshape(-1, 2).view(np.uint8)
+    return records.tobytes()
+
+
+def _head(name: str, width: int = 0) -> bytes:
+    """SREF and SNAME, the name filled up to that width."""
+    width = max(width, len(name))
+    width += width % 2
+    return _SREF + (4 + width).to_bytes(2, "big") + _SNAME + name.encode("ascii").ljust(width, b"\0")
+
+
+MOST_SHAPES = 1_000_000_000
+MOST_LEVELS = 500
+MOST_LAYERS = 4096
+"""klayout compares each name with all others."""
+
+MOST_CELLS = 20_000
+"""A mask has some for each of its dies; every one costs time on every layer."""
+
+MOST_COVERED = 100
+"""Times that one place is drawn; a plate draws it once, and sides cross as often as that squared."""
+
+MOST_VERTICES = 100_000
+"""Of one polygon: what is done with it grows faster than they do, and mask writers take some thousands."""
+
+FARTHEST_NM = 1_000_000_000
+ROUNDING_KEY = "maskfab_rounding_nm"
+LEFT_OUT_KEY = "maskfab_left_out"
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Content of a file without any effect on its geometry.
+
+    Attributes:
+        repeated_vertices: vertices that repeat the one before.
+        empty_polygons: polygons without area.
+        curves: arcs and circles that were made polygons, none further than 1 nm from the curve.
+        grey_pixels: pixels of an image between black and white, taken for the nearer.
+        texts: on the layer that is clear, which are no polygons.
+    """
+
+    repeated_vertices: int = 0
+    empty_polygons: int = 0
+    curves: int = 0
+    grey_pixels: int = 0
+    texts: int = 0
+
+
+def left_out(layout: db.Layout) -> LeftOut:
+    """Notes by :mod:`maskfab.mask.formats.reader` on the file that the layout came from."""
+    stated = layout.meta_info_value(LEFT_OUT_KEY)
+    return LeftOut(*stated) if stated else LeftOut()
+
+
+def note_left_out(layout: db.Layout, noted: LeftOut) -> None:
+    """Keep what was left out with the layout, for :func:`left_out`."""
+    counts = [noted.repeated_vertices, noted.empty_polygons, noted.curves, noted.grey_pixels, noted.texts]
+    layout.add_meta_info(db.LayoutMetaInfo(LEFT_OUT_KEY, counts, "what has no effect on the geometry"))
+
+
+def is_empty(polygon: db.Polygon) -> bool:
+    """Whether a polygon covers nothing; one whose parts turn opposite ways has no net area, and covers something."""
+    if polygon.num_points() < 3:
+        return True
+    return bool(polygon.area() == 0 and db.Region(polygon).merged().is_empty())
+
+
+def count_shapes(layout: db.Layout, layers: list[int] | None = None) -> int:
+    """Polygons, boxes and paths below all top cells, every reference followed; on all layers if None."""
+    indices = list(layout.layer_indexes()) if layers is None else layers
+    return _count(layout, lambda cell: sum(cell.shapes(layer).size() for layer in indices))
+
+
+def count_texts(layout: db.Layout, layer: int) -> int:
+    """Texts on a layer below all top cells, every reference followed."""
+    return _count(layout, lambda cell: sum(1 for _ in cell.shapes(layer).each(db.Shapes.STexts)))
+
+
+def count_vertices(layout: db.Layout) -> int:
+    """Vertices of what :func:`count_shapes` counts."""
+
+    def own(cell: db.Cell) -> int:
+        raw = [db.Region(cell.shapes(layer)) for layer in layout.layer_indexes()]
+        for each in raw:
+            each.merged_semantics = False
+        return sum(each.edges().count() for each in raw)
+
+    return _count(layout, own)
+
+
+def weight(shapes: db.RecursiveShapeIterator, most: int, largest: int = 2**31) -> int:
+    """Rectangles that take as long to work with as some shapes: a quarter of their vertices, at least one for each.
+
+    Counted until there are more than ``most``, for a few cells may place billions of shapes; a shape counts ``largest``
+    at most.
+    """
+    found = 0
+    for each in shapes.each():
+        shape = each.shape()
+        found += 1 if shape.is_box() or not shape.is_polygon() else min(largest, -(-shape.polygon.num_points() // 4))
+        if found > most:
+            break
+    return found
+
+
+def drawn_areas(layout: db.Layout, index: int) -> dict[int, float]:
+    """By the index of each cell, the sum in nm² of the areas of its shapes on a layer, every reference followed."""
+    areas: dict[int, float] = {}
+    for cell_index in layout.each_cell_bottom_up():
+        cell = layout.cell(cell_index)
+        own = db.Region(cell.shapes(index))
+        own.merged_semantics = False
+        areas[cell_index] = own.area()
+        for each in cell.each_inst():
+            larger = each.cplx_trans.mag**2 if each.is_complex() else 1
+            areas[cell_index] += each.cell_inst.size() * larger * areas[each.cell_index]
+    return areas
+
+
+def most_covered(layout: db.Layout, index: int) -> float:
+    """Number of times that the shapes of a layer cover the box about them, in the cell where they do so most."""
+    areas, covered = drawn_areas(layout, index), 0.0
+    for cell in layout.each_cell():
+        box = cell.bbox(index)
+        if not box.empty() and box.area() > 0:
+            covered = max(covered, areas[cell.cell_index()] / box.area())
+    return covered
+
+
+def own_polygons(cell: db.Cell, layer: int) -> db.Region:
+    """Polygons and paths of a cell itself on a layer, each as it is drawn, without boxes, of which there are most."""
+    shapes = cell.begin_shapes_rec(layer)
+    shapes.max_depth = 0
+    shapes.shape_flags = db.Shapes.SRegions & ~db.Shapes.SBoxes
+    polygons = db.Region(shapes)
+    polygons.merged_semantics = False
+    return polygons
+
+
+def _count(layout: db.Layout, own: Callable[[db.Cell], int]) -> int:
+    counts: dict[int, int] = {}
+    for index in layout.each_cell_bottom_up():
+        cell = layout.cell(index)
+        below = sum(each.cell_inst.size() * counts[each.cell_index] for each in cell.each_inst())
+        counts[index] = own(cell) + below
+    return sum(counts[cell.cell_index()] for cell in layout.top_cells())
+
+
+def check_limits(layout: db.Layout, path: Path) -> None:
+    """Refuse what cannot be worked with in reasonable time, and what could mean two things.
+
+    Raises:
+        SourceError: MF312 a polygon crosses or covers itself, MF313 too many shapes or too deep a hierarchy, MF326
+            shapes that cover one place many times over.
+    """
+    check_size(layout, path)
+    for layer in layout.layer_indexes():
+        _refuse_overlaps(layout, layer, path)
+        for cell in layout.each_cell():
+            if not cell.shapes(layer).is_empty():
+                _refuse_crossing(cell, layer, path)
+
+
+def refuse_long(longest: int, path: Path) -> None:
+    """Refuse a polygon of too many vertices before it is drawn.
+
+    Raises:
+        SourceError: MF313.
+    """
+    if longest > MOST_VERTICES:
+        raise SourceError(
+            "MF313",
+            f"{path.name} has a polygon of {longest} vertices; the limit is {MOST_VERTICES}",
+            where=str(path),
+            cure="Split it into polygons of fewer vertices, as mask writers ask",
+        )
+
+
+def check_size(layout: db.Layout, path: Path) -> None:
+    """Refuse what cannot be worked with in reasonable time.
+
+    Raises:
+        SourceError: MF313 too many shapes, too deep a hierarchy, or too far from the origin.
+    """
+    if layout.layers() > MOST_LAYERS:
+        raise too_many_layers(path)
+    if layout.cells() > MOST_CELLS:
+        raise too_many_cells(path)
+    depth = max((cell.hierarchy_levels() for cell in layout.top_cells()), default=0)
+    if depth > MOST_LEVELS:
+        raise SourceError(
+            "MF313",
+            f"{path.name} nests {depth} cells; the limit is {MOST_LEVELS}",
+            where=str(path),
+            cure="Flatten some levels of the hierarchy before export",
+        )
+    shapes = count_shapes(layout)
+    if shapes > MOST_SHAPES:
+        raise SourceError(
+            "MF313",
+            f"{path.name} draws {shapes:.3g} shapes, references followed; the limit is {MOST_SHAPES:.0e}",
+            where=str(path),
+            cure="Export the plate without arrays outside of it",
+        )
+    _refuse_distant(layout, path)
+
+
+def too_many_layers(path: Path) -> SourceError:
+    """MF313 for more than :data:`MOST_LAYERS`."""
+    return _too_many(path, f"{MOST_LAYERS} layers", "Write the layers of the mask alone")
+
+
+def too_many_cells(path: Path) -> SourceError:
+    """MF313 for more than :data:`MOST_CELLS`."""
+    return _too_many(path, f"{MOST_CELLS} cells", "Flatten it in part, and write the cells of the mask alone")
+
+
+def _too_many(path: Path, most: str, cure: str) -> SourceError:
+    return SourceError("MF313", f"{path.name} has over {most}", where=str(path), cure=cure)
+
+
+def _refuse_distant(layout: db.Layout, path: Path) -> None:
+    """Refuse what lies beyond a metre: near two metres klayout's own boxes and booleans overflow without a word."""
+    reaches: dict[int, int] = {}
+    for index in layout.each_cell_bottom_up():
+        cell = layout.cell(index)
+        boxes = [db.Region(cell.shapes(layer)).bbox() for layer in layout.layer_indexes()]
+        reach = max(
+            (max(abs(box.left), abs(box.bottom), abs(box.right), abs(box.top)) for box in boxes if not box.empty()),
+            default=0,
+        )
+        for each in cell.each_inst():
+            to = each.trans.disp
+            far = max(abs(to.x), abs(to.y))
+            if each.size() > 1:
+                far += max(0, each.na - 1) * max(abs(each.a.x), abs(each.a.y))
+                far += max(0, each.nb - 1) * max(abs(each.b.x), abs(each.b.y))
+            grown = 1.5 * each.cplx_trans.mag if each.is_complex() else 1.0
+            reach = max(reach, far + round(grown * reaches[each.cell_index]))
+        reaches[index] = reach
+        if reach > FARTHEST_NM:
+            raise SourceError(
+                "MF313",
+                f"{path.name}: cell {cell.name!r} reaches {reach / 1e9:.3g} m from its origin; the limit is 1 m",
+                where=str(path),
+                cure="Check the unit, and delete shapes far from the origin",
+            )
+
+
+def _refuse_overlaps(layout: db.Layout, layer: int, path: Path) -> None:
+    covered = most_covered(layout, layer)
+    if covered > MOST_COVERED:
+        raise SourceError(
+            "MF326",
+            f"{path.name}: its shapes cover the box about them {covered:.3g} times over; the limit is {MOST_COVERED}",
+            where=str(path),
+            cure="Draw each place once: merge what overlaps, or mend the steps of its arrays",
+        )
+
+
+def _refuse_crossing(cell: db.Cell, layer: int, path: Path) -> None:
+    raw = own_polygons(cell, layer)
+    try:
+        crossing = raw.strange_polygon_check()
+    except RuntimeError:  # klayout gave up on them
+        crossing = raw
+    if crossing.is_empty():
+        return
+    box = next(crossing.each()).bbox()
+    raise SourceError(
+        "MF312",
+        f"{path.name}: a polygon of cell {cell.name!r} crosses or covers itself at ({box.left / NM_PER_UM:g}, "
+        f"{box.bottom / NM_PER_UM:g}) um of the cell; {crossing.count()} such places",
+        where=str(path),
+        cure="Draw it as polygons that do not cross themselves",
+    )
+
+
+__all__ = [
+    "DBU_UM",
+    "PlateNames",
+    "coverage",
+    "layer_info",
+    "orientations_in_use",
+    "placed_boxes",
+    "plate_layout",
+    "plate_names",
+    "region",
+    "simple_polygon",
+    "to_boxes",
+]
+
+_MOST_TURNED = 5_000_000
+NAME_LENGTH = 32
+
+
+def plate_layout(plate: Plate) -> db.Layout:
+    """The plate as a hierarchy of cells: top, dies, and one cell per opening, dot, gutter and orientation in use.
+
+    A periodic die is one array reference, any other one reference per cell; nothing is mirrored, turned or scaled.
+    Marks have a cell each. For the order of the cells see :func:`maskfab.mask.layout.placed`; every format
+    accepts their names.
+    """
+    names = plate_names(plate)
+    grids = {name: [_grid(die.panel, names)] for die, name in zip(plate.dies, names.dies, strict=True)}
+    layout = placed([names.top, *names.dies, *names.marks, *names.units.values()], grids)
+    layers = {layer: layout.layer(layer_info(layer)) for layer in LAYERS}
+    cells = {cell.name: cell for cell in layout.each_cell()}
+    top = cells[names.top]
+    drawn: set[UnitKey] = set()
+    for die in plate.dies:
+        for orientation in orientations_in_use(die.panel):
+            key = unit_key(die.panel, orientation)
+            if key not in drawn:
+                drawn.add(key)
+                for layer, polygons in unit_shapes(die.panel, orientation).items():
+                    _draw(cells[names.units[key]].shapes(layers[layer]), polygons)
+    for die, die_name in zip(plate.dies, names.dies, strict=True):
+        top.insert(db.CellInstArray(cells[die_name].cell_index(), db.Trans(*die.origin_nm)))
+    for mark, mark_name in zip(plate.furniture, names.marks, strict=True):
+        _draw(cells[mark_name].shapes(layers[mark.layer]), mark.polygons)
+        top.insert(db.CellInstArray(cells[mark_name].cell_index(), db.Trans()))
+    for note in plate.notes:
+        top.shapes(layers[NOTE]).insert(db.Text(note.text, db.Trans(*note.position_nm)))
+    return layout
+
+
+def region(
+    layout: db.Layout, layer: Layer | db.LayerInfo, box_nm: Box | None = None, cell: str | None = None
+) -> db.Region:
+    """Everything on a layer, flattened and merged; corners that kiss stay apart.
+
+    Args:
+        layout: its database unit is 1 nm.
+        layer: a layer of the plate, or one found by :func:`maskfab.mask.formats.reader.find_layer`; the region of a
+            layer that the layout lacks is empty.
+        box_nm: x0, y0, x1, y1 to which the region is clipped.
+        cell: the cell to flatten, in its own coordinates; the only top cell if None.
+    """
+    info = layer_info(layer) if isinstance(layer, Layer) else layer
+    index = layout.find_layer(info)
+    if index is None:
+        return db.Region()
+    root = layout.top_cell() if cell is None else layout.cell(cell)
+    if box_nm is None:
+        return db.Region(root.begin_shapes_rec(index)).merged(True, 1)
+    box = db.Box(*box_nm)
+    return (db.Region(root.begin_shapes_rec_overlapping(index, box)) & db.Region(box)).merged(True, 1)
+
+
+def clear_shapes(layout: db.Layout, box_nm: Box) -> db.Region | NDArray[np.int64]:
+    """Clear shapes in and around a box: int64 [n, 4] disjoint boxes where possible, else a merged region."""
+    index = layout.find_layer(layer_info(CLEAR))
+    boxes = None if index is None else placed_boxes(layout.top_cell(), index, db.Box(*box_nm))
+    return boxes if boxes is not None and disjoint(boxes) else region(layout, CLEAR, box_nm)
+
+
+def clear_box(layout: db.Layout) -> db.Box:
+    """The smallest box that holds all that is clear; empty if nothing is.
+
+    A cell's own box, turned by other than quarters, is larger than what it holds, and again at every level. So where
+    cells are turned so, their polygons are asked, if they are few enough.
+    """
+    index = layout.find_layer(layer_info(CLEAR))
+    if index is None:
+        return db.Box()
+    if not any(_slants(each) for cell in layout.each_cell() for each in cell.each_inst()):
+        return layout.top_cell().bbox(index)
+    if count_shapes(layout, [index]) > _MOST_TURNED:
+        return layout.top_cell().bbox(index)
+    drawn = db.Region(layout.top_cell().begin_shapes_rec(index))
+    drawn.merged_semantics = False
+    return drawn.extents().bbox()
+
+
+def _slants(reference: db.Instance) -> bool:
+    """Whether a reference turns by other than quarters, scaled or not."""
+    return bool(reference.is_complex() and not reference.cplx_trans.is_ortho())
+
+
+def layer_info(layer: Layer) -> db.LayerInfo:
+    """The layer as klayout knows it, by number, datatype and name."""
+    return db.LayerInfo(layer.number, layer.datatype, layer.name)
+
+
+def simple_polygon(polygon: Polygon) -> db.SimplePolygon:
+    """A klayout polygon with exactly these vertices."""
+    return db.SimplePolygon([db.Point(x, y) for x, y in polygon], True)
+
+
+def orientations_in_use(panel: Panel) -> tuple[int, ...]:
+    """The elements of D4 that at least one cell of the panel takes, ascending."""
+    return tuple(int(orientation) for orientation in np.unique(panel.orientations))
+
+
+@dataclass(frozen=True)
+class PlateNames:
+    """Cell names of a plate, the same in every format.
+
+    Attributes:
+        top: the top cell.
+        dies: one for each die, in plate order.
+        marks: one for each piece of furniture, in plate order.
+        units: one for each unit cell, ``OPENING_D<dot>_G<gutter>_R<orientation>``.
+    """
+
+    top: str
+    dies: tuple[str, ...]
+    marks: tuple[str, ...]
+    units: Mapping[UnitKey, str]
+
+
+def plate_names(plate: Plate) -> PlateNames:
+    """The cell names of a plate."""
+    names = CellNames()
+    top = names.unique(plate.name)
+    dies = tuple(names.unique(die.name) for die in plate.dies)
+    marks = tuple(names.unique(mark.name) for mark in plate.furniture)
+    units: dict[UnitKey, str] = {}
+    for die in plate.dies:
+        for orientation in orientations_in_use(die.panel):
+            key = unit_key(die.panel, orientation)
+            if key not in units:
+                units[key] = names.unique(*unit_name(die.panel, orientation))
+    return PlateNames(top, dies, marks, units)
+
+
+class CellNames:
+    """Gives out cell names that every format accepts: A-Z, 0-9 and _, at most 32 of them, no two alike.
+
+    ``MAIN`` is parted, for some mask software takes it for a top cell.
+    """
+
+    def __init__(self) -> None:
+        self._taken: set[str] = set()
+
+    def unique(self, wish: str, suffix: str = "") -> str:
+        """The name closest to ``wish + suffix`` that is free; a suffix is never cut off."""
+        stem = re.sub(r"[^A-Z0-9]+", "_", wish.upper()).replace("MAIN", "MA_IN") or "CELL"
+        count = 1
+        while True:
+            tail = suffix if count == 1 else f"{suffix}_{count}"
+            name = stem[: NAME_LENGTH - len(tail)] + tail
+            if name not in self._taken:
+                self._taken.add(name)
+                return name
+            count += 1
+
+
+def _grid(panel: Panel, names: PlateNames) -> CellArray:
+    kinds = orientations_in_use(panel)
+    index = np.searchsorted(np.array(kinds), panel.orientations).astype(np.int64)
+    units = tuple(names.units[unit_key(panel, kind)] for kind in kinds)
+    return CellArray(units, index, (0, 0), (panel.pitch_nm, panel.pitch_nm))
+
+
+def _draw(shapes: db.Shapes, polygons: tuple[Polygon, ...]) -> None:
+    for polygon in polygons:
+        shapes.insert(simple_polygon(polygon))
+
+
+def check_file_size(expected: int, limit: int, path: Path, cure: str) -> None:
+    """Refuse (MF415) a file that would have more bytes than allowed, before a byte of it is written."""
+    if expected > limit:
+        raise OutputError(
+            "MF415", f"{path.name} would have about {expected / 1e6:,.0f} MB; at most {limit / 1e6:,.0f} MB", cure=cure
+        )

@@ -1,0 +1,632 @@
+"""Extent of everything in a mask file: figures, texts, and the extents stated in a drawing's header.
+
+From a job to one zip for a mask shop: drawn to its format, checked by its rules, written, read back, certified.
+
+One plate at several houses: which take it, drawn how, which have to be asked first, and why the others refuse.
+
+JobSpec + Plate + Shops -> Bids, judged as their packages would be: by the rules of each house, and by the file that it
+would be sent, written, read back and compared with the design.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from klayout import db
+
+from maskfab.base import __version__, provenance
+from maskfab.base.errors import InputError, JobError, OutputError, SourceError
+from maskfab.base.folders import JOB_COPY, RESULT_MARK, check_file, write_bytes, write_text
+from maskfab.base.model import Box, Furniture, Plate, Quantity, Snapping, WrittenFile
+from maskfab.base.units import NM_PER_UM
+from maskfab.base.work import Progress, silent
+from maskfab.job import read as read_spec
+from maskfab.job.sections import JobSpec
+from maskfab.job.shop import FORMATS, Format, Shop, parse_shop
+from maskfab.job.values import PLATE_BITMAPS, is_table
+from maskfab.mask.comparison.files import compare_mask, plate_dots_row, read_mask
+from maskfab.mask.figures import CUT, PolygonOptions
+from maskfab.mask.formats import table
+from maskfab.mask.formats.dxf import DrawingStyle
+from maskfab.mask.formats.gerber import require_gerbonara
+from maskfab.mask.formats.plate_bitmap import check_dots
+from maskfab.mask.houses.adaptation import drawing_style, extent_nm, fitted, kept_grid_nm
+from maskfab.mask.houses.files import PlateFiles, check_package, files_for_shop, package_options, plotted_dpi
+from maskfab.mask.houses.findings import Finding, PlateFacts, Taken, accepted, answer_of, extent, mail_of
+from maskfab.mask.houses.order import Answer, order_of
+from maskfab.mask.job import Job, load_job
+from maskfab.mask.package.archive import (
+    Wrapping,
+    check_earlier,
+    check_same,
+    package_stem,
+    placed,
+    safe_stem,
+    unpack,
+    wrapping,
+    write_package,
+)
+from maskfab.mask.package.papers import PROFILE, MaskOrder, check_papers, check_profile, package_facts, papers
+from maskfab.mask.plate import compose
+from maskfab.mask.sandbox import bounded, seconds_of
+
+_HEADER_BYTES = 1_000_000
+_HEADER = re.compile(rb"\$EXTMIN\s+10\s+(\S+)\s+20\s+(\S+)\s.*?\$EXTMAX\s+10\s+(\S+)\s+20\s+(\S+)\s", re.DOTALL)
+_BELOW = 0.3
+"""Descent of letters below their base line, in their heights."""
+
+_FAR = 2**31 - 1
+
+
+def file_box(path: Path, read: db.Layout, style: DrawingStyle) -> Box:
+    """The bounding box of everything in a file, in nanometres; all 0 if there is nothing.
+
+    A letter is taken to be as wide as it is high, which those of a plain font are not quite.
+
+    Args:
+        path: the file.
+        read: its content, as :func:`maskfab.mask.formats.reader.read_layout` gives it.
+        style: in which a drawing was made; its unit is that of the header's extents.
+    """
+    box = read.top_cell().bbox()
+    for index in read.layer_indexes():
+        found = read.top_cell().begin_shapes_rec(index)
+        found.shape_flags = db.Shapes.STexts
+        for each in found.each():
+            text = each.shape().text.transformed(each.trans())
+            height, x, y = text.size, text.trans.disp.x, text.trans.disp.y
+            box += db.Box(x, y - round(_BELOW * height), x + height * len(text.string), y + height)
+    if path.suffix == ".dxf":
+        box += _of_header(path, style)
+    return (0, 0, 0, 0) if box.empty() else (box.left, box.bottom, box.right, box.top)
+
+
+def _of_header(path: Path, style: DrawingStyle) -> db.Box:
+    with path.open("rb") as file:
+        said = _HEADER.search(file.read(_HEADER_BYTES))
+    if said is None:
+        return db.Box()
+    try:
+        x0, y0, x1, y1 = (round(float(value) / style.length(1)) for value in said.groups())
+    except (ValueError, OverflowError):
+        return db.Box()
+    # Where a layout ends, what reaches further is too far all the same.
+    return db.Box(*(max(-_FAR, min(_FAR, value)) for value in (x0, y0, x1, y1)))
+
+
+PACKED: tuple[Format, ...] = FORMATS
+"""Formats that a package can hold."""
+_TAILS = tuple(table.FORMATS[each].tail for each in PACKED)
+_MASK_SUFFIXES = tuple(f".{tail.rpartition('.')[2]}" for tail in _TAILS)
+
+
+@dataclass(frozen=True)
+class Package:
+    """Result of packing.
+
+    Attributes:
+        path: the zip; None if the house would refuse the plate or a file did not read back, so that none was written.
+        findings: the house's rules.
+        checks: what reading the files back has shown; empty if the house would refuse the plate.
+        files: what is in the zip, the manifest excepted.
+        missing: lines of the order that are blank.
+        unused: keys and tables that the job states and the package does not depend on.
+        mail: questions to the house as one text; empty where it publishes all that has to be known.
+    """
+
+    path: Path | None
+    findings: tuple[Finding, ...]
+    checks: tuple[Quantity, ...] = ()
+    files: tuple[WrittenFile, ...] = ()
+    missing: tuple[Answer, ...] = ()
+    unused: tuple[str, ...] = ()
+    mail: str = ""
+
+    @property
+    def answer(self) -> Taken:
+        """Whether the house takes the plate, as far as it publishes what it takes."""
+        return answer_of(self.findings) if self.path is not None else "does not"
+
+    @property
+    def refused_by(self) -> tuple[str, ...]:
+        """Names of the rules that are broken, and of the checks of the files that fail."""
+        rules = [each.rule for each in self.findings if each.passed is False]
+        return tuple(dict.fromkeys((*rules, *(each.name for each in self.checks if each.passed is False))))
+
+
+def pack(
+    job: Job,
+    shop: Shop,
+    target: str | Path,
+    formats: Sequence[Format] = (),
+    *,
+    force: bool = False,
+    progress: Progress = silent,
+) -> Package:
+    """Make the package of a job for a shop.
+
+    Args:
+        job: a loaded job.
+        shop: its profile.
+        target: the zip to write, or a folder for one that is named by plate, shop and revision; it appears when
+            everything in it is complete, and only if every rule and check holds.
+        formats: of the mask files; the shop's first if empty.
+        force: replace an earlier file, but no package of another revision, nor one of this that holds anything else.
+        progress: told where the work stands.
+
+    Raises:
+        OutputError: MF401 or MF402 if ``target`` cannot be written; MF406 for a revision that would be lost.
+        JobError: MF105 for a target that is no .zip or a format that no package holds, and whatever laying out the job
+            refuses.
+        SourceError: MF308 for Gerber that this installation could not read back.
+    """
+    revision = None if job.spec.order is None else job.spec.order.revision
+    whole = job.plate()
+    stem = package_stem(whole.name, shop.name, revision)
+    zipped = placed(Path(target), stem)
+    sent = tuple(dict.fromkeys(formats)) or tuple(each for each in shop.formats if each in PACKED)[:1]
+    _check_target(zipped, force=force)
+    check_earlier(zipped, revision)
+    for each in sent:
+        if each not in PACKED:
+            raise JobError("MF105", f"a package holds no {each}", cure=f"Choose among {', '.join(PACKED)}")
+    if "gerber" in sent:
+        require_gerbonara(zipped.name, where="format", cure="choose other formats")
+    plate = fitted(whole, shop, job.spec.tone)
+    dpi = plotted_dpi(job.spec.export, shop)
+    if dpi is not None and set(PLATE_BITMAPS) & set(sent):
+        check_dots(plate.dies, dpi, job.where)
+    progress("rules", 0, 1)
+    findings = check_package(job.spec, whole, shop, sent)
+    progress("rules", 1, 1)
+    mail = mail_of(plate.name, findings)
+    if not accepted(findings):
+        return Package(None, findings, mail=mail)
+    comments = [job.signature, plate.title]
+    drawn = files_for_shop(plate, shop, sent, comments, safe_stem(plate.name), job.spec)
+    with _aside() as folder:
+        checks: list[Quantity] = []
+        boxes: list[Box] = []
+        for done, product in enumerate(drawn.products):
+            progress("write and read back", done, len(drawn.products))
+            product.write(folder / product.name)
+            box, rows = read_written(drawn, folder / product.name)
+            boxes += [] if box is None else [box]
+            checks += rows
+        progress("write and read back", len(drawn.products), len(drawn.products))
+        judged = tuple(check for check in checks if check.passed is not None)
+        findings = as_measured(findings, shop, boxes)
+        if not (accepted(findings) and all(check.passed for check in judged)):
+            return Package(None, findings, judged, mail=mail)
+        names = [product.name for product in drawn.products]
+        masks = tuple(
+            provenance.file_record(folder, folder / name, kind) for name, kind in zip(names, sent, strict=True)
+        )
+        ordered = MaskOrder(job, shop, drawn.figures, job.signature, findings, judged, sent, masks, drawn.edges)
+        made = papers(ordered)
+        for name, content in made.items():
+            write_bytes(folder / name, content)
+        files = (*masks, *(provenance.file_record(folder, folder / name, "paper") for name in made))
+        manifest = {**package_facts(job, shop, drawn.figures, ordered.order), "files": [vars(file) for file in files]}
+        write_text(folder / RESULT_MARK, json.dumps(manifest, indent=1) + "\n")
+        check_same(zipped, manifest)
+        _make_parents(zipped)
+        write_package(zipped, folder, [RESULT_MARK, *names, *made], stem, replace=force)
+    return Package(zipped, findings, judged, files, ordered.order.missing, mail=mail)
+
+
+def as_measured(findings: Sequence[Finding], shop: Shop, boxes: Sequence[Box]) -> tuple[Finding, ...]:
+    """The findings with the extent that the files have, not the one that was planned; the worst of them."""
+    asked = extent_nm(shop)
+    if asked is None or not boxes:
+        return tuple(findings)
+    judged = sorted((extent(box, asked) for box in boxes), key=lambda each: bool(each.passed))
+    return tuple(replace(judged[0], source=each.source) if each.rule == "extent" else each for each in findings)
+
+
+@contextmanager
+def _aside() -> Iterator[Path]:
+    """A folder to work in; where it has no room left, that is told as such, and not as a fault of the target."""
+    try:
+        with tempfile.TemporaryDirectory(prefix="maskfab-package-") as folder:
+            try:
+                yield Path(folder)
+            except OutputError as error:
+                # What names this folder is about it, and all else about the target.
+                if error.code != "MF401" or folder not in error.what:
+                    raise
+                raise _no_room(error.what) from error
+    except OSError as error:
+        raise _no_room(str(error)) from error
+
+
+def _no_room(what: str) -> OutputError:
+    cure = f"Make room in {tempfile.gettempdir()}, or set TMPDIR to a folder with more"
+    return OutputError("MF401", f"the temporary folder is full or cannot be written: {what}", cure=cure)
+
+
+def _check_target(target: Path, *, force: bool) -> None:
+    """Refuse a zip before any work starts; folders above it may be missing, for they are made with it."""
+    if target.suffix.lower() != ".zip":
+        cure = f"Call it {target.name}.zip"
+        raise JobError("MF105", f"a package must be a .zip file, got {target}", where="--out", cure=cure)
+    parent = target.absolute().parent
+    if parent.exists():
+        check_file(target, force=force)
+        return
+    while not parent.exists():
+        parent = parent.parent
+    check_file(parent / f".{target.name}.partial", force=True)
+
+
+def _make_parents(target: Path) -> None:
+    try:
+        target.absolute().parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        what = f"{target.parent} cannot be made: {error.strerror or error}"
+        raise OutputError("MF401", what, cure="Give --out a path in a writable folder with room to spare") from error
+
+
+def verify_package(package: str | Path, job: Job | None = None, shop: Shop | None = None) -> tuple[Quantity, ...]:
+    """Check a package by making it again of its job and profile: hashes, geometry, papers, and what it says of itself.
+
+    Args:
+        package: the zip.
+        job: the job that it is held against; None takes the one that it holds.
+        shop: whom it is for; None takes the profile that it holds.
+
+    Raises:
+        SourceError: MF301, MF303, MF422 or MF423 as :func:`maskfab.mask.package.archive.unpack`.
+        JobError: MF105 if neither the caller nor the package says whom it is for.
+    """
+    with _aside() as folder:
+        names = unpack(Path(package), folder)
+        manifest = _manifest(folder / RESULT_MARK)
+        listed = {str(row["path"]): str(row["sha256"]) for row in manifest["files"]}
+        wrapped = wrapping(Path(package))
+        checks = [*_held(folder, names, listed), _foreign_bytes(wrapped)]
+        version = str(manifest.get("maskfab_version"))
+        try:
+            house = _packed_shop(folder, Path(package), str(manifest.get("shop"))) if shop is None else shop
+            made = _packed_job(folder, Path(package)) if job is None else job
+            # A later version would sign its plates differently, which is no fault of this one.
+            signature = made.signature.replace(__version__, version, 1)
+            whole = compose(made.spec, made.openings, signature, where=made.where)
+            plate = fitted(whole, house, made.spec.tone)
+            checks.append(_folder_named(wrapped, whole, house, made))
+            # Without dots per inch there is no bitmap to compare one with.
+            known = plotted_dpi(made.spec.export, house) is not None
+            kept: tuple[Format, ...] = tuple(each for each in PACKED if known or each not in PLATE_BITMAPS)
+            drawn = files_for_shop(plate, house, kept, (), safe_stem(plate.name), made.spec, version=version)
+        except InputError as error:
+            if job is not None and not isinstance(error, OutputError):
+                raise
+            return (*checks, _failed("drawn_again", str(error)))
+        # By their suffixes: a mask that the manifest calls something else is a mask all the same.
+        masks = [name for name in listed if name in names and name.lower().endswith(_MASK_SUFFIXES)]
+        readings: list[Quantity] = []
+        boxes: dict[str, Box] = {}
+        readable: set[str] = set()
+        for name in masks:
+            try:
+                box, rows = _read_back_bounded(drawn, folder / name)
+            except InputError as error:
+                checks.append(_failed("readable", f"{name}: {error}"))
+                continue
+            readable.add(name)
+            if box is not None:
+                boxes[name] = box
+                checks += _spans(name, box, house)
+            readings += [each for each in rows if each.passed is not None]
+        checks += readings
+        if not masks:
+            checks.append(Quantity("mask_files", 0, "mask files that the manifest lists", limit=1, passed=False))
+        named = zip(drawn.products, kept, strict=True)
+        kinds = {product.name: kind for product, kind in named if product.name in listed}
+        sent = [_as_listed(folder / name, kinds[name], listed[name]) for name in listed if name in kinds]
+        formats = tuple(kinds[file.path] for file in sent)
+        edges = drawn.edges if set(PLATE_BITMAPS) & set(formats) else None
+        findings = check_package(made.spec, whole, house, formats)
+        checks += [each.quantity(house.name) for each in findings if each.passed is False]
+        findings = as_measured(findings, house, tuple(boxes.values()))
+        ordered = MaskOrder(
+            made, house, drawn.figures, signature, findings, tuple(readings), formats, tuple(sent), edges
+        )
+        if shop is None:
+            checks += check_profile(made, house, ours=version == __version__)
+        checks += check_papers(ordered, manifest, names, readable=kinds.keys() <= readable)
+    return tuple(checks)
+
+
+def _held(folder: Path, names: Sequence[str], listed: Mapping[str, str]) -> Iterator[Quantity]:
+    """The files of a package against their hashes, and those that its manifest does not list."""
+    yield from (_hash(folder, name, digest) for name, digest in listed.items())
+    for name in sorted(set(names) - set(listed) - {RESULT_MARK}):
+        yield Quantity("unlisted", name, f"the manifest does not know {name}", None, "", False)
+
+
+def _as_listed(path: Path, kind: Format, digest: str) -> WrittenFile:
+    """The record of a mask file by the hash that the manifest gives it, which is held against the file elsewhere."""
+    return WrittenFile(path.name, kind, path.stat().st_size if path.is_file() else 0, digest)
+
+
+def _spans(name: str, box: Box, shop: Shop) -> Iterator[Quantity]:
+    """Extent of everything in a file, where the shop asks for an exact extent."""
+    asked = extent_nm(shop)
+    if asked is not None:
+        found = extent(box, asked)
+        method = f"everything in {name}, texts and header included"
+        yield Quantity("extent", found.value, method, limit=found.limit, passed=found.passed)
+
+
+def _packed_job(folder: Path, package: Path) -> Job:
+    """The job that a package holds; it may read no file beyond itself.
+
+    Raises:
+        InputError: MF105 if there is none, or one that names other files; whatever :func:`load` refuses.
+    """
+    path = folder / JOB_COPY
+    if not path.is_file():
+        raise JobError(
+            "MF105",
+            f"{package} holds no {JOB_COPY}, so that its polygons cannot be compared with anything",
+            where="--against",
+            cure="Name the job that it was made of",
+        )
+    spec = read_spec(path)
+    wanted = [(each, spec.openings) for die in spec.die for each in (die.opening, *(die.others or ()))]
+    wanted += [(die.map, spec.maps) for die in spec.die if die.map is not None]
+    if spec.scene is not None:
+        tables = (each for each in (spec.scene.spectrum, spec.scene.illuminant) if isinstance(each, str))
+        wanted += [(each, spec.curves) for each in tables if is_table(each)]
+    if spec.export is not None and spec.export.shop is not None and spec.export.shop.endswith(".toml"):
+        wanted.append((spec.export.shop, spec.shops))
+    for name, held in wanted:
+        if name not in held:
+            raise JobError(
+                "MF105",
+                f"its job names {name!r}, which it does not hold",
+                where=JOB_COPY,
+                cure="Pack the job again with maskfab package",
+            )
+    return load_job(path)
+
+
+def _failed(name: str, problem: str) -> Quantity:
+    return Quantity(name, "failed", problem, limit="ok", passed=False)
+
+
+def _foreign_bytes(wrapped: Wrapping) -> Quantity:
+    method = "; ".join(("bytes of the zip that belong to none of its files", *wrapped.strange))
+    return Quantity("foreign_bytes", wrapped.strange_bytes, method, limit=0, passed=not wrapped.strange_bytes)
+
+
+def _folder_named(wrapped: Wrapping, whole: Plate, house: Shop, job: Job) -> Quantity:
+    stem = package_stem(whole.name, house.name, None if job.spec.order is None else job.spec.order.revision)
+    method = "folder in the zip, named by plate, shop and revision"
+    return Quantity("package_folder", wrapped.folder, method, limit=stem, passed=wrapped.folder == stem)
+
+
+def _packed_shop(folder: Path, package: Path, name: str) -> Shop:
+    """The profile that a package holds, under the name that its manifest gives it."""
+    path = folder / PROFILE
+    if not path.is_file():
+        raise JobError(
+            "MF105",
+            f"{package} holds no {PROFILE}, and no shop is named",
+            where="--shop",
+            cure="Name the shop that it was packed for",
+        )
+    text = path.read_text(encoding="utf-8", errors="replace")
+    return parse_shop(text, name, where=f"{package}: {PROFILE}")
+
+
+def _read_back_bounded(drawn: PlateFiles, path: Path) -> tuple[Box | None, tuple[Quantity, ...]]:
+    """:func:`read_written`, within limits, of a file from any source."""
+    return bounded(
+        path,
+        lambda _tell: read_written(drawn, path),
+        seconds=seconds_of(drawn.figures.account.polygons),
+        kind=tuple[Box | None, tuple[Quantity, ...]],
+    )
+
+
+def read_written(drawn: PlateFiles, path: Path, *, dots: bool = True) -> tuple[Box | None, tuple[Quantity, ...]]:
+    """Extent of everything in a mask file, which a bitmap does not tell, and the file against the design, against what
+    the job asks for, and, if ``dots``, the openings dot by dot."""
+    if path.suffix in {table.FORMATS[each].tail for each in PLATE_BITMAPS}:
+        return None, (plate_dots_row(drawn, path),)
+    read = read_mask(path)
+    box = file_box(path, read, drawn.settings.drawing)
+    rows = compare_mask(drawn, read, path, dots=dots).quantities()
+    if CUT in drawn.figures.layers and path.suffix == table.FORMATS["gerber"].tail:
+        # Its reader takes the holes away, so that polygons are no longer those that were drawn.
+        return box, tuple(each for each in rows if each.name != "polygons")
+    return box, rows
+
+
+def _manifest(path: Path) -> Mapping[str, Any]:
+    try:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+        for row in manifest["files"]:
+            str(row["path"]), str(row["format"]), str(row["sha256"])
+        json.dumps(manifest)  # what cannot be said again cannot be reported
+        if len({row["path"] for row in manifest["files"]}) < len(manifest["files"]):
+            raise ValueError("it lists a file twice")
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise SourceError(
+            "MF422", f"its {RESULT_MARK} cannot be used: {error!r}", cure="Name a zip that maskfab package wrote"
+        ) from error
+    return dict(manifest)
+
+
+def _hash(folder: Path, name: str, digest: str) -> Quantity:
+    path = folder / Path(name).name
+    found = provenance.sha256_of_file(path) if path.is_file() and path.name == name else "missing"
+    return Quantity("sha256", found, f"SHA-256 of {name}", limit=digest, passed=found == digest)
+
+
+_HOLES = {"keyhole": "holes as keyholes", "trapezoids": "holes as trapezoids", "layer": "holes on a layer of their own"}
+
+
+@dataclass(frozen=True)
+class Bid:
+    """A house's answer to a plate, as far as its published rules give one.
+
+    Attributes:
+        shop: name of its profile.
+        title: the house.
+        format: of the file that would be sent.
+        findings: its rules, and of a plate that keeps them what reading the file back has shown.
+        changes: in which the data differ from those for a house without rules, a phrase each.
+        blanks: keys of [order] that nobody has answered.
+        mail: questions to the house as one text; empty where it publishes all that has to be known.
+    """
+
+    shop: str
+    title: str
+    format: Format
+    findings: tuple[Finding, ...]
+    changes: tuple[str, ...]
+    blanks: tuple[str, ...]
+    mail: str
+
+    @property
+    def answer(self) -> Taken:
+        """Whether it takes the plate: no rule is broken, nothing has to be asked, and the file shows the plate."""
+        return answer_of(self.findings)
+
+    @property
+    def taken(self) -> bool:
+        """Whether it is known to take the plate."""
+        return self.answer == "takes it"
+
+    @property
+    def refusals(self) -> tuple[Finding, ...]:
+        """Rules that the plate breaks."""
+        return tuple(each for each in self.findings if each.passed is False)
+
+    @property
+    def asked(self) -> tuple[Finding, ...]:
+        """Rules on which the house publishes nothing and has to be asked."""
+        return tuple(each for each in self.findings if each.question)
+
+    @property
+    def agreed(self) -> tuple[Finding, ...]:
+        """Questions to agree with the house before it starts."""
+        left = (each for each in self.findings if each.passed is None)
+        return tuple(each for each in left if each.rule != "corner_touches" or each.rule in self.blanks)
+
+
+def compare_shops(spec: JobSpec, plate: Plate, shops: Sequence[Shop], progress: Progress = silent) -> tuple[Bid, ...]:
+    """Judge a composed plate by the rules of several houses, and by the files that they would be sent.
+
+    Houses that are sent the same share it. Files are written into a folder that is deleted.
+
+    Args:
+        spec: of the job.
+        plate: laid out of it.
+        shops: to compare.
+        progress: told where the work stands.
+    """
+    bids, facts = [], PlateFacts()
+    with tempfile.TemporaryDirectory(prefix="maskfab-compare-") as folder:
+        files = _Files(spec, facts, Path(folder))
+        for done, shop in enumerate(shops):
+            progress("rules and files", done, len(shops))
+            bids.append(_bid(spec, plate, shop, facts, files))
+    progress("rules and files", len(shops), len(shops))
+    return tuple(bids)
+
+
+def _bid(spec: JobSpec, plate: Plate, shop: Shop, facts: PlateFacts, files: _Files) -> Bid:
+    drawn, sent = fitted(plate, shop, spec.tone), shop.formats[0]
+    options = package_options(spec, drawn, shop)
+    findings = check_package(spec, plate, shop, (sent,), facts)
+    if accepted(findings):
+        read = files.read(drawn, shop, options, sent)
+        findings = (*as_measured(findings, shop, () if read.box is None else (read.box,)), *read.findings)
+    touches = next((int(each.value) for each in findings if each.rule == "corner_touches"), 0)
+    order = order_of(spec, drawn, shop, touches)
+    changes = tuple(_changes(drawn, shop, options, sent))
+    blanks = tuple(each.key for each in order.missing)
+    return Bid(shop.name, shop.title, sent, findings, changes, blanks, mail_of(drawn.name, findings))
+
+
+@dataclass(frozen=True)
+class _Read:
+    """A file that was read back: the extent of everything in it, and in what it fails."""
+
+    box: Box | None
+    findings: tuple[Finding, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Files:
+    """Files that were written and read back, each once, however many houses are sent it.
+
+    The openings are compared dot by dot in the first alone: they are the same in all, and so is the design with which
+    every file is compared.
+    """
+
+    spec: JobSpec
+    facts: PlateFacts
+    folder: Path
+    known: dict[tuple[tuple[Furniture, ...], Snapping | None, PolygonOptions, Format, str], _Read] = field(
+        default_factory=dict
+    )
+
+    def read(self, drawn: Plate, shop: Shop, options: PolygonOptions, sent: Format) -> _Read:
+        # Of all formats only these are written in a house's own style.
+        style = repr(drawing_style(drawn, shop)) if sent.startswith("dxf") or shop.names.layers else ""
+        key = drawn.furniture, drawn.snapped, options, sent, style
+        if key not in self.known:
+            self.known[key] = self._read(drawn, shop, sent)
+        return self.known[key]
+
+    def _read(self, drawn: Plate, shop: Shop, sent: Format) -> _Read:
+        try:
+            made = files_for_shop(drawn, shop, (sent,), (), safe_stem(drawn.name), self.spec, self.facts)
+            (product,) = made.products
+            path = self.folder / product.name
+            product.write(path)
+            box, rows = read_written(made, path, dots=not self.known)
+            path.unlink()
+        except InputError as error:
+            return _Read(None, (Finding("drawing", False, error.what, None, cure=error.cure),))
+        failed = [each for each in rows if each.passed is False]
+        if not failed:
+            return _Read(box, ())
+        cure = "This is a fault of maskfab's own, not of the plate: please report it with the job"
+        return _Read(box, (Finding("read_back", False, failed[0].name, "the plate as designed", cure=cure),))
+
+
+def _changes(drawn: Plate, shop: Shop, options: PolygonOptions, sent: Format) -> Iterator[str]:
+    if sent.startswith("dxf") and shop.accepts.drawing_unit == "mm":
+        yield "drawn in mm"
+    if options.bias_nm:
+        yield f"data biased by {-options.bias_nm / NM_PER_UM:+g} um"
+    if options.hierarchy != "cells":
+        yield "openings merged across cells" if options.hierarchy == "merged" else "without cells"
+    if options.max_references is not None:
+        yield "two pixels share a cell"
+    if options.holes in _HOLES:
+        yield _HOLES[options.holes]
+    if options.corners == "joined":
+        yield "corners that meet in one outline"
+    if shop.polygons.shared_boundaries is False:
+        yield "marks as stencils"
+    grid = kept_grid_nm(drawn, shop)
+    if grid > 1:
+        yield f"marks on a grid of {grid} nm"
+    if extent_nm(shop) is not None and shop.plate.corner_square_um is not None:
+        yield "squares at its corners"
+    if shop.names.layers:
+        yield "layers renamed"

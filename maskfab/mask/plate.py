@@ -1,0 +1,694 @@
+"""The grid of a plate's data: dies that lie on it, and marks whose vertices are moved to it.
+
+A plate as in a mirror: x to -x about its centre, everything with it.
+
+Lines of text on the plate: the title block, and the label under a die.
+
+A small drawing of the plate with the name of every die, and thin outlines of all that has a border.
+
+Nothing that is written on a plate may lie on a die, on another mark, or outside the writable area.
+
+The marks of a plate without a template, laid out to whatever its writable area is.
+
+The marks of a plate as its template says.
+
+From a validated job to a plate: panels in their slots, and round them the marks of :mod:`maskfab.mask`.
+
+Coordinates are the plate's: its centre is the origin, y points up, and the chrome is towards the reader. Where [order]
+asks for a design that reads right through the glass, all of it lies here as in a mirror.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from klayout import db
+from numpy.typing import NDArray
+
+from maskfab.base import provenance
+from maskfab.base.errors import InternalError, JobError
+from maskfab.base.model import (
+    CLEAR,
+    ORIENTATIONS,
+    OUTLINE,
+    Box,
+    Die,
+    Furniture,
+    Gauge,
+    Note,
+    Opening,
+    Panel,
+    Plate,
+    Point,
+    Polygon,
+    Snapping,
+    Track,
+)
+from maskfab.base.units import NM_PER_MM, NM_PER_UM, to_nm
+from maskfab.job.sections import JobSpec, PlateSection
+from maskfab.mask.dots import smallest_runs
+from maskfab.mask.marks import (
+    HEIGHT,
+    WIDTH,
+    AlignmentSection,
+    AnyMark,
+    BarsSection,
+    BoardSection,
+    CodeSection,
+    CornersSection,
+    DrawnMarks,
+    FiducialSection,
+    LinesSection,
+    MapSection,
+    MarkSection,
+    ParitySection,
+    PlateTemplate,
+    Setting,
+    StarSection,
+    TitleSection,
+    alignment_cross,
+    bounding_box,
+    box_at,
+    cd_bars,
+    checkerboards,
+    code_text,
+    corner_letters,
+    data_matrix,
+    fiducial,
+    inner_radius_nm,
+    line_space,
+    parity_mark,
+    plate_template,
+    rectangle,
+    siemens_star,
+)
+from maskfab.mask.outlines import fitted_text, text_polygons, text_width_nm
+from maskfab.mask.panels import die_panels, laid_out
+
+LARGEST_GRID_NM = 1000
+
+
+def check_dies(dies: Sequence[Die], grid_nm: int, *, where: str) -> None:
+    """Refuse dies of which a dot would have to be moved: dots keep their size and pitch.
+
+    Raises:
+        JobError: MF104 for a grid coarser than 1 um, MF107 for the first length that is no multiple of it.
+    """
+    if grid_nm > LARGEST_GRID_NM:
+        raise JobError(
+            "MF104", f"a data grid of {grid_nm} nm is coarser than 1 um", where=where, cure="Use at most 1 um"
+        )
+    for die in dies:
+        for name, value_nm in _lengths(die):
+            if value_nm % grid_nm:
+                raise JobError(
+                    "MF107",
+                    f"the {name} of die {die.name} is {value_nm} nm, no multiple of the data grid of {grid_nm} nm",
+                    where=where,
+                    cure="Use a finer grid, or a dot, a gutter and a die_pitch that are multiples of twice the grid",
+                )
+
+
+def lies_on(die: Die, grid_nm: int) -> bool:
+    """Whether every dot of a die lies on a grid."""
+    return all(value_nm % grid_nm == 0 for _, value_nm in _lengths(die))
+
+
+def _lengths(die: Die) -> tuple[tuple[str, int], ...]:
+    panel, (x, y) = die.panel, die.origin_nm
+    half = panel.gutter_nm // 2
+    return ("dot", panel.dot_nm), ("pitch", panel.pitch_nm), ("half gutter", half), ("left edge", x), ("lower edge", y)
+
+
+def snapped(plate: Plate, grid_nm: int) -> Plate:
+    """The plate with every vertex of its written marks on the nearest line of a grid, and with the count of those that
+    were moved; widths that are multiples of the grid stay.
+    """
+    drawn = [mark.polygons for mark in plate.furniture if mark.layer.written]
+    corners = np.array([point for polygons in drawn for polygon in polygons for point in polygon]).reshape(-1, 2)
+    off = (corners + grid_nm // 2) % grid_nm - grid_nm // 2
+    moves = np.hypot(off[:, 0], off[:, 1])
+    before = plate.snapped or Snapping(grid_nm, 0, 0.0)
+    moved = Snapping(
+        grid_nm,
+        before.vertices + int(np.count_nonzero(moves)),
+        before.farthest_nm + float(moves.max(initial=0.0)),
+    )
+    marks = tuple(_snapped(mark, grid_nm) if mark.layer.written else mark for mark in plate.furniture)
+    return replace(plate, furniture=marks, snapped=moved)
+
+
+def _snapped(mark: Furniture, grid_nm: int) -> Furniture:
+    def nearest(value: int) -> int:
+        return (value + grid_nm // 2) // grid_nm * grid_nm
+
+    drawn = (tuple((nearest(x), nearest(y)) for x, y in polygon) for polygon in mark.polygons)
+    return replace(mark, polygons=tuple(map(_without_doubles, drawn)))
+
+
+def _without_doubles(polygon: Polygon) -> Polygon:
+    """The outline without vertices that follow themselves."""
+    return tuple(point for point, before in zip(polygon, (polygon[-1], *polygon), strict=False) if point != before)
+
+
+_TURNS = ORIENTATIONS // 2
+
+
+def mirrored(plate: Plate) -> Plate:
+    """The plate seen from its other side; twice it is the plate itself.
+
+    Names and titles stay: they are those of the same things.
+    """
+    return replace(
+        plate,
+        dies=tuple(_die(die) for die in plate.dies),
+        furniture=tuple(_mark(mark) for mark in plate.furniture),
+        gauges=tuple(_gauge(gauge) for gauge in plate.gauges),
+        notes=tuple(replace(note, position_nm=(-note.position_nm[0], note.position_nm[1])) for note in plate.notes),
+    )
+
+
+def mirrored_panel(panel: Panel) -> Panel:
+    """A panel whose columns run the other way, each cell mirrored; emitters and wires that turn go with their cell."""
+    return replace(
+        panel,
+        orientations=_elements(panel.orientations)[:, ::-1],
+        tracks=tuple(track if track.turns else _track(track, panel.pitch_nm) for track in panel.tracks),
+    )
+
+
+def _elements(cells: NDArray[np.int8]) -> NDArray[np.int8]:
+    """Every cell's element of D4 followed by a mirror: k = r + 4 f turns by r quarters after f mirrors."""
+    opening, element = np.divmod(cells, ORIENTATIONS)
+    mirror, turn = np.divmod(element, _TURNS)
+    return np.asarray(ORIENTATIONS * opening + _TURNS * (1 - mirror) + (-turn) % _TURNS, dtype=np.int8)
+
+
+def _die(die: Die) -> Die:
+    # Of an odd width the middle lies half a nanometre beside the panel's.
+    width = die.panel.size_nm[0]
+    return replace(die, panel=mirrored_panel(die.panel), centre_nm=(width // 2 - die.box_nm[2], die.centre_nm[1]))
+
+
+def _mark(mark: Furniture) -> Furniture:
+    return replace(mark, polygons=tuple(_polygon(each) for each in mark.polygons))
+
+
+def _track(track: Track, pitch_nm: int) -> Track:
+    polygons = (((pitch_nm + x, y) for x, y in _polygon(each)) for each in track.polygons)
+    return replace(track, polygons=tuple(map(tuple, polygons)))
+
+
+def _polygon(polygon: Polygon) -> Polygon:
+    """Backwards, so that it runs round what it bounds in the sense that it did."""
+    return tuple((-x, y) for x, y in reversed(polygon))
+
+
+def _gauge(gauge: Gauge) -> Gauge:
+    return replace(gauge, centre_nm=(-gauge.centre_nm[0], gauge.centre_nm[1]))
+
+
+LINE_FEED = 2
+"""From line to line below the title, in heights of their letters."""
+_HEIGHT_NM = 420_000
+"""With strokes of 60 um, which film holds."""
+_GAP_NM = 180_000
+LABEL_NM = _GAP_NM + _HEIGHT_NM
+"""Height that a label needs below a die's slot."""
+
+
+def title_block(
+    name: str, title: str, lines: Iterable[str], anchor_nm: Point, height_nm: int, small_nm: int, room_nm: int
+) -> Furniture:
+    """A title centred on the anchor, with lines of smaller letters below.
+
+    Args:
+        name: of the mark.
+        title: first line.
+        lines: further lines.
+        anchor_nm: middle of the title's base line.
+        height_nm: height of the title's letters.
+        small_nm: height of the other letters.
+        room_nm: widest that a line may be; a longer one is made smaller.
+    """
+    x, y = anchor_nm
+    polygons = fitted_text(title, height_nm, anchor_nm, room_nm)
+    for number, line in enumerate(lines, 1):
+        polygons += fitted_text(line, small_nm, (x, y - LINE_FEED * small_nm * number), room_nm)
+    return Furniture(name, "title", CLEAR, polygons)
+
+
+def maker(signature: str) -> str:
+    """Who made it from which job: the signature without its seeds."""
+    return signature.rsplit("|", 1)[0].strip()
+
+
+def label(die: Die) -> Furniture:
+    """Name and label of a die, below its slot and not wider than it."""
+    position = (die.centre_nm[0], die.centre_nm[1] - die.slot_nm // 2 - LABEL_NM)
+    text = f"{die.name}  {die.label}"
+    return Furniture(f"LABEL_{die.name}", "label", CLEAR, fitted_text(text, _HEIGHT_NM, position, die.slot_nm))
+
+
+_SMALLEST_LETTER_NM = 60_000
+_LARGEST_LETTER_NM = 250_000
+_SAMPLE_NM = 280_000
+_SHARE_OF_GAP = 0.6
+_SHARE_OF_PITCH = 0.9
+_FEET = 1.5
+"""Where letters stand below a slot, in their heights."""
+_OUTLINE_NM = 20_000
+
+
+@dataclass(frozen=True)
+class _Lettering:
+    """Height of all names, and where their middles lie below those of their dies."""
+
+    height_nm: int
+    drop_nm: int
+
+
+def die_map(
+    name: str, centre_nm: Point, side_nm: int, line_nm: int, *, blank_nm: int, die_pitch_nm: int, dies: Sequence[Die]
+) -> Furniture:
+    """Blank and slots as frames, and names in or under the slots, whichever leaves room for larger letters.
+
+    Where letters would be less than 60 um high the dies' numbers stand for their names, in the plate's order from 1;
+    where even these would be, there is no text. A frame is two brackets, so that no figure has a hole.
+
+    Args:
+        name: of the mark.
+        centre_nm: of the drawing.
+        side_nm: of the drawn blank.
+        line_nm: width of the frames.
+        blank_nm: side of the true blank.
+        die_pitch_nm: true distance from die to die.
+        dies: of the plate, at least one.
+    """
+
+    def drawn(length_nm: int) -> int:
+        return length_nm * side_nm // blank_nm
+
+    slot, pitch = drawn(dies[0].slot_nm), drawn(die_pitch_nm)
+    polygons = list(_frame(centre_nm, side_nm, line_nm))
+    offsets = [(drawn(die.centre_nm[0]), drawn(die.centre_nm[1])) for die in dies]
+    places = [(centre_nm[0] + x, centre_nm[1] + y) for x, y in offsets]
+    for place in places:
+        polygons += _frame(place, slot, line_nm)
+    # Under a slot, letters keep clear of the next slots and of the blank's frame.
+    inner = side_nm // 2 - 2 * line_nm
+    wide = min(_SHARE_OF_PITCH * pitch, *(2 * (inner - abs(x)) for x, _ in offsets))
+    high = min(_SHARE_OF_GAP * (pitch - slot), *((inner + y - slot // 2) / _FEET for _, y in offsets))
+    for words in ([die.name for die in dies], [str(number) for number, _ in enumerate(dies, 1)]):
+        lettering = _lettering(words, slot, slot - 4 * line_nm, (wide, high))
+        if lettering.height_nm >= _SMALLEST_LETTER_NM:
+            for word, (x, y) in zip(words, places, strict=True):
+                base = (x, y - lettering.drop_nm - lettering.height_nm // 2)
+                polygons += text_polygons(word, lettering.height_nm, base, align="centre")
+            break
+    return Furniture(name, "map", CLEAR, tuple(polygons))
+
+
+def _lettering(words: Sequence[str], slot: int, inside: int, under: tuple[float, float]) -> _Lettering:
+    """The larger of two: inside the slots' frames, a square of that side, or under them, that wide and high."""
+    widest = max(text_width_nm(word, _SAMPLE_NM) for word in words)
+
+    def height(room: tuple[float, float]) -> int:
+        return int(min(room[1], room[0] * _SAMPLE_NM / widest, _LARGEST_LETTER_NM))
+
+    below = height(under)
+    choices = (_Lettering(height((inside, inside)), 0), _Lettering(below, slot // 2 + below))
+    return max(choices, key=lambda choice: choice.height_nm)
+
+
+def _frame(centre: Point, side: int, line: int) -> tuple[Polygon, ...]:
+    """Two brackets with two widths of their line between their tips, or a full square where they would not be told."""
+    x0, y0, x1, y1 = box_at(centre, (side, side))
+    if side < 8 * line:
+        return (rectangle((x0, y0, x1, y1)),)
+    inner, outer = x0 + line, centre[0] - line
+    lower = ((x0, y0), (outer, y0), (outer, y0 + line), (inner, y0 + line))
+    left: Polygon = (*lower, (inner, y1 - line), (outer, y1 - line), (outer, y1), (x0, y1))
+    right = tuple((x0 + x1 - x, y) for x, y in reversed(left))
+    return left, right
+
+
+def outlines(blank_nm: int, writable_nm: int, dies: Iterable[Die]) -> list[Furniture]:
+    """A thin square frame inside blank, writable area and slots, for orientation only; never written on the plate."""
+    named = [("BLANK", (0, 0), blank_nm), ("WRITABLE", (0, 0), writable_nm)]
+    named += [(f"SLOT_{die.name}", die.centre_nm, die.slot_nm) for die in dies]
+    return [Furniture(f"OUTLINE_{name}", "outline", OUTLINE, _square_frame(place, side)) for name, place, side in named]
+
+
+def _square_frame(centre: Point, side_nm: int) -> tuple[Polygon, ...]:
+    x0, y0, x1, y1 = box_at(centre, (side_nm, side_nm))
+    line = _OUTLINE_NM
+    bars = [(x0, y0, x1, y0 + line), (x0, y1 - line, x1, y1)]
+    bars += [(x0, y0 + line, x0 + line, y1 - line), (x1 - line, y0 + line, x1, y1 - line)]
+    return tuple(rectangle(bar) for bar in bars)
+
+
+def check_clearances(dies: Sequence[Die], furniture: Sequence[Furniture], writable_nm: int, *, where: str) -> None:
+    """Compare the slots of the dies and the bounding boxes of all marks that are written.
+
+    Raises:
+        JobError: MF108 if one leaves the writable area, MF126 if two overlap.
+    """
+    boxes = [(f"die {die.name!r}", box_at(die.centre_nm, (die.slot_nm, die.slot_nm))) for die in dies]
+    boxes += [
+        (f"mark {mark.name!r}", bounding_box(mark.polygons))
+        for mark in furniture
+        if mark.layer.written and mark.polygons
+    ]
+    _check_inside(boxes, writable_nm, where)
+    region = db.Region([db.Box(*box) for _, box in boxes])
+    shared = region.merged(False, 2)
+    if shared.is_empty():
+        return
+    place = next(shared.each()).bbox()
+    one, other, *_ = (name for name, box in boxes if db.Box(*box).overlaps(place))
+    x, y = place.left / NM_PER_UM, place.bottom / NM_PER_UM
+    raise JobError(
+        "MF126",
+        f"{one} and {other} overlap at ({x:g}, {y:g}) um",
+        where=where,
+        cure="Use smaller or fewer dies, a closer die_pitch, or a larger plate",
+    )
+
+
+def _check_inside(boxes: Sequence[tuple[str, Box]], writable_nm: int, where: str) -> None:
+    half = writable_nm // 2
+    for name, (x0, y0, x1, y1) in boxes:
+        over = max(-half - x0, -half - y0, x1 - half, y1 - half)
+        if over > 0:
+            raise JobError(
+                "MF108",
+                f"{name} leaves the writable area of {writable_nm / NM_PER_UM:g} um by {over / NM_PER_UM:g} um",
+                where=where,
+                cure="Use smaller or fewer dies, a closer die_pitch, or a larger plate",
+            )
+
+
+MARGIN_NM = 2_000_000
+TITLE_HEIGHT_NM = 1_500_000
+SMALLEST_WRITABLE_NM = 20_300_000
+"""Narrower than this, title and marks would meet."""
+
+_SMALL_NM = 420_000
+_FIDUCIAL_NM = 1_000_000
+_FIDUCIAL_LINE_NM = 50_000
+_PARITY_NM = 2_000_000
+_CD_MULTIPLES = (1, 2, 5)
+_CD_LENGTH_NM = 500_000
+
+
+def plain_marks(setting: Setting) -> DrawnMarks:
+    """Title, labels, a fiducial in each corner, parity mark, CD bars and outlines, in the order in which they are
+    written."""
+    corner = setting.writable_nm // 2 - MARGIN_NM
+    places = {"SW": (-corner, -corner), "SE": (corner, -corner), "NW": (-corner, corner), "NE": (corner, corner)}
+    lines = (f"{maker(setting.signature)} | digitized data = {setting.tone}",)
+    room_nm = setting.writable_nm - 4 * MARGIN_NM
+    anchor = (0, corner - TITLE_HEIGHT_NM // 2)
+    bars = cd_bars("CD", (0, -corner), setting.feature_nm, _CD_MULTIPLES, _CD_LENGTH_NM)
+    furniture = (
+        title_block("TITLE", setting.title, lines, anchor, TITLE_HEIGHT_NM, _SMALL_NM, room_nm),
+        *(label(die) for die in setting.dies),
+        *(fiducial(f"FIDUCIAL_{name}", at, _FIDUCIAL_NM, _FIDUCIAL_LINE_NM) for name, at in places.items()),
+        parity_mark("PARITY", (-corner + 2 * MARGIN_NM, -corner), _PARITY_NM),
+        *bars.furniture,
+        *outlines(setting.blank_nm, setting.writable_nm, setting.dies),
+    )
+    return DrawnMarks(furniture, bars.gauges)
+
+
+_CAPTION_NM = 150_000
+
+
+def templated(template: PlateTemplate, setting: Setting, *, where: str) -> DrawnMarks:
+    """Every mark of a template, then labels and outlines.
+
+    Raises:
+        JobError: MF126 if a mark is larger than the room that the template gives it.
+    """
+    drawn = [
+        _in_room(mark, _captioned(mark, _draw(mark, template, setting, where), setting), where)
+        for mark in template.mark
+    ]
+    return DrawnMarks(
+        (
+            *(figure for each in drawn for figure in each.furniture),
+            *(label(die) for die in setting.dies),
+            *outlines(setting.blank_nm, setting.writable_nm, setting.dies),
+        ),
+        tuple(gauge for each in drawn for gauge in each.gauges),
+    )
+
+
+def _draw(mark: AnyMark, template: PlateTemplate, setting: Setting, where: str) -> DrawnMarks:
+    name, centre, feature = mark.name, mark.centre_nm, setting.feature_nm
+    match mark:
+        case BarsSection():
+            return cd_bars(name, centre, feature, mark.multiples, to_nm(mark.length))
+        case LinesSection():
+            return line_space(name, centre, feature, mark.multiples, mark.lines, to_nm(mark.length))
+        case BoardSection():
+            return checkerboards(name, centre, feature, mark.multiples, mark.squares)
+        case CornersSection():
+            return corner_letters(name, centre, feature, mark.multiples)
+        case _:
+            return DrawnMarks((_single(mark, template, setting, where),))
+
+
+def _captioned(mark: AnyMark, drawn: DrawnMarks, setting: Setting) -> DrawnMarks:
+    """Test figures with a line at the bottom of their room that says which they are, and multiples of what."""
+    feature = f"{setting.feature_nm / NM_PER_UM:g} um"
+    match mark:
+        case BarsSection() | LinesSection() | BoardSection() | CornersSection():
+            text = f"{mark.name}  {feature} x {', '.join(f'{multiple:g}' for multiple in mark.multiples)}"
+        case StarSection():
+            text = f"{mark.name}  {feature} inside"
+        case _:
+            return drawn
+    anchor = mark.centre_nm[0], mark.room_nm[1]
+    caption = fitted_text(text, _CAPTION_NM, anchor, _for_text(mark))
+    return DrawnMarks((*drawn.furniture, Furniture(f"{mark.name}_TEXT", "label", CLEAR, caption)), drawn.gauges)
+
+
+def _for_text(mark: MarkSection) -> int:
+    """Width of a room less what letters may gain when their height is rounded to the font's steps."""
+    x0, _, x1, _ = mark.room_nm
+    return (x1 - x0) * 999 // 1000
+
+
+def _single(mark: AnyMark, template: PlateTemplate, setting: Setting, where: str) -> Furniture:
+    name, (x, y) = mark.name, mark.centre_nm
+    x0, y0, x1, y1 = mark.room_nm
+    match mark:
+        case FiducialSection():
+            return fiducial(name, (x, y), to_nm(mark.length), to_nm(mark.line))
+        case AlignmentSection():
+            return alignment_cross(name, (x, y), to_nm(mark.length), to_nm(mark.line))
+        case ParitySection():
+            height = to_nm(mark.height)
+            return parity_mark(name, (x - height * WIDTH // HEIGHT // 2, y - height // 2), height)
+        case TitleSection():
+            height = to_nm(mark.height)
+            lines = (maker(setting.signature), _reading(template, setting))
+            room_nm = _for_text(mark)
+            return title_block(name, setting.title, lines, (x, y1 - height), height, to_nm(mark.small), room_nm)
+        case CodeSection():
+            return data_matrix(name, (x, y), code_text(setting.signature, setting.digest), to_nm(mark.module))
+        case MapSection():
+            return die_map(
+                name,
+                (x, y),
+                min(x1 - x0, y1 - y0),
+                to_nm(mark.line),
+                blank_nm=setting.blank_nm,
+                die_pitch_nm=setting.die_pitch_nm,
+                dies=setting.dies,
+            )
+        case StarSection():
+            _check_star(mark, setting.feature_nm, where)
+            return siemens_star(name, (x, y), setting.feature_nm, to_nm(mark.radius), mark.spokes)
+    raise InternalError("MF901", f"nothing draws a mark of the kind {mark.kind!r}")
+
+
+def _reading(template: PlateTemplate, setting: Setting) -> str:
+    """Tone and parity in the words of mask houses, and the blank."""
+    side, thickness = template.blank * NM_PER_UM / NM_PER_MM, template.thickness * NM_PER_UM / NM_PER_MM
+    reading = f"digitized data = {setting.tone} | right reading, chrome {setting.chrome}"
+    return f"{reading} | {side:g} x {side:g} x {thickness:g} mm"
+
+
+def _check_star(mark: StarSection, feature_nm: int, where: str) -> None:
+    inner = inner_radius_nm(feature_nm, mark.spokes)
+    if inner >= to_nm(mark.radius):
+        raise JobError(
+            "MF126",
+            f"spokes of the star {mark.name!r} are {feature_nm / NM_PER_UM:g} um wide at {inner / NM_PER_UM:g} um from "
+            f"its centre, and it ends at {mark.radius:g} um",
+            where=where,
+            cure="Give it a larger radius, or fewer spokes",
+        )
+
+
+def _in_room(mark: MarkSection, drawn: DrawnMarks, where: str) -> DrawnMarks:
+    """The mark, refused if a figure of it leaves its room."""
+    boxes = [bounding_box(figure.polygons) for figure in drawn.furniture if figure.polygons]
+    x0, y0, x1, y1 = mark.room_nm
+    over = max((max(x0 - a, y0 - b, c - x1, d - y1) for a, b, c, d in boxes), default=0)
+    if over > 0:
+        raise JobError(
+            "MF126",
+            f"the mark {mark.name!r} leaves its room of {mark.room[0]:g} x {mark.room[1]:g} um by {over / NM_PER_UM:g} "
+            "um on this plate",
+            where=where,
+            cure="Give it a larger room in the template",
+        )
+    return drawn
+
+
+_LARGEST_FEATURE_NM = 50_000
+
+
+def compose(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], signature: str, *, where: str) -> Plate:
+    """Lay a job out as a plate.
+
+    Args:
+        spec: a validated job with [plate] and at least one [[die]].
+        openings: the openings of every die, by the die's name.
+        signature: who made this from what, noted in the files.
+        where: the job file, for errors.
+
+    Raises:
+        JobError: MF105 if there is nothing to lay out, or neither a template nor a blank to do it on; MF106 or MF107 if
+            a die's pitch is not its dots and gutter, or off the grid; MF104 for a data grid beyond 1 um; MF108 if
+            something is larger than its room; MF114 if a stop is wider than its panel; MF124 to MF126 if the plate's
+            template cannot be used, is unknown, or contradicts the job.
+    """
+    heading, section = laid_out(spec, where=where)
+    template = None if section.template is None else plate_template(section.template, where=f"{where}: plate.template")
+    blank_nm, writable_nm = (_side(section, template, key, where) for key in ("blank", "writable"))
+    _check_rooms(section, template, len(spec.die), (blank_nm, writable_nm), where)
+    pitch_nm = to_nm(section.die_pitch, where=f"{where}: plate.die_pitch", name="die_pitch")
+    size_nm = to_nm(section.die_size, where=f"{where}: plate.die_size", name="die_size")
+    centres = _slots(pitch_nm, section.columns, len(spec.die))
+    panels = die_panels(spec, openings, where=where)
+    dies = tuple(
+        Die(die.name, die.label, panels[die.name], centre, size_nm)
+        for die, centre in zip(spec.die, centres, strict=True)
+    )
+    setting = Setting(
+        title=heading.title,
+        signature=signature,
+        digest=provenance.job_hash(spec.drawn()),
+        blank_nm=blank_nm,
+        writable_nm=writable_nm,
+        die_pitch_nm=pitch_nm,
+        dies=dies,
+        feature_nm=_smallest_feature_nm(dies),
+        tone=spec.tone,
+        chrome="down" if spec.mirrored else "up",
+    )
+    drawn = plain_marks(setting) if template is None else templated(template, setting, where=f"{where}: plate.template")
+    check_clearances(dies, drawn.furniture, writable_nm, where=f"{where}: plate")
+    corner = writable_nm // 2 - MARGIN_NM
+    note = Note(signature, (-corner, -corner - MARGIN_NM // 2))
+    plate = Plate(heading.name, heading.title, blank_nm, writable_nm, dies, drawn.furniture, drawn.gauges, (note,))
+    plate = mirrored(plate) if spec.mirrored else plate
+    grid_um = None if spec.export is None else spec.export.grid
+    if grid_um is None:
+        return plate
+    place = f"{where}: export.grid"
+    grid_nm = to_nm(grid_um, where=place, name="grid")
+    check_dies(plate.dies, grid_nm, where=place)
+    return snapped(plate, grid_nm) if grid_nm > 1 else plate
+
+
+def _side(section: PlateSection, template: PlateTemplate | None, key: str, where: str) -> int:
+    """Blank or writable area in nanometres, from the job or its template, which do not contradict each other."""
+    stated: float | None = getattr(section, key)
+    given: float | None = None if template is None else getattr(template, key)
+    chosen = given if stated is None else stated
+    if chosen is None:
+        raise JobError(
+            "MF105",
+            f"the key 'plate.{key}' is missing, and no template says it",
+            where=f"{where}: plate.{key}",
+            cure=f'Add {key}, or template = "5in"',
+        )
+    if given is not None and abs(chosen - given) * NM_PER_UM > 1e-6:
+        raise JobError(
+            "MF126",
+            f"{key} is {chosen:.10g} um, and the template {section.template!r} says {given:.10g} um",
+            where=f"{where}: plate.{key}",
+            cure=f"Remove {key}, or the template",
+        )
+    return to_nm(chosen, where=f"{where}: plate.{key}", name=key)
+
+
+def _check_rooms(
+    section: PlateSection, template: PlateTemplate | None, count: int, sides_nm: tuple[int, int], where: str
+) -> None:
+    """Refuse what cannot fit (MF108) before panels are made; marks of a template are looked at when they are drawn."""
+    blank_nm, writable_nm = sides_nm
+    if template is None and writable_nm < SMALLEST_WRITABLE_NM:
+        raise JobError(
+            "MF108",
+            f"title and marks need a writable area of {SMALLEST_WRITABLE_NM / 1e6:g} mm, but it has "
+            f"{writable_nm / 1e6:g} mm",
+            where=f"{where}: plate.writable",
+            cure=f'Use writable = "{SMALLEST_WRITABLE_NM / 1e6:g} mm" or more',
+        )
+    columns = min(section.columns, count)
+    rows = -(-count // columns)
+    marks_nm = 2 * (2 * MARGIN_NM + TITLE_HEIGHT_NM) if template is None else 0
+    left = "the writable area less title and marks" if template is None else "the writable area"
+    across, room_um = max(columns, rows), (writable_nm - marks_nm) / NM_PER_UM
+    grid = f"{left}, for {rows} x {columns} dies,"
+    smaller = "Use smaller or fewer dies"
+    rooms = (
+        ("writable", writable_nm / NM_PER_UM, blank_nm / NM_PER_UM, "the blank",
+         "Use a smaller writable, or a larger blank"),
+        # As close as their labels let them lie: if that is too much, no die_pitch helps.
+        ("die_size", (across - 1) * (section.die_size + LABEL_NM / NM_PER_UM) + section.die_size, room_um, grid,
+         f"{smaller}, other columns, or a larger plate"),
+        ("die_size", section.die_size, section.die_pitch - LABEL_NM / NM_PER_UM, "its slot less the label",
+         "Use smaller dies, or a wider die_pitch"),
+        ("die_pitch", (across - 1) * section.die_pitch + section.die_size, room_um, grid,
+         f"{smaller}, a closer die_pitch, or a larger plate"),
+    )  # fmt: skip
+    for key, size, limit, what, cure in rooms:
+        if size > limit:
+            raise JobError(
+                "MF108",
+                f"{key} needs {size:g} um, but {what} leaves {limit:g} um",
+                where=f"{where}: plate.{key}",
+                cure=cure,
+            )
+
+
+def _slots(pitch_nm: int, most_columns: int, count: int) -> list[Point]:
+    """Centres of the dies' slots, row by row from the top left, the whole grid centred on the plate."""
+    columns = min(most_columns, count)
+    rows = -(-count // columns)
+    left, top = -(columns - 1) * pitch_nm // 2, (rows - 1) * pitch_nm // 2
+    return [(left + (i % columns) * pitch_nm, top - (i // columns) * pitch_nm) for i in range(count)]
+
+
+def _smallest_feature_nm(dies: tuple[Die, ...]) -> int:
+    """The shortest clear run of any opening, as laid out; a dot where an opening has no run that ends.
+
+    At most 50 um, so that test figures of its multiples keep clear of each other.
+    """
+
+    def shortest(panel: Panel) -> int:
+        run = min(smallest_runs(opening.mask, periodic=True).clear for opening in panel.openings)
+        return panel.dot_nm * (round(run) if math.isfinite(run) else 1)
+
+    return min(_LARGEST_FEATURE_NM, *(shortest(die.panel) for die in dies))

@@ -1,0 +1,426 @@
+"""Design rules of a plate or of any layout, checked exactly.
+
+The design rules on a layout that maskfab did not make, or whose panels it does not know: names, extent, shapes.
+
+The design rules on a plate, without drawing its panels.
+
+The smallest features of a die, and the limits that a job sets for them.
+
+Smallest features and spaces of a plate, of openings and marks apart: what a house judges and prices it by.
+
+Violations of design rules as a marker file (.lyrdb) that KLayout shows on top of the plate.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from klayout import db, rdb
+
+from maskfab.base.errors import SourceError
+from maskfab.base.model import CLEAR, Box, Die, Furniture, Layer, Plate, Polygon, Process, Quantity
+from maskfab.base.units import NM_PER_UM
+from maskfab.job.sections import LimitsSection
+from maskfab.mask.layout import DBU_UM, layer_info, plate_layout, plate_names, region, simple_polygon
+from maskfab.mask.panel_rules import Narrowest, PanelCells, Tone, narrowest, panel_results
+from maskfab.mask.rule import DesignRules, RuleResult, counted_references, flat_results, merged
+
+MOST_SHAPES = 200_000
+
+
+def checked_names(names: Iterable[str], rules: DesignRules) -> tuple[RuleResult, ...]:
+    """One result for each rule on names; names that break it are listed in alphabetical order."""
+    every = sorted(names)
+    results = []
+    if rules.name_pattern is not None:
+        pattern = re.compile(rules.name_pattern)
+        bad = tuple(name for name in every if pattern.fullmatch(name) is None)
+        results.append(_result("name_pattern", rules.name_pattern, "", bad))
+    for text in rules.forbidden_names:
+        bad = tuple(name for name in every if text.casefold() in name.casefold())
+        results.append(_result("forbidden_name", text, "", bad))
+    if rules.max_name_length is not None:
+        bad = tuple(name for name in every if len(name) > rules.max_name_length)
+        longest = max((len(name) for name in bad), default=None)
+        results.append(RuleResult("name_length", rules.max_name_length, "characters", longest, len(bad), names=bad))
+    return tuple(results)
+
+
+def _result(rule: str, limit: str, unit: str, bad: tuple[str, ...]) -> RuleResult:
+    return RuleResult(rule, limit, unit, bad[0] if bad else None, len(bad), names=bad)
+
+
+def checked_extent(boxes: Iterable[Box], extent_nm: tuple[int, int]) -> RuleResult:
+    """Boxes that leave a box about the origin; the value is how far the worst sticks out, in nm.
+
+    Args:
+        boxes: of everything that is written, in plate coordinates.
+        extent_nm: width and height of the box that should hold them.
+    """
+    width, height = extent_nm
+    out = []
+    for x0, y0, x1, y1 in boxes:
+        beyond = max(max(-x0, x1) - width / 2, max(-y0, y1) - height / 2)
+        if beyond > 0:
+            out.append((y0, x0, y1, x1, beyond))
+    places = tuple((x0, y0, x1, y1) for y0, x0, y1, x1, _ in sorted(out))
+    worst = max((beyond for *_, beyond in out), default=None)
+    return RuleResult("extent", f"{width} x {height}", "nm", worst, len(out), places)
+
+
+def check_layout(
+    layout: db.Layout,
+    rules: DesignRules,
+    *,
+    layers: Sequence[Layer | db.LayerInfo] = (CLEAR,),
+    most: int = 16,
+    most_shapes: int = MOST_SHAPES,
+) -> tuple[RuleResult, ...]:
+    """Every rule on a flattened layout.
+
+    Args:
+        layout: one top cell, database unit 1 nm.
+        rules: what to check.
+        layers: what is written; layers are joined, one that the layout lacks is empty.
+        most: how many violations of a rule are placed.
+        most_shapes: the largest number of shapes that is flattened.
+
+    Raises:
+        SourceError: MF305 if there is not one top cell, MF418 if the layout has more shapes than that.
+    """
+    tops = layout.top_cells()
+    if len(tops) != 1:
+        raise SourceError(
+            "MF305", f"the layout has {len(tops)} top cells; one is needed", cure="Keep the one that is the plate"
+        )
+    infos = [layer_info(layer) if isinstance(layer, Layer) else layer for layer in layers]
+    indices = [index for index in map(layout.find_layer, infos) if index is not None]
+    shapes = sum(flat_shapes(layout, index) for index in indices)
+    if shapes > most_shapes:
+        raise SourceError(
+            "MF418",
+            f"the layout has {shapes} shapes once flattened; design rules are checked on at most {most_shapes}",
+            cure="Check the plate itself, or a smaller cell",
+        )
+    polygons = drawn_polygons(layout, indices)
+    region = db.Region()
+    for index in indices:
+        region += db.Region(tops[0].begin_shapes_rec(index))
+    results = [*flat_results(merged(region), polygons, rules, most)]
+    results += checked_names([cell.name for cell in layout.each_cell()], rules)
+    if rules.max_references is not None:
+        references = sum(cell.child_instances() for cell in layout.each_cell())
+        results.append(counted_references(references, rules.max_references))
+    if rules.extent_nm is not None:
+        box = region.bbox()
+        boxes = [] if box.empty() else [(box.left, box.bottom, box.right, box.top)]
+        results.append(checked_extent(boxes, rules.extent_nm))
+    return tuple(results)
+
+
+def drawn_polygons(layout: db.Layout, indices: Sequence[int]) -> list[Polygon]:
+    """The polygons of layers as they are drawn, flattened; holes are outlines of their own."""
+    polygons: list[Polygon] = []
+    for index in indices:
+        region = db.Region(layout.top_cell().begin_shapes_rec(index))
+        region.merged_semantics = False
+        for polygon in region.each():
+            polygons.append(tuple((point.x, point.y) for point in polygon.each_point_hull()))
+            for hole in range(polygon.holes()):
+                polygons.append(tuple((point.x, point.y) for point in polygon.each_point_hole(hole)))
+    return polygons
+
+
+def flat_shapes(layout: db.Layout, index: int) -> int:
+    """Number of shapes on a layer once the hierarchy is flattened, found without flattening it."""
+    times = {layout.top_cell().cell_index(): 1}
+    total = 0
+    for cell_index in layout.each_cell_top_down():
+        cell, placed = layout.cell(cell_index), times.get(cell_index, 0)
+        total += placed * cell.shapes(index).size()
+        for instance in cell.each_inst():
+            copies = instance.na * instance.nb if instance.is_regular_array() else 1
+            times[instance.cell_index] = times.get(instance.cell_index, 0) + placed * copies
+    return total
+
+
+def check_plate(plate: Plate, rules: DesignRules, *, most: int = 16) -> tuple[RuleResult, ...]:
+    """Every rule on every die, on the marks, and on the plate as a whole.
+
+    Counts and places are those of KLayout's checks on the flat, merged plate, places to the nanometre to which it
+    rounds; of a space that runs on through several cells only the lower left corner of the place is. Dies and marks
+    are looked at one by one, unless some lie within the rules' reach of each other: then the plate is flattened, which
+    takes as long as it does in KLayout, and the rules on geometry have one result, without a die.
+
+    Args:
+        plate: the plate; only what is written counts.
+        rules: what to check.
+        most: how many violations of a rule are placed.
+
+    Returns:
+        For each die and then for the marks (``die`` is None) one result for each rule on geometry; then the rules on
+        names, references and extent.
+    """
+    marks = _written_marks(plate)
+    results: list[RuleResult] = []
+    if dies_apart(plate, rules.reach_nm):
+        for die in plate.dies:
+            results += panel_results(die, rules, most)
+        drawn = db.Region([simple_polygon(polygon) for polygon in marks])
+        results += flat_results(merged(drawn), marks, rules, most)
+    else:
+        layout = plate_layout(plate)
+        index = layout.find_layer(layer_info(CLEAR))
+        polygons = drawn_polygons(layout, [index])
+        results += flat_results(merged(region(layout, CLEAR)), polygons, rules, most)
+    names = plate_names(plate)
+    results += checked_names([names.top, *names.dies, *names.marks, *names.units.values()], rules)
+    if rules.max_references is not None:
+        references = sum(_references(die) + 1 for die in plate.dies) + len(plate.furniture)
+        results.append(counted_references(references, rules.max_references))
+    if rules.extent_nm is not None:
+        results.append(checked_extent([*_clear_boxes(plate), *map(_box, marks)], rules.extent_nm))
+    return tuple(results)
+
+
+def dies_apart(plate: Plate, reach_nm: int) -> bool:
+    """Whether no die comes within reach of another, or of a mark."""
+    marks = _written_marks(plate)
+    dies = np.array([die.box_nm for die in plate.dies], dtype=np.int64).reshape(-1, 4)
+    every = np.concatenate([dies, np.array([_box(mark) for mark in marks], dtype=np.int64).reshape(-1, 4)])
+    low = np.maximum(dies[:, None, :2], every[None, :, :2])
+    high = np.minimum(dies[:, None, 2:], every[None, :, 2:])
+    near = ((low - high) <= reach_nm).all(axis=2)
+    near[np.arange(len(dies)), np.arange(len(dies))] = False
+    return not near.any()
+
+
+def _written_marks(plate: Plate) -> list[Polygon]:
+    return [polygon for mark in plate.furniture if mark.layer.written for polygon in mark.polygons]
+
+
+def _references(die: Die) -> int:
+    return 1 if len(np.unique(die.panel.orientations)) == 1 else die.panel.orientations.size
+
+
+def _clear_boxes(plate: Plate) -> Iterator[Box]:
+    """Hull of what is clear in each die."""
+    for die in plate.dies:
+        cells = PanelCells.of(die.panel)
+        hulls = np.zeros((len(cells.held), 4), dtype=np.int64)
+        for code, raster in enumerate(cells.clear):
+            ys, xs = np.nonzero(raster)
+            if xs.size:
+                low, high = cells.edges_nm[:-1], cells.edges_nm[1:]
+                hulls[code] = low[xs.min()], low[ys.min()], high[xs.max()], high[ys.max()]
+        full = (hulls[:, 2] > hulls[:, 0])[cells.codes.ravel()]
+        if full.any():
+            boxes = (hulls[cells.codes.ravel()] + np.tile(cells.origins_nm + np.asarray(die.origin_nm), 2))[full]
+            low, high = boxes.min(axis=0), boxes.max(axis=0)
+            yield int(low[0]), int(low[1]), int(high[2]), int(high[3])
+
+
+def _box(polygon: Polygon) -> Box:
+    xs, ys = zip(*polygon, strict=True)
+    return min(xs), min(ys), max(xs), max(ys)
+
+
+def smallest_features(die: Die) -> tuple[Quantity, Quantity]:
+    """Least clear width and least opaque space of the whole panel, corner to corner included, in micrometres; exact."""
+    return _smallest(die, "min_feature", "clear"), _smallest(die, "min_space", "opaque")
+
+
+def _smallest(die: Die, name: str, tone: Tone) -> Quantity:
+    what = "width of what is clear" if tone == "clear" else "chrome between clear edges"
+    method = f"least {what} over the panel, corner to corner too; corners that kiss are counted apart; exact"
+    length_nm = narrowest(die, tone).value_nm
+    value = length_nm / NM_PER_UM if math.isfinite(length_nm) else None
+    return Quantity(name, value, method, die=die.name)
+
+
+def written_features(drawn: tuple[Quantity, Quantity], process: Process) -> tuple[Quantity, ...]:
+    """The smallest features as drawn, and as a process writes straight edges: wider by its bias, spaces narrower."""
+    told = "less" if process.cd_bias_um < 0 else "more"
+    found = []
+    for quantity, sign in zip(drawn, (1, -1), strict=True):
+        value = quantity.value
+        found.append(
+            replace(
+                quantity,
+                name=f"written_{quantity.name}",
+                value=value + sign * process.cd_bias_um if isinstance(value, float) else None,
+                method=f"{quantity.name} by a bias of {abs(process.cd_bias_um):g} um, {told} of what is clear",
+            )
+        )
+    return (*drawn, *found)
+
+
+def limits_as_rules(limits: LimitsSection) -> DesignRules:
+    """Width and space by the job's limits, and no corners that only touch, which are no width or space of nothing."""
+    width, space = (
+        None if limit is None else round(limit * NM_PER_UM) for limit in (limits.min_feature, limits.min_space)
+    )
+    return DesignRules(min_width_nm=width, min_space_nm=space, no_corner_touch=True, kissing=False)
+
+
+def judged(quantity: Quantity, limits: LimitsSection) -> Quantity:
+    """The quantity with the job's limit and verdict, where the job sets one."""
+    limit = {
+        "corner_touches": limits.corner_touches,
+        "min_feature": limits.min_feature,
+        "min_space": limits.min_space,
+        "written_min_feature": limits.min_feature,
+        "written_min_space": limits.min_space,
+    }.get(quantity.name)
+    if limit is None or isinstance(quantity.value, str):
+        return quantity
+    if quantity.value is None:
+        return replace(quantity, limit=limit, passed=True)
+    kept = quantity.value <= limit if quantity.name == "corner_touches" else quantity.value >= limit
+    return replace(quantity, limit=limit, passed=kept)
+
+
+FINE_ON_PURPOSE = ("resolution", "code")
+"""Kinds of marks that show how fine a writer is, or that only a camera reads."""
+
+_FIRST_NM, _LAST_NM = 2_000, 512_000
+
+
+@dataclass(frozen=True)
+class Smallest:
+    """Least widths of one kind of shapes.
+
+    Attributes:
+        of: which shapes, for people.
+        fine: whether they are fine on purpose.
+        clear_um: least width of what is clear; infinite where nothing is narrower than half a millimetre, 0 where
+            it tapers to a point.
+        chrome_um: least width of the chrome between them, likewise.
+    """
+
+    of: str
+    fine: bool
+    clear_um: float
+    chrome_um: float
+
+    @property
+    def least_um(self) -> float:
+        """The lesser of both; a corner that tapers to a point has no width that anybody could hold."""
+        return min((width for width in (self.clear_um, self.chrome_um) if width), default=math.inf)
+
+    def __str__(self) -> str:
+        return f"clear {_told(self.clear_um)}, chrome between {_told(self.chrome_um)}"
+
+
+def smallest_of_plate(plate: Plate, of_die: Callable[[Die, Tone], Narrowest] = narrowest) -> tuple[Smallest, ...]:
+    """Least widths on a plate that is :func:`maskfab.mask.houses.adaptation.fitted`, measured between edges of its
+    polygons.
+
+    Corners that only meet have a rule of their own and do not count.
+
+    Args:
+        plate: what is written.
+        of_die: as :func:`maskfab.mask.panel_rules.narrowest`, from which it may be kept.
+
+    Returns:
+        Those of the openings; of the marks and letters; and of the marks that are fine on purpose. Kinds of which the
+        plate has none are left out.
+    """
+    found = []
+    if plate.dies:
+        clear, chrome = (
+            min(of_die(die, tone).value_nm / NM_PER_UM for die in plate.dies) for tone in ("clear", "opaque")
+        )
+        found.append(Smallest("openings", False, clear, chrome))
+    marks = [mark for mark in plate.furniture if mark.layer.written]
+    for told, fine in (("marks and letters", False), ("test figures, fine on purpose", True)):
+        kept = tuple(mark for mark in marks if (mark.kind in FINE_ON_PURPOSE) == fine)
+        if kept:
+            found.append(Smallest(told, fine, *(_least_um(plate, kept, rule) for rule in ("width", "space"))))
+    return tuple(found)
+
+
+def _least_um(plate: Plate, marks: tuple[Furniture, ...], rule: str) -> float:
+    """Least width or space of marks, looked for ever further: near distances are found in far less time."""
+    alone, reach = replace(plate, dies=(), furniture=marks), _FIRST_NM
+    while reach <= _LAST_NM:
+        clear = rule == "width"
+        rules = DesignRules(min_width_nm=reach if clear else None, min_space_nm=None if clear else reach, kissing=False)
+        values = [each.value for each in check_plate(alone, rules, most=1) if not each.passed]
+        if values:
+            return min(float(value) for value in values if isinstance(value, int | float)) / NM_PER_UM
+        reach *= 4
+    return math.inf
+
+
+def _told(width_um: float) -> str:
+    if not width_um:
+        return "tapering to a point"
+    return f"{width_um:.6g} um" if math.isfinite(width_um) else f"wider than {_LAST_NM / NM_PER_UM:g} um"
+
+
+_DESCRIPTIONS = {
+    "width": "clear polygons narrower than {limit} {unit}",
+    "space": "clear edges closer than {limit} {unit}",
+    "notch": "edges of one clear polygon closer than {limit} {unit}",
+    "area": "clear polygons of less than {limit} {unit}",
+    "chrome_area": "islands of chrome of less than {limit} {unit}",
+    "corner_touch": "corners that kiss",
+    "grid": "vertices off the grid of {limit} {unit}",
+    "manhattan": "edges that run along neither axis",
+    "acute_angle": "corners sharper than {limit} {unit}",
+    "overlap": "areas drawn more than once",
+    "vertices": "polygons of more than {limit} vertices",
+    "references": "more than {limit} references",
+    "name_pattern": "cell names that do not match {limit}",
+    "forbidden_name": "cell names that contain {limit}",
+    "name_length": "cell names of more than {limit} characters",
+    "extent": "shapes outside {limit} {unit} about the origin",
+}
+
+
+def write_markers(results: Iterable[RuleResult], top_cell: str, path: Path) -> None:
+    """Write what rules found as a report database; equal results give equal bytes.
+
+    Every rule that was broken is a category, described with its limit; rules on several limits of one name are told
+    apart by a number. Each placed violation is a box on the top cell in micrometres, each name a text. The first item
+    of every owner carries the number of violations and the worst value, for only the first are placed.
+
+    Args:
+        results: what :func:`maskfab.mask.plate_rules.check_plate` or ``check_layout`` returned.
+        top_cell: name of the layout's top cell, in whose coordinates the places are.
+        path: the file to write.
+    """
+    database = rdb.ReportDatabase("design rules")
+    database.description = f"Design rules of {top_cell}"
+    database.generator = "maskfab"
+    database.top_cell_name = top_cell
+    cell = database.create_cell(top_cell)
+    categories: dict[tuple[str, int | str], rdb.RdbCategory] = {}
+    for result in results:
+        if result.passed:
+            continue
+        key = result.rule, result.limit
+        if key not in categories:
+            alike = sum(rule == result.rule for rule, _ in categories)
+            categories[key] = database.create_category(f"{result.rule}_{alike + 1}" if alike else result.rule)
+            text = _DESCRIPTIONS[result.rule]
+            categories[key].description = text.format(limit=result.limit, unit=result.unit)
+        # An item with neither place nor name still says that the rule is broken.
+        markers: list[db.DBox | str] = [db.DBox(*(value * DBU_UM for value in box)) for box in result.places]
+        for n, marker in enumerate([*markers, *result.names] or [result.rule]):
+            item = database.create_item(cell.rdb_id(), categories[key].rdb_id())
+            item.add_value(marker)
+            if n == 0:
+                item.add_value(_summary(result))
+    database.save(str(path))
+
+
+def _summary(result: RuleResult) -> str:
+    owner = f"die {result.die}" if result.die is not None else "plate"
+    return f"{owner}: {result.count} in all, worst {result.value} {result.unit}".rstrip()

@@ -1,0 +1,465 @@
+"""Energy inside circles and squares on the sensor, from samples of a PSF.
+
+A PSF holds no frequency above B. The indicator of a region, low-passed by any φ̂ that is 1 up to B and 0 beyond
+1/h - B, then has the same integral against it, and the sum over samples at distance h is that integral exactly:
+
+    ∫_region PSF d²x = h² Σ_n PSF(nh) W(nh),    Ŵ(ν) = φ̂(ν) x transform of the indicator.
+
+The transform of a disc of radius r is r J1(2πrν) / ν (Goodman 2.1.6), that of a square a product of sincs.
+
+Notes:
+    W reaches a little beyond its region, by about 1 / (1/h - 2B): what the window cuts off of it is bounded by the
+    energy outside the window times the largest |W| there. Close to the window's rim, or for samples too coarse to
+    leave room between B and 1/h - B, whole samples are counted instead; that is wrong by at most the energy of the
+    pixels that the rim crosses (for points: of the two next to it on either side). The smaller bound decides, and is
+    the uncertainty.
+
+Numbers of a PSF's shape: side lobes, streaks, colour fringes, and the Strehl ratio that no shape can change.
+
+Notes:
+    Samples of a real, dark-and-clear pupil's PSF are symmetric about the axis and nowhere above its value there.
+    All sums use that the PSF's samples are closer than 1 / (2B): then sums against smooth weights are integrals.
+
+Diffraction orders of a periodic panel, in closed form from the transform of one cell.
+
+A periodic panel of pitch T sends the share
+
+    η_mn = |M(m/T, n/T)|² / T⁴                                   (Goodman, Fourier Optics, 4.4.3, for any cell)
+
+of the light that falls on it into the order (m, n), M being the transform of one cell's amplitude. Over all orders
+this adds up to the open ratio (Parseval), so η_mn over the open ratio is the share of the transmitted light. The
+wavelength only sets where an order goes, to (m, n) λf / T on the sensor, not how strong it is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import scipy
+from numpy.polynomial.legendre import leggauss
+from numpy.typing import NDArray
+
+from maskfab.base.arrays import Floats
+from maskfab.base.errors import InternalError, JobError
+from maskfab.base.model import Camera, Panel, Psf, Quantity, Stop
+from maskfab.optics.field.matrix import direct_field
+from maskfab.optics.psf import image_scale_um2, pixel_sum_error
+from maskfab.optics.pupil import cut, panel_aperture
+
+# erfc(4) / 2 is 8e-9: how far φ̂ is from 1 and 0 at the ends of its slope.
+_SLOPE = 4.0
+_FINER = 12
+_FILTER_ERROR = 2e-7
+_NODES_PER_CYCLE = 4
+
+
+def encircled_energy(psf: Psf, radius_um: float, highest: float, die: str | None = None) -> Quantity:
+    """Share of all transmitted energy within a circle about the axis; what lies outside the window counts as outside.
+
+    Args:
+        psf: any kind; its pixels, if it has such, are taken as they are.
+        radius_um: at most half the window.
+        highest: the PSF's highest frequency in any direction, cycles per micrometre of sensor: D / (λf) of the
+            shortest wavelength for a round stop, √2 times that for a square one.
+        die: whose number this is.
+
+    Raises:
+        JobError: MF104 for a radius that is not positive or reaches beyond the window.
+    """
+    _check(psf, radius_um, "radius")
+    value, uncertainty = _energy_in_circle(psf, radius_um, highest)
+    return Quantity(
+        "encircled_energy",
+        value,
+        f"energy within {radius_um:g} um of the axis over all transmitted energy, window or not",
+        detail=f"{radius_um:g} um",
+        uncertainty=uncertainty,
+        die=die,
+        wavelength_nm=psf.wavelength_nm,
+    )
+
+
+def halo_energy(psf: Psf, radius_um: float, highest: float, die: str | None = None) -> Quantity:
+    """Share of all transmitted energy farther than a radius from the axis, outside the window included.
+
+    Args and errors: as for :func:`encircled_energy`.
+    """
+    _check(psf, radius_um, "radius")
+    value, uncertainty = _energy_in_circle(psf, radius_um, highest)
+    return Quantity(
+        "halo_energy",
+        1 - value,
+        f"energy farther than {radius_um:g} um from the axis over all transmitted energy; of that, "
+        f"{1 - psf.energy_in_window:.3g} lies outside the window",
+        detail=f"{radius_um:g} um",
+        uncertainty=uncertainty,
+        die=die,
+        wavelength_nm=psf.wavelength_nm,
+    )
+
+
+def ensquared_energy(psf: Psf, side_um: float, highest: float, die: str | None = None) -> Quantity:
+    """Share of all transmitted energy within a square about the axis, sides along the pixels.
+
+    For pixel means and an odd number of whole pixels this is a plain sum, and as good as they are.
+
+    Args:
+        psf: any kind.
+        side_um: at most the window's side.
+        highest: the PSF's highest frequency along an axis, D / (λf) of the shortest wavelength.
+        die: whose number this is.
+
+    Raises:
+        JobError: MF104 for a side that is not positive or wider than the window.
+    """
+    _check(psf, side_um / 2, "half side")
+    value, uncertainty = _energy_in_square(psf, side_um, highest)
+    return Quantity(
+        "ensquared_energy",
+        value,
+        f"energy within a square of {side_um:g} um about the axis over all transmitted energy, window or not",
+        detail=f"{side_um:g} um",
+        uncertainty=uncertainty,
+        die=die,
+        wavelength_nm=psf.wavelength_nm,
+    )
+
+
+def _check(psf: Psf, reach_um: float, name: str) -> None:
+    half = psf.step_um * psf.values.shape[0] / 2
+    if not 0 < reach_um <= half * (1 + 1e-9):
+        raise JobError(
+            "MF104",
+            f"the {name} {reach_um:g} um is not between 0 and half the window, {half:g} um",
+            cure="Widen camera.window or ask for less",
+        )
+
+
+def _axis(psf: Psf) -> Floats:
+    half = psf.values.shape[0] // 2
+    return psf.step_um * np.arange(-half, half + 1, dtype=np.float64)
+
+
+def _energy_in_circle(psf: Psf, radius: float, highest: float) -> tuple[float, float]:
+    axis, area = _axis(psf), psf.step_um**2
+    distance = np.hypot(axis[:, None], axis)
+    # A cell whose middle is farther from the rim than half its diagonal is not crossed.
+    crossed = abs(distance - radius) < psf.step_um / math.sqrt(2)
+    counted = float(psf.values[distance <= radius].sum() * area), float(psf.values[crossed].sum() * area)
+    if not _room(psf, highest) or psf.kind == "pixel":
+        return counted
+    half = (psf.values.shape[0] / 2) * psf.step_um
+    fine = np.arange(0.0, math.sqrt(2) * half + psf.step_um, psf.step_um / _FINER)
+    weights = _disc_weights(fine, radius, psf.step_um, highest)
+    weight = scipy.interpolate.CubicSpline(fine, weights)(distance)
+    outside = max(0.0, 1 - psf.energy_in_window)
+    rounding = _FILTER_ERROR + outside * float(abs(weights[fine >= half - psf.step_um]).max())
+    return min((float((psf.values * weight).sum() * area), rounding), counted, key=lambda pair: pair[1])
+
+
+def _energy_in_square(psf: Psf, side: float, highest: float) -> tuple[float, float]:
+    axis, area = _axis(psf), psf.step_um**2
+    inside = abs(axis) <= side / 2
+    # A cell of pixel means is crossed or not; a point stands for no cell, so the next two on either side count as well:
+    # where the rim runs along a dark fringe, what is missed lies beside it.
+    reach = psf.step_um * (0.5 * (1 - 1e-9) if psf.kind == "pixel" else 1.5)
+    outer, inner = abs(axis) < side / 2 + reach, abs(axis) <= side / 2 - reach
+    total, most, least = (float(psf.values[np.ix_(part, part)].sum() * area) for part in (inside, outer, inner))
+    counted = total, most - least
+    if psf.kind == "pixel" or not _room(psf, highest):
+        # Whole pixels cross nothing, and err as their means do.
+        return counted[0], counted[1] + (pixel_sum_error(psf, highest) if psf.kind == "pixel" else 0.0)
+    half = (psf.values.shape[0] / 2) * psf.step_um
+    fine = np.arange(0.0, 2 * half, psf.step_um / 4)
+    weight = _box_weights(axis, side, psf.step_um, highest)
+    beyond = abs(_box_weights(fine[fine >= half - psf.step_um], side, psf.step_um, highest)).max()
+    uncertainty = _FILTER_ERROR + max(0.0, 1 - psf.energy_in_window) * float(beyond) * float(abs(weight).max())
+    return min((float(weight @ psf.values @ weight * area), uncertainty), counted, key=lambda pair: pair[1])
+
+
+def _room(psf: Psf, highest: float) -> bool:
+    """Whether 1/h - B exceeds B by enough for a low-pass filter in between."""
+    return 1 / psf.step_um > 2.1 * highest
+
+
+def _low_pass(frequency: Floats, step: float, highest: float) -> Floats:
+    """1 up to ``highest``, 0 beyond 1 / step - highest, smooth in between."""
+    end = 1 / step - highest
+    middle, half = (highest + end) / 2, (end - highest) / 2
+    return np.asarray(scipy.special.erfc(_SLOPE * (frequency - middle) / half) / 2)
+
+
+def _nodes(step: float, highest: float, reach: float) -> tuple[Floats, Floats]:
+    """Gauss-Legendre nodes over the filter's band, enough for waves over ``reach`` micrometres."""
+    end = 1 / step - highest
+    nodes, weights = leggauss(64)
+    panels = max(1, math.ceil(end * reach * _NODES_PER_CYCLE / nodes.size))
+    edges = np.linspace(0.0, end, panels + 1)
+    half = np.diff(edges)[:, None] / 2
+    return ((edges[:-1, None] + half) + half * nodes).ravel(), (half * weights).ravel()
+
+
+def _disc_weights(distance: Floats, radius: float, step: float, highest: float) -> Floats:
+    """W for a disc: 2π ∫ φ̂(ν) r J1(2πrν) J0(2πρν) dν."""
+    nu, weights = _nodes(step, highest, radius + float(distance.max()))
+    amplitude = 2 * np.pi * radius * weights * _low_pass(nu, step, highest) * scipy.special.j1(2 * np.pi * radius * nu)
+    result = np.empty_like(distance)
+    for start in range(0, distance.size, 512):
+        part = slice(start, start + 512)
+        result[part] = scipy.special.j0(2 * np.pi * distance[part, None] * nu) @ amplitude
+    return result
+
+
+def _box_weights(position: Floats, side: float, step: float, highest: float) -> Floats:
+    """W along one axis for an interval: 2 ∫ φ̂(ν) a sinc(aν) cos(2πνx) dν."""
+    nu, weights = _nodes(step, highest, side / 2 + float(abs(position).max(initial=0.0)))
+    amplitude = 2 * weights * _low_pass(nu, step, highest) * side * np.sinc(side * nu)
+    return np.asarray(np.cos(2 * np.pi * position[:, None] * nu) @ amplitude)
+
+
+# Below it a maximum is rounding noise.
+_FAINTEST = 1e-12
+_STREAK_ORDERS = 18
+
+
+def peak_to_side_lobe(psf: Psf, die: str | None = None) -> Quantity:
+    """Peak over the brightest side lobe, a side lobe being any other local maximum; None if the window has none."""
+    lobes = _side_lobes(psf)
+    peak = _peak(psf)
+    value = uncertainty = None
+    where = "none inside the window"
+    if lobes.size:
+        best = lobes[np.argmax(lobes[:, 1])]
+        value = peak / float(best[1])
+        uncertainty = value * float(best[2] / best[1])
+        where = f"the brightest is {best[0]:.4g} um from the axis"
+    return Quantity(
+        "peak_to_side_lobe",
+        value,
+        f"peak over the brightest other local maximum, refined by a parabola through 3 x 3 samples; {where}",
+        uncertainty=uncertainty,
+        die=die,
+        wavelength_nm=psf.wavelength_nm,
+    )
+
+
+def first_side_lobe(psf: Psf, die: str | None = None) -> Quantity:
+    """Distance of the side lobe nearest to the axis; None if the window has none."""
+    lobes = _side_lobes(psf)
+    nearest = float(lobes[:, 0].min()) if lobes.size else None
+    return Quantity(
+        "first_side_lobe",
+        nearest,
+        "distance from the axis of the nearest other local maximum, refined by a parabola through 3 x 3 samples",
+        uncertainty=None if nearest is None else psf.step_um / 2,
+        die=die,
+        wavelength_nm=psf.wavelength_nm,
+    )
+
+
+def brightest_side_lobe(psf: Psf, die: str | None = None) -> Quantity:
+    """Distance of the brightest side lobe from the axis; None if the window has none."""
+    lobes = _side_lobes(psf)
+    place = float(lobes[np.argmax(lobes[:, 1]), 0]) if lobes.size else None
+    return Quantity(
+        "brightest_side_lobe",
+        place,
+        "distance from the axis of the brightest other local maximum, refined by a parabola through 3 x 3 samples",
+        uncertainty=None if place is None else psf.step_um / 2,
+        die=die,
+        wavelength_nm=psf.wavelength_nm,
+    )
+
+
+def streak_index(psf: Psf, inner_um: float, outer_um: float, die: str | None = None) -> Quantity:
+    """Starburst: brightest direction of the tail over the mean of all directions.
+
+    The tail is weighted by sin² from the inner to the outer radius, and its angular distribution is smoothed by a
+    Fejér kernel in twice the angle, 10° wide and nowhere negative: 1 for a rotationally symmetric PSF, 19 for a tail
+    that is a single line.
+
+    Args:
+        psf: sampled or averaged over pixels.
+        inner_um, outer_um: the annulus, at most half the window.
+        die: whose number this is.
+
+    Raises:
+        JobError: MF104 for an annulus that is empty, reaches beyond the window, or holds no light.
+    """
+    half = psf.step_um * (psf.values.shape[0] // 2)
+    if not 0 <= inner_um < outer_um <= half * (1 + 1e-9):
+        raise JobError(
+            "MF104",
+            f"the annulus {inner_um:g} um to {outer_um:g} um is not an ascending pair between 0 and {half:g} um",
+            cure="Widen camera.window or choose smaller radii",
+        )
+    axis = _axis(psf)
+    x, y = np.meshgrid(axis, axis)
+    radius = np.hypot(x, y)
+    within = (radius > inner_um) & (radius < outer_um)
+    weight = np.sin(np.pi * (radius[within] - inner_um) / (outer_um - inner_um)) ** 2
+    # Twice the angle, because opposite directions are alike.
+    turn = np.exp(-2j * np.arctan2(y[within], x[within]))
+    tail = psf.values[within] * weight
+    if not tail.sum() > 0:
+        raise JobError(
+            "MF104",
+            f"no light falls between {inner_um:g} um and {outer_um:g} um",
+            cure="Choose an annulus that contains samples with light",
+        )
+    # The same radial profile, cut into rings as fine as samples can hold, has no direction but what sampling gives it.
+    ring = np.rint(radius[within] / psf.step_um).astype(np.intp)
+    there = np.unique(ring)
+    means = np.bincount(ring, tail)[there] / np.bincount(ring)[there]
+    profile = np.interp(radius[within] / psf.step_um, there, means)
+    rings = profile * (1 + np.cos(2 * np.pi * radius[within] / (2.3 * psf.step_um)))
+    value, uniform = _brightest_direction(tail, turn), _brightest_direction(rings, turn)
+    return Quantity(
+        "streak_index",
+        value,
+        f"brightest direction over the mean of all, energy between {inner_um:g} um and {outer_um:g} um weighted by "
+        "sin² of the radius, directions smoothed over 10 degrees; 1 is round, 19 a single line",
+        uncertainty=value * (uniform - 1),
+        die=die,
+        wavelength_nm=psf.wavelength_nm,
+    )
+
+
+def energy_normalised_strehl(psf: Psf, camera: Camera, die: str | None = None) -> Quantity:
+    """Peak per unit of transmitted energy against the open stop's: the open ratio fixes it, whatever the design."""
+    if psf.kind != "point":
+        raise InternalError("MF901", "a Strehl ratio was asked of pixel means")
+    scale = image_scale_um2(camera, psf.wavelength_nm)
+    value = _peak(psf) * scale**2 / camera.stop.area_um2
+    return Quantity(
+        "energy_normalised_strehl",
+        value,
+        "peak of the PSF, energies equal, over that of the open stop: the open ratio fixes it, so it ranks no design",
+        uncertainty=1e-8,
+        die=die,
+        wavelength_nm=psf.wavelength_nm,
+    )
+
+
+def colour_distance(first: Psf, second: Psf, die: str | None = None) -> Quantity:
+    """Half the integral of |difference| of two colours' pixel PSFs: the share of light that falls elsewhere, 0 to 1.
+
+    Light outside the window, a share p of one colour and q of the other, adds between |p - q| / 2 and (p + q) / 2: the
+    middle of both is told, and half of what lies between them is the error.
+
+    Raises:
+        InternalError: MF901 if they do not share a grid.
+    """
+    _same_grid(first, second)
+    within = 0.5 * float(abs(first.values - second.values).sum()) * first.step_um**2
+    outside = [max(0.0, 1 - psf.energy_in_window) for psf in (first, second)]
+    return Quantity(
+        "colour_distance",
+        within + max(outside) / 2,
+        f"half the integral of the absolute difference of the PSFs at {first.wavelength_nm:g} nm and "
+        f"{second.wavelength_nm:g} nm; of their light {outside[0]:.2g} and {outside[1]:.2g} lie outside the window, "
+        "which bounds what they add",
+        uncertainty=min(outside) / 2,
+        die=die,
+    )
+
+
+def _peak(psf: Psf) -> float:
+    middle = psf.values.shape[0] // 2
+    return float(psf.values[middle, middle])
+
+
+def _same_grid(first: Psf, second: Psf) -> None:
+    if first.values.shape != second.values.shape or not math.isclose(first.step_um, second.step_um):
+        raise InternalError("MF901", "two PSFs on different grids were compared")
+
+
+def _side_lobes(psf: Psf) -> Floats:
+    """Distance, height and uncertainty of the height of every side lobe, [k, 3]."""
+    values, middle = psf.values, psf.values.shape[0] // 2
+    found = values > _FAINTEST * values[middle, middle]
+    found[middle, middle] = False
+    found[[0, -1]] = found[:, [0, -1]] = False
+    across = np.maximum(np.maximum(values[:, :-2], values[:, 1:-1]), values[:, 2:])
+    found[1:-1, 1:-1] &= values[1:-1, 1:-1] >= np.maximum(np.maximum(across[:-2], across[1:-1]), across[2:])
+    row, column = np.nonzero(found)
+    if not row.size:
+        return np.empty((0, 3))
+    near = np.stack([[values[row + j, column + i] for i in (-1, 0, 1)] for j in (-1, 0, 1)])
+    slope = np.stack([near[1, 2] - near[1, 0], near[2, 1] - near[0, 1]], axis=-1) / 2
+    across = (near[2, 2] + near[0, 0] - near[2, 0] - near[0, 2]) / 4
+    curve_x, curve_y = near[1, 2] + near[1, 0] - 2 * near[1, 1], near[2, 1] + near[0, 1] - 2 * near[1, 1]
+    curvature = np.stack([np.stack([curve_x, across], -1), np.stack([across, curve_y], -1)], -1)
+    # Along a ring the curvature all but vanishes; its pseudo-inverse moves across the ring only.
+    move = -np.einsum("kij,kj->ki", np.linalg.pinv(curvature, rcond=1e-2, hermitian=True), slope)
+    move = np.where((abs(move) <= 1).all(axis=1, keepdims=True), move, 0.0)
+    gain = np.einsum("ki,ki->k", slope, move) / 2
+    distance = psf.step_um * np.hypot(row - middle + move[:, 1], column - middle + move[:, 0])
+    lobe = near[1, 1]
+    return np.stack([distance, lobe + gain, abs(gain) + 1e-15 * values[middle, middle]], axis=-1)
+
+
+def _brightest_direction(tail: Floats, turn: NDArray[np.complex128]) -> float:
+    """Largest over mean of an angular distribution, from its moments under a Fejér kernel."""
+    order = np.arange(1, _STREAK_ORDERS + 1)
+    moments, power = [], np.ones_like(turn)
+    for _ in order:
+        power = power * turn
+        moments.append((tail * power).sum())
+    relative = np.array(moments) / tail.sum() * (1 - order / (_STREAK_ORDERS + 1))
+    angle = np.linspace(0, 2 * np.pi, 720, endpoint=False)
+    return float(1 + 2 * (relative @ np.exp(1j * order[:, None] * angle)).real.max())
+
+
+def order_efficiencies(panel: Panel, highest: int) -> Floats:
+    """η_mn as shares of the incident light, [2 h + 1, 2 h + 1] over n and m from -h to h.
+
+    Args:
+        panel: all its cells in one orientation.
+        highest: largest |m| and |n|, at least 0.
+
+    Raises:
+        JobError: MF104 for a negative order.
+        InternalError: MF901 if the cells differ in orientation, for then there are no such orders.
+    """
+    if highest < 0:
+        raise JobError("MF104", f"the highest order {highest} is negative", cure="Give 0 or more")
+    if (panel.orientations != panel.orientations[0, 0]).any():
+        raise InternalError("MF901", "diffraction orders were asked of a panel whose cells differ in orientation")
+    cell = replace(panel, orientations=panel.orientations[:1, :1])
+    pitch = panel.cell_size.pitch_um
+    frequency = np.arange(-highest, highest + 1, dtype=np.float64) / pitch
+    field = direct_field(cut(panel_aperture(cell), Stop("square", pitch)), frequency, frequency)
+    return np.asarray(abs(field) ** 2 / pitch**4)
+
+
+def order_quantities(panel: Panel, die: str | None = None) -> tuple[Quantity, ...]:
+    """The zero order and the sum of the lowest five, each as a share of the incident and of the transmitted light.
+
+    Raises:
+        InternalError: MF901 if the cells differ in orientation.
+    """
+    share = order_efficiencies(panel, 1)
+    zero = float(share[1, 1])
+    five = zero + float(share[0, 1] + share[2, 1] + share[1, 0] + share[1, 2])
+    rounding = 1e-12
+    named = (
+        ("order_zero", zero, "zero order"),
+        ("orders_lowest_five", five, "orders (0,0), (±1,0) and (0,±1)"),
+    )
+    found = []
+    for name, value, what in named:
+        for light, whole in (("incident", 1.0), ("transmitted", panel.open_ratio)):
+            found.append(
+                Quantity(
+                    f"{name}_{light}",
+                    value / whole,
+                    f"{what} of the periodic panel as a share of the {light} light, |M(m/T, n/T)|²/T⁴ from the cell's "
+                    "transform",
+                    uncertainty=rounding,
+                    die=die,
+                )
+            )
+    return tuple(found)

@@ -1,1 +1,0 @@
-"""From a pupil to PSF, OTF and MTF."""

@@ -1,0 +1,436 @@
+"""The optical transfer function from the pupil's autocorrelation, one table of lags for every wavelength and cut.
+
+    OTF(ν) = C(λfν) / C(0),    C(s) = ∫∫ a(r) a(r + s) d²r                    (Goodman, Fourier Optics, 6.3)
+
+A pupil of square dots has an autocorrelation that is bilinear between whole-dot lags, so a table of those is exact. A
+lag on a lattice of cells is a cell lag L and a dot lag l, s = L pitch + l dot, and the table has both, so that gutters
+of any width stay exact although pitch and dot have no common measure.
+
+Notes:
+    Dots cut by the stop enter the table with their mean transmission, lag 0 aside, and what their shapes change is
+    added lag by lag (see ``rim_lags``). That costs time in proportion to lags times cut dots; where many lags are asked
+    for, the table alone will do, within an error that is measured at some lags and doubled.
+
+The pupil's autocorrelation along the two axes, at every lag, and what it tells of lines and edges.
+
+A line or an edge along y is imaged through the OTF along x alone: its profile needs no light of the other axis and no
+window. Between the lags of the table the autocorrelation is linear for whole dots, a sum of triangles one dot to either
+side, so its transform is that of the table times dot sinc².
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from maskfab.base.arrays import Floats
+from maskfab.base.errors import InternalError
+from maskfab.base.model import Scalar, frozen
+from maskfab.optics.field.waves import Reals
+from maskfab.optics.pupil import Lattice, Pupil
+from maskfab.optics.rim import RimLags, apart, rim_lags
+
+# At lags within so many dots of 0 cut dots meet themselves or the next ones, and all err alike.
+_NEAR_DOTS = 3
+# Pairs of lags and cut dots that cost little beside a table; near 0, where they meet each other, they cost more.
+_FEW_PAIRS, _FEW_NEAR_PAIRS = 50_000, 25_000
+# Lags at which the coarse error is measured.
+_NEAR_SAMPLES, _FEWEST_SAMPLES, _MOST_SAMPLES = 4, 64, 128
+_ROWS_AT_A_TIME, _COLUMNS_AT_A_TIME = 128, 16
+_SINGLE = 1e-5
+# Above it a transform is faster than counting pairs.
+_MOST_PAIRS = 8_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class LagTable:
+    """The pupil's autocorrelation at every cell lag and dot lag up to some reach.
+
+    Attributes:
+        x, y: the pupil's lattices.
+        values: float64 [cells y, dots y, cells x, dots x] in square micrometres, negative lags wrapped round, of mean
+            transmissions but for lag 0.
+        reach_um: largest lag along either axis for which the table is good.
+        energy_um2: the value at lag 0.
+        errors: bound of the error of C(s) / C(0), near lag 0 and beyond.
+        rims: what the shapes of cut dots change, of every part of the amplitude; none where ``errors`` count it.
+        spread_um2: what lag 0 was given over the means', of no volume: it belongs to lags about 0 that make up for it.
+    """
+
+    x: Lattice
+    y: Lattice
+    values: Floats
+    reach_um: float
+    energy_um2: float
+    errors: tuple[float, float]
+    rims: tuple[RimLags, ...] = ()
+    spread_um2: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", frozen(self.values))
+
+    def otf(self, lag_x_um: Floats, lag_y_um: Floats) -> Floats:
+        """C(s) / C(0) at lags of equal shape, in micrometres; real, because the amplitude is.
+
+        Raises:
+            InternalError: MF901 for a lag beyond the table's reach.
+        """
+        coarse = self.coarse_otf(lag_x_um, lag_y_um)
+        if not self.rims:
+            return coarse
+        lag_x, lag_y = np.broadcast_arrays(np.asarray(lag_x_um, np.float64), np.asarray(lag_y_um, np.float64))
+        meets = ~apart(self.rims[0].dots.stop, lag_x, lag_y)
+        exact = np.where(meets, coarse, 0.0)
+        # Lag 0 was given its due.
+        meets &= (lag_x != 0) | (lag_y != 0)
+        for rim in self.rims:
+            exact[meets] += rim.correction_um2(lag_x[meets], lag_y[meets]) / self.energy_um2
+        return exact
+
+    def coarse_otf(self, lag_x_um: Floats, lag_y_um: Floats) -> Floats:
+        """The OTF without the effect of the shapes of cut dots, within ``coarse_uncertainty``, and much faster.
+
+        Raises:
+            InternalError: MF901 for a lag beyond the table's reach.
+        """
+        lag_x, lag_y = np.asarray(lag_x_um), np.asarray(lag_y_um)
+        self._refuse_beyond_reach(lag_x, lag_y)
+        total = np.zeros(np.broadcast(lag_x, lag_y).shape)
+        cells_y, dots_y, cells_x, dots_x = self.values.shape
+        flat = self.values.ravel()
+        along_x = list(neighbours(self.x, lag_x, (cells_x, dots_x)))
+        for row, weight_y in neighbours(self.y, lag_y, (cells_y, dots_y)):
+            start = row * (cells_x * dots_x)
+            for column, weight_x in along_x:
+                total += weight_y * weight_x * flat[start + column]
+        return total / self.energy_um2
+
+    def coarse_grid(self, lag_x_um: Floats, lag_y_um: Floats) -> Floats:
+        """The coarse OTF where columns [n] of lags cross rows [m] of them, [m, n], faster still.
+
+        Raises:
+            InternalError: MF901 for a lag beyond the table's reach.
+        """
+        self._refuse_beyond_reach(lag_x_um, lag_y_um)
+        cells_y, dots_y, cells_x, dots_x = self.values.shape
+        table = self.values.reshape(cells_y * dots_y, cells_x * dots_x)
+        rows = np.zeros((lag_y_um.size, table.shape[1]))
+        for row, weight in neighbours(self.y, lag_y_um, (cells_y, dots_y)):
+            rows += weight[:, None] * table[row]
+        grid = np.zeros((lag_y_um.size, lag_x_um.size))
+        for column, weight in neighbours(self.x, lag_x_um, (cells_x, dots_x)):
+            grid += weight * rows[:, column]
+        return grid / self.energy_um2
+
+    def _refuse_beyond_reach(self, lag_x_um: Floats, lag_y_um: Floats) -> None:
+        longest = max(abs(lag_x_um).max(initial=0.0), abs(lag_y_um).max(initial=0.0))
+        if longest > self.reach_um * (1 + 1e-9):
+            raise InternalError("MF901", f"lag {longest:g} um is beyond the table's reach of {self.reach_um:g} um")
+
+    @property
+    def near_um(self) -> float:
+        """Lags shorter than that are near 0."""
+        return _NEAR_DOTS * max(self.x.dot_um, self.y.dot_um)
+
+    @property
+    def uncertainty(self) -> float:
+        """Error bound of C(s) / C(0) at any lag."""
+        return max(self.errors)
+
+    @property
+    def cut_dots(self) -> int:
+        """Number of cut dots whose shapes count."""
+        return sum(rim.dots.row.size for rim in self.rims)
+
+    @cached_property
+    def coarse_errors(self) -> tuple[float, float]:
+        """Error of C(s) / C(0) without ``rims``, near lag 0 and beyond: twice the largest of some."""
+        if not self.rims:
+            return self.errors
+        random = np.random.default_rng(0)
+        near = self.near_um
+        count = int(np.clip(_FEW_PAIRS / 2 / self.cut_dots, _FEWEST_SAMPLES, _MOST_SAMPLES))
+        farthest = max(near, min(self.reach_um, max(self.rims[0].dots.stop.sides_um)))
+        angle = random.uniform(0, np.pi, _NEAR_SAMPLES + count)
+        radius = np.concatenate([near * random.random(_NEAR_SAMPLES), near * (farthest / near) ** random.random(count)])
+        half_x, half_y = self.x.dot_um / 2, self.y.dot_um / 2
+        x = np.concatenate([[half_x, 0.0, half_x, -half_x], radius * np.cos(angle)])
+        y = np.concatenate([[0.0, half_y, half_y, half_y], radius * np.sin(angle)])
+        held = np.maximum(abs(x), abs(y)) <= self.reach_um
+        change = np.zeros(x.size)
+        change[held] = 2 * abs(self.otf(x[held], y[held]) - self.coarse_otf(x[held], y[held]))
+        return float(change.max()) + self.errors[0], float(change[4 + _NEAR_SAMPLES :].max()) + self.errors[1]
+
+    @property
+    def coarse_uncertainty(self) -> float:
+        """Error bound of the coarse transfer function at any lag."""
+        return max(self.coarse_errors)
+
+    def bounded_otf(self, lag_x_um: Floats, lag_y_um: Floats, coarse: Floats | None = None) -> tuple[Floats, Floats]:
+        """C(s) / C(0) at lags [n], exact where that costs little, and the error of each.
+
+        Args:
+            lag_x_um, lag_y_um: the lags.
+            coarse: ``coarse_otf`` there, if known.
+        """
+        near = np.hypot(lag_x_um, lag_y_um) < self.near_um
+        coarse = self.coarse_otf(lag_x_um, lag_y_um) if coarse is None else coarse
+        if not self.rims:
+            return coarse, np.where(near, *self.errors)
+        meets = ~apart(self.rims[0].dots.stop, lag_x_um, lag_y_um)
+        dots = self.cut_dots
+        exact = meets if np.count_nonzero(meets) * dots <= _FEW_PAIRS else near & meets
+        if np.count_nonzero(exact & near) * dots > _FEW_NEAR_PAIRS:
+            exact = exact & ~near
+        values = coarse * meets
+        values[exact] = self.otf(lag_x_um[exact], lag_y_um[exact])
+        return values, np.where(exact, np.where(near, *self.errors), np.where(near, *self.coarse_errors)) * meets
+
+    @property
+    def volume_um2(self) -> float:
+        """Integral of C(s) / C(0) over all lags: the clear area, if the mask is binary.
+
+        A sum over all lags does not care that those beyond the reach are folded onto each other.
+        """
+        return float((self.values.sum() - self.spread_um2) * self.x.dot_um * self.y.dot_um / self.energy_um2)
+
+
+def lag_table(pupil: Pupil, reach_um: float = np.inf) -> LagTable:
+    """Autocorrelate a pupil by FFT over cells and dots at once.
+
+    Args:
+        pupil: openings inside the stop.
+        reach_um: the largest lag along either axis that will be asked for; a shorter reach is a smaller transform.
+    """
+    dot_area = pupil.x.dot_um * pupil.y.dot_um
+    values = _autocorrelation(pupil, dot_blocks(pupil.x, pupil.y, pupil.mean_transmission), reach_um)
+    values *= dot_area
+    spread = float(pupil.variance.sum()) * dot_area
+    values[0, 0, 0, 0] += spread
+    energy = float(values[0, 0, 0, 0])
+    values.flags.writeable = False
+    rim = rim_lags(pupil, reach_um)
+    unknown = shape_errors(pupil, energy, cut_dots=rim is None)
+    # Areas are told to some last places of the stop's.
+    rounding = 1e-15 + 4 * np.finfo(np.float64).eps * pupil.rim_row.size * pupil.stop.area_um2 / max(energy, 1e-300)
+    errors = unknown[0] + rounding, unknown[1] + rounding
+    return LagTable(pupil.x, pupil.y, values, reach_um, energy, errors, () if rim is None else (rim,), spread)
+
+
+def shape_errors(pupil: Pupil, energy_um2: float, *, cut_dots: bool) -> tuple[float, float]:
+    """Error of C(s) / C(0), near lag 0 and beyond, where of dots that are clear in part only the means are known.
+
+    Args:
+        pupil: holds them.
+        energy_um2: C(0).
+        cut_dots: whether the shapes of dots that the stop cuts are unknown, too.
+
+    Notes:
+        At whole-dot lags the error is at most the autocorrelation of standard deviations (Cauchy-Schwarz). In between a
+        dot meets the edge of another, at most half its contrast off, with random sign: three sigma of that sum. Near
+        lag 0 all dots meet themselves, and their variances add up.
+    """
+    variance = pupil.variance if cut_dots else pupil.whole_variance
+    if not variance.any():
+        return 0.0, 0.0
+    share = pupil.x.dot_um * pupil.y.dot_um / energy_um2
+    spread = float(variance.sum())
+    beyond = (_largest_overlap(variance) + 1.5 * float(np.sqrt(spread))) * share
+    return min(beyond + spread * share, 1.0), min(beyond, 1.0)
+
+
+def _largest_overlap(variance: Floats) -> float:
+    """The largest autocorrelation, lag 0 aside, of the standard deviations of intervals of such variances.
+
+    Gutters count as intervals, which makes some lags alike that are not; their sums are still a bound.
+    """
+    height, width = variance.shape
+    if np.count_nonzero(variance) ** 2 <= _MOST_PAIRS:
+        row, column = np.nonzero(variance)
+        value = np.sqrt(variance[row, column])
+        place = row * 2 * width + column
+        first, second = np.nonzero(place[:, None] > place)
+        found = np.bincount(place[first] - place[second], value[first] * value[second])
+        return float(found.max(initial=0.0))
+    sizes = [scipy.fft.next_fast_len(2 * n - 1, real=True) for n in (height, width)]
+    # A bound needs no more than single precision, whose error is added.
+    deviation, padded = np.empty(variance.shape, dtype=np.float32), [sizes[0], 1, 1, sizes[1]]
+    np.sqrt(variance, out=deviation, casting="same_kind")
+    largest = 0.0
+    for rows, lags in _lags(_power(deviation[:, None, None, :], padded), padded):
+        if rows.start == 0:
+            lags[0, 0, 0, 0] = 0.0
+        largest = max(largest, float(lags.max()))
+    return largest + _SINGLE * float(variance.sum())
+
+
+def dot_blocks(x: Lattice, y: Lattice, values: NDArray[Scalar]) -> NDArray[Scalar]:
+    """Values of intervals as those of dots, [cells y, dots y, cells x, dots x]; cells of one dot without a gutter."""
+    dots = values[np.ix_(y.dot_index().ravel(), x.dot_index().ravel())]
+    (cells_y, dots_y), (cells_x, dots_x) = _periods(y), _periods(x)
+    return dots.reshape(cells_y, dots_y, cells_x, dots_x)
+
+
+def _periods(lattice: Lattice) -> tuple[int, int]:
+    """Cells and dots that must be told apart: without gutters every dot is its own cell."""
+    return (lattice.cells, lattice.dots) if lattice.has_gutter else (lattice.cells * lattice.dots, 1)
+
+
+def _autocorrelation(pupil: Pupil, blocks: Floats, reach_um: float) -> Floats:
+    """Autocorrelation along all four axes, padded so that nothing folds onto lags within reach."""
+    sizes = [
+        scipy.fft.next_fast_len(min(2 * n - 1, n + extra), real=True) if n > 1 else 1
+        for n, extra in zip(blocks.shape, (*_extra(pupil.y, reach_um), *_extra(pupil.x, reach_um)), strict=True)
+    ]
+    return correlated(blocks, sizes)
+
+
+def correlated(blocks: Floats, sizes: list[int]) -> Floats:
+    """Autocorrelation of [a, b, c, d] values by transforms of the given sizes, negative lags wrapped round."""
+    power = _power(blocks, sizes)
+    values = np.empty(sizes, dtype=blocks.dtype)
+    for rows, lags in _lags(power, sizes):
+        values[rows] = lags
+    opposite = np.ix_(*(-np.arange(size) % size for size in sizes[1:]))
+    for row in range(len(power), sizes[0]):
+        values[row] = values[sizes[0] - row][opposite]
+    return values
+
+
+def _power(blocks: Reals, sizes: list[int]) -> NDArray[np.complexfloating[Any]]:
+    """Autocorrelation along y, from lag 0 on, of transforms along x; opposite lags and frequencies are alike.
+
+    What is transformed along y is squared and transformed back a few columns at a time, never held in full.
+    """
+    spectrum = scipy.fft.rfftn(blocks, *_along_x(sizes))
+    columns = spectrum.reshape(*blocks.shape[:2], -1)
+    power = np.empty((sizes[0] // 2 + 1, sizes[1], columns.shape[2]), dtype=columns.dtype)
+    axes = [0, 1] if sizes[1] > 1 else [0]
+    for start in range(0, columns.shape[2], _COLUMNS_AT_A_TIME):
+        part = slice(start, start + _COLUMNS_AT_A_TIME)
+        field = scipy.fft.fftn(columns[:, :, part], [sizes[axis] for axis in axes], axes=axes)
+        squares = field.real**2
+        squares += field.imag**2
+        # Squares are real, so half of the lags tell the others.
+        power[:, :, part] = scipy.fft.rfftn(squares, axes=axes[::-1], norm="forward").conj()
+    return power.reshape(*power.shape[:2], *spectrum.shape[2:])
+
+
+def _lags(power: NDArray[np.complexfloating[Any]], sizes: list[int]) -> Iterator[tuple[slice, Floats]]:
+    """The autocorrelation at lags along x, a few rows at a time."""
+    for start in range(0, len(power), _ROWS_AT_A_TIME):
+        rows = slice(start, min(start + _ROWS_AT_A_TIME, len(power)))
+        yield rows, scipy.fft.irfftn(power[rows], *_along_x(sizes))
+
+
+def _along_x(sizes: list[int]) -> tuple[list[int], list[int]]:
+    """Sizes and axes of transforms over the last two of four axes, without those of a single value."""
+    axes = [k for k in (2, 3) if sizes[k] > 1] or [3]
+    return [sizes[k] for k in axes], axes
+
+
+def _extra(lattice: Lattice, reach_um: float) -> tuple[int, int]:
+    """Padding of the cells and of the dots that keeps lags up to the reach apart from folded ones."""
+    pitch = lattice.pitch_um if lattice.has_gutter else lattice.dot_um
+    cells, dots = _periods(lattice)
+    return cells if not np.isfinite(reach_um) else int(np.ceil(reach_um / pitch)) + 2, dots
+
+
+def neighbours(lattice: Lattice, lag: Floats, sizes: tuple[int, int]) -> Iterator[tuple[NDArray[np.intp], Floats]]:
+    """Flat indices into a table of lags [cells, dots] along one axis, and weights that interpolate it linearly."""
+    cells, dots = _periods(lattice)
+    pitch = lattice.pitch_um if lattice.has_gutter else lattice.dot_um
+    whole = np.floor(lag / pitch)
+    for cell in (whole, whole + 1):
+        within = (lag - cell * pitch) / lattice.dot_um
+        if dots == 1:
+            # A cell of one dot meets others in one way only.
+            ways = [(np.zeros(()), np.maximum(1 - abs(within), 0))]
+        else:
+            base = np.floor(within)
+            ways = [(base, 1 - (within - base)), (base + 1, within - base)]
+        for dot, weight in ways:
+            valid = (abs(cell) < cells) & (abs(dot) < dots)
+            place = (cell + sizes[0] * (cell < 0)) * sizes[1] + dot + sizes[1] * (dot < 0)
+            yield (place * valid).astype(np.intp), weight * valid
+
+
+_LAG_ROWS_AT_A_TIME = 128
+
+
+@dataclass(frozen=True, eq=False)
+class AxisLags:
+    """The pupil's autocorrelation along one axis, the lag along the other being 0.
+
+    Attributes:
+        lattice: the pupil's lattice along the axis.
+        values: float64 [cells, dots] in square micrometres, negative lags wrapped round, good for every lag.
+    """
+
+    lattice: Lattice
+    values: Floats
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", frozen(self.values))
+
+    def at(self, lag_um: Floats) -> Floats:
+        """The autocorrelation at lags of any shape; linear between the table's, which is exact for whole dots."""
+        total = np.zeros(lag_um.shape)
+        cells, dots = self.values.shape
+        for place, weight in neighbours(self.lattice, lag_um, (cells, dots)):
+            total += weight * self.values.ravel()[place]
+        return total
+
+    def transform(self, places: Floats, offsets: Floats) -> Floats:
+        """Its integral over all lags against cos(2πus), in cubic micrometres.
+
+        Args:
+            places, offsets: [m] and [k], whose sums are the frequencies u per micrometre; split to spare waves.
+
+        Returns:
+            float64 [m, k].
+        """
+        cells, dots = self.values.shape
+        dot = self.lattice.dot_um
+        cell_lag = (self.lattice.pitch_um if self.lattice.has_gutter else dot) * np.arange(cells // 2 + 1)
+        dot_lag = dot * scipy.fft.fftfreq(dots, 1 / dots)
+        # Opposite lags are alike.
+        weighed = self.values[: cell_lag.size] * np.where(cell_lag > 0, 2.0, 1.0)[:, None]
+        along, between = (np.exp(2j * np.pi * places[:, None] * lag) for lag in (cell_lag, dot_lag))
+        total = np.empty((places.size, offsets.size))
+        for k, offset in enumerate(offsets):
+            cell_turn, dot_turn = (np.exp(2j * np.pi * offset * lag) for lag in (cell_lag, dot_lag))
+            total[:, k] = ((along @ (cell_turn[:, None] * weighed * dot_turn)) * between).real.sum(axis=1)
+        return np.asarray(total * dot * np.sinc(dot * (places[:, None] + offsets)) ** 2)
+
+
+def axis_lags(pupil: Pupil, energy_um2: float) -> tuple[AxisLags, AxisLags]:
+    """Autocorrelations along x and along y at every lag up to the pupil's width.
+
+    Args:
+        pupil: openings inside the stop.
+        energy_um2: the value at lag 0, which dots that the stop cuts do not give by their means.
+    """
+    grey = pupil.mean_transmission[np.ix_(pupil.y.dot_index().ravel(), pupil.x.dot_index().ravel())]
+    area = pupil.x.dot_um * pupil.y.dot_um
+    found = []
+    for lattice, rows in ((pupil.x, grey), (pupil.y, grey.T)):
+        # Without gutters every dot is a cell, as in the lag table.
+        period = (lattice.cells, lattice.dots) if lattice.has_gutter else (lattice.cells * lattice.dots, 1)
+        sizes = [scipy.fft.next_fast_len(2 * n - 1, real=True) for n in period]
+        axes, sizes = ([1], sizes[:1]) if period[1] == 1 else ([1, 2], sizes)
+        power: Floats | float = 0.0
+        for start in range(0, len(rows), _LAG_ROWS_AT_A_TIME):
+            part = rows[start : start + _LAG_ROWS_AT_A_TIME]
+            spectrum = scipy.fft.rfftn(part.reshape(-1, *period), sizes, axes=axes)
+            power = power + (spectrum.real**2 + spectrum.imag**2).sum(axis=0)
+        values = scipy.fft.irfftn(power, sizes, axes=[axis - 1 for axis in axes]) * area
+        values[0, 0] = energy_um2
+        found.append(AxisLags(lattice, values))
+    return found[0], found[1]

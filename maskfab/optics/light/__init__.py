@@ -1,1 +1,0 @@
-"""Colours of light: camera responses, illuminants, and the wavelengths that stand for a band."""

@@ -1,0 +1,580 @@
+"""Cuts and radial statistics of the presampled MTF: optics x sensor pixel, before any sampling can alias it.
+
+The MTF at stated frequencies, in the direction in which it is lowest.
+
+MTF of a sampled picture: the aliased modulation transfer, and its change with the sub-pixel phase.
+
+Samples h((n + φ) p) of a PSF with transfer function O have the discrete transform
+
+    A(ν; φ) = Σ_k O(ν + k/p) exp(2πi k·φ),                      (Poisson summation; Goodman, Fourier Optics, 2.4)
+
+k running over all whole vectors. O ends at D / (λf), so the sum is finite and exact. The aliased MTF is
+|A(ν; φ)| / |A(0; φ)|, what one computes from sampled values that were scaled to sum 1. It is no property of the optics
+alone: for that, see :mod:`maskfab.optics.mtf`.
+
+Notes:
+    A(0; φ) is the sum of the samples and can be small or zero if a PSF without pixels is sampled too coarsely; a
+    pixel's own sinc has its zeros at all k/p, so for pixel means the sum is 1 whatever the phase.
+
+Images of black and white edges, and the colour that three wavelengths give them.
+
+An edge along y is a step of the scene; its image is the integral of the line spread function, the transform of the OTF
+along x (Goodman, Fourier Optics, 6.2). From lags it is known without a window. From pixels in a window it is known
+within half of what falls outside, for a PSF that is alike on opposite sides.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import product
+from typing import Literal
+
+import numpy as np
+from numpy.polynomial.legendre import leggauss
+from numpy.typing import NDArray
+
+from maskfab.base.arrays import Floats, Indices
+from maskfab.base.errors import InternalError, JobError
+from maskfab.base.model import Camera, Mtf, Psf, Quantity, RadialMean, frozen
+from maskfab.base.units import UM_PER_MM
+from maskfab.optics.colour import delta_e_1976, lab_of_linear_srgb
+from maskfab.optics.lags import AxisLags, LagTable
+from maskfab.optics.psf import cutoff, image_scale_um2, odd_samples
+from maskfab.optics.spectrum import Spectrum, pixel_transfer, polychromatic_otf
+
+RINGS = 147
+"""Radii from 0 to half a cycle per pixel; as many as the published curves have at 470 nm."""
+
+LEVELS = (50, 30, 10)
+"""Modulations in per cent about whose first crossing the radial mean is told on exact radii."""
+
+# How many lags of a ring are made exact at first, and pairs of lags and cut dots after which no more are.
+_FIRST_OF_RING, _MOST_PAIRS = 1, 200_000
+
+# Rings to either side of a crossing, radii in each, and directions for each dot of a half circle of lags.
+_RINGS_ABOUT, _RADII_PER_RING, _DIRECTIONS_PER_DOT = 2, 3, 2
+_FEWEST_DIRECTIONS, _FEW_DIRECTIONS, _MOST_DIRECTIONS = 16, 64, 1024
+
+
+def presampled_mtf(table: LagTable, camera: Camera, wavelength_nm: float, levels: Sequence[float] = LEVELS) -> Mtf:
+    """MTF from 0 to half a cycle per pixel along four directions, and its radial mean, minimum and maximum.
+
+    Radial statistics are taken over rings one sample wide of a square grid of frequencies, the corners left out. The
+    pixel is a full square, so its transfer is sinc(ν_x p) sinc(ν_y p). About its first crossings of the ``levels``, in
+    per cent, the radial mean is told on exact radii.
+    """
+    view = _View(table, camera, wavelength_nm)
+    step = 0.5 / camera.pixel_um / (RINGS - 1)
+    axis = step * np.arange(RINGS, dtype=np.float64)
+    rings = _rings(view, step)
+    slant = axis / np.sqrt(2)
+    slanted, slanted_errors = view.bounded(np.concatenate([slant, -slant]), np.concatenate([slant, slant]))
+    diagonal, antidiagonal = slanted.reshape(2, RINGS)
+    cuts = {
+        "horizontal": rings.horizontal,
+        "vertical": rings.vertical,
+        "diagonal": diagonal,
+        "antidiagonal": antidiagonal,
+        "radial_mean": rings.mean,
+        "radial_min": rings.low,
+        "radial_max": rings.high,
+    }
+    uncertainty = max(float(slanted_errors.max()), float(rings.error.max()))
+    least = float(rings.low_error.mean())
+    return Mtf(axis * UM_PER_MM, cuts, wavelength_nm, uncertainty, least, _falls(view, rings, step, levels))
+
+
+def longest_lag_um(camera: Camera) -> float:
+    """The largest lag that :func:`presampled_mtf` asks for at any of the camera's wavelengths."""
+    return max(image_scale_um2(camera, w) for w in camera.wavelengths_nm) * 0.5 / camera.pixel_um
+
+
+def area_under_radial_min(mtf: Mtf) -> float:
+    """Mean of the radial minimum over its samples from 0 to half a cycle per pixel (the AUC of the literature)."""
+    return float(mtf.cuts["radial_min"].mean())
+
+
+def frequency_at(mtf: Mtf, level: float) -> tuple[float, float] | None:
+    """The first frequency, in cy/mm, at which the radial mean falls below a level, and its error.
+
+    The error reaches to the first frequencies at which the mean could fall below the level, and at which it must: it is
+    large where the curve is flat, or nearly falls before.
+
+    Returns:
+        None if it stays above to the end.
+    """
+    mean = mtf.falls
+    found = first_below(mean.frequency_cy_per_mm, mean.modulation, level)
+    if found is None:
+        return None
+    least, most = (
+        first_below(mean.frequency_cy_per_mm, mean.modulation + sign * mean.error, level) for sign in (-1, 1)
+    )
+    last = float(mtf.frequency_cy_per_mm[-1])
+    return found, max(found - (found if least is None else least), (last if most is None else most) - found)
+
+
+def first_below(frequency: Floats, values: Floats, level: float) -> float | None:
+    """Where samples joined by straight lines first fall below a level."""
+    below = np.flatnonzero(values < level)
+    if not below.size:
+        return None
+    k = int(below[0])
+    if k == 0:
+        return float(frequency[0])
+    share = (values[k - 1] - level) / (values[k - 1] - values[k])
+    return float(frequency[k - 1] + share * (frequency[k] - frequency[k - 1]))
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """The presampled MTF at any frequency, in cycles per micrometre of sensor."""
+
+    table: LagTable
+    camera: Camera
+    wavelength_nm: float
+
+    @property
+    def scale_um2(self) -> float:
+        return image_scale_um2(self.camera, self.wavelength_nm)
+
+    def pixel(self, nu_x: Floats, nu_y: Floats) -> Floats:
+        return np.asarray(np.sinc(nu_x * self.camera.pixel_um) * np.sinc(nu_y * self.camera.pixel_um))
+
+    def exact(self, nu_x: Floats, nu_y: Floats) -> Floats:
+        optics = abs(self.table.otf(self.scale_um2 * nu_x, self.scale_um2 * nu_y))
+        return np.asarray(optics * self.pixel(nu_x, nu_y))
+
+    def bounded(self, nu_x: Floats, nu_y: Floats) -> tuple[Floats, Floats]:
+        """Modulation, and an error bar for each."""
+        optics, error = self.table.bounded_otf(self.scale_um2 * nu_x, self.scale_um2 * nu_y)
+        pixel = self.pixel(nu_x, nu_y)
+        return abs(optics) * pixel, error * pixel
+
+    def bounded_on_grid(self, step: float, steps_x: Indices, steps_y: Indices) -> tuple[Floats, Floats]:
+        """The bounded MTF at so many steps of frequency, fewer than RINGS of them, and not downwards."""
+        axis = step * np.arange(1 - RINGS, RINGS, dtype=np.float64)
+        column, row = steps_x + RINGS - 1, steps_y + RINGS - 1
+        lag, pixel = self.scale_um2 * axis, np.sinc(axis * self.camera.pixel_um)
+        coarse = self.table.coarse_grid(lag, lag[RINGS - 1 :])[steps_y, column]
+        optics, error = self.table.bounded_otf(lag[column], lag[row], coarse)
+        along = pixel[column] * pixel[row]
+        return abs(optics) * along, error * along
+
+
+@dataclass(frozen=True, eq=False)
+class _Rings:
+    """Mean, least and greatest modulation of every ring; bounds of the errors of all, and of the least; along axes."""
+
+    mean: Floats
+    low: Floats
+    high: Floats
+    error: Floats
+    low_error: Floats
+    horizontal: Floats
+    vertical: Floats
+
+
+@cache
+def _ring_grid() -> tuple[Indices, Indices, Indices]:
+    """Steps across and up of the upper half of the square grid, ring by ring, and where each ring begins."""
+    axis = np.arange(RINGS)
+    across, up = np.meshgrid(np.concatenate([-axis[:0:-1], axis]), axis)
+    ring = np.rint(np.hypot(across, up)).astype(np.intp)
+    # Opposite frequencies are alike; of those on the horizontal axis one side counts.
+    inside = (ring < RINGS) & ((up > 0) | (across >= 0))
+    order = np.argsort(ring[inside], kind="stable")
+    starts = np.searchsorted(ring[inside][order], axis)
+    return frozen(across[inside][order]), frozen(up[inside][order]), frozen(starts)
+
+
+def _rings(view: _View, step: float) -> _Rings:
+    """Statistics over rings; what may be a ring's least value is found exactly."""
+    steps_x, steps_y, starts = _ring_grid()
+    nu_x, nu_y = step * steps_x.astype(np.float64), step * steps_y.astype(np.float64)
+    count = np.diff(np.append(starts, nu_x.size))
+    values, errors = view.bounded_on_grid(step, steps_x, steps_y)
+    sure, low = _refined_minima(view, nu_x, nu_y, values, errors, starts)
+    # Where too many lags are alike some stay coarse, and one of them may be less.
+    floor = np.minimum.reduceat(np.where(sure, np.inf, np.maximum(values - errors, 0)), starts)
+    of_sure = np.maximum.reduceat(np.where(sure, errors, 0.0), starts)
+    return _Rings(
+        np.add.reduceat(values, starts) / count,
+        low,
+        np.maximum.reduceat(values, starts),
+        np.maximum.reduceat(errors, starts),
+        np.maximum(low - floor, of_sure),
+        values[steps_y == 0],
+        values[steps_x == 0],
+    )
+
+
+def _refined_minima(
+    view: _View, nu_x: Floats, nu_y: Floats, values: Floats, errors: Floats, starts: Indices
+) -> tuple[NDArray[np.bool_], Floats]:
+    """Make exact, in place, what may be less than a ring's least exact value, some of every ring at a time.
+
+    Returns:
+        Which values are exact, and the least of them in every ring.
+    """
+    table = view.table
+    ring = np.repeat(np.arange(RINGS), np.diff(np.append(starts, values.size)))
+    sure = errors <= table.uncertainty
+    low = np.minimum.reduceat(np.where(sure, values, np.inf), starts)
+    spent, at_a_time = 0, _FIRST_OF_RING
+    while table.rims and spent < _MOST_PAIRS:
+        k = np.flatnonzero(~sure & (np.maximum(values - errors, 0.0) < low[ring] - table.uncertainty))
+        k = k[_least(ring[k], values[k], at_a_time)]
+        if not k.size:
+            break
+        values[k], errors[k], sure[k] = view.exact(nu_x[k], nu_y[k]), table.uncertainty, True
+        low = np.minimum.reduceat(np.where(sure, values, np.inf), starts)
+        spent, at_a_time = spent + k.size * table.cut_dots, 4 * at_a_time
+    return sure, low
+
+
+def _least(group: Indices, values: Floats, count: int) -> Indices:
+    """Places of the least values of every group, so many of each at most; groups ascend."""
+    if count == 1:
+        starts = np.flatnonzero(np.diff(group, prepend=-1))
+        least = np.minimum.reduceat(values, starts) if group.size else values
+        places = np.flatnonzero(values == np.repeat(least, np.diff(starts, append=group.size)))
+        return places[np.diff(group[places], prepend=-1) > 0]
+    order = np.lexsort((values, group))
+    return order[np.arange(order.size) - np.searchsorted(group, group) < count]
+
+
+def _falls(view: _View, rings: _Rings, step: float, levels: Sequence[float]) -> RadialMean:
+    """The mean over directions on exact radii, wherever it may first fall below one of the levels."""
+    chosen = np.zeros(RINGS, dtype=np.bool_)
+    found = []
+    for level in levels:
+        may, must = (np.flatnonzero(rings.mean + sign * rings.error < level / 100) for sign in (-1, 1))
+        first = int(may[0]) if may.size else RINGS
+        last = int(must[0]) if must.size else first
+        about = np.zeros(RINGS, dtype=np.bool_)
+        about[max(0, first - _RINGS_ABOUT) : last + _RINGS_ABOUT] = True
+        # What is told for a higher level is told.
+        rings_of_level = np.flatnonzero(about & ~chosen)
+        chosen |= about
+        if rings_of_level.size:
+            found.append(_directional_mean(view, step, rings_of_level))
+    if not found:
+        found.append(_directional_mean(view, step, np.zeros(1, dtype=np.intp)))
+    frequency, mean, error = np.concatenate(found, axis=1)
+    return RadialMean(UM_PER_MM * frequency, mean, error)
+
+
+def _directional_mean(view: _View, step: float, rings: Indices) -> Floats:
+    """Radii from rings to the next ones, the mean over directions at each, and its error, [3, n]."""
+    lag = view.scale_um2 * step * float(rings[-1] + 1)
+    wanted = _DIRECTIONS_PER_DOT * math.pi * lag / view.table.x.dot_um
+    count = 2 ** math.ceil(math.log2(min(max(wanted, _FEWEST_DIRECTIONS), _MOST_DIRECTIONS)))
+    # The curve bends where lags are short, and there directions are few.
+    parts = _RADII_PER_RING if count > _FEW_DIRECTIONS else 2 * _RADII_PER_RING
+    places = (rings[:, None] + np.arange(parts) / parts).ravel()
+    radii = step * places[places <= RINGS - 1]
+    angle = np.pi * np.arange(count) / count
+    values, errors = view.bounded(np.outer(radii, np.cos(angle)).ravel(), np.outer(radii, np.sin(angle)).ravel())
+    values, errors = values.reshape(-1, count), errors.reshape(-1, count)
+    # Every other direction errs by half of how far both halves are apart, and all of them by less.
+    quadrature = abs(values[:, ::2].mean(axis=1) - values[:, 1::2].mean(axis=1)) / 2
+    mean = values.mean(axis=1)
+    # A straight line is off by no more than this where a curve is convex or has one kink.
+    bend = abs(np.diff(mean, 2)) / 2
+    bend = np.pad(bend, 1, mode="edge") if bend.size else np.zeros(mean.size)
+    return np.stack([radii, mean, quadrature + errors.mean(axis=1) + bend])
+
+
+def worst_directions(mtf: Mtf, frequencies_cy_per_mm: Sequence[float], die: str | None) -> list[Quantity]:
+    """The radial minimum at each frequency.
+
+    Args:
+        mtf: of one wavelength.
+        frequencies_cy_per_mm: on the sensor, at most half a cycle per pixel.
+        die: whose numbers these are.
+
+    Notes:
+        Between two rings the minimum is interpolated; it may lie anywhere between theirs, so that the error holds both.
+    """
+    rings, least = mtf.frequency_cy_per_mm, mtf.cuts["radial_min"]
+    found = []
+    for frequency in frequencies_cy_per_mm:
+        value = float(np.interp(frequency, rings, least))
+        after = int(np.clip(np.searchsorted(rings, frequency), 1, rings.size - 1))
+        near = least[after - 1 : after + 1] if frequency < rings[after] else least[after : after + 1]
+        found.append(
+            Quantity(
+                f"mtf_worst_{frequency:g}",
+                value,
+                f"radial minimum of the presampled MTF at {frequency:g} cy/mm, between rings interpolated",
+                uncertainty=mtf.uncertainty + float(np.abs(near - value).max()),
+                die=die,
+                wavelength_nm=mtf.wavelength_nm,
+            )
+        )
+    return found
+
+
+PHASES = 16
+"""Sub-pixel phases along each axis; 0 and half a pixel, where symmetric PSFs have their extremes, are among them."""
+
+
+@dataclass(frozen=True, eq=False)
+class AliasedMtf:
+    """The MTF of a PSF sampled once per pixel; aliased, unlike :class:`maskfab.base.model.Mtf`.
+
+    Attributes:
+        frequency_cy_per_mm: float64 [2, n], x and y component.
+        values: float64 [phases y, phases x, n].
+        phases: float64 [phases], offset of the PSF from the pixels' grid, in pixels.
+        sampled: ``point`` values, or ``pixel`` means over full square pixels.
+        uncertainty: bound on the absolute error of any value.
+    """
+
+    frequency_cy_per_mm: Floats
+    values: Floats
+    phases: Floats
+    sampled: Literal["point", "pixel"]
+    uncertainty: float
+
+    def __post_init__(self) -> None:
+        for name in ("frequency_cy_per_mm", "values", "phases"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    @property
+    def lowest(self) -> Floats:
+        """Smallest value over all phases, [n]."""
+        return np.asarray(self.values.min(axis=(0, 1)))
+
+    @property
+    def highest(self) -> Floats:
+        """Largest value over all phases, [n]."""
+        return np.asarray(self.values.max(axis=(0, 1)))
+
+
+def aliased_mtf(
+    table: LagTable,
+    camera: Camera,
+    spectrum: Spectrum,
+    nu_x: Floats,
+    nu_y: Floats,
+    *,
+    sampled: Literal["point", "pixel"] = "pixel",
+    phases: int = PHASES,
+) -> AliasedMtf:
+    """The aliased MTF at every sub-pixel phase.
+
+    Args:
+        table: lags up to the stop's diameter; one of shorter reach does not hold the aliases.
+        camera: gives focal length, stop and pixel.
+        spectrum: the light.
+        nu_x, nu_y: float64 [n], cycles per micrometre of sensor.
+        sampled: whether the PSF is sampled at points or averaged over pixels first.
+        phases: how many along each axis.
+
+    Raises:
+        JobError: MF104 if there is no phase, or if the samples of some phase sum to nothing.
+        InternalError: MF901 if the table's reach is short.
+    """
+    if phases < 1:
+        raise JobError("MF104", f"{phases} sub-pixel phases are too few", cure="Give 1 phase or more")
+    wanted_x, wanted_y = np.append(nu_x, 0.0), np.append(nu_y, 0.0)
+    orders_x, orders_y = (_orders(camera, spectrum, nu) for nu in (wanted_x, wanted_y))
+    alias_x = wanted_x + orders_x[:, None] / camera.pixel_um
+    alias_y = wanted_y + orders_y[:, None] / camera.pixel_um
+    nu_xy = np.broadcast_arrays(alias_x, alias_y[:, None, :])
+    values = _transfer(table, camera, spectrum, nu_xy[0], nu_xy[1], sampled)
+    phase = np.arange(phases, dtype=np.float64) / phases
+    turn_x, turn_y = (np.exp(2j * np.pi * phase[:, None] * orders) for orders in (orders_x, orders_y))
+    sums = abs(np.einsum("al,bk,lkn->abn", turn_y, turn_x, values, optimize=True))
+    total = sums[..., -1:]
+    aliases = orders_x.size * orders_y.size
+    if total.min() <= aliases * max(table.coarse_uncertainty, 1e-12):
+        raise JobError(
+            "MF104",
+            f"samples {camera.pixel_um:g} um apart can sum to nothing, so their MTF has no scale",
+            cure="Average over pixels, or sample finer",
+        )
+    uncertainty = 2 * aliases * table.coarse_uncertainty / float(total.min())
+    frequency = UM_PER_MM * np.stack([np.asarray(nu_x), np.asarray(nu_y)])
+    return AliasedMtf(frequency, sums[..., :-1] / total, phase, sampled, uncertainty)
+
+
+def phase_spread(aliased: AliasedMtf, presampled: Floats, die: str | None = None) -> Quantity:
+    """Largest distance, over frequencies and phases, of the aliased MTF from the presampled one.
+
+    Args:
+        aliased: see :func:`aliased_mtf`.
+        presampled: float64 [n], the MTF with the same pixel but before sampling, at the same frequencies.
+        die: whose number this is.
+    """
+    distance = abs(aliased.values - presampled).max()
+    return Quantity(
+        "mtf_aliasing",
+        float(distance),
+        f"largest distance of the aliased MTF ({aliased.sampled} samples) from the presampled one over "
+        f"{aliased.phases.size} x {aliased.phases.size} sub-pixel phases and the frequencies of the cut",
+        uncertainty=aliased.uncertainty,
+        die=die,
+    )
+
+
+def cy_per_pixel(frequency_cy_per_mm: Floats, pixel_um: float) -> Floats:
+    """Cycles per pixel of a frequency on the sensor."""
+    return np.asarray(frequency_cy_per_mm * pixel_um * 1e-3)
+
+
+def _orders(camera: Camera, spectrum: Spectrum, nu: Floats) -> Floats:
+    """Every k for which ν + k/p may lie below the cutoff."""
+    highest = cutoff(camera, float(spectrum.wavelengths_nm.min()))
+    last = math.ceil((highest + abs(nu).max()) * camera.pixel_um)
+    return np.arange(-last, last + 1, dtype=np.float64)
+
+
+def _transfer(
+    table: LagTable,
+    camera: Camera,
+    spectrum: Spectrum,
+    nu_x: Floats,
+    nu_y: Floats,
+    sampled: Literal["point", "pixel"],
+) -> Floats:
+    """Transfer function before sampling, zero beyond the cutoff along either axis."""
+    highest = cutoff(camera, float(spectrum.wavelengths_nm.min()))
+    within = (abs(nu_x) < highest) & (abs(nu_y) < highest)
+    values = np.zeros(nu_x.shape)
+    kept_x, kept_y = nu_x[within], nu_y[within]
+    values[within] = _sum_of_lines(table, camera, spectrum, kept_x, kept_y)
+    return values * pixel_transfer(camera, nu_x, nu_y) if sampled == "pixel" else values
+
+
+def _sum_of_lines(table: LagTable, camera: Camera, spectrum: Spectrum, nu_x: Floats, nu_y: Floats) -> Floats:
+    """Polychromatic OTF at frequencies that are beyond the cutoff of some lines."""
+    total = np.zeros(nu_x.shape)
+    for wavelength, weight in zip(spectrum.wavelengths_nm, spectrum.weights, strict=True):
+        highest = cutoff(camera, float(wavelength))
+        seen = (abs(nu_x) < highest) & (abs(nu_y) < highest)
+        line = Spectrum(np.array([wavelength]), np.ones(1), spectrum.name)
+        total[seen] += weight * polychromatic_otf(table, camera, line, nu_x[seen], nu_y[seen])
+    return total
+
+
+_FEWEST_NODES = 5
+_QUADRATURE_ERROR = 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeSpread:
+    """The image of a step from 0 to 1 along x, then along y, where pixels meet.
+
+    Attributes:
+        values: float64 [2, n], n even, the step between the middle two.
+        error: float64 [n], bound of the error of each.
+        outside: share of the light of which it is not known where it falls.
+        wavelength_nm: the line.
+    """
+
+    values: Floats
+    error: Floats
+    outside: float
+    wavelength_nm: float
+
+    def __post_init__(self) -> None:
+        for name in ("values", "error"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+
+def edge_spread(lags: tuple[AxisLags, AxisLags], table: LagTable, camera: Camera, wavelength_nm: float) -> EdgeSpread:
+    """The image of an edge over the camera's window, from lags, whatever falls outside.
+
+    Args:
+        lags: along x and along y.
+        table: of the same pupil; gives energy and error bound.
+        camera: gives focal length, stop, pixel and window.
+        wavelength_nm: the line.
+
+    Notes:
+        An error of the OTF by ε(ν) moves the image at x by ∫ ε |sin 2πνx| / (πν) dν at most.
+    """
+    scale, half_pixel = image_scale_um2(camera, wavelength_nm), camera.pixel_um / 2
+    pixels = odd_samples(camera.window_um, camera.pixel_um)
+    highest = cutoff(camera, wavelength_nm)
+    nodes, weights = leggauss(_FEWEST_NODES + math.ceil(1.5 * np.pi * highest * half_pixel))
+    # From the axis on, in steps of half a pixel: pixels meet at every other one.
+    starts, within = half_pixel * np.arange(pixels, dtype=np.float64), half_pixel * (1 + nodes) / 2
+    sides = []
+    for axis in lags:
+        line = axis.transform(starts / scale, within / scale) / (scale * table.energy_um2)
+        sides.append(np.cumsum(line @ weights * (half_pixel / 2))[::2])
+    meet = half_pixel + starts[::2]
+    near, beyond = table.coarse_errors
+    error = near * _wave_mean(meet * table.near_um / scale) + beyond * _wave_mean(meet * highest) + _QUADRATURE_ERROR
+    return EdgeSpread(0.5 + _odd(np.array(sides)), _even(error), 0.0, wavelength_nm)
+
+
+def _wave_mean(cycles: Floats) -> Floats:
+    """Bound of ∫ |sin 2πνx| / (πν) dν up to so many cycles νx: of sines below their arguments, then of half waves."""
+    turn = 2 * np.pi * cycles
+    return np.minimum(turn, 2 + 2 / np.pi * np.log(np.maximum(turn / np.pi, 1.0))) / np.pi
+
+
+def _even(side: Floats) -> Floats:
+    return np.concatenate([side[..., ::-1], side], axis=-1)
+
+
+def _odd(side: Floats) -> Floats:
+    return np.concatenate([-side[..., ::-1], side], axis=-1)
+
+
+def edge_in_window(pixels: Psf) -> EdgeSpread:
+    """Edge spread from pixel means in a window; half of what lies outside is taken to fall on either side."""
+    outside = max(0.0, 1 - pixels.energy_in_window)
+    sides = []
+    for along in (0, 1):
+        share = np.cumsum(pixels.values.sum(axis=along)) * pixels.step_um**2
+        sides.append(np.concatenate([[0.0], share]) + (1 - share[-1]) / 2)
+    values = np.array(sides)
+    return EdgeSpread(values, np.full(values.shape[1], outside / 2), outside, pixels.wavelength_nm)
+
+
+def edge_colour_difference(red: EdgeSpread, green: EdgeSpread, blue: EdgeSpread, die: str | None = None) -> Quantity:
+    """Largest ΔE (CIE 1976) along a black and white edge imaged in three colours, against the same edge in grey.
+
+    The edge is imaged along x and along y, white being (1, 1, 1) in linear sRGB; the grey edge has the mean of the
+    three as all its channels.
+
+    Raises:
+        InternalError: MF901 if they do not share a grid.
+    """
+    edges = (red, green, blue)
+    if len({edge.values.shape for edge in edges}) > 1:
+        raise InternalError("MF901", "edges on different grids were compared")
+    channels = np.stack([edge.values for edge in edges], axis=-1)
+    errors = np.stack([edge.error for edge in edges], axis=-1)
+    largest = float(_colour(channels).max())
+    # Each colour may be off either way at each place, and the largest difference lie elsewhere.
+    moved = np.stack([_colour(channels + errors * signs) for signs in product((-1, 1), repeat=3)])
+    least, most = float(moved.min(axis=0).max()), float(moved.max())
+    outside = max(edge.outside for edge in edges)
+    known = (
+        f"up to {outside:.2g} of a colour's light lies outside the window, and the error bar is what it could change"
+        if outside
+        else "from the lags, all light included"
+    )
+    return Quantity(
+        "edge_colour_difference",
+        largest,
+        "largest CIE 1976 colour difference of a black and white edge, along x or y, in linear sRGB under D65, from "
+        f"the same edge in grey; {known}",
+        uncertainty=max(most - largest, largest - least),
+        die=die,
+    )
+
+
+def _colour(channels: Floats) -> Floats:
+    grey = np.repeat(channels.mean(axis=-1, keepdims=True), 3, axis=-1)
+    return delta_e_1976(lab_of_linear_srgb(channels), lab_of_linear_srgb(grey))

@@ -1,0 +1,395 @@
+"""Chrome that light leaks through: amplitude τ = 10^(-OD / 2) exp(2πi φ) where the openings have 1.
+
+With o the openings and s the clear stop, the amplitude is a = o + τ (s - o), and so is its field: that of s is known in
+closed form, so a leak costs one PSF nothing but a sum. Of a binary mask of open ratio η the mean amplitude is
+η + τ (1 - η) and the mean intensity η + |τ|² (1 - η); they fix peak Strehl and volume under the MTF as η alone does
+without a leak. The autocorrelation is that of the real part plus that of the imaginary part.
+
+Notes:
+    The part of the autocorrelation that is imaginary, o's with s less s's with o, is left out of the MTF: it comes from
+    where the openings on one side of the stop differ from those on the other, and enters the modulus squared. Strips
+    between cells are no dots; what leaks through them is missing from the autocorrelation. Both are in its uncertainty.
+
+Point spread functions: the field's intensity on the sensor, at points or averaged over pixels.
+
+The intensity at sensor position x is |F(x / (λf))|² / ((λf)² E), with E the transmitted energy, so that it integrates
+to 1 over the whole sensor plane (Parseval): what lies outside the window is missing from the window's sum, not hidden.
+
+It holds no frequency above B = D / (λf), so samples closer than 1 / (2B) say all about it, averages over pixels
+included: a short symmetric filter w with Σ w_n cos(2πν n h) = sinc(νp) for all |ν| <= B turns samples at distance h
+into means over pixels of side p, exactly but for the residual of that equation.
+
+The PSF of openings whose edges are rough: what is left of the orders, and the halo that they feed.
+
+An edge is displaced along its normal by ξ(s), normally distributed with the root mean square σ and the correlation
+ρ(s) = exp(-(s / l)²). The mean field is that of the smooth openings times exp(-(2π f σ)² / 2), the Debye-Waller
+factor, and the light that the orders lose is spread about them: an edge of length L adds
+
+    L ∫ ds exp(-2πi f_t s) (exp(-a (1 - ρ)) - exp(-a)) / (2π f_n)²,    a = (2π f_n σ)²,
+
+to the squared field at the frequency f = (f_n, f_t) across and along it (P. Beckmann, A. Spizzichino, The Scattering of
+Electromagnetic Waves from Rough Surfaces, 1963, ch. 5, of one dimension less). Over all frequencies it holds L σ / √π,
+and the mean field so much less: light is conserved, and the open ratio is that of the smooth openings in the mean.
+
+Notes:
+    The factor is exact for shapes of right angles whose edges are independent of each other, where it is one factor
+    across and one up; of arcs it is as far as σ is small beside their radius. Near the ends of edges of length L the
+    halo is wrong by about l / (√π L) of itself.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache, reduce
+
+import numpy as np
+
+from maskfab.base.arrays import Complexes, Floats
+from maskfab.base.model import Camera, MaskBlank, Psf, Roughness, Stop, frozen
+from maskfab.base.units import UM_PER_NM
+from maskfab.optics.field.matrix import ParityField
+from maskfab.optics.field.methods import FieldTask, admissible, field
+from maskfab.optics.lags import LagTable
+from maskfab.optics.pupil import Aperture, Pupil, cut
+from maskfab.optics.stop import clear_field, inside
+
+# Shares of the reach, and directions.
+_LAGS = [(share, x, y) for share in (0.25, 0.5, 1.0) for x, y in ((1.0, 0.0), (0.0, 1.0), (0.7, 0.7), (-0.7, 0.7))]
+
+
+@dataclass(frozen=True)
+class Leak:
+    """The film's amplitude behind a stop.
+
+    Attributes:
+        amplitude: τ.
+        stop: the lens stop.
+    """
+
+    amplitude: complex
+    stop: Stop
+
+    @classmethod
+    def of(cls, blank: MaskBlank, stop: Stop) -> Leak | None:
+        """The leak that a job states; None unless it states both density and phase."""
+        if blank.optical_density is None or blank.film_phase_waves is None:
+            return None
+        return cls(10 ** (-blank.optical_density / 2) * cmath.exp(2j * cmath.pi * blank.film_phase_waves), stop)
+
+    def field(self, openings: Complexes, axis: Floats) -> Complexes:
+        """The field of openings and film from that of the openings alone, on a square grid of frequencies [n, n]."""
+        clear = clear_field(self.stop, axis, axis[:, None])
+        return np.asarray((1 - self.amplitude) * openings + self.amplitude * clear)
+
+    def energy_um2(self, clear_um2: float) -> float:
+        """Integral of the intensity behind a mask that is clear over that area."""
+        return clear_um2 + abs(self.amplitude) ** 2 * (self.stop.area_um2 - clear_um2)
+
+    def field_integral_um2(self, clear_um2: float) -> complex:
+        """Integral of the amplitude: the field on the axis."""
+        return clear_um2 + self.amplitude * (self.stop.area_um2 - clear_um2)
+
+    def volume_um2(self, clear_um2: float, energy_um2: float) -> float:
+        """Volume under the MTF of a mask with that clear area, as far as its dots pass that energy."""
+        strips = self._strips_um2(clear_um2, energy_um2)
+        return abs(self.field_integral_um2(clear_um2) - self.amplitude * strips) ** 2 / energy_um2
+
+    def _strips_um2(self, clear_um2: float, energy_um2: float) -> float:
+        """Area of film that is in no dot, from the energy that it lacks; rounding aside."""
+        lacking = self.energy_um2(clear_um2) - energy_um2
+        return lacking / abs(self.amplitude) ** 2 if lacking > 1e-9 * energy_um2 else 0.0
+
+    def pupils(self, aperture: Aperture) -> Iterator[Pupil]:
+        """Real and imaginary part of the amplitude of dots inside the stop; the latter only if there is one.
+
+        Strips between cells stay dark, for lags are those of dots. One part at a time is made: of a fine grid each
+        takes hundreds of megabytes.
+        """
+        x, y, t = aperture.x, aperture.y, aperture.transmission
+        step, turned = self.amplitude.real, self.amplitude.imag
+        film = 1 - t
+        for rows, dots in ((film, y.dot_index()), (film.T, x.dot_index())):
+            rows[np.setdiff1d(np.arange(len(rows)), dots)] = 0.0
+        yield cut(Aperture(x, y, t + step * film, (1 - step) ** 2 * aperture.variance), self.stop)
+        if abs(turned) > 1e-15:
+            film *= turned
+            yield cut(Aperture(x, y, film, turned**2 * aperture.variance), self.stop)
+
+    def lag_table(self, openings: Pupil, tables: Sequence[LagTable], reach_um: float) -> LagTable:
+        """The table of lags of all that passes light, as of :func:`maskfab.optics.lags.lag_table`.
+
+        Args:
+            openings: inside the stop, without the leak.
+            tables: of every one of :meth:`pupils`.
+            reach_um: the largest lag along either axis that will be asked for.
+        """
+        energy = sum(table.energy_um2 for table in tables)
+        total = reduce(np.add, [table.values for table in tables])
+        total.flags.writeable = False
+        shares = [table.energy_um2 / energy for table in tables]
+        strips = abs(self.amplitude) ** 2 * self._strips_um2(openings.energy_um2, float(energy))
+        # Cauchy and Schwarz: what is missing, against all, and against itself.
+        missing = 2 * np.sqrt(strips / energy) + strips / energy
+        lost = missing + self._imaginary_um2(openings, min(reach_um, self.stop.diameter_um)) / energy
+        near, beyond = (
+            float(np.dot(shares, each) + lost) for each in zip(*(table.errors for table in tables), strict=True)
+        )
+        return replace(
+            tables[0],
+            values=total,
+            energy_um2=float(energy),
+            errors=(near, beyond),
+            rims=tuple(rim for table in tables for rim in table.rims),
+            spread_um2=sum(table.spread_um2 for table in tables),
+        )
+
+    def _imaginary_um2(self, openings: Pupil, reach_um: float) -> float:
+        """Twice the largest imaginary part of the autocorrelation at some lags, for it is smooth."""
+        if self.amplitude.imag == 0:
+            return 0.0
+        x, y = ((edges[1:] + edges[:-1]) / 2 for edges in (openings.x.edges_um(), openings.y.edges_um()))
+        clear = openings.mean_transmission * np.diff(openings.x.edges_um()) * np.diff(openings.y.edges_um())[:, None]
+        worst = 0.0
+        for share, across, up in _LAGS:
+            dx, dy = share * reach_um * across, share * reach_um * up
+            ahead, behind = (inside(self.stop, x + k * dx, y[:, None] + k * dy) for k in (1, -1))
+            worst = max(worst, abs(float(clear[ahead].sum() - clear[behind].sum())))
+        return 2 * abs(self.amplitude.imag) * worst
+
+
+_OVERSAMPLING = 1.15
+FILTER_TOLERANCE = 1e-10
+"""Largest error of the pixel filter's transfer function, which is sinc(νp)."""
+
+
+def image_scale_um2(camera: Camera, wavelength_nm: float) -> float:
+    """λf in square micrometres: sensor position divided by it is spatial frequency in cycles per micrometre."""
+    return wavelength_nm * UM_PER_NM * camera.focal_um
+
+
+def cutoff(camera: Camera, wavelength_nm: float) -> float:
+    """Highest frequency of the intensity along an axis, in cycles per micrometre of sensor: D / (λf)."""
+    return camera.stop.diameter_um / image_scale_um2(camera, wavelength_nm)
+
+
+def point_step_um(camera: Camera) -> float:
+    """The largest whole fraction of a pixel that samples the PSF at every wavelength, with 15 % to spare."""
+    highest = max(cutoff(camera, wavelength) for wavelength in camera.wavelengths_nm)
+    return camera.pixel_um / math.ceil(camera.pixel_um * 2 * highest * _OVERSAMPLING)
+
+
+def odd_samples(width_um: float, step_um: float) -> int:
+    """Number of samples, odd with one on the axis, that fit a window of that width."""
+    return 2 * int((width_um / step_um - 1) / 2 + 1e-9) + 1
+
+
+def point_psf(pupil: Pupil, camera: Camera, wavelength_nm: float, margin: int = 0) -> Psf:
+    """Intensity at points ``point_step_um`` apart over the camera's window, and ``margin`` points beyond it."""
+    frequency = _frequencies(camera, wavelength_nm, margin)
+    return _point_psf(field(pupil, frequency, frequency), pupil, camera, wavelength_nm)
+
+
+def point_psfs(pupil: Pupil, camera: Camera, margin: int = 0, leak: Leak | None = None) -> list[Psf]:
+    """PSFs at every wavelength of the camera, the pupil made ready once, by the cheapest path that takes it.
+
+    With a leak the pupil is that of the openings of a binary mask, and the film's light is added.
+    """
+    frequencies = [_frequencies(camera, wavelength, margin) for wavelength in camera.wavelengths_nm]
+    widest = max(frequencies, key=lambda frequency: float(frequency[-1]))
+    tasks = [FieldTask.of(pupil, frequency, frequency) for frequency in frequencies]
+    # A step that suits a transform at one wavelength does not at another.
+    path = next(
+        path
+        for path in admissible(FieldTask.of(pupil, widest, widest))
+        if all(path.refusal(task) is None for task in tasks)
+    )
+    prepared = path.prepare(pupil, float(widest[-1]), float(widest[-1]), "double")
+    return [
+        _point_psf(prepared.field(frequency, frequency), pupil, camera, wavelength)
+        if leak is None
+        else _leaking_psf(prepared.field(frequency, frequency), pupil, camera, wavelength, frequency, leak)
+        for frequency, wavelength in zip(frequencies, camera.wavelengths_nm, strict=True)
+    ]
+
+
+def _frequencies(camera: Camera, wavelength_nm: float, margin: int) -> Floats:
+    step = point_step_um(camera)
+    reach = odd_samples(camera.window_um, step) // 2 + margin
+    return step * np.arange(reach + 1, dtype=np.float64) / image_scale_um2(camera, wavelength_nm)
+
+
+def _point_psf(quadrant: ParityField, pupil: Pupil, camera: Camera, wavelength_nm: float) -> Psf:
+    scale = image_scale_um2(camera, wavelength_nm)
+    values = quadrant.intensity()
+    values /= scale**2 * pupil.energy_um2
+    values.flags.writeable = False
+    return Psf(values, point_step_um(camera), wavelength_nm, "point")
+
+
+def _leaking_psf(
+    quadrant: ParityField, pupil: Pupil, camera: Camera, wavelength_nm: float, frequency: Floats, leak: Leak
+) -> Psf:
+    found = leak.field(quadrant.amplitude(), np.concatenate([-frequency[:0:-1], frequency]))
+    scale = image_scale_um2(camera, wavelength_nm)
+    values = (found.real**2 + found.imag**2) / (scale**2 * leak.energy_um2(pupil.energy_um2))
+    return Psf(values, point_step_um(camera), wavelength_nm, "point")
+
+
+def pixel_psf(points: Psf, camera: Camera) -> Psf:
+    """Means over square pixels, one of them centred on the axis, over the camera's window.
+
+    Args:
+        points: sampled at ``point_step_um`` with a margin of at least :func:`pixel_margin`.
+        camera: gives the pixel and the window.
+    """
+    weights = _pixel_filter(camera.pixel_um, points.step_um, cutoff(camera, points.wavelength_nm))
+    reach = weights.size // 2
+    stride = round(camera.pixel_um / points.step_um)
+    half = odd_samples(camera.window_um, camera.pixel_um) // 2
+    middle = points.values.shape[0] // 2
+    centres = middle + stride * np.arange(-half, half + 1)
+    gather = np.zeros((centres.size, points.values.shape[0]))
+    gather[np.arange(centres.size)[:, None], centres[:, None] + np.arange(-reach, reach + 1)] = weights
+    return Psf(gather @ points.values @ gather.T, camera.pixel_um, points.wavelength_nm, "pixel")
+
+
+def pixel_sum_error(pixels: Psf, highest: float) -> float:
+    """Bound of what the pixel filter adds to an energy that pixel means are summed to.
+
+    Along an axis a sum over n pixels weighs the filter's error at ν by p |sin(πnνp) / sin(πνp)|, whose integral over
+    1/p is Lebesgue's constant, below 1.3 + 0.41 ln n, and a transfer function is nowhere above 1.
+
+    Args:
+        pixels: the means; their number along a side is taken for n.
+        highest: the PSF's highest frequency along an axis, cycles per micrometre of sensor.
+    """
+    periods = math.ceil(2 * highest * pixels.step_um) + 1
+    return 2 * FILTER_TOLERANCE * periods * (1.3 + 0.41 * math.log(pixels.values.shape[0]))
+
+
+def pixel_margin(camera: Camera) -> int:
+    """Number of points beyond the window that the pixel filter needs at every wavelength."""
+    step = point_step_um(camera)
+    inside = odd_samples(camera.window_um, step) // 2
+    pixels = round(camera.pixel_um / step) * (odd_samples(camera.window_um, camera.pixel_um) // 2)
+    sizes = [_pixel_filter(camera.pixel_um, step, cutoff(camera, w)).size // 2 for w in camera.wavelengths_nm]
+    return max(0, pixels + max(sizes) - inside)
+
+
+def within(points: Psf, camera: Camera) -> Psf:
+    """A PSF without its margin."""
+    surplus = (points.values.shape[0] - odd_samples(camera.window_um, points.step_um)) // 2
+    if surplus == 0:
+        return points
+    inner = points.values[surplus:-surplus, surplus:-surplus]
+    return Psf(inner, points.step_um, points.wavelength_nm, points.kind)
+
+
+@lru_cache(maxsize=64)
+def _pixel_filter(pixel_um: float, step_um: float, highest: float) -> Floats:
+    """Weights [2 n + 1] that average samples ``step_um`` apart over a pixel, for frequencies up to ``highest``.
+
+    The samples' plain mean, and least squares on the band for what it lacks, which taps about the pixel's rim make up;
+    they grow until the worst error anywhere in the band is below the tolerance.
+    """
+    steps = round(pixel_um / step_um)
+    beyond, error = 2, np.inf
+    while error >= FILTER_TOLERANCE:
+        last = steps // 2 + beyond
+        band = np.linspace(0.0, highest, max(801, 8 * last))
+        tap = np.arange(last + 1)
+        weights = np.where(2 * tap < steps, 1.0, np.where(2 * tap == steps, 0.5, 0.0)) / steps
+        basis = 2 * np.cos(2 * np.pi * band[:, None] * step_um * tap)
+        basis[:, 0] = 1.0
+        lacking = np.sinc(band * pixel_um) - basis @ weights
+        rim = basis[:, max(0, last - 2 * beyond) :]
+        # Beyond working precision more taps only grow; the pseudo-inverse keeps them small.
+        solution = np.linalg.lstsq(rim, lacking, rcond=1e-13)[0]
+        error = abs(rim @ solution - lacking).max()
+        weights[-solution.size :] += solution
+        beyond += 4
+    both: Floats = np.concatenate([weights[:0:-1], weights])
+    both.flags.writeable = False
+    return both
+
+
+_LEAST_TERM = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeLengths:
+    """Edges of clear shapes by their direction.
+
+    Attributes:
+        along: float64 [n, 2] unit vectors along the edges.
+        length_um: float64 [n] of all edges of a direction together.
+    """
+
+    along: Floats
+    length_um: Floats
+
+    @classmethod
+    def of(cls, edges_um: Floats, counts: Floats) -> EdgeLengths:
+        """Of edges x0, y0, x1, y1 [n, 4], each so many times; opposite directions are one."""
+        vectors = edges_um[:, 2:] - edges_um[:, :2]
+        lengths = np.hypot(*vectors.T)
+        back = (vectors[:, 1] < 0) | ((vectors[:, 1] == 0) & (vectors[:, 0] < 0))
+        units = np.where(back[:, None], -vectors, vectors) / lengths[:, None]
+        along, index = np.unique(np.round(units, 9) + 0.0, axis=0, return_inverse=True)
+        summed = np.zeros(len(along))
+        np.add.at(summed, index.ravel(), lengths * counts)
+        return cls(frozen(along), frozen(summed))
+
+    @property
+    def total_um(self) -> float:
+        """Length of all edges."""
+        return float(self.length_um.sum())
+
+
+def scattered_um2(edges: EdgeLengths, roughness: Roughness) -> float:
+    """Clear area whose light leaves the orders of smooth edges for the halo, wherever it goes."""
+    return edges.total_um * roughness.sigma_um / float(np.sqrt(np.pi))
+
+
+def halo_um3(across: Floats, along: Floats, roughness: Roughness) -> Floats:
+    """Mean squared field that a micrometre of rough edge adds.
+
+    Args:
+        across, along: cycles per micrometre across the edge and along it.
+        roughness: of the edge.
+    """
+    a = (2 * np.pi * across * roughness.sigma_um) ** 2
+    decay = (np.pi * along * roughness.correlation_um) ** 2
+    found = np.zeros(np.broadcast(a, decay).shape)
+    power, k = np.exp(-a), 1
+    while True:
+        found += power / np.sqrt(k) * np.exp(-decay / k)
+        k += 1
+        power = power * a / k
+        if k > a.max(initial=0.0) and power.max(initial=0.0) < _LEAST_TERM:
+            break
+    scale = roughness.sigma_um**2 * roughness.correlation_um * np.sqrt(np.pi)
+    return np.asarray(scale * found)
+
+
+def rough_psf(smooth: Psf, edges: EdgeLengths, area_um2: float, scale_um2: float, roughness: Roughness) -> Psf:
+    """The PSF of openings with rough edges, in the mean over all displays.
+
+    Args:
+        smooth: that of smooth edges, at points.
+        edges: all of them inside the stop, without the stop's own.
+        area_um2: what is clear in the stop.
+        scale_um2: wavelength times image distance: micrometres on the sensor for a cycle per micrometre.
+        roughness: of the edges.
+    """
+    half = smooth.values.shape[0] // 2
+    f = smooth.step_um / scale_um2 * np.arange(-half, half + 1, dtype=np.float64)
+    fx, fy = f[None, :], f[:, None]
+    values = smooth.values * np.exp(-((2 * np.pi * roughness.sigma_um) ** 2) * (fx**2 + fy**2))
+    for (tx, ty), length in zip(edges.along, edges.length_um, strict=True):
+        halo = halo_um3(fx * ty - fy * tx, fx * tx + fy * ty, roughness)
+        values = values + length / (scale_um2**2 * area_um2) * halo
+    return replace(smooth, values=values)

@@ -1,1 +1,0 @@
-"""Phase and parallax: defocus, aberrations, and a panel at some distance from the stop."""

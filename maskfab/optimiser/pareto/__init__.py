@@ -1,1 +1,0 @@
-"""Fronts of designs: what no other betters in photographs, emitters, wires and grain."""

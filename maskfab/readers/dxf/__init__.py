@@ -1,1 +1,0 @@
-"""DXF entities, grids and texts that the library's reader passes over in silence."""

@@ -1,1 +1,0 @@
-"""Foreign files are read and worked on in processes with limits of time and memory."""

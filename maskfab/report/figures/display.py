@@ -1,0 +1,268 @@
+"""The figures of a display: emitters behind an opening, wires between pixels, and what stands in the way of either.
+
+Colours are those of Okabe and Ito, which colour-blind readers tell apart; every emitter also bears its letter.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+from numpy.typing import NDArray
+
+from maskfab.base.model import (
+    BLACK,
+    CLEAR,
+    COLOURS,
+    EMITTERS,
+    GUTTER,
+    VEIL,
+    WIRES,
+    Layer,
+    Panel,
+    Point,
+    Polygon,
+    orient,
+)
+from maskfab.base.units import UM_PER_NM
+from maskfab.display.emitted_light import show
+from maskfab.display.emitter_rules import Certificate
+from maskfab.display.feasibility import Feasibility
+from maskfab.display.pictures import text
+from maskfab.display.polygon_check import Violation
+from maskfab.display.wiring import Reach, Wiring
+from maskfab.mask.outlines import outline, unit_shapes
+from maskfab.optics.colour import code_of_light
+from maskfab.report.figures import sheet
+from maskfab.report.figures.sheet import INK, QUIET, image, img, place, styled
+
+_FILL: dict[Layer, str] = {
+    BLACK: "#2f343c",
+    GUTTER: "#555c66",
+    CLEAR: "#ffffff",
+    EMITTERS[0]: "#d55e00",
+    EMITTERS[1]: "#009e73",
+    EMITTERS[2]: "#0072b2",
+    WIRES[0]: "#ffc857",  # paler than the upper metal, which grey shows
+    WIRES[1]: "#cc79a7",
+    VEIL: "#f0e442",
+}
+_WITNESS = "#f0e442"
+_EDGE = "#000000"
+"""Of a dashed line, without which it is lost where it crosses what is clear."""
+_SIDE = 2.7
+_MOST_SHOWN = 8
+"""Pixels along a side round a chain."""
+_LIT_PIXELS, _LIT_SAMPLES = 24, 21
+
+
+def pictures(panel: Panel, found: Feasibility) -> dict[str, str]:
+    """The figures of one die's display as ``<img>`` elements.
+
+    ``display_placement`` is always there; ``display_wires`` where there are wires, or a proof that there are none;
+    ``display_lit`` where there are emitters.
+    """
+    proof = None if found.emitters else found.footprint.certificate
+    drawn = {"display_placement": placement(panel, proof, found.broken)}
+    wires = found.wiring
+    if wires is not None and (wires.tracks or wires.laid or wires.failed is not None):
+        drawn["display_wires"] = wiring_picture(panel, wires, found.stranded, found.reaches)
+    if panel.emitters is not None:
+        drawn["display_lit"] = lit(panel)
+    return drawn
+
+
+def lit(panel: Panel) -> str:
+    """Some pixels in the middle of the panel that show letters, each sample the light of its own area.
+
+    The letters, the pixels and the samples are the same for every panel, so that these compare; light that only a
+    hundredth of the lit samples exceeds is white.
+    """
+    count = min(_LIT_PIXELS, *panel.orientations.shape)
+    light = show(panel, text(_LIT_PIXELS)[:count, :count], _LIT_SAMPLES).rgb
+    white = float(np.quantile(light[light > 0], 0.99))
+    levels = np.rint(code_of_light(np.clip(np.moveaxis(light, 0, -1) / white, 0, 1)) * 255).astype(np.uint8)
+    words = f"{count} x {count} pixels of opening {panel.opening.name} that show black letters on white"
+    return img(sheet.data_uri(sheet.png_of_colours(levels)), words, "lit")
+
+
+@styled
+def placement(panel: Panel, certificate: Certificate | None = None, broken: Iterable[Violation] = ()) -> str:
+    """One pixel with its emitters, and beside it a few pixels as they meet, as an ``<img>``.
+
+    Where a certificate has a witness, its cells are outlined, and so is what breaks a rule.
+    """
+    figure, (single, several) = _two()
+    _draw(single, panel, np.zeros((1, 1), dtype=np.int8), (BLACK, GUTTER, CLEAR, *EMITTERS))
+    _letters(single, panel)
+    if certificate is not None and certificate.witness is not None:
+        _outline(single, panel, certificate.witness, certificate.cell_nm)
+    for each in broken:
+        _dash(single, [_moved(polygon, 0, 0) for polygon in each.outlines])
+    single.set_title("one pixel")
+    _draw(several, panel, panel.orientations[_middle(panel, 4)], (BLACK, GUTTER, CLEAR, *EMITTERS))
+    several.set_title("pixels as they meet")
+    words = "placement of the red, green and blue emitters around the opening"
+    return image(figure, f"Opening {panel.opening.name}: {words if panel.emitters else 'no emitters fit'}")
+
+
+@styled
+def wiring_picture(
+    panel: Panel, wires: Wiring, certificates: Iterable[Certificate] = (), reaches: Iterable[Reach] = ()
+) -> str:
+    """The wires of one pixel and of a few, and the cuts that bound how many there can be, as an ``<img>``.
+
+    A thin white line is an emitter's way to the pixel's side; a dashed one across pixels is what too few lines pass.
+    """
+    figure, (single, several) = _two()
+    shown = (BLACK, GUTTER, *EMITTERS, CLEAR, VEIL, *WIRES)
+    _draw(single, panel, np.zeros((1, 1), dtype=np.int8), shown, faint=frozenset(EMITTERS))
+    for certificate in certificates:
+        if certificate.witness is not None:
+            _outline(single, panel, certificate.witness, certificate.cell_nm)
+    for reach in reaches:
+        if reach.path is not None:
+            y, x = (
+                (along + 0.5) * panel.dot_nm * UM_PER_NM + panel.gutter_nm / 2 * UM_PER_NM for along in reach.path.T
+            )
+            single.plot(x, y, color="white", linewidth=0.8, marker=".", markersize=3, markevery=[0])
+    single.set_title("one pixel")
+    chain = () if wires.failed is None else wires.failed.chain_nm
+    rows, columns = _round(panel, chain) if chain else _middle(panel, 3 if wires.laid is None else 4)
+    _draw(several, panel, panel.orientations[rows, columns], shown, faint=frozenset(EMITTERS))
+    x0, y0 = columns.start * panel.pitch_nm, rows.start * panel.pitch_nm
+    for layer, laid in zip(WIRES, wires.laid or (), strict=False):
+        several.plot(*_trail(laid.paths, x0, y0), color=_FILL[layer], linewidth=0.8)
+    trail = _trail((chain,), x0, y0)
+    several.plot(*trail, color=_EDGE, linewidth=2.2)
+    several.plot(*trail, color=_WITNESS, linewidth=1.1, linestyle=(0, (2, 1)))
+    several.set_title("where too few lines pass" if chain else "pixels as they meet")
+    return image(figure, f"Wires of opening {panel.opening.name}: orange lower metal, purple upper, yellow transparent")
+
+
+def _two() -> tuple[Figure, tuple[Axes, Axes]]:
+    figure = Figure(figsize=(2 * _SIDE + 0.75, _SIDE + 0.5))
+    return figure, (
+        place(figure, (0.1, 0.2, _SIDE, _SIDE)),
+        place(figure, (_SIDE + 0.55, 0.2, _SIDE, _SIDE)),
+    )
+
+
+def _middle(panel: Panel, cells: int) -> tuple[slice, slice]:
+    """Rows and columns of the pixels in the panel's middle."""
+    rows, columns = panel.orientations.shape
+    high, wide = min(rows, cells), min(columns, cells)
+    bottom, left = (rows - high) // 2, (columns - wide) // 2
+    return slice(bottom, bottom + high), slice(left, left + wide)
+
+
+def _round(panel: Panel, chain: Sequence[Point]) -> tuple[slice, slice]:
+    """Rows and columns of the pixels through which a chain goes, as many of each; those in the middle of a long one."""
+    spans = [sorted((min(along), max(along))) for along in zip(*chain, strict=True)]
+    (left, right), (bottom, top) = ([end // panel.pitch_nm for end in span] for span in spans)
+    count = min(_MOST_SHOWN, max(right - left, top - bottom) + 1)
+
+    def span(low: int, high: int, side: int) -> slice:
+        first = min(max(0, (low + high + 1 - count) // 2), max(0, side - count))
+        return slice(first, min(side, first + count))
+
+    rows, columns = panel.orientations.shape
+    return span(bottom, top, rows), span(left, right, columns)
+
+
+def _trail(paths: Iterable[Sequence[Point]], x0: int, y0: int) -> tuple[list[float], list[float]]:
+    """Paths as one line that breaks between them, micrometres from a place."""
+    broken = (math.nan, math.nan)
+    points = [point for path in paths for point in (*((x - x0, y - y0) for x, y in path), broken)]
+    return [x * UM_PER_NM for x, _ in points], [y * UM_PER_NM for _, y in points]
+
+
+def _draw(
+    axes: Axes,
+    panel: Panel,
+    cells: NDArray[np.int8],
+    layers: tuple[Layer, ...],
+    faint: frozenset[Layer] = frozenset(),
+) -> None:
+    pitch = panel.pitch_nm
+    rows, columns = cells.shape
+    axes.set_facecolor(_FILL[BLACK])
+    shapes = {cell: unit_shapes(panel, cell) for cell in np.unique(cells).tolist()}
+    for layer in layers:
+        polygons = [
+            _moved(polygon, column * pitch, row * pitch)
+            for row in range(rows)
+            for column in range(columns)
+            for polygon in shapes[int(cells[row, column])].get(layer, ())
+        ]
+        alpha = 0.35 if layer in faint else 0.6 if layer is VEIL else 1.0
+        # A hair of edge closes the seams that drawing programs leave between neighbours. Adding it as a patch would
+        # measure it first, point by point, and the frame is set anyway.
+        axes.add_artist(
+            PathPatch(_path(polygons), facecolor=_FILL[layer], edgecolor=_FILL[layer], linewidth=0.1, alpha=alpha)
+        )
+    _frame(axes, pitch * columns * UM_PER_NM, pitch * rows * UM_PER_NM)
+
+
+def _frame(axes: Axes, wide_um: float, high_um: float) -> None:
+    axes.set(xlim=(0, wide_um), ylim=(0, high_um), aspect="equal", xticks=[], yticks=[])
+    for spine in axes.spines.values():
+        spine.set_color(QUIET)
+    bar = 10 ** np.floor(np.log10(wide_um / 3))
+    bar *= max(step for step in (1, 2, 5) if step * bar <= wide_um / 3)
+    axes.plot([0, bar], [-0.03 * high_um] * 2, color=INK, linewidth=1.5, clip_on=False, solid_capstyle="butt")
+    axes.text(bar * 1.08, -0.03 * high_um, f"{bar:g} µm", va="center", fontsize=7)
+
+
+def _moved(polygon: Polygon, x: int, y: int) -> list[tuple[float, float]]:
+    return [((a + x) * UM_PER_NM, (b + y) * UM_PER_NM) for a, b in polygon]
+
+
+def _letters(axes: Axes, panel: Panel) -> None:
+    """R, G and B on a cell of each emitter's largest width, for readers who do not see the colours."""
+    if panel.emitters is None:
+        return
+    labels = orient(panel.emitters.labels, 0)
+    half = panel.gutter_nm / 2
+    for number, colour in enumerate(COLOURS, 1):
+        place_of = np.argwhere(labels == number)
+        if place_of.size:
+            middle = place_of.mean(axis=0)
+            row, column = place_of[abs(place_of - middle).max(axis=1).argmin()]
+            x, y = ((index + 0.5) * panel.emitters.cell_nm + half for index in (column, row))
+            axes.text(
+                x * UM_PER_NM,
+                y * UM_PER_NM,
+                colour[0].upper(),
+                color="white",
+                ha="center",
+                va="center",
+                fontsize=9,
+                weight="bold",
+            )
+
+
+def _outline(axes: Axes, panel: Panel, witness: NDArray[np.bool_], cell_nm: int) -> None:
+    half = panel.gutter_nm // 2
+    _dash(axes, [_moved(polygon, half, half) for polygon in outline(witness, cell_nm)])
+
+
+def _dash(axes: Axes, polygons: list[list[tuple[float, float]]]) -> None:
+    around = _path(polygons)
+    axes.add_artist(PathPatch(around, facecolor="none", edgecolor=_EDGE, linewidth=2.2))
+    axes.add_artist(PathPatch(around, facecolor="none", edgecolor=_WITNESS, linewidth=1.1, linestyle=(0, (2, 1))))
+
+
+def _path(polygons: Iterable[list[tuple[float, float]]]) -> Path:
+    """All outlines as one path: as many paths take ten times as long to draw."""
+    points: list[tuple[float, float]] = []
+    codes: list[np.uint8] = []
+    for polygon in polygons:
+        points += [*polygon, polygon[0]]
+        codes += [Path.MOVETO, *[Path.LINETO] * (len(polygon) - 1), Path.CLOSEPOLY]
+    return Path(np.array(points).reshape(-1, 2), codes or None)

@@ -1,0 +1,386 @@
+"""Dies of several reports as if they were of one, as far as the same camera, light and scenes make their numbers equal.
+
+What was measured otherwise is left out, and said.
+
+Dies of several reports: light against restored photographs, with the intervals of their differences.
+
+The page of reports side by side, and the same in words.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from jinja2 import Template
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from maskfab.base.errors import JobError
+from maskfab.base.resources import template
+from maskfab.camera.scores import CONFIDENCE
+from maskfab.report.figures.die import OKABE_ITO
+from maskfab.report.figures.sheet import INK, QUIET, Drawing, place, styled
+from maskfab.report.pages.finished import FinishedReport
+from maskfab.report.pages.page import style
+from maskfab.report.pages.tables import DieTable, best_photographed, die_table, difference, mean_psnr, scores
+from maskfab.report.pages.template import page_environment
+from maskfab.report.rows.photographs import middle_level
+
+Document = Mapping[str, Any]
+
+_WORDS = frozenset({"told", "reference", "reference_stated", "scenes", "dies", "unused"})
+"""Parts of a report's photographs that say nothing of how they were taken."""
+_OF_ITS_OWN = frozenset({"open_ratio", "min_feature", "min_gap"})
+"""Numbers of a die that no camera enters."""
+_MOST_TEXT = 60
+
+
+@dataclass(frozen=True)
+class JobDifference:
+    """A field in which jobs differ: its path, and its value in each report; None where it is not stated."""
+
+    field: str
+    values: tuple[str | None, ...]
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Reports side by side.
+
+    Attributes:
+        reports: in the order in which they were named.
+        document: of all dies, those of several reports by ``REPORT:DIE``, in the form of report.json; with photographs
+            only of those that were taken alike.
+        left_out: sentences on what cannot be compared, and why.
+        differences: of the jobs.
+    """
+
+    reports: tuple[FinishedReport, ...]
+    document: Document
+    left_out: tuple[str, ...]
+    differences: tuple[JobDifference, ...]
+
+    @property
+    def table(self) -> DieTable:
+        """All dies, the best first."""
+        return die_table(self.document)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The ranking at every level of light, with paired differences to the best, and what else was found."""
+        taken = self.document.get("photographs")
+        return {
+            "reports": [
+                {"name": each.name, "job_hash": each.document["job_hash"], "proved": each.proved}
+                for each in self.reports
+            ],
+            "levels": [] if taken is None else [_ranked(taken, level) for level in taken["levels_db"]],
+            "dies": [
+                {"name": die["name"], "quantities": die["quantities"], "display": die.get("display", {}).get("verdict")}
+                for die in self.document["dies"]
+            ],
+            "left_out": list(self.left_out),
+            "job_differences": [vars(each) for each in self.differences],
+        }
+
+
+def compare_reports(
+    reports: Sequence[FinishedReport], dies: Sequence[str] = (), reference: str | None = None
+) -> Compared:
+    """Put the dies of reports side by side.
+
+    Args:
+        reports: at least one.
+        dies: by ``DIE`` or ``REPORT:DIE``; all if none is named.
+        reference: that gains are over, named likewise; by default that of the first report.
+
+    Raises:
+        JobError: MF105 for a die that is not there, or is in several reports, or for fewer than two dies.
+    """
+    first, left_out = reports[0], list[str]()
+    alone = len(reports) == 1
+    chosen = {_name(each, die["name"], alone): (each, die) for each in reports for die in each.document["dies"]}
+    if dies:
+        wanted = [_found(name, chosen, "--die") for name in dies]
+        chosen = {name: each for name, each in chosen.items() if name in wanted}
+    if len(chosen) < 2:
+        cure = "Name two dies, or two reports"
+        raise JobError("MF105", "there is nothing to compare with", where="--die" if dies else "REPORT", cure=cure)
+    stated = None if reference is None else _found(reference, chosen, "--reference")
+    merged = []
+    for name, (report, die) in chosen.items():
+        other = report.document["camera"] != first.document["camera"]
+        kept = [row for row in die["quantities"] if not other or row["name"] in _OF_ITS_OWN]
+        merged.append({**die, "name": name, "quantities": [_renamed(row, name) for row in kept]})
+    for report in reports[1:]:
+        if report.document["camera"] != first.document["camera"]:
+            told = ", ".join(_parted(first.document["camera"], report.document["camera"]))
+            left_out.append(
+                f"{report.name} has another camera than {first.name} ({told}): its optics are not compared."
+            )
+        if any("spread" in each.document for each in (first, report)) and _made(report) != _made(first):
+            left_out.append(
+                f"{report.name} states another process of the writer than {first.name}, or another spread of it: bands "
+                "of the displays made are not comparable."
+            )
+    photographs = _photographs(reports, chosen, stated, alone, left_out)
+    over = None if photographs is None else photographs["reference"]
+    merged = [_without_other_gains(die, chosen[die["name"]][0], over, alone) for die in merged]
+    document = {**first.document, "dies": merged}
+    document.pop("photographs", None)
+    if photographs is not None:
+        document["photographs"] = photographs
+    left_out += [
+        f"{each.name} has no manifest beside it: whether it was edited is not known."
+        for each in reports
+        if not each.proved
+    ]
+    return Compared(tuple(reports), document, tuple(left_out), tuple(_job_differences(reports)))
+
+
+def _photographs(
+    reports: Sequence[FinishedReport],
+    chosen: Mapping[str, tuple[FinishedReport, Document]],
+    reference: str | None,
+    alone: bool,
+    left_out: list[str],
+) -> dict[str, Any] | None:
+    """Of the first report that has some, with those of all others that were taken of the same scenes alike."""
+    first = next((each for each in reports if "photographs" in each.document), None)
+    if first is None:
+        left_out.append("No report has photographs: dies are not ranked.")
+        return None
+    taken, dies = first.document["photographs"], []
+    for report in reports:
+        other = report.document.get("photographs")
+        if other is None:
+            left_out.append(f"{report.name} has no photographs.")
+            continue
+        told = ", ".join(_parted(_taken(taken), _taken(other)))
+        if told:
+            left_out.append(
+                f"Photographs of {report.name} were taken otherwise than those of {first.name} ({told}): they are not "
+                "compared."
+            )
+            continue
+        names = {_name(report, die["name"], alone): die for die in other["dies"]}
+        dies += [{**die, "name": name} for name, die in names.items() if name in chosen]
+    known = {die["name"] for die in dies if not die["refused"]}
+    own = None if taken["reference"] is None else _name(first, taken["reference"], alone)
+    over = next((each for each in (reference, own) if each in known), next(iter(sorted(known)), None))
+    if reference is not None and over != reference:
+        left_out.append(f"The reference {reference} has no photographs of these scenes: gains are over {over}.")
+    return {**taken, "dies": dies, "reference": over, "reference_stated": reference}
+
+
+def _without_other_gains(die: dict[str, Any], report: FinishedReport, over: str | None, alone: bool) -> dict[str, Any]:
+    """A die without bands of gains over another die than all are held against here."""
+    own = report.document.get("photographs", {}).get("reference")
+    if own is not None and _name(report, own, alone) == over:
+        return die
+    return {**die, "quantities": [row for row in die["quantities"] if row["name"] != "band_restored_gain"]}
+
+
+def _made(report: FinishedReport) -> tuple[object, object]:
+    """Process and spread that the bands of a report are over."""
+    return report.document.get("process"), report.document.get("spread")
+
+
+def _taken(photographs: Document) -> Document:
+    """Conditions and scenes of photographs."""
+    return {key: value for key, value in photographs.items() if key not in _WORDS} | {"scenes": photographs["scenes"]}
+
+
+def _ranked(taken: Document, level: float) -> dict[str, Any]:
+    """Dies from the highest mean down, each with its paired difference to the first."""
+    known = scores(taken, level)
+    means = {name: sum(own) / len(own) for name, own in known.items()}
+    order = sorted(means, key=lambda name: -means[name])
+    best = best_photographed(taken, level)
+    rows = []
+    for name in order:
+        gap, gain = (
+            difference(taken, level, name, other) if name != other else None for other in (order[0], taken["reference"])
+        )
+        rows.append(
+            {
+                "name": name,
+                "psnr": means[name],
+                "to_best": None if gap is None else {"mean": gap.mean, "half_width": gap.half_width, "tie": gap.tie},
+                "gain": None if gain is None else {"mean": gain.mean, "half_width": gain.half_width, "tie": gain.tie},
+                "best": name in best,
+            }
+        )
+    return {
+        "level_db": level,
+        "reference": taken["reference"],
+        "scenes": len(taken["scenes"]),
+        "interval": CONFIDENCE,
+        "dies": rows,
+    }
+
+
+def _job_differences(reports: Sequence[FinishedReport]) -> Iterator[JobDifference]:
+    stated = [each.job for each in reports if each.job is not None]
+    if len(stated) < len(reports):
+        return
+    dies = [{die["name"]: die for die in job.get("die", ())} for job in stated]
+    shared = [name for name in dies[0] if all(name in each for each in dies)]
+    for name in dict.fromkeys(name for each in dies for name in each if name not in shared):
+        yield JobDifference(f"die.{name}", tuple(each[name]["label"] if name in each else None for each in dies))
+    jobs = [
+        dict(_fields({**job, "die": [die for name, die in each.items() if name in shared]}))
+        for job, each in zip(stated, dies, strict=True)
+    ]
+    for field in dict.fromkeys(field for job in jobs for field in job):
+        values = tuple(job.get(field) for job in jobs)
+        if len(set(values)) > 1:
+            yield JobDifference(field, values)
+
+
+def _fields(value: object, path: str = "") -> Iterator[tuple[str, str]]:
+    """Every field of a job with its value as text; dies by their names."""
+    if isinstance(value, Mapping):
+        for key, each in value.items():
+            yield from _fields(each, f"{path}.{key}".lstrip("."))
+    elif isinstance(value, list) and value and all(isinstance(each, Mapping) and "name" in each for each in value):
+        for each in value:
+            yield from _fields({key: inner for key, inner in each.items() if key != "name"}, f"{path}.{each['name']}")
+    elif value is not None:
+        text = " ".join(str(value).split())
+        yield path, text if len(text) <= _MOST_TEXT else f"{text[:_MOST_TEXT]}…"
+
+
+def _parted(one: Document, other: Document) -> Iterator[str]:
+    """Names of what differs."""
+    for key in dict.fromkeys([*one, *other]):
+        if one.get(key) != other.get(key):
+            yield key.replace("_", " ")
+
+
+def _renamed(row: Document, name: str) -> Document:
+    return {**row, "die": name} if "die" in row else row
+
+
+def _name(report: FinishedReport, die: str, alone: bool) -> str:
+    return die if alone else f"{report.name}:{die}"
+
+
+def _found(name: str, chosen: Mapping[str, object], where: str) -> str:
+    """The full name of a die that may be named without its report."""
+    if name in chosen:
+        return name
+    alike = [each for each in chosen if each.rpartition(":")[2] == name]
+    if len(alike) == 1:
+        return alike[0]
+    what = f"several reports have a die {name!r}" if alike else f"no report has a die {name!r}"
+    raise JobError("MF105", what, where=where, cure=f"Name one of {', '.join(alike or chosen)}")
+
+
+_MARKS = "osD^vphX"
+
+
+@styled
+def trade(document: Mapping[str, Any]) -> Drawing:
+    """Open ratio against gain over the reference, one mark for each die; a die that none betters in both is filled."""
+    taken = document["photographs"]
+    level, reference = middle_level(taken["levels_db"]), taken["reference"]
+    light = {
+        die["name"]: 100 * row["value"]
+        for die in document["dies"]
+        for row in die["quantities"]
+        if row["name"] == "open_ratio"
+    }
+    names = [name for name in scores(taken, level) if name in light]
+    figure = Figure(figsize=(8.6, 4.2))
+    axes = place(figure, (0.7, 0.5, 4.9, 3.4))
+    base = mean_psnr(taken, level, reference)
+    gains = {name: mean_psnr(taken, level, name) - base for name in names}
+    for number, name in enumerate(names):
+        bettered = any(
+            light[other] >= light[name] and gains[other] >= gains[name] and other != name
+            and (light[other], gains[other]) != (light[name], gains[name])
+            for other in names
+        )  # fmt: skip
+        colour = OKABE_ITO[number % len(OKABE_ITO)]
+        width = 0.0 if name == reference else difference(taken, level, name, reference).half_width
+        axes.errorbar(
+            light[name],
+            gains[name],
+            yerr=width if width > 0 else None,
+            color=colour,
+            marker=_MARKS[number % len(_MARKS)],
+            markerfacecolor="white" if bettered else colour,
+            markersize=6,
+            capsize=2,
+            linestyle="none",
+            label=name,
+        )
+    axes.axhline(0, color=QUIET, linewidth=0.7)
+    axes.set(xlabel="open ratio (%)", ylabel=f"gain over {reference} (dB)")
+    axes.grid(visible=True, color=QUIET, alpha=0.25, linewidth=0.5)
+    axes.tick_params(colors=INK)
+    figure.legend(loc="upper left", bbox_to_anchor=(5.75 / 8.6, 3.95 / 4.2), fontsize=7)
+    return Drawing(figure, f"Gain over {reference} at {level:g} dB of light against open ratio, {len(names)} dies")
+
+
+_MOST_FIELDS = 20
+
+
+def compare_page(compared: Compared) -> str:
+    """The page, with nothing from outside it; equal reports give equal pages."""
+    table = compared.table
+    return _template().render(
+        style=style(),
+        compared=compared,
+        table=table,
+        verdict=verdict(compared),
+        confidence=f"{CONFIDENCE:.0%}",
+        figure=None if table.level_db is None else Markup(trade(compared.document).img()),
+    )
+
+
+def verdict(compared: Compared) -> str:
+    """Who is best, in one sentence."""
+    table = compared.table
+    if table.level_db is None:
+        return "No photographs to rank by."
+    taken, level = compared.document["photographs"], table.level_db
+    known, best = scores(taken, level), best_photographed(taken, level)
+    count = f"{len(taken['scenes'])} photographs at {level:g} dB of light"
+    if len(known) < 2:
+        return f"One die alone has photographs that can be compared: {next(iter(known), 'none')}."
+    if not best:
+        return f"Nobody can tell which is best: all {len(known)} dies tie over {count}."
+    if len(best) == 1:
+        return f"Best: {next(iter(best))}; every other die is worse over {count}."
+    tied = [line.name for line in table.lines if line.name in best]
+    return f"Best: {tied[0]}, tied with {', '.join(tied[1:])}, over {count}."
+
+
+def compare_text(compared: Compared) -> Iterator[str]:
+    """Lines for a terminal."""
+    table = compared.table
+    heading = ["die", "PSNR dB", f"gain over {table.reference}", "display", *(" ".join(each) for each in table.columns)]
+    rows = [
+        [line.name, line.psnr, line.gain, line.display or "-", *(cell.text if cell else "-" for cell in line.cells)]
+        for line in table.lines
+    ]
+    widths = [max(len(row[column]) for row in (heading, *rows)) for column in range(len(heading))]
+    for row in (heading, *rows):
+        yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+    yield verdict(compared)
+    yield from compared.left_out
+    names = [each.name for each in compared.reports]
+    for each in compared.differences[:_MOST_FIELDS]:
+        values = (f"{name} {'-' if value is None else value}" for name, value in zip(names, each.values, strict=True))
+        yield f"{each.field}: {', '.join(values)}"
+    if len(compared.differences) > _MOST_FIELDS:
+        yield f"{len(compared.differences) - _MOST_FIELDS} more fields differ: --json or --out lists all"
+
+
+@cache
+def _template() -> Template:
+    return page_environment().from_string(template("compare.html.j2"))

@@ -1,0 +1,366 @@
+"""Two parts of the pages of designs: what each rule costs, and openings of nearly the same PSNR.
+
+The rise of a search: its best value against what was judged.
+
+The page of a design, from its document alone: what was found, how, how far it is from what can be proved, what its
+rules cost, and openings of nearly the same PSNR.
+
+The files of a design: its page, its numbers, the opening and its map.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Template
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from maskfab.base.folders import Place, staged, write_mark
+from maskfab.base.resources import template
+from maskfab.base.units import UM_PER_MM
+from maskfab.designs.search.account import ANNEALING
+from maskfab.report.figures.sheet import INK, QUIET, Drawing, data_uri, img, place, png, styled
+from maskfab.report.pages.page import style
+from maskfab.report.pages.template import page_environment
+from maskfab.report.rows.text import USEFUL_DB
+
+_PALETTE = np.array([[74, 82, 92], [255, 255, 255]], dtype=np.uint8)
+"""Closed and clear."""
+_BETTER = {
+    "psnr": "PSNR without a map",
+    "emitters": "room for emitters",
+    "rim": "margin to its neighbours",
+    "bias": "steadier under bias",
+}
+
+
+def rules_part(
+    rules: Sequence[Mapping[str, str]],
+    prices: Mapping[str, Mapping[str, float | None]],
+    together: float | None,
+    judged: int,
+    among: int,
+    without: Mapping[str, float] | None = None,
+    *,
+    annealed: bool,
+) -> Markup:
+    """Cost of each rule.
+
+    Args:
+        rules: that were asked for, each with what it asks in words.
+        prices: dB by rule: ``alone``, and ``last``, on top of the others; null where no opening judged tells it.
+        together: of all rules, dB; None where that is not known.
+        judged: openings in all.
+        among: the best of these, among which rules are priced.
+        without: dB that an annealing without a rule gained; None where there was none.
+        annealed: the opening was annealed under the rules.
+    """
+    rows = [
+        {
+            "rule": each["rule"].replace("_", " "),
+            "asked": each["asked"] or "as the job has it",
+            "priced": each["rule"] in prices,
+            "without": (without or {}).get(each["rule"]),
+            **prices.get(each["rule"], {"alone": None, "last": None}),
+        }
+        for each in rules
+    ]
+    return Markup(_macros().rules(rows, together, judged, among, annealed, without is not None))
+
+
+def alternatives_part(near: Mapping[str, Any] | None, absent: str | None) -> Markup:
+    """Openings of nearly the PSNR of a chosen one.
+
+    Args:
+        near: as :func:`maskfab.report.documents.design.alternatives_document` tells them.
+        absent: why there are none.
+    """
+    if near is None:
+        return Markup(_macros().alternatives(None, absent))
+    shown = {
+        **near,
+        "chosen": _shown(near["chosen"]),
+        "others": [
+            {**_shown(each), "against": f"{-each['below_db'] + 0.0:+.3f}", "better": _better(each["better_at"])}
+            for each in near["others"]
+        ],
+    }
+    return Markup(_macros().alternatives(shown, None))
+
+
+def dots_image(rows: Sequence[str], words: str) -> Markup:
+    """Dots, drawn row by row from the top, for an ``<img>`` that scales them without blurring."""
+    levels = np.array([[dot == "#" for dot in row] for row in reversed(rows)], dtype=np.uint8)
+    return Markup(img(data_uri(png(levels, _PALETTE)), words, "small"))
+
+
+def _shown(each: Mapping[str, Any]) -> dict[str, Any]:
+    return {**each, "picture": dots_image(each["rows"], f"the opening {each['shape']}")}
+
+
+def _better(names: Sequence[str]) -> str:
+    return ", ".join(_BETTER[name] for name in names) or "nothing of this"
+
+
+@cache
+def _macros() -> Any:
+    made: Template = page_environment().from_string(template("tradeoffs.html.j2"))
+    return made.module
+
+
+_WIDE, _HIGH, _LEFT, _FOOT, _TOP = 5.6, 1.9, 0.75, 0.5, 0.15
+
+
+@styled
+def search_drawing(bettered: Sequence[Sequence[float]], last: int, value: str, judged: str) -> Drawing | None:
+    """A stair of the best values for each stage that began anew; None where the best was bettered less than twice.
+
+    Args:
+        bettered: how many were judged when the best was bettered, and its value.
+        last: how many were judged in all.
+        value: what the values are, with their unit.
+        judged: what is counted.
+    """
+    if len(bettered) < 2:
+        return None
+    figure = Figure(figsize=(_LEFT + _WIDE + 0.15, _TOP + _HIGH + _FOOT))
+    figure.set_facecolor("white")
+    axes = place(figure, (_LEFT, _FOOT, _WIDE, _HIGH))
+    runs = stages(bettered)
+    ends = [*(run[0][0] for run in runs[1:]), last]
+    for run, end in zip(runs, ends, strict=True):
+        numbers, values = zip(*run, strict=True)
+        axes.step([*numbers, max(end, numbers[-1])], [*values, values[-1]], where="post", color=INK, linewidth=1.1)
+        axes.plot(numbers, values, "o", color=INK, markersize=3)
+    axes.set_xlabel(judged)
+    axes.set_ylabel(value.split(", ", maxsplit=1)[0] + (" (dB)" if ", dB" in value else ""))
+    axes.grid(color=QUIET, alpha=0.25, linewidth=0.5)
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    numbers, values = zip(*bettered, strict=True)
+    return Drawing(figure, f"{value}: {values[0]:.4g} at {numbers[0]}, {values[-1]:.4g} from {numbers[-1]} on")
+
+
+def stages(bettered: Sequence[Sequence[float]]) -> list[list[Sequence[float]]]:
+    """Parts in which the values go one way, that of the first two: an annealing under rules may begin below a scan."""
+    upwards = bettered[1][1] > bettered[0][1]
+    found = [[bettered[0]]]
+    for before, each in pairwise(bettered):
+        if (each[1] > before[1]) is upwards:
+            found[-1].append(each)
+        else:
+            found.append([each])
+    return found
+
+
+Told = Mapping[str, Any]
+
+
+def design_page(told: Told) -> str:
+    """The page, with nothing from outside it; equal documents give equal pages.
+
+    Args:
+        told: design.json, as :func:`maskfab.report.documents.design.designed_document` makes it.
+    """
+    search, panel = told["search"], told["panel"]
+    laid = told["map"]["expected_psnr_db"] if told["map"] else told["expected_psnr_db"]
+    levels = list(laid)
+    drawing = None
+    if search:
+        drawing = search_drawing(search["bettered"], told["evaluated"], search["value"], _judged(search))
+    return _template().render(
+        style=style(),
+        told=told,
+        search=search,
+        levels=levels,
+        headline=sum(laid.values()) / len(laid),
+        turned=_turned(panel),
+        display=_display(told["fit"]),
+        room=_room(told, levels),
+        rules_line=_rules_line(told, search),
+        cell=dots_image(told["rows"], f"the opening {told['name']}"),
+        tiles=dots_image(panel["rows"], "the middle of its panel") if panel else None,
+        tiles_told=_tiles_told(told, panel),
+        restored=_restored(told),
+        command=told["provenance"].get("command"),
+        steps=None if drawing is None else Markup(drawing.img()),
+        steps_told=_steps_told(search),
+        bounds=_bounds(told, levels),
+        ideals=_ideals(told),
+        rules=rules_part(
+            search["rules"] if search else [],
+            told["prices_db"],
+            told["rules_cost_db"],
+            told["evaluated"],
+            search["priced_among"] if search else 0,
+            search["annealed_without_db"] if search else None,
+            annealed=_annealed(search),
+        ),
+        alternatives=alternatives_part(told["alternatives"], told["alternatives_absent"]),
+    )
+
+
+def _judged(search: Told) -> str:
+    return "steps of descent" if "descent" in search["method"] else "openings judged"
+
+
+def _steps_told(search: Told | None) -> str:
+    if not search:
+        return ""
+    if "descent" in search["method"]:
+        return "Steps of all starts, one after the other; a descent that went on from a checkpoint, from there on."
+    told = "The best of all openings judged"
+    told += ", whether or not it keeps the rules" if search["rules"] else ""
+    return told + ("; then of the annealing, which keeps them." if search["rules"] and _annealed(search) else ".")
+
+
+def _annealed(search: Told | None) -> bool:
+    return search is not None and any(stage["what"] == ANNEALING for stage in search["stages"])
+
+
+def _turned(panel: Told | None) -> str:
+    return "all alike" if panel and panel["tiling"] == "periodic" else "turned at random"
+
+
+def _tiles_told(told: Told, panel: Told | None) -> str:
+    if not panel:
+        return ""
+    return f"The middle of its {'map' if told['map'] else 'panel: ' + panel['tiling']}."
+
+
+def _display(fit: Told | None) -> str:
+    if fit is None:
+        return "not judged: the design has to hold none"
+    across = fit["pixels"][0]
+    size = f"{across} x {across} pixels, {fit['side_um'] / UM_PER_MM:g} mm"
+    return f"FITS: emitters, circuits and wires, on a die of {size}, with seed {fit['seed']}"
+
+
+def _useful(values: Mapping[str, float]) -> Mapping[str, float]:
+    return {level: value for level, value in values.items() if value <= USEFUL_DB}
+
+
+def _room(told: Told, levels: Sequence[str]) -> str:
+    """In one line, of the opening in the picture's interior."""
+    if not told["head_room_db"]:
+        return "not proved"
+    useful = _useful(told["head_room_db"])
+    parts = [f"{useful[level]:.2f} dB at {level}" for level in levels if level in useful]
+    where = "far from the frame's edge, no opening of as many dots gains more than "
+    return where + ", ".join(parts) if parts else "no useful bound"
+
+
+def _rules_line(told: Told, search: Told | None) -> str:
+    rules = search["rules"] if search else []
+    if not rules:
+        return "none but the number of clear dots"
+    cost = told["rules_cost_db"]
+    named = ", ".join(each["rule"].replace("_", " ") for each in rules)
+    return named if cost is None else f"{named}: {cost:.3f} dB together"
+
+
+def _restored(told: Told) -> list[tuple[str, Mapping[str, str]]]:
+    """Rows of decibels by level."""
+    rows: list[tuple[str, Mapping[str, float]]] = []
+    if not (told["map"] and told["outer"]):
+        rows.append((f"Cells {_turned(told['panel'])}", told["expected_psnr_db"]))
+    if told["map"]:
+        rows += [("With its map", told["map"]["expected_psnr_db"])]
+    if told["scene"]:
+        rows.append(("Over the scene, mean", told["scene"]["mean_psnr_db"]))
+    plain: list[tuple[str, Mapping[str, str]]] = [
+        (name, {level: f"{value:.2f}" for level, value in values.items()}) for name, values in rows
+    ]
+    if told["map"]:
+        gains = told["map"]["gain_db"]
+        plain.append(
+            (
+                "Gain of the map over the random one that it began from",
+                {level: f"{gain:+.2f}" for level, gain in gains.items()},
+            )
+        )
+    robust = told["robust"]
+    if robust and robust["tiling_db"]:
+        spread = {level: f"±{value:.2f}" for level, value in robust["tiling_db"].items()}
+        plain.append(("One random tiling from another, standard deviation", spread))
+    for key, name in (("bias", "bias"), ("centre", "the stop's centre")):
+        varied = robust[key] if robust else None
+        if varied:
+            lost = {level: f"{-value + 0.0:+.3f}" for level, value in varied["loss_db"].items()}
+            plain.append((f"Expected over {name}, standard deviation {varied['deviation_um']:g} µm", lost))
+    return plain
+
+
+def _bounds(told: Told, levels: Sequence[str]) -> list[dict[str, Any]]:
+    """Head rooms, what they hold for, and which is the least at each level."""
+    bounds, cells = told["bounds"], told["map"]
+    rows: list[tuple[str, Mapping[str, float], str]] = []
+    if told["head_room_db"]:
+        rows.append(("Opening, far from the frame's edge", told["head_room_db"], "any opening of as many clear dots"))
+    if bounds:
+        whole = {level: bounds["most_frame_psnr_db"][level] - told["expected_psnr_db"][level] for level in levels}
+        if not told["scene"]:
+            whole = {level: max(0.0, value) for level, value in whole.items()}
+            rows.append(("Opening, the whole frame", whole, "the same, the edge's leak counted as nothing at least"))
+    if cells and cells["head_room_db"]:
+        rows.append(("Map", cells["head_room_db"], "any layout of as many clear dots and as much light"))
+    least = {level: min((values[level] for _, values, _ in rows), default=0.0) for level in levels}
+    return [
+        {
+            "name": name,
+            "holds": holds,
+            "cells": [
+                {
+                    "text": f"{values[level]:.2f}" if level in _useful(values) else "no useful bound",
+                    "tightest": values[level] == least[level] and level in _useful(values),
+                }
+                for level in levels
+            ],
+        }
+        for name, values, holds in rows
+    ]
+
+
+def _ideals(told: Told) -> list[tuple[str, Mapping[str, float]]]:
+    bounds = told["bounds"]
+    if not bounds:
+        return []
+    return [
+        ("a grey filter of the same transmission", bounds["grey_psnr_db"]),
+        ("an unobstructed stop with the same open area", bounds["open_stop_psnr_db"]),
+    ]
+
+
+@cache
+def _template() -> Template:
+    return page_environment().from_string(template("design.html.j2"))
+
+
+DOCUMENT, PAGE = "design.json", "design.html"
+
+
+def write_design(place: Place, document: Mapping[str, Any], files: Mapping[str, str]) -> list[Path]:
+    """Write everything into a directory that appears whole, and return the paths.
+
+    Args:
+        place: where.
+        document: what design.json says.
+        files: texts of the opening and its map, by their names.
+
+    Raises:
+        OutputError: MF401 or MF404 as :func:`maskfab.base.folders.staged`.
+    """
+    text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    with staged(place) as folder:
+        for name, content in {**files, DOCUMENT: text, PAGE: design_page(json.loads(text))}.items():
+            (folder / name).write_text(content, encoding="utf-8")
+        write_mark(folder, document["job_hash"])
+    return sorted(place.asked.iterdir())

@@ -1,0 +1,339 @@
+"""Figures of a measured die: what was captured beside what is expected, on one scale; and their MTF.
+
+The page of a measured die: the verdict, the pictures side by side, the numbers and what was captured.
+
+The files of a measured die: its page, its numbers, and the merged capture with its standard deviation.
+
+MTFs measured across edges, with their bands, beside what was designed: one field for each edge.
+
+The page of measured edges: the verdict, every MTF beside the design's, and the numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from maskfab.base import __version__
+from maskfab.base.arrays import Floats
+from maskfab.base.folders import Place
+from maskfab.base.quantities import registered
+from maskfab.camera.capture.files import write_merged
+from maskfab.camera.capture.frames import PIXELS_OF
+from maskfab.camera.inspection.edge_mtf import MeasuredEdge, MeasuredEdges, MtfCurve
+from maskfab.camera.inspection.fit import MtfBand
+from maskfab.camera.inspection.identity import CERTAIN
+from maskfab.camera.inspection.verdict import COST_METHOD, Measured, cause, stands, write_fitted_psf
+from maskfab.report.documents.die import Document
+from maskfab.report.documents.measured import SCHEMA_VERSION, write_measured
+from maskfab.report.figures.die import OKABE_ITO
+from maskfab.report.figures.sheet import INK, QUIET, Drawing, place, styled
+from maskfab.report.pages.page import style
+from maskfab.report.pages.template import measured_template
+from maskfab.report.rows.text import Quantities, short
+
+_SIDE, _LEFT, _TOP, _GAP, _FOOT, _BAR = 2.35, 0.7, 0.3, 0.25, 0.45, 0.7
+_DECADES = 5
+_MOST_SIGMA = 4.0
+_COLOURS = {"R": "#D55E00", "G": "#009E73", "B": "#0072B2", "-": INK}
+
+
+@styled
+def captured_drawing(found: Measured) -> Drawing:
+    """Captured, expected, and their difference in standard deviations, a row for each colour."""
+    chosen = _first_of_each(found)
+    width = _LEFT + 3 * (_SIDE + _GAP) + _BAR
+    height = _TOP + len(chosen) * (_SIDE + _GAP) + _FOOT
+    figure = Figure(figsize=(width, height), dpi=120)
+    for row, k in enumerate(chosen):
+        taken, expected = found.taken[k], found.fit.predicted[k]
+        beneath = found.fit.beneath[taken.pixels.colour]
+        peak = float((expected - beneath).max())
+        bottom = height - _TOP - (row + 1) * _SIDE - row * _GAP
+        shown = (
+            _logarithm(np.where(taken.valid, taken.light, np.nan) - beneath, peak),
+            _logarithm(expected - beneath, peak),
+        )
+        ends = _ends(taken.pixels.x_um, taken.pixels.y_um)
+        for column, values in enumerate(shown):
+            axes = _axes(figure, column, bottom)
+            axes.imshow(values, cmap="magma", vmin=-_DECADES, vmax=0, extent=ends, interpolation="none")
+            _named(
+                axes, ("captured", "expected of the fitted die")[column] if row == 0 else "", column, row, len(chosen)
+            )
+            if column == 0:
+                axes.set_ylabel(f"{PIXELS_OF[taken.pixels.colour]}, y (µm)")
+        axes = _axes(figure, 2, bottom)
+        residual = np.where(taken.valid, found.fit.residuals[k], np.nan)
+        drawn = axes.imshow(
+            residual, cmap="PuOr", vmin=-_MOST_SIGMA, vmax=_MOST_SIGMA, extent=ends, interpolation="none"
+        )
+        _named(axes, "difference, in standard deviations" if row == 0 else "", 2, row, len(chosen))
+        bar = place(figure, (_LEFT + 3 * (_SIDE + _GAP) - _GAP + 0.08, bottom, 0.1, _SIDE))
+        figure.colorbar(drawn, cax=bar)
+    words = f"captured, expected and their difference, {len(chosen)} colours"
+    return Drawing(figure, words)
+
+
+@styled
+def capture_mtf_drawing(found: Measured) -> Drawing:
+    """MTF of what was captured over the band that noise allows the fitted die, for each grid of pixels."""
+    figure = Figure(figsize=(9.0, 3.6), dpi=120)
+    axes = place(figure, (0.75, 0.5, 5.6, 2.9))
+    seen: set[str] = set()
+    for band in found.bands:
+        if band.colour in seen:
+            continue
+        seen.add(band.colour)
+        _curves(axes, band)
+    axes.set_xlabel("frequency on the sensor (cycles per mm)")
+    axes.set_ylabel("modulation, window and noise included")
+    axes.set_yscale("log")
+    # Powers in the formulas' notation would show as their source, for no text is a formula here.
+    axes.yaxis.set_major_formatter(lambda value, _: short(value))
+    axes.grid(color=QUIET, alpha=0.25, linewidth=0.5)
+    axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), fontsize=7)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    return Drawing(figure, "MTF of the captured picture and of the fitted die")
+
+
+def _curves(axes: Axes, band: MtfBand) -> None:
+    colour, name = _COLOURS[band.colour], PIXELS_OF[band.colour]
+    for row, (style, kind) in enumerate((("-", "mean"), (":", "minimum"))):
+        axes.fill_between(band.frequencies, band.low[row], band.high[row], color=colour, alpha=0.22, linewidth=0)
+        label = f"{name}, {kind} over directions"
+        axes.plot(band.frequencies, band.measured[row], style, color=colour, linewidth=1.2, label=label)
+    if band.parted_per_mm is not None:
+        axes.axvline(band.parted_per_mm, color=colour, linewidth=0.8, dashes=(2, 2))
+
+
+def _first_of_each(found: Measured) -> list[int]:
+    colours = [each.pixels.colour for each in found.taken]
+    return [colours.index(colour) for colour in dict.fromkeys(colours)]
+
+
+def _logarithm(values: Floats, peak: float) -> Floats:
+    return np.asarray(np.log10(np.clip(values / peak, 10.0**-_DECADES, 1.0)))
+
+
+def _ends(x_um: Floats, y_um: Floats) -> tuple[float, float, float, float]:
+    half = abs(x_um[1] - x_um[0]) / 2
+    return float(x_um[0] - half), float(x_um[-1] + half), float(y_um[-1] - half), float(y_um[0] + half)
+
+
+def _axes(figure: Figure, column: int, bottom: float) -> Axes:
+    return place(figure, (_LEFT + column * (_SIDE + _GAP), bottom, _SIDE, _SIDE))
+
+
+def _named(axes: Any, title: str, column: int, row: int, rows: int) -> None:
+    axes.set_title(title, loc="left")
+    if column:
+        axes.tick_params(labelleft=False)
+    if row == rows - 1:
+        axes.set_xlabel("x (µm)")
+    else:
+        axes.tick_params(labelbottom=False)
+
+
+_PRICES = ("captured_cost", "captured_loss")
+"""Numbers that have a table of their own."""
+
+
+def capture_page(found: Measured, document: Mapping[str, Any], notes: Sequence[str]) -> str:
+    """The page, with nothing from outside it; equal captures give equal pages.
+
+    Args:
+        found: what was measured.
+        document: what measure.json says of it.
+        notes: what a reader should know, as sentences.
+    """
+    return measured_template("measure.html.j2").render(
+        style=style(),
+        version=document["maskfab_version"],
+        digest=document["job_hash"],
+        verdict=found.verdict,
+        captured=Markup(captured_drawing(found).img()),
+        mtf=Markup(capture_mtf_drawing(found).img()),
+        rows=[(each, registered(each.name)) for each in found.quantities if each.name not in _PRICES],
+        costs=[(cause(each.of), each) for each in found.costs],
+        cost_method=COST_METHOD,
+        rivals=document["hypotheses"],
+        frames=document["frames"],
+        doubts=document["pixels_left_out"],
+        notes=notes,
+    )
+
+
+LIGHT, SIGMA, FITTED = "captured.exr", "captured_sigma.exr", "fitted_psf.exr"
+_SHOWN = 12
+
+
+def capture_document(found: Measured, job_hash: str, notes: Sequence[str]) -> dict[str, Any]:
+    """Everything that was measured; what measure.json and ``--json`` say."""
+    best, fit = found.identified.best, found.fit
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "maskfab_version": __version__,
+        "job_hash": job_hash,
+        "verdict": list(found.verdict),
+        "die": best.die if found.identified.certain else None,
+        "stands": stands(best) if found.identified.certain else None,
+        "turn_the_plate_over": found.mirrored if found.identified.certain else None,
+        "quantities": Quantities(found.quantities).to_dict(),
+        "light": {
+            colour: {"electrons_per_s": value, "beneath_electrons_per_s": fit.beneath[colour]}
+            for colour, value in fit.light.items()
+        },
+        "steps": fit.steps,
+        "hypotheses": {
+            "certain": CERTAIN,
+            "others": [
+                {"die": each.die, "stands": stands(each), "chi2_above": margin}
+                for each, margin in found.identified.ahead[:_SHOWN]
+            ],
+        },
+        "mtf": [
+            {
+                "colour": band.colour,
+                "frequency_per_mm": band.frequencies.tolist(),
+                "parted_per_mm": band.parted_per_mm,
+                **{
+                    name: {"mean": values[0].tolist(), "minimum": values[1].tolist()}
+                    for name, values in (
+                        ("captured", band.measured),
+                        ("expected", band.expected),
+                        ("low", band.low),
+                        ("high", band.high),
+                    )
+                },
+            }
+            for band in found.bands
+        ],
+        "frames": [
+            {
+                "name": each.name,
+                "sha256": each.sha256,
+                "exposure_s": each.exposure_s,
+                "drift": each.drift.taken_out,
+                "full": each.full,
+            }
+            for each in found.merged.used
+        ],
+        "pixels_left_out": {name: len(getattr(found.merged, name)) for name in ("hot", "disagreeing", "full", "dust")},
+        "notes": list(notes),
+    }
+
+
+def write_capture(place: Place, found: Measured, document: Mapping[str, Any], notes: Sequence[str]) -> list[Path]:
+    """Write everything into a directory that appears whole, and return the paths.
+
+    Raises:
+        OutputError: MF401 or MF404 as :func:`maskfab.base.folders.staged`.
+    """
+
+    def write_light(folder: Path) -> None:
+        write_merged(found.merged, folder / LIGHT, folder / SIGMA)
+        write_fitted_psf(found, folder / FITTED)
+
+    return write_measured(place, document, capture_page(found, document, notes), write_light)
+
+
+_EDGE_LEFT, _EDGE_FOOT, _WIDE, _HIGH, _ACROSS, _UP, _LEGEND = 0.55, 0.85, 3.2, 2.4, 0.35, 0.35, 0.35
+_MOST_ACROSS = 3
+_MOST_IN_LEGEND = 5
+_STYLES = ((0, (5, 1.5)), (0, (1, 1)), (0, (3, 1, 1, 1)), (0, (6, 1, 1, 1, 1, 1)))
+_LIMIT_CY_PER_PX = 0.5
+
+
+@styled
+def edges_drawing(found: MeasuredEdges, title: str = "") -> Drawing:
+    """Every edge's MTF with its band, and the designed ones through the same window, up to one cycle per pixel."""
+    columns = min(len(found.edges), _MOST_ACROSS)
+    rows = -(-len(found.edges) // columns)
+    width = _EDGE_LEFT + columns * (_WIDE + _ACROSS)
+    height = _LEGEND + rows * (_EDGE_FOOT + _HIGH) + _UP
+    figure = Figure(figsize=(width, height), dpi=160)
+    figure.set_facecolor("white")
+    lights = list(dict.fromkeys(designed.light for each in found.edges for designed in each.designed))
+    for k, each in enumerate(found.edges):
+        left = _EDGE_LEFT + (k % columns) * (_WIDE + _ACROSS)
+        bottom = _LEGEND + (rows - 1 - k // columns) * (_EDGE_FOOT + _HIGH) + _EDGE_FOOT - 0.3
+        axes = place(figure, (left, bottom, _WIDE, _HIGH))
+        _draw(axes, each, lights)
+        if k % columns == 0:
+            axes.set_ylabel("MTF")
+    named = {}
+    for axes in figure.axes:
+        named.update({label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)})
+    across = min(len(named), _MOST_IN_LEGEND if columns > 1 else 2)
+    figure.legend(named.values(), named, loc="lower center", ncols=across, fontsize=7.5)
+    if title:
+        figure.text(_EDGE_LEFT / width, 1 - 0.08 / height, title, va="top", fontsize=10)
+    return Drawing(figure, _words(found.edges, found.die))
+
+
+def _draw(axes: Axes, measured: MeasuredEdge, lights: Sequence[str]) -> None:
+    edge = measured.edge
+    frequency = edge.frequency_cy_per_px
+    if edge.low is not None and edge.high is not None:
+        axes.fill_between(frequency, edge.low, edge.high, color="#bcc3cb", linewidth=0, label="95 % band")
+    for designed in measured.designed:
+        k = lights.index(designed.light)
+        axes.plot(
+            frequency,
+            designed.seen,
+            color=OKABE_ITO[k % (len(OKABE_ITO) - 1)],
+            linestyle=_STYLES[k % len(_STYLES)],
+            linewidth=1.2,
+            label=f"designed, {designed.light}",
+        )
+    axes.plot(frequency, edge.mtf, color=INK, linewidth=1.1, label="measured")
+    axes.axvline(_LIMIT_CY_PER_PX, color="#9aa3ad", linewidth=0.6)
+    axes.set(xlim=(0, float(frequency[-1])), ylim=(0, max(1.05, float(edge.mtf.max()))))
+    axes.set(xlabel="frequency (cycles/pixel)")
+    axes.grid(color="#e3e6ea", linewidth=0.5)
+    axes.set_axisbelow(True)
+    title, per_mm = measured.title, edge.frequency_cy_per_mm
+    if per_mm is not None:
+        title += " (top: cy/mm)"
+        _label_top(axes, float(frequency[-1]), float(per_mm[-1]))
+    axes.set_title(title, loc="left", pad=14, fontsize=7.5)
+
+
+def _label_top(axes: Axes, most_per_px: float, most_per_mm: float) -> None:
+    top = axes.get_xaxis_transform()
+    for share in (0.0, 0.25, 0.5, 0.75, 1.0):
+        place, text = (share * most_per_px, 1), f"{share * most_per_mm:.4g}"
+        axes.annotate(text, place, (0, 3), xycoords=top, textcoords="offset points", ha="center", va="bottom")
+
+
+def _words(edges: Sequence[MeasuredEdge], die: str | None) -> str:
+    beside = f" beside the design of {die}" if die else ""
+    if isinstance(edges[0].edge, MtfCurve):
+        return f"MTF of {edges[0].edge.name}{beside}"
+    return f"MTF across {len(edges)} slanted edge{'s' if len(edges) > 1 else ''} with 95 % bands{beside}"
+
+
+def edge_page(found: MeasuredEdges, document: Document) -> str:
+    """The page, with nothing from outside it; equal edges give equal pages.
+
+    Args:
+        found: what was measured.
+        document: what measure.json says of it.
+    """
+    return measured_template("edge.html.j2").render(
+        style=style(),
+        document=document,
+        drawing=Markup(edges_drawing(found).img()),
+        alone=len(found.edges) == 1,
+        elsewhere=any(isinstance(each.edge, MtfCurve) for each in found.edges),
+        banded=all(each.edge.low is not None for each in found.edges),
+        edges=[(each, [(row, registered(row.name)) for row in each.quantities]) for each in found.edges],
+    )

@@ -1,0 +1,515 @@
+"""The figures of a study: scores along its axis, and the optics and restored photographs of every die.
+
+The page of a study: its figures, the tables under them, and what they say of its claims.
+
+The files of a study: its page, and its numbers as JSON.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from jinja2 import Template
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from maskfab.base import __version__
+from maskfab.base.arrays import Floats
+from maskfab.base.folders import Place, staged, write_mark
+from maskfab.base.model import Die, DieOptics, Panel, Psf
+from maskfab.base.resources import template
+from maskfab.base.units import dpi
+from maskfab.camera.scores import CONFIDENCE, Gain, Score, ScoreTable
+from maskfab.optics.metrics import auc_radial_min
+from maskfab.report.figures import sheet
+from maskfab.report.figures.die import OKABE_ITO, mtf_comparison, panel_thumbnail
+from maskfab.report.figures.scene import tile
+from maskfab.report.figures.sheet import QUIET, Drawing, img, place, styled
+from maskfab.report.pages.page import style
+from maskfab.report.pages.template import page_environment
+from maskfab.report.rows.study import OWN_SCENE, Claim, Finding, Setting, Study, Take, Verdict
+from maskfab.report.rows.text import rounded, short
+
+_MARKS = "osD^vPX"
+_LINES = ("-", (0, (5, 1.5)), (0, (3, 1, 1, 1)), (0, (1, 1)))
+_WIDE, _HIGH, _LEFT, _FOOT, _TOP, _GAP, _LEGEND = 3.0, 2.1, 0.55, 0.62, 0.3, 0.62, 2.0
+_ROWS = (("psnr", "PSNR (dB)"), ("ssim", "SSIM"))
+_MODULATION_DECADES = 3
+
+
+@styled
+def scores_figure(study: Study) -> Drawing:
+    """Mean scores along the study's axis: a column for each protocol, PSNR over SSIM, a curve for each die."""
+    axis = study.plan.study.axis
+    curves = _curves(study)
+    columns = list(dict.fromkeys(key[0] for key in curves))
+    labels = list(dict.fromkeys(key[1] for key in curves))
+    ticks = list(dict.fromkeys(x for points in curves.values() for x, _ in points))
+    words = all(isinstance(tick, str) for tick in ticks)
+    # One protocol has its scores side by side, several have them one above the other.
+    across, rows = (2, 1) if len(columns) == 1 else (len(columns), 2)
+    figure = Figure(
+        figsize=(_LEFT + across * (_WIDE + _GAP) + _LEGEND, _TOP + rows * _HIGH + (rows - 1) * _GAP / 2 + _FOOT)
+    )
+    for (column, protocol), (row, (measure, title)) in product(enumerate(columns), enumerate(_ROWS)):
+        right, down = (row, 0) if rows == 1 else (column, row)
+        bottom = _FOOT + (rows - 1 - down) * (_HIGH + _GAP / 2)
+        axes = place(figure, (_LEFT + right * (_WIDE + _GAP), bottom, _WIDE, _HIGH))
+        for number, label in enumerate(labels):
+            points = curves.get((protocol, label))
+            if points:
+                at = [float(ticks.index(x) if words else x) for x, _ in points]
+                _curve(axes, at, [_mean(study, of, measure) for _, of in points], number, label, joined=not words)
+        lowest = down == rows - 1
+        _dress(axes, ticks if words else None, lowest=lowest, title=title if right == row * (rows == 1) else "")
+        if down == 0:
+            axes.set_title(f"protocol {protocol}", loc="left")
+        if lowest:
+            axes.set_xlabel(_AXES[axis])
+    handles, told = figure.axes[0].get_legend_handles_labels()
+    beside = (1 - _LEGEND / figure.get_size_inches()[0], 0.5)
+    figure.legend(handles, told, loc="center left", bbox_to_anchor=beside, borderaxespad=0, fontsize=7.5)
+    return Drawing(figure, f"{study.plan.study.figure}: mean PSNR and SSIM of {len(study.scenes)} scenes, by {axis}")
+
+
+_AXES: Mapping[str, str] = {
+    "level": "signal-to-noise ratio of white (dB)",
+    "dpi": "pixels per inch of the display (DPI)",
+    "restorer": "",
+    "case": "",
+}
+
+
+def _curves(study: Study) -> dict[tuple[str, str], list[tuple[float | str, Take]]]:
+    """Points of every curve, by protocol and label; several restorers, levels or cases off the axis part curves."""
+    axis, panels = study.plan.study.axis, study.plan.panels
+    kinds: dict[tuple[str, str], bool] = {
+        (protocol, key): len({getattr(take, key) for take in study.scores if take.protocol == protocol}) > 1
+        for protocol in study.plan.study.protocols
+        for key in ("case", "level_db", "restorer")
+    }
+    found: dict[tuple[str, str], list[tuple[float | str, Take]]] = {}
+    for take in study.scores:
+        along: Mapping[str, float | str] = {
+            "level": take.level_db,
+            "dpi": round(dpi(panels[take.die].cell_size.pitch_um), 1),
+            "restorer": take.restorer,
+            "case": take.case,
+        }
+        panel = panels[take.die]
+        label = f"{panel.opening.name}, {panel.tiling.value}" if axis == "dpi" else take.die
+        more = [take.case] if kinds[take.protocol, "case"] and axis != "case" else []
+        more += [f"{take.level_db:g} dB"] if kinds[take.protocol, "level_db"] and axis != "level" else []
+        more += [take.restorer] if kinds[take.protocol, "restorer"] and axis != "restorer" else []
+        found.setdefault((take.protocol, ", ".join([label, *more])), []).append((along[axis], take))
+    return {
+        key: points if any(isinstance(x, str) for x, _ in points) else sorted(points, key=lambda point: point[0])
+        for key, points in found.items()
+    }
+
+
+def _mean(study: Study, of: Take, measure: str) -> float:
+    return float(np.mean([getattr(score, measure) for score in study.scores[of]]))
+
+
+def _curve(axes: Axes, x: Sequence[float], y: Sequence[float], number: int, label: str, *, joined: bool) -> None:
+    axes.plot(
+        x,
+        y,
+        color=OKABE_ITO[number % len(OKABE_ITO)],
+        linestyle=_LINES[number // len(OKABE_ITO) % len(_LINES)] if joined else (0, (1, 3)),
+        marker=_MARKS[number % len(_MARKS)],
+        markersize=4.5,
+        linewidth=1.2 if joined else 0.7,
+        label=label,
+    )
+
+
+def _dress(axes: Axes, words: Sequence[object] | None, *, lowest: bool, title: str) -> None:
+    axes.set_ylabel(title)
+    axes.grid(color=QUIET, alpha=0.25, linewidth=0.5)
+    axes.set_axisbelow(True)
+    axes.margins(x=0.06, y=0.1)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    if words is not None:
+        axes.set_xticks(range(len(words)), [str(each) for each in words], rotation=20, ha="right")
+    axes.tick_params(labelbottom=lowest)
+
+
+def optics_figure(study: Study) -> Drawing:
+    """Radial-minimum MTF of every die at the longest wavelength."""
+    dies = [
+        DieOptics(_alone(name, study.plan.panels[name]), (each.psf,), each.mtfs[:1], ())
+        for name, each in study.optics.items()
+    ]
+    return mtf_comparison(dies)
+
+
+def _alone(name: str, panel: Panel) -> Die:
+    return Die(name, name, panel, (0, 0), max(panel.size_nm))
+
+
+def optics_tiles(study: Study) -> dict[str, dict[str, str]]:
+    """``<img>`` elements of cells, PSF and autocorrelation, by die: cells on one scale, PSFs below their own peaks."""
+    side = 3 * max(panel.pitch_nm for panel in study.plan.panels.values())
+    return {
+        name: {
+            "cells": panel_thumbnail(study.plan.panels[name], side, 240, "photograph"),
+            "psf": _psf_tile(each.psf),
+            "autocorrelation": _modulation_tile(each.autocorrelation, name),
+        }
+        for name, each in study.optics.items()
+    }
+
+
+def _psf_tile(psf: Psf) -> str:
+    levels = np.rint((sheet.log_intensity(psf, 161) / sheet.DECADES + 1) * 255).astype(np.uint8)
+    return img(_coloured(levels, "magma"), f"PSF at {psf.wavelength_nm:g} nm", "photograph")
+
+
+def _modulation_tile(modulation: Floats, name: str) -> str:
+    decades = np.log10(np.clip(modulation, 10.0**-_MODULATION_DECADES, 1)) / _MODULATION_DECADES + 1
+    levels = np.rint(decades * 255).astype(np.uint8)
+    return img(_coloured(levels, "cividis"), f"autocorrelation behind {name}", "photograph")
+
+
+def _coloured(levels: NDArray[np.uint8], colours: str) -> str:
+    palette = (mpl.colormaps[colours](np.arange(256))[:, :3] * 255).round().astype(np.uint8)
+    return sheet.data_uri(sheet.png(levels, palette))
+
+
+def brightening(study: Study) -> float:
+    """Factor of 1 or more on code values of photographs that are shown: with it a hundredth of the scene's is white."""
+    if study.truth is None:
+        return 1.0
+    bright = float(np.quantile(study.truth, 0.99))
+    return 1 / bright if 0 < bright < 1 else 1.0
+
+
+def photograph_tiles(study: Study) -> list[tuple[Take | None, str]]:
+    """Part of the first scene, and of what every die, case and restorer made of it under the first protocol, at the
+    middle level; each as an ``<img>`` element, brightened by :func:`brightening`."""
+    if study.truth is None:
+        return []
+    protocol = next(iter(study.shown)).protocol
+    levels = sorted({take.level_db for take in study.shown if take.protocol == protocol})
+    middle = levels[len(levels) // 2]
+    factor = np.float32(brightening(study))
+    scene = tile(factor * study.truth, f"part of the scene {study.scenes[0]}")
+    found: list[tuple[Take | None, str]] = [(None, scene)]
+    for take, picture in study.shown.items():
+        if take.protocol == protocol and take.level_db == middle:
+            words = f"the same through {take.die}, {take.case}, restored by {take.restorer}"
+            found.append((take, tile(factor * picture, words)))
+    return found
+
+
+_UNITS: Mapping[str, tuple[str, int]] = {
+    "psnr": ("dB", 2),
+    "psnr_inner": ("dB", 2),
+    "ssim": ("", 3),
+    "delta_e": ("", 2),
+    "auc_radial_min": ("", 4),
+    "open_ratio": ("", 4),
+    "psf_difference": ("", 3),
+}
+"""Unit and decimals of a claim's number."""
+MEASURES: Mapping[str, str] = {
+    "psnr": "PSNR",
+    "psnr_inner": "PSNR of the inner frame",
+    "ssim": "SSIM",
+    "delta_e": "S-CIELAB",
+    "auc_radial_min": "area under the radial-minimum MTF",
+    "open_ratio": "open ratio",
+    "psf_difference": "relative difference of the PSFs",
+}
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Mean scores of one die at one level: PSNR, SSIM, and the gain in PSNR over the first die."""
+
+    psnr: float
+    ssim: float
+    gain: Gain | None
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """The table of one protocol in one case.
+
+    Attributes:
+        setting: protocol and case.
+        levels: columns.
+        rows: die, restorer, and a cell for each level.
+        reference: die that gains are over.
+        left_out: sentences, with the dies that they are about.
+    """
+
+    setting: Setting
+    levels: tuple[float, ...]
+    rows: tuple[tuple[str, str, tuple[Cell, ...]], ...]
+    reference: str
+    left_out: tuple[str, ...]
+
+
+def study_page(study: Study) -> str:
+    """The page, with nothing from outside it; equal studies give equal pages."""
+    plan = study.plan
+    drawn: dict[str, Any] = {"scores": None, "mtf": None}
+    if study.scores:
+        drawn["scores"] = Markup(scores_figure(study).img())
+    if study.optics:
+        drawn["mtf"] = Markup(optics_figure(study).img())
+    tiles = {name: _safe(each) for name, each in optics_tiles(study).items()} if study.optics else {}
+    return _template().render(
+        style=style(),
+        study=plan.study,
+        job=plan.job,
+        version=plan.job.signature,
+        tally=_tally(study),
+        claims=study.claims,
+        finding=finding_text,
+        limits=limits_text,
+        drawn=drawn,
+        dies=[_die(name, study) for name in plan.panels],
+        tiles=tiles,
+        photographs=[(take, Markup(image)) for take, image in photograph_tiles(study)],
+        brightening=brightening(study),
+        captioned=lambda take: _captioned(study, take),
+        blocks=blocks(study),
+        scenes=study.scenes,
+        skipped=plan.skipped,
+        confidence=f"{CONFIDENCE:.0%}",
+        lines=sorted(plan.job.camera.wavelengths_nm, reverse=True),
+    )
+
+
+def blocks(study: Study) -> list[Block]:
+    """Tables of scores, one for each protocol in each case."""
+    return [_block(study, setting) for setting in study.plan.settings]
+
+
+def limits_text(claim: Claim) -> str:
+    """The limits of a claim, in words."""
+    stated = claim.stated
+    unit, _ = _UNITS[stated.measure]
+    low, high = (
+        None if bound is None else f"{short(float(bound))} {unit}".rstrip()
+        for bound in (stated.at_least, stated.at_most)
+    )
+    if low is not None and high is not None:
+        return f"from {low} to {high}"
+    return f"at least {low}" if low is not None else f"at most {high}"
+
+
+def finding_text(claim: Claim, finding: Finding) -> tuple[str, str, str]:
+    """The thing measured, its value with its interval, and of how many photographs."""
+    unit, digits = _UNITS[claim.stated.measure]
+    of, over, found = finding.of, finding.over, finding.found
+    said = [of.die]
+    if of.protocol:
+        said += [each for each in (of.case if of.case != OWN_SCENE else "", f"{of.level_db:g} dB") if each]
+        said += [of.restorer] if of.restorer else []
+    elif finding.wavelength_nm is not None:
+        said.append(f"{finding.wavelength_nm:g} nm")
+    told = ", ".join(said)
+    if over is not None:
+        other = [getattr(over, key) for key in ("die", "case", "restorer") if getattr(over, key) != getattr(of, key)]
+        told += f", over {', '.join(other)}"
+    many = f"{found.count} photograph{'s' * (found.count != 1)}" if found.count else "computed"
+    if not found.count:
+        sign = "+" if over is not None and claim.stated.measure != "psf_difference" else ""
+        return told, f"{found.mean:{sign}z.{digits}f} {unit}".rstrip(), many
+    if over is None:
+        half = "" if math.isnan(found.half_width) else f" ± {found.half_width:.{digits}f}"
+        return told, f"{found.mean:z.{digits}f}{half} {unit}".rstrip(), many
+    return told, found.told(unit, digits), many
+
+
+def _tally(study: Study) -> tuple[int, int] | None:
+    """Number of claims that agree under the first protocol, or of the optics, and of all claims."""
+    first = [next(iter(claim.verdicts.values())) for claim in study.claims if claim.findings]
+    return (first.count(Verdict.AGREES), len(first)) if first else None
+
+
+def _block(study: Study, setting: Setting) -> Block:
+    takes = [t for t in study.scores if (t.protocol, t.case) == (setting.protocol.name, setting.case)]
+    levels = tuple(sorted({take.level_db for take in takes}))
+    table = ScoreTable(tuple(score for take in takes for score in study.scores[take]))
+    reference = next(iter(study.plan.panels))
+    gains = {(gain.design, gain.level_db, gain.restorer): gain for gain in table.gains(reference)}
+    rows = []
+    for die, restorer in dict.fromkeys((take.die, take.restorer) for take in takes):
+        of = [study.scores[Take(setting.protocol.name, setting.case, die, level, restorer)] for level in levels]
+        cells = tuple(
+            Cell(_study_mean(scores, "psnr"), _study_mean(scores, "ssim"), gains.get((die, level, restorer)))
+            for level, scores in zip(levels, of, strict=True)
+        )
+        rows.append((die, table.winners([score for scores in of for score in scores]), cells))
+    return Block(setting, levels, tuple(rows), reference, _left_out(study, setting))
+
+
+def _left_out(study: Study, setting: Setting) -> tuple[str, ...]:
+    """A sentence once, with the dies that it is about where they are not all."""
+    dies: dict[str, list[str]] = {}
+    for name in study.plan.panels:
+        for sentence in study.left_out[setting.protocol.name, setting.case, name]:
+            dies.setdefault(sentence, []).append(name)
+    every = len(study.plan.panels)
+    return tuple(f"{'' if len(n) == every else ', '.join(n) + ': '}{sentence}" for sentence, n in dies.items())
+
+
+def _study_mean(scores: Sequence[Score], key: str) -> float:
+    return math.fsum(getattr(score, key) for score in scores) / len(scores)
+
+
+def _die(name: str, study: Study) -> dict[str, Any]:
+    panel, optics = study.plan.panels[name], study.optics.get(name)
+    return {
+        "name": name,
+        "opening": panel.opening.name,
+        "tiling": panel.tiling.value,
+        "seed": panel.seed,
+        "pitch_um": panel.cell_size.pitch_um,
+        "gutter_um": panel.gutter_nm / 1000,
+        "dpi": dpi(panel.cell_size.pitch_um),
+        "open_ratio": panel.open_ratio,
+        "auc": [] if optics is None else [auc_radial_min(mtf, name) for mtf in optics.mtfs],
+    }
+
+
+def _captioned(study: Study, take: Take | None) -> str:
+    if take is None:
+        return "The scene itself"
+    said = [take.die, *([take.case] if take.case != OWN_SCENE else []), f"{take.level_db:g} dB", take.restorer]
+    return f"{', '.join(said)}: PSNR {study.scores[take][0].psnr:.1f} dB"
+
+
+def _minus(words: str) -> str:
+    """A number's words with a minus for its hyphen."""
+    return words.replace("-", "−")
+
+
+def _safe(images: Mapping[str, str]) -> dict[str, Markup]:
+    return {name: Markup(image) for name, image in images.items()}
+
+
+@cache
+def _template() -> Template:
+    environment = page_environment(number=rounded, short=short, minus=_minus, measure=MEASURES.__getitem__)
+    return environment.from_string(template("study.html.j2"))
+
+
+SCHEMA_VERSION = 1
+DOCUMENT, PAGE = "study.json", "study.html"
+
+
+def study_document(study: Study) -> dict[str, Any]:
+    """Everything that was found; what study.json and ``--json`` say."""
+    plan = study.plan
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "maskfab_version": __version__,
+        "job_hash": plan.job.digest,
+        "seeds": plan.job.seeds,
+        "figure": plan.study.figure,
+        "title": plan.study.title,
+        "scenes": list(study.scenes),
+        "skipped": list(plan.skipped),
+        "unused": list(plan.unused),
+        "claims": [_claim(claim) for claim in study.claims],
+        "optics": [
+            {
+                "die": name,
+                "open_ratio": each.open_ratio,
+                "auc_radial_min": {f"{mtf.wavelength_nm:g}": auc_radial_min(mtf, name).value for mtf in each.mtfs},
+            }
+            for name, each in study.optics.items()
+        ],
+        "settings": [
+            {
+                "case": setting.case,
+                **setting.conditions.to_dict(),
+                "left_out": {
+                    name: list(study.left_out[setting.protocol.name, setting.case, name]) for name in plan.panels
+                },
+            }
+            for setting in plan.settings
+        ],
+        "scores": [
+            {"protocol": take.protocol, "case": take.case, **_finite(vars(score))}
+            for take, scores in study.scores.items()
+            for score in scores
+        ],
+    }
+
+
+def write_study(place: Place, study: Study) -> list[Path]:
+    """Write page, numbers and figures into a directory that appears whole, and return the paths.
+
+    Raises:
+        OutputError: MF401 or MF404 as :func:`maskfab.base.folders.staged`.
+    """
+    drawn: dict[str, Drawing] = {}
+    if study.scores:
+        drawn["scores"] = scores_figure(study)
+    if study.optics:
+        drawn["mtf"] = optics_figure(study)
+    with staged(place) as folder:
+        for name, drawing in drawn.items():
+            drawing.save(folder / f"{name}.svg")
+        (folder / PAGE).write_text(study_page(study), encoding="utf-8")
+        (folder / DOCUMENT).write_text(_json(study_document(study)), encoding="utf-8")
+        write_mark(folder, study.plan.job.digest)
+    return sorted(place.asked.iterdir())
+
+
+def _claim(claim: Claim) -> dict[str, Any]:
+    stated = claim.stated
+    return {
+        "says": stated.says,
+        "measure": stated.measure,
+        "at_least": stated.at_least,
+        "at_most": stated.at_most,
+        "why": stated.why,
+        "verdicts": {protocol or "optics": verdict.value for protocol, verdict in claim.verdicts.items()},
+        "findings": [_finding(each) for each in claim.findings],
+    }
+
+
+def _finding(each: Finding) -> dict[str, Any]:
+    return {
+        "of": _take(each.of),
+        "over": None if each.over is None else _take(each.over),
+        "wavelength_nm": each.wavelength_nm,
+        **_finite({"mean": each.found.mean, "half_width_95": each.found.half_width}),
+        "photographs": each.found.count,
+        "tie": each.over is not None and each.found.tie,
+        "verdict": each.verdict.value,
+    }
+
+
+def _take(take: Take) -> dict[str, Any]:
+    return vars(take) if take.protocol else {"die": take.die}
+
+
+def _finite(values: Mapping[str, Any]) -> dict[str, Any]:
+    """With None for what is not a number: JSON has none."""
+    return {key: None if isinstance(each, float) and math.isnan(each) else each for key, each in values.items()}
+
+
+def _json(told: Mapping[str, Any]) -> str:
+    return json.dumps(told, indent=1, ensure_ascii=False, allow_nan=False) + "\n"

@@ -1,0 +1,527 @@
+"""The table of photographs on the page, from report.json alone: who is best, and who cannot be told from it.
+
+Bands of a report's numbers over the displays that are made, and the dies ranked by what a bias does to them.
+
+The table that sets the dies side by side: photographs first, then what explains them.
+
+The models behind a die's numbers in one table: the time that each is expected to take, and how far it errs.
+
+One die from drawing to plate in one table: as drawn, as read back from the file, and as its writer makes it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from maskfab.camera.protocol import by_sentence
+from maskfab.camera.scores import CONFIDENCE, MeanDifference
+from maskfab.mask.writer import Reading
+from maskfab.report.rows.bands import BIAS_UM, SHARE
+from maskfab.report.rows.photographs import middle_level
+from maskfab.report.rows.text import rounded, short
+
+Document = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One die at one level of light.
+
+    Attributes:
+        psnr: mean over the scenes, whole frame, dB.
+        gain: as :func:`gain_words` tells it.
+        best: whether no other die is better for sure.
+    """
+
+    psnr: float
+    gain: str
+    best: bool
+
+
+@dataclass(frozen=True)
+class Table:
+    """All dies.
+
+    Attributes:
+        levels_db: of light, one column each.
+        rows: by die, its cells; none where it was refused.
+        refused: by die, why it was not photographed.
+        left_out: sentences, with the dies that each is about where these are not all.
+        confidence: of the intervals, a share.
+    """
+
+    levels_db: Sequence[float]
+    rows: Mapping[str, Sequence[Cell]]
+    refused: Mapping[str, str]
+    left_out: Sequence[str]
+    confidence: float
+
+
+def photograph_table(taken: Document) -> Table:
+    """From the photographs of report.json."""
+    levels: list[float] = taken["levels_db"]
+    best = {level: best_photographed(taken, level) for level in levels}
+    rows = {}
+    for die in taken["dies"]:
+        name = die["name"]
+        rows[name] = [
+            Cell(
+                float(np.mean(own)),
+                gain_words(taken, level, name),
+                name in best[level],
+            )
+            for level in levels
+            if (own := scores(taken, level).get(name)) is not None
+        ]
+    left_out = {die["name"]: die["left_out"] for die in taken["dies"] if not die["refused"]}
+    refused = {die["name"]: die["refused"] for die in taken["dies"] if die["refused"]}
+    return Table(levels, rows, refused, by_sentence(left_out), CONFIDENCE)
+
+
+def best_photographed(taken: Document, level_db: float) -> frozenset[str]:
+    """The die of the highest mean, and those whose difference to it is a tie; none where there is nothing to choose."""
+    known = scores(taken, level_db)
+    if len(known) < 2:
+        return frozenset()
+    first = max(known, key=lambda name: mean_psnr(taken, level_db, name))
+    found = {name for name in known if name == first or difference(taken, level_db, name, first).tie}
+    return frozenset(found) if len(found) < len(known) else frozenset()
+
+
+def scores(taken: Document, level_db: float) -> dict[str, list[float]]:
+    """PSNR of every photograph in dB, by die, of those that were photographed."""
+    return {
+        die["name"]: level["psnr"] for die in taken["dies"] for level in die["levels"] if level["level_db"] == level_db
+    }
+
+
+def mean_psnr(taken: Document, level_db: float, name: str) -> float:
+    """Over the photographs of a die, in dB."""
+    return float(np.mean(scores(taken, level_db)[name]))
+
+
+def difference(taken: Document, level_db: float, name: str, other: str) -> MeanDifference:
+    """Of two dies' photographs, scene by scene, in dB."""
+    known = scores(taken, level_db)
+    return MeanDifference.of([one - two for one, two in zip(known[name], known[other], strict=True)])
+
+
+def gain_words(taken: Document, level_db: float, name: str) -> str:
+    """The gain over the reference with its interval; a word where the die is the reference, or there is none."""
+    reference = taken["reference"]
+    if reference is None or name == reference:
+        return "–" if reference is None else "reference"
+    return difference(taken, level_db, name, reference).told("")
+
+
+Row = Mapping[str, Any]
+
+_MORE_DECIMALS = 2
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """One die: change of the PSF's shape by a tenth of a micrometre of bias, and of the restored PSNR in dB; None where
+    it was not photographed."""
+
+    name: str
+    shape: float
+    psnr: float | None
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """Dies by what a bias does to the shape of their PSF, the most sensitive first, and what to say of them."""
+
+    bias_um: float
+    dies: Sequence[Sensitivity]
+    told: Sequence[str]
+
+
+def band_of(die: Document, row: Row) -> Row | None:
+    """The band of a number, as a row of the same die; None if it has none."""
+    places = [row.get(key) for key in ("wavelength_nm", "level_db")]
+    for each in die["quantities"]:
+        if each["name"] != f"band_{row['name']}" or each.get("between") is None:
+            continue
+        if all(
+            place in (None, each.get(key)) for key, place in zip(("wavelength_nm", "level_db"), places, strict=True)
+        ):
+            return each  # type: ignore[no-any-return]
+    return None
+
+
+def edges(band: Row | None, scale: float = 1.0, decimals: int = 3, *, sign: bool = False) -> str:
+    """From edge to edge, to as many decimals as the number has, or more where these would not show the band; nothing
+    without one."""
+    if band is None:
+        return ""
+    low, high = (scale * each for each in band["between"])
+    needed = math.ceil(-math.log10(high - low)) if high > low else 0
+    digits = max(decimals, needed) if needed <= decimals + _MORE_DECIMALS else decimals
+    plus = "+" if sign else ""
+    if low < 0:
+        return f"{low:{plus}z.{digits}f} to {high:{plus}z.{digits}f}".replace("-", "−")
+    return f"{low:{plus}.{digits}f}–{high:.{digits}f}"
+
+
+def spread_words(document: Document) -> str:
+    """The process and the spread that bands are over, or that there is none, in one clause."""
+    process, spread = document.get("process"), document.get("spread")
+    if process is None:
+        return "dies as drawn: no [process] of the writer"
+    rough = process["roughness"]
+    uneven = f", edges rough by {short(rough['sigma_um'])} µm over {short(rough['correlation_um'])} µm" if rough else ""
+    stated = f"corners of {short(process['corner_radius_um'])} µm, CD bias {short(process['cd_bias_um'])} µm{uneven}"
+    if spread is None:
+        return f"dies as drawn; “as written”: {stated}, without a spread ([process.spread])"
+    said = [
+        f"{what} ± {short(spread[key])} µm"
+        for what, key in (("CD bias", "bias_um"), ("corner radius", "radius_um"))
+        if spread[key]
+    ]
+    about = f"{100 * SHARE:g} % of displays about {stated}, standard deviations {', '.join(said)}"
+    return f"dies as drawn; “made”: {about}"
+
+
+def ranked(document: Document) -> Ranked | None:
+    """From report.json; None without a spread of the bias."""
+    found = [
+        Sensitivity(die["name"], float(shape), _value(die, "sensitivity_restored_psnr"))
+        for die in document["dies"]
+        if (shape := _value(die, "sensitivity_psf_shape")) is not None
+    ]
+    if not found:
+        return None
+    dies = sorted(found, key=lambda each: -each.shape)
+    photographed = sorted((each for each in found if each.psnr is not None), key=lambda each: -abs(each.psnr or 0.0))
+    told = []
+    if len(dies) > 1:
+        told.append(
+            f"{BIAS_UM:g} µm of CD bias changes the shape of the PSF most behind {dies[0].name} "
+            f"({rounded(dies[0].shape, 3)}), least behind {dies[-1].name} ({rounded(dies[-1].shape, 3)})."
+        )
+    if len(photographed) > 1:
+        most, least = photographed[0], photographed[-1]
+        told.append(
+            f"It changes restored photographs most behind {most.name} ({decibels(most.psnr)} dB), least behind "
+            f"{least.name} ({decibels(least.psnr)} dB)."
+        )
+    return Ranked(BIAS_UM, dies, told)
+
+
+def decibels(change: float | None) -> str:
+    """With its sign; a dash for none."""
+    return "–" if change is None else f"{change:+z.3f}".replace("-", "−")
+
+
+def _value(die: Document, name: str) -> float | None:
+    return next((each["value"] for each in die["quantities"] if each["name"] == name), None)
+
+
+WORST = "mtf_worst_"
+"""At the start of the names of MTFs in their worst direction, before the frequency in cycles per millimetre."""
+
+
+@dataclass(frozen=True)
+class DieCell:
+    """One number of a die: as it is printed, with all its digits, whether its check failed, and its band."""
+
+    text: str
+    full: str = ""
+    failed: bool = False
+    made: str = ""
+
+
+@dataclass(frozen=True)
+class Line:
+    """One die.
+
+    Attributes:
+        name: of it.
+        psnr: mean of its restored photographs, dB.
+        gain: over the reference, with its interval.
+        best: whether no other die is better for sure, and some are worse.
+        display: verdict; None where no display was asked for.
+        cells: one for each column of the table, None where the die has no such number.
+        psnr_made, gain_made: bands of both over the displays made; empty without.
+    """
+
+    name: str
+    psnr: str
+    gain: str
+    best: bool
+    display: str | None
+    cells: tuple[DieCell | None, ...]
+    psnr_made: str = ""
+    gain_made: str = ""
+
+
+@dataclass(frozen=True)
+class DieTable:
+    """All dies, the highest mean PSNR first, those without photographs last.
+
+    Attributes:
+        columns: headings beside those that every table has, each in lines.
+        lines: of the dies.
+        level_db: light of the photographs; None without any.
+        reference: die that gains are over; None if there is none.
+    """
+
+    columns: tuple[tuple[str, ...], ...]
+    lines: tuple[Line, ...]
+    level_db: float | None
+    reference: str | None
+
+
+def die_table(document: Document) -> DieTable:
+    """From report.json."""
+    dies, taken = document["dies"], document.get("photographs")
+    columns = {
+        heading: cells
+        for heading, find in _columns(document).items()
+        if any((cells := {die["name"]: find(die) for die in dies}).values())
+    }
+    level = None if taken is None else middle_level(taken["levels_db"])
+    means: dict[str, float] = {}
+    if taken is not None and level is not None:
+        means = {name: mean_psnr(taken, level, name) for name in scores(taken, level)}
+    best = frozenset[str]() if taken is None or level is None else best_photographed(taken, level)
+    lines = [
+        Line(
+            name := die["name"],
+            f"{means[name]:.2f}" if name in means else "–",
+            gain_words(taken, level, name) if taken is not None and level is not None and name in means else "–",
+            name in best,
+            die["display"]["verdict"] if "display" in die else None,
+            tuple(cells[name] for cells in columns.values()),
+            *(photograph_bands(die, level) if name in means else ()),
+        )
+        for die in dies
+    ]
+    lines.sort(key=lambda line: -means.get(line.name, float("-inf")))
+    return DieTable(tuple(columns), tuple(lines), level if means else None, taken["reference"] if taken else None)
+
+
+def photograph_bands(die: Document, level_db: float | None) -> tuple[str, str]:
+    """Edges of the bands of a die's PSNR and gain at a level of light; empty where it has none."""
+    of_psnr, of_gain = (
+        band_of(die, {"name": name, "level_db": level_db}) for name in ("restored_psnr", "restored_gain")
+    )
+    return edges(of_psnr, decimals=2), edges(of_gain, decimals=2, sign=True)
+
+
+def _columns(document: Document) -> dict[tuple[str, ...], Callable[[Document], DieCell | None]]:
+    """Functions that find the cell of a die, by heading."""
+    lines = document["camera"]["wavelengths_nm"]
+    middle = lines[len(lines) // 2]
+    names = dict.fromkeys(row["name"] for die in document["dies"] for row in die["quantities"])
+    worst = [name for name in names if name.startswith(WORST)]
+    at = f"{middle:g} nm"
+    return {
+        ("Open", "ratio"): _number("stop_open_ratio"),
+        **{
+            ("MTF, worst", f"{name.removeprefix(WORST)} cy/mm"): _number(name, middle)
+            for name in sorted(worst, key=lambda each: float(each.removeprefix(WORST)))
+        },
+        ("Halo, %", at): _number("halo_energy", middle, scale=100.0, decimals=1),
+        ("Emitters, %", "(margin)"): _footprint,
+        ("Wires", "x, y"): _wires,
+        ("Edge", "colour, ΔE"): _number("edge_colour_difference", decimals=1),
+        ("AUC", at): _bare(_number("auc_radial_min", middle)),
+    }
+
+
+def _number(
+    name: str, wavelength_nm: float | None = None, scale: float = 1.0, decimals: int = 3
+) -> Callable[[Document], DieCell | None]:
+    def find(die: Document) -> DieCell | None:
+        for row in die["quantities"]:
+            if row["name"] == name and row.get("wavelength_nm", wavelength_nm) == wavelength_nm:
+                return _cell(row, scale, decimals, edges(band_of(die, row), scale, decimals))
+        return None
+
+    return find
+
+
+def _cell(row: Row, scale: float, decimals: int, made: str) -> DieCell | None:
+    value = row["value"]
+    if not isinstance(value, int | float):
+        return None
+    error = f" ± {row['uncertainty']!r}" if row["uncertainty"] else ""
+    return DieCell(f"{scale * value:.{decimals}f}", f"{value!r}{error}", row["passed"] is False, made)
+
+
+def _bare(find: Callable[[Document], DieCell | None]) -> Callable[[Document], DieCell | None]:
+    """Without bands, for numbers that are told for their history."""
+
+    def found(die: Document) -> DieCell | None:
+        cell = find(die)
+        return None if cell is None else replace(cell, made="")
+
+    return found
+
+
+def _footprint(die: Document) -> DieCell | None:
+    """Share of the pixel that one colour of the emitters covers, and by how much that is more than required."""
+    if "display" not in die:
+        return None
+    display = die["display"]
+    share, required = display["share"], display["required"]
+    if display["emitters"] is None:
+        return DieCell("none", f"none drawn; at most {display['bound_share']!r}")
+    margin = f" ({100 * (share - required):+.1f})".replace("-", "−") if required else ""
+    made = edges(band_of(die, {"name": "led_footprint"}), 100.0, 1)
+    return DieCell(f"{100 * share:.1f}{margin}", f"{share!r}, required {required!r}", share < required, made)
+
+
+def _wires(die: Document) -> DieCell | None:
+    wires = die.get("display", {}).get("wires")
+    if wires is None:
+        return None
+    lines, wanted = wires["lines"], wires["wanted"]
+    return DieCell(f"{lines[0]:g}, {lines[1]:g} / {wanted}", "", min(lines) < wanted)
+
+
+_AGAINST = ("readback_psf_difference", "strehl_invariant_error", "mtf_volume_invariant_error")
+"""Comparisons of the optics of every die with an independent path, and with what holds for every mask."""
+
+
+@dataclass(frozen=True)
+class ModelLine:
+    """One model.
+
+    Attributes:
+        title: of it, in words.
+        seconds: that one thread is expected to take for the die; None where nothing is computed.
+        error: of it; None where it is not known.
+        at_most: whether the truth may lie far below the error.
+        unit: of the error, as report.json spells it.
+        told: what the error is.
+    """
+
+    title: str
+    seconds: float | None
+    error: float | None
+    at_most: bool
+    unit: str
+    told: str
+
+
+def model_table(die: Document, levels_db: list[float]) -> list[ModelLine]:
+    """From a die of report.json, and the levels of light of its photographs; none where nothing is foretold of it."""
+    seconds: Mapping[str, float] = die.get("expected_seconds", {})
+    return list(_lines(die, seconds, levels_db)) if seconds else []
+
+
+def _lines(die: Document, seconds: Mapping[str, float], levels_db: list[float]) -> Iterator[ModelLine]:
+    if "optics" in seconds:
+        error = _largest(_rows(die, *_AGAINST), "value")
+        told = "largest distance from the PSF of an independent path, and from the invariants of Strehl and MTF volume"
+        yield ModelLine("PSF and MTF on the axis", seconds["optics"], error, False, "1", told)
+    if "written" in seconds:
+        rows = [row for row in die["quantities"] if row["name"].startswith("written_psf_difference")]
+        told = "of the relative L2 difference between the PSF as written and as drawn"
+        yield ModelLine("PSF and MTF as written", seconds["written"], _largest(rows, "uncertainty"), False, "1", told)
+    if "scene" in die:
+        plan = die["scene"]["plan"]
+        told = "of the PSF in the scene of the job, relative L2, by the plan that was chosen for it"
+        yield ModelLine("PSF in the scene", plan["predicted_seconds"], plan["error"], True, "1", told)
+    if "photographs" in seconds and levels_db:
+        level = middle_level(levels_db)
+        rows = [row for row in _rows(die, "restored_psnr") if row["level_db"] == level]
+        told = f"of the mean PSNR at {level:g} dB of light, from its method; scenes differ by more, see its interval"
+        yield ModelLine(
+            "Restored photographs", seconds["photographs"], _largest(rows, "uncertainty"), False, "dB", told
+        )
+    left_out = _largest(_rows(die, "model_bar"), "value")
+    if left_out is not None:
+        told = "sum of what no model here has, relative L2 of the PSF; listed by size below"
+        yield ModelLine("Left out by all", None, left_out, False, "1", told)
+
+
+def _rows(die: Document, *names: str) -> list[Row]:
+    return [row for row in die["quantities"] if row["name"] in names]
+
+
+def _largest(rows: list[Row], key: str) -> float | None:
+    return max((float(row[key]) for row in rows if isinstance(row[key], int | float)), default=None)
+
+
+_HEADINGS: Mapping[str, str] = MappingProxyType(
+    {Reading.FUSED: "As written, touching dots fused", Reading.OPEN: "As written, touching dots apart"}
+)
+_NUMBERS = (
+    ("Open ratio in the stop", "stop_open_ratio", "open_ratio"),
+    ("Area under the radial-minimum MTF", "auc_radial_min", "auc_radial_min"),
+    ("MTF50", "mtf50", "mtf50"),
+)
+"""Heading, name as read back, and as written."""
+
+
+@dataclass(frozen=True)
+class StageLine:
+    """One number of the die at every stage, in the unit that report.json spells; None where it has none."""
+
+    title: str
+    unit: str
+    cells: tuple[float | None, ...]
+
+
+@dataclass(frozen=True)
+class StageTable:
+    """Stages from left to right, and the numbers at each."""
+
+    stages: tuple[str, ...]
+    lines: tuple[StageLine, ...]
+
+
+def stage_table(die: Document, wavelength_nm: float) -> StageTable | None:
+    """From a die of report.json; numbers that depend on the light are those at one wavelength.
+
+    A drawing has the numbers of the file that is read back where no area tells them apart. None for a die that was
+    not read back.
+    """
+    value = _finder(die, wavelength_nm)
+    xor = value("readback_xor_area")
+    if xor is None:
+        return None
+    readings = [each for each in _HEADINGS if value(f"written_psf_difference_{each}") is not None]
+
+    units = {row["name"]: row["unit"] for row in die["quantities"]}
+
+    def line(title: str, drawn: float | None, read: str, written: str) -> StageLine:
+        return StageLine(
+            title,
+            units.get(read, "1"),
+            (drawn, value(read), *(value(f"written_{written}_{each}") for each in readings)),
+        )
+
+    lines = [
+        line("Area that differs from the drawing", 0.0, "readback_xor_area", "xor_area"),
+        line("PSF that differs from the drawing's", 0.0, "readback_psf_difference", "psf_difference"),
+        *(line(title, None if xor else value(read), read, written) for title, read, written in _NUMBERS),
+    ]
+    return StageTable(("Drawn", "Read back", *(_HEADINGS[each] for each in readings)), tuple(lines))
+
+
+def _finder(die: Document, wavelength_nm: float) -> Callable[[str], float | None]:
+    """Finds the largest value of a name, at the wavelength where there are several."""
+
+    def value(name: str) -> float | None:
+        numbers = [
+            float(row["value"])
+            for row in die["quantities"]
+            if row["name"] == name
+            and row.get("wavelength_nm", wavelength_nm) == wavelength_nm
+            and isinstance(row["value"], int | float)
+        ]
+        return max(numbers, default=None)
+
+    return value

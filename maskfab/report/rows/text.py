@@ -1,0 +1,349 @@
+"""Numbers as a reader wants them: few digits, thin spaces between thousands, powers of ten where they help.
+
+Quantities as people read them: a table, a look-up by name and wavelength, a dictionary, a DataFrame.
+
+The result of ``maskfab design`` as text for people.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from html import escape
+from typing import TYPE_CHECKING, Any, overload
+
+from maskfab.base.errors import OutputError, UnknownNameError
+from maskfab.base.model import Quantity
+from maskfab.base.units import UM_PER_MM
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from maskfab.designs.maps.orientation_map import DesignedMap
+    from maskfab.designs.model.robustness import Robustness, Varied
+    from maskfab.designs.rules.display_fit import DieFit
+    from maskfab.designs.search.result import Designed, SceneDesign
+
+
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def rounded(value: float | str | None, digits: int = 4) -> str:
+    """A value with that many significant digits, two fewer beside a power of ten; text stays as it is."""
+    if value is None:
+        return "–"
+    if isinstance(value, bool | str):
+        return str(value)
+    if isinstance(value, int) or (value.is_integer() and abs(value) < 1e15):
+        text = f"{int(value):,}".replace(",", "\u202f")
+    elif 1e-3 <= abs(value) < 1e6:
+        text = f"{value:.{max(0, digits - 1 - math.floor(math.log10(abs(value))))}f}"
+    else:
+        mantissa, exponent = f"{value:.{max(digits - 2, 0)}e}".split("e")
+        text = f"{mantissa} × 10{str(int(exponent)).translate(_SUPERSCRIPTS)}"
+    return text.replace("-", "−")
+
+
+def short(value: float | str | None, digits: int = 4) -> str:
+    """As :func:`rounded`, without zeros that say nothing: for limits and settings, which are exact."""
+    text = rounded(value, digits)
+    if isinstance(value, str) or "." not in text:
+        return text
+    mantissa, power, exponent = text.partition(" × ")
+    mantissa = mantissa.rstrip("0").rstrip(".")
+    return exponent if mantissa == "1" and power else mantissa + power + exponent
+
+
+_COLUMNS: Mapping[str, Callable[[Quantity], str]] = {
+    # A detail of the unit is told by the unit.
+    "quantity": lambda q: f"{q.name} ({q.detail})" if q.detail and q.detail in q.symbol else q.name,
+    "die": lambda q: q.die or "",
+    "line": lambda q: "" if q.wavelength_nm is None else f"{q.wavelength_nm:g} nm",
+    "value": lambda q: f"{'≤ ' if q.at_most else ''}{_value(q.value)}",
+    "error": lambda q: f"± {q.uncertainty:.1e}" if q.uncertainty else "",
+    "unit": lambda q: q.unit,
+    "limit": lambda q: "" if q.passed is None else f"{'pass' if q.passed else 'FAIL'} ({q.limit})",
+}
+
+
+class Quantities(Sequence[Quantity]):
+    """Reported numbers in their order: of a die, of a plate, of an analysis, of a verification.
+
+    ``numbers["mtf50", 530]`` is the one of that name at that wavelength (of photographs: at that level of light, in
+    dB); ``numbers["open_ratio"]`` one that there is only once; ``numbers[0]`` the first.
+
+    Raises:
+        UnknownNameError: MF432 from a look-up of what is not there, or is there more than once.
+    """
+
+    def __init__(self, quantities: Iterable[Quantity]) -> None:
+        self._all = tuple(quantities)
+
+    @property
+    def passed(self) -> bool:
+        """Whether no check failed; numbers without a limit are no checks."""
+        return all(quantity.passed is not False for quantity in self._all)
+
+    @property
+    def failed(self) -> Quantities:
+        """The checks that failed."""
+        return Quantities(quantity for quantity in self._all if quantity.passed is False)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Every name once, in order."""
+        return tuple(dict.fromkeys(quantity.name for quantity in self._all))
+
+    @overload
+    def __getitem__(self, key: int | str | tuple[str, float]) -> Quantity: ...
+    @overload
+    def __getitem__(self, key: slice) -> Quantities: ...
+    def __getitem__(self, key: int | slice | str | tuple[str, float]) -> Quantity | Quantities:
+        if isinstance(key, slice):
+            return Quantities(self._all[key])
+        if isinstance(key, int):
+            return self._all[key]
+        return self._named(*key) if isinstance(key, tuple) else self._named(key)
+
+    def _named(self, name: str, at: float | None = None) -> Quantity:
+        alike = [quantity for quantity in self._all if quantity.name == name]
+        if not alike:
+            raise UnknownNameError("MF432", f"there is no number {name!r}", cure=f"Use one of {', '.join(self.names)}")
+        found = [quantity for quantity in alike if at is None or at in (quantity.wavelength_nm, quantity.level_db)]
+        if len(found) == 1:
+            return found[0]
+        places = ", ".join(f"{p:g}" for q in alike for p in (q.wavelength_nm, q.level_db) if p is not None)
+        problem = f"stands {len(found)} times in these results" if found else f"is not given at {at!r}"
+        raise UnknownNameError(
+            "MF432",
+            f"{name!r} {problem}",
+            cure=f'Ask for numbers["{name}", one of {places}]' if places else f"Look for {name!r} in the whole list",
+        )
+
+    def __len__(self) -> int:
+        return len(self._all)
+
+    def __iter__(self) -> Iterator[Quantity]:
+        return iter(self._all)
+
+    def __add__(self, others: Iterable[Quantity]) -> Quantities:
+        return Quantities((*self._all, *others))
+
+    def to_dict(self) -> list[dict[str, Any]]:
+        """One dictionary for each number, as report.json has it."""
+        return [quantity_document(quantity) for quantity in self._all]
+
+    def to_dataframe(self) -> DataFrame:
+        """One row for each number, as report.json has it.
+
+        Raises:
+            OutputError: MF431 without pandas.
+        """
+        return dataframe(self.to_dict())
+
+    def __str__(self) -> str:
+        dies = len({quantity.die for quantity in self._all}) > 1
+        judged = [quantity for quantity in self._all if quantity.passed is not None]
+        verdict = [
+            f"{'PASS' if self.passed else 'FAIL'}: {sum(map(_passes, judged))} of {len(judged)} checks pass"
+        ] * bool(judged)
+        return "\n".join([*table_lines(self._all, dies=dies), *verdict])
+
+    def __repr__(self) -> str:
+        return f"<Quantities: {len(self._all)} numbers, {'pass' if self.passed else 'fail'}>"
+
+    def _repr_html_(self) -> str:
+        return html_table(self._all)
+
+
+def _passes(quantity: Quantity) -> bool:
+    return quantity.passed is True
+
+
+def table_lines(quantities: Iterable[Quantity], *, dies: bool = False) -> list[str]:
+    """A heading and one line for each quantity, in columns; with the name of its die if ``dies``."""
+    rows = _rows(quantities, dies)
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
+def html_table(quantities: Iterable[Quantity]) -> str:
+    """The table with dies as HTML; a method is shown where the pointer rests on a row."""
+    quantities = list(quantities)
+    heading, *rows = _rows(quantities, dies=True)
+    head = "".join(f"<th>{escape(cell)}</th>" for cell in heading)
+    body = "".join(
+        f'<tr title="{escape(quantity.method)}">{"".join(f"<td>{escape(cell)}</td>" for cell in row)}</tr>'
+        for quantity, row in zip(quantities, rows, strict=True)
+    )
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def dataframe(rows: Sequence[Mapping[str, Any]]) -> DataFrame:
+    """Rows as a DataFrame of pandas.
+
+    Raises:
+        OutputError: MF431 without pandas.
+    """
+    try:
+        from pandas import DataFrame
+    except ImportError as error:
+        raise OutputError(
+            "MF431",
+            "a DataFrame needs pandas, which is not installed",
+            cure="Run pip install 'maskfab[pandas]', or use to_dict()",
+        ) from error
+    return DataFrame(list(rows))
+
+
+def _rows(quantities: Iterable[Quantity], dies: bool) -> list[tuple[str, ...]]:
+    shown = [name for name in _COLUMNS if dies or name != "die"]
+    return [tuple(shown), *(tuple(_COLUMNS[name](each) for name in shown) for each in quantities)]
+
+
+def _value(value: object) -> str:
+    return "-" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def quantity_document(quantity: Quantity) -> dict[str, Any]:
+    """One quantity as report.json writes it."""
+    row: dict[str, Any] = {
+        "name": quantity.name,
+        "symbol": quantity.symbol,
+        "value": quantity.value,
+        "unit": quantity.unit,
+        "uncertainty": quantity.uncertainty,
+        "method": quantity.method,
+        "limit": quantity.limit,
+        "passed": quantity.passed,
+    }
+    if quantity.wavelength_nm is not None:
+        row["wavelength_nm"] = quantity.wavelength_nm
+    if quantity.level_db is not None:
+        row["level_db"] = quantity.level_db
+    if quantity.at_most:
+        row["at_most"] = True
+    if quantity.between is not None:
+        row["between"] = list(quantity.between)
+    if quantity.die is not None:
+        row["die"] = quantity.die
+    return row
+
+
+USEFUL_DB = 20.0
+"""Headroom above which a bound says nothing: an open stop gains less over any opening."""
+
+
+def designed_lines(found: Designed, notes: Sequence[str]) -> list[str]:
+    """The opening, its bound, what the rules cost, the map, and the notes."""
+    told = [
+        f"{found.shape}: {found.opening.clear_dots} clear dots, expected restored PSNR {_levels(found, found.psnr)}"
+    ]
+    told.append(f"for {found.camera}")
+    if found.scene is not None:
+        told += _scene_lines(found, found.scene)
+    focus = "" if found.scene is None else ", in focus"
+    if found.head_room is not None:
+        told.append(f"proven headroom (frame interior{focus}): {_most(found, found.head_room)}")
+    if found.gap is not None:
+        limit, part = found.gap.bounds, f"(frame interior{focus})"
+        told.append(f"proven headroom (whole frame{focus}): {_most(found, found.gap.head_room_frame)}")
+        told.append(f"grey filter of the same transmission: {_levels(found, limit.grey)} {part}")
+        told.append(f"unobstructed stop with the same open area: {_levels(found, limit.open_stop)} {part}")
+        most = "" if limit.auc is None else f" of at most {limit.auc:.4f}"
+        told.append(f"area under the radial minimum of the blue MTF: {found.gap.auc:.4f}{most}")
+    if found.prices is not None and found.prices.each:
+        told.append(f"all rules together cost {_db(found.prices.together)} ({found.evaluated} openings evaluated)")
+        told += [
+            f"  {price.rule}: {_db(price.alone)} if it is the only rule, {_db(price.last)} on top of the others"
+            for price in found.prices.each
+        ]
+    else:
+        told.append(f"{found.evaluated} openings evaluated")
+    if found.designed is not None:
+        gains = _levels(found, found.designed.gain_db, "+")
+        told.append(f"gain of the designed map over a random one: {gains}; transmission {_light(found.designed):+.2%}")
+    if found.map_head_room is not None:
+        told.append(f"proven headroom of the map (same dots, same transmission): {_most(found, found.map_head_room)}")
+    if found.robust is not None:
+        told += _robust_lines(found, found.robust)
+    if found.fit is not None:
+        told += _fit_lines(found.fit, mapped=found.designed is not None)
+    return [*told, *(f"note: {note}" for note in notes)]
+
+
+def _fit_lines(fit: DieFit, *, mapped: bool) -> list[str]:
+    drawn = "beyond its map" if mapped else "of its tiling"
+    size = f"{fit.across} x {fit.across} pixels, {fit.side_um / UM_PER_MM:g} mm"
+    told = [
+        f"the display fits a die of {size}, with seed {fit.seed} {drawn} (checked in {fit.seconds:.1f} s of processor)"
+    ]
+    if fit.failed:
+        tried = ", ".join(map(str, fit.failed))
+        told.append(f"  state seed = {fit.seed} in its [[die]]: with seed {tried} it does not fit, {fit.first_failure}")
+    return told
+
+
+def _robust_lines(found: Designed, robust: Robustness) -> list[str]:
+    told = []
+    if robust.tiling is not None:
+        told.append(f"one random tiling differs from another by {_levels(found, robust.tiling)} (standard deviation)")
+    for away, gains in robust.off_centre.items():
+        where = f"with the stop {away:g} um off its centre" if away else "over the mean of random tilings"
+        told.append(f"gain of the designed map {where}: {_levels(found, gains, '+')}")
+    if robust.bias is not None:
+        bias, (narrow, wide) = robust.bias, robust.bias.psnr
+        told.append(f"panel as drawn: {_levels(found, robust.psnr)}")
+        told.append(f"clear features narrower by {bias.deviation_um:g} um: {_levels(found, narrow)}")
+        told.append(f"clear features wider by {bias.deviation_um:g} um: {_levels(found, wide)}")
+        told.append(f"expected loss over that bias: {_losses(found, bias)}")
+    if robust.centre is not None:
+        away = robust.centre.deviation_um
+        told.append(f"expected loss with the stop's centre off by {away:g} um: {_losses(found, robust.centre)}")
+    return told
+
+
+def _scene_lines(found: Designed, scene: SceneDesign) -> list[str]:
+    from maskfab.optics.gap import AXIS
+    from maskfab.report.rows.scene import distance
+
+    seen, panel = scene.seen, scene.panel
+    told = [f"this panel over the scene (modelled: {', '.join(seen.modelled)}): {_levels(found, panel.mean)}, mean"]
+    for each, psnr in zip(panel.conditions, panel.psnr, strict=True):
+        x, y = each.image_um
+        place = "on the axis" if each.image_um == AXIS else f"{x:.0f} um right and {y:.0f} um down from the axis"
+        told.append(f"  at {distance(each.object_um)}, {place} ({each.weight:.1%}): {_levels(found, psnr)}")
+    if scene.random is not None:
+        gains = [ours - random for ours, random in zip(panel.mean, scene.random.mean, strict=True)]
+        told.append(f"gain of the designed map over a random one, over the scene: {_levels(found, gains, '+')}")
+    return told
+
+
+def _losses(found: Designed, varied: Varied) -> str:
+    """To a thousandth of a decibel: most are smaller than what others are rounded to."""
+    return ", ".join(f"{value + 0.0:.3f} dB at {level}" for level, value in by_level(found.levels, varied.loss).items())
+
+
+def _light(designed: DesignedMap) -> float:
+    return designed.clear_dots / designed.start_clear_dots - 1
+
+
+def by_level(levels: Sequence[float], values: Sequence[float]) -> dict[str, float]:
+    """Values by the level of light that they hold at, in dB as text."""
+    return {f"{level:g}": value for level, value in zip(levels, values, strict=True)}
+
+
+def _most(found: Designed, values: Sequence[float]) -> str:
+    """Bounds by level; one that no design could come near says nothing, and is told as such."""
+    return ", ".join(
+        f"at most {value:.2f} dB at {level}" if value <= USEFUL_DB else f"no useful bound at {level}"
+        for level, value in by_level(found.levels, values).items()
+    )
+
+
+def _levels(found: Designed, values: Sequence[float], sign: str = "") -> str:
+    return ", ".join(f"{value:{sign}.2f} dB at {level}" for level, value in by_level(found.levels, values).items())
+
+
+def _db(value: float) -> str:
+    return f"{value:.3f} dB" if math.isfinite(value) else "everything: no opening evaluated meets it"

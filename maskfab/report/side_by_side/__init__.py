@@ -1,1 +1,0 @@
-"""Finished reports side by side: what of them may be compared, who is best, and where their jobs differ."""

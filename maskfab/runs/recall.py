@@ -1,0 +1,165 @@
+"""A crew that does only what nobody has found before."""
+
+from __future__ import annotations
+
+import time
+import typing
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache, partial
+from types import TracebackType
+from typing import Any, Generic, TypeAlias
+
+from maskfab.base import __version__
+from maskfab.base.folders import Account
+from maskfab.base.model import Die
+from maskfab.base.processes import Alone, Found, Given, Task
+from maskfab.runs.store import Finding, Origin, Refused, Store, fingerprint, of_installation
+
+Expected: TypeAlias = Callable[[Callable[..., Any], tuple[Any, ...]], float | None]
+"""Seconds of a processor that a function of a module is expected to take with its arguments; None for unknown ones."""
+
+
+@dataclass(frozen=True)
+class Recalled(Generic[Found]):
+    """A finding, and where it comes from; None for one that cannot be kept."""
+
+    found: Found
+    account: Account | None
+
+
+class Recalling(Alone):
+    """A crew whose findings are kept, each as soon as it is found, by whichever process found it.
+
+    Args:
+        crew: does what is not kept.
+        store: keeps it.
+        expected: kept with each finding, beside what it took.
+    """
+
+    def __init__(self, crew: Alone, store: Store, expected: Expected | None = None) -> None:
+        self._crew, self._recall = crew, partial(recalled, store, expected)
+        self._accounts: list[Account | None] = []
+
+    def __enter__(self) -> Recalling:
+        self._crew.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._crew.__exit__(kind, error, trace)
+
+    @property
+    def tally(self) -> tuple[int, int]:
+        """Findings that were kept, and all findings, so far."""
+        return sum(each is not None and each.kept for each in self._accounts), len(self._accounts)
+
+    @property
+    def accounts(self) -> tuple[Account, ...]:
+        """Where every finding comes from that can be kept, so far."""
+        return tuple(each for each in self._accounts if each is not None)
+
+    def do(self, function: Callable[..., Found], *given: Any) -> Found:
+        """Return the finding of a function of a module, now and here."""
+        return self._unwrap(self._recall(function, *given))
+
+    def submit(self, function: Callable[..., Found], given: Given) -> Task[Found]:
+        """A task that may begin at once."""
+        return _Unwrapped(self._crew.submit(partial(self._recall, function), given), self._unwrap)
+
+    def each(
+        self, calls: Sequence[tuple[Callable[..., Found], Given]], done: Callable[[int], None] = lambda _: None
+    ) -> list[Task[Found]]:
+        """Tasks that have ended, in the order of the calls."""
+        tasks = self._crew.each([(partial(self._recall, each), given) for each, given in calls], done)
+        unwrapped = [_Unwrapped(task, self._unwrap) for task in tasks]
+        for task in unwrapped:
+            task.result()
+        return list(unwrapped)
+
+    def _unwrap(self, recalled: Recalled[Found]) -> Found:
+        self._accounts.append(recalled.account)
+        return recalled.found
+
+
+class _Unwrapped(Task[Found]):
+    """A task of the crew, of whose finding it is told once whether it was kept."""
+
+    def __init__(self, task: Task[Recalled[Found]], unwrap: Callable[[Recalled[Found]], Found]) -> None:
+        self._task, self._unwrap = task, unwrap
+        self._found: list[Found] = []
+        self.seconds = 0.0
+
+    def result(self) -> Found:
+        """The finding, once the task has ended; raises as :meth:`Task.result`."""
+        if not self._found:
+            self._found.append(self._unwrap(self._task.result()))
+            self.seconds = self._task.seconds
+        return self._found[0]
+
+
+def recalled(store: Store, expected: Expected | None, function: Callable[..., Found], *given: Any) -> Recalled[Found]:
+    """The finding of a function of a module, which depends on its arguments alone; kept if they have a fingerprint.
+
+    Raises:
+        Exception: that of the function, which is not kept.
+    """
+    try:
+        origin, kind = origin_of(function, *given), kind_of(function)
+    except TypeError:
+        return Recalled(function(*given), None)
+    kept, die = store.get(origin, kind), _die_of(given)
+    if isinstance(kept, Finding):
+        return Recalled(kept.value, Account(origin.what, die, True, kept.since, kept.version, origin.key))
+    begun = time.thread_time()
+    found = function(*given)
+    took = time.thread_time() - begun
+    since = store.put(origin, found, kind, took, None if expected is None else expected(function, given))
+    refused = kept.why if isinstance(kept, Refused) else None
+    return Recalled(found, Account(origin.what, die, False, since, __version__, origin.key, refused))
+
+
+def origin_of(function: Callable[..., Any], *given: object) -> Origin:
+    """All that the finding of a function of a module depends on.
+
+    Raises:
+        TypeError: for an argument that has no fingerprint.
+    """
+    return Origin(words(function), (of_installation(), *map(fingerprint, (function, *given))))
+
+
+def kind_of(function: Callable[..., Any]) -> Any:
+    """Kind of the findings of a function, as it states it.
+
+    Raises:
+        TypeError: if it states none.
+    """
+    return _stated_kind(_named(function))
+
+
+@cache
+def _stated_kind(function: Callable[..., Any]) -> Any:
+    hints = typing.get_type_hints(function)
+    if "return" not in hints:
+        raise TypeError(f"{words(function)} does not state what it finds")
+    return hints["return"]
+
+
+def words(function: Callable[..., Any]) -> str:
+    """Name of a function of a module in the store."""
+    named = _named(function)
+    return f"{named.__module__.removeprefix('maskfab.')}.{named.__qualname__}"
+
+
+def _named(function: Callable[..., Any]) -> Callable[..., Any]:
+    return function.func if isinstance(function, partial) else function
+
+
+def _die_of(given: tuple[Any, ...]) -> str | None:
+    """Name of the die that arguments are about; None if they name none."""
+    for each in given:
+        named = each if isinstance(each, Die | str) else getattr(each, "die", None)
+        if isinstance(named, Die | str):
+            return named if isinstance(named, str) else named.name
+    return None

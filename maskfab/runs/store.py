@@ -1,0 +1,577 @@
+"""Fingerprints of values: equal only for values from which the same is found.
+
+A folder of findings, each bound to what it was found from, and checked before it is used.
+
+Findings are plain data, see :mod:`maskfab.base.plain_data`: whoever wrote them, nothing in them is run. What cannot be
+written is not kept, and what is refused is found anew: no run fails by its cache.
+
+An entry is one file: the SHA-256 of the rest, a line of JSON that says what it was found from, and the data.
+
+Finished output directories, kept whole: an unchanged job is made once.
+
+One file for each case of a sweep, under the hash of what it was found from.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+import math
+import os
+import stat
+import struct
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, fields, is_dataclass, replace
+from datetime import UTC, date, datetime
+from enum import Enum
+from itertools import chain
+from pathlib import Path
+from types import BuiltinFunctionType, FunctionType
+from typing import Any, BinaryIO, Protocol, TypeAlias
+
+import numpy as np
+from pydantic import BaseModel
+
+from maskfab.base import __version__, provenance, resources
+from maskfab.base.errors import OutputError
+from maskfab.base.files import locked, not_writable, partial
+from maskfab.base.folders import TIMES
+from maskfab.base.plain_data import from_data, to_data
+from maskfab.base.provenance import sha256_of_file
+
+_PLAIN = frozenset({int, float, bool, str, type(None)})
+
+
+class _Sum(Protocol):
+    def update(self, data: bytes, /) -> None: ...
+
+
+def fingerprint(*values: object) -> str:
+    """Hexadecimal SHA-256 of values and of their types.
+
+    The order of a mapping counts: what is made of it may be in that order.
+
+    Raises:
+        TypeError: for a value that may be more than its fields show.
+    """
+    found = hashlib.sha256()
+    for value in values:
+        _add(found, value)
+    return found.hexdigest()
+
+
+@functools.cache
+def of_installation() -> str:
+    """Hexadecimal SHA-256 of this program's own files and of the versions of all libraries that it uses."""
+    found = hashlib.sha256()
+    _add(found, sorted(provenance.versions(extras=True).items()))
+    for folder in (Path(resources.__file__).resolve().parent, resources.path("export_templates")):
+        for path in sorted(each for each in folder.rglob("*") if each.is_file() and each.suffix != ".pyc"):
+            _add(found, (path.relative_to(folder).as_posix(), path.read_bytes()))
+    return found.hexdigest()
+
+
+def _add(found: _Sum, value: object) -> None:
+    kind, content = _leaf(value) or _parts(value)
+    if isinstance(content, bytes):
+        # Kind and length come first, so that no two sequences of values read alike.
+        found.update(f"{kind} {len(content)}\n".encode() + content)
+        return
+    found.update(f"{kind} of {len(content)}\n".encode())
+    for part in content:
+        _add(found, part)
+
+
+def _leaf(value: object) -> tuple[str, bytes] | None:
+    """Kind and content of a value that has no parts; None of one that has."""
+    match value:
+        case date():
+            return type(value).__name__, value.isoformat().encode()
+        case Enum():
+            return _name(type(value)), value.name.encode()
+        case None | bool() | int():
+            return type(value).__name__, repr(value).encode()
+        case float():
+            return "float", struct.pack("<d", value)
+        case complex():
+            return "complex", struct.pack("<dd", value.real, value.imag)
+        case str():
+            return "str", value.encode("utf-8", "surrogatepass")
+        case bytes():
+            return "bytes", value
+        case np.generic() | np.ndarray():
+            return _array(np.asarray(value))
+        case FunctionType() | BuiltinFunctionType() | type():
+            return _function(value)
+        case tuple() if _is_plain(value):
+            return "plain", repr(value).encode("utf-8", "surrogatepass")
+    return _region(value)
+
+
+def _region(value: object) -> tuple[str, bytes] | None:
+    """Kind and content of a region; None of anything else, for which klayout need not be loaded."""
+    if not type(value).__module__.startswith("klayout."):
+        return None
+    from klayout import db
+
+    return ("region", value.to_s(2**31 - 1).encode()) if isinstance(value, db.Region) else None
+
+
+def _parts(value: object) -> tuple[str, list[Any]]:
+    """Kind and parts of a value."""
+    name = _name(type(value))
+    match value:
+        case tuple() | list():
+            return name, list(value)
+        case frozenset() | set():
+            return name, sorted(fingerprint(each) for each in value)
+        case Mapping():
+            return "mapping", list(value.items())
+        case functools.partial():
+            return name, [value.func, value.args, value.keywords]
+        case BaseModel():
+            return name, [(field, getattr(value, field)) for field in type(value).model_fields]
+        case _ if is_dataclass(value):
+            return name, [(field.name, getattr(value, field.name)) for field in fields(value)]
+    raise TypeError(f"a {name} has no fingerprint")
+
+
+def _is_plain(value: tuple[Any, ...]) -> bool:
+    """Whether a tuple, such as the vertices of a polygon, holds nothing but words and numbers, or tuples of them."""
+    kinds = set(map(type, value))
+    if kinds == {tuple}:
+        kinds = set(map(type, chain.from_iterable(value)))
+    return type(value) is tuple and kinds <= _PLAIN
+
+
+def _array(array: np.ndarray[Any, Any]) -> tuple[str, bytes]:
+    if array.dtype.hasobject:
+        raise TypeError("an array of objects has no fingerprint")
+    # Sums depend on the order in memory, so arrays that only compare equal are told apart.
+    order = "F" if array.flags.f_contiguous and not array.flags.c_contiguous else "C"
+    return f"array {array.dtype.str} {array.shape} {order}", array.tobytes()
+
+
+def _function(value: FunctionType | BuiltinFunctionType | type) -> tuple[str, bytes]:
+    if "<" in value.__qualname__:
+        raise TypeError(f"the function {value.__qualname__} has no name to be found by")
+    return "function", f"{value.__module__}.{value.__qualname__}".encode()
+
+
+def _name(kind: type) -> str:
+    return f"{kind.__module__}.{kind.__qualname__}"
+
+
+VARIABLE = "MASKFAB_CACHE"
+"""Environment variable: the folder, or "off"."""
+_OFF = "off"
+_FORM = 2
+_DIGEST = 64
+_MOST_HEADER = 100_000
+_AT_A_TIME = 1 << 20
+_OTHERS = 0o022
+# A link may lead anywhere, and opening a pipe would wait for whoever writes to it.
+_NO_LINKS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+LIMIT_BYTES = 4 << 30
+"""Beyond which what was used longest ago is removed."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """All that a finding depends on.
+
+    Attributes:
+        what: function that finds it, in words.
+        parts: fingerprints of the installation, of the function, and of each of its arguments.
+    """
+
+    what: str
+    parts: tuple[str, ...]
+
+    @property
+    def key(self) -> str:
+        """Hexadecimal SHA-256 of it, under which the finding is kept."""
+        return fingerprint(self.what, self.parts)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A finding that was kept.
+
+    Attributes:
+        value: that was found.
+        since: when it was found, UTC by ISO 8601.
+        version: of maskfab that found it.
+    """
+
+    value: Any
+    since: str
+    version: str
+
+
+@dataclass(frozen=True)
+class Refused:
+    """An entry that is there and is not used.
+
+    Attributes:
+        why: in words.
+    """
+
+    why: str
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One finding that is kept.
+
+    Attributes:
+        path: of its file.
+        what: it is, in words.
+        bytes: of the file.
+        used: when it was used last, seconds since 1970.
+        seconds: of a processor that finding it took; None if it does not say.
+        expected_s: that it was expected to take on the machine of the reference numbers; None likewise.
+    """
+
+    path: Path
+    what: str
+    bytes: int
+    used: float
+    seconds: float | None = None
+    expected_s: float | None = None
+
+
+class _RefusedError(Exception):
+    """An entry cannot be used."""
+
+
+@dataclass(frozen=True)
+class Store:
+    """Findings in a folder that only its owner may write."""
+
+    folder: Path
+
+    @classmethod
+    def of_user(cls) -> Store | None:
+        """The user's own: ``$MASKFAB_CACHE``, else ``maskfab`` in ``$XDG_CACHE_HOME`` or ``~/.cache``; None if off, or
+        if there is no place for it."""
+        stated = os.environ.get(VARIABLE, "")
+        if stated == _OFF:
+            return None
+        try:
+            base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+            folder = Path(stated).absolute() if stated else base / "maskfab"
+            folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+            _require_own(folder.stat(), "the cache")
+        except (OSError, RuntimeError, _RefusedError):
+            return None
+        return cls(folder)
+
+    def has(self, origin: Origin) -> bool:
+        """Whether something is kept of an origin, which may yet turn out to be refused."""
+        return self._path(origin.key).is_file()
+
+    def get(self, origin: Origin, kind: Any) -> Finding | Refused | None:
+        """The finding of an origin; None if there is no entry.
+
+        Args:
+            origin: that the entry must name as its own.
+            kind: of the finding, as a type hint states it.
+        """
+        path = self._path(origin.key)
+        try:
+            with self._opened(path) as stream:
+                digest, content = stream.read(_DIGEST).decode(errors="replace"), stream.read()
+            if digest != hashlib.sha256(content).hexdigest():
+                raise _RefusedError("its content is not what was written")
+            head, _, body = content.partition(b"\n")
+            told = json.loads(head)
+            if (told["form"], told["key"], told["what"], told["from"]) != (
+                _FORM,
+                origin.key,
+                origin.what,
+                list(origin.parts),
+            ):
+                raise _RefusedError("it was found from something else")
+            finding = Finding(from_data(body, kind), str(told["found"]), str(told["version"]))
+            with suppress(OSError):
+                os.utime(path)
+        except FileNotFoundError:
+            return None
+        except Exception as error:  # of a damaged file anything may come
+            with suppress(OSError):
+                path.unlink()
+            return Refused(str(error) if isinstance(error, _RefusedError) else f"it cannot be read: {error!r:.100}")
+        return finding
+
+    def put(
+        self, origin: Origin, content: object, kind: Any, seconds: float | None = None, expected_s: float | None = None
+    ) -> str:
+        """Keep a finding, and what it took; one that is no plain data is not kept.
+
+        Returns:
+            When it was found, UTC by ISO 8601.
+        """
+        found = datetime.now(UTC).isoformat(timespec="seconds")
+        try:
+            body = to_data(content, kind)
+        except TypeError:
+            return found
+        head: dict[str, Any] = {"form": _FORM, "key": origin.key, "what": origin.what, "from": origin.parts}
+        head |= {"found": found, "version": __version__}
+        head |= {} if seconds is None else {"seconds": round(seconds, 4), "expected_s": expected_s}
+        rest = json.dumps(head).encode() + b"\n" + body
+        with suppress(OSError, OutputError):
+            path = self._room(origin.key)
+            with partial(path) as aside:
+                aside.chmod(0o600)
+                aside.write_bytes(hashlib.sha256(rest).hexdigest().encode() + rest)
+        return found
+
+    def give_file(self, sha256: str, path: Path) -> bool:
+        """Copy a kept file to ``path``; False, and nothing there, if it is not kept or no longer what it was.
+
+        Raises:
+            OSError: if ``path`` cannot be written.
+        """
+        kept = self._path(sha256)
+        try:
+            source = self._opened(kept)
+        except OSError:
+            return False
+        except _RefusedError:
+            with suppress(OSError):
+                kept.unlink()
+            return False
+        with source:
+            found = hashlib.sha256()
+            with path.open("xb") as copy:
+                while some := source.read(_AT_A_TIME):
+                    found.update(some)
+                    copy.write(some)
+        if found.hexdigest() == sha256:
+            with suppress(OSError):
+                os.utime(kept)
+            return True
+        path.unlink()
+        with suppress(OSError):
+            kept.unlink()
+        return False
+
+    def keep_file(self, sha256: str, path: Path) -> None:
+        """Keep a copy of a file whose hash is known."""
+        kept = self._path(sha256)
+        if kept.exists():
+            return
+        with suppress(OSError, OutputError):
+            self._room(sha256)
+            with partial(kept) as aside, path.open("rb") as source:
+                aside.chmod(0o600)
+                with aside.open("wb") as copy:
+                    while some := source.read(_AT_A_TIME):
+                        copy.write(some)
+
+    def _opened(self, path: Path) -> BinaryIO:
+        """An entry for reading, of which every level is the owner's alone.
+
+        Raises:
+            OSError: if it cannot be opened.
+            _RefusedError: if others may write it, or a folder that leads to it.
+        """
+        for folder, status in ((self.folder, self.folder.stat()), (path.parent, path.parent.lstat())):
+            if not stat.S_ISDIR(status.st_mode):
+                raise _RefusedError(f"{folder.name} is no folder")
+            _require_own(status, f"the folder {folder.name}")
+        descriptor = os.open(path, os.O_RDONLY | _NO_LINKS)
+        stream = os.fdopen(descriptor, "rb")
+        try:
+            status = os.fstat(descriptor)
+            if not stat.S_ISREG(status.st_mode):
+                raise _RefusedError("it is no file")
+            _require_own(status, "it")
+        except BaseException:
+            stream.close()
+            raise
+        return stream
+
+    def _room(self, key: str) -> Path:
+        """Place of an entry, in a folder that is its owner's alone from now on.
+
+        Raises:
+            OSError: if there is none.
+        """
+        path = self._path(key)
+        path.parent.mkdir(exist_ok=True, mode=0o700)
+        if path.parent.lstat().st_mode & _OTHERS:
+            path.parent.chmod(0o700)
+        return path
+
+    def entries(self) -> Iterator[Entry]:
+        """Everything that is kept."""
+        for path, status in self._files():
+            with suppress(OSError):
+                yield _entry(path, status)
+
+    def prune(self, limit_bytes: int = LIMIT_BYTES) -> tuple[Entry, ...]:
+        """Remove what was used longest ago, until the rest takes no more than so many bytes.
+
+        Every run asks for it, so only what is removed is opened.
+
+        Returns:
+            What was removed.
+        """
+        every = sorted(self._files(), key=lambda each: each[1].st_mtime, reverse=True)
+        for left in self.folder.glob("[0-9a-f][0-9a-f]/.*.partial"):
+            _sweep(left)
+        removed, total = [], 0
+        for path, status in every:
+            total += status.st_size
+            if total > limit_bytes:
+                with suppress(OSError):
+                    entry = _entry(path, status)
+                    path.unlink()
+                    removed.append(entry)
+        return tuple(removed)
+
+    def _files(self) -> Iterator[tuple[Path, os.stat_result]]:
+        """Files of all entries."""
+        for path in sorted(self.folder.glob("[0-9a-f][0-9a-f]/" + "[0-9a-f]" * 64)):
+            with suppress(OSError):
+                status = path.lstat()
+                if stat.S_ISREG(status.st_mode):
+                    yield path, status
+
+    def _path(self, key: str) -> Path:
+        return self.folder / key[:2] / key
+
+
+def _require_own(status: os.stat_result, what: str) -> None:
+    """Refuse what is not this account's, or may be written by others.
+
+    Raises:
+        _RefusedError: which says so.
+    """
+    if hasattr(os, "getuid"):
+        if status.st_uid != os.getuid():
+            raise _RefusedError(f"{what} belongs to another account")
+        if status.st_mode & _OTHERS:
+            raise _RefusedError(f"others may write {what}")
+
+
+def _sweep(left: Path) -> None:
+    """Remove what a process has not finished, if that has ended."""
+    with suppress(OSError):
+        descriptor = locked(left)
+        try:
+            left.unlink()
+        finally:
+            os.close(descriptor)
+
+
+def _entry(path: Path, status: os.stat_result) -> Entry:
+    what, seconds, expected_s = _told(path)
+    return Entry(path, what, status.st_size, status.st_mtime, seconds, expected_s)
+
+
+def _told(path: Path) -> tuple[str, float | None, float | None]:
+    """Words in which an entry says what it is, and seconds; a kept file says nothing."""
+    with path.open("rb") as stream:
+        head = stream.readline(_MOST_HEADER)[_DIGEST:]
+    try:
+        told = json.loads(head)
+        return str(told["what"]), _number(told.get("seconds")), _number(told.get("expected_s"))
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return "file", None, None
+
+
+def _number(value: object) -> float | None:
+    return float(value) if isinstance(value, int | float) and 0 <= value < math.inf else None
+
+
+def keep_result(store: Store, origin: Origin, folder: Path, summary: object, kind: Any) -> None:
+    """Keep every file of a finished directory but that of its times, and make room for it.
+
+    Args:
+        store: that keeps it.
+        origin: everything that the files depend on.
+        folder: which nobody changes meanwhile.
+        summary: kept with it.
+        kind: of the summary, as a type hint states it.
+    """
+    hashes = {path.name: sha256_of_file(path) for path in sorted(folder.iterdir()) if path.name != TIMES}
+    for name, sha256 in hashes.items():
+        store.keep_file(sha256, folder / name)
+    store.put(origin, (hashes, summary), tuple[dict[str, str], kind])
+    store.prune()
+
+
+def give_result(store: Store, origin: Origin, folder: Path, kind: Any) -> Finding | None:
+    """Put the files of a kept directory into an empty one.
+
+    Returns:
+        The summary that was kept with it. None if nothing is kept of that origin, or its entry is refused, or a file of
+        it is lost or damaged; the folder is then empty again.
+
+    Raises:
+        OSError: if a file cannot be written.
+    """
+    kept = store.get(origin, tuple[dict[str, str], kind])
+    if not isinstance(kept, Finding):
+        return None
+    hashes, summary = kept.value
+    if any(Path(name).name != name for name in hashes):
+        return None
+    if all(store.give_file(sha256, folder / name) for name, sha256 in hashes.items()):
+        return replace(kept, value=summary)
+    _remove(folder / name for name in hashes)
+    return None
+
+
+def _remove(paths: Iterable[Path]) -> None:
+    for path in paths:
+        path.unlink(missing_ok=True)
+
+
+Record: TypeAlias = Mapping[str, Any]
+"""Of a case: its key, rows of numbers, and why it failed, or None."""
+
+
+def make_folder(folder: Path) -> None:
+    """Make the folder of the cases, before the first is looked for.
+
+    Raises:
+        OutputError: MF401 if it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise not_writable(folder, error) from error
+
+
+def keep(folder: Path, record: Record) -> None:
+    """Write a case under its key; nobody sees half a file.
+
+    Raises:
+        OutputError: MF401 if it cannot be written.
+    """
+    path = _path(folder, record["key"])
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with partial(path) as aside:
+        aside.write_text(json.dumps(record, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def kept(folder: Path, key: str) -> Record | None:
+    """A case that was found before; None if there is none, or its file is damaged."""
+    try:
+        record: Any = json.loads(_path(folder, key).read_text(encoding="utf-8"))
+        sound = record["key"] == key and (record["failed"] is not None or record["rows"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return record if sound else None
+
+
+def _path(folder: Path, key: str) -> Path:
+    # A folder of a hundred thousand files is slow to list, and it is listed for every file that is written.
+    return folder / key[:2] / f"{key}.json"

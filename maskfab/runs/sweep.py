@@ -1,0 +1,159 @@
+"""A sweep, made: cases that were found before are taken as they are, the others found.
+
+The files of a sweep: its page, and its table as JSON and as CSV.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from maskfab.base import __version__
+from maskfab.base.errors import OutputError
+from maskfab.base.files import not_writable, partial
+from maskfab.base.work import Progress, silent
+from maskfab.runs.store import Record, kept, make_folder
+from maskfab.runs.sweep_numbers import Swept
+from maskfab.runs.sweep_plan import Plan
+
+if TYPE_CHECKING:
+    from maskfab.runs.sweep_cases import Engine
+
+
+CASES = "cases"
+"""Folder of the cases, in the sweep's own."""
+
+
+def check_folder(out: Path) -> None:
+    """Refuse a folder that holds something else than a sweep.
+
+    Raises:
+        OutputError: MF401 for what is no folder, MF402 for a strange one.
+    """
+    try:
+        if out.exists() and any(out.iterdir()) and not (out / CASES).is_dir():
+            what = f"the directory {out} is not empty and holds no sweep"
+            raise OutputError("MF402", what, cure="Give --out a new or empty folder, or that of this sweep")
+    except OSError as error:
+        raise not_writable(out, error) from error
+
+
+def made(
+    plan: Plan,
+    out: Path,
+    progress: Progress = silent,
+    *,
+    engine: Engine = "processes",
+    scheduler: str | None = None,
+    workers: int | None = None,
+) -> Swept:
+    """Make a sweep in a folder; what is in it of an earlier one, killed or finished, is not found again.
+
+    Args:
+        plan: that was checked.
+        out: the folder.
+        progress: told where the work stands.
+        engine, scheduler, workers: as for :func:`maskfab.runs.sweep_cases.map_cases`.
+
+    Raises:
+        OutputError: MF401, MF402 for a folder that cannot be used; else as for the engine.
+    """
+    check_folder(out)
+    folder = out / CASES
+    records: dict[str, Record] = {}
+    for case in plan.cases:
+        if case.refused is not None:
+            records[case.key] = {"key": case.key, "failed": case.refused, "rows": []}
+        elif (found := kept(folder, case.key)) is not None:
+            records[case.key] = found
+    missing = list({case.key: case for case in plan.cases if case.key not in records}.values())
+    if missing:
+        from maskfab.runs.sweep_cases import map_cases  # which loads optics and photographs: a second, often
+
+        found_now = map_cases(
+            missing, plan.quantities, folder, progress, engine=engine, scheduler=scheduler, workers=workers
+        )
+        records |= {record["key"]: record for record in found_now}
+    else:
+        make_folder(folder)
+    return Swept(plan, tuple(records[case.key] for case in plan.cases), len(missing))
+
+
+SCHEMA_VERSION = 1
+DOCUMENT, TABLE, PAGE = "sweep.json", "sweep.csv", "sweep.html"
+_COLUMNS = ("name", "die", "wavelength_nm", "level_db", "value", "uncertainty", "unit", "limit", "passed")
+
+
+def sweep_document(found: Swept) -> dict[str, Any]:
+    """Everything that was found; what sweep.json and ``--json`` say."""
+    plan = found.plan
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "maskfab_version": __version__,
+        "digest": plan.digest,
+        "job_hash": plan.job.digest,
+        "title": plan.spec.sweep.title,
+        "fields": [{"key": field.name, "unit": field.unit, "drawn": field.drawn} for field in plan.fields],
+        "yields": [vars(each) for each in found.yields],
+        "sensitivities": [
+            {**each.of._asdict(), **{k: _finite(v) for k, v in vars(each).items() if k != "of"}}
+            for each in found.sensitivities
+        ],
+        "unused": list(plan.unused),
+        "failed": [{"case": number, "why": why} for number, why in found.failed],
+        "cases": [
+            {"case": number, "values": list(case.stated), **record}
+            for number, (case, record) in enumerate(zip(plan.cases, found.records, strict=True))
+        ],
+    }
+
+
+def rows_of(found: Swept) -> Iterator[dict[str, Any]]:
+    """One row for each number of each case, and one for a case that failed."""
+    plan = found.plan
+    names = [field.name for field in plan.fields]
+    for number, (case, record) in enumerate(zip(plan.cases, found.records, strict=True)):
+        head = {"case": number, **dict(zip(names, case.stated, strict=True))}
+        for row in record["rows"] or [dict.fromkeys(_COLUMNS)]:
+            yield {**head, **row, "failed": record["failed"]}
+
+
+def write_sweep(out: Path, found: Swept) -> list[Path]:
+    """Write page and tables into the sweep's folder, beside its cases; what is there and still true stays.
+
+    Raises:
+        OutputError: MF401 if they cannot be written.
+    """
+    paths = [out / PAGE, out / DOCUMENT, out / TABLE]
+    document = json.dumps(sweep_document(found), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    unchanged = not found.remade and all(path.is_file() for path in paths)
+    if unchanged and (out / DOCUMENT).read_text(encoding="utf-8") == document:
+        return paths
+    from maskfab.runs.sweep_page import sweep_page
+
+    # The document last: where it is up to date, the others are.
+    for path, text in ((paths[0], sweep_page(found)), (paths[2], _csv(found)), (paths[1], document)):
+        with partial(path) as aside:
+            aside.write_text(text, encoding="utf-8", newline="")
+    return paths
+
+
+def _csv(found: Swept) -> str:
+    rows = rows_of(found)
+    text = io.StringIO()
+    first = next(rows)
+    table = csv.DictWriter(text, list(first), lineterminator="\n")
+    table.writeheader()
+    table.writerow(first)
+    table.writerows(rows)
+    return text.getvalue()
+
+
+def _finite(value: Any) -> Any:
+    """None for what is no number: JSON has none."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,483 @@
+"""The numbers that a sweep can ask of a case, each with the least work that gives it.
+
+One case, found: plain data, the same whoever finds it.
+
+Who finds the cases of a sweep: this process, several, or a Dask cluster; the findings are the same.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache, partial
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal, TypeAlias, get_args
+
+from maskfab.base.errors import InputError, JobError, OutputError
+from maskfab.base.model import ORIENTATIONS, Camera, Die, Opening, Panel, Process, Quantity, Tiling
+from maskfab.base.processes import Alone, Pair
+from maskfab.base.work import Progress, one_thread
+from maskfab.camera import scenes as scene_sets
+from maskfab.camera.lens import PhotoCamera, lattice
+from maskfab.designs.model.expected_psnr import Surrogate, surrogate_of
+from maskfab.designs.model.statistics import Taking, scene_statistics
+from maskfab.designs.rules.display_fit import Footprints
+from maskfab.display.emitter_rules import Verdict
+from maskfab.display.feasibility import feasibility
+from maskfab.job.read import validate
+from maskfab.mask.job import Job, resolve
+from maskfab.mask.plate_rules import judged, smallest_features, written_features
+from maskfab.optics import metrics
+from maskfab.optics.lags import LagTable, lag_table
+from maskfab.optics.mtf import longest_lag_um, presampled_mtf
+from maskfab.optics.pupil import cut, panel_aperture
+from maskfab.report.rows.as_written import measure_written, written_psf_quantities
+from maskfab.report.rows.display import display_quantities
+from maskfab.report.rows.photographs import Conditions, Photographs, Surroundings, photograph_die
+from maskfab.report.rows.scene import measure_scene, scene_plan, scene_reach_um
+from maskfab.runs.store import Record, keep, make_folder, of_installation
+from maskfab.runs.sweep_plan import WORKS, Case, by_psf
+
+_SURROGATES = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """One die of one case.
+
+    Attributes:
+        job: of the case.
+        name: of the die.
+        panel: of the die, without wires.
+        works: all that is wanted of it; one may find what another is about on its way.
+    """
+
+    job: Job
+    name: str
+    panel: Panel
+    works: frozenset[str]
+
+    @cached_property
+    def die(self) -> Die:
+        """The die by itself."""
+        return Die(self.name, self.name, self.panel, (0, 0), max(self.panel.size_nm))
+
+    @property
+    def camera(self) -> Camera:
+        return self.job.camera
+
+    @property
+    def process(self) -> Process:
+        """Of the writer; one that changes nothing where the job states none."""
+        return self.job.spec.written or Process(0.0, 0.0)
+
+    @cached_property
+    def as_written(self) -> tuple[Quantity, ...]:
+        """Numbers of the die as the process makes it."""
+        given = self.die, self.camera, self.process, f"{self.job.where}: process"
+        return measure_written(*given).quantities if "mtf as written" in self.works else written_psf_quantities(*given)
+
+    @cached_property
+    def table(self) -> LagTable:
+        """Lags of the panel as designed."""
+        stop = self.camera.stop
+        return lag_table(cut(panel_aperture(self.panel, stop.diameter_um / 2), stop), longest_lag_um(self.camera))
+
+
+Measure = Callable[[Subject], Iterable[Quantity]]
+
+
+def measured(job: Job, wanted: Sequence[str]) -> list[Quantity]:
+    """The quantities wanted of every die of a job, judged by its [limits].
+
+    Raises:
+        JobError: for what cannot be measured.
+    """
+    if by_psf(wanted):
+        job.check_window()
+    works = frozenset(WORKS[name] for name in wanted)
+    functions = list(dict.fromkeys(MEASURES[name] for name in wanted))
+    return [
+        judged(quantity, job.spec.limits)
+        for name, panel in job.panels().items()
+        for subject in (Subject(job, name, panel, works),)
+        for function in functions
+        for quantity in function(subject)
+        if quantity.name in wanted
+    ]
+
+
+def _open_ratio(subject: Subject) -> Iterable[Quantity]:
+    how = "clear share of one cell of the design, exact"
+    return [Quantity("open_ratio", subject.panel.open_ratio, how, die=subject.name)]
+
+
+def _mtfs(subject: Subject) -> Iterable[Quantity]:
+    for line in subject.camera.wavelengths_nm:
+        mtf = presampled_mtf(subject.table, subject.camera, line)
+        yield from metrics.mtf_quantities(mtf, subject.camera.pixel_um, subject.name)
+
+
+def _restoration(subject: Subject) -> Iterable[Quantity]:
+    for line in subject.camera.wavelengths_nm:
+        yield from metrics.restoration_quantities(subject.table, subject.camera, line, subject.name)
+
+
+def _features(subject: Subject) -> Iterable[Quantity]:
+    return written_features(smallest_features(subject.die), subject.process)
+
+
+def _written_psf(subject: Subject) -> Iterable[Quantity]:
+    return [each for each in subject.as_written if WORKS[each.name] == "psf as written"]
+
+
+def _written_mtf(subject: Subject) -> Iterable[Quantity]:
+    return [each for each in subject.as_written if WORKS[each.name] == "mtf as written"]
+
+
+def _scatter(subject: Subject) -> Iterable[Quantity]:
+    if subject.process.roughness is None:
+        where, cure = subject.job.where, "Add it, or vary process.roughness.sigma and process.roughness.correlation"
+        raise JobError("MF105", "rough edges scatter, and the job has no [process.roughness]", where=where, cure=cure)
+    return [each for each in subject.as_written if WORKS[each.name] == "scatter"]
+
+
+def _photographs(subject: Subject) -> Iterable[Quantity]:
+    conditions, around = Conditions.of(subject.job, "camera"), Surroundings.of(subject.job)
+    found = photograph_die(conditions, around, subject.name, subject.panel, False)
+    if found.refused is not None:
+        code, _, what = found.refused.partition(" ")
+        raise JobError(code, what, where=f"die {subject.name}", cure="See maskfab explain")
+    return Photographs(conditions, {subject.name: found}).quantities(subject.name)
+
+
+def _expected(subject: Subject) -> Iterable[Quantity]:
+    from maskfab.designs.design import taking_of  # which loads torch
+
+    opening = _only_opening(subject)
+    taking = taking_of(subject.job.spec)
+    known = _surrogate(subject.camera, opening.dots, subject.panel.dot_nm, taking)
+    found = known(opening.mask, periodic=subject.panel.tiling is Tiling.PERIODIC, levels=taking.levels)
+    how = "surrogate: photographs of the bundled scenes through any random tiling of the opening, no gutters"
+    for level, psnr in zip(taking.levels, found, strict=True):
+        yield Quantity("expected_psnr", psnr, how, die=subject.name, level_db=level)
+
+
+def _footprint(subject: Subject) -> Iterable[Quantity]:
+    rules, opening = subject.job.display_rules, _only_opening(subject)
+    if rules is None:
+        where = subject.job.where
+        raise JobError("MF105", "a footprint is of emitters, and the job has no [emitters]", where=where, cure="Add it")
+    turned = (0,) if subject.panel.tiling is Tiling.PERIODIC else tuple(range(ORIENTATIONS))
+    places = Footprints(rules.emitters, opening.dots, subject.panel.dot_nm, turned)
+    found, bound = places(opening.mask), float(places.bounds(opening.mask[None])[0])
+    name = subject.name
+    yield Quantity(
+        "led_footprint_largest", found, "of rectangles and straight cuts; crooked emitters may exceed it", die=name
+    )
+    how = "free squares of the least width, swept by the gap; the gap across borders is free in it"
+    yield Quantity("led_footprint_bound", max(bound, found), how, die=name, at_most=True)
+
+
+def _display(subject: Subject) -> Iterable[Quantity]:
+    job, name = subject.job, subject.name
+    if job.display_rules is None:
+        cure = "Add it"
+        raise JobError("MF105", "a display has emitters, and the job has no [emitters]", where=job.where, cure=cure)
+    found = feasibility(subject.panel, job.display_rules)
+    if found is None:
+        cure = "Leave the die out of sweep.dies"
+        raise JobError("MF161", f"die {name} is a sheet without pixels", where=job.where, cure=cure)
+    how = "emitters, circuits and wires by the job's rules: 1 they were placed, 0 a proof that they do not fit"
+    value = {Verdict.FITS: 1, Verdict.DOES_NOT_FIT: 0, Verdict.UNKNOWN: None}[found.verdict]
+    yield Quantity("display_fits", value, how, passed=found.passed, die=name)
+    rows = display_quantities(subject.die, found)
+    yield from (each for each in rows if each.name in ("led_footprint", "circuit_room"))
+
+
+def _scene(subject: Subject) -> Iterable[Quantity]:
+    job, section, scene = subject.job, subject.job.spec.scene, subject.job.scene
+    if section is None or scene is None:
+        raise JobError("MF105", "the job has no [scene]", where=job.where, cure="Add one, or vary a key of it")
+    plan = scene_plan(subject.die, job.camera, scene, section.accuracy, job.where)
+    openings = panel_aperture(subject.panel, scene_reach_um(job.camera, scene))
+    return measure_scene(subject.die, job.camera, scene, openings, plan, job.blank).quantities
+
+
+def _only_opening(subject: Subject) -> Opening:
+    """The opening of all cells.
+
+    Raises:
+        JobError: MF161 for cells of several.
+    """
+    if subject.panel.others:
+        what = f"die {subject.name} has several openings, of which no surrogate knows"
+        raise JobError("MF161", what, where=subject.job.where, cure="Ask for restored_psnr instead of expected_psnr")
+    return subject.panel.opening
+
+
+@lru_cache(maxsize=_SURROGATES)
+def _surrogate(camera: Camera, dots: int, dot_nm: int, taking: Taking) -> Surrogate:
+    """Of cells of such dots, for all cases of a process."""
+    room = lattice(dots, dot_nm, camera=PhotoCamera.of(camera), where="die.dot")
+    return surrogate_of(scene_statistics(scene_sets.bundled(), taking=taking), room)
+
+
+_BY_WORK: Mapping[str, Measure] = MappingProxyType(
+    {
+        "open ratio": _open_ratio,
+        "mtf": _mtfs,
+        "restoration": _restoration,
+        "features": _features,
+        "psf as written": _written_psf,
+        "mtf as written": _written_mtf,
+        "scatter": _scatter,
+        "surrogate": _expected,
+        "footprint": _footprint,
+        "display": _display,
+        "scene": _scene,
+        "photographs": _photographs,
+    }
+)
+MEASURES: Mapping[str, Measure] = MappingProxyType({name: _BY_WORK[work] for name, work in WORKS.items()})
+"""Function that finds a quantity, by the quantity's name, the cheapest first."""
+
+
+def find(key: str, document: Mapping[str, Any], quantities: tuple[str, ...]) -> Record:
+    """The numbers of a case, or why it has none.
+
+    Args:
+        key: of the case.
+        document: of its job, self-contained.
+        quantities: names of those that are wanted.
+    """
+    try:
+        job = resolve(validate(document, where="case"), Path("case.toml"))
+        rows = [_row(quantity) for quantity in measured(job, quantities)]
+    except InputError as refusal:
+        return {"key": key, "failed": f"{refusal.code} {refusal.what}", "rows": []}
+    return {"key": key, "failed": None, "rows": rows}
+
+
+@one_thread
+def find_by_one_thread(
+    cases: Sequence[tuple[str, Mapping[str, Any]]], quantities: tuple[str, ...]
+) -> tuple[list[Record], float]:
+    """:func:`find` for some cases in a process that others have set up, which may use more threads; and its seconds."""
+    start = time.perf_counter()
+    records = [find(key, document, quantities) for key, document in cases]
+    return records, time.perf_counter() - start
+
+
+def find_and_keep(folder: Path, key: str, document: Mapping[str, Any], quantities: tuple[str, ...]) -> Record:
+    """:func:`find`, and keep it as soon as it is found."""
+    record = find(key, document, quantities)
+    keep(folder, record)
+    return record
+
+
+def _row(quantity: Quantity) -> dict[str, Any]:
+    """A number as data.
+
+    Raises:
+        JobError: MF163 for one that is not finite.
+    """
+    value = quantity.value
+    if isinstance(value, float) and not math.isfinite(value):
+        raise JobError("MF163", f"{quantity.name} is not finite", cure="Leave these values out")
+    return {
+        "name": quantity.name,
+        "die": quantity.die,
+        "wavelength_nm": quantity.wavelength_nm,
+        "level_db": quantity.level_db,
+        "value": value,
+        "uncertainty": quantity.uncertainty,
+        "unit": quantity.unit,
+        "limit": quantity.limit,
+        "passed": quantity.passed,
+    }
+
+
+Engine: TypeAlias = Literal["processes", "serial", "dask"]
+ENGINES: tuple[str, ...] = get_args(Engine)
+_ANSWERS_WITHIN_S = 10
+_TOLD = 200
+"""Times at most that progress is told: it counts all cases."""
+_AT_ONCE = 4
+"""Tasks that wait at each worker of a cluster, so that none is idle while the next is on its way."""
+_TASK_S = 0.2
+"""Work of a cluster's task: it costs some 20 ms to hand out, and all its cases are lost with its worker."""
+_MOST_IN_TASK = 100
+
+
+@one_thread
+def map_cases(
+    cases: Sequence[Case],
+    quantities: tuple[str, ...],
+    folder: Path,
+    progress: Progress,
+    *,
+    engine: Engine = "processes",
+    scheduler: str | None = None,
+    workers: int | None = None,
+) -> list[Record]:
+    """Find cases, each kept in its file as soon as it is found.
+
+    Args:
+        cases: none of which is refused.
+        quantities: that are wanted.
+        folder: of the files; made once nothing can be refused any more.
+        progress: told how many are found.
+        engine: who finds them.
+        scheduler: address of a Dask scheduler, of that engine alone.
+        workers: processes, this one included; by default as many as there are processors.
+
+    Returns:
+        Records in the order of the cases; one whose worker failed says so and has no file, so that it is tried again.
+
+    Raises:
+        JobError: MF105 for engines and addresses that do not go together; MF164 for a scheduler that does not answer,
+            or workers that run another version.
+        OutputError: MF401 where files cannot be written; MF431 without dask.
+    """
+    if (engine == "dask") != (scheduler is not None) or engine not in ENGINES:
+        cure = "Use --engine serial or processes, or --engine dask with --scheduler tcp://HOST:8786"
+        raise JobError("MF105", f"the engine {engine!r} with the scheduler {scheduler!r}", where="--engine", cure=cure)
+    if scheduler is not None:
+        return _by_cluster(cases, quantities, folder, progress, scheduler)
+    make_folder(folder)
+    others = 0 if engine == "serial" else min(workers or os.cpu_count() or 1, len(cases)) - 1
+    return _by_processes(cases, quantities, folder, progress, others)
+
+
+def _by_processes(
+    cases: Sequence[Case], quantities: tuple[str, ...], folder: Path, progress: Progress, others: int
+) -> list[Record]:
+    progress("cases", 0, len(cases))
+    records: list[Record] = []
+    told = 0
+    with Pair(others) if others > 0 else Alone() as crew:
+        tasks = [
+            crew.submit(partial(find_and_keep, folder), lambda case=case: (case.key, case.document, quantities))  # type: ignore[misc]
+            for case in cases
+        ]
+        # The others begin with the first, this process with the last: they meet where little is left.
+        for done, task in enumerate(reversed(tasks)):
+            task.attempt()
+            if done % max(1, len(cases) // _TOLD) == 0 and (ended := sum(each.ended for each in tasks)) > told:
+                progress("cases", ended, len(cases))
+                told = ended
+        for case, task in zip(cases, tasks, strict=True):
+            try:
+                records.append(task.result())
+            except (JobError, OutputError):
+                raise
+            except Exception as error:
+                records.append(_failed(case, error))
+    progress("cases", len(cases), len(cases))
+    return records
+
+
+def _by_cluster(
+    cases: Sequence[Case], quantities: tuple[str, ...], folder: Path, progress: Progress, scheduler: str
+) -> list[Record]:
+    distributed = _distributed()
+    with _client(distributed, scheduler) as client:
+        _same_version(client, scheduler)
+        make_folder(folder)
+        found: dict[str, Record] = {}
+        waiting, many = deque(cases), 1
+        tasks: dict[str, tuple[Case, ...]] = {}
+
+        def begin(some: tuple[Case, ...]) -> Any:
+            given = tuple((case.key, case.document) for case in some)
+            future = client.submit(find_by_one_thread, given, quantities, pure=False)
+            tasks[future.key] = some
+            return future
+
+        def take() -> tuple[Case, ...]:
+            return tuple(waiting.popleft() for _ in range(min(many, len(waiting))))
+
+        progress("cases", 0, len(cases))
+        first = [begin(some) for _ in range(_AT_ONCE * len(client.nthreads())) if (some := take())]
+        running = distributed.as_completed(first, loop=client.loop)
+        for future in running:
+            some = tasks.pop(future.key)
+            try:
+                records, seconds = future.result()
+            except Exception as error:
+                if len(some) > 1:  # which of them it was shows when each is alone
+                    running.update([begin((case,)) for case in some])
+                    continue
+                records = [_failed(some[0], error)]
+            else:
+                many = max(1, min(_MOST_IN_TASK, int(len(some) * _TASK_S / seconds)))
+                for record in records:
+                    keep(folder, record)
+            found |= {record["key"]: record for record in records}
+            future.release()
+            if more := take():
+                running.add(begin(more))
+            progress("cases", len(found), len(cases))
+    return [found[case.key] for case in cases]
+
+
+def _failed(case: Case, error: Exception) -> Record:
+    """Record of a case that no worker finished."""
+    told = str(error).strip().splitlines() or [""]
+    return {"key": case.key, "failed": f"{type(error).__name__}: {told[0]}", "rows": []}
+
+
+def _distributed() -> Any:
+    try:
+        import distributed
+    except ImportError as missing:
+        raise OutputError(
+            "MF431", "a cluster needs the package dask.distributed", cure="pip install 'maskfab[cluster]'"
+        ) from missing
+    return distributed
+
+
+def _client(distributed: Any, scheduler: str) -> Any:
+    """A client of a scheduler that answers.
+
+    Raises:
+        JobError: MF164.
+    """
+    try:
+        return distributed.Client(scheduler, timeout=_ANSWERS_WITHIN_S, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise JobError(
+            "MF164",
+            f"no scheduler answers at {scheduler} within {_ANSWERS_WITHIN_S} s",
+            where="--scheduler",
+            cure="Start it with dask scheduler, and give the address that it prints, such as tcp://127.0.0.1:8786",
+        ) from error
+
+
+def _same_version(client: Any, scheduler: str) -> None:
+    """Refuse workers that would find other numbers.
+
+    Raises:
+        JobError: MF164 without workers, or if one has other code or other versions of libraries.
+    """
+    cure = "Install the same maskfab and the same libraries there, and start the workers again"
+    try:
+        versions = client.run(of_installation, on_error="return")
+    except Exception as error:
+        raise JobError(
+            "MF164", f"workers of {scheduler} do not answer: {error}", where="--scheduler", cure=cure
+        ) from error
+    if not versions:
+        cure = f"Start some: dask worker {scheduler} --nthreads 1"
+        raise JobError("MF164", f"the scheduler {scheduler} has no workers", where="--scheduler", cure=cure)
+    own = of_installation()
+    for address, version in versions.items():
+        if version != own:
+            told = f"fails with {version!r}" if isinstance(version, Exception) else "runs another maskfab or libraries"
+            raise JobError("MF164", f"the worker {address} {told}", where="--scheduler", cure=cure)

@@ -1,0 +1,169 @@
+"""The figures of a sweep: one for each quantity, with a field of the sweep along each axis and a curve for each die.
+
+The page of a sweep: figures, spread, sensitivities, yield, and the cases that failed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import cache
+from textwrap import fill
+
+import numpy as np
+from jinja2 import Template
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from maskfab.base.arrays import Floats
+from maskfab.base.quantities import registered
+from maskfab.base.resources import template
+from maskfab.camera.scores import CONFIDENCE
+from maskfab.report.figures.die import OKABE_ITO
+from maskfab.report.figures.sheet import QUIET, Drawing, place, styled
+from maskfab.report.pages.page import style
+from maskfab.report.pages.template import page_environment
+from maskfab.report.rows.text import rounded, short
+from maskfab.runs.sweep_numbers import Of, Sensitivity, Series, Swept, axis
+from maskfab.runs.sweep_plan import Field
+
+BAND = (0.05, 0.95)
+"""Shares of the cases between which a band lies."""
+_MARKS = "osD^vPX"
+_LEFT, _WIDE, _HIGH, _FOOT, _TOP, _GAP, _LEGEND = 0.75, 2.9, 2.1, 0.5, 0.3, 0.7, 1.9
+_MOST_AXES = 4
+_LABEL = 30
+"""Characters in a line of a label."""
+
+
+def shown(found: Swept, name: str) -> list[Series]:
+    """Series of one quantity for every die: at the middle one of its wavelengths, and of its levels of light."""
+    own = [series for series in found.series if series.of.name == name]
+    lines = sorted({series.of.wavelength_nm or 0.0 for series in own})
+    levels = sorted({series.of.level_db or 0.0 for series in own})
+    if not own:
+        return []
+    wanted = lines[len(lines) // 2], levels[len(levels) // 2]
+    return [series for series in own if (series.of.wavelength_nm or 0.0, series.of.level_db or 0.0) == wanted]
+
+
+@styled
+def quantity_figure(found: Swept, name: str) -> Drawing | None:
+    """One quantity along every numeric field, or, if there is none, how its values are spread; None without values."""
+    own = [series for series in shown(found, name) if series.known.size]
+    if not own:
+        return None
+    plan = found.plan
+    axes = {
+        field.name + (f" ({field.unit})" if field.unit else ""): numbers
+        for i, field in enumerate(plan.fields)
+        if (numbers := axis(field, [case.levels[i] for case in plan.cases])) is not None and np.ptp(numbers) > 0
+    }
+    along: list[tuple[str, Floats | None]] = [*list(axes.items())[:_MOST_AXES]] or [("share of the cases", None)]
+    figure = Figure(figsize=(_LEFT + len(along) * (_WIDE + _GAP) + _LEGEND, _TOP + _HIGH + _FOOT))
+    entry = registered(name)
+    unit = own[0].unit if own[0].unit not in ("", "1") else ""
+    for column, (label, numbers) in enumerate(along):
+        sheet = place(figure, (_LEFT + column * (_WIDE + _GAP), _FOOT, _WIDE, _HIGH))
+        for number, series in enumerate(own):
+            _curve(sheet, numbers, series, number)
+        sheet.set_xlabel(label)
+        sheet.grid(color=QUIET, alpha=0.2, linewidth=0.5)
+        sheet.spines[["top", "right"]].set_visible(False)
+        if column == 0:
+            sheet.set_ylabel(fill(f"{entry.title}{f' ({unit})' if unit else ''}", _LABEL))
+    handles, told = figure.axes[0].get_legend_handles_labels()
+    beside = (1 - _LEGEND / figure.get_size_inches()[0], 0.5)
+    figure.legend(handles, told, loc="center left", bbox_to_anchor=beside, borderaxespad=0, fontsize=7.5)
+    return Drawing(figure, f"{entry.title} of {len(own)} dies in {len(plan.cases)} cases")
+
+
+def _curve(sheet: Axes, numbers: Floats | None, series: Series, number: int) -> None:
+    """Median and band where several cases share a value, points where hardly any do, or the sorted values."""
+    colour, mark = OKABE_ITO[number % len(OKABE_ITO)], _MARKS[number % len(_MARKS)]
+    label = series.of.die or ""
+    known = np.isfinite(series.values)
+    values = series.values[known]
+    if numbers is None:
+        share = (np.arange(values.size) + 0.5) / values.size
+        sheet.plot(share, np.sort(values), marker=mark, markersize=2.5, linewidth=0.9, color=colour, label=label)
+        return
+    at = numbers[known]
+    places = np.unique(at)
+    if (places.size > max(2, values.size // 2) and places.size < values.size) or places.size == values.size > 40:
+        sheet.plot(at, values, mark, markersize=2.5, alpha=0.6, markeredgewidth=0, color=colour, label=label)
+        return
+    groups = [values[at == here] for here in places]
+    sheet.plot(places, _quantiles(groups, 0.5), marker=mark, markersize=3, linewidth=1.1, color=colour, label=label)
+    if any(group.size > 1 for group in groups):
+        low, high = (_quantiles(groups, share) for share in BAND)
+        sheet.fill_between(places, low, high, color=colour, alpha=0.15, linewidth=0)
+
+
+def _quantiles(groups: Sequence[Floats], share: float) -> list[float]:
+    return [float(np.quantile(group, share)) for group in groups]
+
+
+_MOST_FAILED = 40
+"""Failed cases that the page lists; the table has all."""
+
+
+def sweep_page(found: Swept) -> str:
+    """The page, with nothing from outside it; equal sweeps give equal pages."""
+    plan = found.plan
+    figures = {name: quantity_figure(found, name) for name in plan.quantities}
+    strongest = {series.of for name in plan.quantities for series in shown(found, name)}
+    return _template().render(
+        style=style(),
+        sweep=plan.spec.sweep,
+        version=plan.job.signature,
+        job=plan.job,
+        cases=len(plan.cases),
+        fields=[(field.name, _values_text(field)) for field in plan.fields],
+        failed=found.failed[:_MOST_FAILED],
+        many_failed=len(found.failed),
+        plan=plan,
+        figures=[Markup(figure.img()) for figure in figures.values() if figure is not None],
+        series=found.series,
+        sensitivities=[each for each in found.sensitivities if each.of in strongest],
+        yields=found.yields,
+        limits=plan.limits,
+        confidence=f"{CONFIDENCE:.0%}",
+        band=BAND,
+        of_text=of_text,
+        slope_text=slope_text,
+        title=lambda name: registered(name).title,
+    )
+
+
+def of_text(of: Of) -> str:
+    """The die, wavelength and level that a number is of."""
+    told = [of.die or ""]
+    told += [] if of.wavelength_nm is None else [f"{of.wavelength_nm:g} nm"]
+    told += [] if of.level_db is None else [f"{of.level_db:g} dB"]
+    return ", ".join(each for each in told if each)
+
+
+def slope_text(each: Sensitivity) -> str:
+    """A slope with its interval."""
+    if math.isnan(each.slope):
+        return "–"
+    half = "" if math.isnan(each.half_width) else f" ± {rounded(each.half_width, 2)}"
+    unit = each.unit.removeprefix("1/") if each.unit.startswith("1/") else each.unit.strip("1")
+    per = f" per {unit}" if each.unit.startswith("1/") else f" {unit}" if unit else ""
+    return f"{rounded(each.slope)}{half}{per}"
+
+
+def _values_text(field: Field) -> str:
+    ways = "drawn" if field.drawn else "values"
+    numbers = [level.number for level in field.levels if level.number is not None]
+    if field.numeric:
+        return f"{len(numbers)} {ways}, {short(min(numbers))} to {short(max(numbers))} {field.unit}".rstrip()
+    first, last = field.levels[0].stated, field.levels[-1].stated
+    return f"{len({level.stated for level in field.levels})} {ways}, {first} to {last}"
+
+
+@cache
+def _template() -> Template:
+    return page_environment(number=rounded, short=short).from_string(template("sweep.html.j2"))

@@ -1,0 +1,576 @@
+"""A finished output directory checked again from its files alone, and any mask file held against a job.
+
+A finished output directory made once more from its own job, byte against byte.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from jinja2 import TemplateError
+
+from maskfab.base import __version__, provenance
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import InputError, JobError, OutputError
+from maskfab.base.folders import JOB_COPY, PAGE, REPORT, RESULT_MARK, TIMES, put_back, read_manifest
+from maskfab.base.model import Camera, Die, Quantity, WrittenFile
+from maskfab.base.processes import Alone
+from maskfab.base.provenance import sha256_of_file
+from maskfab.base.work import Progress, one_thread, silent
+from maskfab.display.feasibility import Populated
+from maskfab.mask.comparison.alignment import Alignment, LayersRead, StatedLayers
+from maskfab.mask.comparison.files import read_back
+from maskfab.mask.comparison.roundtrip import RoundTrip
+from maskfab.mask.formats.exr import check_psf_file
+from maskfab.mask.formats.picture import IMAGE_SUFFIXES
+from maskfab.mask.formats.reader import LAYOUT_SUFFIXES
+from maskfab.mask.houses.profiles import shop_of
+from maskfab.mask.job import Job, load_job
+from maskfab.mask.judge.verdict import asked, judged
+from maskfab.mask.layout import clear_shapes, plate_layout
+from maskfab.mask.plate import compose
+from maskfab.mask.raster import light_box, sees_light
+from maskfab.mask.sandbox import bounded
+from maskfab.optics.metrics import fast_lens
+from maskfab.report.documents import report
+from maskfab.report.documents.measured import DOCUMENT as MEASURED
+from maskfab.report.documents.measured import measured_beside
+from maskfab.report.pages import page as differences
+from maskfab.report.pages import page as html
+from maskfab.report.rows.foreign import Foreign, How, check_foreign, only_die
+from maskfab.report.rows.optics import layout_as_seen, plate_as_seen
+from maskfab.report.rows.verdicts import Verdicts
+from maskfab.runs.pipeline import (
+    OVERVIEW,
+    Findings,
+    aids,
+    begin_photographs,
+    crew_of,
+    die_quantities,
+    draw_files,
+    draw_pictures,
+    expand_photographs,
+    measure_dies,
+    measure_process,
+    measure_scenes,
+    plan_scenes,
+    psfs_as_files,
+    run,
+    shop_quantities,
+)
+
+_PHOTOGRAPHS = "other noise in photographs, of which a last bit of light may draw another photon"
+_SCHEMA = "report_schema"
+_FORMER_UNITS = {"um^2": "um2"}
+"""Units as reports of earlier versions spell them."""
+_PLACES = (("wavelength_nm", "nm"), ("level_db", "dB"))
+_PHOTOGRAPHED, _LAID, _JUDGED = 3, 4, 5
+"""Schemas of the first reports whose numbers of photographs are those of photographs, whose lines may be laid across a
+panel, and which tell three verdicts."""
+_SAME = 1e-6
+"""Relative difference that another machine's arithmetic may make to a number well above the rounding floor."""
+
+
+@dataclass(frozen=True)
+class Verified:
+    """A finished directory checked again.
+
+    Attributes:
+        checks: in the order in which they were made, notes among them.
+        verdicts: what they come to.
+    """
+
+    checks: tuple[Quantity, ...]
+    verdicts: Verdicts
+
+    @classmethod
+    def of(cls, checks: Sequence[Quantity], built: Populated | None = None) -> Verified:
+        """From the checks, and from the plate with its displays, where it could be laid out again."""
+        displays, dies = ({}, 0) if built is None else (built.found, len(built.plate.dies))
+        return cls(tuple(checks), Verdicts.of(checks, displays, dies))
+
+
+@one_thread
+def verify(directory: str | Path, progress: Progress = silent) -> Verified:
+    """Repeat every check of an output directory: hashes, geometry, optics, and the numbers of its report.
+
+    A file that changed, is missing or cannot be read is a failed check that names it; so is a polygon that moved, and a
+    mask file that the run did not write. Other files that it did not write are notes, whose ``passed`` is None.
+
+    Raises:
+        OutputError: MF403 if the directory is not one that maskfab finished.
+    """
+    folder = Path(directory)
+    put_back(Path(os.path.realpath(folder)))
+    manifest = read_manifest(folder)
+    checks = [*_hashes(folder, manifest), *_unlisted(folder, manifest)]
+    try:
+        job = load_job(folder / JOB_COPY)
+        # A later version would sign its plates differently, which is no fault of this one.
+        signature = job.signature.replace(__version__, str(manifest["maskfab_version"]), 1)
+        plate = compose(job.spec, job.openings, signature, where=job.where)
+        with crew_of(job) as crew:
+            built = job.displays_of(plate, progress, crew=crew)
+        # A run takes its photographs beside its displays, before these are there.
+        bare, plate = plate, built.plate
+        made = draw_files(job, plate, str(manifest["maskfab_version"]))
+        of_shop = shop_quantities(job, made)
+    except InputError as error:
+        return Verified.of([*checks, _failed("job", f"{JOB_COPY} cannot be used: {error}")])
+    checks += fast_lens(job.camera)
+    checks.append(_equal("job_hash", job.digest, manifest.get("job_hash"), f"hash of {JOB_COPY} against the manifest"))
+    with crew_of(job) as crew:
+        photographs = begin_photographs(job, bare, crew)
+        refused: list[tuple[str, InputError]] = []
+        back = read_back(made, folder, progress, refused)
+        checks += [_failed("readable", f"{name}: {error}") for name, error in refused]
+        trips, read = back.trips, [*back.quantities, *made.account(), *of_shop]
+        checks += [quantity for quantity in read if quantity.passed is not None and quantity.die is None]
+        if not trips:
+            return Verified.of(checks, built)
+        seen = [die for die in plate.dies if _sees_light(die, job.camera, trips[0])]
+        lit = plate_as_seen(job, replace(plate, dies=tuple(seen)))
+        layout = layout_as_seen(job, trips[0].layout)
+        optics = measure_dies(lit, job.camera, layout, progress, None, job.blank, crew)
+        for psf in psfs_as_files(job, made, optics, str(manifest["maskfab_version"])):
+            try:
+                read += check_psf_file(psf, folder)
+            except InputError as error:
+                refused.append((psf.name, error))
+                checks.append(_failed("readable", f"{psf.name}: {error}"))
+        scenes = measure_scenes(job, lit, plan_scenes(job, lit, progress), layout, progress)
+        for measured in (
+            *(die_quantities(item, read, job) for item in optics),
+            *(scene.quantities for scene in scenes),
+        ):
+            checks += [quantity for quantity in measured if quantity.passed is not None]
+        blind = [die.name for die in plate.dies if die not in seen]
+        checks += [quantity for quantity in read if quantity.passed is not None and quantity.die in blind]
+        checks += [
+            _failed("optics", f"{trips[0].path.name}: nothing of {name} is clear before the stop") for name in blind
+        ]
+        beside = None
+        if any(file["path"] == MEASURED for file in manifest["files"]):
+            try:
+                beside = measured_beside(job)
+            except InputError as error:
+                refused.append((MEASURED, error))
+                checks.append(_failed("readable", f"{MEASURED}: {error}"))
+        if not (blind or refused) and all(trip.xor_area_um2 == 0 for trip in trips):
+            # Of files that differ from the design the numbers differ as well; what differs is told above.
+            process = measure_process(job, lit, progress), expand_photographs(job, lit, progress, None, crew)
+            found = Findings(job, built, read, optics, scenes, photographs.result(progress), *process, beside)
+            checks += _made_again(folder, manifest, found, crew)
+    return Verified.of(checks, built)
+
+
+def _made_again(folder: Path, manifest: Mapping[str, Any], found: Findings, crew: Alone) -> Iterator[Quantity]:
+    """Report, page and pictures of a folder against the same made again."""
+    now = found.document(found.report(_listed(manifest), {}))
+    now["maskfab_version"] = manifest["maskfab_version"]
+    told = list(_reported(folder, now))
+    yield from told
+    alike = manifest["maskfab_version"] == __version__ and manifest.get("versions") == provenance.versions()
+    alike = alike and not any(each.name == _SCHEMA for each in told)
+    overview, pictures = draw_pictures(found, now, crew)
+    for name, differs in (
+        *_aids_differ(folder, found),
+        *_page_differs(folder, now, pictures, held=all(each.passed is not False for each in told)),
+        *_overview_differs(folder, overview),
+    ):
+        yield _again(name, differs, judged=alike and differs != _PHOTOGRAPHS)
+
+
+@one_thread
+def verify_file(
+    path: Path, job: Job, die: str | None = None, how: How | None = None, progress: Progress = silent
+) -> Foreign:
+    """Any mask file held against a job, or against one of its dies, within limits of time and memory.
+
+    The plate that it is compared with is held against the job, too.
+
+    Raises:
+        SourceError, JobError: as :func:`maskfab.report.rows.foreign.check_foreign`; MF322 beyond limits.
+    """
+    if job.spec.data_bias_nm:
+        raise JobError(
+            "MF128",
+            "files from elsewhere are held against designs as drawn, and this job has its data biased",
+            where=f"{job.where}: order.bias",
+            cure='Verify the directory or the package that holds the file, or hold it against a job of bias = "none"',
+        )
+    job.check_window()
+    house = shop_of(job.spec, job.where)
+    plate, drawing = job.plate(), job.spec.export
+    # A design holds what is clear, whatever tone the job's own files have.
+    plan = replace(asked(job.spec), dark=False)
+    opinion = tuple(row for row in judged(plate_layout(plate), "the design", plan) if die in (None, row.die))
+    stated = drawing is not None and "max_vertices" in drawing.model_fields_set
+
+    def checked(tell: Progress) -> tuple[Alignment, tuple[Quantity, ...], LayersRead]:
+        found = check_foreign(
+            plate if die is None else only_die(plate, die),
+            job.camera,
+            job.spec.limits,
+            path,
+            how,
+            tell,
+            blank=job.blank,
+            max_vertices=drawing.max_vertices if drawing is not None and stated else None,
+            ordered=StatedLayers()
+            if house is None
+            else StatedLayers(house.layer_names, house.polygons.holes == "layer"),
+        )
+        return found.alignment, found.quantities, found.layers
+
+    alignment, quantities, layers = bounded(
+        path, checked, progress, kind=tuple[Alignment, tuple[Quantity, ...], LayersRead]
+    )
+    return Foreign(path, alignment, None, (*quantities, *opinion), layers)
+
+
+def _aids_differ(folder: Path, found: Findings) -> Iterator[tuple[str, str]]:
+    """Each of the smaller files, and how it differs from the same made again; empty if it does not."""
+    with tempfile.TemporaryDirectory(prefix="maskfab-verify-") as aside:
+        for name, (_, write) in aids(found.job, found.plate, found.measured).items():
+            write(Path(aside) / name)
+            yield name, "" if _bytes(folder / name) == (Path(aside) / name).read_bytes() else "its bytes differ"
+
+
+def _page_differs(
+    folder: Path, now: report.Document, pictures: Mapping[str, Mapping[str, str]], *, held: bool
+) -> Iterator[tuple[str, str]]:
+    """The page against the one of the pictures made again, and of the report, to its last digit if that held."""
+    try:
+        document = json.loads((folder / REPORT).read_text(encoding="utf-8")) if held else now
+        page = html.html_page(document, pictures)
+        found = list(differences.differences((folder / PAGE).read_text(encoding="utf-8"), page, pictures))
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError, TemplateError) as error:
+        yield PAGE, f"it cannot be compared: {error!r}"
+        return
+    faults = [name for name in found if name != differences.NOISE]
+    yield PAGE, f"other {', '.join(faults)}" if faults else _PHOTOGRAPHS if found else ""
+
+
+def _overview_differs(folder: Path, made: bytes) -> Iterator[tuple[str, str]]:
+    yield OVERVIEW, "" if differences.alike_images(_bytes(folder / OVERVIEW), made) else "it shows something else"
+
+
+def _bytes(path: Path) -> bytes:
+    """Content of a file; nothing if it is not there, which is reported elsewhere."""
+    return path.read_bytes() if path.is_file() else b""
+
+
+def _again(name: str, differs: str, *, judged: bool) -> Quantity:
+    """One row; without a verdict where other versions of what makes it may rightly make it otherwise, and do."""
+    told = f"{name} made again"
+    if differs and not judged:
+        told += "; other versions wrote it, or it holds photographs, so that it is not judged"
+    return Quantity(
+        "made_again", differs or "the same", told, limit="the same", passed=not differs or (None, False)[judged]
+    )
+
+
+def _sees_light(die: Die, camera: Camera, trip: RoundTrip) -> bool:
+    return sees_light(die, camera.stop, clear_shapes(trip.layout, light_box(die, camera.stop)))
+
+
+def _hashes(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Quantity]:
+    for file in manifest["files"]:
+        path = folder / file["path"]
+        if path.parent != folder or not path.is_file():
+            yield _failed("sha256", f"{file['path']} is missing")
+        else:
+            yield _equal("sha256", provenance.sha256_of_file(path), file["sha256"], f"SHA-256 of {file['path']}")
+
+
+def _unlisted(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Quantity]:
+    """Files that the run did not write: a mask among them could go to the house in place of the plate."""
+    listed = {file["path"]: file.get("format") for file in manifest["files"]}
+    drawn = {Path(name).suffix.lower() for name, kind in listed.items() if kind != "report"}
+    masks = {*LAYOUT_SUFFIXES, *(drawn & {*IMAGE_SUFFIXES})}
+    for path in sorted(each for each in folder.rglob("*") if each.is_file()):
+        name = path.relative_to(folder).as_posix()
+        if name in listed or name in (RESULT_MARK, TIMES):
+            continue
+        if path.suffix.lower() in masks:
+            problem = f"{name} is a mask file that the run did not write: it could go to the house by mistake"
+            yield Quantity("unlisted", name, problem, limit="", passed=False)
+        else:
+            yield Quantity("unlisted", name, f"{RESULT_MARK} does not know {name}")
+
+
+def _listed(manifest: Mapping[str, Any]) -> tuple[WrittenFile, ...]:
+    """The files that report.json lists: all but those made after it."""
+    rows = [file for file in manifest["files"] if file.get("format") != "report"]
+    return tuple(WrittenFile(row["path"], row.get("format", ""), row["bytes"], row["sha256"]) for row in rows)
+
+
+def _reported(folder: Path, now: report.Document) -> Iterator[Quantity]:
+    """Everything that report.json says against what is measured now; notes first on an earlier schema or unit."""
+    try:
+        then = json.loads((folder / REPORT).read_text(encoding="utf-8"))
+        stated, present = then["schema_version"], now["schema_version"]
+        earlier = type(stated) is int and 1 <= stated < present
+        expected = {**now, "schema_version": stated} if earlier else now
+        found = list(_differences(_lasting(expected), _lasting(then), ()))
+    except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
+        yield _failed("report", f"{REPORT} cannot be read: {error}")
+        return
+    if earlier:
+        told = f"{REPORT} was written by schema {stated}, before the present {present}: all that it says is compared"
+        yield Quantity(_SCHEMA, stated, told)
+    renamed = [old for place, new, old in found if _former_unit(place, new, old)]
+    if renamed:
+        told = f"{REPORT} spells the unit of {len(renamed)} numbers as earlier versions did: it is not judged"
+        yield Quantity("report_units", renamed[0], told)
+    lapsed = set()
+    for name, since, of, told in (
+        ("report_photographs", _PHOTOGRAPHED, _of_photographs, "predicts photographs by a model"),
+        ("report_wires", _LAID, _of_wires, "counts the wires of one pixel for all"),
+        ("report_protocol", _LAID, _of_protocol, "does not name the protocol of designs"),
+        ("report_verdicts", _JUDGED, _of_verdicts, "has one verdict for files, optics and displays"),
+    ):
+        places = [place for place, _, _ in found if earlier and stated < since and of(place)]
+        if places:
+            why = f"{REPORT} {told}, as earlier versions did: these numbers are not compared"
+            yield Quantity(name, len(places), why)
+        lapsed |= set(places)
+    differences = [
+        _equal("reported", new, old, f"{', '.join(place)}: measured now against {REPORT}")
+        for place, new, old in found
+        if not _former_unit(place, new, old) and place not in lapsed
+    ]
+    yield from differences
+    yield _equal("reported_differences", len(differences), 0, f"numbers and words of {REPORT} against those found now")
+
+
+def _of_photographs(place: Sequence[str]) -> bool:
+    """Whether a place in a report tells of photographs: their section, a row of a die, or a part of its design."""
+    return any(part.startswith("photograph") or "restored_" in part or part == "predicted_psnr" for part in place)
+
+
+def _of_wires(place: Sequence[str]) -> bool:
+    """Whether a place in a report tells of wires, or of an answer that rests on them."""
+    answered = "display" in place and ("verdict" in place or "proofs" in place)
+    return answered or any(part == "wires" or "wire_lines" in part for part in place)
+
+
+def _of_protocol(place: Sequence[str]) -> bool:
+    """Whether a place in a report tells by which protocol a die was designed."""
+    return "design" in place and place[-1] == "protocol"
+
+
+def _of_verdicts(place: Sequence[str]) -> bool:
+    """Whether a place in a report tells of its three verdicts."""
+    return place[0] == "verdicts"
+
+
+def _former_unit(place: tuple[str, ...], now: object, then: object) -> bool:
+    return place[-1] == "unit" and isinstance(now, str) and _FORMER_UNITS.get(now) == then
+
+
+def _lasting(document: Mapping[str, Any]) -> dict[str, Any]:
+    """A report without its former times, and without the name of the file that has them now."""
+    return {key: value for key, value in document.items() if key not in ("time", "provenance")}
+
+
+def _differences(now: Any, then: Any, place: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any, Any]]:
+    """Where two documents differ, and what each says there."""
+    now, then = _keyed(now), _keyed(then)
+    if isinstance(now, dict) and isinstance(then, dict):
+        for key in dict.fromkeys((*now, *then)):
+            yield from _differences(now.get(key, "missing"), then.get(key, "missing"), (*place, key))
+    elif isinstance(now, dict) or isinstance(then, dict):
+        yield place, "there" if isinstance(now, dict) else now, "there" if isinstance(then, dict) else then
+    elif not (_alike_photographs(place[-1], now, then) if _of_photographs(place) else _alike(now, then)):
+        yield place, now, then
+
+
+def _keyed(rows: Any) -> Any:
+    """A list as a dictionary under its rows' names, so that a missing row is told by its name."""
+    if not isinstance(rows, list):
+        return rows
+    keyed: dict[str, Any] = {}
+    for number, row in enumerate(rows):
+        key = _name_of(row) if isinstance(row, dict) else str(number)
+        count = 1 + sum(known == key or known.startswith(f"{key} (") for known in keyed)
+        keyed[key if count == 1 else f"{key} ({count})"] = row
+    return keyed
+
+
+def _name_of(row: Mapping[str, Any]) -> str:
+    named = [str(row[key]) for key in ("die", "name", "path") if row.get(key) is not None]
+    placed = [f"{row[key]:g} {unit}" for key, unit in _PLACES if row.get(key) is not None]
+    return ", ".join([*named, *placed])
+
+
+def _alike(now: object, then: object) -> bool:
+    if isinstance(now, float) and isinstance(then, int | float):
+        # Errors at the rounding floor differ between machines without meaning anything.
+        return abs(now - then) <= max(_SAME * abs(then), 1e-8)
+    return now == then
+
+
+def _alike_photographs(what: str, now: object, then: object) -> bool:
+    """Whether two numbers of photographs are alike, of which a last bit of light may draw another photon."""
+    if isinstance(now, float) and isinstance(then, int | float):
+        # The filter's constant is one of a few, and may be the next one.
+        return abs(now - then) <= (now / 2 if what == "epsilon" else differences.DECIBELS)
+    return now == then
+
+
+def _equal(name: str, value: Any, expected: Any, method: str) -> Quantity:
+    return Quantity(name, value, method, limit=expected, passed=value == expected)
+
+
+def _failed(name: str, problem: str) -> Quantity:
+    return Quantity(name, "failed", problem, limit="ok", passed=False)
+
+
+_MADE_BY = {REPORT: "numbers", PAGE: "figures", OVERVIEW: "figures", RESULT_MARK: "hashes of the others"}
+_MASKS = "drawing and writing"
+
+
+@dataclass(frozen=True)
+class RemadeFile:
+    """One file of a directory, and the same made once more.
+
+    Attributes:
+        name: in the directory.
+        stage: that makes it, in words.
+        difference: in words; None if every byte is the same.
+    """
+
+    name: str
+    stage: str
+    difference: str | None
+
+
+@dataclass(frozen=True, repr=False)
+class Reproduction:
+    """A directory made once more.
+
+    Attributes:
+        directory: as it was given.
+        files: every file of its manifest, the manifest last.
+        versions: programs of other versions than then: name, then, now; "-" where there is none.
+    """
+
+    directory: Path
+    files: tuple[RemadeFile, ...]
+    versions: tuple[tuple[str, str, str], ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every byte is the same."""
+        return all(file.difference is None for file in self.files)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Files and versions."""
+        return {
+            "directory": str(self.directory),
+            "reproduced": self.passed,
+            "files": [vars(file) for file in self.files],
+            "versions": [{"name": name, "then": then, "now": now} for name, then, now in self.versions],
+        }
+
+    def __str__(self) -> str:
+        width = max(len(file.name) for file in self.files)
+        lines = [
+            f"{file.name.ljust(width)}  {'same bytes' if file.difference is None else f'differs: {file.difference}'}"
+            for file in self.files
+        ]
+        lines += [f"{name} was {then} then, and is {now} now" for name, then, now in self.versions]
+        other = [file for file in self.files if file.difference is not None]
+        stages = ", ".join(dict.fromkeys(file.stage for file in other))
+        differ = "1 file differs" if len(other) == 1 else f"{len(other)} files differ"
+        told = "every byte is the same" if self.passed else f"{differ}, made by: {stages}"
+        return "\n".join([*lines, f"{len(self.files)} files: {told}"])
+
+    def __repr__(self) -> str:
+        return str(self)
+
+
+@checked_arguments
+def reproduce(directory: str | Path, *, progress: Progress = silent) -> Reproduction:
+    """Make a finished output directory once more, from the job that lies in it, and compare every byte.
+
+    Nothing is taken from the cache, and nothing is written into the directory. A file that was changed since differs as
+    one does that other versions make otherwise; :func:`maskfab.runs.verification.verify` tells whether it was changed.
+
+    Args:
+        directory: of a finished run.
+        progress: told where the work stands.
+
+    Raises:
+        OutputError: MF403 if the directory is not that of a finished run.
+        InputError: if its job can no longer be used.
+    """
+    folder = Path(directory)
+    put_back(Path(os.path.realpath(folder)))
+    manifest = read_manifest(folder)
+    names, versions = [str(row["path"]) for row in manifest["files"]], manifest.get("versions")
+    if not isinstance(versions, Mapping) or JOB_COPY not in names:
+        raise OutputError(
+            "MF403", f"{folder} holds other results than a plate", cure="Name a directory that maskfab run has made"
+        )
+    then = {str(name): str(number) for name, number in versions.items()}
+    with tempfile.TemporaryDirectory(prefix="maskfab-") as scratch:
+        again = Path(scratch) / "again"
+        run(folder / JOB_COPY, again, progress=progress)
+        every = sorted({*names, *(path.name for path in again.iterdir())} - {TIMES, RESULT_MARK})
+        files = tuple(_compared(folder, again, name) for name in (*every, RESULT_MARK))
+    now = provenance.versions()
+    changed = (
+        (name, then.get(name, "-"), now.get(name, "-"))
+        for name in sorted(then.keys() | now.keys())
+        if then.get(name) != now.get(name)
+    )
+    return Reproduction(folder, files, tuple(changed))
+
+
+def _compared(folder: Path, again: Path, name: str) -> RemadeFile:
+    stage = _MADE_BY.get(name, "optics" if name.endswith(".exr") else _MASKS)
+    one, other = folder / name, again / name
+    if not one.is_file() or not other.is_file():
+        return RemadeFile(name, stage, "it is missing" if other.is_file() else "it is not made any more")
+    if sha256_of_file(one) == sha256_of_file(other):
+        return RemadeFile(name, stage, None)
+    return RemadeFile(name, stage, _first_difference(one, other))
+
+
+def _first_difference(one: Path, other: Path) -> str:
+    """Where two files begin to differ: by the path of a value in JSON, by the byte in all others."""
+    if one.suffix == ".json":
+        try:
+            then, now = (json.loads(path.read_bytes()) for path in (one, other))
+        except (ValueError, RecursionError):
+            return "it is no JSON any more"
+        found = _first_value(then, now, "")
+        if found is not None:
+            return found
+    then, now = one.read_bytes(), other.read_bytes()
+    place = next((at for at, (a, b) in enumerate(zip(then, now, strict=False)) if a != b), min(len(then), len(now)))
+    return f"from byte {place} on, of {len(then)} then and {len(now)} now"
+
+
+def _first_value(then: object, now: object, where: str) -> str | None:
+    if isinstance(then, Mapping) and isinstance(now, Mapping) and then.keys() == now.keys():
+        pairs = [(f"{where}.{key}".lstrip("."), then[key], now[key]) for key in then]
+    elif isinstance(then, list) and isinstance(now, list) and len(then) == len(now):
+        pairs = [(f"{where}[{number}]", *both) for number, both in enumerate(zip(then, now, strict=True))]
+    else:
+        return None if then == now else f"{where or 'its keys'}: {_short(then)} then, {_short(now)} now"
+    return next((found for key, a, b in pairs if (found := _first_value(a, b, key)) is not None), None)
+
+
+def _short(value: object, most: int = 60) -> str:
+    text = json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= most else f"{text[:most]}..."
