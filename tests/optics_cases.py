@@ -10,6 +10,9 @@ from maskfab.base.model import Camera, Psf
 from maskfab.base.units import UM_PER_NM
 from maskfab.optics.field.matrix import parity_field
 from maskfab.optics.hard_cases import clear_region, noise
+from maskfab.optics.hard_cases import example_camera as camera
+from maskfab.optics.hard_cases import example_panel as panel
+from maskfab.optics.hard_cases import example_pupil as pupil
 from maskfab.optics.phase import (
     PhasedPupil,
     Wavefront,

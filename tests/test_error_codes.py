@@ -29,7 +29,7 @@ def raised_codes() -> set[str]:
 
 
 def test_every_code_that_is_raised_is_explained_and_no_other():
-    written = tomllib.loads((PACKAGE / "error_codes.toml").read_text(encoding="utf-8"))
+    written = tomllib.loads((PACKAGE / "base" / "error_codes.toml").read_text(encoding="utf-8"))
     assert raised_codes() == set(CATALOGUE) == set(written)
     assert sorted(code for codes in grouped().values() for code in codes) == sorted(CATALOGUE)
 

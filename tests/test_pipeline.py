@@ -449,9 +449,9 @@ formats = ["gdsii", "oasis", "cif", "dxf_r12", "dxf_r2010", "gerber", "svg"]
 WRITE = """\
 import locale, sys
 from pathlib import Path
-from maskfab.job import load_job
-from maskfab.pipeline import draw_files, write_files
-from maskfab.progress import silent
+from maskfab.mask.job import load_job
+from maskfab.runs.pipeline import draw_files, write_files
+from maskfab.base.work import silent
 
 locale.setlocale(locale.LC_ALL, "")
 job, folder = load_job(sys.argv[1]), Path(sys.argv[2])

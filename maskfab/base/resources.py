@@ -31,7 +31,7 @@ def path(name: str) -> Path:
     Raises:
         InternalError: MF901 if this installation lacks the file.
     """
-    package = Path(__file__).resolve().parent
+    package = Path(__file__).resolve().parents[1]
     for root in (package / "_bundled", package.parent):
         if (root / name).exists():
             return root / name
@@ -101,5 +101,5 @@ def _near(code: str) -> str:
 
 @cache
 def _written() -> Mapping[str, dict[str, str]]:
-    text = files("maskfab").joinpath("error_codes.toml").read_text(encoding="utf-8")
+    text = files("maskfab.base").joinpath("error_codes.toml").read_text(encoding="utf-8")
     return tomllib.loads(text)

@@ -33,6 +33,7 @@ from maskfab.display.polygon_check import Violation, violations
 from maskfab.display.wiring import Reach, WireDemand, Wiring, check_wires, reaches, wiring
 from maskfab.job.read import even_nm
 from maskfab.job.sections import EmittersSection, LightSection, WiresSection
+from maskfab.mask.job import Job
 from maskfab.optics.colour import luminance_centroid
 
 REFERENCE_SHARE = 28 / 300
@@ -323,6 +324,26 @@ def populate(
             lines += [_drawn(die, each, rules.wires.rules.line_nm) for each in answer.wiring.laid]
         dies.append(replace(die, panel=replace(die.panel, emitters=answer.emitters, tracks=tracks)))
     return Populated(replace(plate, dies=tuple(dies), furniture=(*plate.furniture, *lines)), found)
+
+
+def display_rules(job: Job) -> DisplayRules | None:
+    """Rules of the display maker; None if the job has no [emitters]."""
+    section = job.spec.emitters
+    return None if section is None else DisplayRules.of(section, job.spec.light, job.spec.wires, where=job.where)
+
+
+def displays(
+    job: Job, plate: Plate | None = None, progress: Progress = silent, *, crew: Alone | None = None
+) -> Populated:
+    """The job's plate with the emitters and wires that the job asks for; by a crew, if there is one.
+
+    Args:
+        job: the job.
+        plate: of the job, where it is laid out already.
+    """
+    rules = display_rules(job)
+    plate = job.plate() if plate is None else plate
+    return Populated(plate, {}) if rules is None else populate(plate, rules, progress, crew=crew)
 
 
 def widest_gaps(plate: Plate, rules: DisplayRules, progress: Progress = silent) -> dict[str, LargestGap]:

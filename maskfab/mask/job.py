@@ -14,7 +14,6 @@ from maskfab.base.cell_size import CellSize
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
 from maskfab.base.model import UNSTATED, Camera, MaskBlank, Opening, Panel, Plate, Quantity
-from maskfab.base.work import Progress, silent
 from maskfab.job.read import check_seed, check_window, check_windows
 from maskfab.job.sections import DieSection, JobSpec
 from maskfab.job.values import is_table
@@ -22,8 +21,6 @@ from maskfab.mask import opening_file, panels
 from maskfab.mask.panels import DieSeeds, die_panels
 
 if TYPE_CHECKING:
-    from maskfab.base.processes import Alone
-    from maskfab.display.feasibility import DisplayRules, Populated
     from maskfab.optics.scene.scene import Scene
 
 
@@ -67,14 +64,6 @@ class Job:
         return Scene.of(self.spec.scene, self.spec.curves, where=self.where).through(self.blank)
 
     @property
-    def display_rules(self) -> DisplayRules | None:
-        """Rules of the display maker; None if the job has no [emitters]."""
-        from maskfab.display.feasibility import DisplayRules
-
-        section = self.spec.emitters
-        return None if section is None else DisplayRules.of(section, self.spec.light, self.spec.wires, where=self.where)
-
-    @property
     def seed_notes(self) -> dict[str, Quantity]:
         """By die, a note where its map or its opening names the seeds that its display fits, and not this one."""
         notes = {}
@@ -111,17 +100,6 @@ class Job:
         from maskfab.mask.plate import compose
 
         return compose(self.spec, self.openings, self.signature, where=self.where)
-
-    def displays(self, progress: Progress = silent) -> Populated:
-        """The job laid out with the emitters and wires that it asks for; see :mod:`maskfab.display.feasibility`."""
-        return self.displays_of(self.plate(), progress)
-
-    def displays_of(self, plate: Plate, progress: Progress = silent, *, crew: Alone | None = None) -> Populated:
-        """Displays of the job's plate, which is laid out already; by a crew, if there is one."""
-        from maskfab.display.feasibility import Populated, populate
-
-        rules = self.display_rules
-        return Populated(plate, {}) if rules is None else populate(plate, rules, progress, crew=crew)
 
 
 @checked_arguments

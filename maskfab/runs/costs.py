@@ -73,21 +73,21 @@ def _of_scene(_die: Any, camera: Any, scene: Any, _openings: Any, plan: Any, *_:
 _MODELS: Mapping[str, Callable[..., float]] = MappingProxyType(
     {
         "display.feasibility.feasibility": lambda *_, **__: 2.0,
-        "measurement.restored.photograph_die": _of_photographs,
-        "measurement.optics.measure_with_bar": _of_optics,
-        "measurement.scene_rows.measure_scene": _of_scene,
-        "measurement.as_written.measure_written": lambda *_: 1.5,
-        "measurement.tolerance.band_quantities": lambda _written, _camera, spread, *_: 4.0 if spread else 0.0,
-        "measurement.restored_tolerance.restored_expansion": lambda *_: 11.0,
-        "report.plots.die_figures.overview": lambda *_: 0.5,
-        "report.plots.die_figures.of_plate": lambda *_: 0.3,
-        "report.plots.die_figures.of_die": lambda *_: 0.4,
-        "report.plots.scene_figures.pictures": lambda *_: 0.5,
-        "report.plots.display_figures.pictures": lambda *_: 0.3,
-        "report.plots.design_figures.pictures": lambda *_: 0.3,
-        "report.plots.design_figures.truth": lambda *_: 0.05,
-        "report.plots.design_figures.front": lambda *_: 0.05,
-        "report.plots.written_figures.pictures": lambda *_: 0.35,
+        "report.rows.photographs.photograph_die": _of_photographs,
+        "report.rows.optics.measure_with_bar": _of_optics,
+        "report.rows.scene.measure_scene": _of_scene,
+        "report.rows.as_written.measure_written": lambda *_: 1.5,
+        "report.rows.bands.band_quantities": lambda _written, _camera, spread, *_: 4.0 if spread else 0.0,
+        "report.rows.bands.restored_expansion": lambda *_: 11.0,
+        "report.figures.die.overview": lambda *_: 0.5,
+        "report.figures.die.of_plate": lambda *_: 0.3,
+        "report.figures.die.of_die": lambda *_: 0.4,
+        "report.figures.scene.pictures": lambda *_: 0.5,
+        "report.figures.display.pictures": lambda *_: 0.3,
+        "report.figures.scene.photograph_pictures": lambda *_: 0.3,
+        "report.figures.scene.truth": lambda *_: 0.05,
+        "report.figures.scene.front": lambda *_: 0.05,
+        "report.figures.die.written_pictures": lambda *_: 0.35,
     }
 )
 
@@ -95,10 +95,10 @@ _MODELS: Mapping[str, Callable[..., float]] = MappingProxyType(
 _PHOTOGRAPHS_BYTES = 200e6
 _HELD: Mapping[str, Callable[..., float]] = MappingProxyType(
     {
-        "measurement.restored.photograph_die": lambda *_: _PHOTOGRAPHS_BYTES,
-        "measurement.as_written.measure_written": lambda *_: 400e6,
-        "measurement.restored_tolerance.restored_expansion": lambda *_: 500e6,
-        "measurement.scene_rows.measure_scene": lambda die, camera, scene, _, plan, *__: _scene_bytes(
+        "report.rows.photographs.photograph_die": lambda *_: _PHOTOGRAPHS_BYTES,
+        "report.rows.as_written.measure_written": lambda *_: 400e6,
+        "report.rows.bands.restored_expansion": lambda *_: 500e6,
+        "report.rows.scene.measure_scene": lambda die, camera, scene, _, plan, *__: _scene_bytes(
             die, camera, scene, plan
         ),
     }

@@ -12,6 +12,7 @@ from maskfab.base.folders import check_target
 from maskfab.base.model import Plate
 from maskfab.base.processes import Alone, Found, Given, Task
 from maskfab.base.work import silent
+from maskfab.display.feasibility import displays
 from maskfab.mask.job import Job
 from maskfab.report.documents.measured import measured_beside
 from maskfab.report.pages.front import shown_count
@@ -135,8 +136,8 @@ def dry_run(job: Job, out: Path, *, force: bool = False, cache: Store | None = N
     pace = Pace.of(() if cache is None else cache.entries())
     crew = _Foreseeing(cache, pace)
     with suppress(_NotKeptError):
-        plate = job.displays_of(plate, crew=crew).plate
-    displays = crew.stage("displays")
+        plate = displays(job, plate, crew=crew).plate
+    laid = crew.stage("displays")
     pipeline.begin_photographs(job, drawn, crew)
     photographs = crew.stage("photographs")
     processes = 1 if type(pipeline.crew_of(job)) is Alone else 2
@@ -164,13 +165,13 @@ def dry_run(job: Job, out: Path, *, force: bool = False, cache: Store | None = N
     with suppress(_NotKeptError):
         pipeline.expand_photographs(job, seen, silent, None, crew)
     tolerance = crew.stage("tolerance")
-    if displays.kept != displays.tasks:
+    if laid.kept != laid.tasks:
         photographed = (optics, scenes, process, tolerance)
         optics, scenes, process, tolerance = (replace(each, kept=None, note=_AFTER_DISPLAYS) for each in photographed)
     amounts = Amounts.of(made)
     stages = (
         _own("layout", 1, layout_s(len(plate.dies)), pace),
-        displays,
+        laid,
         photographs,
         _own("draw", 1, draw_s(amounts), pace),
         process,

@@ -21,7 +21,7 @@ from maskfab.base.folders import JOB_COPY, PAGE, REPORT, RESULT_MARK, TIMES, Acc
 from maskfab.base.model import UNSTATED, Camera, Die, DieOptics, MaskBlank, Plate, Quantity, Report, WrittenFile
 from maskfab.base.processes import Alone, Given, Pair, Task, give_back
 from maskfab.base.work import Progress, one_thread, silent
-from maskfab.display.feasibility import Populated
+from maskfab.display.feasibility import Populated, display_rules, displays
 from maskfab.job.reference import USES, unused
 from maskfab.job.sections import ExportSection
 from maskfab.job.shop import Shop
@@ -265,7 +265,7 @@ def _taken(job: Job, folder: Path, cache: Store, measured: Beside | None, progre
         return None
     with clock.stage("read back"), crew_of(job, cache) as crew:
         # What is handed out is judged as it lies there, whoever wrote it.
-        plate = job.displays_of(job.plate(), crew=crew).plate
+        plate = displays(job, crew=crew).plate
         back = _read_own(draw_files(job, plate), folder, progress)
     made: _Made = kept.value
     if back.quantities != made.read:
@@ -293,7 +293,7 @@ def _make(
             check_processes(job, plate)
             check_pictures(job, plate)
             Conditions.of(job, "camera")  # light that cannot be is refused before dies are worked on
-            built = job.displays_of(plate, progress, crew=crew)
+            built = displays(job, plate, progress, crew=crew)
             photographs = begin_photographs(job, plate, crew)
             plate = built.plate
             seen = plate_as_seen(job, plate)
@@ -433,7 +433,7 @@ class Findings:
 
     def _of_footprint(self, die: Die) -> tuple[Quantity, ...]:
         """The band of a die's emitters over the spread of the process."""
-        rules, process = self.job.display_rules, self.job.spec.written
+        rules, process = display_rules(self.job), self.job.spec.written
         if rules is None or process is None:
             return ()
         return footprint_band(die, self.built.found[die.name], rules.emitters, process, process_spread(self.job))

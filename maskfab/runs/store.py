@@ -67,7 +67,7 @@ def of_installation() -> str:
     """Hexadecimal SHA-256 of this program's own files and of the versions of all libraries that it uses."""
     found = hashlib.sha256()
     _add(found, sorted(provenance.versions(extras=True).items()))
-    for folder in (Path(resources.__file__).resolve().parent, resources.path("export_templates")):
+    for folder in (Path(resources.__file__).resolve().parents[1], resources.path("export_templates")):
         for path in sorted(each for each in folder.rglob("*") if each.is_file() and each.suffix != ".pyc"):
             _add(found, (path.relative_to(folder).as_posix(), path.read_bytes()))
     return found.hexdigest()

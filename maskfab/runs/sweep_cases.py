@@ -28,7 +28,7 @@ from maskfab.designs.model.expected_psnr import Surrogate, surrogate_of
 from maskfab.designs.model.statistics import Taking, scene_statistics
 from maskfab.designs.rules.display_fit import Footprints
 from maskfab.display.emitter_rules import Verdict
-from maskfab.display.feasibility import feasibility
+from maskfab.display.feasibility import display_rules, feasibility
 from maskfab.job.read import validate
 from maskfab.mask.job import Job, resolve
 from maskfab.mask.plate_rules import judged, smallest_features, written_features
@@ -169,7 +169,7 @@ def _expected(subject: Subject) -> Iterable[Quantity]:
 
 
 def _footprint(subject: Subject) -> Iterable[Quantity]:
-    rules, opening = subject.job.display_rules, _only_opening(subject)
+    rules, opening = display_rules(subject.job), _only_opening(subject)
     if rules is None:
         where = subject.job.where
         raise JobError("MF105", "a footprint is of emitters, and the job has no [emitters]", where=where, cure="Add it")
@@ -186,10 +186,11 @@ def _footprint(subject: Subject) -> Iterable[Quantity]:
 
 def _display(subject: Subject) -> Iterable[Quantity]:
     job, name = subject.job, subject.name
-    if job.display_rules is None:
+    rules = display_rules(job)
+    if rules is None:
         cure = "Add it"
         raise JobError("MF105", "a display has emitters, and the job has no [emitters]", where=job.where, cure=cure)
-    found = feasibility(subject.panel, job.display_rules)
+    found = feasibility(subject.panel, rules)
     if found is None:
         cure = "Leave the die out of sweep.dies"
         raise JobError("MF161", f"die {name} is a sheet without pixels", where=job.where, cure=cure)

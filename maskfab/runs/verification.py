@@ -23,7 +23,7 @@ from maskfab.base.model import Camera, Die, Quantity, WrittenFile
 from maskfab.base.processes import Alone
 from maskfab.base.provenance import sha256_of_file
 from maskfab.base.work import Progress, one_thread, silent
-from maskfab.display.feasibility import Populated
+from maskfab.display.feasibility import Populated, displays
 from maskfab.mask.comparison.alignment import Alignment, LayersRead, StatedLayers
 from maskfab.mask.comparison.files import read_back
 from maskfab.mask.comparison.roundtrip import RoundTrip
@@ -116,7 +116,7 @@ def verify(directory: str | Path, progress: Progress = silent) -> Verified:
         signature = job.signature.replace(__version__, str(manifest["maskfab_version"]), 1)
         plate = compose(job.spec, job.openings, signature, where=job.where)
         with crew_of(job) as crew:
-            built = job.displays_of(plate, progress, crew=crew)
+            built = displays(job, plate, progress, crew=crew)
         # A run takes its photographs beside its displays, before these are there.
         bare, plate = plate, built.plate
         made = draw_files(job, plate, str(manifest["maskfab_version"]))

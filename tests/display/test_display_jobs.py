@@ -15,7 +15,7 @@ from maskfab.base.model import BLACK, CLEAR, EMITTERS, GUTTER, VEIL, WIRES
 from maskfab.base.processes import Alone, Pair
 from maskfab.display.drive import NOT_PLACED
 from maskfab.display.emitter_rules import Proof, Verdict
-from maskfab.display.feasibility import Feasibility
+from maskfab.display.feasibility import Feasibility, displays
 from maskfab.display.wiring import transparent_tracks
 from maskfab.mask.formats.reader import read_layout
 from maskfab.mask.job import load_job
@@ -56,7 +56,7 @@ def job(folder: Path, extra: str, *edits: tuple[str, str], drawing: str = OPENIN
 
 def found(folder: Path, extra: str, *edits: tuple[str, str], drawing: str = OPENING) -> Feasibility:
     """The answer about the periodic die."""
-    return load_job(job(folder, extra, *edits, drawing=drawing)).displays().found["PLAIN"]
+    return displays(load_job(job(folder, extra, *edits, drawing=drawing))).found["PLAIN"]
 
 
 REFUSED = {
@@ -137,7 +137,7 @@ def test_emitters_by_hand_that_are_too_close_are_named_and_drawn(tmp_path: Path)
     corners = np.array(rules["gap between green and blue"].outlines[0])
     assert (corners.min(axis=0) == (8000, 8000)).all()
     assert (corners.max(axis=0) == (16000, 16000)).all()
-    plate = load_job(tmp_path / "job.toml").displays().plate
+    plate = displays(load_job(tmp_path / "job.toml")).plate
     shown, bare = pictures(plate.dies[0].panel, answer), pictures(plate.dies[0].panel, replace(answer, broken=()))
     assert len(shown["display_placement"]) > len(bare["display_placement"])
 
@@ -151,7 +151,7 @@ def test_an_opening_everywhere_is_a_proof(tmp_path: Path, wired: str) -> None:
     proofs = {certificate.proof for certificate in answer.certificates}
     assert {Proof.NO_THREE_SQUARES, Proof.CIRCUIT_AREA} <= proofs
     assert (Proof.FLOW in proofs) == bool(wired)
-    plate = load_job(tmp_path / "job.toml").displays().plate
+    plate = displays(load_job(tmp_path / "job.toml")).plate
     assert set(pictures(plate.dies[0].panel, answer)) == {"display_placement"} | ({"display_wires"} if wired else set())
 
 
@@ -206,7 +206,7 @@ def test_a_run_with_emitters_and_wires_is_the_same_in_every_file_and_verifies(ca
     assert answer.code == 0, answer.stderr
     report = json.loads((out / "report.json").read_text(encoding="utf-8"))
     assert {row["value"] for row in report["checks"] if row["name"] == "readback_xor_area"} == {0}
-    design = plate_layout(load_job(path).displays().plate)
+    design = plate_layout(displays(load_job(path)).plate)
     for name in ("SMALL.gds", "SMALL.oas", "SMALL_R12.dxf", "SMALL_R2010.dxf"):
         read = read_layout(out / name)
         for layer in (CLEAR, *EMITTERS, *WIRES, VEIL, GUTTER, BLACK):
@@ -261,7 +261,7 @@ def test_two_processes_find_what_one_finds_and_equal_dies_are_worked_on_once(tmp
     for crew in (Alone(), Pair()):
         told: list[tuple[str, int, int]] = []
         with crew:
-            answers.append(one.displays_of(plate, lambda *said, told=told: told.append(said), crew=crew))
+            answers.append(displays(one, plate, lambda *said, told=told: told.append(said), crew=crew))
         assert (told[0], told[-1]) == (("emitters", 0, len(plate.dies) - 1), ("emitters",) + (len(plate.dies) - 1,) * 2)
     alone, pair = answers
     assert list(alone.found) == list(pair.found) == [die.name for die in plate.dies]

@@ -15,7 +15,7 @@ from maskfab.api.verbs.displays import check
 from maskfab.base.model import EMITTERS, Panel
 from maskfab.designs.design import display_of
 from maskfab.display.emitter_rules import Verdict
-from maskfab.display.feasibility import feasibility
+from maskfab.display.feasibility import display_rules, displays, feasibility
 from maskfab.job import read
 from maskfab.mask.job import Job, load_job
 from maskfab.mask.opening_file import load_opening
@@ -52,7 +52,7 @@ def verdict_on(name: str, seed: int) -> Verdict:
     display = display_of(read(designed), name) if designed.exists() else None
     if display is None:
         path, die = die_with(name)
-        return feasibility(panel_of_seed(path, die, seed), job(path).display_rules).verdict
+        return feasibility(panel_of_seed(path, die, seed), display_rules(job(path))).verdict
     opening, cells = load_opening(LAYOUTS / "openings" / f"{name}.toml"), read_map(LAYOUTS / "maps" / f"{name}.toml")
     return display.on(replace(display, seed=seed).die(opening.mask, opening.dot_nm, cells)).verdict
 
@@ -83,7 +83,7 @@ def test_every_verb_gives_one_answer_on_a_shipped_display(path: Path) -> None:
     rows = {
         (row.die, row.name): row.value for row in measured(job(path), ("display_fits", "led_footprint", "circuit_room"))
     }
-    drawn = job(path).displays().plate
+    drawn = displays(job(path)).plate
     for die in drawn.dies:
         alone = check(path, die=die.name).to_dict()["dies"]
         (same,) = (each for each in answer.to_dict()["dies"] if each["name"] == die.name)

@@ -124,7 +124,7 @@ def killed_at(limit: int, work: Callable[[], object]) -> int:
 
 
 EXR = """
-import sys; from pathlib import Path; import numpy as np; from maskfab.export.images.light_image import write_exr
+import sys; from pathlib import Path; import numpy as np; from maskfab.mask.formats.exr import write_exr
 write_exr(np.random.default_rng(0).random((96, 96, 3)), Path(sys.argv[1]), {})
 """
 
@@ -217,7 +217,7 @@ def test_a_command_without_room_says_so_and_leaves_nothing(capsys, tmp_path, ver
 def test_a_command_that_is_killed_half_way_leaves_no_result(tmp_path, verb, limit):
     words, result = spoken(verb, tmp_path)
     before = listing(tmp_path)
-    script = "from maskfab.cli import run_command_line; sys.exit(run_command_line(sys.argv[1:]))"
+    script = "from maskfab.cli.app import run_command_line; sys.exit(run_command_line(sys.argv[1:]))"
     done = killed_script(limit, script, *words)
     assert done.returncode == 128 + signal.SIGXFSZ, done.stderr
     assert not result.exists()

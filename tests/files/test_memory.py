@@ -11,7 +11,7 @@ from maskfab.base.processes import give_back
 # Small pieces are not given back by themselves as long as one that was allocated after them lives.
 HELD = """
 from pathlib import Path
-from maskfab.files.release_memory import give_back
+from maskfab.base.processes import give_back
 
 def resident():
     return int(Path("/proc/self/statm").read_text().split()[1]) * 4096

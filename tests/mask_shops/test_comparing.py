@@ -64,7 +64,7 @@ def test_a_house_of_the_jobs_own_is_compared_too(tmp_path):
 
 def test_a_file_that_does_not_show_the_plate_is_what_refuses_it(capsys, monkeypatch, tmp_path):
     failed = Quantity("readback_xor_area", 1.0, "a test", limit=0.0, passed=False)
-    for module in ("pack", "comparing"):
+    for module in ("pack",):
         monkeypatch.setattr(f"maskfab.mask.package.{module}.read_written", lambda *_, **__: (None, (failed,)))
     job = write_job(tmp_path)
     (bid,) = mf.shops("compugraphics", compare=job)

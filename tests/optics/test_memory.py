@@ -30,8 +30,8 @@ def test_lags_of_either_sign_are_those_of_one_transform(dots: int, cells: int, g
 WIDE = """
 import resource
 import numpy as np
-from maskfab.model import Camera, Die, Opening, Panel, Stop, Tiling
-from maskfab.measurement.optics import measure
+from maskfab.base.model import Camera, Die, Opening, Panel, Stop, Tiling
+from maskfab.report.rows.optics import measure
 
 mask = np.zeros((21, 21), dtype=bool)
 mask[1:19, 8:13] = True

@@ -18,7 +18,7 @@ from maskfab.designs.rules.display_fit import Display, fitting_die, of_display
 from maskfab.designs.rules.families import bars
 from maskfab.designs.search.result import constraints_of
 from maskfab.display.emitter_rules import Verdict
-from maskfab.display.feasibility import DisplayRules, Feasibility, feasibility
+from maskfab.display.feasibility import DisplayRules, Feasibility, display_rules, feasibility
 from maskfab.display.wiring import wiring
 from maskfab.job import read
 from maskfab.mask.job import load_job
@@ -107,7 +107,7 @@ def test_what_is_designed_for_a_display_fits_in_the_job_that_holds_it(tmp_path: 
     assert [each.rule for each in found.prices.each] == ["circuits", "emitters", "wires"]
     (tmp_path / "small.toml").write_text(opening_text(found.opening))
     job = load_job(path)
-    answer = feasibility(job.plate().dies[0].panel, job.display_rules)
+    answer = feasibility(job.plate().dies[0].panel, display_rules(job))
     assert answer.verdict is Verdict.FITS
     assert found.prices.together >= 0
 
@@ -142,13 +142,13 @@ def test_two_openings_and_their_map_fit_the_display_in_the_job_that_holds_them(t
     (tmp_path / "small_map.toml").write_text(map_text(found.cells))
     job = load_job(path)
     (die,) = job.plate().dies
-    answer = feasibility(die.panel, job.display_rules)
+    answer = feasibility(die.panel, display_rules(job))
     assert answer.verdict is Verdict.FITS
     assert answer.share >= 0.1
     assert not (die.panel.common.mask & emitters_on_dots(answer.emitters, 11)).any()
     # As many lines as the design says pass, and not one more.
     lines = found.cells.provenance["lines"]
-    demand = job.display_rules.wires
+    demand = display_rules(job).wires
     verdicts = [
         wiring(die.panel, die.panel.common, replace(demand, lines=count)).verdict for count in (lines, lines + 1)
     ]

@@ -20,7 +20,7 @@ from maskfab.mask.sandbox import read_apart
 
 HEAD = """
 import os, signal, sys, time, warnings
-from maskfab.readers.sandbox.messages import answer_message, error_message
+from maskfab.mask.sandbox import answer_message, error_message
 def say(answer, kind=int):
     sys.stdout.buffer.write(answer_message(answer, kind))
 """
@@ -66,7 +66,7 @@ def test_any_other_end_is_a_refusal(tmp_path, code, stands):
 
 def test_an_error_of_ours_comes_as_it_is(tmp_path):
     code = """
-from maskfab.errors import OpeningError
+from maskfab.base.errors import OpeningError
 sys.stdout.buffer.write(error_message(OpeningError("MF203", "it is closed", where="here", cure="Open it")))
 """
     with pytest.raises(OpeningError) as caught:

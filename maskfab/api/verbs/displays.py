@@ -16,7 +16,7 @@ from maskfab.base.model import Quantity
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.display.emitted_light import Viewing, emitters_of, has_emitters
 from maskfab.display.eye import SeenPanel, judge, target_pictures
-from maskfab.display.feasibility import Feasibility, Populated, widest_gaps
+from maskfab.display.feasibility import Feasibility, Populated, display_rules, displays, widest_gaps
 from maskfab.display.pictures import read_picture
 from maskfab.display.placement import LargestGap
 from maskfab.job.reference import USES, in_words, unused
@@ -161,14 +161,14 @@ def check(
                 raise JobError("MF105", f"{name} does not apply to a shop's rules", where=name, cure=cure)
         return _check_for_shop(job, shop, formats, progress)
     loaded = job_of(job)
-    rules = loaded.display_rules
+    rules = display_rules(loaded)
     if rules is None:
         raise JobError("MF105", "the job asks for no emitters", where=f"{loaded.where}: emitters", cure=_RULES)
     plate = loaded.plate()
     asked = dies_of(die, [each.name for each in plate.dies])
     plate = replace(plate, dies=tuple(each for each in plate.dies if each.name in asked))
     with crew_of(loaded) as crew:
-        built = loaded.displays_of(plate, progress, crew=crew)
+        built = displays(loaded, plate, progress, crew=crew)
     gaps = widest_gaps(plate, rules, progress) if largest_gap else {}
     return DisplayCheck(built, gaps, loaded.digest, unused(loaded.spec, *USES["check"]), loaded.seed_notes)
 
@@ -268,7 +268,7 @@ def render(
     distance_um = units.parse_length_um(length_text(distance), where="distance", zero_allowed=True)
     pitch_um = None if dpi is None else units.parse_pitch_um(f"{dpi!r} dpi", where="dpi")
     loaded = job_of(job)
-    panels = {each.name: each.panel for each in loaded.displays().plate.dies}
+    panels = {each.name: each.panel for each in displays(loaded).plate.dies}
     chosen = dies_of(die, panels)
     photograph = None if image is None else read_picture(Path(image))
     lit = [name for name in chosen if has_emitters(panels[name])]

@@ -106,10 +106,10 @@ def capture_mtf_drawing(found: Measured) -> Drawing:
 
 def _curves(axes: Axes, band: MtfBand) -> None:
     colour, name = _COLOURS[band.colour], PIXELS_OF[band.colour]
-    for row, (style, kind) in enumerate((("-", "mean"), (":", "minimum"))):
+    for row, (dashes, kind) in enumerate((("-", "mean"), (":", "minimum"))):
         axes.fill_between(band.frequencies, band.low[row], band.high[row], color=colour, alpha=0.22, linewidth=0)
         label = f"{name}, {kind} over directions"
-        axes.plot(band.frequencies, band.measured[row], style, color=colour, linewidth=1.2, label=label)
+        axes.plot(band.frequencies, band.measured[row], dashes, color=colour, linewidth=1.2, label=label)
     if band.parted_per_mm is not None:
         axes.axvline(band.parted_per_mm, color=colour, linewidth=0.8, dashes=(2, 2))
 
