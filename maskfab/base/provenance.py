@@ -45,7 +45,7 @@ def versions(*, extras: bool = False) -> dict[str, str]:
 def _libraries(extras: bool) -> Mapping[str, str]:
     """Looked up once, for their metadata are long texts."""
     found: dict[str, str] = {}
-    for line in metadata.requires(__package__) or ():
+    for line in metadata.requires("maskfab") or ():
         asked = _REQUIREMENT.match(line)
         if asked is None or (asked["extra"] and not extras):
             continue
