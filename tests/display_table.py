@@ -15,9 +15,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
-from display.emitters.listing import largest_by_listing, small_grids
-from display.emitters.shapes import ALIKE, PUBLISHED, bar, cells, published
-from display.emitters.test_rectangles import ASPECTS, RATIOS, best_of_all_triples
+from display.listing import largest_by_listing, small_grids
+from display.shapes import ALIKE, PUBLISHED, bar, cells, published
+from display.test_rectangles import ASPECTS, RATIOS, best_of_all_triples
 
 from maskfab.base.model import Opening, Panel, Tiling
 from maskfab.base.resources import path

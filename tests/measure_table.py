@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from capture.captured_dies import BLACK, GAIN, READ_NOISE, exposed, phased_picture, polygon_picture
+from camera.capture.captured_dies import BLACK, GAIN, READ_NOISE, exposed, phased_picture, polygon_picture
 from numpy.typing import NDArray
 
 from maskfab.base.model import Camera, Panel

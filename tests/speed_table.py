@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from benchmark.published_step import WAVELENGTHS_NM, published_step
+from optics.published_step import WAVELENGTHS_NM, published_step
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 

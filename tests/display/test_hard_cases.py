@@ -12,7 +12,7 @@ import itertools
 
 import numpy as np
 import pytest
-from display.emitters.shapes import bar, cells, published
+from display.shapes import bar, cells, published
 
 from maskfab.base.model import Emitters, Opening, Panel, Tiling, orient
 from maskfab.display import eye
