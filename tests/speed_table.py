@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import torch
-from optics.published_step import WAVELENGTHS_NM, published_step
 from numpy.typing import NDArray
+from optics.published_step import WAVELENGTHS_NM, published_step
 from threadpoolctl import threadpool_limits
 
 from maskfab.base.model import Camera, Opening, Panel, Stop, Tiling
