@@ -276,11 +276,11 @@ def footprint_of(shares: tuple[float, ...], rules: EmitterRules) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Populated:
-    """A plate with its displays, and what was found of each, by die; nothing of dies that have no pixels."""
+class PlateWithDisplays:
+    """A plate with its displays, and the feasibility of each by die; none of dies that have no pixels."""
 
     plate: Plate
-    found: Mapping[str, Feasibility]
+    displays: Mapping[str, Feasibility]
 
 
 def populate(
@@ -289,7 +289,7 @@ def populate(
     progress: Progress = silent,
     *,
     crew: Alone | None = None,
-) -> Populated:
+) -> PlateWithDisplays:
     """Emitters and wires for every die; dies of equal pixels, in which equal orientations meet, are worked on once.
 
     Wires that every pixel has alike are drawn with it, those that are laid across a die are furniture of the plate.
@@ -323,7 +323,7 @@ def populate(
         if answer.wiring is not None and answer.wiring.laid is not None and rules.wires is not None:
             lines += [_drawn(die, each, rules.wires.rules.line_nm) for each in answer.wiring.laid]
         dies.append(replace(die, panel=replace(die.panel, emitters=answer.emitters, tracks=tracks)))
-    return Populated(replace(plate, dies=tuple(dies), furniture=(*plate.furniture, *lines)), found)
+    return PlateWithDisplays(replace(plate, dies=tuple(dies), furniture=(*plate.furniture, *lines)), found)
 
 
 def display_rules(job: Job) -> DisplayRules | None:
@@ -334,7 +334,7 @@ def display_rules(job: Job) -> DisplayRules | None:
 
 def displays(
     job: Job, plate: Plate | None = None, progress: Progress = silent, *, crew: Alone | None = None
-) -> Populated:
+) -> PlateWithDisplays:
     """The job's plate with the emitters and wires that the job asks for; by a crew, if there is one.
 
     Args:
@@ -343,7 +343,7 @@ def displays(
     """
     rules = display_rules(job)
     plate = job.plate() if plate is None else plate
-    return Populated(plate, {}) if rules is None else populate(plate, rules, progress, crew=crew)
+    return PlateWithDisplays(plate, {}) if rules is None else populate(plate, rules, progress, crew=crew)
 
 
 def widest_gaps(plate: Plate, rules: DisplayRules, progress: Progress = silent) -> dict[str, LargestGap]:

@@ -21,7 +21,7 @@ from maskfab.base.folders import JOB_COPY, PAGE, REPORT, RESULT_MARK, TIMES, Acc
 from maskfab.base.model import UNSTATED, Camera, Die, DieOptics, MaskBlank, Plate, Quantity, Report, WrittenFile
 from maskfab.base.processes import Alone, Given, Pair, Task, give_back
 from maskfab.base.work import Progress, one_thread, silent
-from maskfab.display.feasibility import Populated, display_rules, displays
+from maskfab.display.feasibility import PlateWithDisplays, display_rules, displays
 from maskfab.job.reference import USES, unused
 from maskfab.job.sections import ExportSection
 from maskfab.job.shop import Shop
@@ -386,7 +386,7 @@ class Findings:
     """
 
     job: Job
-    built: Populated
+    built: PlateWithDisplays
     read: Sequence[Quantity]
     optics: Sequence[DieOptics]
     scenes: Sequence[SceneOptics]
@@ -406,8 +406,8 @@ class Findings:
         of_dies = {item.die.name: die_quantities(item, self.read, job) for item in self.optics}
         of_plate = tuple(quantity for quantity in self.read if quantity.die is None)
         for die in built.plate.dies:
-            if die.name in built.found and die.name in of_dies:
-                of_dies[die.name] += display_quantities(die, built.found[die.name], job.camera)
+            if die.name in built.displays and die.name in of_dies:
+                of_dies[die.name] += display_quantities(die, built.displays[die.name], job.camera)
                 of_dies[die.name] += self._of_footprint(die)
         for name in self.restored.dies:
             of_dies[name] += self.restored.quantities(name)
@@ -436,11 +436,11 @@ class Findings:
         rules, process = display_rules(self.job), self.job.spec.written
         if rules is None or process is None:
             return ()
-        return footprint_band(die, self.built.found[die.name], rules.emitters, process, process_spread(self.job))
+        return footprint_band(die, self.built.displays[die.name], rules.emitters, process, process_spread(self.job))
 
     def verdicts(self, report: Report) -> Verdicts:
         """On the plate."""
-        return Verdicts.of(report.checks, self.built.found, len(self.plate.dies))
+        return Verdicts.of(report.checks, self.built.displays, len(self.plate.dies))
 
     def document(self, report: Report) -> report_data.Document:
         """The content of report.json."""
@@ -450,8 +450,8 @@ class Findings:
         }
         photographs = photograph_data.photographs_document(self.restored)
         return report_data.to_document(
-            report, self.plate, self.job.camera, self.scenes, self.built.found, designs, photographs, self._of_dies(),
-            self._expected_s(), process_spread(self.job), self.job.spec.written,
+            report, self.plate, self.job.camera, self.scenes, self.built.displays, designs, photographs,
+            self._of_dies(), self._expected_s(), process_spread(self.job), self.job.spec.written,
         )  # fmt: skip
 
     def _expected_s(self) -> dict[str, dict[str, float]]:
@@ -876,8 +876,8 @@ def draw_pictures(
         name = die.name
         if name not in drawn:
             continue
-        if name in built.found:
-            more.append(Figures(name, display.pictures, (die.panel, built.found[name])))
+        if name in built.displays:
+            more.append(Figures(name, display.pictures, (die.panel, built.displays[name])))
         if "design" in designs[name]:
             more.append(Figures(name, design_figures.photograph_pictures, (found.restored.dies[name],)))
         if name in found.written:

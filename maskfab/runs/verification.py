@@ -23,7 +23,7 @@ from maskfab.base.model import Camera, Die, Quantity, WrittenFile
 from maskfab.base.processes import Alone
 from maskfab.base.provenance import sha256_of_file
 from maskfab.base.work import Progress, one_thread, silent
-from maskfab.display.feasibility import Populated, displays
+from maskfab.display.feasibility import PlateWithDisplays, displays
 from maskfab.mask.comparison.alignment import Alignment, LayersRead, StatedLayers
 from maskfab.mask.comparison.files import read_back
 from maskfab.mask.comparison.roundtrip import RoundTrip
@@ -90,9 +90,9 @@ class Verified:
     verdicts: Verdicts
 
     @classmethod
-    def of(cls, checks: Sequence[Quantity], built: Populated | None = None) -> Verified:
+    def of(cls, checks: Sequence[Quantity], built: PlateWithDisplays | None = None) -> Verified:
         """From the checks, and from the plate with its displays, where it could be laid out again."""
-        displays, dies = ({}, 0) if built is None else (built.found, len(built.plate.dies))
+        displays, dies = ({}, 0) if built is None else (built.displays, len(built.plate.dies))
         return cls(tuple(checks), Verdicts.of(checks, displays, dies))
 
 

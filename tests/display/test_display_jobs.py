@@ -56,7 +56,7 @@ def job(folder: Path, extra: str, *edits: tuple[str, str], drawing: str = OPENIN
 
 def found(folder: Path, extra: str, *edits: tuple[str, str], drawing: str = OPENING) -> Feasibility:
     """The answer about the periodic die."""
-    return displays(load_job(job(folder, extra, *edits, drawing=drawing))).found["PLAIN"]
+    return displays(load_job(job(folder, extra, *edits, drawing=drawing))).displays["PLAIN"]
 
 
 REFUSED = {
@@ -264,8 +264,8 @@ def test_two_processes_find_what_one_finds_and_equal_dies_are_worked_on_once(tmp
             answers.append(displays(one, plate, lambda *said, told=told: told.append(said), crew=crew))
         assert (told[0], told[-1]) == (("emitters", 0, len(plate.dies) - 1), ("emitters",) + (len(plate.dies) - 1,) * 2)
     alone, pair = answers
-    assert list(alone.found) == list(pair.found) == [die.name for die in plate.dies]
-    assert any(found.wiring is not None and found.wiring.laid for found in alone.found.values())
+    assert list(alone.displays) == list(pair.displays) == [die.name for die in plate.dies]
+    assert any(found.wiring is not None and found.wiring.laid for found in alone.displays.values())
     assert alone.plate.furniture == pair.plate.furniture
     for one_die, other in zip(alone.plate.dies, pair.plate.dies, strict=True):
         assert one_die.panel.emitters is not None

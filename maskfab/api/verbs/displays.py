@@ -16,7 +16,7 @@ from maskfab.base.model import Quantity
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.display.emitted_light import Viewing, emitters_of, has_emitters
 from maskfab.display.eye import SeenPanel, judge, target_pictures
-from maskfab.display.feasibility import Feasibility, Populated, display_rules, displays, widest_gaps
+from maskfab.display.feasibility import Feasibility, PlateWithDisplays, display_rules, displays, widest_gaps
 from maskfab.display.pictures import read_picture
 from maskfab.display.placement import LargestGap
 from maskfab.job.reference import USES, in_words, unused
@@ -52,7 +52,7 @@ class DisplayCheck:
         notes: by die, that its seed is none of those that its display is known to fit.
     """
 
-    built: Populated
+    built: PlateWithDisplays
     gaps: Mapping[str, LargestGap]
     digest: str
     unused: tuple[str, ...] = ()
@@ -61,10 +61,10 @@ class DisplayCheck:
     @property
     def passed(self) -> bool:
         """Whether every display fits, or nothing is required of it and no rule is broken."""
-        return all(found.passed for found in self.built.found.values())
+        return all(found.passed for found in self.built.displays.values())
 
     def __getitem__(self, die: str) -> Feasibility:
-        return self.built.found[die]
+        return self.built.displays[die]
 
     def to_dict(self) -> dict[str, Any]:
         """Every die with the answer about it."""
@@ -77,7 +77,7 @@ class DisplayCheck:
             line
             for each in self.built.plate.dies
             for line in display_text.display_lines(
-                each.name, self.built.found.get(each.name), self.gaps.get(each.name), self.notes.get(each.name)
+                each.name, self.built.displays.get(each.name), self.gaps.get(each.name), self.notes.get(each.name)
             )
         ]
         return "\n".join([*lines, *in_words(self.unused)])

@@ -12,7 +12,7 @@ from typing import Any
 from maskfab.base.model import COLOURS, Die, Quantity
 from maskfab.base.units import NM_PER_UM
 from maskfab.display.drive import BY_AREA, NOT_PLACED
-from maskfab.display.feasibility import Feasibility, Populated
+from maskfab.display.feasibility import Feasibility, PlateWithDisplays
 from maskfab.display.placement import LargestGap
 from maskfab.display.polygon_check import Violation
 from maskfab.report.documents.die import closed_object, display_document, display_schema, or_null
@@ -24,7 +24,7 @@ Document = dict[str, Any]
 
 
 def check_document(
-    built: Populated,
+    built: PlateWithDisplays,
     gaps: Mapping[str, LargestGap],
     digest: str,
     unused: Sequence[str] = (),
@@ -38,7 +38,7 @@ def check_document(
         "job_hash": digest,
         "verdict": "pass" if passed else "fail",
         "dies": [
-            _die(die, built.found.get(die.name), gaps.get(die.name), notes.get(die.name)) for die in built.plate.dies
+            _die(die, built.displays.get(die.name), gaps.get(die.name), notes.get(die.name)) for die in built.plate.dies
         ],
         "unused": list(unused),
     }
