@@ -29,7 +29,7 @@ from PIL import Image
 from maskfab.base.processes import read_only
 from maskfab.base.provenance import sha256_of_file
 from maskfab.camera.scenes import Photograph, dead_leaves, indoors, lit
-from maskfab.designs.model.statistics import F1_TAKING, SceneStatistics, Taking
+from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings, SceneStatistics
 from maskfab.mask.comparison import files
 
 FIGURES = (
@@ -65,12 +65,12 @@ _scenes: dict[tuple[object, ...], tuple[Sequence[Photograph], SceneStatistics]] 
 
 
 def statistics(
-    photographs: Sequence[Photograph], *, leak_scenes: int = 2, taking: Taking = F1_TAKING
+    photographs: Sequence[Photograph], *, leak_scenes: int = 2, settings: CaptureSettings = F1_SETTINGS
 ) -> SceneStatistics:
     """What a surrogate knows of the same photographs, found once by each process."""
-    key = (taking, leak_scenes, *map(id, photographs))
+    key = (settings, leak_scenes, *map(id, photographs))
     if key not in _scenes:
-        _scenes[key] = photographs, _statistics(photographs, leak_scenes=leak_scenes, taking=taking)
+        _scenes[key] = photographs, _statistics(photographs, leak_scenes=leak_scenes, settings=settings)
     return _scenes[key][1]
 
 

@@ -17,7 +17,7 @@ from maskfab.camera.scenes import Folder, folder
 from maskfab.designs.maps.light import most_dots, shares
 from maskfab.designs.model.conditions import SceneConditions
 from maskfab.designs.model.robustness import EXACT, Spread
-from maskfab.designs.model.statistics import F1_TAKING, Taking
+from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings
 from maskfab.designs.rules.display_fit import Display
 from maskfab.designs.search.result import Designed, constraints_of
 from maskfab.display.feasibility import DisplayRules
@@ -39,7 +39,7 @@ _NOT_DESIGNED_FOR = ("spectrum", "illuminant", "distortion", "saturation")
 """Keys of [scene] that openings are not compared by, and that are set aside before its plan."""
 
 
-def taking_of(spec: JobSpec) -> Taking:
+def capture_settings(spec: JobSpec) -> CaptureSettings:
     """The photographs that a job's openings are compared by: its own where it states a sensor or its light.
 
     Raises:
@@ -48,17 +48,17 @@ def taking_of(spec: JobSpec) -> Taking:
     section = spec.design
     named = section.protocol if isinstance(section, SearchSection) else "f1"
     if named == "f1" or (named is None and all(getattr(spec, name) is None for name in _F1S_OWN)):
-        return F1_TAKING
+        return F1_SETTINGS
     sensor = stated_sensor(spec.sensor)
     levels, _ = stated_light(spec.exposure, sensor, spec.camera.camera())
-    return Taking(Protocol("camera", sensor), levels)
+    return CaptureSettings(Protocol("camera", sensor), levels)
 
 
 def notes_of(
     spec: JobSpec,
     scenes: Folder,
     uses: Keys,
-    taking: Taking = F1_TAKING,
+    settings: CaptureSettings = F1_SETTINGS,
     seen: SceneConditions | None = None,
 ) -> tuple[str, ...]:
     """Sentences on what a search leaves out of a job, and of the folder of its photographs.
@@ -67,10 +67,10 @@ def notes_of(
         spec: of the job.
         scenes: the folder.
         uses: keys that the search depends on, whatever its light and its scene.
-        taking: of the photographs that openings are compared by.
+        settings: of the photographs that openings are compared by.
         seen: conditions of the scene, as far as it is used.
     """
-    if taking.is_f1:
+    if settings.is_f1:
         told = "Openings are compared in the light of protocol F1, code values taken for light"
         named = isinstance(spec.design, SearchSection) and spec.design.protocol == "camera"
         idle = ["protocol of [design]"] if named else []
@@ -112,7 +112,7 @@ def _possible(spec: JobSpec, where: str) -> tuple[Display | None, SceneCondition
     if isinstance(section, SearchSection):
         from maskfab.designs.search.scan import require_shapes
 
-        require_weights(section, taking_of(spec), where)
+        require_weights(section, capture_settings(spec), where)
         if section.fit and spec.emitters is not None:
             require_room(section, spec.emitters.required, where=f"{where}: design")
         camera = PhotoCamera.of(spec.camera.camera(), where=where)
@@ -181,7 +181,7 @@ def design(
             f"there is no directory for the checkpoint {checkpoint}",
             cure="Create that directory, or give a path in one that exists",
         )
-    section, camera, taking = section_of(spec, where), spec.camera.camera(), taking_of(spec)
+    section, camera, settings = section_of(spec, where), spec.camera.camera(), capture_settings(spec)
     source = scenes_of(images, section)
     scenes = source.photographs
     if isinstance(section, RelaxSection):
@@ -199,7 +199,7 @@ def design(
             command,
             progress,
             camera=PhotoCamera.of(camera),
-            taking=taking,
+            settings=settings,
             display=display,
             spread=spread_of(spec, where),
             seen=seen if needed else None,
@@ -213,7 +213,7 @@ def design(
         + (USES["design that fits"] if display is not None else ())
         + (USES["design over a spread"] if spread else ())
     )
-    notes = (*found.notes, *notes_of(spec, source, uses, taking, seen), *display_notes(spec))
+    notes = (*found.notes, *notes_of(spec, source, uses, settings, seen), *display_notes(spec))
     if price_rules and (found.account is None or found.account.without is None):
         notes += ("No search without a rule was made: that takes rules, and annealing for restored photographs.",)
     if not spread and spread_of(spec, where) != EXACT:
@@ -314,17 +314,17 @@ def section_of(spec: JobSpec, where: str) -> DesignSection:
     return spec.design
 
 
-def require_weights(section: SearchSection, taking: Taking, where: str) -> None:
+def require_weights(section: SearchSection, settings: CaptureSettings, where: str) -> None:
     """Refuse weights that are not one for each level of light.
 
     Raises:
         JobError: MF105.
     """
-    if section.weights is not None and len(section.weights) != len(taking.levels):
-        told = ", ".join(f"{level:g}" for level in taking.levels)
+    if section.weights is not None and len(section.weights) != len(settings.levels):
+        told = ", ".join(f"{level:g}" for level in settings.levels)
         raise JobError(
             "MF105",
-            f"{len(section.weights)} weights for {len(taking.levels)} levels of light, {told} dB",
+            f"{len(section.weights)} weights for {len(settings.levels)} levels of light, {told} dB",
             where=f"{where}: design.weights",
             cure="Give one weight per level, or none",
         )

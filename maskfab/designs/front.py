@@ -14,7 +14,7 @@ from typing import Any
 from maskfab.base.arrays import Mask
 from maskfab.base.model import Opening
 from maskfab.camera.lens import F1, PhotoCamera
-from maskfab.designs.model.statistics import F1_TAKING, Taking
+from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings
 from maskfab.designs.search.account import Alternatives, Prices
 from maskfab.designs.search.result import Facts, by_level, camera_facts, origin
 from maskfab.job.sections import JobSpec, SearchSection
@@ -230,7 +230,7 @@ class FrontDesign:
 
 
 def designs(
-    found: Pareto, spec: JobSpec, command: str, camera: PhotoCamera = F1, taking: Taking = F1_TAKING
+    found: Pareto, spec: JobSpec, command: str, camera: PhotoCamera = F1, settings: CaptureSettings = F1_SETTINGS
 ) -> tuple[FrontDesign, ...]:
     """Every design on a curve, curve after curve.
 
@@ -238,7 +238,7 @@ def designs(
         found: by a sweep.
         spec: the job of that sweep, with [design], [emitters] and [pareto].
         command: how a user repeats it.
-        camera, taking: of that sweep.
+        camera, settings: of that sweep.
     """
     section = spec.design
     assert isinstance(section, SearchSection)
@@ -247,7 +247,7 @@ def designs(
         for place, each in enumerate(curve.points, start=1):
             name = f"{section.name[:14]}_{curve.clear_dots}_{place}"
             facts: Facts = {
-                **origin(section, command, camera_facts(camera, taking)),
+                **origin(section, command, camera_facts(camera, settings)),
                 "shape": each.shape,
                 **by_level("expected_psnr", each.psnr, found.levels),
                 "footprint": round(each.footprint, 6),

@@ -32,7 +32,7 @@ from maskfab.designs.maps.light import SIDE, Groups, clustered, graded
 from maskfab.designs.maps.orientation_map import FIRST_STEPS, DesignedMap, MapMode, design_map
 from maskfab.designs.model.panel_error import PupilError
 from maskfab.designs.model.robustness import compared_bias_um, moved_by_bias
-from maskfab.designs.model.statistics import F1_TAKING, Taking
+from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import Display, Footprints, footprints_of, misfit, of_display
 from maskfab.designs.rules.families import FAMILIES, Candidate
@@ -141,7 +141,7 @@ def sweep(
     *,
     compared: Sequence[Opening] = (),
     camera: PhotoCamera = F1,
-    taking: Taking = F1_TAKING,
+    settings: CaptureSettings = F1_SETTINGS,
     budget_s: float | None = None,
     workers: int | None = None,
     progress: Progress = silent,
@@ -155,7 +155,7 @@ def sweep(
         display: that every design must hold: its least footprint, its circuits, and the numbers of lines asked about.
         compared: openings on the same grid, judged as if laid in the same tiling.
         camera: that looks through the panel.
-        taking: of the photographs that openings are compared by.
+        settings: of the photographs that openings are compared by.
         budget_s: stop after about this time; every size has its share of it, and at least 64 shapes.
         workers: threads; by default as many as there are processors.
         progress: told where the work stands.
@@ -167,8 +167,8 @@ def sweep(
     rules, lines = rules_of(section, display, compared), lines_of(pareto, display)
     room = lattice(section.dots, rules.dot_nm, camera=camera)
     progress("photographs", 0, 1)
-    objective = Judges(section, scenes, room, taking).expected
-    panels = Judges(section, scenes, room, taking, leak_scenes=MAP_LEAK_SCENES)
+    objective = Judges(section, scenes, room, settings).expected
+    panels = Judges(section, scenes, room, settings, leak_scenes=MAP_LEAK_SCENES)
     error = None if section.map is None else panels.in_focus
     progress("photographs", 1, 1)
     footprints = footprints_of(rules, display.rules.emitters)
@@ -191,9 +191,9 @@ def sweep(
         tuple(curves),
         given,
         rules.dot_nm,
-        taking.levels,
+        settings.levels,
         lines,
-        made_for_line(camera, taking),
+        made_for_line(camera, settings),
         section.seed,
         rules.without(*of_display(display)).active,
     )

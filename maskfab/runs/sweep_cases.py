@@ -25,7 +25,7 @@ from maskfab.base.work import Progress, one_thread
 from maskfab.camera import scenes as scene_sets
 from maskfab.camera.lens import PhotoCamera, lattice
 from maskfab.designs.model.expected_psnr import Surrogate, surrogate_of
-from maskfab.designs.model.statistics import Taking, scene_statistics
+from maskfab.designs.model.statistics import CaptureSettings, scene_statistics
 from maskfab.designs.rules.display_fit import Footprints
 from maskfab.display.emitter_rules import Verdict
 from maskfab.display.feasibility import display_rules, feasibility
@@ -157,14 +157,14 @@ def _photographs(subject: Subject) -> Iterable[Quantity]:
 
 
 def _expected(subject: Subject) -> Iterable[Quantity]:
-    from maskfab.designs.design import taking_of  # which loads torch
+    from maskfab.designs.design import capture_settings  # which loads torch
 
     opening = _only_opening(subject)
-    taking = taking_of(subject.job.spec)
-    known = _surrogate(subject.camera, opening.dots, subject.panel.dot_nm, taking)
-    found = known(opening.mask, periodic=subject.panel.tiling is Tiling.PERIODIC, levels=taking.levels)
+    settings = capture_settings(subject.job.spec)
+    known = _surrogate(subject.camera, opening.dots, subject.panel.dot_nm, settings)
+    found = known(opening.mask, periodic=subject.panel.tiling is Tiling.PERIODIC, levels=settings.levels)
     how = "surrogate: photographs of the bundled scenes through any random tiling of the opening, no gutters"
-    for level, psnr in zip(taking.levels, found, strict=True):
+    for level, psnr in zip(settings.levels, found, strict=True):
         yield Quantity("expected_psnr", psnr, how, die=subject.name, level_db=level)
 
 
@@ -223,10 +223,10 @@ def _only_opening(subject: Subject) -> Opening:
 
 
 @lru_cache(maxsize=_SURROGATES)
-def _surrogate(camera: Camera, dots: int, dot_nm: int, taking: Taking) -> Surrogate:
+def _surrogate(camera: Camera, dots: int, dot_nm: int, settings: CaptureSettings) -> Surrogate:
     """Of cells of such dots, for all cases of a process."""
     room = lattice(dots, dot_nm, camera=PhotoCamera.of(camera), where="die.dot")
-    return surrogate_of(scene_statistics(scene_sets.bundled(), taking=taking), room)
+    return surrogate_of(scene_statistics(scene_sets.bundled(), settings=settings), room)
 
 
 _BY_WORK: Mapping[str, Measure] = MappingProxyType(

@@ -17,15 +17,15 @@ from maskfab.camera.protocol import F1 as PROTOCOL_F1
 from maskfab.camera.protocol import LEVELS, Protocol, evaluate
 from maskfab.camera.scenes import Folder, Photograph
 from maskfab.camera.sensor import Exposure, Sensor
-from maskfab.designs.design import check_possible, design, notes_of, taking_of
+from maskfab.designs.design import capture_settings, check_possible, design, notes_of
 from maskfab.designs.model.expected_psnr import interior, surrogate
 from maskfab.designs.model.panel_error import pupil_error
-from maskfab.designs.model.statistics import F1_TAKING, PixelNoise, SceneStatistics, Taking
+from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings, PixelNoise, SceneStatistics
 from maskfab.designs.search.result import camera_facts
 from maskfab.job.read import validate
 from maskfab.job.reference import USES
 
-OWN = Taking(Protocol("camera", Sensor()))
+OWN = CaptureSettings(Protocol("camera", Sensor()))
 PHONE = PhotoCamera(5560.0, Stop("circle", 3475.0), 1.12, (610.0, 530.0, 470.0))
 CAMERA = {
     "focal": "10 mm",
@@ -55,13 +55,13 @@ def speckled(dots=7, clear=12):
 
 @pytest.fixture(scope="module")
 def own():
-    return surrogate([leaves(1)], 7, taking=OWN)
+    return surrogate([leaves(1)], 7, settings=OWN)
 
 
 def test_f1s_sensor_and_light_stated_as_a_protocol_of_another_name_are_f1s_numbers(estimate):
     """With the same ε to choose from, only electrons that are not whole differ: by 1/500 at most, .01 dB."""
     stated = replace(PROTOCOL_F1, name="camera", whole=False)
-    other = surrogate([leaves(1)], 7, taking=Taking(stated))
+    other = surrogate([leaves(1)], 7, settings=CaptureSettings(stated))
     same = {"strengths": estimate.strengths, "leak_every": estimate.leak_every}
     other = replace(other, noise=replace(other.noise, coded_db={}), **same)
     for unit in (bar(), speckled()):
@@ -88,21 +88,21 @@ def test_linear_light_of_a_picture_of_two_greys_has_their_mean_and_both_scenes_c
         return Photograph(name, 1, code.astype(np.float32))
 
     bright, dim = halves(0.2, 0.6, "bright"), halves(0.02, 0.06, "dim")
-    known = SceneStatistics.of([bright, dim], taking=OWN).noise
+    known = SceneStatistics.of([bright, dim], settings=OWN).noise
     # Contrasts of .2 and .02 are brought to their geometric mean: by 10^-1/2 and 10^1/2.
     assert known.shot == pytest.approx((0.4 * 0.1 + 0.04 * 10) / 2, rel=1e-4)
     assert known.flat == pytest.approx((0.1 + 10) / 2, rel=1e-4)
-    assert SceneStatistics.of([bright], taking=OWN).noise.flat == pytest.approx(1)
+    assert SceneStatistics.of([bright], settings=OWN).noise.flat == pytest.approx(1)
 
 
 def test_read_noise_costs_most_in_least_light(own):
-    noisy = surrogate([leaves(1)], 7, taking=Taking(Protocol("camera", Sensor(read_noise=40.0)), (24, 40)))
-    white = [float(each) for each in noisy.noise.taking.electrons.values()]
+    noisy = surrogate([leaves(1)], 7, settings=CaptureSettings(Protocol("camera", Sensor(read_noise=40.0)), (24, 40)))
+    white = [float(each) for each in noisy.noise.settings.electrons.values()]
     # As bright a scene: the levels of so noisy a sensor have more light, so electrons are put in the place of levels.
-    still = replace(noisy, noise=replace(noisy.noise, taking=replace(noisy.noise.taking, protocol=OWN.protocol)))
+    still = replace(noisy, noise=replace(noisy.noise, settings=replace(noisy.noise.settings, protocol=OWN.protocol)))
     levels = tuple(float(20 * np.log10(each / np.sqrt(each + 4.87**2))) for each in white)
-    calm = Taking(OWN.protocol, levels)
-    still = replace(still, noise=replace(noisy.noise, taking=calm, coded_db={}))
+    calm = CaptureSettings(OWN.protocol, levels)
+    still = replace(still, noise=replace(noisy.noise, settings=calm, coded_db={}))
     loss = np.subtract(still(bar()), replace(noisy, noise=replace(noisy.noise, coded_db={}))(bar()))
     assert loss[0] > loss[1] > 0
 
@@ -110,21 +110,21 @@ def test_read_noise_costs_most_in_least_light(own):
 @settings(max_examples=30, deadline=None)
 @given(white=st.floats(20, 15_000), read=st.floats(0, 30), shot=st.floats(0.01, 1))
 def test_a_pixels_variance_is_that_of_counts(white, read, shot):
-    taking = Taking(Protocol("camera", Sensor(full_well=1e6, read_noise=read)), (30.0,))
-    known = PixelNoise(taking, shot)
+    own = CaptureSettings(Protocol("camera", Sensor(full_well=1e6, read_noise=read)), (30.0,))
+    known = PixelNoise(own, shot)
     # Mean of Poisson counts of shot * white and of the read noise, over the square of white.
     assert known.of_white(white) == pytest.approx((shot * white + read**2) / white**2)
 
 
 def test_a_converter_rounds_into_the_read_noise():
     sensor = Sensor(full_well=1023.0, read_noise=3.0, bits=10)
-    assert Taking(Protocol("camera", sensor), (20.0,)).read_noise == pytest.approx((9 + 1 / 12) ** 0.5)
+    assert CaptureSettings(Protocol("camera", sensor), (20.0,)).read_noise == pytest.approx((9 + 1 / 12) ** 0.5)
 
 
 def test_a_longer_focal_length_restores_less_behind_the_same_stop():
     """A cycle per pixel is a longer lag: the stop passes less of it. Light at a level is the same."""
     longer = replace(F1, focal_um=14_000.0)
-    near, far = (surrogate([leaves(1)], 7, camera=camera, taking=OWN)(bar()) for camera in (F1, longer))
+    near, far = (surrogate([leaves(1)], 7, camera=camera, settings=OWN)(bar()) for camera in (F1, longer))
     assert all(a > b for a, b in zip(near, far, strict=True))
 
 
@@ -141,8 +141,8 @@ def test_expected_means_in_code_values_lie_by_the_protocols_own_and_their_order_
 
 
 def test_levels_are_the_jobs_own_throughout():
-    taking = Taking(OWN.protocol, (18.0, 35.5))
-    estimate = surrogate([leaves(1)], 7, taking=taking)
+    own = CaptureSettings(OWN.protocol, (18.0, 35.5))
+    estimate = surrogate([leaves(1)], 7, settings=own)
     room = interior(estimate)
     panel = pupil_error(estimate)
     assert len(estimate(bar())) == len(room.of_unit(bar())) == len(panel.psnr(panel.laid(bar()))) == 2
@@ -159,12 +159,12 @@ def test_of_a_realised_panel_the_same_is_expected_as_of_random_ones(own):
 
 
 def test_a_job_is_compared_by_its_own_sensor_or_light_unless_it_names_f1():
-    assert taking_of(job()) is F1_TAKING
-    assert taking_of(job(sensor={"read_noise": 2.0}, design={"protocol": "f1"})) is F1_TAKING
-    assert taking_of(job(sensor={"read_noise": 2.0})).protocol == Protocol("camera", Sensor(read_noise=2.0))
-    assert taking_of(job(exposure={"snr": [20, 30]})).levels == (20, 30)
-    assert taking_of(job(design={"protocol": "camera"})) == Taking(Protocol("camera", Sensor()), LEVELS)
-    lit = taking_of(job(exposure={"white": 2000}))
+    assert capture_settings(job()) is F1_SETTINGS
+    assert capture_settings(job(sensor={"read_noise": 2.0}, design={"protocol": "f1"})) is F1_SETTINGS
+    assert capture_settings(job(sensor={"read_noise": 2.0})).protocol == Protocol("camera", Sensor(read_noise=2.0))
+    assert capture_settings(job(exposure={"snr": [20, 30]})).levels == (20, 30)
+    assert capture_settings(job(design={"protocol": "camera"})) == CaptureSettings(Protocol("camera", Sensor()), LEVELS)
+    lit = capture_settings(job(exposure={"white": 2000}))
     assert lit.levels == (Exposure.of_white(2000, Sensor()).level_db,)
     assert lit.electrons[lit.levels[0]] == pytest.approx(2000)
 
@@ -180,7 +180,7 @@ def test_a_job_is_compared_by_its_own_sensor_or_light_unless_it_names_f1():
 )
 def test_what_a_search_leaves_out_of_a_job_is_named(sections, named, silent):
     spec = job(**sections)
-    (told,) = notes_of(spec, Folder((), ()), USES["design"], taking_of(spec))
+    (told,) = notes_of(spec, Folder((), ()), USES["design"], capture_settings(spec))
     assert all(each in told for each in named)
     assert not any(each in told for each in silent)
 
@@ -192,7 +192,7 @@ def test_a_sweep_which_is_by_f1_says_that_it_does_not_use_the_protocol():
 
 def test_a_job_that_states_all_that_is_used_has_no_note():
     spec = job(sensor={"read_noise": 2.0}, exposure={"snr": [30]})
-    assert notes_of(spec, Folder((), ()), USES["design"], taking_of(spec)) == ()
+    assert notes_of(spec, Folder((), ()), USES["design"], capture_settings(spec)) == ()
 
 
 def test_weights_for_other_levels_than_the_jobs_are_refused_before_any_work():
@@ -208,7 +208,7 @@ def test_a_light_that_overflows_the_sensor_is_refused_before_any_work():
 
 def test_a_file_says_what_it_was_designed_for_and_of_f1_nothing():
     assert camera_facts(F1) == {}
-    facts = camera_facts(F1, Taking(Protocol("camera", Sensor(read_noise=2.0)), (30.0,)))
+    facts = camera_facts(F1, CaptureSettings(Protocol("camera", Sensor(read_noise=2.0)), (30.0,)))
     assert facts["camera"] == "focal 10000 um, stop circle 4000 um, pixel 2 um, 610/530/470 nm"
     assert "read noise 2 electrons" in facts["protocol"]
     assert "30 dB; linear light" in facts["protocol"]

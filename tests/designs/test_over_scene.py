@@ -18,11 +18,11 @@ from maskfab.camera.lens import F1, CellGrid, OpenStop, lattice
 from maskfab.camera.protocol import Protocol, evaluate
 from maskfab.camera.scenes import Folder
 from maskfab.camera.sensor import Sensor
-from maskfab.designs.design import check_possible, conditions_of, design, notes_of, taking_of
+from maskfab.designs.design import capture_settings, check_possible, conditions_of, design, notes_of
 from maskfab.designs.model.conditions import SceneConditions, cells_across, designed_panel
 from maskfab.designs.model.expected_psnr import surrogate_of
 from maskfab.designs.model.panel_error import OverDistances, PupilError, appraise_over, pupil_error, transfers
-from maskfab.designs.model.statistics import Taking, scene_statistics
+from maskfab.designs.model.statistics import CaptureSettings, scene_statistics
 from maskfab.job.read import validate
 from maskfab.job.reference import USES
 from maskfab.mask.opening_file import opening_text
@@ -32,7 +32,7 @@ from maskfab.report.documents.design import designed_document
 from maskfab.report.rows.text import designed_lines
 
 CAMERA = Camera(F1.focal_um, F1.stop, F1.wavelengths_nm, F1.pixel_um, 256.0)
-TAKING = Taking(Protocol("camera", Sensor()), (32.0,))
+TAKING = CaptureSettings(Protocol("camera", Sensor()), (32.0,))
 DOT_NM = 48_000
 ROOM = lattice(7, DOT_NM, camera=F1)
 SECTIONS = {
@@ -66,7 +66,7 @@ def planned(scene: Scene, accuracy: float = 1e-2) -> SceneConditions:
 
 @pytest.fixture(scope="module")
 def known():
-    return scene_statistics([leaves(1)], taking=TAKING)
+    return scene_statistics([leaves(1)], settings=TAKING)
 
 
 def error_at(known, seen: SceneConditions, object_um: float, room: CellGrid = ROOM) -> PupilError:
@@ -172,14 +172,14 @@ def test_the_mean_over_layouts_is_the_same_across_a_gap(known):
 def test_openings_rank_over_a_depth_as_simulated_photographs_do():
     """Photographs of both distances by protocol camera, each restored by the blur of its own, of another scene."""
     dots, room = 7, lattice(7, 24_000, camera=F1)
-    taking = Taking(Protocol("camera", Sensor()), (32.0,))
+    settings = CaptureSettings(Protocol("camera", Sensor()), (32.0,))
     seen = SceneConditions.planned(CAMERA, Scene(nearest_um=NEAR_UM), 1e-2, shaped(4, 3), room)
     rng = np.random.default_rng(1)
     units = [shaped(4, 3), shaped(6, 2), shaped(7, 2), shaped(1, 7) | shaped(6, 1)]
     unit = np.zeros(dots * dots, dtype=np.bool_)
     unit[rng.permutation(dots * dots)[:12]] = True
     units.append(unit.reshape(dots, dots))
-    of_scene = scene_statistics([leaves(1)], taking=taking)
+    of_scene = scene_statistics([leaves(1)], settings=settings)
     judged = [surrogate_of(of_scene, room, seen.waves(each, F1.middle_nm)) for each in seen.distances_um]
     expected = [np.mean([each(unit) for each in judged]) for unit in units]
     scene, _ = small_scenes()
@@ -190,7 +190,7 @@ def test_openings_rank_over_a_depth_as_simulated_photographs_do():
             die_transfer(f"{each:g}", panel, CAMERA, seen.scene, seen.plan, object_um=each)
             for each in seen.distances_um
         ]
-        table = evaluate(dies, [scene], [scene], (32,), protocol=taking.protocol, details=False)
+        table = evaluate(dies, [scene], [scene], (32,), protocol=settings.protocol, details=False)
         measured.append(np.mean([score.psnr for score in table.scores]))
     assert spearmanr(expected, measured)[0] >= 0.95
 
@@ -252,7 +252,7 @@ def test_a_short_budget_says_that_conditions_are_not_told_apart():
 def test_a_scene_that_openings_are_not_compared_by_is_named(scene, keys, where):
     spec = job(scene, **keys)
     assert conditions_of(spec, spec.design, DOT_NM, "job") is None
-    (told,) = notes_of(spec, Folder((), ()), USES["design"], taking_of(spec))
+    (told,) = notes_of(spec, Folder((), ()), USES["design"], capture_settings(spec))
     assert where in told
 
 

@@ -18,7 +18,7 @@ from maskfab.designs.design import display_of, stated_display
 from maskfab.designs.front import FrontCurve, FrontDesign, JudgedOpening, Pareto, designs, spread
 from maskfab.designs.front_search import lines_of, require_uneven, rules_of, sweep
 from maskfab.designs.model.expected_psnr import surrogate_behind
-from maskfab.designs.model.statistics import F1_TAKING
+from maskfab.designs.model.statistics import F1_SETTINGS
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import Display, Footprints
 from maskfab.designs.rules.families import bars
@@ -118,7 +118,7 @@ def test_curves_are_exact_among_all_shapes(scenes: tuple[Photograph, ...], shown
     of = section(tiling=shown.tiling.value)
     found = sweep(asked(12, lines=lines, points=100), of, scenes, shown)
     periodic = shown is EVEN
-    worth = ExpectedPsnr(surrogate_behind(scenes, lattice(DOTS, DOT_NM, camera=F1), taking=F1_TAKING), periodic)
+    worth = ExpectedPsnr(surrogate_behind(scenes, lattice(DOTS, DOT_NM, camera=F1), settings=F1_SETTINGS), periodic)
     footprints = Footprints(RULES, DOTS, DOT_NM, (0,) if periodic else tuple(range(8)))
     for curve in found.curves:
         units = [candidate.unit for candidate in bars(DOTS, curve.clear_dots)]

@@ -14,7 +14,7 @@ from maskfab.base.folders import check_target
 from maskfab.base.units import parse_time_s
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.camera.lens import PhotoCamera, lattice
-from maskfab.designs.design import notes_of, require_weights, scenes_line, scenes_of, stated_display, taking_of
+from maskfab.designs.design import capture_settings, notes_of, require_weights, scenes_line, scenes_of, stated_display
 from maskfab.designs.front import FrontDesign, FrontPoint, JudgedOpening, Pareto, designs
 from maskfab.designs.front_search import lines_of, require_uneven, rules_of, sweep
 from maskfab.job import read
@@ -110,8 +110,8 @@ def pareto(
             cure='Add [design] with method = "search"',
         )
     camera = PhotoCamera.of(spec.camera.camera(), where=str(path))
-    taking = taking_of(spec)
-    require_weights(section, taking, str(path))
+    settings = capture_settings(spec)
+    require_weights(section, settings, str(path))
     limit_s = None if budget is None else parse_time_s(budget, where="budget")
     compared = [load_opening(path.parent / each) for each in spec.pareto.compare]
     texts = {opening.name: opening_text(opening) for opening in compared}
@@ -135,14 +135,14 @@ def pareto(
         display,
         compared=compared,
         camera=camera,
-        taking=taking,
+        settings=settings,
         budget_s=limit_s,
         progress=progress,
     )
-    made = designs(found, spec, command or f"maskfab.pareto({path.as_posix()!r})", camera, taking)
+    made = designs(found, spec, command or f"maskfab.pareto({path.as_posix()!r})", camera, settings)
     digest = provenance.job_hash(spec.model_copy(update={"openings": {**spec.openings, **texts}}).dump())
     told = scenes_line(scenes, None if images is None else Path(images))
-    return ParetoFront(found, made, digest, told, notes_of(spec, scenes, USES["pareto"], taking))
+    return ParetoFront(found, made, digest, told, notes_of(spec, scenes, USES["pareto"], settings))
 
 
 def _lines(found: Pareto, designs: Sequence[FrontDesign]) -> list[str]:

@@ -539,7 +539,7 @@ def bounds(
     total = estimate.dots**2
     require_clear_dots(clear_dots, total, where="clear_dots")
     levels = estimate.levels if levels is None else levels
-    estimate.noise.taking.require(levels)
+    estimate.noise.settings.require(levels)
     inner = interior(estimate)
     ratio = clear_dots / total
     grey_light = [inner.psnr(a, ratio, g, levels) for a, g in ((inner.stop, 1.0), (_smaller_stop(inner, ratio), 0.0))]

@@ -1,1 +1,1 @@
-"""The expected error of restored photographs behind an opening or a panel, without taking photographs."""
+"""The expected error of restored photographs behind an opening or a panel, without photographing anything."""

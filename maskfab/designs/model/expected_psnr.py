@@ -63,13 +63,13 @@ from maskfab.camera.scenes import Photograph
 from maskfab.camera.sensor import REFERENCE_TRANSMISSION
 from maskfab.designs.model.statistics import (
     COLUMNS,
-    F1_TAKING,
+    F1_SETTINGS,
     FACTOR,
     ROWS,
     WIDTH,
+    CaptureSettings,
     PixelNoise,
     SceneStatistics,
-    Taking,
     scene_statistics,
 )
 from maskfab.mask.opening import closed
@@ -151,7 +151,7 @@ class Surrogate:
     @property
     def levels(self) -> tuple[float, ...]:
         """Of light, dB."""
-        return self.noise.taking.levels
+        return self.noise.settings.levels
 
     @property
     def dots(self) -> int:
@@ -229,7 +229,7 @@ class Surrogate:
             )
         if not unit.any():
             raise closed(0, unit.size)
-        self.noise.taking.require(levels)
+        self.noise.settings.require(levels)
 
     def _correlations(self, unit: Floats, periodic: bool) -> tuple[Floats, Floats]:
         """C [dots, dots] and V [2 dots, 2 dots], negative lags wrapped round, divided by the clear dots."""
@@ -278,7 +278,7 @@ def surrogate(
     *,
     dot_nm: int | None = None,
     camera: PhotoCamera = F1,
-    taking: Taking = F1_TAKING,
+    settings: CaptureSettings = F1_SETTINGS,
     leak_scenes: int = 2,
 ) -> Surrogate:
     """Prepare the surrogate for units of ``dots`` x ``dots``, from scenes of 1024 x 1536 pixels (others are left out).
@@ -291,21 +291,21 @@ def surrogate(
         dots: along the unit's side.
         dot_nm: side of a dot; None for cells of 168 um, however many dots they have.
         camera: that looks through the panel.
-        taking: of the photographs.
+        settings: of the photographs.
         leak_scenes: pictures that the leak is computed on; what is designed on few fits them and not others.
 
     Raises:
         JobError: MF121 if no scene has that size, or one is the same grey everywhere; MF104, MF115, MF135 for dots as
             :func:`maskfab.camera.lens.lattice`.
     """
-    return surrogate_behind(scenes, lattice(dots, dot_nm, camera=camera), taking=taking, leak_scenes=leak_scenes)
+    return surrogate_behind(scenes, lattice(dots, dot_nm, camera=camera), settings=settings, leak_scenes=leak_scenes)
 
 
 def surrogate_behind(
-    scenes: Sequence[Photograph], room: CellGrid, *, taking: Taking = F1_TAKING, leak_scenes: int = 2
+    scenes: Sequence[Photograph], room: CellGrid, *, settings: CaptureSettings = F1_SETTINGS, leak_scenes: int = 2
 ) -> Surrogate:
     """A surrogate for the units of given cells; arguments and errors as of :func:`surrogate`."""
-    return surrogate_of(scene_statistics(scenes, leak_scenes=leak_scenes, taking=taking), room)
+    return surrogate_of(scene_statistics(scenes, leak_scenes=leak_scenes, settings=settings), room)
 
 
 def surrogate_of(known: SceneStatistics, room: CellGrid, waves: Waves | None = None) -> Surrogate:
@@ -343,10 +343,10 @@ def surrogate_of(known: SceneStatistics, room: CellGrid, waves: Waves | None = N
         known.low_truth,
         ((axes[0][:, None] ** 2 + axes[1] ** 2) / PRIOR_CY_PER_PX**2).astype(np.float32),
         known.noise,
-        known.noise.taking.protocol.strengths,
+        known.noise.settings.protocol.strengths,
         amplitude=amplitude,
     )
-    return made if known.noise.taking.is_f1 else _coded(_narrowed(made), known.pixels)
+    return made if known.noise.settings.is_f1 else _coded(_narrowed(made), known.pixels)
 
 
 def _narrowed(estimate: Surrogate) -> Surrogate:
@@ -376,7 +376,7 @@ def _coded(estimate: Surrogate, scenes: Sequence[tuple[Floats, float]]) -> Surro
         best, white = int(mean.argmin()), estimate.noise.white(level, share)
         decibels = []
         for light, scale in scenes:
-            own = light / white + (estimate.noise.taking.read_noise / white) ** 2
+            own = light / white + (estimate.noise.settings.read_noise / white) ** 2
             rest = errors.bias[best] * light**2 / np.mean(light**2) + errors.leak[best]
             variance = errors.noise[best] * own + rest / scale**2
             coded = code_of_light(light)
@@ -460,7 +460,7 @@ class Interior:
     @property
     def levels(self) -> tuple[float, ...]:
         """Of light, dB."""
-        return self.noise.taking.levels
+        return self.noise.settings.levels
 
     def decibels(self, level: float, error: float) -> float:
         """The PSNR that a mean squared error stands for at a level of light."""

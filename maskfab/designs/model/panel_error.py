@@ -421,7 +421,7 @@ class PupilError:
         return _Errors(torch.stack(noise), torch.stack(bias), self._leaks(low, epsilons, known and known[1]))
 
     def _decibels(self, level: float, light: torch.Tensor, errors: _Errors) -> torch.Tensor:
-        white = self.noise.taking.electrons[level] / REFERENCE_TRANSMISSION * light / float(self.inside.sum())
+        white = self.noise.settings.electrons[level] / REFERENCE_TRANSMISSION * light / float(self.inside.sum())
         error = self.noise.of_white(white) * errors.noise_gain + errors.bias + errors.leak
         return -10 * torch.log10(error) + self.noise.added_db(level)
 

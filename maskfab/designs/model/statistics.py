@@ -37,7 +37,7 @@ Value = TypeVar("Value", float, NDArray, "torch.Tensor")  # type: ignore[type-ar
 
 
 @dataclass(frozen=True)
-class Taking:
+class CaptureSettings:
     """A protocol at levels of light.
 
     Attributes:
@@ -96,7 +96,7 @@ class Taking:
         return f"protocol {self.protocol.name}: {told(self.protocol.sensor)}; {levels} dB; {light}"
 
 
-F1_TAKING = Taking()
+F1_SETTINGS = CaptureSettings()
 
 
 @dataclass(frozen=True)
@@ -104,24 +104,24 @@ class PixelNoise:
     """Noise of a pixel before restoration, and the PSNR that an error of restored pictures stands for.
 
     Attributes:
-        taking: of the photographs.
+        settings: of the photographs.
         shot: mean of the scenes, white is 1: variance of the shot noise times the electrons of white.
         flat: the same of what a pixel adds, over its own square; 1 where all scenes count alike.
         coded_db: by level, what the PSNR of code values has above that of what errors are computed of.
     """
 
-    taking: Taking
+    settings: CaptureSettings
     shot: float
     flat: float = 1.0
     coded_db: Mapping[float, float] = field(default_factory=lambda: MappingProxyType({}))
 
     def white(self, level: float, open_share: float) -> float:
         """Electrons of white behind a panel of this open share."""
-        return self.taking.electrons[level] * open_share / REFERENCE_TRANSMISSION
+        return self.settings.electrons[level] * open_share / REFERENCE_TRANSMISSION
 
     def of_white(self, white: Value) -> Value:
         """σ² of a pixel with so many electrons of white, white is 1."""
-        return self.shot / white + self.flat * (self.taking.read_noise / white) ** 2
+        return self.shot / white + self.flat * (self.settings.read_noise / white) ** 2
 
     def variance(self, level: float, open_share: float) -> float:
         """σ² of a pixel at a level of light behind a panel of this open share, white is 1."""
@@ -162,17 +162,19 @@ class SceneStatistics:
     pixels: tuple[tuple[Floats, float], ...]
 
     @classmethod
-    def of(cls, scenes: Sequence[Photograph], *, leak_scenes: int = 2, taking: Taking = F1_TAKING) -> SceneStatistics:
+    def of(
+        cls, scenes: Sequence[Photograph], *, leak_scenes: int = 2, settings: CaptureSettings = F1_SETTINGS
+    ) -> SceneStatistics:
         """Of scenes as :func:`scene_statistics` takes them; errors likewise."""
         kept = _of_use(scenes)
-        if taking.protocol.linear:
+        if settings.protocol.linear:
             kept = [Photograph(s.name, s.number, np.minimum(s.light, 1)) for s in kept]
         means, scales = [float(s.values.mean()) for s in kept], _scales(kept)
-        if taking.protocol.linear:
-            noise = PixelNoise(taking, float(np.mean(scales**2 * means)), float(np.mean(scales**2)))
+        if settings.protocol.linear:
+            noise = PixelNoise(settings, float(np.mean(scales**2 * means)), float(np.mean(scales**2)))
         else:
-            noise = PixelNoise(taking, float(np.mean([s.values.mean() for s in kept])))
-        own = () if taking.is_f1 else tuple((_inner_pixels(s), float(k)) for s, k in zip(kept, scales, strict=True))
+            noise = PixelNoise(settings, float(np.mean([s.values.mean() for s in kept])))
+        own = () if settings.is_f1 else tuple((_inner_pixels(s), float(k)) for s, k in zip(kept, scales, strict=True))
         kept = [Photograph(s.name, s.number, s.values * np.float32(k)) for s, k in zip(kept, scales, strict=True)]
         factor, power = _spectrum(kept)
         spectra = np.stack([scipy.fft.rfft2(values) for values in _mixed(kept, leak_scenes)])
@@ -191,21 +193,21 @@ class SceneStatistics:
 
 
 def scene_statistics(
-    scenes: Sequence[Photograph], *, leak_scenes: int = 2, taking: Taking = F1_TAKING
+    scenes: Sequence[Photograph], *, leak_scenes: int = 2, settings: CaptureSettings = F1_SETTINGS
 ) -> SceneStatistics:
     """Of scenes of 1024 x 1536 pixels (others are left out); of bundled ones as they are kept.
 
     Args:
         scenes: photographs, or drawn ones.
         leak_scenes: pictures that the leak is computed on.
-        taking: of the photographs.
+        settings: of the photographs.
 
     Raises:
         JobError: MF121 if no scene has that size, or one is the same grey everywhere.
     """
-    if taking.is_f1 and isinstance(scenes, Bundled) and (len(scenes), leak_scenes) in KEPT:
-        return _kept(len(scenes), leak_scenes, taking)
-    return SceneStatistics.of(scenes, leak_scenes=leak_scenes, taking=taking)
+    if settings.is_f1 and isinstance(scenes, Bundled) and (len(scenes), leak_scenes) in KEPT:
+        return _kept(len(scenes), leak_scenes, settings)
+    return SceneStatistics.of(scenes, leak_scenes=leak_scenes, settings=settings)
 
 
 def keep(path: Path = _FILE) -> None:
@@ -218,10 +220,10 @@ def keep(path: Path = _FILE) -> None:
     np.savez_compressed(path, **kept)
 
 
-def _kept(count: int, leak_scenes: int, taking: Taking) -> SceneStatistics:
+def _kept(count: int, leak_scenes: int, settings: CaptureSettings) -> SceneStatistics:
     with np.load(_FILE) as kept:
         shot, factor, power = (float(each) for each in kept[f"{count}_numbers"])
-        return SceneStatistics(PixelNoise(taking, shot), factor, power, kept[f"{count}_{leak_scenes}"], ())
+        return SceneStatistics(PixelNoise(settings, shot), factor, power, kept[f"{count}_{leak_scenes}"], ())
 
 
 def _inner_pixels(scene: Photograph) -> Floats:

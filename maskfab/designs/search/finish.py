@@ -26,7 +26,7 @@ from maskfab.designs.maps.orientation_map import DesignedMap, MapMode, require_s
 from maskfab.designs.model.conditions import SceneConditions, cells_across, designed_panel
 from maskfab.designs.model.expected_psnr import Surrogate, surrogate_of
 from maskfab.designs.model.panel_error import OverDistances, PanelError, PupilError, appraise_over, pupil_error
-from maskfab.designs.model.statistics import SceneStatistics, Taking, scene_statistics
+from maskfab.designs.model.statistics import CaptureSettings, SceneStatistics, scene_statistics
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import DieFit
 from maskfab.designs.search.annealing import ExpectedPsnr
@@ -48,7 +48,7 @@ class Judges:
         section: of a job.
         scenes: photographs whose spectrum and edges count.
         room: cells before the stop.
-        taking: of the photographs.
+        settings: of the photographs.
         seen: conditions of the scene; None where nothing of it must be modelled.
         leak_scenes: pictures that the leak is computed on.
 
@@ -59,7 +59,7 @@ class Judges:
     section: SearchSection
     scenes: Sequence[Photograph]
     room: CellGrid
-    taking: Taking
+    settings: CaptureSettings
     seen: SceneConditions | None = None
     leak_scenes: int = 2
 
@@ -72,7 +72,9 @@ class Judges:
     def expected(self) -> ExpectedPsnr:
         """Of openings, over the distances of the scene."""
         periodic = self.section.tiling is Tiling.PERIODIC
-        return ExpectedPsnr(self.estimate, periodic, self.taking.levels, self.section.weights or (), self._at_distances)
+        return ExpectedPsnr(
+            self.estimate, periodic, self.settings.levels, self.section.weights or (), self._at_distances
+        )
 
     @cached_property
     def in_focus(self) -> PupilError:
@@ -91,7 +93,7 @@ class Judges:
 
     @cached_property
     def _known(self) -> SceneStatistics:
-        return scene_statistics(self.scenes, leak_scenes=self.leak_scenes, taking=self.taking)
+        return scene_statistics(self.scenes, leak_scenes=self.leak_scenes, settings=self.settings)
 
     @cached_property
     def _at_distances(self) -> tuple[Surrogate, ...]:

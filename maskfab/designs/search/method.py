@@ -34,7 +34,7 @@ from maskfab.designs.maps.orientation_map import MapMode, design_map, require_si
 from maskfab.designs.model.conditions import SceneConditions
 from maskfab.designs.model.panel_error import PanelError, PupilError
 from maskfab.designs.model.robustness import EXACT, Robustness, Spread, compared_bias_um, moved_by_bias, robustness
-from maskfab.designs.model.statistics import F1_TAKING, Taking
+from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import DieFit, Display, fitting_die
 from maskfab.designs.rules.families import Candidate, kind
@@ -168,7 +168,7 @@ def search(
     progress: Progress = silent,
     *,
     camera: PhotoCamera = F1,
-    taking: Taking = F1_TAKING,
+    settings: CaptureSettings = F1_SETTINGS,
     display: Display | None = None,
     spread: Spread = EXACT,
     seen: SceneConditions | None = None,
@@ -184,7 +184,7 @@ def search(
         command: for the provenance.
         progress: told where the work stands.
         camera: that looks through the panel.
-        taking: of the photographs that openings are compared by.
+        settings: of the photographs that openings are compared by.
         display: that the opening must hold; None for any or none.
         spread: over which the panel is appraised.
         seen: conditions of the scene; None where nothing of it must be modelled.
@@ -207,7 +207,7 @@ def search(
         require_places(rules)
     rules.require_possible()
     progress("photographs", 0, 1)
-    judges = Judges(section, scenes, room, taking, seen)
+    judges = Judges(section, scenes, room, settings, seen)
     expected = judges.expected
     progress("photographs", 1, 1)
     panels = judges if section.map is None else replace(judges, leak_scenes=MAP_LEAK_SCENES)
@@ -216,7 +216,7 @@ def search(
     stages = Stages.of(
         expected, first_shape(section), clock, mapped=section.map is not None, fitted=display is not None
     )
-    made_for = camera_facts(camera, taking, seen)
+    made_for = camera_facts(camera, settings, seen)
     kept = None if checkpoint is None else Kept(checkpoint, run_key(section, scenes, *made_for.values()))
     if section.objective == "auc":
         found = _by_auc(section, rules, room, stages.search, progress)
@@ -274,7 +274,7 @@ def search(
         notes += ("The scene counts in the search; with a longer budget its conditions are told apart.",)
     facts |= {
         **known,
-        **by_level("expected_psnr", psnr, taking.levels),
+        **by_level("expected_psnr", psnr, settings.levels),
         "evaluated": found.evaluated,
         **seeds,
         **({} if priced is None else of_prices(priced)),
@@ -296,8 +296,8 @@ def search(
         None if laid.outer is None else Opening(f"{section.name[:_LONGEST]}_outer", laid.outer, rules.dot_nm, facts),
         (*_few_cells(room, section), *notes),
         found.cut or laid.cut,
-        camera=made_for_line(camera, taking, seen),
-        levels=taking.levels,
+        camera=made_for_line(camera, settings, seen),
+        levels=settings.levels,
         robust=robust,
         fit=fit,
         scene=scene,

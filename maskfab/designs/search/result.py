@@ -19,7 +19,7 @@ from maskfab.camera.scenes import Bundled, Photograph
 from maskfab.designs.bounds.limits import Gap, bounds, optimality_gap
 from maskfab.designs.model.conditions import SceneConditions
 from maskfab.designs.model.expected_psnr import Surrogate
-from maskfab.designs.model.statistics import F1_TAKING, Taking
+from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings
 from maskfab.designs.rules import constraints
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import DieFit, Display, of_display
@@ -179,7 +179,7 @@ def origin(section: DesignSection, command: str, made_for: Facts) -> Facts:
 
 
 def camera_facts(
-    camera: Camera | PhotoCamera, taking: Taking = F1_TAKING, seen: SceneConditions | None = None
+    camera: Camera | PhotoCamera, settings: CaptureSettings = F1_SETTINGS, seen: SceneConditions | None = None
 ) -> Facts:
     """The camera that an opening was designed for, as provenance; nothing for that of protocol F1.
 
@@ -187,14 +187,16 @@ def camera_facts(
     """
     told = camera_line(camera)
     scene: Facts = {} if seen is None else {"scene": seen.line}
-    if not taking.is_f1:
-        return {"camera": told, "protocol": taking.line, **scene}
+    if not settings.is_f1:
+        return {"camera": told, "protocol": settings.line, **scene}
     return scene if told == camera_line(F1) else {"camera": told, "protocol": LEVELS_OF_F1, **scene}
 
 
-def made_for_line(camera: Camera | PhotoCamera, taking: Taking = F1_TAKING, seen: SceneConditions | None = None) -> str:
+def made_for_line(
+    camera: Camera | PhotoCamera, settings: CaptureSettings = F1_SETTINGS, seen: SceneConditions | None = None
+) -> str:
     """Lens, sensor, light and scene that numbers are expected for, in words."""
-    return f"{camera_line(camera)}; {taking.line}{'' if seen is None else f'; scene: {seen.line}'}"
+    return f"{camera_line(camera)}; {settings.line}{'' if seen is None else f'; scene: {seen.line}'}"
 
 
 def by_level(name: str, values: Sequence[float], levels: Sequence[float]) -> Facts:
