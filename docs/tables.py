@@ -11,11 +11,11 @@ from pathlib import Path
 
 import typer
 
-from maskfab.cli.app import app
-from maskfab.base.resources import explained, grouped
-from maskfab.job.reference import keys_of, tables
-from maskfab.designs.rules.constraints import RULES
 from maskfab.base.quantities import QUANTITIES
+from maskfab.base.resources import explained, grouped
+from maskfab.cli.app import app
+from maskfab.designs.rules.constraints import RULES
+from maskfab.job.reference import keys_of, tables
 from maskfab.report.documents.check import check_schema
 from maskfab.report.documents.report import schema
 
