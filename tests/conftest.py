@@ -16,7 +16,7 @@ from hypothesis import settings
 from once import BOUNDS, DESIGN, OPTICS, compared_once, dimmed, figures_in_words, leaves, once, small_scenes, statistics
 from small_job import finished, write_job
 
-from maskfab.base.model import CLEAR, OUTLINE, Die, Furniture, Gauge, Note, Opening, Panel, Plate, Tiling
+from maskfab.base.model import CLEAR, OUTLINE, Die, Gauge, Mark, Note, Opening, Panel, Plate, Tiling
 from maskfab.camera import scenes
 from maskfab.designs.bounds import limits
 from maskfab.designs.model.statistics import SceneStatistics
@@ -83,10 +83,10 @@ def small_plate() -> Plate:
             die("DENSE", openings[1], 0, Tiling.RANDOM, (1, 1)),
             die("RANDOM", openings[0], 8000, Tiling.RANDOM, (1_000_000, 0)),
         ),
-        furniture=(
-            Furniture("TITLE", "title", CLEAR, text_polygons("Plate 08 B%", 200_000, (0, 3_000_000), "centre")),
-            Furniture("FRAME", "outline", OUTLINE, (frame,)),
-            Furniture("CD_2UM", "cd", CLEAR, (bar,)),
+        marks=(
+            Mark("TITLE", "title", CLEAR, text_polygons("Plate 08 B%", 200_000, (0, 3_000_000), "centre")),
+            Mark("FRAME", "outline", OUTLINE, (frame,)),
+            Mark("CD_2UM", "cd", CLEAR, (bar,)),
         ),
         gauges=(
             Gauge("cd_x_2um", "x", (2_001_000, 50_000), 5_000, 2_000),

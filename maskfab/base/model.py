@@ -364,7 +364,7 @@ LAYERS = (CLEAR, OUTLINE, NOTE, *EMITTERS, *WIRES, VEIL, GUTTER, BLACK)
 
 
 @dataclass(frozen=True)
-class Furniture:
+class Mark:
     """A mark of the plate that is not a panel.
 
     Attributes:
@@ -448,7 +448,7 @@ class Plate:
     blank_nm: int
     writable_nm: int
     dies: tuple[Die, ...]
-    furniture: tuple[Furniture, ...]
+    marks: tuple[Mark, ...]
     gauges: tuple[Gauge, ...]
     notes: tuple[Note, ...]
     snapped: Snapping | None = None

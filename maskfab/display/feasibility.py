@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from maskfab.base.model import ORIENTATIONS, WIRES, Die, Emitters, Furniture, Panel, Plate, Tiling, refined
+from maskfab.base.model import ORIENTATIONS, WIRES, Die, Emitters, Mark, Panel, Plate, Tiling, refined
 from maskfab.base.processes import Alone, Given
 from maskfab.base.units import to_nm
 from maskfab.base.work import Progress, silent
@@ -292,7 +292,7 @@ def populate(
 ) -> PlateWithDisplays:
     """Emitters and wires for every die; dies of equal pixels, in which equal orientations meet, are worked on once.
 
-    Wires that every pixel has alike are drawn with it, those that are laid across a die are furniture of the plate.
+    Wires that every pixel has alike are drawn with it, those that are laid across a die are marks of the plate.
 
     Args:
         plate: laid out, without emitters.
@@ -304,7 +304,7 @@ def populate(
         JobError: MF117, MF118 as :func:`maskfab.display.feasibility.feasibility`.
     """
     dies: list[Die] = []
-    lines: list[Furniture] = []
+    lines: list[Mark] = []
     found: dict[str, Feasibility] = {}
     keys = [(_key(die.panel), None if rules.wires is None else die.panel.orientations.tobytes()) for die in plate.dies]
     panels = {key: die.panel for key, die in zip(reversed(keys), reversed(plate.dies), strict=True)}
@@ -323,7 +323,7 @@ def populate(
         if answer.wiring is not None and answer.wiring.laid is not None and rules.wires is not None:
             lines += [_drawn(die, each, rules.wires.rules.line_nm) for each in answer.wiring.laid]
         dies.append(replace(die, panel=replace(die.panel, emitters=answer.emitters, tracks=tracks)))
-    return PlateWithDisplays(replace(plate, dies=tuple(dies), furniture=(*plate.furniture, *lines)), found)
+    return PlateWithDisplays(replace(plate, dies=tuple(dies), marks=(*plate.marks, *lines)), found)
 
 
 def display_rules(job: Job) -> DisplayRules | None:
@@ -370,13 +370,13 @@ def _arguments(panel: Panel, rules: DisplayRules) -> Given:
     return lambda: (panel, rules)
 
 
-def _drawn(die: Die, laid: PanelLines, line_nm: int) -> Furniture:
+def _drawn(die: Die, laid: PanelLines, line_nm: int) -> Mark:
     """Lines across a die, where they lie on the plate."""
     x0, y0 = die.origin_nm
     outlines = tuple(
         tuple((point.x + x0, point.y + y0) for point in outline.each_point_hull()) for outline in laid.polygons(line_nm)
     )
-    return Furniture(f"{die.name}_WIRES_{laid.axis.upper()}", "wires", WIRES[laid.axis == "y"], outlines)
+    return Mark(f"{die.name}_WIRES_{laid.axis.upper()}", "wires", WIRES[laid.axis == "y"], outlines)
 
 
 def _key(panel: Panel) -> object:

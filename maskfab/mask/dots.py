@@ -124,7 +124,7 @@ def dot_rows(plate: Plate, grid: DotGrid, tone: Tone, *, upwards: bool) -> Itera
         upwards: the lowest row first, or the highest.
     """
     dies = [_LaidDie.on(die, grid) for die in plate.dies]
-    marks = _Spans.of([p for mark in plate.furniture if mark.layer.written for p in mark.polygons], grid)
+    marks = _Spans.of([p for mark in plate.marks if mark.layer.written for p in mark.polygons], grid)
     half = plate.writable_nm // 2
     low, high = grid.first(np.array([-half, half])).tolist()
     starts = np.unique(np.concatenate([[0, low, high, grid.side], marks.changes, *(each.rows for each in dies)]))

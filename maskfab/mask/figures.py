@@ -430,7 +430,7 @@ class _Drawing:
 
     def _marks(self) -> tuple[tuple[MarkFigures, ...], _Done]:
         marks, done = [], _Done()
-        for mark, name in zip(self._plate.furniture, self._names.marks, strict=True):
+        for mark, name in zip(self._plate.marks, self._names.marks, strict=True):
             if mark.layer.written and self._options.tone == "dark":
                 continue
             own = {mark.layer: mark.polygons}
@@ -452,7 +452,7 @@ class _Drawing:
         No cut through slanted edges is exact, so round letters and stars it is drawn as triangles. Its holes are dies
         and those triangles, so none may go on :data:`CUT`, which would be subtracted from their chrome too.
         """
-        marks = [_polygons(mark.polygons) for mark in self._plate.furniture if mark.layer.written]
+        marks = [_polygons(mark.polygons) for mark in self._plate.marks if mark.layer.written]
         half = self._plate.writable_nm // 2
         field = db.Region(db.Box(-half, -half, half, half))
         field -= db.Region([db.Box(*die.box_nm) for die in self._plate.dies])
@@ -466,12 +466,7 @@ class _Drawing:
     def _cuts_others(self, own: str, holes: tuple[Polygon, ...]) -> bool:
         """Whether something written, which is not of the mark itself, lies in its holes."""
         others = _polygons(
-            [
-                each
-                for mark in self._plate.furniture
-                if mark.layer.written and mark.name != own
-                for each in mark.polygons
-            ]
+            [each for mark in self._plate.marks if mark.layer.written and mark.name != own for each in mark.polygons]
         )
         others.insert(db.Region([db.Box(*die.box_nm) for die in self._plate.dies]))
         return not (_polygons(holes) & others).is_empty()
@@ -578,7 +573,7 @@ def _merged(figures: Figures) -> tuple[Figures, _Done]:
 
 def _round_slants(plate: Plate) -> db.Region:
     """Boxes of written marks with slanted edges."""
-    marks = (_polygons(mark.polygons) for mark in plate.furniture if mark.layer.written)
+    marks = (_polygons(mark.polygons) for mark in plate.marks if mark.layer.written)
     return db.Region([mark.bbox() for mark in marks if not mark.non_rectilinear().is_empty()])
 
 

@@ -518,7 +518,7 @@ def plate_layout(plate: Plate) -> db.Layout:
                     _draw(cells[names.units[key]].shapes(layers[layer]), polygons)
     for die, die_name in zip(plate.dies, names.dies, strict=True):
         top.insert(db.CellInstArray(cells[die_name].cell_index(), db.Trans(*die.origin_nm)))
-    for mark, mark_name in zip(plate.furniture, names.marks, strict=True):
+    for mark, mark_name in zip(plate.marks, names.marks, strict=True):
         _draw(cells[mark_name].shapes(layers[mark.layer]), mark.polygons)
         top.insert(db.CellInstArray(cells[mark_name].cell_index(), db.Trans()))
     for note in plate.notes:
@@ -601,7 +601,7 @@ class PlateNames:
     Attributes:
         top: the top cell.
         dies: one for each die, in plate order.
-        marks: one for each piece of furniture, in plate order.
+        marks: one for each mark, in plate order.
         units: one for each unit cell, ``OPENING_D<dot>_G<gutter>_R<orientation>``.
     """
 
@@ -616,7 +616,7 @@ def plate_names(plate: Plate) -> PlateNames:
     names = CellNames()
     top = names.unique(plate.name)
     dies = tuple(names.unique(die.name) for die in plate.dies)
-    marks = tuple(names.unique(mark.name) for mark in plate.furniture)
+    marks = tuple(names.unique(mark.name) for mark in plate.marks)
     units: dict[UnitKey, str] = {}
     for die in plate.dies:
         for orientation in orientations_in_use(die.panel):

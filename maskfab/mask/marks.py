@@ -29,7 +29,7 @@ from pydantic import BeforeValidator, Field
 
 from maskfab.base import resources
 from maskfab.base.errors import JobError
-from maskfab.base.model import CLEAR, Box, Die, Furniture, Gauge, Point, Polygon
+from maskfab.base.model import CLEAR, Box, Die, Gauge, Mark, Point, Polygon
 from maskfab.base.units import NM_PER_UM, to_nm
 from maskfab.job.order import ChromeSide, Tone
 from maskfab.job.read import parse_section
@@ -69,9 +69,9 @@ class Setting:
 
 @dataclass(frozen=True)
 class DrawnMarks:
-    """Furniture with its gauges; most marks have none."""
+    """Marks with their gauges; most marks have none."""
 
-    furniture: tuple[Furniture, ...]
+    marks: tuple[Mark, ...]
     gauges: tuple[Gauge, ...] = ()
 
 
@@ -119,14 +119,14 @@ WIDTH, HEIGHT = 3, 5
 """Of the letter, in widths of its stroke."""
 
 
-def fiducial(name: str, centre_nm: Point, length_nm: int, line_nm: int) -> Furniture:
+def fiducial(name: str, centre_nm: Point, length_nm: int, line_nm: int) -> Mark:
     """A plain cross, of area ``(2 length - line) line`` for even lengths."""
     arm, half = length_nm // 2, line_nm // 2
     upper = [(half, half), (half, arm), (-half, arm), (-half, half)]
-    return Furniture(name, "fiducial", CLEAR, (four_arms(centre_nm, upper),))
+    return Mark(name, "fiducial", CLEAR, (four_arms(centre_nm, upper),))
 
 
-def alignment_cross(name: str, centre_nm: Point, length_nm: int, line_nm: int) -> Furniture:
+def alignment_cross(name: str, centre_nm: Point, length_nm: int, line_nm: int) -> Mark:
     """A cross whose arms are thrice as broad in their outer half.
 
     The broad arms find a panel under a microscope, the thin middle sets it.
@@ -140,19 +140,17 @@ def alignment_cross(name: str, centre_nm: Point, length_nm: int, line_nm: int) -
     arm, middle, half = length_nm // 2, length_nm // 4, line_nm // 2
     broad = _BROADER * half
     right = [(half, half), (half, middle), (broad, middle), (broad, arm)]
-    return Furniture(
-        name, "alignment", CLEAR, (four_arms(centre_nm, [*right, *((-x, y) for x, y in reversed(right))]),)
-    )
+    return Mark(name, "alignment", CLEAR, (four_arms(centre_nm, [*right, *((-x, y) for x, y in reversed(right))]),))
 
 
-def parity_mark(name: str, corner_nm: Point, height_nm: int) -> Furniture:
+def parity_mark(name: str, corner_nm: Point, height_nm: int) -> Mark:
     """A letter F, which no mirror or turn carries into itself, with its lower left corner there.
 
     Its area is 8 squares of a fifth of the height.
     """
     unit = height_nm // HEIGHT
     polygon = tuple((corner_nm[0] + x * unit, corner_nm[1] + y * unit) for x, y in _LETTER_F)
-    return Furniture(name, "parity", CLEAR, (polygon,))
+    return Mark(name, "parity", CLEAR, (polygon,))
 
 
 _CLEARANCE_NM = 200_000
@@ -178,7 +176,7 @@ def cd_bars(name: str, centre_nm: Point, feature_nm: int, multiples: Sequence[in
             place = (middle, centre_nm[1])
             size = (width, length_nm) if axis == "x" else (length_nm, width)
             bar = f"{name}_{axis.upper()}_{multiple_name(multiple)}"
-            bars.append(Furniture(bar, "cd", CLEAR, (rectangle(box_at(place, size)),)))
+            bars.append(Mark(bar, "cd", CLEAR, (rectangle(box_at(place, size)),)))
             gauges.append(Gauge(bar.lower(), "x" if axis == "x" else "y", place, width // 2 + _CLEARANCE_NM, width))
     return DrawnMarks(tuple(bars), tuple(gauges))
 
@@ -209,7 +207,7 @@ def line_space(
             group = f"{name}_{axis}_{multiple_name(multiple)}"
             place = (x + side // 2, y)
             polygons = tuple(_lines(place, width, side, lines, upright=axis == "V"))
-            figures.append(Furniture(group, "resolution", CLEAR, polygons))
+            figures.append(Mark(group, "resolution", CLEAR, polygons))
             (x0, y0), _, (x1, y1), _ = polygons[lines // 2]
             middle = ((x0 + x1) // 2, (y0 + y1) // 2)
             # To the middle of the spaces on either side, short of the next line.
@@ -232,7 +230,7 @@ def inner_radius_nm(feature_nm: float, spokes: int) -> float:
     return feature_nm / (2 * math.sin(math.pi / (2 * spokes)))
 
 
-def siemens_star(name: str, centre_nm: Point, feature_nm: int, radius_nm: int, spokes: int) -> Furniture:
+def siemens_star(name: str, centre_nm: Point, feature_nm: int, radius_nm: int, spokes: int) -> Mark:
     """Clear spokes from where they are one smallest feature wide to a radius.
 
     Its grey middle shows what a writer resolves in every direction.
@@ -242,9 +240,7 @@ def siemens_star(name: str, centre_nm: Point, feature_nm: int, radius_nm: int, s
     after every turn by 90 degrees and every mirror.
     """
     inner = inner_radius_nm(feature_nm, spokes)
-    return Furniture(
-        name, "resolution", CLEAR, tuple(_spoke(centre_nm, inner, radius_nm, k, spokes) for k in range(spokes))
-    )
+    return Mark(name, "resolution", CLEAR, tuple(_spoke(centre_nm, inner, radius_nm, k, spokes) for k in range(spokes)))
 
 
 def _spoke(centre: Point, inner: float, outer: float, number: int, spokes: int) -> Polygon:
@@ -297,7 +293,7 @@ def checkerboards(name: str, centre_nm: Point, feature_nm: int, multiples: Seque
             for i in range(squares)
             if (i + j) % 2 == 0
         ]
-        boards.append(Furniture(board, "resolution", CLEAR, tuple(rectangle(box) for box in boxes)))
+        boards.append(Mark(board, "resolution", CLEAR, tuple(rectangle(box) for box in boxes)))
         low = squares // 2 * side + side // 2
         gauges.append(Gauge(board.lower(), "x", (x + low, y + low), 2 * (side // 2), side))
         x += squares * side + _GAP_NM
@@ -326,7 +322,7 @@ def corner_letters(name: str, centre_nm: Point, feature_nm: int, multiples: Sequ
         letter, length = f"{name}_{multiple_name(multiple)}", _LONGER * width
         outline = ((0, 0), (length, 0), (length, width), (width, width), (width, length), (0, length))
         polygon = tuple((x + right, y + up) for right, up in outline)
-        letters.append(Furniture(letter, "resolution", CLEAR, (polygon,)))
+        letters.append(Mark(letter, "resolution", CLEAR, (polygon,)))
         gauges.append(Gauge(letter.lower(), "x", (x + width // 2, y + length // 2), 2 * (width // 2), width))
         x += length + _GAP_NM
     return DrawnMarks(tuple(letters), tuple(gauges))
@@ -345,7 +341,7 @@ def modules(text: str) -> NDArray[np.bool_]:
     return np.array(symbol.to_image(scale=1, add_quiet_zones=True))[::-1] > 127
 
 
-def data_matrix(name: str, centre_nm: Point, text: str, module_nm: int) -> Furniture:
+def data_matrix(name: str, centre_nm: Point, text: str, module_nm: int) -> Mark:
     """The symbol in clear light modules; dark ones stay chrome.
 
     Args:
@@ -356,7 +352,7 @@ def data_matrix(name: str, centre_nm: Point, text: str, module_nm: int) -> Furni
     """
     light = modules(text)
     corner = centre_nm[0] - light.shape[1] * module_nm // 2, centre_nm[1] - light.shape[0] * module_nm // 2
-    return Furniture(name, "code", CLEAR, outline(light, module_nm, corner))
+    return Mark(name, "code", CLEAR, outline(light, module_nm, corner))
 
 
 _FOLDER = "export_templates/plates"

@@ -36,8 +36,8 @@ from maskfab.base.model import (
     OUTLINE,
     Box,
     Die,
-    Furniture,
     Gauge,
+    Mark,
     Note,
     Opening,
     Panel,
@@ -127,7 +127,7 @@ def snapped(plate: Plate, grid_nm: int) -> Plate:
     """The plate with every vertex of its written marks on the nearest line of a grid, and with the count of those that
     were moved; widths that are multiples of the grid stay.
     """
-    drawn = [mark.polygons for mark in plate.furniture if mark.layer.written]
+    drawn = [mark.polygons for mark in plate.marks if mark.layer.written]
     corners = np.array([point for polygons in drawn for polygon in polygons for point in polygon]).reshape(-1, 2)
     off = (corners + grid_nm // 2) % grid_nm - grid_nm // 2
     moves = np.hypot(off[:, 0], off[:, 1])
@@ -137,11 +137,11 @@ def snapped(plate: Plate, grid_nm: int) -> Plate:
         before.vertices + int(np.count_nonzero(moves)),
         before.farthest_nm + float(moves.max(initial=0.0)),
     )
-    marks = tuple(_snapped(mark, grid_nm) if mark.layer.written else mark for mark in plate.furniture)
-    return replace(plate, furniture=marks, snapped=moved)
+    marks = tuple(_snapped(mark, grid_nm) if mark.layer.written else mark for mark in plate.marks)
+    return replace(plate, marks=marks, snapped=moved)
 
 
-def _snapped(mark: Furniture, grid_nm: int) -> Furniture:
+def _snapped(mark: Mark, grid_nm: int) -> Mark:
     def nearest(value: int) -> int:
         return (value + grid_nm // 2) // grid_nm * grid_nm
 
@@ -165,7 +165,7 @@ def mirrored(plate: Plate) -> Plate:
     return replace(
         plate,
         dies=tuple(_die(die) for die in plate.dies),
-        furniture=tuple(_mark(mark) for mark in plate.furniture),
+        marks=tuple(_mark(mark) for mark in plate.marks),
         gauges=tuple(_gauge(gauge) for gauge in plate.gauges),
         notes=tuple(replace(note, position_nm=(-note.position_nm[0], note.position_nm[1])) for note in plate.notes),
     )
@@ -193,7 +193,7 @@ def _die(die: Die) -> Die:
     return replace(die, panel=mirrored_panel(die.panel), centre_nm=(width // 2 - die.box_nm[2], die.centre_nm[1]))
 
 
-def _mark(mark: Furniture) -> Furniture:
+def _mark(mark: Mark) -> Mark:
     return replace(mark, polygons=tuple(_polygon(each) for each in mark.polygons))
 
 
@@ -222,7 +222,7 @@ LABEL_NM = _GAP_NM + _HEIGHT_NM
 
 def title_block(
     name: str, title: str, lines: Iterable[str], anchor_nm: Point, height_nm: int, small_nm: int, room_nm: int
-) -> Furniture:
+) -> Mark:
     """A title centred on the anchor, with lines of smaller letters below.
 
     Args:
@@ -238,7 +238,7 @@ def title_block(
     polygons = fitted_text(title, height_nm, anchor_nm, room_nm)
     for number, line in enumerate(lines, 1):
         polygons += fitted_text(line, small_nm, (x, y - LINE_FEED * small_nm * number), room_nm)
-    return Furniture(name, "title", CLEAR, polygons)
+    return Mark(name, "title", CLEAR, polygons)
 
 
 def maker(signature: str) -> str:
@@ -246,11 +246,11 @@ def maker(signature: str) -> str:
     return signature.rsplit("|", 1)[0].strip()
 
 
-def label(die: Die) -> Furniture:
+def label(die: Die) -> Mark:
     """Name and label of a die, below its slot and not wider than it."""
     position = (die.centre_nm[0], die.centre_nm[1] - die.slot_nm // 2 - LABEL_NM)
     text = f"{die.name}  {die.label}"
-    return Furniture(f"LABEL_{die.name}", "label", CLEAR, fitted_text(text, _HEIGHT_NM, position, die.slot_nm))
+    return Mark(f"LABEL_{die.name}", "label", CLEAR, fitted_text(text, _HEIGHT_NM, position, die.slot_nm))
 
 
 _SMALLEST_LETTER_NM = 60_000
@@ -273,7 +273,7 @@ class _Lettering:
 
 def die_map(
     name: str, centre_nm: Point, side_nm: int, line_nm: int, *, blank_nm: int, die_pitch_nm: int, dies: Sequence[Die]
-) -> Furniture:
+) -> Mark:
     """Blank and slots as frames, and names in or under the slots, whichever leaves room for larger letters.
 
     Where letters would be less than 60 um high the dies' numbers stand for their names, in the plate's order from 1;
@@ -309,7 +309,7 @@ def die_map(
                 base = (x, y - lettering.drop_nm - lettering.height_nm // 2)
                 polygons += text_polygons(word, lettering.height_nm, base, align="centre")
             break
-    return Furniture(name, "map", CLEAR, tuple(polygons))
+    return Mark(name, "map", CLEAR, tuple(polygons))
 
 
 def _lettering(words: Sequence[str], slot: int, inside: int, under: tuple[float, float]) -> _Lettering:
@@ -336,11 +336,11 @@ def _frame(centre: Point, side: int, line: int) -> tuple[Polygon, ...]:
     return left, right
 
 
-def outlines(blank_nm: int, writable_nm: int, dies: Iterable[Die]) -> list[Furniture]:
+def outlines(blank_nm: int, writable_nm: int, dies: Iterable[Die]) -> list[Mark]:
     """A thin square frame inside blank, writable area and slots, for orientation only; never written on the plate."""
     named = [("BLANK", (0, 0), blank_nm), ("WRITABLE", (0, 0), writable_nm)]
     named += [(f"SLOT_{die.name}", die.centre_nm, die.slot_nm) for die in dies]
-    return [Furniture(f"OUTLINE_{name}", "outline", OUTLINE, _square_frame(place, side)) for name, place, side in named]
+    return [Mark(f"OUTLINE_{name}", "outline", OUTLINE, _square_frame(place, side)) for name, place, side in named]
 
 
 def _square_frame(centre: Point, side_nm: int) -> tuple[Polygon, ...]:
@@ -351,7 +351,7 @@ def _square_frame(centre: Point, side_nm: int) -> tuple[Polygon, ...]:
     return tuple(rectangle(bar) for bar in bars)
 
 
-def check_clearances(dies: Sequence[Die], furniture: Sequence[Furniture], writable_nm: int, *, where: str) -> None:
+def check_clearances(dies: Sequence[Die], marks: Sequence[Mark], writable_nm: int, *, where: str) -> None:
     """Compare the slots of the dies and the bounding boxes of all marks that are written.
 
     Raises:
@@ -359,9 +359,7 @@ def check_clearances(dies: Sequence[Die], furniture: Sequence[Furniture], writab
     """
     boxes = [(f"die {die.name!r}", box_at(die.centre_nm, (die.slot_nm, die.slot_nm))) for die in dies]
     boxes += [
-        (f"mark {mark.name!r}", bounding_box(mark.polygons))
-        for mark in furniture
-        if mark.layer.written and mark.polygons
+        (f"mark {mark.name!r}", bounding_box(mark.polygons)) for mark in marks if mark.layer.written and mark.polygons
     ]
     _check_inside(boxes, writable_nm, where)
     region = db.Region([db.Box(*box) for _, box in boxes])
@@ -414,15 +412,15 @@ def plain_marks(setting: Setting) -> DrawnMarks:
     room_nm = setting.writable_nm - 4 * MARGIN_NM
     anchor = (0, corner - TITLE_HEIGHT_NM // 2)
     bars = cd_bars("CD", (0, -corner), setting.feature_nm, _CD_MULTIPLES, _CD_LENGTH_NM)
-    furniture = (
+    marks = (
         title_block("TITLE", setting.title, lines, anchor, TITLE_HEIGHT_NM, _SMALL_NM, room_nm),
         *(label(die) for die in setting.dies),
         *(fiducial(f"FIDUCIAL_{name}", at, _FIDUCIAL_NM, _FIDUCIAL_LINE_NM) for name, at in places.items()),
         parity_mark("PARITY", (-corner + 2 * MARGIN_NM, -corner), _PARITY_NM),
-        *bars.furniture,
+        *bars.marks,
         *outlines(setting.blank_nm, setting.writable_nm, setting.dies),
     )
-    return DrawnMarks(furniture, bars.gauges)
+    return DrawnMarks(marks, bars.gauges)
 
 
 _CAPTION_NM = 150_000
@@ -440,7 +438,7 @@ def templated(template: PlateTemplate, setting: Setting, *, where: str) -> Drawn
     ]
     return DrawnMarks(
         (
-            *(figure for each in drawn for figure in each.furniture),
+            *(figure for each in drawn for figure in each.marks),
             *(label(die) for die in setting.dies),
             *outlines(setting.blank_nm, setting.writable_nm, setting.dies),
         ),
@@ -475,7 +473,7 @@ def _captioned(mark: AnyMark, drawn: DrawnMarks, setting: Setting) -> DrawnMarks
             return drawn
     anchor = mark.centre_nm[0], mark.room_nm[1]
     caption = fitted_text(text, _CAPTION_NM, anchor, _for_text(mark))
-    return DrawnMarks((*drawn.furniture, Furniture(f"{mark.name}_TEXT", "label", CLEAR, caption)), drawn.gauges)
+    return DrawnMarks((*drawn.marks, Mark(f"{mark.name}_TEXT", "label", CLEAR, caption)), drawn.gauges)
 
 
 def _for_text(mark: MarkSection) -> int:
@@ -484,7 +482,7 @@ def _for_text(mark: MarkSection) -> int:
     return (x1 - x0) * 999 // 1000
 
 
-def _single(mark: AnyMark, template: PlateTemplate, setting: Setting, where: str) -> Furniture:
+def _single(mark: AnyMark, template: PlateTemplate, setting: Setting, where: str) -> Mark:
     name, (x, y) = mark.name, mark.centre_nm
     x0, y0, x1, y1 = mark.room_nm
     match mark:
@@ -539,7 +537,7 @@ def _check_star(mark: StarSection, feature_nm: int, where: str) -> None:
 
 def _in_room(mark: MarkSection, drawn: DrawnMarks, where: str) -> DrawnMarks:
     """The mark, refused if a figure of it leaves its room."""
-    boxes = [bounding_box(figure.polygons) for figure in drawn.furniture if figure.polygons]
+    boxes = [bounding_box(figure.polygons) for figure in drawn.marks if figure.polygons]
     x0, y0, x1, y1 = mark.room_nm
     over = max((max(x0 - a, y0 - b, c - x1, d - y1) for a, b, c, d in boxes), default=0)
     if over > 0:
@@ -596,10 +594,10 @@ def compose(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], signatur
         chrome="down" if spec.mirrored else "up",
     )
     drawn = plain_marks(setting) if template is None else templated(template, setting, where=f"{where}: plate.template")
-    check_clearances(dies, drawn.furniture, writable_nm, where=f"{where}: plate")
+    check_clearances(dies, drawn.marks, writable_nm, where=f"{where}: plate")
     corner = writable_nm // 2 - MARGIN_NM
     note = Note(signature, (-corner, -corner - MARGIN_NM // 2))
-    plate = Plate(heading.name, heading.title, blank_nm, writable_nm, dies, drawn.furniture, drawn.gauges, (note,))
+    plate = Plate(heading.name, heading.title, blank_nm, writable_nm, dies, drawn.marks, drawn.gauges, (note,))
     plate = mirrored(plate) if spec.mirrored else plate
     grid_um = None if spec.export is None else spec.export.grid
     if grid_um is None:

@@ -23,7 +23,7 @@ import numpy as np
 from klayout import db, rdb
 
 from maskfab.base.errors import SourceError
-from maskfab.base.model import CLEAR, Box, Die, Furniture, Layer, Plate, Polygon, Process, Quantity
+from maskfab.base.model import CLEAR, Box, Die, Layer, Mark, Plate, Polygon, Process, Quantity
 from maskfab.base.units import NM_PER_UM
 from maskfab.job.sections import LimitsSection
 from maskfab.mask.layout import DBU_UM, layer_info, plate_layout, plate_names, region, simple_polygon
@@ -181,7 +181,7 @@ def check_plate(plate: Plate, rules: DesignRules, *, most: int = 16) -> tuple[Ru
     names = plate_names(plate)
     results += checked_names([names.top, *names.dies, *names.marks, *names.units.values()], rules)
     if rules.max_references is not None:
-        references = sum(_references(die) + 1 for die in plate.dies) + len(plate.furniture)
+        references = sum(_references(die) + 1 for die in plate.dies) + len(plate.marks)
         results.append(counted_references(references, rules.max_references))
     if rules.extent_nm is not None:
         results.append(checked_extent([*_clear_boxes(plate), *map(_box, marks)], rules.extent_nm))
@@ -201,7 +201,7 @@ def dies_apart(plate: Plate, reach_nm: int) -> bool:
 
 
 def _written_marks(plate: Plate) -> list[Polygon]:
-    return [polygon for mark in plate.furniture if mark.layer.written for polygon in mark.polygons]
+    return [polygon for mark in plate.marks if mark.layer.written for polygon in mark.polygons]
 
 
 def _references(die: Die) -> int:
@@ -337,7 +337,7 @@ def smallest_of_plate(plate: Plate, of_die: Callable[[Die, Tone], Narrowest] = n
             min(of_die(die, tone).value_nm / NM_PER_UM for die in plate.dies) for tone in ("clear", "opaque")
         )
         found.append(Smallest("openings", False, clear, chrome))
-    marks = [mark for mark in plate.furniture if mark.layer.written]
+    marks = [mark for mark in plate.marks if mark.layer.written]
     for told, fine in (("marks and letters", False), ("test figures, fine on purpose", True)):
         kept = tuple(mark for mark in marks if (mark.kind in FINE_ON_PURPOSE) == fine)
         if kept:
@@ -345,9 +345,9 @@ def smallest_of_plate(plate: Plate, of_die: Callable[[Die, Tone], Narrowest] = n
     return tuple(found)
 
 
-def _least_um(plate: Plate, marks: tuple[Furniture, ...], rule: str) -> float:
+def _least_um(plate: Plate, marks: tuple[Mark, ...], rule: str) -> float:
     """Least width or space of marks, looked for ever further: near distances are found in far less time."""
-    alone, reach = replace(plate, dies=(), furniture=marks), _FIRST_NM
+    alone, reach = replace(plate, dies=(), marks=marks), _FIRST_NM
     while reach <= _LAST_NM:
         clear = rule == "width"
         rules = DesignRules(min_width_nm=reach if clear else None, min_space_nm=None if clear else reach, kissing=False)

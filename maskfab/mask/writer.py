@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError
-from maskfab.base.model import Furniture, Panel, Plate, Process, frozen
+from maskfab.base.model import Mark, Panel, Plate, Process, frozen
 from maskfab.base.units import NM_PER_UM
 from maskfab.mask.layout import simple_polygon
 from maskfab.mask.raster import coverage
@@ -76,7 +76,7 @@ def check_bias(plate: Plate, bias_nm: int, where: str = "process.cd_bias") -> No
                     where=f"{where}, die {die.name}",
                     cure=f"Use larger dots, a wider gutter or none, or {cure}",
                 )
-    marks = sum((_region(mark) for mark in plate.furniture if _sized(mark)), start=db.Region())
+    marks = sum((_region(mark) for mark in plate.marks if _sized(mark)), start=db.Region())
     lost = _moved(_moved(marks, -bias_nm), bias_nm) ^ marks
     if not lost.is_empty():
         what = f"{told} lose a mark or close a gap of one at {_place(lost)}"
@@ -107,17 +107,17 @@ def _moved(shapes: db.Region, by_nm: int) -> db.Region:
 def _kept(plate: Plate) -> db.Region:
     """Written marks that stay as they are drawn."""
     kept = db.Region()
-    for mark in plate.furniture:
+    for mark in plate.marks:
         if mark.layer.written and not _sized(mark):
             kept += _region(mark)
     return kept.merged(True, 1)
 
 
-def _sized(mark: Furniture) -> bool:
+def _sized(mark: Mark) -> bool:
     return mark.layer.written and mark.kind in SIZED and bool(_region(mark).non_rectilinear().is_empty())
 
 
-def _region(mark: Furniture) -> db.Region:
+def _region(mark: Mark) -> db.Region:
     return db.Region([db.Polygon(simple_polygon(each)) for each in mark.polygons])
 
 

@@ -266,7 +266,7 @@ def test_two_processes_find_what_one_finds_and_equal_dies_are_worked_on_once(tmp
     alone, pair = answers
     assert list(alone.displays) == list(pair.displays) == [die.name for die in plate.dies]
     assert any(found.wiring is not None and found.wiring.laid for found in alone.displays.values())
-    assert alone.plate.furniture == pair.plate.furniture
+    assert alone.plate.marks == pair.plate.marks
     for one_die, other in zip(alone.plate.dies, pair.plate.dies, strict=True):
         assert one_die.panel.emitters is not None
         assert other.panel.emitters is not None

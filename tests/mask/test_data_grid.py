@@ -56,7 +56,7 @@ def test_what_was_moved_is_counted(tmp_path):
     assert plain.snapped is None
     assert job.digest != load_job(write_job(tmp_path / "c", of_grid("5 nm"))).digest
     moved = snapped(plain, 10)
-    pairs = zip(plain.furniture, moved.furniture, strict=True)
+    pairs = zip(plain.marks, moved.marks, strict=True)
     marks = [(a.polygons, b.polygons) for a, b in pairs if a.layer.written]
     away = [
         np.hypot(*np.subtract(p, q)) for a, b in marks for one, two in zip(a, b, strict=True)
@@ -91,14 +91,12 @@ def test_a_grid_that_the_dies_do_not_keep_is_refused(tmp_path, grid, code, said)
 
 def test_a_cut_that_leaves_the_grid_is_refused(tmp_path):
     plate = snapped(load_job(write_job(tmp_path)).plate(), 5)
-    slanted = replace(
-        plate.furniture[0], name="S", polygons=(((0, 0), (35, 5), (40, 40), (20, 55), (5, 35)),), layer=CLEAR
-    )
-    drawn = replace(plate, furniture=(slanted,))
+    slanted = replace(plate.marks[0], name="S", polygons=(((0, 0), (35, 5), (40, 40), (20, 55), (5, 35)),), layer=CLEAR)
+    drawn = replace(plate, marks=(slanted,))
     assert draw(drawn).account.snapped.grid_nm == 5
     off = replace(slanted, polygons=(((0, 0), (36, 0), (40, 40)),))
     with pytest.raises(OutputError, match="MF413 S has a vertex at \\(36, 0\\) nm, off the data grid of 5 nm"):
-        draw(replace(plate, furniture=(off,)), PolygonOptions())
+        draw(replace(plate, marks=(off,)), PolygonOptions())
 
 
 def test_a_house_has_the_grid_that_the_job_states(tmp_path):

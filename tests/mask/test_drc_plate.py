@@ -9,7 +9,7 @@ import pytest
 from klayout import db
 
 from maskfab.base.errors import JobError, SourceError
-from maskfab.base.model import CLEAR, Die, Furniture
+from maskfab.base.model import CLEAR, Die, Mark
 from maskfab.mask.layout import plate_layout
 from maskfab.mask.plate_rules import check_layout, check_plate
 from maskfab.mask.rule import DesignRules
@@ -85,13 +85,13 @@ def test_places_lie_in_their_die(small_plate):
 def test_a_mark_that_comes_too_close_is_checked_together_with_the_die(small_plate):
     x0, y0, _, _ = small_plate.dies[1].box_nm
     rules = DesignRules(min_space_nm=5000, min_area_nm2=10**6)
-    beside = Furniture("NEAR", "cd", CLEAR, (box(x0 - 20_000, y0, x0 - 1000, y0 + 60_000),))
-    plate = replace(small_plate, dies=small_plate.dies[1:2], furniture=(beside,))
+    beside = Mark("NEAR", "cd", CLEAR, (box(x0 - 20_000, y0, x0 - 1000, y0 + 60_000),))
+    plate = replace(small_plate, dies=small_plate.dies[1:2], marks=(beside,))
     space = by_rule(check_plate(plate, rules))["space"]
     assert space.die is None
     assert space.value in {0, 1000}
     assert space.count == by_rule(check_layout(plate_layout(plate), rules))["space"].count
-    alone = by_rule(check_plate(replace(plate, furniture=()), rules)[:1])["space"]
+    alone = by_rule(check_plate(replace(plate, marks=()), rules)[:1])["space"]
     assert space.count > alone.count
 
 
@@ -100,7 +100,7 @@ def test_every_cell_is_looked_at_where_it_lies_on_the_grid(small_plate):
     rules = DesignRules(grid_nm=7)
     for centre in ((1, 1), (5, 4)):
         moved = Die(die.name, die.label, die.panel, centre, die.slot_nm)
-        plate = replace(small_plate, dies=(moved,), furniture=())
+        plate = replace(small_plate, dies=(moved,), marks=())
         grid, flat = check_plate(plate, rules, most=EVERY)[0], check_layout(plate_layout(plate), rules, most=EVERY)[0]
         assert (grid.count, grid.value, grid.places) == (flat.count, flat.value, flat.places)
 

@@ -60,7 +60,7 @@ def turns_into_itself(region: db.Region) -> list[bool]:
 
 def measured(drawn: DrawnMarks) -> list[tuple[int, int]]:
     """Target and clear length of every gauge, on a plate with nothing but these marks."""
-    layout = plate_layout(Plate("MARKS", "", 10**8, 10**8, (), drawn.furniture, drawn.gauges, ()))
+    layout = plate_layout(Plate("MARKS", "", 10**8, 10**8, (), drawn.marks, drawn.gauges, ()))
     return [(gauge.target_nm, clear_length_nm(layout, gauge)) for gauge in drawn.gauges]
 
 
@@ -89,7 +89,7 @@ def test_the_parity_mark_is_no_other_after_any_turn_or_mirror():
 @pytest.mark.parametrize("feature", FEATURES)
 def test_bars_are_multiples_of_the_smallest_feature_both_ways(feature):
     drawn = cd_bars("CD", AT, feature, (1, 2, 5), 500_000)
-    assert [region_of(bar).area() for bar in drawn.furniture] == [
+    assert [region_of(bar).area() for bar in drawn.marks] == [
         multiple * feature * 500_000 for multiple in (1, 2, 5) for _ in "xy"
     ]
     assert all(target == read for target, read in measured(drawn))
@@ -101,7 +101,7 @@ def test_lines_are_as_wide_as_the_spaces_between_them(feature):
     multiples, lines = (1, 1.5, 2, 5), 5
     drawn = line_space("LS", AT, feature, multiples, lines, 200_000)
     widths = [round(feature * multiple) for multiple in multiples for _ in "VH"]
-    for group, width in zip(drawn.furniture, widths, strict=True):
+    for group, width in zip(drawn.marks, widths, strict=True):
         length = max(9 * width, 200_000)
         region = region_of(group)
         assert region.count() == lines
@@ -113,7 +113,7 @@ def test_lines_are_as_wide_as_the_spaces_between_them(feature):
         assert {round(each.bbox().width() * each.bbox().height() / length) for each in spaces.each()} == {width}
     assert [target for target, _ in measured(drawn)] == widths
     assert all(target == read for target, read in measured(drawn))
-    assert [group.name for group in drawn.furniture][2:4] == ["LS_V_1_5X", "LS_H_1_5X"]
+    assert [group.name for group in drawn.marks][2:4] == ["LS_V_1_5X", "LS_H_1_5X"]
 
 
 @pytest.mark.parametrize("lines", [2, 3, 6])
@@ -123,7 +123,7 @@ def test_the_gauge_of_a_group_crosses_one_line_whatever_their_number(lines):
 
 
 def test_upright_and_lying_groups_differ_by_a_quarter_turn():
-    upright, lying = line_space("LS", (0, 0), 4_000, (5,), 5, 10_000).furniture
+    upright, lying = line_space("LS", (0, 0), 4_000, (5,), 5, 10_000).marks
     turned = about_its_middle(region_of(upright)).transformed(db.Trans.R90)
     assert (about_its_middle(turned) ^ about_its_middle(region_of(lying))).is_empty()
 
@@ -154,7 +154,7 @@ def test_spokes_start_one_feature_wide_and_as_far_apart():
 @pytest.mark.parametrize("feature", FEATURES)
 def test_half_of_a_checkerboard_is_clear_and_its_squares_touch_in_corners_alone(feature):
     drawn = checkerboards("DOSE", AT, feature, (1, 2), 10)
-    for board, side in zip(drawn.furniture, (feature, 2 * feature), strict=True):
+    for board, side in zip(drawn.marks, (feature, 2 * feature), strict=True):
         region = region_of(board)
         assert (region.count(), region.area()) == (50, 50 * side**2)
         assert shapes_of(board.polygons).merged(False, 1).area() == region.area()
@@ -166,17 +166,17 @@ def test_half_of_a_checkerboard_is_clear_and_its_squares_touch_in_corners_alone(
 @pytest.mark.parametrize("feature", FEATURES)
 def test_a_corner_letter_has_eleven_squares_and_six_corners(feature):
     drawn = corner_letters("L", AT, feature, (1, 2, 5))
-    for letter, multiple in zip(drawn.furniture, (1, 2, 5), strict=True):
+    for letter, multiple in zip(drawn.marks, (1, 2, 5), strict=True):
         assert region_of(letter).area() == 11 * (multiple * feature) ** 2
         assert len(letter.polygons[0]) == 6
-    assert len({bounding_box(letter.polygons)[1] for letter in drawn.furniture}) == 1
+    assert len({bounding_box(letter.polygons)[1] for letter in drawn.marks}) == 1
     assert all(target == read for target, read in measured(drawn))
 
 
 @pytest.mark.parametrize("draw", [line_space, checkerboards, corner_letters])
 def test_figures_of_twice_the_feature_have_four_times_the_area(draw):
     more = {line_space: (4, 1), checkerboards: (8,), corner_letters: ()}[draw]
-    small, large = (draw("X", AT, feature, (1, 2, 5), *more).furniture for feature in (4_000, 8_000))
+    small, large = (draw("X", AT, feature, (1, 2, 5), *more).marks for feature in (4_000, 8_000))
     assert [4 * region_of(one).area() for one in small] == [region_of(other).area() for other in large]
 
 

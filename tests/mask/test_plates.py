@@ -54,7 +54,7 @@ def written(plate, tmp_path_factory):
 
 
 def mark(plate: Plate, name: str):
-    return next(each for each in plate.furniture if each.name == name)
+    return next(each for each in plate.marks if each.name == name)
 
 
 @pytest.mark.parametrize("name", template_names())
@@ -73,7 +73,7 @@ def test_every_template_takes_two_dies_and_comes_back_the_same(name, tmp_path):
 
 def test_a_board_whose_corners_touch_does_not_count_among_those_of_dies(plate, written):
     touches = [die.corner_touches for die in roundtrip(plate, plate_layout(plate), written).dies]
-    without = replace(plate, furniture=(), gauges=())
+    without = replace(plate, marks=(), gauges=())
     bare = written.with_name("bare.gds")
     write_gdsii(plate_layout(without), bare)
     assert touches == [die.corner_touches for die in roundtrip(without, plate_layout(without), bare).dies]
@@ -83,7 +83,7 @@ def test_nothing_that_is_written_overlaps_or_leaves_the_writable_area(plate):
     whole = region(plate_layout(plate), CLEAR)
     half = plate.writable_nm // 2
     assert (whole - db.Region(db.Box(-half, -half, half, half))).is_empty()
-    boxes = db.Region([db.Box(*bounding_box(each.polygons)) for each in plate.furniture if each.layer is CLEAR])
+    boxes = db.Region([db.Box(*bounding_box(each.polygons)) for each in plate.marks if each.layer is CLEAR])
     boxes += db.Region([db.Box(*die.box_nm) for die in plate.dies])
     assert boxes.merged(False, 2).is_empty()
 
@@ -123,9 +123,7 @@ def read_modules(plate: Plate, path) -> np.ndarray:
 def test_a_mirrored_plate_is_told_by_its_parity_mark(plate, tmp_path):
     """Alone among the marks in the corners and edges, it differs from itself; fiducials and crosses do not."""
     lone = replace(plate, dies=(), gauges=(), notes=())
-    lone = replace(
-        lone, furniture=tuple(each for each in plate.furniture if each.kind in {"fiducial", "alignment", "parity"})
-    )
+    lone = replace(lone, marks=tuple(each for each in plate.marks if each.kind in {"fiducial", "alignment", "parity"}))
     mirrored = plate_layout(lone)
     mirrored.transform(db.Trans.M90)
     write_gdsii(mirrored, tmp_path / "mirrored.gds")
@@ -138,7 +136,7 @@ def test_a_job_may_say_again_what_its_template_says(job, tmp_path):
     again = load_job(write_job(tmp_path, (SIDES, 'template = "5in"\nblank = "127 mm"\nwritable = "100000 um"\n')))
     stated, bare = again.plate(), job.plate()
     assert (stated.blank_nm, stated.writable_nm) == (bare.blank_nm, bare.writable_nm)
-    assert [each.name for each in stated.furniture] == [each.name for each in bare.furniture]
+    assert [each.name for each in stated.marks] == [each.name for each in bare.marks]
 
 
 REFUSED = {
@@ -207,8 +205,8 @@ def test_marks_keep_to_their_rooms_for_every_feature(plate, name, feature_nm):
         setting_of(plate), feature_nm=feature_nm, blank_nm=template.blank_nm, writable_nm=template.writable_nm
     )
     drawn = templated(template, setting, where="")
-    check_clearances(plate.dies, drawn.furniture, template.writable_nm, where="")
-    assert len({figure.name for figure in drawn.furniture}) == len(drawn.furniture)
+    check_clearances(plate.dies, drawn.marks, template.writable_nm, where="")
+    assert len({figure.name for figure in drawn.marks}) == len(drawn.marks)
 
 
 def setting_of(plate: Plate) -> Setting:
@@ -232,7 +230,7 @@ def test_templates_state_where_their_numbers_come_from():
 
 def test_a_plate_without_a_template_has_the_marks_that_it_always_had(tmp_path):
     plate = load_job(write_job(tmp_path)).plate()
-    assert [each.name for each in plate.furniture] == [
+    assert [each.name for each in plate.marks] == [
         "TITLE", "LABEL_PLAIN", "LABEL_TURNED", "FIDUCIAL_SW", "FIDUCIAL_SE", "FIDUCIAL_NW", "FIDUCIAL_NE", "PARITY",
         "CD_X_1X", "CD_Y_1X", "CD_X_2X", "CD_Y_2X", "CD_X_5X", "CD_Y_5X", "OUTLINE_BLANK", "OUTLINE_WRITABLE",
         "OUTLINE_SLOT_PLAIN", "OUTLINE_SLOT_TURNED",

@@ -14,7 +14,7 @@ from maskfab.base.model import (
     Camera,
     Die,
     DieOptics,
-    Furniture,
+    Mark,
     Mtf,
     Opening,
     Panel,
@@ -48,12 +48,12 @@ def run() -> Run:
     camera = Camera(10_000.0, Stop("circle", 4000.0), (610.0, 530.0), 2.0, 64.0)
     optics = (_die("PLAIN", "Plain", Tiling.PERIODIC, camera), _die("TURNED", MARKUP, Tiling.RANDOM, camera))
     square = ((0, 0), (1_000_000, 0), (1_000_000, 1_000_000), (0, 1_000_000))
-    furniture = (
-        Furniture("FID_0", "fiducial", CLEAR, (square,)),
-        Furniture("BLANK", "outline", OUTLINE, (square,)),
+    marks = (
+        Mark("FID_0", "fiducial", CLEAR, (square,)),
+        Mark("BLANK", "outline", OUTLINE, (square,)),
     )
     dies = tuple(item.die for item in optics)
-    plate = Plate("P", f"Plate {MARKUP} $", 127_000_000, 117_000_000, dies, furniture, (), ())
+    plate = Plate("P", f"Plate {MARKUP} $", 127_000_000, 117_000_000, dies, marks, (), ())
     gauge = Quantity("cd_1_x", 8.0, "probe on the file", 0.0005, 8.0, True)
     own = [quantity for item in optics for quantity in item.quantities]
     report = Report(

@@ -181,7 +181,7 @@ def _windows(plate: Plate, design: db.Layout) -> Iterator[_Window]:
         boxes.append(db.Box(x - reach // 2, y - reach // 2, x + reach // 2, y + reach // 2))
     marks = [
         db.Polygon([db.Point(*point) for point in polygon]).bbox()
-        for mark in plate.furniture
+        for mark in plate.marks
         if mark.layer is CLEAR
         for polygon in mark.polygons
     ]

@@ -159,7 +159,7 @@ class Difference:
     """Where a file departs from the plate.
 
     Attributes:
-        owner: the die or piece of furniture that it belongs to or lies nearest to.
+        owner: the die or mark that it belongs to or lies nearest to.
         layer: where it is drawn.
         area_um2: area that only one of the two covers.
         first_nm: lower left corner of the first such polygon, lowest first, then leftmost.
@@ -216,7 +216,7 @@ class RoundTrip:
         polygons: polygons on written layers, all references counted.
         drawn_polygons: the same for the design.
         rounding_nm: largest distance by which a coordinate of the file was off the nanometre grid.
-        differences: one for each die or piece of furniture and layer that differs; empty if all is well.
+        differences: one for each die or mark and layer that differs; empty if all is well.
         dies: in plate order.
         cds: in the order of the plate's gauges.
         differing: all that only one of file and plate makes clear, merged.
@@ -486,7 +486,7 @@ def _named(plate: Plate, layer: Layer, differing: db.Region) -> Iterator[Differe
     if differing.is_empty():
         return
     boxes: dict[str, list[Box]] = {die.name: [die.box_nm] for die in plate.dies}
-    for mark in plate.furniture:
+    for mark in plate.marks:
         if mark.layer == layer and mark.polygons:
             boxes[mark.name] = [_bounds(polygon) for polygon in mark.polygons]
     owners = [name for name, parts in boxes.items() for _ in parts]

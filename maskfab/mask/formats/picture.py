@@ -31,7 +31,7 @@ from scipy import sparse
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError, OutputError, SourceError
 from maskfab.base.files import partial
-from maskfab.base.model import CLEAR, Box, Die, Furniture, Plate, Quantity
+from maskfab.base.model import CLEAR, Box, Die, Mark, Plate, Quantity
 from maskfab.base.pictures import is_whole
 from maskfab.base.units import NM_PER_UM, UM_PER_INCH, UM_PER_UNIT
 from maskfab.job.values import MOST_DOTS_PER_UM
@@ -425,8 +425,8 @@ def _borders(start_nm: int, pixels: int, dots_per_um: float) -> Floats:
     return np.asarray(start_nm + np.arange(pixels + 1) * (NM_PER_UM / dots_per_um), dtype=np.float64)
 
 
-def _written(plate: Plate) -> Iterator[Furniture]:
-    return (mark for mark in plate.furniture if mark.layer.written)
+def _written(plate: Plate) -> Iterator[Mark]:
+    return (mark for mark in plate.marks if mark.layer.written)
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,7 +58,7 @@ def largest_tiff_bytes(plate: Plate, dpi: int) -> int:
     """Bytes that the TIFF of a plate cannot exceed: blank dots by their runs, those of dies and marks one by one."""
     side = DotGrid.of(plate, dpi).side
     boxes = [die.box_nm for die in plate.dies]
-    for mark in plate.furniture:
+    for mark in plate.marks:
         for polygon in mark.polygons if mark.layer.written else ():
             x, y = zip(*polygon, strict=True)
             boxes.append((min(x), min(y), max(x), max(y)))

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from klayout import db
 
-from maskfab.base.model import CLEAR, Box, Die, Furniture, Plate, Point, Polygon
+from maskfab.base.model import CLEAR, Box, Die, Mark, Plate, Point, Polygon
 from maskfab.base.units import NM_PER_MM, NM_PER_UM, to_nm
 from maskfab.job.order import Tone
 from maskfab.job.sections import DRAWING_KEYS, ExportSection, JobSpec
@@ -31,7 +31,7 @@ _BAR_NM = 4_000
 _MOST_TIMES = 8
 
 
-def stencilled(mark: Furniture, holes: Holes, narrowest_nm: int = 0) -> Furniture:
+def stencilled(mark: Mark, holes: Holes, narrowest_nm: int = 0) -> Mark:
     """The mark with chrome bars across whatever would have to be cut.
 
     Every hole is opened by a bar, and every place where an outline touches itself. Holes that have a layer of their own
@@ -172,7 +172,7 @@ def cut_cells(figures: Figures) -> tuple[str, ...]:
 def _by_owner(figures: Figures, edges: db.Edges) -> Iterator[Shared]:
     """Edges of figures that are merged across cells, by the die or else the mark that they lie in."""
     boxes: dict[str, Box] = {f"die {die.name}": die.box_nm for die in figures.plate.dies}
-    for mark in figures.plate.furniture:
+    for mark in figures.plate.marks:
         if mark.layer.written and mark.polygons:
             boxes[f"mark {mark.name}"] = bounding_box(mark.polygons)
     for owner, box in boxes.items():
@@ -233,8 +233,8 @@ def fitted(plate: Plate, shop: Shop, tone: Tone = "clear") -> Plate:
     expose them. Clear marks of dark data are holes themselves, so that none of theirs can have a layer of its own.
     """
     dies = tuple(replace(die, panel=replace(die.panel, emitters=None, tracks=())) for die in plate.dies)
-    marks = tuple(mark for mark in plate.furniture if mark.layer.written)
-    bare = replace(plate, dies=dies, furniture=(*marks, *_corner_squares(shop)), notes=())
+    marks = tuple(mark for mark in plate.marks if mark.layer.written)
+    bare = replace(plate, dies=dies, marks=(*marks, *_corner_squares(shop)), notes=())
     return suited(bare, shop, "bisect" if tone == "dark" else shop.polygons.holes)
 
 
@@ -244,11 +244,11 @@ def suited(plate: Plate, shop: Shop, holes: Holes) -> Plate:
     Where no two figures may share a piece of edge, marks are stencils; where the shop's grid is coarser than 1 nm and
     the dies lie on it, so do the marks.
     """
-    marks = list(plate.furniture)
+    marks = list(plate.marks)
     if shop.polygons.shared_boundaries is False:
         narrowest = round((shop.limits.min_space_um or shop.limits.min_feature_um or 0) * NM_PER_UM)
         marks = [stencilled(mark, holes, narrowest) if mark.layer.written else mark for mark in marks]
-    grid, drawn = kept_grid_nm(plate, shop), replace(plate, furniture=tuple(marks))
+    grid, drawn = kept_grid_nm(plate, shop), replace(plate, marks=tuple(marks))
     return snapped(drawn, grid) if grid > 1 else drawn
 
 
@@ -325,7 +325,7 @@ def extent_nm(shop: Shop) -> tuple[int, int] | None:
 def written_box(plate: Plate) -> Box:
     """Bounding box of everything written: marks and whole panels, in plate nanometres; all 0 for an empty plate."""
     boxes = [die.box_nm for die in plate.dies]
-    for mark in plate.furniture:
+    for mark in plate.marks:
         if mark.layer.written:
             boxes += [bounding_box([polygon]) for polygon in mark.polygons]
     if not boxes:
@@ -404,7 +404,7 @@ def _lettered(formats: Sequence[FileFormat]) -> tuple[FileFormat, ...]:
 
 
 def _file_references(plate: Plate, *, paired: bool) -> int:
-    return sum(_references(die, paired=paired) + 1 for die in plate.dies) + len(plate.furniture)
+    return sum(_references(die, paired=paired) + 1 for die in plate.dies) + len(plate.marks)
 
 
 def _references(die: Die, *, paired: bool) -> int:
@@ -415,14 +415,14 @@ def _references(die: Die, *, paired: bool) -> int:
     return int(rows * (columns // 2 + columns % 2) if paired else rows * columns)
 
 
-def _corner_squares(shop: Shop) -> tuple[Furniture, ...]:
+def _corner_squares(shop: Shop) -> tuple[Mark, ...]:
     extent, side_um = extent_nm(shop), shop.plate.corner_square_um
     if extent is None or side_um is None:
         return ()
     side, (x, y) = round(side_um * NM_PER_UM), (extent[0] // 2, extent[1] // 2)
     corners = {"SW": (-x, -y), "SE": (x - side, -y), "NW": (-x, y - side), "NE": (x - side, y - side)}
     return tuple(
-        Furniture(
+        Mark(
             f"CORNER_{name}", "outline", CLEAR, (((x0, y0), (x0, y0 + side), (x0 + side, y0 + side), (x0 + side, y0)),)
         )
         for name, (x0, y0) in corners.items()

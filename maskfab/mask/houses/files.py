@@ -19,7 +19,7 @@ from klayout import db
 from maskfab.base import __version__
 from maskfab.base.arrays import Floats, Ints
 from maskfab.base.errors import JobError
-from maskfab.base.model import Die, Furniture, Plate, Quantity
+from maskfab.base.model import Die, Mark, Plate, Quantity
 from maskfab.base.units import MOST_DPI, NM_PER_UM, UM_PER_INCH
 from maskfab.job.sections import ExportSection, JobSpec
 from maskfab.job.shop import Format, Shop
@@ -160,7 +160,7 @@ def dot_edges(
     if dpi is None or not set(PLATE_BITMAPS) & set(formats):
         return None
     grid = DotGrid.of(plate, dpi)
-    marks = [mark for mark in plate.furniture if mark.layer.written]
+    marks = [mark for mark in plate.marks if mark.layer.written]
     edges = [
         *(_of_die(die) for die in plate.dies),
         _of_marks([mark for mark in marks if mark.kind == "cd"], "CD structures", judged=True),
@@ -246,7 +246,7 @@ def _of_die(die: Die) -> _Edges:
     return _Edges(f"die {die.name}", die.name, True, np.rint(places[used]).astype(np.int64), lengths[used])
 
 
-def _of_marks(marks: Sequence[Furniture], of: str, *, judged: bool) -> _Edges:
+def _of_marks(marks: Sequence[Mark], of: str, *, judged: bool) -> _Edges:
     drawn = db.Region([db.Polygon(simple_polygon(polygon)) for mark in marks for polygon in mark.polygons])
     edges = [each for each in drawn.merged(True, 1).edges().each() if each.x1 == each.x2 or each.y1 == each.y2]
     places = np.array([each.x1 if each.x1 == each.x2 else each.y1 for each in edges], dtype=np.int64)

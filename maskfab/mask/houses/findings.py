@@ -14,7 +14,7 @@ from typing import Literal, TypeAlias
 from klayout import db
 
 from maskfab.base.errors import OutputError
-from maskfab.base.model import CLEAR, NOTE, Box, Die, Furniture, Layer, Plate, Quantity, Snapping
+from maskfab.base.model import CLEAR, NOTE, Box, Die, Layer, Mark, Plate, Quantity, Snapping
 from maskfab.base.units import NM_PER_MM, NM_PER_UM, UM_PER_INCH, UM_PER_MM
 from maskfab.job.order import Tone as DataTone
 from maskfab.job.shop import FORMATS, Format, Shop
@@ -104,16 +104,16 @@ class PlateFacts:
 
     narrow: dict[tuple[str, Tone, bool], Narrowest] = field(default_factory=dict)
     kissing: dict[str, list[RuleResult]] = field(default_factory=dict)
-    kissing_marks: dict[tuple[Furniture, ...], tuple[RuleResult, ...]] = field(default_factory=dict)
-    figures: dict[tuple[tuple[Furniture, ...], Snapping | None, PolygonOptions], Figures] = field(default_factory=dict)
-    designs: dict[tuple[tuple[Furniture, ...], Snapping | None], db.Layout] = field(default_factory=dict)
-    smallest: dict[tuple[Furniture, ...], tuple[Smallest, ...]] = field(default_factory=dict)
+    kissing_marks: dict[tuple[Mark, ...], tuple[RuleResult, ...]] = field(default_factory=dict)
+    figures: dict[tuple[tuple[Mark, ...], Snapping | None, PolygonOptions], Figures] = field(default_factory=dict)
+    designs: dict[tuple[tuple[Mark, ...], Snapping | None], db.Layout] = field(default_factory=dict)
+    smallest: dict[tuple[Mark, ...], tuple[Smallest, ...]] = field(default_factory=dict)
 
     def smallest_of(self, plate: Plate) -> tuple[Smallest, ...]:
         """As :func:`maskfab.mask.plate_rules.smallest_of_plate`."""
-        if plate.furniture not in self.smallest:
-            self.smallest[plate.furniture] = smallest_of_plate(plate, self.narrowest)
-        return self.smallest[plate.furniture]
+        if plate.marks not in self.smallest:
+            self.smallest[plate.marks] = smallest_of_plate(plate, self.narrowest)
+        return self.smallest[plate.marks]
 
     def narrowest(self, die: Die, tone: Tone, *, placed: bool = False) -> Narrowest:
         """As :func:`maskfab.mask.panel_rules.narrowest`."""
@@ -124,14 +124,14 @@ class PlateFacts:
 
     def design(self, plate: Plate) -> db.Layout:
         """As :func:`maskfab.mask.layout.plate_layout`."""
-        key = plate.furniture, plate.snapped
+        key = plate.marks, plate.snapped
         if key not in self.designs:
             self.designs[key] = plate_layout(plate)
         return self.designs[key]
 
     def drawn(self, plate: Plate, options: PolygonOptions) -> Figures:
         """As :func:`maskfab.mask.figures.draw`."""
-        key = plate.furniture, plate.snapped, options
+        key = plate.marks, plate.snapped, options
         if key not in self.figures:
             self.figures[key] = draw(plate, options)
         return self.figures[key]
@@ -143,12 +143,12 @@ class PlateFacts:
             return list(check_plate(plate, rules))
         for die in plate.dies:
             if die.name not in self.kissing:
-                alone = check_plate(replace(plate, dies=(die,), furniture=()), rules)
+                alone = check_plate(replace(plate, dies=(die,), marks=()), rules)
                 self.kissing[die.name] = [each for each in alone if each.die is not None]
-        if plate.furniture not in self.kissing_marks:
-            self.kissing_marks[plate.furniture] = check_plate(replace(plate, dies=()), rules)
+        if plate.marks not in self.kissing_marks:
+            self.kissing_marks[plate.marks] = check_plate(replace(plate, dies=()), rules)
         on_dies = (each for die in plate.dies for each in self.kissing[die.name])
-        return [*on_dies, *self.kissing_marks[plate.furniture]]
+        return [*on_dies, *self.kissing_marks[plate.marks]]
 
 
 Taken: TypeAlias = Literal["takes it", "ask first", "does not"]
@@ -337,8 +337,8 @@ def _of_texts(shop: Shop, plate: Plate, sent: Sequence[Format], *, noted: bool) 
 
 def _reach(plate: Plate) -> Box:
     """The box of everything on a plate, layers for orientation included."""
-    visible = tuple(replace(mark, layer=CLEAR) for mark in plate.furniture)
-    return written_box(replace(plate, furniture=visible))
+    visible = tuple(replace(mark, layer=CLEAR) for mark in plate.marks)
+    return written_box(replace(plate, marks=visible))
 
 
 def _of_plate(plate: Plate, shop: Shop, spanned: Box | None = None) -> Iterator[Finding]:
@@ -458,7 +458,7 @@ def _biased_clear(figures: Figures) -> db.Region:
 
 def _fine(plate: Plate) -> db.Region:
     """Marks that are fine on purpose."""
-    marks = (mark for mark in plate.furniture if mark.kind in FINE_ON_PURPOSE and mark.layer.written)
+    marks = (mark for mark in plate.marks if mark.kind in FINE_ON_PURPOSE and mark.layer.written)
     return db.Region([db.Polygon(simple_polygon(each)) for mark in marks for each in mark.polygons])
 
 
@@ -474,8 +474,8 @@ def _worst(plate: Plate, rules: DesignRules, tone: Tone, facts: PlateFacts | Non
 
     Corners that kiss are a rule of their own. Test figures and codes are fine on purpose.
     """
-    marks = tuple(mark for mark in plate.furniture if mark.kind not in FINE_ON_PURPOSE)
-    coarse = replace(plate, furniture=marks)
+    marks = tuple(mark for mark in plate.marks if mark.kind not in FINE_ON_PURPOSE)
+    coarse = replace(plate, marks=marks)
     if dies_apart(coarse, rules.reach_nm):
         found = [each for die in plate.dies for each in _of_die(die, plate, rules, tone, facts)]
         found += _too_narrow(check_plate(replace(coarse, dies=()), rules))
@@ -494,7 +494,7 @@ def _of_die(
     if known.narrowest(die, tone).value_nm >= least:
         return
     if facts is None and 2 * least < die.panel.pitch_nm:
-        yield from _too_narrow(check_plate(replace(plate, dies=(die,), furniture=()), rules))
+        yield from _too_narrow(check_plate(replace(plate, dies=(die,), marks=()), rules))
         return
     # Where every cell meets its neighbours' neighbours, counting all places takes minutes.
     worst = known.narrowest(die, tone, placed=True)
@@ -530,7 +530,7 @@ def _grid(plate: Plate, shop: Shop, grids_nm: Sequence[int]) -> Finding:
     if kept in grids_nm and (kept == 1 or not _off_grid(plate, kept)):
         return Finding("grid", True, kept, offered, "nm")
     least = min(grids_nm)
-    bad = [*_off_grid(replace(plate, furniture=()), least), *_off_grid(plate, least)]
+    bad = [*_off_grid(replace(plate, marks=()), least), *_off_grid(plate, least)]
     marks = bool(bad) and bad[0].die is None
     cure = f"Use dots, gutters and die centres that are multiples of {least} nm"
     if marks:

@@ -24,7 +24,7 @@ from klayout import db
 from maskfab.base import __version__, provenance
 from maskfab.base.errors import InputError, JobError, OutputError, SourceError
 from maskfab.base.folders import JOB_COPY, RESULT_MARK, check_file, write_bytes, write_text
-from maskfab.base.model import Box, Furniture, Plate, Quantity, Snapping, WrittenFile
+from maskfab.base.model import Box, Mark, Plate, Quantity, Snapping, WrittenFile
 from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import Progress, silent
 from maskfab.job import read as read_spec
@@ -579,14 +579,14 @@ class _Files:
     spec: JobSpec
     facts: PlateFacts
     folder: Path
-    known: dict[tuple[tuple[Furniture, ...], Snapping | None, PolygonOptions, Format, str], _Read] = field(
+    known: dict[tuple[tuple[Mark, ...], Snapping | None, PolygonOptions, Format, str], _Read] = field(
         default_factory=dict
     )
 
     def read(self, drawn: Plate, shop: Shop, options: PolygonOptions, sent: Format) -> _Read:
         # Of all formats only these are written in a house's own style.
         style = repr(drawing_style(drawn, shop)) if sent.startswith("dxf") or shop.names.layers else ""
-        key = drawn.furniture, drawn.snapped, options, sent, style
+        key = drawn.marks, drawn.snapped, options, sent, style
         if key not in self.known:
             self.known[key] = self._read(drawn, shop, sent)
         return self.known[key]

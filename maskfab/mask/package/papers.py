@@ -102,7 +102,7 @@ def _draw_plate(axes: Axes, plate: Plate) -> None:
         x0, y0, x1, y1 = (edge / NM_PER_MM for edge in die.box_nm)
         axes.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor=_CLEAR, edgecolor=_INK, linewidth=0.5))
         axes.text((x0 + x1) / 2, (y0 + y1) / 2, str(number), ha="center", va="center", fontsize=11)
-    marks = [polygon for mark in plate.furniture if mark.layer.written for polygon in mark.polygons]
+    marks = [polygon for mark in plate.marks if mark.layer.written for polygon in mark.polygons]
     if marks:
         # Limits are stated below; to find them of letters takes longer than to draw those.
         axes.add_artist(PathPatch(_path_mm(marks), facecolor=_CLEAR, edgecolor=_INK, linewidth=0.15))

@@ -413,12 +413,12 @@ def _draw_plate(axes: Axes, plate: Plate, failed: frozenset[str]) -> None:
         if die.name in failed or len(plate.dies) <= _NAMED:
             _write_name(axes, die, die.name in failed, 2 * half)
     labels = {f"LABEL_{die.name}" for die in plate.dies} if len(plate.dies) > _NAMED else frozenset()
-    marks = [item for item in plate.furniture if item.kind != "wires" and item.name not in labels]
+    marks = [item for item in plate.marks if item.kind != "wires" and item.name not in labels]
     for written, edge in ((True, "none"), (False, "#6b737e")):
         polygons = [p for item in marks if item.layer.written is written for p in item.polygons]
         fill = _CLEAR if written else "none"
         axes.add_artist(PathPatch(_path_mm(polygons), facecolor=fill, edgecolor=edge, linewidth=0.4))
-    for item in plate.furniture:
+    for item in plate.marks:
         if item.kind == "fiducial":
             _write_fiducial(axes, item.polygons, 0.04 * half)
     _dimension(axes, (-half, -half), (half, -half), -0.055 * half, f"blank {2 * half:.6g} mm")

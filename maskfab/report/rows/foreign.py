@@ -285,7 +285,7 @@ def only_die(plate: Plate, name: str) -> Plate:
             where="--die",
             cure=f"Use one of {', '.join(die.name for die in plate.dies)}",
         )
-    return replace(plate, dies=dies, furniture=(), gauges=(), notes=())
+    return replace(plate, dies=dies, marks=(), gauges=(), notes=())
 
 
 def check_foreign(
@@ -426,7 +426,7 @@ def _own_cds(plate: Plate, design: db.Layout, read: db.Layout, alignment: Alignm
 def _laid(plate: Plate, read: db.Layout, alignment: Alignment) -> db.Layout:
     """The file as it would be if it lay as the design does; within the slot if the plate is one die alone."""
     identity = alignment.turn == 0 and alignment.scale == 1 and alignment.shift_nm == (0, 0)
-    alone = not plate.furniture and len(plate.dies) == 1
+    alone = not plate.marks and len(plate.dies) == 1
     if not identity:
         old, top = read.top_cell().cell_index(), read.create_cell("ALIGNED")
         straight = alignment.scale == 1

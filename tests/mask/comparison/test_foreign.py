@@ -14,7 +14,7 @@ from small_job import command, edited, write_job
 
 import maskfab as mf
 from maskfab.base.errors import JobError, SourceError
-from maskfab.base.model import CLEAR, UNSTATED, Furniture, MaskBlank
+from maskfab.base.model import CLEAR, UNSTATED, Mark, MaskBlank
 from maskfab.mask.comparison.alignment import StatedLayers, clear_only
 from maskfab.mask.formats.dxf import DrawingStyle, write_dxf
 from maskfab.mask.formats.gdsii import write_gdsii
@@ -390,7 +390,7 @@ def in_trapezoids(shift):
 def test_a_fracture_into_trapezoids_differs_by_slivers_alone(job, plate, gds, tmp_path):
     """Corners that it makes on slanted edges are rounded. Arms as a whole off by 2 nm are a fault all the same."""
     arms = tuple(tuple((point.x, point.y) for point in arm.each_point_hull()) for arm in ARMS)
-    marked = replace(plate, furniture=(*plate.furniture, Furniture("ARMS", "resolution", CLEAR, arms)))
+    marked = replace(plate, marks=(*plate.marks, Mark("ARMS", "resolution", CLEAR, arms)))
     right, off = (edited(gds, tmp_path / f"{shift}.gds", in_trapezoids(shift)) for shift in (0, 2))
     strict = check(job, marked, right)
     assert "xor_area" in failed(strict)
@@ -500,7 +500,7 @@ def test_the_function_tells_layer_and_tone_as_the_command_does(two_layers, tmp_p
 
 def test_who_holds_one_die_against_a_plate_is_told_how(job, plate, tmp_path):
     path = tmp_path / "die.gds"
-    write_gdsii(plate_layout(replace(plate, dies=plate.dies[1:], furniture=(), gauges=(), notes=())), path)
+    write_gdsii(plate_layout(replace(plate, dies=plate.dies[1:], marks=(), gauges=(), notes=())), path)
     rows = {row.name: row for row in check_foreign(plate, job.camera, job.spec.limits, path).quantities}
     assert rows["lies"].passed is False
     assert "--die" in rows["lies"].method

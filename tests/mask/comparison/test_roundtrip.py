@@ -8,7 +8,7 @@ import pytest
 from klayout import db
 
 from maskfab.base.errors import SourceError
-from maskfab.base.model import CLEAR, WIRES, Furniture, Gauge
+from maskfab.base.model import CLEAR, WIRES, Gauge, Mark
 from maskfab.mask.comparison.roundtrip import clear_length_nm, compare_layout, roundtrip
 from maskfab.mask.dots import corner_touches, die_edges_nm, die_raster
 from maskfab.mask.formats.dxf import write_dxf
@@ -196,7 +196,7 @@ def test_wires_are_told_one_by_one_and_laid_over_each_other_where_they_differ(sm
         return ((0, low), (0, low + 3000), (90_000, low + 3000), (90_000, low))
 
     def wired(*wires: tuple[tuple[int, int], ...]):
-        return replace(small_plate, furniture=(*small_plate.furniture, Furniture("LINES", "wires", WIRES[0], wires)))
+        return replace(small_plate, marks=(*small_plate.marks, Mark("LINES", "wires", WIRES[0], wires)))
 
     plate = wired(wire(0), wire(6000))
     asked = plate, plate_layout(plate)

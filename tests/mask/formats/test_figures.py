@@ -7,7 +7,7 @@ import pytest
 from klayout import db
 
 from maskfab.base.errors import OutputError
-from maskfab.base.model import CLEAR, NOTE, OUTLINE, Die, Furniture, Note, Opening, Panel, Plate, Tiling
+from maskfab.base.model import CLEAR, NOTE, OUTLINE, Die, Mark, Note, Opening, Panel, Plate, Tiling
 from maskfab.mask.comparison.roundtrip import roundtrip
 from maskfab.mask.figures import CUT, PolygonOptions, draw
 from maskfab.mask.formats.dxf import DrawingStyle, write_dxf
@@ -193,7 +193,7 @@ def test_options_that_there_are_not(wrong):
 
 def test_a_mark_that_cannot_be_cut_on_the_grid_is_refused(small_plate):
     odd = ((0, 0), (1, 7), (3, 8), (101, 6), (103, 3), (50, 1))
-    plate = replace(small_plate, furniture=(Furniture("ODD", "fiducial", CLEAR, (odd,)),))
+    plate = replace(small_plate, marks=(Mark("ODD", "fiducial", CLEAR, (odd,)),))
     with pytest.raises(OutputError, match="MF413"):
         draw(plate, PolygonOptions(max_vertices=4))
 

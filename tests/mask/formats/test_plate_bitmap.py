@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from maskfab.base.errors import OutputError, SourceError
-from maskfab.base.model import CLEAR, Furniture, Plate
+from maskfab.base.model import CLEAR, Mark, Plate
 from maskfab.mask.dots import NM_PER_INCH
 from maskfab.mask.formats.plate_bitmap import (
     bmp_bytes,
@@ -42,13 +42,11 @@ def odd_plate(small_plate) -> Plate:
     die = small_plate.dies[0]
     panel = replace(die.panel, orientations=die.panel.orientations[:1, :2])
     marks = (
-        Furniture("STAR", "resolution", CLEAR, (STAR, EDGES)),
-        Furniture("DIAMOND", "resolution", CLEAR, (tuple((x + 60_250, y + 61_125) for x, y in DIAMOND), DIAMOND)),
+        Mark("STAR", "resolution", CLEAR, (STAR, EDGES)),
+        Mark("DIAMOND", "resolution", CLEAR, (tuple((x + 60_250, y + 61_125) for x, y in DIAMOND), DIAMOND)),
     )
     kept = replace(die, panel=panel, centre_nm=(-30_300, -60_701))
-    return replace(
-        small_plate, blank_nm=200_000, writable_nm=190_000, dies=(kept,), furniture=marks, gauges=(), notes=()
-    )
+    return replace(small_plate, blank_nm=200_000, writable_nm=190_000, dies=(kept,), marks=marks, gauges=(), notes=())
 
 
 def by_the_rule(plate: Plate, dpi: int) -> np.ndarray:
@@ -57,7 +55,7 @@ def by_the_rule(plate: Plate, dpi: int) -> np.ndarray:
     centres = (2 * np.arange(side) + 1 - side) * NM_PER_INCH
     x, y = np.meshgrid(centres, centres[::-1])
     dots = np.zeros((side, side), dtype=bool)
-    polygons = [polygon for mark in plate.furniture for polygon in mark.polygons]
+    polygons = [polygon for mark in plate.marks for polygon in mark.polygons]
     for die in plate.dies:
         panel, (left, low) = die.panel, die.origin_nm
         for (row, column), kind in np.ndenumerate(panel.orientations):

@@ -7,7 +7,7 @@ import pytest
 import zxingcpp
 from klayout import db
 
-from maskfab.base.model import CLEAR, Furniture
+from maskfab.base.model import CLEAR, Mark
 from maskfab.job.shop import parse_shop
 from maskfab.mask.figures import PolygonOptions, draw
 from maskfab.mask.houses.adaptation import fitted, inner_edges, shared_edges, stencilled, suited
@@ -19,11 +19,11 @@ RING = np.array([[row in (0, 4) or column in (0, 4) for column in range(5)] for 
 STEP_NM = 20_000
 
 
-def mark_of(mask) -> Furniture:
-    return Furniture("RING", "label", CLEAR, outline(mask, STEP_NM))
+def mark_of(mask) -> Mark:
+    return Mark("RING", "label", CLEAR, outline(mask, STEP_NM))
 
 
-def drawn(mark: Furniture) -> db.Region:
+def drawn(mark: Mark) -> db.Region:
     region = db.Region([db.Polygon(simple_polygon(polygon)) for polygon in mark.polygons])
     region.merged_semantics = False
     return region
@@ -52,7 +52,7 @@ def test_a_mark_without_holes_is_the_mark():
 
 def test_nothing_is_shared_of_any_letter_or_code():
     letters = "".join(map(chr, range(33, 127)))
-    text = Furniture("TEXT", "label", CLEAR, text_polygons(letters, 150_000, (0, 0)))
+    text = Mark("TEXT", "label", CLEAR, text_polygons(letters, 150_000, (0, 0)))
     code = data_matrix("CODE", (0, 0), "maskfab:0:" + "0123456789abcdef" * 4, 200_000)
     for mark, holes in ((text, "bisect"), (code, "bisect"), (code, "layer")):
         cut = stencilled(mark, holes)
@@ -92,4 +92,4 @@ def test_marks_of_a_plate_share_nothing_for_a_house_that_minds(small_plate, hole
     shop = house(f'[polygons]\nshared_boundaries = false\nholes = "{holes}"\n')
     figures = draw(fitted(small_plate, shop), PolygonOptions(holes=holes, notes="none"))
     assert not [each for each in shared_edges(figures) if each.owner.startswith("mark")]
-    assert suited(small_plate, house(""), "bisect").furniture == small_plate.furniture
+    assert suited(small_plate, house(""), "bisect").marks == small_plate.marks

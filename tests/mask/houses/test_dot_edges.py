@@ -12,7 +12,7 @@ import pytest
 from small_job import command, write_job
 
 from maskfab.base.errors import JobError
-from maskfab.base.model import Furniture
+from maskfab.base.model import Mark
 from maskfab.base.units import parse_dpi
 from maskfab.base.work import silent
 from maskfab.job.shop import parse_shop
@@ -59,8 +59,8 @@ def test_every_edge_lies_from_the_nearest_border_of_dots_as_far_as_is_told(tmp_p
 def test_the_rms_weighs_edges_by_their_length(small_plate, tmp_path):
     # Dots of 1 um: upright edges 30 um long .2 and .3 um off, level ones 10 um long 0 and .5 um off.
     box = ((200, 0), (200, 30_500), (10_300, 30_500), (10_300, 0))
-    plate = replace(small_plate, dies=(), furniture=(replace(small_plate.furniture[0], polygons=(box,), kind="cd"),))
-    assert isinstance(plate.furniture[0], Furniture)
+    plate = replace(small_plate, dies=(), marks=(replace(small_plate.marks[0], polygons=(box,), kind="cd"),))
+    assert isinstance(plate.marks[0], Mark)
     (found,) = dot_edges(plate, plotted(tmp_path, None, formats="").spec, None, ["plate_bmp"], 25_400).found
     assert found.largest_um == pytest.approx(0.5)
     mean = (30.5 * (0.2**2 + 0.3**2) + 10.1 * 0.5**2) / (2 * 30.5 + 2 * 10.1)

@@ -15,7 +15,7 @@ from small_job import command, with_the_die, write_job
 from sweeps import sweep
 
 from maskfab.base.errors import JobError
-from maskfab.base.model import CHROME, CLEAR, LAYERS, Furniture
+from maskfab.base.model import CHROME, CLEAR, LAYERS, Mark
 from maskfab.job.order import OrderSection
 from maskfab.job.shop import dump_shop, parse_shop
 from maskfab.mask.comparison.files import compare_mask, read_mask
@@ -113,8 +113,8 @@ def test_holes_on_a_layer_of_their_own_take_no_other_figure_with_them(small_plat
     # A frame round everything on the plate: filled, and its hole subtracted, it would take the plate along.
     (x0, y0, x1, y1), width = (-10_900_000, -10_900_000, 10_900_000, 10_900_000), 50_000
     sides = ((x0, y0, x1, y0 + width), (x0, y1 - width, x1, y1), (x0, y0, x0 + width, y1), (x1 - width, y0, x1, y1))
-    frame = Furniture("ROUND", "outline", CLEAR, tuple(((a, b), (a, d), (c, d), (c, b)) for a, b, c, d in sides))
-    plate = replace(small_plate, furniture=(*small_plate.furniture, frame))
+    frame = Mark("ROUND", "outline", CLEAR, tuple(((a, b), (a, d), (c, d), (c, b)) for a, b, c, d in sides))
+    plate = replace(small_plate, marks=(*small_plate.marks, frame))
     drawn = draw(plate, PolygonOptions(tone=tone, holes="layer", hierarchy=hierarchy, notes="none")).layout()
     shown = region(drawn, CHROME if tone == "dark" else CLEAR) - region(drawn, CUT)
     design, half = region(plate_layout(plate), CLEAR), plate.writable_nm // 2
@@ -208,7 +208,7 @@ def test_the_sheet_shows_the_letter_that_the_files_hold(tmp_path, chrome):
     drawn = lines.index("The letter F on the plate")
     shown = [line[2:7] for line in lines[drawn + 2 : drawn + 7]]
     # The letter of the plate: its stem is the side on which more of it lies.
-    (mark,) = (each for each in job.plate().furniture if each.kind == "parity")
+    (mark,) = (each for each in job.plate().marks if each.kind == "parity")
     letter = db.Region([db.Polygon([db.Point(*point) for point in each]) for each in mark.polygons]).merged()
     box = letter.bbox()
     left, right = (
@@ -228,7 +228,7 @@ def test_the_sheet_states_what_is_smallest_of_openings_and_of_marks_apart(tmp_pa
     die = found["openings"]
     assert (die.clear_um, die.chrome_um) == (8, 8)
     # As KLayout finds it: nothing is narrower than what is told, and something as narrow is.
-    marks = [each for each in plate.furniture if each.layer.written and each.kind not in ("resolution", "code")]
+    marks = [each for each in plate.marks if each.layer.written and each.kind not in ("resolution", "code")]
     region_of = db.Region([db.Polygon([db.Point(*p) for p in each]) for mark in marks for each in mark.polygons])
     region_of.merge(True, 0)
     region_of.merged_semantics = False

@@ -169,7 +169,7 @@ def test_a_block_may_not_be_called_as_its_layer(tmp_path):
 def test_only_what_is_written_goes_out_and_the_corners_that_a_house_wants(tmp_path):
     plate = laid_out(tmp_path, FIVE_INCH)
     drawn = fitted(plate, load_shop("gesim"))
-    assert all(mark.layer.written for mark in drawn.furniture)
+    assert all(mark.layer.written for mark in drawn.marks)
     assert drawn.notes == ()
     assert written_box(drawn) == (-50_000_000, -50_000_000, 50_000_000, 50_000_000)
     plain = fitted(plate, load_shop("generic-chrome"))

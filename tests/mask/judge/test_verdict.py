@@ -9,7 +9,7 @@ import pytest
 from asked_jobs import GUTTER, JOBS, RANDOM, asked_job
 from klayout import db
 
-from maskfab.base.model import CLEAR, Die, Furniture
+from maskfab.base.model import CLEAR, Die, Mark
 from maskfab.base.work import silent
 from maskfab.mask import figures
 from maskfab.mask import layout as plate_layout
@@ -87,11 +87,9 @@ def with_mark(name, change):
     """A plate whose mark of that name has other polygons; dropped where there are none."""
 
     def changed(plate):
-        assert any(mark.name == name for mark in plate.furniture)
-        marks = (
-            replace(each, polygons=change(each.polygons)) if each.name == name else each for each in plate.furniture
-        )
-        return replace(plate, furniture=tuple(each for each in marks if each.polygons))
+        assert any(mark.name == name for mark in plate.marks)
+        marks = (replace(each, polygons=change(each.polygons)) if each.name == name else each for each in plate.marks)
+        return replace(plate, marks=tuple(each for each in marks if each.polygons))
 
     return changed
 
@@ -199,7 +197,7 @@ SABOTAGES = {
     ),
     "a mark too many": (
         lambda plate: replace(
-            plate, furniture=(*plate.furniture, Furniture("DUST", "cd", CLEAR, (((0, 0), (0, 1), (1, 1), (1, 0)),)))
+            plate, marks=(*plate.marks, Mark("DUST", "cd", CLEAR, (((0, 0), (0, 1), (1, 1), (1, 0)),)))
         ),
         ("judged_marks", None, "first at (0.000, 0.000) um"),
     ),
