@@ -1,4 +1,4 @@
-"""What every room stands on: vocabulary, units, errors, quantities, files written whole, processes.
+"""Ground of every room: vocabulary, units, errors, quantities, files written whole, processes.
 
 Files and folders that appear whole or not at all, and what a finished folder is known to hold.
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-import scipy.fft
+import scipy
 
 from maskfab.base.arrays import Singles
 from maskfab.camera.record import Blur, Transfer

@@ -26,9 +26,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.fft
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from maskfab.base.arrays import Complexes, Floats
 from maskfab.base.cell_size import CellSize
@@ -504,7 +503,7 @@ class TransferGrid:
 
     shape: tuple[int, int]
     dots: int
-    lines: tuple[tuple[sparse.csr_array, sparse.csr_array], ...]
+    lines: tuple[tuple[scipy.sparse.csr_array, scipy.sparse.csr_array], ...]
 
     def __call__(self, pupil: Floats) -> NDArray[np.float32]:
         """H of a pupil [dots, dots], float32 [colours, rows, columns / 2 + 1]; 1 at frequency 0."""
@@ -529,7 +528,7 @@ def transfer_grid(shape: tuple[int, int], room: CellGrid) -> TransferGrid:
     return TransferGrid(shape, room.side, lines)
 
 
-def _line(frequency: Floats, room: CellGrid, wavelength_nm: float) -> sparse.csr_array:
+def _line(frequency: Floats, room: CellGrid, wavelength_nm: float) -> scipy.sparse.csr_array:
     """[frequencies, 2 side - 1]: bilinear weights times the pixel's sinc, summed over the orders."""
     most, side = max(_ORDERS, room.camera.orders(wavelength_nm)), room.side
     orders = np.arange(-most, most + 1)
@@ -543,7 +542,7 @@ def _line(frequency: Floats, room: CellGrid, wavelength_nm: float) -> sparse.csr
     weight = np.concatenate([pixel * (1 - beyond), pixel * beyond], axis=1)
     kept = (column >= 0) & (column < 2 * side - 1) & (weight != 0)
     place = np.concatenate([row, row], axis=1)[kept], column[kept]
-    return sparse.csr_array((weight[kept], place), shape=(len(frequency), 2 * side - 1))
+    return scipy.sparse.csr_array((weight[kept], place), shape=(len(frequency), 2 * side - 1))
 
 
 @dataclass(frozen=True)

@@ -38,9 +38,8 @@ from functools import cache
 from typing import Any, Protocol
 
 import numpy as np
-import scipy.fft
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from maskfab.base.arrays import Singles
 from maskfab.base.errors import JobError
@@ -89,9 +88,9 @@ def interpolated(seen: Singles, red: tuple[int, int] = (0, 0)) -> Singles:
 def _of_red_first(seen: Singles) -> Singles:
     # Mirroring without doubling the edge keeps every colour on its own places.
     green, along, across = (
-        ndimage.correlate(seen, each.astype(np.float32), mode="mirror") for each in (_GREEN, _ALONG, _ACROSS)
+        scipy.ndimage.correlate(seen, each.astype(np.float32), mode="mirror") for each in (_GREEN, _ALONG, _ACROSS)
     )
-    down = ndimage.correlate(seen, _ALONG.T.astype(np.float32), mode="mirror")
+    down = scipy.ndimage.correlate(seen, _ALONG.T.astype(np.float32), mode="mirror")
     found = np.stack([seen, seen, seen])
     for place in (_RED, _BLUE):
         found[1][place] = green[place]

@@ -35,7 +35,7 @@ from pathlib import Path
 from typing import overload
 
 import numpy as np
-import scipy.fft
+import scipy
 
 from maskfab.base.arrays import Singles
 from maskfab.base.errors import JobError, SourceError

@@ -22,9 +22,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-import scipy.fft
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from maskfab.base.arrays import Floats, Singles
 from maskfab.base.errors import JobError
@@ -150,8 +149,8 @@ def _blur(values: Singles) -> Singles:
     across = np.arange(-_REACH, _REACH + 1)
     weight = np.exp(-(across**2) / (2 * _SIGMA**2))
     weight /= weight.sum()
-    lines = ndimage.correlate1d(values, weight, axis=1, mode="nearest")
-    return np.asarray(ndimage.correlate1d(lines, weight, axis=2, mode="nearest"))
+    lines = scipy.ndimage.correlate1d(values, weight, axis=1, mode="nearest")
+    return np.asarray(scipy.ndimage.correlate1d(lines, weight, axis=2, mode="nearest"))
 
 
 CONFIDENCE = 0.95

@@ -18,8 +18,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from maskfab.base.arrays import Floats, Ints
 from maskfab.base.model import Die, Plate, Polygon, side_by_side
@@ -48,7 +48,7 @@ def die_raster(die: Die) -> NDArray[np.bool_]:
     return side_by_side(variants[panel.orientations])
 
 
-def pixel_overlaps(edges: Floats, pixels: Floats) -> sparse.csr_array:
+def pixel_overlaps(edges: Floats, pixels: Floats) -> scipy.sparse.csr_array:
     """Share of every pixel that lies in every interval, float64 [pixels, intervals].
 
     With the rows of two axes, ``pixel_overlaps(y) @ raster @ pixel_overlaps(x).T`` is the share of every pixel that
@@ -62,12 +62,12 @@ def pixel_overlaps(edges: Floats, pixels: Floats) -> sparse.csr_array:
     cuts = cuts[(cuts >= max(edges[0], pixels[0])) & (cuts <= min(edges[-1], pixels[-1]))]
     shape = (pixels.size - 1, edges.size - 1)
     if cuts.size < 2:
-        return sparse.csr_array(shape)
+        return scipy.sparse.csr_array(shape)
     middles = (cuts[:-1] + cuts[1:]) / 2
     rows = np.searchsorted(pixels, middles, side="right") - 1
     columns = np.searchsorted(edges, middles, side="right") - 1
     shares = np.round(np.diff(cuts) / np.diff(pixels)[rows], _DIGITS)
-    return sparse.csr_array((shares, (rows, columns)), shape=shape)
+    return scipy.sparse.csr_array((shares, (rows, columns)), shape=shape)
 
 
 NM_PER_INCH = 25_400_000

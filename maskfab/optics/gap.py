@@ -43,7 +43,6 @@ from typing import Any
 
 import numpy as np
 import scipy
-import scipy.fft
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Complexes, Floats

@@ -107,7 +107,7 @@ def test_the_probe_is_short():
 def test_what_a_task_took_is_kept_with_it(made):
     _, store = made
     told = {entry.what: entry for entry in store.entries()}
-    optics = told["measurement.optics.measure_with_bar"]
+    optics = told["report.rows.optics.measure_with_bar"]
     assert 0 < optics.seconds < 30
     assert 0 < optics.expected_s < 30
     assert told["run"].seconds is None

@@ -11,7 +11,6 @@ from maskfab.base.errors import JobError
 from maskfab.cli.common.options import Budget, JobFile, Json, Quiet, named_as_options
 from maskfab.cli.common.printing import print_json
 from maskfab.cli.common.watch import watched
-from maskfab.report.rows.text import designed_lines
 
 if TYPE_CHECKING:
     from maskfab.job.sections import JobSpec
@@ -77,6 +76,8 @@ def design(
     if as_json:
         print_json(designed.to_dict(paths))
         return
+    from maskfab.report.rows.text import designed_lines
+
     for line in designed_lines(designed.found, designed.notes):
         typer.echo(line)
     for path in written:

@@ -24,9 +24,9 @@ from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
+import scipy
 from klayout import db
 from numpy.typing import NDArray
-from scipy import sparse
 
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError, OutputError, SourceError
@@ -443,7 +443,7 @@ class _Laid:
     clear: Floats
     y_edges: Floats
     columns: slice
-    across: sparse.csr_array
+    across: scipy.sparse.csr_array
 
     @classmethod
     def on(cls, die: Die, x: Floats) -> _Laid:
