@@ -38,14 +38,13 @@ class CellSize:
         made = cls(dots, dot_nm, gutter_nm)
         if not made.has_pitch(pitch_um):
             reached = made.pitch_um
-            raise JobError(
-                "MF107",
+            what = (
                 f"pitch {pitch_um:.6f} um ({dpi(pitch_um):.2f} DPI) cannot be made of {dots} dots on the 1 nm "
                 f"grid; the nearest is {reached:.10g} um = {made.dpi:.4f} DPI, "
-                f"{(reached - pitch_um) * NM_PER_UM:+.1f} nm or {(reached / pitch_um - 1) * 1e6:+.0f} ppm off",
-                where=where,
-                cure=f'Use dot = "{dot_nm / NM_PER_UM:g} um" and pitch = "{reached:.10g} um"',
+                f"{(reached - pitch_um) * NM_PER_UM:+.1f} nm or {(reached / pitch_um - 1) * 1e6:+.0f} ppm off"
             )
+            cure = f'Use dot = "{dot_nm / NM_PER_UM:g} um" and pitch = "{reached:.10g} um"'
+            raise JobError("MF107", what, where=where, cure=cure)
         return made
 
     @classmethod
@@ -94,10 +93,9 @@ class CellSize:
             return
         meant = CellSize.of_pitch(stated_um, self.dots, self.gutter_nm, where=where)
         dot_um, gutter_um = self.dot_nm / NM_PER_UM, self.gutter_nm / NM_PER_UM
-        raise JobError(
-            "MF106",
+        what = (
             f"{self.dots} dots x {dot_um:g} um + gutter {gutter_um:g} um = {self.pitch_um:g} um, but pitch says "
-            f"{stated_um:g} um",
-            where=where,
-            cure=f'Use dot = "{meant.dot_nm / NM_PER_UM:g} um", or pitch = "{self.pitch_um:g} um"',
+            f"{stated_um:g} um"
         )
+        cure = f'Use dot = "{meant.dot_nm / NM_PER_UM:g} um", or pitch = "{self.pitch_um:g} um"'
+        raise JobError("MF106", what, where=where, cure=cure)

@@ -9,7 +9,15 @@
      │   └─ UnknownNameError  MF432  a name that results are looked up by; a KeyError too
      └─ InternalError       MF9xx  exit 3: a fault of maskfab
 
-Every error says what is wrong, the value with its unit, the limit, where it stands, and the cure.
+Every error says what is wrong, the value with its unit, the limit, where it stands, and the cure. A refusal is written
+so that code, place and cure stand on one line, and long texts have names:
+
+    if width < line:
+        what = f"a stop of {width:g} um is narrower than the wavelength of {line:g} um"
+        raise JobError("MF104", what, where=where, cure='Give the diameter of the lens, such as "4 mm"')
+
+A helper that takes the condition, the class and the texts would make every text on every call, would hide from type
+checkers what a test proves, and is one line longer as it is laid out.
 """
 
 from __future__ import annotations

@@ -138,11 +138,8 @@ def free_name(target: Path, word: str) -> Iterator[Path]:
 
 def not_writable(target: Path, error: OSError) -> OutputError:
     """MF401 of what the system said."""
-    return OutputError(
-        "MF401",
-        f"{target} cannot be written: {error.strerror or error}",
-        cure="Give --out a path in a writable folder with room to spare",
-    )
+    what = f"{target} cannot be written: {error.strerror or error}"
+    return OutputError("MF401", what, cure="Give --out a path in a writable folder with room to spare")
 
 
 @contextmanager
@@ -237,9 +234,8 @@ def read_state(path: Path) -> dict[str, NDArray[np.generic]]:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             return {name: stored[name] for name in stored.files}
     except (OSError, ValueError, EOFError, KeyError, TypeError, zipfile.BadZipFile, zlib.error) as error:
-        raise SourceError(
-            "MF303", "the checkpoint is damaged", where=str(path), cure="Delete it and start again"
-        ) from error
+        what = "the checkpoint is damaged"
+        raise SourceError("MF303", what, where=str(path), cure="Delete it and start again") from error
 
 
 def load_state(path: Path, run: str) -> dict[str, NDArray[np.generic]] | None:
@@ -252,12 +248,8 @@ def load_state(path: Path, run: str) -> dict[str, NDArray[np.generic]] | None:
         return None
     found = read_state(path)
     if RUN not in found or str(found.pop(RUN)) != run:
-        raise SourceError(
-            "MF304",
-            "the checkpoint belongs to another run",
-            where=str(path),
-            cure="Give the settings it was made with, or delete it",
-        )
+        what = "the checkpoint belongs to another run"
+        raise SourceError("MF304", what, where=str(path), cure="Give the settings it was made with, or delete it")
     return found
 
 

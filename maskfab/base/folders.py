@@ -173,9 +173,8 @@ def read_manifest(folder: Path) -> Mapping[str, Any]:
         listed = manifest["files"]
         complete = "maskfab_version" in manifest and all({"path", "sha256", "bytes"} <= file.keys() for file in listed)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise OutputError(
-            "MF403", f"{folder} has no readable {RESULT_MARK}: {error}", cure="Name the --out of a finished maskfab run"
-        ) from error
+        what = f"{folder} has no readable {RESULT_MARK}: {error}"
+        raise OutputError("MF403", what, cure="Name the --out of a finished maskfab run") from error
     if not complete:
         raise OutputError("MF403", f"{folder / RESULT_MARK} lacks a version or hashes", cure="Run the job again")
     return dict(manifest)
@@ -308,9 +307,8 @@ def check_target(target: Path, *, force: bool) -> Place:
 def _checked(target: Path, path: Path, *, force: bool) -> Place:
     put_back(path)
     if path.is_symlink():
-        raise OutputError(
-            "MF401", f"{target} is a link that leads nowhere", cure="Remove that link, or give --out another folder"
-        )
+        what = f"{target} is a link that leads nowhere"
+        raise OutputError("MF401", what, cure="Remove that link, or give --out another folder")
     if path.exists() and not path.is_dir():
         raise OutputError("MF401", f"{target} is a file, not a directory", cure="Give --out the path of a folder")
     if os.path.ismount(path):
@@ -329,23 +327,14 @@ def _checked(target: Path, path: Path, *, force: bool) -> Place:
 
 def _replaceable(target: Path, found: Finished | None, *, force: bool) -> Finished:
     if found is None:
-        raise OutputError(
-            "MF402",
-            f"the directory {target} is not empty and holds no maskfab result",
-            cure="Name a new or empty folder",
-        )
+        what = f"the directory {target} is not empty and holds no maskfab result"
+        raise OutputError("MF402", what, cure="Name a new or empty folder")
     if not force:
-        raise OutputError(
-            "MF402",
-            f"the output directory {target} is not empty",
-            cure="Add --force to replace it, or choose another",
-        )
+        what = f"the output directory {target} is not empty"
+        raise OutputError("MF402", what, cure="Add --force to replace it, or choose another")
     if found.strange:
-        raise OutputError(
-            "MF402",
-            f"the output directory {target} holds {found.strange[0]!r}, which maskfab did not write, or not so",
-            cure="Move it elsewhere, or choose another --out",
-        )
+        what = f"the output directory {target} holds {found.strange[0]!r}, which maskfab did not write, or not so"
+        raise OutputError("MF402", what, cure="Move it elsewhere, or choose another --out")
     return found
 
 
@@ -430,12 +419,11 @@ def _replace(aside: Aside, place: Place) -> None:
         if found is not None:
             kept = discard(aside.path, place.path, found)
             if kept is not None:
-                raise OutputError(
-                    "MF405",
+                what = (
                     f"the new result lies in {place.asked}; the old one was changed while it was replaced, and the "
-                    f"rest of it lies in {kept}",
-                    cure="Keep what you need of it, and delete the rest",
+                    f"rest of it lies in {kept}"
                 )
+                raise OutputError("MF405", what, cure="Keep what you need of it, and delete the rest")
             return
         exchange(aside.path, place.path)
     _stop(aside, place, "no longer holds what was to be replaced, or more than that")
@@ -509,16 +497,14 @@ def _check_file(target: Path, *, force: bool) -> None:
     if target.is_dir():
         raise OutputError("MF401", f"{target} is a directory", cure="Give --out the path of a file")
     if target.exists() and not target.is_file():
-        raise OutputError(
-            "MF401", f"{target} is a device, which no file can replace", cure="Give --out the path of an ordinary file"
-        )
+        what = f"{target} is a device, which no file can replace"
+        raise OutputError("MF401", what, cure="Give --out the path of an ordinary file")
     if target.exists() and not force:
         raise OutputError("MF402", f"{target} exists", cure="Add --force to replace it, or choose another --out")
     path = Path(os.path.realpath(target))
     if path.is_symlink():
-        raise OutputError(
-            "MF401", f"{target} is a link that leads nowhere", cure="Remove that link, or give --out another path"
-        )
+        what = f"{target} is a link that leads nowhere"
+        raise OutputError("MF401", what, cure="Remove that link, or give --out another path")
     parent = path.parent
     if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
         raise OutputError("MF401", f"{target} cannot be written", cure="Choose a directory that exists and is writable")

@@ -1572,6 +1572,5 @@ def registered(name: str) -> Entry:
     for pattern, entry in _families():
         if found := pattern.fullmatch(name):
             return entry.member(found.groupdict())
-    raise InternalError(
-        "MF901", f"no quantity {name!r} is registered", cure="Add it to QUANTITIES in maskfab/base/quantities.py"
-    )
+    what = f"no quantity {name!r} is registered"
+    raise InternalError("MF901", what, cure="Add it to QUANTITIES in maskfab/base/quantities.py")

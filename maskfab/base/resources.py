@@ -35,9 +35,8 @@ def path(name: str) -> Path:
     for root in (package / "_bundled", package.parent):
         if (root / name).exists():
             return root / name
-    raise InternalError(
-        "MF901", f"the bundled file {name} is missing from this installation", cure="Install maskfab again"
-    )
+    what = f"the bundled file {name} is missing from this installation"
+    raise InternalError("MF901", what, cure="Install maskfab again")
 
 
 GROUPS: Mapping[str, str] = MappingProxyType(

@@ -53,12 +53,8 @@ def parse_length_um(text: object, *, where: str = "", zero_allowed: bool = False
     value = _decimal_scale(number, UM_PER_UNIT[unit])
     if not math.isfinite(value) or value < 0 or (value == 0 and not zero_allowed):
         limit = "at least 0" if zero_allowed else "positive"
-        raise JobError(
-            "MF104",
-            f"{text!r} must be a finite length, {limit}",
-            where=where,
-            cure='Write a number with its unit, such as "168 um"',
-        )
+        what = f"{text!r} must be a finite length, {limit}"
+        raise JobError("MF104", what, where=where, cure='Write a number with its unit, such as "168 um"')
     if value and not _SHORTEST_UM <= value <= _LONGEST_UM:
         what = f"{text!r} is not within {_SHORTEST_UM:g} um to {_LONGEST_UM:g} um"
         raise JobError("MF104", what, where=where, cure="Check the unit and the exponent")
@@ -71,12 +67,8 @@ def parse_pitch_um(text: object, *, where: str = "") -> float:
     if unit.lower() not in {"dpi", "ppi"}:
         return parse_length_um(text, where=where)
     if not (math.isfinite(number) and 0 < number <= MOST_DPI * NM_PER_UM and UM_PER_INCH / number <= _LONGEST_UM):
-        raise JobError(
-            "MF104",
-            f"{text!r} must be a positive density, of at most {MOST_DPI * NM_PER_UM} dpi",
-            where=where,
-            cure='Write a positive density, such as "300 dpi"',
-        )
+        what = f"{text!r} must be a positive density, of at most {MOST_DPI * NM_PER_UM} dpi"
+        raise JobError("MF104", what, where=where, cure='Write a positive density, such as "300 dpi"')
     return UM_PER_INCH / number
 
 
@@ -91,12 +83,8 @@ def parse_dpi(text: object, *, where: str = "") -> int:
     if unit.lower() != "dpi":
         raise JobError("MF103", f"{text!r} is not in dots per inch", where=where, cure='Write it as "25400 dpi"')
     if not (math.isfinite(number) and 1 <= number <= MOST_DPI and number == int(number)):
-        raise JobError(
-            "MF104",
-            f"{text!r} is not a whole number of dots per inch from 1 to {MOST_DPI}",
-            where=where,
-            cure='Write what the plotter has, such as "25400 dpi"',
-        )
+        what = f"{text!r} is not a whole number of dots per inch from 1 to {MOST_DPI}"
+        raise JobError("MF104", what, where=where, cure='Write what the plotter has, such as "25400 dpi"')
     return int(number)
 
 
@@ -105,12 +93,8 @@ def parse_wavelength_nm(text: object, *, where: str = "") -> float:
     value = parse_length_um(text, where=where) * NM_PER_UM
     value = round(value, 9)
     if not 200.0 <= value <= 2000.0:
-        raise JobError(
-            "MF112",
-            f"wavelength {value:g} nm is outside 200 nm to 2000 nm",
-            where=where,
-            cure="Give a wavelength that silica passes and a camera sees, such as 530 nm",
-        )
+        cure = "Give a wavelength that silica passes and a camera sees, such as 530 nm"
+        raise JobError("MF112", f"wavelength {value:g} nm is outside 200 nm to 2000 nm", where=where, cure=cure)
     return value
 
 
@@ -122,14 +106,12 @@ def parse_time_s(text: object, *, where: str = "") -> float:
     """
     match = _TIME.fullmatch(text) if isinstance(text, str) else None
     if match is None or match[2] not in _SECONDS:
-        raise JobError(
-            "MF103", f"{text!r} is not a time with a unit", where=where, cure='Write it as "60 s", "5 min" or "1 h"'
-        )
+        what = f"{text!r} is not a time with a unit"
+        raise JobError("MF103", what, where=where, cure='Write it as "60 s", "5 min" or "1 h"')
     value = float(match[1]) * _SECONDS[match[2]]
     if not (math.isfinite(value) and value > 0):
-        raise JobError(
-            "MF104", f"{text!r} must be a finite time above 0", where=where, cure='Give a positive time, such as "60 s"'
-        )
+        what = f"{text!r} must be a finite time above 0"
+        raise JobError("MF104", what, where=where, cure='Give a positive time, such as "60 s"')
     return value
 
 
@@ -157,20 +139,12 @@ def to_nm(value_um: float, *, where: str = "", name: str = "length") -> int:
     """
     exact = value_um * NM_PER_UM
     if not abs(exact) <= _LONGEST_NM:
-        raise JobError(
-            "MF104",
-            f"{name} {value_um:g} um is too long; the limit is {_LONGEST_NM / NM_PER_UM:g} um",
-            where=where,
-            cure="Give a shorter length",
-        )
+        what = f"{name} {value_um:g} um is too long; the limit is {_LONGEST_NM / NM_PER_UM:g} um"
+        raise JobError("MF104", what, where=where, cure="Give a shorter length")
     nearest = round(exact)
     if abs(exact - nearest) > 1e-6:
-        raise JobError(
-            "MF107",
-            f"{name} {value_um:.6f} um is off the database grid of {DBU_NM} nm by {exact - nearest:+.3f} nm",
-            where=where,
-            cure=f"Use {nearest / NM_PER_UM:g} um",
-        )
+        what = f"{name} {value_um:.6f} um is off the database grid of {DBU_NM} nm by {exact - nearest:+.3f} nm"
+        raise JobError("MF107", what, where=where, cure=f"Use {nearest / NM_PER_UM:g} um")
     return nearest
 
 

@@ -41,21 +41,13 @@ def check_dies(spec: JobSpec, where: str) -> None:
     check_lens(spec.camera.camera(), where=f"{where}: camera.stop")
     for name, count in Counter(die.name for die in spec.die).items():
         if count > 1:
-            raise JobError(
-                "MF109",
-                f"{count} dies have the name {name!r}",
-                where=f"{where}: die",
-                cure="Give each die a name of its own",
-            )
+            what = f"{count} dies have the name {name!r}"
+            raise JobError("MF109", what, where=f"{where}: die", cure="Give each die a name of its own")
     for folded, count in Counter(die.name.lower() for die in spec.die).items():
         if count > 1:
             alike = ", ".join(repr(die.name) for die in spec.die if die.name.lower() == folded)
-            raise JobError(
-                "MF109",
-                f"the dies {alike} differ in case only, and many systems would write their files over each other",
-                where=f"{where}: die",
-                cure="Give each die a name of its own",
-            )
+            what = f"the dies {alike} differ in case only, and many systems would write their files over each other"
+            raise JobError("MF109", what, where=f"{where}: die", cure="Give each die a name of its own")
     for number, die in enumerate(spec.die):
         place = f"{where}: die[{number}]"
         check_die(die, place)
@@ -70,19 +62,13 @@ def check_die(die: DieSection, where: str) -> None:
     """
     if (die.tiling is Tiling.MAP) != (die.map is not None):
         without = die.map is None
-        raise JobError(
-            "MF122",
-            f"die {die.name!r} is tiled {die.tiling} and has {'no' if without else 'a'} map",
-            where=f"{where}.map",
-            cure='Add map = "maps/x.toml"' if without else 'Use tiling = "map", or remove the key',
-        )
+        what = f"die {die.name!r} is tiled {die.tiling} and has {'no' if without else 'a'} map"
+        cure = 'Add map = "maps/x.toml"' if without else 'Use tiling = "map", or remove the key'
+        raise JobError("MF122", what, where=f"{where}.map", cure=cure)
     if die.tiling is Tiling.HEXAGONAL and (die.others or die.gutter):
-        raise JobError(
-            "MF122",
-            f"die {die.name!r} is tiled hexagonal, which takes one opening and no gutter",
-            where=f"{where}.{'others' if die.others else 'gutter'}",
-            cure="Remove that key, or use another tiling",
-        )
+        what = f"die {die.name!r} is tiled hexagonal, which takes one opening and no gutter"
+        cure = "Remove that key, or use another tiling"
+        raise JobError("MF122", what, where=f"{where}.{'others' if die.others else 'gutter'}", cure=cure)
     units.to_nm(die.dot, where=f"{where}.dot", name="dot")
     even_nm(die.gutter, where=f"{where}.gutter", name="gutter")
 
@@ -95,12 +81,8 @@ def check_seed(die: DieSection, where: str) -> None:
     """
     if (die.tiling.seeded or die.others) and die.seed is None:
         what = f"is tiled {die.tiling}" if die.tiling.seeded else f"chooses among {1 + len(die.others or ())} openings"
-        raise JobError(
-            "MF111",
-            f"die {die.name!r} {what} without a seed",
-            where=f"{where}.seed",
-            cure="Add seed = 1",
-        )
+        cure = "Add seed = 1"
+        raise JobError("MF111", f"die {die.name!r} {what} without a seed", where=f"{where}.seed", cure=cure)
 
 
 def check_display(spec: JobSpec, where: str) -> None:
@@ -111,12 +93,8 @@ def check_display(spec: JobSpec, where: str) -> None:
     """
     for name in ("wires", "light"):
         if getattr(spec, name) is not None and spec.emitters is None:
-            raise JobError(
-                "MF105",
-                f"the job has [{name}] and no [emitters]",
-                where=f"{where}: {name}",
-                cure='Add [emitters] with colour_gap = "8 um" and min_width = "8 um"',
-            )
+            cure = 'Add [emitters] with colour_gap = "8 um" and min_width = "8 um"'
+            raise JobError("MF105", f"the job has [{name}] and no [emitters]", where=f"{where}: {name}", cure=cure)
 
 
 def check_method(document: object, where: str) -> None:
@@ -130,22 +108,15 @@ def check_method(document: object, where: str) -> None:
         return
     method = design.get("method", "search")
     if method not in METHODS:
-        raise JobError(
-            "MF105",
-            f"design.method = {method!r} is not a design method",
-            where=f"{where}: design.method",
-            cure=f"Use {' or '.join(map(repr, METHODS))}",
-        )
+        what = f"design.method = {method!r} is not a design method"
+        raise JobError("MF105", what, where=f"{where}: design.method", cure=f"Use {' or '.join(map(repr, METHODS))}")
     own, other = (SearchSection, RelaxSection) if method == "search" else (RelaxSection, SearchSection)
     for key in design:
         if key in other.model_fields and key not in own.model_fields:
             another = "relax" if method == "search" else "search"
-            raise JobError(
-                "MF102",
-                f'the key {key!r} belongs to method = "{another}", and the method is "{method}"',
-                where=f"{where}: design.{key}",
-                cure=f'Remove it, or set method = "{another}"',
-            )
+            what = f'the key {key!r} belongs to method = "{another}", and the method is "{method}"'
+            cure = f'Remove it, or set method = "{another}"'
+            raise JobError("MF102", what, where=f"{where}: design.{key}", cure=cure)
 
 
 def check_design(spec: JobSpec, where: str) -> None:
@@ -163,12 +134,8 @@ def check_design(spec: JobSpec, where: str) -> None:
 
 def _check_search(design: SearchSection, where: str) -> None:
     if design.tiling not in {Tiling.RANDOM, Tiling.PERIODIC}:
-        raise JobError(
-            "MF122",
-            f"a search judges openings for random and periodic tilings, not for {design.tiling}",
-            where=f"{where}.tiling",
-            cure='Use tiling = "random", or method = "relax"',
-        )
+        what = f"a search judges openings for random and periodic tilings, not for {design.tiling}"
+        raise JobError("MF122", what, where=f"{where}.tiling", cure='Use tiling = "random", or method = "relax"')
     stated = _asked(design)
     needs = (
         ("map_output", design.map is not None, "a map to write", 'Add map = "equal_light"'),
@@ -194,12 +161,8 @@ def _check_search(design: SearchSection, where: str) -> None:
     }
     for key, each in pairs:
         if idle[key] and each in stated:
-            raise JobError(
-                "MF105",
-                f"{key} = {getattr(design, key)!r} makes {each} useless",
-                where=f"{where}.{each}",
-                cure=f"Remove {each}, or {key}",
-            )
+            what = f"{key} = {getattr(design, key)!r} makes {each} useless"
+            raise JobError("MF105", what, where=f"{where}.{each}", cure=f"Remove {each}, or {key}")
 
 
 def _asked(design: DesignSection) -> set[str]:
@@ -211,36 +174,22 @@ def _check_relax(design: RelaxSection, where: str) -> None:
     # Hexagonal sheets are no cells on a square lattice, which every loss is built on; a map is made for an opening
     # that is there.
     if design.tiling in {Tiling.HEXAGONAL, Tiling.MAP}:
-        raise JobError(
-            "MF122",
-            f"no opening can be designed for the {design.tiling} tiling",
-            where=f"{where}.tiling",
-            cure=f"Use {', '.join(each for each in Tiling if each not in {Tiling.HEXAGONAL, Tiling.MAP})}",
-        )
+        what = f"no opening can be designed for the {design.tiling} tiling"
+        cure = f"Use {', '.join(each for each in Tiling if each not in {Tiling.HEXAGONAL, Tiling.MAP})}"
+        raise JobError("MF122", what, where=f"{where}.tiling", cure=cure)
     if design.tiling.seeded and design.tiling_seed is None:
-        raise JobError(
-            "MF111",
-            f"the {design.tiling} tiling has no seed",
-            where=f"{where}.tiling_seed",
-            cure="Add tiling_seed = 1",
-        )
+        what = f"the {design.tiling} tiling has no seed"
+        raise JobError("MF111", what, where=f"{where}.tiling_seed", cure="Add tiling_seed = 1")
     own = set(RelaxSection.model_fields) - set(DesignSection.model_fields) - {"recipe", "epochs"}
     stated = _asked(design)
     needless = own & stated if design.recipe is not None else {"epochs"} & stated
     for key in sorted(needless):
-        raise JobError(
-            "MF105",
-            f"the recipe {design.recipe!r} has its own {key}" if design.recipe else f"{key} counts for recipes alone",
-            where=f"{where}.{key}",
-            cure=f"Remove {key}, or the recipe" if design.recipe else "Use iterations",
-        )
+        what = f"the recipe {design.recipe!r} has its own {key}" if design.recipe else f"{key} counts for recipes alone"
+        cure = f"Remove {key}, or the recipe" if design.recipe else "Use iterations"
+        raise JobError("MF105", what, where=f"{where}.{key}", cure=cure)
     if not any(weight > 0 for name, weight in design.objectives.items() if name != "area"):
-        raise JobError(
-            "MF105",
-            f"the objectives {', '.join(design.objectives)} leave nothing to minimise",
-            where=f"{where}.objectives",
-            cure="Add invertibility = 1.0",
-        )
+        what = f"the objectives {', '.join(design.objectives)} leave nothing to minimise"
+        raise JobError("MF105", what, where=f"{where}.objectives", cure="Add invertibility = 1.0")
 
 
 def check_scene(spec: JobSpec, where: str) -> None:
@@ -252,32 +201,22 @@ def check_scene(spec: JobSpec, where: str) -> None:
     if spec.scene is None:
         return
     if spec.scene.spectrum == "lines" and spec.scene.illuminant != "equal":
-        raise JobError(
-            "MF105",
-            "an illuminant lights a camera of colours, and the spectrum is the camera's own lines",
-            where=f"{where}: scene.illuminant",
-            cure='Add spectrum = "rgb" or a file such as "camera.csv" to [scene], or remove the illuminant',
-        )
+        what = "an illuminant lights a camera of colours, and the spectrum is the camera's own lines"
+        cure = 'Add spectrum = "rgb" or a file such as "camera.csv" to [scene], or remove the illuminant'
+        raise JobError("MF105", what, where=f"{where}: scene.illuminant", cure=cure)
     for key, distance in (("depth", spec.scene.depth[0]), ("focus", spec.scene.focus)):
         if not distance > spec.camera.focal:
-            raise JobError(
-                "MF104",
-                f"{distance:g} um is not beyond the focal length of {spec.camera.focal:g} um",
-                where=f"{where}: scene.{key}",
-                cure="Give a distance from the lens, beyond its focal length",
-            )
+            what = f"{distance:g} um is not beyond the focal length of {spec.camera.focal:g} um"
+            cure = "Give a distance from the lens, beyond its focal length"
+            raise JobError("MF104", what, where=f"{where}: scene.{key}", cure=cure)
 
 
 def even_nm(value_um: float, *, where: str, name: str) -> int:
     """Integer nanometres of a length of which either half must lie on the database grid (MF107 otherwise)."""
     value_nm = units.to_nm(value_um, where=where, name=name)
     if value_nm % 2:
-        raise JobError(
-            "MF107",
-            f"{name} {value_um:g} um is an odd number of nanometres, half of which is off the 1 nm grid",
-            where=where,
-            cure=f"Use {value_um + UM_PER_NM:g} um",
-        )
+        what = f"{name} {value_um:g} um is an odd number of nanometres, half of which is off the 1 nm grid"
+        raise JobError("MF107", what, where=where, cure=f"Use {value_um + UM_PER_NM:g} um")
     return value_nm
 
 
@@ -293,20 +232,15 @@ def check_lens(camera: Camera, *, where: str) -> None:
     width, widest = camera.stop.diameter_um, 2 * camera.focal_um
     line = max(camera.wavelengths_nm) * UM_PER_NM
     if width < line:
-        raise JobError(
-            "MF104",
-            f"a stop of {width:g} um is narrower than the wavelength of {line:g} um",
-            where=where,
-            cure='Give the diameter of the lens, such as "4 mm"',
-        )
+        what = f"a stop of {width:g} um is narrower than the wavelength of {line:g} um"
+        raise JobError("MF104", what, where=where, cure='Give the diameter of the lens, such as "4 mm"')
     if width > widest:
-        raise JobError(
-            "MF131",
+        what = (
             f"a stop of {width:g} um before a focal length of {camera.focal_um:g} um has the numerical aperture "
-            f"{width / widest:.3g}; in air the limit is 1",
-            where=where,
-            cure=f"Use a stop of at most {widest:g} um, or a longer focal length",
+            f"{width / widest:.3g}; in air the limit is 1"
         )
+        cure = f"Use a stop of at most {widest:g} um, or a longer focal length"
+        raise JobError("MF131", what, where=where, cure=cure)
 
 
 def check_windows(spec: JobSpec, where: str) -> None:
@@ -329,21 +263,15 @@ def check_pupil(camera: Camera, dot_um: float, *, where: str) -> None:
     """
     twice = [line for line, count in Counter(camera.wavelengths_nm).items() if count > 1]
     if twice:
-        raise JobError(
-            "MF105",
-            f"the wavelength {twice[0]:g} nm is given more than once",
-            where=f"{where}: camera.wavelengths",
-            cure="List each wavelength once",
-        )
+        what = f"the wavelength {twice[0]:g} nm is given more than once"
+        raise JobError("MF105", what, where=f"{where}: camera.wavelengths", cure="List each wavelength once")
     across = camera.stop.diameter_um / dot_um
     if across > _MOST_DOTS_ACROSS_STOP:
-        raise JobError(
-            "MF115",
+        what = (
             f"a stop of {camera.stop.diameter_um:g} um is {across:.0f} dots of {dot_um:g} um across; the limit is "
-            f"{_MOST_DOTS_ACROSS_STOP}",
-            where=where,
-            cure="Use a smaller stop or a coarser dot",
+            f"{_MOST_DOTS_ACROSS_STOP}"
         )
+        raise JobError("MF115", what, where=where, cure="Use a smaller stop or a coarser dot")
 
 
 def check_window(camera: Camera, dot_um: float, *, where: str) -> None:
@@ -356,30 +284,24 @@ def check_window(camera: Camera, dot_um: float, *, where: str) -> None:
     shortest = min(camera.wavelengths_nm)
     limit = shortest * UM_PER_NM * camera.focal_um / dot_um
     if camera.window_um > limit:
-        raise JobError(
-            "MF113",
+        what = (
             f"window {camera.window_um:g} um is wider than λf/dot = {limit:.1f} um at {shortest:g} nm for a dot of "
-            f"{dot_um:g} um",
-            where=f"{where}: camera.window",
-            cure=f"Use a window of at most {math.floor(limit * 10) / 10:g} um",
+            f"{dot_um:g} um"
         )
+        cure = f"Use a window of at most {math.floor(limit * 10) / 10:g} um"
+        raise JobError("MF113", what, where=f"{where}: camera.window", cure=cure)
     if camera.window_um < camera.pixel_um:
-        raise JobError(
-            "MF104",
-            f"window {camera.window_um:g} um is smaller than one sensor pixel of {camera.pixel_um:g} um",
-            where=f"{where}: camera.window",
-            cure="Use a window of many pixels",
-        )
+        what = f"window {camera.window_um:g} um is smaller than one sensor pixel of {camera.pixel_um:g} um"
+        raise JobError("MF104", what, where=f"{where}: camera.window", cure="Use a window of many pixels")
     finest = min(camera.pixel_um, shortest * UM_PER_NM * camera.focal_um / camera.stop.diameter_um) / 2
     samples = camera.window_um / finest
     if samples > _MOST_SAMPLES:
-        raise JobError(
-            "MF115",
+        what = (
             f"a window of {camera.window_um:g} um is {samples:.0f} samples of {finest:g} um wide; the limit is "
-            f"{_MOST_SAMPLES}",
-            where=f"{where}: camera.window",
-            cure=f"Use a window of at most {math.floor(_MOST_SAMPLES * finest * 10) / 10:g} um, or a larger pixel",
+            f"{_MOST_SAMPLES}"
         )
+        cure = f"Use a window of at most {math.floor(_MOST_SAMPLES * finest * 10) / 10:g} um, or a larger pixel"
+        raise JobError("MF115", what, where=f"{where}: camera.window", cure=cure)
 
 
 def check_order(spec: JobSpec, where: str) -> None:
@@ -395,32 +317,22 @@ def check_order(spec: JobSpec, where: str) -> None:
     if glass is not None and (order.parity or order.chrome) and order.mirrored != (glass.chrome == "away"):
         parity, chrome = order.parity or "right reading", order.chrome or "up"
         side = "the chrome" if glass.chrome == "lens" else "the glass"
-        raise JobError(
-            "MF128",
-            f"{parity}, chrome {chrome}, would show the design mirrored to a lens that looks at {side}",
-            where=f"{where}: order.parity",
-            cure=f'Set parity = "right reading" and chrome = "{"up" if glass.chrome == "lens" else "down"}" in [order]',
-        )
+        what = f"{parity}, chrome {chrome}, would show the design mirrored to a lens that looks at {side}"
+        cure = f'Set parity = "right reading" and chrome = "{"up" if glass.chrome == "lens" else "down"}" in [order]'
+        raise JobError("MF128", what, where=f"{where}: order.parity", cure=cure)
     for key, wish, known, of in (
         ("thickness", order.thickness, None if glass is None else glass.thickness, "plate.glass.thickness"),
         ("optical_density", order.optical_density, None if plate is None else plate.optical_density,
          "plate.optical_density"),
     ):  # fmt: skip
         if wish is not None and known is not None and wish != known:
-            raise JobError(
-                "MF128",
-                f"{key} is {wish:g} in [order], and {of} is {known:g}",
-                where=f"{where}: order.{key}",
-                cure="State it once: leave it out of [order]",
-            )
+            what = f"{key} is {wish:g} in [order], and {of} is {known:g}"
+            raise JobError("MF128", what, where=f"{where}: order.{key}", cure="State it once: leave it out of [order]")
     if order.bias in ("house", "data") and (spec.process is None or not spec.process.cd_bias):
         by = "the house is" if order.bias == "house" else "the data are"
-        raise JobError(
-            "MF128",
-            f"{by} to make good a bias that [process] does not state",
-            where=f"{where}: order.bias",
-            cure='Add cd_bias = "0.2 um" to [process], by which clear widths come out wider, or set bias = "none"',
-        )
+        what = f"{by} to make good a bias that [process] does not state"
+        cure = 'Add cd_bias = "0.2 um" to [process], by which clear widths come out wider, or set bias = "none"'
+        raise JobError("MF128", what, where=f"{where}: order.bias", cure=cure)
     if order.bias == "data":
         _check_biased_data(spec, where)
 
@@ -436,12 +348,9 @@ def _check_biased_data(spec: JobSpec, where: str) -> None:
     step = 2 * grid
     if abs(bias_nm - step * round(bias_nm / step)) > _ROUNDING_NM:
         near = math.copysign(step * max(1, round(abs(bias_nm) / step)), bias_nm)
-        raise JobError(
-            "MF107",
-            f"a bias of {bias_nm:g} nm moves edges by {bias_nm / 2:g} nm, off the data's grid of {grid} nm",
-            where=f"{where}: process.cd_bias",
-            cure=f'Use a multiple of {step} nm, such as "{near:g} nm"',
-        )
+        what = f"a bias of {bias_nm:g} nm moves edges by {bias_nm / 2:g} nm, off the data's grid of {grid} nm"
+        cure = f'Use a multiple of {step} nm, such as "{near:g} nm"'
+        raise JobError("MF107", what, where=f"{where}: process.cd_bias", cure=cure)
 
 
 def check_report(spec: JobSpec, where: str) -> None:
@@ -455,21 +364,14 @@ def check_report(spec: JobSpec, where: str) -> None:
         return
     names = [die.name for die in spec.die]
     if report.reference is not None and report.reference not in names:
-        raise JobError(
-            "MF105",
-            f"there is no die {report.reference!r} to compare with",
-            where=f"{where}: report.reference",
-            cure=f"Use one of {', '.join(names)}" if names else "Add a [[die]] of that name, or remove the key",
-        )
+        what = f"there is no die {report.reference!r} to compare with"
+        cure = f"Use one of {', '.join(names)}" if names else "Add a [[die]] of that name, or remove the key"
+        raise JobError("MF105", what, where=f"{where}: report.reference", cure=cure)
     highest = spec.camera.camera().nyquist_cy_per_mm
     for frequency in report.frequencies or ():
         if frequency > highest * (1 + 1e-12):
-            raise JobError(
-                "MF104",
-                f"{frequency:g} cy/mm is beyond half a cycle per pixel, {highest:g} cy/mm",
-                where=f"{where}: report.frequencies",
-                cure=f"Use at most {highest:g} cy/mm",
-            )
+            what = f"{frequency:g} cy/mm is beyond half a cycle per pixel, {highest:g} cy/mm"
+            raise JobError("MF104", what, where=f"{where}: report.frequencies", cure=f"Use at most {highest:g} cy/mm")
 
 
 def check_film(spec: JobSpec, where: str) -> None:
@@ -489,13 +391,11 @@ def check_film(spec: JobSpec, where: str) -> None:
         cure = f'Use chrome = "{most / 1e6:g} m" or less'
     elif film > most:
         key, cure = "exaggeration", f"Use at most {most / section.chrome:g}, or thinner chrome"
-    raise JobError(
-        "MF104",
+    what = (
         f"chrome of {section.chrome:g} um, drawn {section.exaggeration:g} times as thick, is a film of {film:g} um; "
-        f"solids show films of {least * NM_PER_UM:g} nm to {most / 1e6:g} m",
-        where=f"{where}: export.{key}",
-        cure=cure,
+        f"solids show films of {least * NM_PER_UM:g} nm to {most / 1e6:g} m"
     )
+    raise JobError("MF104", what, where=f"{where}: export.{key}", cure=cure)
 
 
 Kind = TypeVar("Kind", bound=Section)
@@ -523,11 +423,8 @@ def document(path: Path, kind: str) -> object:
         JobError: MF101 for what is no TOML.
     """
     if not os.path.isfile(path):
-        raise SourceError(
-            "MF301",
-            f"there is no {kind} file {path}",
-            cure=f"Give the path of a {kind} file (.toml); the shipped ones are in {resources.path('layouts')}",
-        )
+        cure = f"Give the path of a {kind} file (.toml); the shipped ones are in {resources.path('layouts')}"
+        raise SourceError("MF301", f"there is no {kind} file {path}", cure=cure)
     data = path.read_bytes()
     if not data.strip():
         raise SourceError("MF302", f"the {kind} file {path} is empty", cure="Start from a shipped one, in layouts")
@@ -539,9 +436,8 @@ def document(path: Path, kind: str) -> object:
         try:
             return json.loads(text)
         except (ValueError, RecursionError) as error:
-            raise SourceError(
-                "MF303", f"{path} is not valid JSON: {error}", cure="Run the job again to rewrite it"
-            ) from error
+            what = f"{path} is not valid JSON: {error}"
+            raise SourceError("MF303", what, cure="Run the job again to rewrite it") from error
     if path.suffix != ".toml":
         raise SourceError("MF308", f"{path} has the suffix {path.suffix!r}", cure=f"A {kind} file ends in .toml")
     return _toml(text, str(path))
@@ -575,9 +471,5 @@ def _toml(text: str, where: str) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         found = re.search(r"line (\d+), column (\d+)", str(error))
         place = f"{where}:{found[1]}:{found[2]}" if found else f"{where}, at the end"
-        raise JobError(
-            "MF101",
-            f"TOML syntax: {error}",
-            where=place,
-            cure="Correct the TOML there: close quotes and brackets, give every key one value",
-        ) from error
+        cure = "Correct the TOML there: close quotes and brackets, give every key one value"
+        raise JobError("MF101", f"TOML syntax: {error}", where=place, cure=cure) from error

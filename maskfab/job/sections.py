@@ -115,11 +115,8 @@ def _whole(section: StopSection) -> StopSection:
         cure = f"Give {' and '.join(wanted)}, and nothing else"
         raise JobError("MF105", f"a stop of the shape {section.shape!r} {problem}", cure=cure)
     if section.inner is not None and section.diameter is not None and section.inner >= section.diameter:
-        raise JobError(
-            "MF132",
-            f"an annulus of {section.diameter:g} um with a dark middle of {section.inner:g} um passes nothing",
-            cure="Give an inner diameter below the outer one",
-        )
+        what = f"an annulus of {section.diameter:g} um with a dark middle of {section.inner:g} um passes nothing"
+        raise JobError("MF132", what, cure="Give an inner diameter below the outer one")
     return section
 
 
@@ -175,11 +172,8 @@ class BlankSection(Section):
 
 def _with_density(section: BlankSection) -> BlankSection:
     if section.film_phase is not None and section.optical_density is None:
-        raise JobError(
-            "MF105",
-            "film_phase is given without optical_density",
-            cure="Add optical_density, such as 3, or remove film_phase",
-        )
+        what = "film_phase is given without optical_density"
+        raise JobError("MF105", what, cure="Add optical_density, such as 3, or remove film_phase")
     return section
 
 
@@ -547,11 +541,8 @@ def _stated_once(section: ExposureSection) -> ExposureSection:
     ways = [key for key in ("snr", "white") if getattr(section, key) is not None] + given[:1]
     if len(ways) > 1 or not (ways or section.brackets) or len(given) not in (0, len(_SCENE_LIGHT)):
         stated = ", ".join(key for key in ("snr", "white", *_SCENE_LIGHT) if getattr(section, key) is not None)
-        raise JobError(
-            "MF105",
-            f"the exposure states {stated or 'nothing'}",
-            cure=f"Give snr, or white, or {', '.join(_SCENE_LIGHT)} together",
-        )
+        what = f"the exposure states {stated or 'nothing'}"
+        raise JobError("MF105", what, cure=f"Give snr, or white, or {', '.join(_SCENE_LIGHT)} together")
     return section
 
 

@@ -343,18 +343,13 @@ def read_shop(path: Path, where: str = "") -> Shop:
         OutputError: MF420 if there is no such file; MF421 if it is malformed.
     """
     if not os.path.isfile(path):
-        raise OutputError(
-            "MF420",
-            f"there is no profile {path}",
-            where=where,
-            cure="Give the path of a profile (.toml), or a name that maskfab shops lists",
-        )
+        cure = "Give the path of a profile (.toml), or a name that maskfab shops lists"
+        raise OutputError("MF420", f"there is no profile {path}", where=where, cure=cure)
     try:
         text = path.read_bytes().decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise OutputError(
-            "MF421", f"the profile {path} cannot be read: {error}", cure="Save the profile as UTF-8 text"
-        ) from error
+        what = f"the profile {path} cannot be read: {error}"
+        raise OutputError("MF421", what, cure="Save the profile as UTF-8 text") from error
     return parse_shop(text, path.stem, where=str(path))
 
 
@@ -370,12 +365,8 @@ def parse_shop(text: str, name: str, *, where: str) -> Shop:
         problem: JobError = first_problem(error, where)
         raise OutputError("MF421", problem.what, where=problem.where, cure=problem.cure) from error
     except (ValueError, RecursionError) as error:
-        raise OutputError(
-            "MF421",
-            f"the profile is not valid TOML: {error}",
-            where=where,
-            cure="Correct the TOML there: close quotes and brackets, give every key one value",
-        ) from error
+        cure = "Correct the TOML there: close quotes and brackets, give every key one value"
+        raise OutputError("MF421", f"the profile is not valid TOML: {error}", where=where, cure=cure) from error
     if shop.order.default.bias == "data":
         what = 'the default of bias is "data", and the data are the job\'s'
         cure = 'Set bias = "house" where the house makes its bias good by itself, else leave it out'

@@ -134,12 +134,8 @@ def inserted(text: str, key: str, value: object, *, where: str) -> str:
         if _read(longer) == wanted:
             return longer
     table, name = ".".join(path[:-1]), path[-1]
-    raise JobError(
-        "MF105",
-        f"the table {table} is written so that no line can be put into it",
-        where=where,
-        cure=f"Write {name} = {value_text(value)} into [{table}] by hand",
-    )
+    what = f"the table {table} is written so that no line can be put into it"
+    raise JobError("MF105", what, where=where, cure=f"Write {name} = {value_text(value)} into [{table}] by hand")
 
 
 def _read(text: str) -> dict[str, Any] | None:

@@ -140,13 +140,12 @@ def check_name(name: object, *, where: str = "") -> str:
         problem = f"the name {name!r} is that of a device, and Windows has no file called so"
         raise JobError("MF110", problem, where=where, cure='Choose another name, such as "TOLED_150"')
     if not _NAME.fullmatch(name):
-        raise JobError(
-            "MF110",
+        what = (
             f"the name {name!r} of {len(name)} characters is not a letter followed by at most 23 letters, digits or "
-            "underscores",
-            where=where,
-            cure='Use a name such as "TOLED_150"; the name of a file is its stem unless one is given',
+            "underscores"
         )
+        cure = 'Use a name such as "TOLED_150"; the name of a file is its stem unless one is given'
+        raise JobError("MF110", what, where=where, cure=cure)
     return name
 
 
@@ -190,11 +189,8 @@ def _pitch(value: object) -> float:
 def _on_plate(value: object) -> float:
     length = length_um(value)
     if length > _LARGEST_PLATE_UM:
-        raise JobError(
-            "MF104",
-            f"{value!r} is more than 2 m, beyond what the coordinates of GDSII reach in steps of 1 nm",
-            cure="Give a length of at most 2 m",
-        )
+        what = f"{value!r} is more than 2 m, beyond what the coordinates of GDSII reach in steps of 1 nm"
+        raise JobError("MF104", what, cure="Give a length of at most 2 m")
     return length
 
 
@@ -202,11 +198,8 @@ def _drawn(text: object) -> object:
     """Text that the plate shows in letters of its own; its type is checked elsewhere."""
     lacking = sorted({c for c in text if not " " <= c <= "~"}) if isinstance(text, str) else []
     if lacking:
-        raise JobError(
-            "MF110",
-            f"the plate's font has no {', '.join(map(repr, lacking))} for the text {text!r}",
-            cure="Use ASCII letters, digits and punctuation",
-        )
+        what = f"the plate's font has no {', '.join(map(repr, lacking))} for the text {text!r}"
+        raise JobError("MF110", what, cure="Use ASCII letters, digits and punctuation")
     return text
 
 
@@ -229,9 +222,8 @@ def _three(value: object) -> tuple[float, float, float]:
     parts = value if isinstance(value, list | tuple) else ()
     numbers = [part for part in parts if isinstance(part, int | float) and not isinstance(part, bool)]
     if len(parts) != 3 or len(numbers) != 3 or not all(math.isfinite(part) and part > 0 for part in numbers):
-        raise JobError(
-            "MF116", f"{value!r} is not three positive numbers", cure="Give red, green and blue, such as [1, 1, 2]"
-        )
+        what = f"{value!r} is not three positive numbers"
+        raise JobError("MF116", what, cure="Give red, green and blue, such as [1, 1, 2]")
     red, green, blue = (float(part) for part in numbers)
     return red, green, blue
 
@@ -253,11 +245,8 @@ def checked_formats(formats: tuple[FileFormat, ...]) -> tuple[FileFormat, ...]:
         JobError: MF105.
     """
     if formats[0] not in MEASURED_FORMATS:
-        raise JobError(
-            "MF105",
-            f"{list(formats)}: the optics are measured from the first file, and {formats[0]} cannot be measured",
-            cure=f"Put one of {', '.join(MEASURED_FORMATS)} first",
-        )
+        what = f"{list(formats)}: the optics are measured from the first file, and {formats[0]} cannot be measured"
+        raise JobError("MF105", what, cure=f"Put one of {', '.join(MEASURED_FORMATS)} first")
     if len(set(formats)) < len(formats):
         raise JobError("MF105", f"{list(formats)}: a format is named twice", cure="Name each once")
     return formats
@@ -285,11 +274,8 @@ def _listed_counts(value: object) -> object:
         or not 1 <= asked["from"] <= asked["to"]
         or asked["step"] < 1
     ):
-        raise JobError(
-            "MF105",
-            f"{value!r} is not a range of whole numbers from 1 upwards",
-            cure="Write { from = 60, to = 110, step = 10 }, or a list",
-        )
+        what = f"{value!r} is not a range of whole numbers from 1 upwards"
+        raise JobError("MF105", what, cure="Write { from = 60, to = 110, step = 10 }, or a list")
     # One more than may be is enough to be refused.
     return list(islice(range(asked["from"], asked["to"] + 1, asked["step"]), _MOST_COUNTS + 1))
 
@@ -358,9 +344,8 @@ def _depth(value: object) -> tuple[float, float]:
         raise JobError("MF105", f"{value!r} is not a pair of distances", cure='Write it as ["1 m", "inf"]')
     nearest, farthest = (_distance(each) for each in value)
     if nearest > farthest:
-        raise JobError(
-            "MF104", f"{value!r} has the nearest object beyond the farthest", cure="Swap them: the nearest comes first"
-        )
+        what = f"{value!r} has the nearest object beyond the farthest"
+        raise JobError("MF104", what, cure="Swap them: the nearest comes first")
     return nearest, farthest
 
 
@@ -417,9 +402,8 @@ def is_table(name: str) -> bool:
 
 def _spectrum(value: object) -> str:
     if not isinstance(value, str) or not (value in ("lines", "rgb") or is_table(value)):
-        raise JobError(
-            "MF105", f"{value!r} is not a spectrum", cure='Use "lines", "rgb" or a file such as "camera.csv"'
-        )
+        what = f"{value!r} is not a spectrum"
+        raise JobError("MF105", what, cure='Use "lines", "rgb" or a file such as "camera.csv"')
     return value
 
 
@@ -437,9 +421,8 @@ def _illuminant(value: object) -> str | float:
     # As with lengths: 15 digits, which are written out and read again as they are.
     kelvins = float(f"{float(found[1]):.15g}")
     if not COLDEST_K <= kelvins <= HOTTEST_K:
-        raise JobError(
-            "MF104", f"{value!r} is outside {COLDEST_K:g} K to {HOTTEST_K:g} K", cure="Daylight is about 6500 K"
-        )
+        what = f"{value!r} is outside {COLDEST_K:g} K to {HOTTEST_K:g} K"
+        raise JobError("MF104", what, cure="Daylight is about 6500 K")
     return kelvins
 
 
@@ -490,9 +473,8 @@ def _corners(value: object) -> tuple[Corner, ...]:
     if len(value) < 3:
         raise JobError("MF132", f"{len(value)} corners hold no area; 3 are needed", cure=_CURE)
     if len(value) > _MOST_CORNERS:
-        raise JobError(
-            "MF115", f"{len(value)} corners are more than {_MOST_CORNERS}", cure="Draw the stop with fewer corners"
-        )
+        what = f"{len(value)} corners are more than {_MOST_CORNERS}"
+        raise JobError("MF115", what, cure="Draw the stop with fewer corners")
     found = tuple((_coordinate(x), _coordinate(y)) for x, y in value)
     _refuse_crossing(found)
     return found
@@ -513,11 +495,8 @@ def _refuse_crossing(corners: Sequence[Corner]) -> None:
             else:
                 meet = _cross(*first, *second)
             if meet:
-                raise JobError(
-                    "MF132",
-                    f"sides {k + 1} and {j + 1} cross or touch",
-                    cure="Give the corners in order round the stop",
-                )
+                what = f"sides {k + 1} and {j + 1} cross or touch"
+                raise JobError("MF132", what, cure="Give the corners in order round the stop")
 
 
 def _turn(p: Corner, q: Corner, r: Corner) -> float:
