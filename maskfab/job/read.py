@@ -21,11 +21,10 @@ from maskfab.base.model import Camera, Tiling
 from maskfab.base.units import NM_PER_UM, UM_PER_NM
 from maskfab.job.sections import DesignSection, DieSection, JobSpec, RelaxSection, SearchSection
 from maskfab.job.toml import loads
-from maskfab.job.values import METHODS, Section, first_problem
+from maskfab.job.values import METHODS, SOLIDS, Section, first_problem
 
 _MOST_DOTS_ACROSS_STOP = 6000
 _MOST_SAMPLES = 4096
-_SOLIDS = frozenset({"step", "glb", "3mf", "stl"})
 _ROUNDING_NM = 1e-6
 _FILM_UM = (0.01, 1e6)
 """Films that solids show: STEP, to which 0.1 nm is nothing, cuts thinner ones wrongly; thicker ones dwarf any plate."""
@@ -381,7 +380,7 @@ def check_film(spec: JobSpec, where: str) -> None:
         JobError: MF104.
     """
     section = spec.export
-    if section is None or _SOLIDS.isdisjoint(section.formats or ()):
+    if section is None or set(SOLIDS).isdisjoint(section.formats or ()):
         return
     (least, most), film = _FILM_UM, section.chrome * section.exaggeration
     if least * (1 - 1e-9) <= film <= most * (1 + 1e-9):

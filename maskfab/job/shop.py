@@ -10,7 +10,7 @@ import re
 import warnings
 from datetime import date, timedelta
 from pathlib import Path
-from typing import Annotated, Literal, TypeAlias, get_args
+from typing import Annotated, Literal, TypeAlias
 
 from pydantic import AfterValidator, Field, ValidationError
 
@@ -19,9 +19,8 @@ from maskfab.base.model import CHROME, LAYERS
 from maskfab.base.units import MOST_DPI
 from maskfab.job.order import ChromeSide, Film, Glass, OrderSection, Protection, Reading, Tone
 from maskfab.job.toml import dumps, loads
-from maskfab.job.values import Section, first_problem
+from maskfab.job.values import Section, ShopFormat, first_problem
 
-Format: TypeAlias = Literal["gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "cif", "plate_tiff", "plate_bmp"]
 OrderField: TypeAlias = Literal[
     "mask_name",
     "tone",
@@ -38,7 +37,6 @@ OrderField: TypeAlias = Literal[
 
 _LASTING = timedelta(days=730)
 """For which what a house publishes is taken to hold."""
-FORMATS: tuple[Format, ...] = get_args(Format)
 
 
 def _listed(minimum: int = 0) -> object:
@@ -105,8 +103,8 @@ class Accepts(Section):
         one_mask_per_layer: whether every mask must have a layer of its own.
     """
 
-    formats: Annotated[tuple[Format, ...], _listed(1)] | None = None
-    ruled: Annotated[tuple[Format, ...], _listed()] = ()
+    formats: Annotated[tuple[ShopFormat, ...], _listed(1)] | None = None
+    ruled: Annotated[tuple[ShopFormat, ...], _listed()] = ()
     others: Annotated[tuple[str, ...], _listed()] = ()
     versions: dict[str, str] = Field(default_factory=dict)
     drawing_unit: Literal["um", "mm"] | None = None
@@ -194,7 +192,7 @@ class ShopText(Section):
         separate_layer: whether it should have a layer of its own.
     """
 
-    allowed_in: Annotated[tuple[Format, ...], _listed()] | None = None
+    allowed_in: Annotated[tuple[ShopFormat, ...], _listed()] | None = None
     charset: Literal["ascii"] | None = None
     italic: bool | None = None
     separate_layer: bool | None = None
@@ -322,7 +320,7 @@ class Shop(Section):
     order: ShopOrder = ShopOrder()
 
     @property
-    def formats(self) -> tuple[Format, ...]:
+    def formats(self) -> tuple[ShopFormat, ...]:
         """Formats to choose from, the first to be sent; GDSII and DXF where the house publishes none at all."""
         return self.accepts.formats or self.accepts.ruled or ("gdsii", "dxf_r12")
 

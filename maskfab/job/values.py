@@ -91,31 +91,27 @@ Kissing = Literal["allowed", "cell", "neighbours"]
 ObjectiveName = Literal["invertibility", "top_residual", "expected_error", "boundary_leak", "mtf_auc", "area"]
 Weight = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
 
-FileFormat: TypeAlias = Literal[
-    "gdsii",
-    "oasis",
-    "dxf_r12",
-    "dxf_r2010",
-    "gerber",
-    "cif",
-    "svg",
-    "step",
-    "glb",
-    "3mf",
-    "stl",
-    "png",
-    "tiff",
-    "exr",
-    "plate_tiff",
-    "plate_bmp",
-]
-MASK_FORMATS: tuple[FileFormat, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010")
+Layout: TypeAlias = Literal["gdsii", "oasis", "dxf_r12", "dxf_r2010"]
+Solid: TypeAlias = Literal["step", "glb", "3mf", "stl"]
+Picture: TypeAlias = Literal["png", "tiff"]
+PlateBitmap: TypeAlias = Literal["plate_tiff", "plate_bmp"]
+ShopFormat: TypeAlias = Literal[Layout, "gerber", "cif", PlateBitmap]
+SHOP_FORMATS: tuple[ShopFormat, ...] = get_args(ShopFormat)
+"""Formats that mask houses may take."""
+
+FileFormat: TypeAlias = Literal[Layout, "gerber", "cif", "svg", Solid, Picture, "exr", PlateBitmap]
+"""Formats by their names in a job; the file of each in :mod:`maskfab.mask.formats` says all else of it."""
+
+MASK_FORMATS: tuple[FileFormat, ...] = get_args(Layout)
 """Default formats of a plate."""
 
 MEASURED_FORMATS: tuple[FileFormat, ...] = (*MASK_FORMATS, "cif")
 """Formats from which a plate's optics can be measured."""
 
-PlateBitmap: TypeAlias = Literal["plate_tiff", "plate_bmp"]
+SOLIDS: tuple[FileFormat, ...] = get_args(Solid)
+PICTURES: tuple[FileFormat, ...] = get_args(Picture)
+"""Formats of a die as pixels."""
+
 PLATE_BITMAPS: tuple[PlateBitmap, ...] = get_args(PlateBitmap)
 """Formats of a whole plate as a plotter's dots."""
 

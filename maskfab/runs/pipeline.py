@@ -25,7 +25,7 @@ from maskfab.display.feasibility import PlateWithDisplays, display_rules, displa
 from maskfab.job.reference import USES, unused
 from maskfab.job.sections import ExportSection
 from maskfab.job.shop import Shop
-from maskfab.job.values import PLATE_BITMAPS, FileFormat
+from maskfab.job.values import PICTURES, PLATE_BITMAPS, FileFormat
 from maskfab.mask.comparison.files import ReadBack, read_back
 from maskfab.mask.formats.exr import PsfFile, check_psf_file, psf_files
 from maskfab.mask.formats.gerber import require_gerbonara
@@ -693,7 +693,7 @@ def check_pictures(job: Job, plate: Plate, formats: Sequence[FileFormat] | None 
     """
     section, shop = job.spec.export or ExportSection(), named_shop(job)
     written = written_formats(section, shop) if formats is None else formats
-    if not {"png", "tiff"}.isdisjoint(written):
+    if not set(PICTURES).isdisjoint(written):
         check_pixels(plate.dies, section.dots_per_um, job.where)
     dpi = plotted_dpi(section, shop)
     check_polygons(job.spec, written, job.where)

@@ -16,7 +16,8 @@ from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.job.reference import USES, in_words, unused
-from maskfab.job.shop import FORMATS, Format, Shop
+from maskfab.job.shop import Shop
+from maskfab.job.values import SHOP_FORMATS, ShopFormat
 from maskfab.mask.houses.findings import Taken
 from maskfab.mask.houses.order import OrderForm, write_answers
 from maskfab.mask.houses.profiles import load_shop, shop_names, shop_of
@@ -246,14 +247,14 @@ def package(
     return replace(made, unused=unused(loaded.spec, *USES["package"]))
 
 
-def formats_of(asked: Sequence[str]) -> tuple[Format, ...]:
+def formats_of(asked: Sequence[str]) -> tuple[ShopFormat, ...]:
     """Formats by their names, in the order of all.
 
     Raises:
         JobError: MF105 for one that there is not.
     """
     for each in asked:
-        if each not in FORMATS:
-            cure = f"Choose among {', '.join(FORMATS)}"
+        if each not in SHOP_FORMATS:
+            cure = f"Choose among {', '.join(SHOP_FORMATS)}"
             raise JobError("MF105", f"there is no format {each!r}", where="format", cure=cure)
-    return tuple(each for each in FORMATS if each in asked)
+    return tuple(each for each in SHOP_FORMATS if each in asked)

@@ -22,8 +22,8 @@ from maskfab.base.errors import JobError
 from maskfab.base.model import Die, Mark, Plate, Quantity
 from maskfab.base.units import MOST_DPI, NM_PER_UM, UM_PER_INCH
 from maskfab.job.sections import ExportSection, JobSpec
-from maskfab.job.shop import Format, Shop
-from maskfab.job.values import PLATE_BITMAPS, FileFormat
+from maskfab.job.shop import Shop
+from maskfab.job.values import PICTURES, PLATE_BITMAPS, FileFormat, ShopFormat
 from maskfab.mask.dots import NM_PER_INCH, DotGrid, die_edges_nm, die_raster
 from maskfab.mask.figures import Figures, PolygonOptions, draw
 from maskfab.mask.formats.solid import Stack
@@ -264,7 +264,7 @@ def _even_dpi(places_nm: Ints, plate: Plate, dpi: int) -> int | None:
 
 
 def check_package(
-    spec: JobSpec, plate: Plate, shop: Shop, formats: Sequence[Format] = (), facts: PlateFacts | None = None
+    spec: JobSpec, plate: Plate, shop: Shop, formats: Sequence[ShopFormat] = (), facts: PlateFacts | None = None
 ) -> tuple[Finding, ...]:
     """The house's rules, what its plotter does to the plate, and what it offers.
 
@@ -395,7 +395,7 @@ def check_polygons(spec: JobSpec, formats: Sequence[FileFormat], where: str) -> 
     Raises:
         JobError: MF128.
     """
-    dots = [each for each in formats if each in (*PLATE_BITMAPS, "png", "tiff")]
+    dots = [each for each in formats if each in (*PLATE_BITMAPS, *PICTURES)]
     if spec.data_bias_nm and dots:
         raise JobError(
             "MF128",
@@ -408,7 +408,7 @@ def check_polygons(spec: JobSpec, formats: Sequence[FileFormat], where: str) -> 
 def files_for_shop(
     plate: Plate,
     shop: Shop,
-    formats: Sequence[Format],
+    formats: Sequence[ShopFormat],
     comments: Sequence[str],
     stem: str,
     spec: JobSpec,

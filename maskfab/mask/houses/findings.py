@@ -17,8 +17,8 @@ from maskfab.base.errors import OutputError
 from maskfab.base.model import CLEAR, NOTE, Box, Die, Layer, Mark, Plate, Quantity, Snapping
 from maskfab.base.units import NM_PER_MM, NM_PER_UM, UM_PER_INCH, UM_PER_MM
 from maskfab.job.order import Tone as DataTone
-from maskfab.job.shop import FORMATS, Format, Shop
-from maskfab.job.values import FileFormat
+from maskfab.job.shop import Shop
+from maskfab.job.values import SHOP_FORMATS, FileFormat, ShopFormat
 from maskfab.mask.figures import DieFigures, Figures, PolygonOptions, draw
 from maskfab.mask.formats import table
 from maskfab.mask.houses import adaptation
@@ -181,7 +181,7 @@ def mail_of(plate: str, findings: Sequence[Finding]) -> str:
 def check_shop(
     drawn: Plate,
     shop: Shop,
-    formats: Sequence[Format] = (),
+    formats: Sequence[ShopFormat] = (),
     options: PolygonOptions | None = None,
     blank: Blank | None = None,
     *,
@@ -227,7 +227,7 @@ def check_written(
         formats: of the files; those that no house is sent, SVG, solids and pictures, are not looked at.
         blank: what the job says of chrome and glass; None leaves them to the order.
     """
-    sent, plate = tuple(each for each in FORMATS if each in formats), figures.plate
+    sent, plate = tuple(each for each in SHOP_FORMATS if each in formats), figures.plate
     layers = [*figures.layers, *([NOTE] if figures.notes and NOTE not in figures.layers else [])]
     cells = [figures.top]
     if figures.options.hierarchy == "cells":
@@ -246,12 +246,12 @@ def check_written(
     return _sourced((_as_written(each, shop) for each in findings), shop)
 
 
-def _texted(plate: Plate, shop: Shop, sent: Sequence[Format]) -> list[Layer]:
+def _texted(plate: Plate, shop: Shop, sent: Sequence[ShopFormat]) -> list[Layer]:
     """The layer of a drawing's line of text, where it has one."""
     return [NOTE] if _unit_texts(plate, shop, sent) else []
 
 
-def _unit_texts(plate: Plate, shop: Shop, sent: Sequence[Format]) -> list[Format]:
+def _unit_texts(plate: Plate, shop: Shop, sent: Sequence[ShopFormat]) -> list[ShopFormat]:
     """Drawings that name their unit in a line of text."""
     versions = drawing_style(plate, shop).unit_text
     return [each for each in sent if each.startswith("dxf") and each.removeprefix("dxf_").upper() in versions]
@@ -284,7 +284,9 @@ def _as_written(finding: Finding, shop: Shop) -> Finding:
     return replace(finding, cure=cures.get(finding.rule, finding.cure))
 
 
-def _of_files(shop: Shop, plate: Plate, sent: Sequence[Format], tone: DataTone, *, noted: bool) -> Iterator[Finding]:
+def _of_files(
+    shop: Shop, plate: Plate, sent: Sequence[ShopFormat], tone: DataTone, *, noted: bool
+) -> Iterator[Finding]:
     known = shop.accepts.formats
     for each in sent:
         if known is None:
@@ -311,7 +313,7 @@ def _of_files(shop: Shop, plate: Plate, sent: Sequence[Format], tone: DataTone, 
     yield from _of_texts(shop, plate, sent, noted=noted)
 
 
-def _of_texts(shop: Shop, plate: Plate, sent: Sequence[Format], *, noted: bool) -> Iterator[Finding]:
+def _of_texts(shop: Shop, plate: Plate, sent: Sequence[ShopFormat], *, noted: bool) -> Iterator[Finding]:
     lines = _unit_texts(plate, shop, sent)
     texted = [each for each in sent if each in lines or (noted and each not in ("gerber", "cif"))]
     rules, known = shop.text, shop.accepts.formats

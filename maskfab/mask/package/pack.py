@@ -29,8 +29,8 @@ from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import Progress, silent
 from maskfab.job import read as read_spec
 from maskfab.job.sections import JobSpec
-from maskfab.job.shop import FORMATS, Format, Shop, parse_shop
-from maskfab.job.values import PLATE_BITMAPS, is_table
+from maskfab.job.shop import Shop, parse_shop
+from maskfab.job.values import PLATE_BITMAPS, SHOP_FORMATS, ShopFormat, is_table
 from maskfab.mask.comparison.files import compare_mask, plate_dots_row, read_mask
 from maskfab.mask.figures import CUT, PolygonOptions
 from maskfab.mask.formats import table
@@ -101,7 +101,7 @@ def _of_header(path: Path, style: DrawingStyle) -> db.Box:
     return db.Box(*(max(-_FAR, min(_FAR, value)) for value in (x0, y0, x1, y1)))
 
 
-PACKED: tuple[Format, ...] = FORMATS
+PACKED: tuple[ShopFormat, ...] = SHOP_FORMATS
 """Formats that a package can hold."""
 _TAILS = tuple(table.FORMATS[each].tail for each in PACKED)
 _MASK_SUFFIXES = tuple(f".{tail.rpartition('.')[2]}" for tail in _TAILS)
@@ -145,7 +145,7 @@ def pack(
     job: Job,
     shop: Shop,
     target: str | Path,
-    formats: Sequence[Format] = (),
+    formats: Sequence[ShopFormat] = (),
     *,
     force: bool = False,
     progress: Progress = silent,
@@ -303,7 +303,7 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
             checks.append(_folder_named(wrapped, whole, house, made))
             # Without dots per inch there is no bitmap to compare one with.
             known = plotted_dpi(made.spec.export, house) is not None
-            kept: tuple[Format, ...] = tuple(each for each in PACKED if known or each not in PLATE_BITMAPS)
+            kept: tuple[ShopFormat, ...] = tuple(each for each in PACKED if known or each not in PLATE_BITMAPS)
             drawn = files_for_shop(plate, house, kept, (), safe_stem(plate.name), made.spec, version=version)
         except InputError as error:
             if job is not None and not isinstance(error, OutputError):
@@ -352,7 +352,7 @@ def _held(folder: Path, names: Sequence[str], listed: Mapping[str, str]) -> Iter
         yield Quantity("unlisted", name, f"the manifest does not know {name}", None, "", False)
 
 
-def _as_listed(path: Path, kind: Format, digest: str) -> WrittenFile:
+def _as_listed(path: Path, kind: ShopFormat, digest: str) -> WrittenFile:
     """The record of a mask file by the hash that the manifest gives it, which is held against the file elsewhere."""
     return WrittenFile(path.name, kind, path.stat().st_size if path.is_file() else 0, digest)
 
@@ -492,7 +492,7 @@ class Bid:
 
     shop: str
     title: str
-    format: Format
+    format: ShopFormat
     findings: tuple[Finding, ...]
     changes: tuple[str, ...]
     blanks: tuple[str, ...]
@@ -579,11 +579,11 @@ class _Files:
     spec: JobSpec
     facts: PlateFacts
     folder: Path
-    known: dict[tuple[tuple[Mark, ...], Snapping | None, PolygonOptions, Format, str], _Read] = field(
+    known: dict[tuple[tuple[Mark, ...], Snapping | None, PolygonOptions, ShopFormat, str], _Read] = field(
         default_factory=dict
     )
 
-    def read(self, drawn: Plate, shop: Shop, options: PolygonOptions, sent: Format) -> _Read:
+    def read(self, drawn: Plate, shop: Shop, options: PolygonOptions, sent: ShopFormat) -> _Read:
         # Of all formats only these are written in a house's own style.
         style = repr(drawing_style(drawn, shop)) if sent.startswith("dxf") or shop.names.layers else ""
         key = drawn.marks, drawn.snapped, options, sent, style
@@ -591,7 +591,7 @@ class _Files:
             self.known[key] = self._read(drawn, shop, sent)
         return self.known[key]
 
-    def _read(self, drawn: Plate, shop: Shop, sent: Format) -> _Read:
+    def _read(self, drawn: Plate, shop: Shop, sent: ShopFormat) -> _Read:
         try:
             made = files_for_shop(drawn, shop, (sent,), (), safe_stem(drawn.name), self.spec, self.facts)
             (product,) = made.products
@@ -608,7 +608,7 @@ class _Files:
         return _Read(box, (Finding("read_back", False, failed[0].name, "the plate as designed", cure=cure),))
 
 
-def _changes(drawn: Plate, shop: Shop, options: PolygonOptions, sent: Format) -> Iterator[str]:
+def _changes(drawn: Plate, shop: Shop, options: PolygonOptions, sent: ShopFormat) -> Iterator[str]:
     if sent.startswith("dxf") and shop.accepts.drawing_unit == "mm":
         yield "drawn in mm"
     if options.bias_nm:

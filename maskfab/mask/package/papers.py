@@ -32,8 +32,8 @@ from maskfab.base import __version__
 from maskfab.base.folders import JOB_COPY, RESULT_MARK
 from maskfab.base.model import Gauge, Plate, Polygon, Quantity, WrittenFile
 from maskfab.base.units import NM_PER_MM, NM_PER_UM, UM_PER_INCH
-from maskfab.job.shop import Format, OrderField, Shop, dump_shop
-from maskfab.job.values import PLATE_BITMAPS
+from maskfab.job.shop import OrderField, Shop, dump_shop
+from maskfab.job.values import PLATE_BITMAPS, ShopFormat
 from maskfab.mask.figures import CUT, Account, Figures
 from maskfab.mask.houses.adaptation import kept_grid_nm
 from maskfab.mask.houses.files import DotEdges
@@ -296,7 +296,7 @@ def order_sheet(
     order: Order,
     figures: Figures,
     shop: Shop,
-    formats: Sequence[Format],
+    formats: Sequence[ShopFormat],
     files: Sequence[tuple[str, str]],
     remarks: Sequence[str] = (),
     edges: DotEdges | None = None,
@@ -358,7 +358,7 @@ def _rules_heading(shop: Shop, order: Order) -> str:
 
 
 def _answers(
-    order: Order, figures: Figures, shop: Shop, formats: Sequence[Format], remarks: Sequence[str]
+    order: Order, figures: Figures, shop: Shop, formats: Sequence[ShopFormat], remarks: Sequence[str]
 ) -> dict[OrderField, str]:
     plate, account = figures.plate, figures.account
     cut, names = CUT in figures.layers, shop.layer_names
@@ -491,7 +491,7 @@ class MaskOrder:
     signature: str
     findings: tuple[Finding, ...]
     checks: tuple[Quantity, ...]
-    sent: tuple[Format, ...]
+    sent: tuple[ShopFormat, ...]
     masks: tuple[WrittenFile, ...]
     edges: DotEdges | None = None
 
