@@ -11,7 +11,7 @@ from pathlib import Path
 
 import typer
 
-from maskfab.base.quantities import QUANTITIES
+from maskfab.base.quantities import quantities
 from maskfab.base.resources import explained, grouped
 from maskfab.cli.app import app
 from maskfab.designs.rules.constraints import RULES
@@ -77,7 +77,7 @@ def _quantities() -> Iterator[str]:
         ("name", "title", "unit", "meaning", "if its check fails"),
         (
             (f"`{each.name}`", each.title, each.unit, _plain(each.meaning), _plain(each.cure))
-            for each in QUANTITIES.values()
+            for each in quantities().values()
         ),
     )
 

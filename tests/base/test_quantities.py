@@ -12,7 +12,7 @@ import pytest
 import maskfab
 from maskfab.base.errors import InternalError
 from maskfab.base.model import COLOURS, Quantity
-from maskfab.base.quantities import FAMILIES, QUANTITIES, Entry, registered
+from maskfab.base.quantities import FAMILIES, Entry, quantities, registered
 
 UNITS = {"", "1", "nm", "um", "um^2", "m", "cy/mm", "cy/pixel", "px", "1/deg", "deg", "dB", "mA/cm2", "waves"}
 UNITS |= {"edges", "names", "places", "{detail}", "polygons over {detail} vertices"}
@@ -62,7 +62,9 @@ def test_every_name_written_in_a_call_is_registered():
                 pattern = written(call.args[0])
                 if pattern is not None:
                     found += 1
-                    known = any(re.fullmatch(pattern, name) for entry in QUANTITIES.values() for name in members(entry))
+                    known = any(
+                        re.fullmatch(pattern, name) for entry in quantities().values() for name in members(entry)
+                    )
                     assert known, f"{path}:{call.lineno}: {pattern}"
     assert found > 80
 
@@ -74,7 +76,7 @@ def test_every_entry_is_the_name_of_something():
     def stands(part: str) -> bool:
         return any(f"{before}{part}{after}" in text for before in '"}' for after in '"{')
 
-    for name in QUANTITIES:
+    for name in quantities():
         starts = [start for start in JOINED if name.startswith(start)]
         ends = [name.removeprefix(start).removesuffix("_{reading}") for start in starts]
         whole = all(stands(part) for part in re.split(r"\{\w+\}", name) if part)
@@ -89,24 +91,24 @@ def test_a_name_that_is_not_registered_is_refused(name):
 
 
 def test_no_name_has_two_entries():
-    for entry in QUANTITIES.values():
+    for entry in quantities().values():
         for name in members(entry):
             assert registered(name).name == entry.name
-    exact = {name for name in QUANTITIES if "{" not in name}
-    families = [entry for entry in QUANTITIES.values() if "{" in entry.name]
+    exact = {name for name in quantities() if "{" not in name}
+    families = [entry for entry in quantities().values() if "{" in entry.name]
     for entry in families:
         pattern = re.sub(r"\\\{(\w+)\\\}", lambda word: f"(?:{FAMILIES[word[1]]})", re.escape(entry.name))
         assert not [name for name in exact if re.fullmatch(pattern, name)], entry.name
 
 
 def test_every_entry_has_words_and_every_unit_one_spelling():
-    for entry in QUANTITIES.values():
+    for entry in quantities().values():
         assert entry.title, entry.name
         assert entry.meaning.endswith("."), entry.name
         assert not entry.cure or entry.cure.endswith("."), entry.name
         assert entry.unit in UNITS, entry.name
-    assert {entry.unit for entry in QUANTITIES.values()} >= UNITS
-    titles = [entry.title for entry in QUANTITIES.values()]
+    assert {entry.unit for entry in quantities().values()} >= UNITS
+    titles = [entry.title for entry in quantities().values()]
     assert len(set(titles)) == len(titles)
 
 

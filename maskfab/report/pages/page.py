@@ -28,7 +28,7 @@ from markupsafe import Markup
 from matplotlib.image import imread
 from numpy.typing import NDArray
 
-from maskfab.base.quantities import QUANTITIES, Entry, registered
+from maskfab.base.quantities import Entry, quantities, registered
 from maskfab.base.resources import template
 from maskfab.base.units import UM_PER_MM
 from maskfab.optics.scene.model_bar import MODEL_BAR
@@ -218,7 +218,7 @@ def _glossary(document: Mapping[str, Any]) -> list[Entry]:
     for die in document["dies"]:
         rows += [*die["quantities"], *die.get("scene", {}).get("quantities", ())]
     present = {registered(row["name"]).name for row in rows}
-    return [entry for name, entry in QUANTITIES.items() if name in present]
+    return [entry for name, entry in quantities().items() if name in present]
 
 
 def _by_name(checks: Iterable[Row]) -> list[tuple[str, list[Row], Row]]:
