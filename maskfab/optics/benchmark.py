@@ -172,14 +172,14 @@ def published_size(wavelength_nm: float, focal_um: float, dot_um: float, step_um
     return int(exact + 1e-9) // 2 * 2
 
 
-def published_intensity(dots: NDArray[np.float64], size: int, samples: int) -> NDArray[np.float64]:
+def published_intensity(dots: Floats, size: int, samples: int) -> Floats:
     """Intensity in the window, [samples, samples], at multiples of the step from -samples/2; not normalised."""
     padded = np.zeros((size, size), dtype=np.complex128)
     padded[: dots.shape[0], : dots.shape[1]] = dots
     spectrum = np.fft.fftshift(np.fft.fft2(padded))
     first = size // 2 - samples // 2
     window = spectrum[first : first + samples, first : first + samples]
-    intensity: NDArray[np.float64] = np.abs(window) ** 2
+    intensity: Floats = np.abs(window) ** 2
     return intensity
 
 

@@ -9,12 +9,11 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from maskfab.base.arrays import Floats
+from maskfab.base.arrays import Floats, Singles
 from maskfab.base.model import Emitters
 
-Reals = TypeVar("Reals", NDArray[np.float32], NDArray[np.float64])
+Reals = TypeVar("Reals", Singles, Floats)
 
 # IEC 61966-2-1: linear sRGB to CIE 1931 XYZ; its white, (1, 1, 1), is D65.
 XYZ_OF_RGB = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])

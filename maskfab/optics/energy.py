@@ -39,9 +39,8 @@ from dataclasses import replace
 import numpy as np
 import scipy
 from numpy.polynomial.legendre import leggauss
-from numpy.typing import NDArray
 
-from maskfab.base.arrays import Floats
+from maskfab.base.arrays import Complexes, Floats
 from maskfab.base.errors import InternalError, JobError
 from maskfab.base.model import Camera, Panel, Psf, Quantity, Stop
 from maskfab.optics.field.matrix import direct_field
@@ -401,7 +400,7 @@ def _side_lobes(psf: Psf) -> Floats:
     return np.stack([distance, lobe + gain, abs(gain) + 1e-15 * values[middle, middle]], axis=-1)
 
 
-def _brightest_direction(tail: Floats, turn: NDArray[np.complex128]) -> float:
+def _brightest_direction(tail: Floats, turn: Complexes) -> float:
     """Largest over mean of an angular distribution, from its moments under a Fejér kernel."""
     order = np.arange(1, _STREAK_ORDERS + 1)
     moments, power = [], np.ones_like(turn)

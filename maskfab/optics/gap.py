@@ -45,13 +45,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from maskfab.base.arrays import Complexes, Floats
+from maskfab.base.arrays import Complexes, Floats, Mask, Singles
 from maskfab.base.errors import JobError
 from maskfab.base.model import Camera, Psf, Stop, frozen
 from maskfab.base.units import UM_PER_NM
 from maskfab.optics.field.matrix import direct_field
 from maskfab.optics.lags import correlated, dot_blocks
-from maskfab.optics.psf import odd_samples, point_psf, point_step_um
+from maskfab.optics.psf import image_scale_um2, odd_samples, point_psf, point_step_um, psf_norm_um6
 from maskfab.optics.pupil import Aperture, Lattice, Pupil, cut, share_inside
 from maskfab.optics.stop import Waves, edge_points, perimeter_um, widest_um
 from maskfab.optics.tilings import MeanPsf, decorrelation_error
@@ -211,12 +211,12 @@ def gap_psf(
     )  # fmt: skip
     middle = found.amplitude.shape[0]
     place = found.sample_um * (np.arange(middle, dtype=np.float64) - middle // 2)
-    step, scale = point_step_um(camera), wavelength_nm * UM_PER_NM * distance
+    step, scale = point_step_um(camera), image_scale_um2(camera, wavelength_nm, distance)
     reach = odd_samples(camera.window_um, step) // 2 + margin
     u = step * np.arange(-reach, reach + 1, dtype=np.float64) / scale
     kernel = found.sample_um * np.exp(-2j * np.pi * u[:, None] * place)
     field = kernel @ found.amplitude @ kernel.T
-    return Psf(abs(field) ** 2 / (scale**2 * found.energy_um2), step, wavelength_nm, "point")
+    return Psf(abs(field) ** 2 / psf_norm_um6(scale, found.energy_um2), step, wavelength_nm, "point")
 
 
 def stop_field(
@@ -418,7 +418,7 @@ def _in_stop_plane(spectrum: Complexes, sample: float, middle: int) -> Complexes
     return field / sample**2
 
 
-def turned(waves: Waves, x_um: Floats, y_um: Floats, inside: NDArray[np.bool_]) -> Complexes:
+def turned(waves: Waves, x_um: Floats, y_um: Floats, inside: Mask) -> Complexes:
     """exp(2πi W) at the samples of the stop's plane that let light pass, 0 elsewhere.
 
     Args:
@@ -453,8 +453,8 @@ def _power(cut_field: Complexes, stop: Floats) -> float:
     return float(((cut_field.real**2 + cut_field.imag**2) / share).sum())
 
 
-Table = NDArray[np.float32] | NDArray[np.complex64]
-Amplitudes = NDArray[np.float64] | NDArray[np.complex64]
+Table = Singles | NDArray[np.complex64]
+Amplitudes = Floats | NDArray[np.complex64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -543,19 +543,19 @@ class AmplitudeLags:
         return cls(lattice, lattice, ((size, 1), (size, 1)), table)
 
 
-def _amplitude_power(amplitude: NDArray[Any], sizes: list[int]) -> NDArray[np.float32]:
+def _amplitude_power(amplitude: NDArray[Any], sizes: list[int]) -> Singles:
     spectrum = scipy.fft.fftn(amplitude.astype(np.complex64, copy=False), sizes, workers=1)
     power = spectrum.real**2
     power += spectrum.imag**2
     return np.asarray(power)
 
 
-def _from_power(power: NDArray[np.float32]) -> NDArray[np.complex64]:
+def _from_power(power: Singles) -> NDArray[np.complex64]:
     """The inverse transform of |A|² is the sum of a*(r) a(r + s); the forward one is that of the opposite lag."""
     return np.asarray(scipy.fft.fftn(power, norm="forward", workers=1))
 
 
-def _middles(lattice: Lattice) -> NDArray[np.float64]:
+def _middles(lattice: Lattice) -> Floats:
     edges, index = lattice.edges_um(), lattice.dot_index().ravel()
     return np.asarray((edges[index] + edges[index + 1]) / 2)
 
@@ -581,7 +581,7 @@ def common_share(stop: Stop, distance_um: Floats | float, gap_um: float = 0.0, w
     if span > 0:
         eta = np.pi * moved**2 / (2 * span)
         rice = np.exp(1j * eta) * ((1 - 2j * eta) * scipy.special.j0(eta) - 2 * eta * scipy.special.j1(eta))
-        mean: NDArray[np.complex128] = np.sqrt(span) / 2 * np.exp(0.25j * np.pi) * rice
+        mean: Complexes = np.sqrt(span) / 2 * np.exp(0.25j * np.pi) * rice
     else:
         mean = moved.astype(np.complex128)
     return np.asarray(np.clip(abs(1 - mean * (perimeter_um(stop) / (np.pi * stop.area_um2))), 0, 1))

@@ -18,7 +18,7 @@ from klayout import db
 from numpy.typing import NDArray
 from scipy.special import j1
 
-from maskfab.base.arrays import Floats, Mask
+from maskfab.base.arrays import Complexes, Floats, Mask
 from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, Camera, Opening, Panel, Quantity, Stop, Tiling, orient
 from maskfab.base.units import NM_PER_UM, UM_PER_NM
@@ -449,7 +449,7 @@ def linearity() -> float:
     left = np.where(np.arange(aperture.transmission.shape[1]) < 12, aperture.transmission, 0.0)
     none = np.zeros_like(aperture.variance)
 
-    def field(transmission: Floats) -> NDArray[np.complex128]:
+    def field(transmission: Floats) -> Complexes:
         return direct_field(cut(Aperture(aperture.x, aperture.y, transmission, none), stop), u, u)
 
     right = aperture.transmission - left

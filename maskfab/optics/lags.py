@@ -29,7 +29,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from maskfab.base.arrays import Floats
+from maskfab.base.arrays import Floats, Indices
 from maskfab.base.errors import InternalError
 from maskfab.base.model import Scalar, frozen
 from maskfab.optics.field.waves import Reals
@@ -342,7 +342,7 @@ def _extra(lattice: Lattice, reach_um: float) -> tuple[int, int]:
     return cells if not np.isfinite(reach_um) else int(np.ceil(reach_um / pitch)) + 2, dots
 
 
-def neighbours(lattice: Lattice, lag: Floats, sizes: tuple[int, int]) -> Iterator[tuple[NDArray[np.intp], Floats]]:
+def neighbours(lattice: Lattice, lag: Floats, sizes: tuple[int, int]) -> Iterator[tuple[Indices, Floats]]:
     """Flat indices into a table of lags [cells, dots] along one axis, and weights that interpolate it linearly."""
     cells, dots = _periods(lattice)
     pitch = lattice.pitch_um if lattice.has_gutter else lattice.dot_um

@@ -34,9 +34,8 @@ from typing import Literal
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
-from numpy.typing import NDArray
 
-from maskfab.base.arrays import Floats, Indices
+from maskfab.base.arrays import Floats, Indices, Mask
 from maskfab.base.errors import InternalError, JobError
 from maskfab.base.model import Camera, Mtf, Psf, Quantity, RadialMean, frozen
 from maskfab.base.units import UM_PER_MM
@@ -214,7 +213,7 @@ def _rings(view: _View, step: float) -> _Rings:
 
 def _refined_minima(
     view: _View, nu_x: Floats, nu_y: Floats, values: Floats, errors: Floats, starts: Indices
-) -> tuple[NDArray[np.bool_], Floats]:
+) -> tuple[Mask, Floats]:
     """Make exact, in place, what may be less than a ring's least exact value, some of every ring at a time.
 
     Returns:

@@ -59,14 +59,13 @@ from types import MappingProxyType
 import numpy as np
 import scipy
 from numpy.polynomial.legendre import leggauss, legvander
-from numpy.typing import NDArray
 
-from maskfab.base.arrays import Complexes, Floats
+from maskfab.base.arrays import Complexes, Floats, Indices
 from maskfab.base.errors import JobError
 from maskfab.base.model import Camera, Psf, Stop, frozen
 from maskfab.base.units import UM_PER_NM
 from maskfab.optics.polynomials import spherical_bessel, spherical_bessel_bounds
-from maskfab.optics.psf import odd_samples, point_step_um
+from maskfab.optics.psf import image_scale_um2, odd_samples, point_step_um, psf_norm_um6
 from maskfab.optics.pupil import RIM_ORDERS, Aperture, Pupil, cut, finer_aperture
 from maskfab.optics.stop import Waves, stop_strehl
 from maskfab.optics.tilings import MeanPsf, phase_error
@@ -96,8 +95,8 @@ class PhasedPupil:
     """
 
     pupil: Pupil
-    row: NDArray[np.intp]
-    column: NDArray[np.intp]
+    row: Indices
+    column: Indices
     moments: Complexes
     rim_moments: Complexes
     degree: int
@@ -239,12 +238,12 @@ def phased_psf(
         margin: points beyond the window.
     """
     step = point_step_um(camera)
-    scale = wavelength_nm * UM_PER_NM * (camera.focal_um if distance_um is None else distance_um)
+    scale = image_scale_um2(camera, wavelength_nm, distance_um)
     reach = odd_samples(camera.window_um, step) // 2 + margin
     frequency = step * np.arange(reach + 1, dtype=np.float64) / scale
     field = source.field(frequency, frequency)
     intensity = field.real**2 + field.imag**2
-    return Psf(intensity / (scale**2 * source.pupil.energy_um2), step, wavelength_nm, "point")
+    return Psf(intensity / psf_norm_um6(scale, source.pupil.energy_um2), step, wavelength_nm, "point")
 
 
 def _steepest(pupil: Pupil, waves: Waves) -> float:
@@ -260,16 +259,14 @@ def _steepest(pupil: Pupil, waves: Waves) -> float:
     return float(max(abs(beside - corner).max(), abs(above - corner).max()))
 
 
-def _whole_moments(pupil: Pupil, waves: Waves, nodes: int) -> tuple[NDArray[np.intp], NDArray[np.intp], Complexes]:
+def _whole_moments(pupil: Pupil, waves: Waves, nodes: int) -> tuple[Indices, Indices, Complexes]:
     """The dots that transmit and are whole, and their moments of all degrees below ``nodes``, [k, nodes, nodes]."""
     row, column = np.nonzero(pupil.whole)
     moments = _phase_moments(pupil, row, column, waves, nodes)
     return row, column, pupil.whole[row, column][:, None, None] * moments
 
 
-def _phase_moments(
-    pupil: Pupil, row: NDArray[np.intp], column: NDArray[np.intp], waves: Waves, nodes: int
-) -> Complexes:
+def _phase_moments(pupil: Pupil, row: Indices, column: Indices, waves: Waves, nodes: int) -> Complexes:
     """Means over dots of exp(2πiW) P_q P_p by Gauss-Legendre quadrature, complex128 [k, nodes, nodes]."""
     place, weights = leggauss(nodes)
     analysis = legvander(place, nodes - 1) * weights[:, None] / 2  # node, order
@@ -288,16 +285,14 @@ def _phase_moments(
     return moments
 
 
-def _resolved(
-    pupil: Pupil, row: NDArray[np.intp], column: NDArray[np.intp], moments: Complexes, tolerance: float
-) -> bool:
+def _resolved(pupil: Pupil, row: Indices, column: Indices, moments: Complexes, tolerance: float) -> bool:
     """Whether the highest orders that the quadrature has hold a small enough share of the energy."""
     power = _order_power(pupil, row, column, moments)
     last = power[-1].sum() + power[:, -1].sum()
     return bool(last <= tolerance * power.sum())
 
 
-def _order_power(pupil: Pupil, row: NDArray[np.intp], column: NDArray[np.intp], moments: Complexes) -> Floats:
+def _order_power(pupil: Pupil, row: Indices, column: Indices, moments: Complexes) -> Floats:
     """Energy in each pair of orders, [nodes, nodes], in square micrometres."""
     area = np.diff(pupil.y.edges_um())[row] * np.diff(pupil.x.edges_um())[column]
     weight = 2 * np.arange(moments.shape[1], dtype=np.float64) + 1
@@ -305,9 +300,7 @@ def _order_power(pupil: Pupil, row: NDArray[np.intp], column: NDArray[np.intp], 
     return power
 
 
-def _truncation_errors(
-    pupil: Pupil, row: NDArray[np.intp], column: NDArray[np.intp], moments: Complexes, highest: float
-) -> Floats:
+def _truncation_errors(pupil: Pupil, row: Indices, column: Indices, moments: Complexes, highest: float) -> Floats:
     """The module's error bound for every K, float64 [nodes + 1]."""
     nodes = moments.shape[1]
     energy = pupil.energy_um2

@@ -21,9 +21,8 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from maskfab.base.arrays import Floats
+from maskfab.base.arrays import Floats, Indices
 
 
 def legendre(xi: Floats, orders: int) -> Floats:
@@ -126,7 +125,7 @@ def _downwards(z: Floats, orders: int) -> Floats:
     return found[:orders]
 
 
-def gauss_rules(places: Floats, weights: Floats, starts: NDArray[np.intp], nodes: int) -> tuple[Floats, Floats]:
+def gauss_rules(places: Floats, weights: Floats, starts: Indices, nodes: int) -> tuple[Floats, Floats]:
     """A Gauss rule for each of several runs of points.
 
     Args:

@@ -165,9 +165,25 @@ FILTER_TOLERANCE = 1e-10
 """Largest error of the pixel filter's transfer function, which is sinc(νp)."""
 
 
-def image_scale_um2(camera: Camera, wavelength_nm: float) -> float:
-    """λf in square micrometres: sensor position divided by it is spatial frequency in cycles per micrometre."""
-    return wavelength_nm * UM_PER_NM * camera.focal_um
+def image_scale_um2(camera: Camera, wavelength_nm: float, distance_um: float | None = None) -> float:
+    """λz in square micrometres: sensor position divided by it is spatial frequency in cycles per micrometre.
+
+    Args:
+        camera: gives the focal length.
+        wavelength_nm: the line.
+        distance_um: z, from lens to sensor; the focal length if None.
+    """
+    return wavelength_nm * UM_PER_NM * (camera.focal_um if distance_um is None else distance_um)
+
+
+def psf_norm_um6(scale_um2: float, energy_um2: float) -> float:
+    """(λz)² E, by which a field's intensity is divided to be a PSF: its integral over the sensor is 1 by Parseval.
+
+    Args:
+        scale_um2: λz, of :func:`image_scale_um2`.
+        energy_um2: E, of the pupil: the integral of its squared transmission.
+    """
+    return scale_um2**2 * energy_um2
 
 
 def cutoff(camera: Camera, wavelength_nm: float) -> float:
@@ -222,9 +238,8 @@ def _frequencies(camera: Camera, wavelength_nm: float, margin: int) -> Floats:
 
 
 def _point_psf(quadrant: ParityField, pupil: Pupil, camera: Camera, wavelength_nm: float) -> Psf:
-    scale = image_scale_um2(camera, wavelength_nm)
     values = quadrant.intensity()
-    values /= scale**2 * pupil.energy_um2
+    values /= psf_norm_um6(image_scale_um2(camera, wavelength_nm), pupil.energy_um2)
     values.flags.writeable = False
     return Psf(values, point_step_um(camera), wavelength_nm, "point")
 
@@ -233,8 +248,8 @@ def _leaking_psf(
     quadrant: ParityField, pupil: Pupil, camera: Camera, wavelength_nm: float, frequency: Floats, leak: Leak
 ) -> Psf:
     found = leak.field(quadrant.amplitude(), np.concatenate([-frequency[:0:-1], frequency]))
-    scale = image_scale_um2(camera, wavelength_nm)
-    values = (found.real**2 + found.imag**2) / (scale**2 * leak.energy_um2(pupil.energy_um2))
+    norm = psf_norm_um6(image_scale_um2(camera, wavelength_nm), leak.energy_um2(pupil.energy_um2))
+    values = (found.real**2 + found.imag**2) / norm
     return Psf(values, point_step_um(camera), wavelength_nm, "point")
 
 

@@ -25,9 +25,8 @@ from typing import Literal
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
-from numpy.typing import NDArray
 
-from maskfab.base.arrays import Floats, Indices
+from maskfab.base.arrays import Floats, Indices, Labels, Mask
 from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, Panel, Polygon, Stop, frozen, orient, refined
 from maskfab.base.units import NM_PER_UM
@@ -67,7 +66,7 @@ def veil(panel: Panel) -> tuple[Floats, Floats]:
     return amplitude, mean_power
 
 
-def _inside(polygon: Polygon, middle: Floats) -> NDArray[np.bool_]:
+def _inside(polygon: Polygon, middle: Floats) -> Mask:
     """Whether points of a square grid lie in a polygon: an odd number of its upright edges to their right."""
     inside = np.zeros((middle.size, middle.size), dtype=np.bool_)
     for (x0, y0), (x1, y1) in zip(polygon, (*polygon[1:], polygon[0]), strict=True):
@@ -108,14 +107,14 @@ class Lattice:
         """Intervals from one cell to the next: its dots, and the strip if there is one."""
         return self.dots + 1 if self.has_gutter else self.dots
 
-    def edges_um(self) -> NDArray[np.float64]:
+    def edges_um(self) -> Floats:
         """Every dot edge once, ascending. With gutters the strip between two cells is one interval."""
         if not self.has_gutter:
             return self.start_um + self.dot_um * np.arange(self.cells * self.dots + 1, dtype=np.float64)
         first = self.start_um + self.pitch_um * np.arange(self.cells, dtype=np.float64)[:, None]
         return (first + self.dot_um * np.arange(self.dots + 1, dtype=np.float64)).ravel()
 
-    def dot_index(self) -> NDArray[np.intp]:
+    def dot_index(self) -> Indices:
         """Interval number of every dot, [cells, dots]; the gutter strips are left out."""
         return np.arange(self.cells)[:, None] * self.period + np.arange(self.dots)
 
@@ -146,8 +145,8 @@ class Aperture:
 
     x: Lattice
     y: Lattice
-    transmission: NDArray[np.float64]
-    variance: NDArray[np.float64]
+    transmission: Floats
+    variance: Floats
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "transmission", frozen(self.transmission))
@@ -160,7 +159,7 @@ def finer_aperture(openings: Aperture, times: int) -> Aperture:
     coarse = np.ix_(openings.y.dot_index().ravel(), openings.x.dot_index().ravel())
     fine = np.ix_(y.dot_index().ravel(), x.dot_index().ravel())
 
-    def spread(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def spread(values: Floats) -> Floats:
         shape = y.edges_um().size - 1, x.edges_um().size - 1
         if not any(values.strides):
             return zeros(shape)
@@ -172,7 +171,7 @@ def finer_aperture(openings: Aperture, times: int) -> Aperture:
     return Aperture(x, y, spread(openings.transmission), spread(openings.variance))
 
 
-def covered_aperture(x: Lattice, y: Lattice, coverage: NDArray[np.float64]) -> Aperture:
+def covered_aperture(x: Lattice, y: Lattice, coverage: Floats) -> Aperture:
     """An aperture from the share of every interval that is clear, [ny, nx]; intervals clear in part keep their
     variance c (1 - c), so that energies and error bars stay true."""
     variance = 1 - coverage
@@ -218,9 +217,7 @@ def panel_aperture(panel: Panel, half_width_um: float = np.inf) -> Aperture:
     return Aperture(x, y, transmission, variance)
 
 
-def _laid_out(
-    oriented: NDArray[np.float64] | NDArray[np.bool_], chosen: NDArray[np.int8], x: Lattice, y: Lattice
-) -> NDArray[np.float64]:
+def _laid_out(oriented: Floats | Mask, chosen: Labels, x: Lattice, y: Lattice) -> Floats:
     """Values of dots [8 openings, dots, dots] over all intervals by what each cell holds; 0 in gutters; read-only."""
     transmission = np.zeros((y.edges_um().size - 1, x.edges_um().size - 1))
     # One row of cells at a time stays in the processor's cache; thousands of dots across would not.
@@ -234,7 +231,7 @@ def _laid_out(
     return transmission
 
 
-def zeros(shape: tuple[int, int]) -> NDArray[np.float64]:
+def zeros(shape: tuple[int, int]) -> Floats:
     """Read-only zeros that take no memory, however many."""
     return np.broadcast_to(0.0, shape)
 
@@ -243,7 +240,7 @@ def zeros(shape: tuple[int, int]) -> NDArray[np.float64]:
 _ON_LINE = 1e-9
 
 
-def polygon_cover(x: Floats, y: Floats, corners: Floats) -> tuple[NDArray[np.bool_], Indices, Indices]:
+def polygon_cover(x: Floats, y: Floats, corners: Floats) -> tuple[Mask, Indices, Indices]:
     """Which intervals of a lattice a polygon holds wholly, and which its edges cross.
 
     Args:
@@ -358,8 +355,8 @@ class Pupil:
     y: Lattice
     whole: Floats
     whole_variance: Floats
-    rim_row: NDArray[np.intp]
-    rim_column: NDArray[np.intp]
+    rim_row: Indices
+    rim_column: Indices
     rim_moments: Floats
     rim_transmission: Floats
     stop: Stop

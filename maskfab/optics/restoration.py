@@ -21,13 +21,13 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.base.arrays import Floats
+from maskfab.base.arrays import Floats, Singles
 from maskfab.base.errors import JobError
 from maskfab.base.model import Camera, Quantity, frozen
 from maskfab.optics.lags import LagTable
 from maskfab.optics.spectrum import Spectrum, pixel_transfer, polychromatic_otf_grid
 
-Response = TypeVar("Response", NDArray[np.float32], NDArray[np.float64], NDArray[np.float32] | NDArray[np.complex64])
+Response = TypeVar("Response", Singles, Floats, Singles | NDArray[np.complex64])
 
 WORST_SHARE = 0.3
 """The share of frequencies that the design's loss looks at."""

@@ -33,7 +33,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.base.arrays import Floats, Indices
+from maskfab.base.arrays import Floats, Indices, Labels, Mask
 from maskfab.base.model import Stop, frozen
 from maskfab.optics.pupil import Lattice, Pupil
 
@@ -46,7 +46,7 @@ def has_closed_form(stop: Stop) -> bool:
     return not stop.outline_um
 
 
-def apart(stop: Stop, lag_x_um: Floats, lag_y_um: Floats) -> NDArray[np.bool_]:
+def apart(stop: Stop, lag_x_um: Floats, lag_y_um: Floats) -> Mask:
     """Whether a stop moved by lags surely shares nothing with itself."""
     width, height = stop.sides_um
     x, y = lag_x_um / width, lag_y_um / height
@@ -103,7 +103,7 @@ def _power(lag: Floats, own_radius: float, moved_radius: float) -> Floats:
 
 def _in_bounding_disc(
     box: Floats, lag: Floats, power: Floats, own_radius: float, moved_radius: float
-) -> tuple[Floats, NDArray[np.bool_]]:
+) -> tuple[Floats, Mask]:
     """Area of rectangles inside the disc that bounds their middle, and whether the radical axis splits them."""
     height = (box[0] + box[1]) / 2 * lag[0] + (box[2] + box[3]) / 2 * lag[1] + power
     beyond = height >= 0
@@ -218,7 +218,7 @@ class RimParts:
     """
 
     dot: Indices
-    mirrored: NDArray[np.int8]
+    mirrored: Labels
     table: Floats
     round: bool
 
@@ -254,7 +254,7 @@ class RimParts:
         """Clear area of each part times the dot's transmission, negative in an annulus's dark middle, [m]."""
         return np.asarray(self.table[-1, 1])
 
-    def excess_um2(self, part: Indices, share: Floats, quarters: NDArray[np.int8] | Floats) -> Floats:
+    def excess_um2(self, part: Indices, share: Floats, quarters: Labels | Floats) -> Floats:
         """Area that quarters of parts' dots pass if they transmit unlike amounts, less the mean's share of it.
 
         Args:
@@ -449,7 +449,7 @@ class RimLags:
                             total[part] += meeting.with_cut_um2(place, lag)
         return total
 
-    def transmissions(self, where: Indices) -> NDArray[np.int8] | Floats:
+    def transmissions(self, where: Indices) -> Labels | Floats:
         """Of intervals at flat indices [n] of ``kind``, where it is not 0, and the next ones along x, along y and both.
 
         Returns:
@@ -568,7 +568,7 @@ class _Shift:
         """Number of intervals from each one onward to the interval met first, [n]."""
         return np.asarray(np.clip(self.cells * self.lattice.period + self.dots, -self.limit, self.limit - 1))
 
-    def meets(self, at: Indices, interval: Indices, step: int | Indices) -> NDArray[np.bool_]:
+    def meets(self, at: Indices, interval: Indices, step: int | Indices) -> Mask:
         """Whether intervals, moved onward by these lags and a step, are still dots of the cell that is meant."""
         local = interval % self.lattice.period + self.dots[at] + step
         return np.asarray((local >= 0) & (local < self.lattice.dots))
@@ -617,7 +617,7 @@ class _Meeting:
         excess = self.rim.dots.parts.excess_um2(self.part, share, self._quarters())
         return np.asarray(np.bincount(self.at, excess, self.along_x.edge.size), dtype=np.float64)
 
-    def _quarters(self) -> NDArray[np.int8] | Floats:
+    def _quarters(self) -> Labels | Floats:
         """Transmissions [4, n] of the intervals met first, and of the next ones along x, along y and both."""
         values, dots = self.rim.transmissions(self.where), self.rim.dots
         for step, shift, interval in ((1, self.along_x, dots.column), (0, self.along_y, dots.row)):

@@ -38,9 +38,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 from numpy.polynomial.legendre import leggauss
-from numpy.typing import NDArray
 
-from maskfab.base.arrays import Floats
+from maskfab.base.arrays import Floats, Indices
 from maskfab.base.errors import InternalError, JobError
 from maskfab.base.model import Camera, frozen
 from maskfab.base.units import UM_PER_NM
@@ -462,7 +461,7 @@ def _mirrored(same: Floats, opposite: Floats) -> Floats:
     return np.concatenate([opposite[:, _TAPS:0:-1], same], axis=1)
 
 
-def _neighbours(place: Floats) -> tuple[NDArray[np.intp], Floats]:
+def _neighbours(place: Floats) -> tuple[Indices, Floats]:
     """The first of the nearest points of the grid of whole numbers, [...], and Lagrange's weights, [taps, ...]."""
     first = np.floor(place).astype(np.intp) - (_TAPS // 2 - 1)
     node = np.arange(_TAPS, dtype=np.float64)

@@ -17,9 +17,8 @@ from collections.abc import Callable
 import numpy as np
 import scipy
 from numpy.polynomial.legendre import leggauss
-from numpy.typing import NDArray
 
-from maskfab.base.arrays import Complexes, Floats
+from maskfab.base.arrays import Complexes, Floats, Mask
 from maskfab.base.model import Stop
 
 Waves = Callable[[Floats, Floats], Floats]
@@ -28,7 +27,7 @@ _DIRECTIONS = 720
 _NODES = 64
 
 
-def inside(stop: Stop, x_um: Floats, y_um: Floats) -> NDArray[np.bool_]:
+def inside(stop: Stop, x_um: Floats, y_um: Floats) -> Mask:
     """Whether places lie in the stop, its edge included but for a polygon's; any shapes that broadcast."""
     if stop.outline_um:
         crossings = np.zeros(np.broadcast(x_um, y_um).shape, dtype=np.intp)
@@ -45,7 +44,7 @@ def inside(stop: Stop, x_um: Floats, y_um: Floats) -> NDArray[np.bool_]:
     return np.asarray((squared <= radius**2) & (squared >= (radius * stop.inner_share) ** 2))
 
 
-def stop_dots(stop: Stop, side: int, dot_um: float) -> NDArray[np.bool_]:
+def stop_dots(stop: Stop, side: int, dot_um: float) -> Mask:
     """Dots whose middles lie in the stop, bool [side, side], the stop centred on the square of dots.
 
     Whole dots serve the design, which compares openings; :func:`maskfab.optics.pupil.cut` cuts dots exactly.

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from klayout import db
-from numpy.typing import NDArray
 
-from maskfab.base.arrays import Floats, Ints
+from maskfab.base.arrays import Floats, Ints, Mask
 from maskfab.base.model import Box, Stop
 from maskfab.base.units import NM_PER_UM, UM_PER_NM
 
-Flags = NDArray[np.bool_]
+Flags = Mask
 
 _RIM_VERTICES = 4096
 _LARGEST_COORDINATE = 400_000_000

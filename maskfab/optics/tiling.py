@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Ints, Labels
 from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, Tiling
 
@@ -27,7 +27,7 @@ _UNIT = 2**20
 
 def orientations(
     tiling: Tiling, rows: int, columns: int, seed: int | None, *, openings: int = 1, where: str = ""
-) -> NDArray[np.int8]:
+) -> Labels:
     """Contents of each cell, int8 [rows, columns]: 8 u + k for opening u under element k of D4.
 
     Everything is drawn by ``numpy.random.default_rng(seed)``; several openings are drawn independently of the
@@ -66,7 +66,7 @@ def orientations(
     return turned
 
 
-def blue_noise(kinds: int, rows: int, columns: int, seed: int) -> NDArray[np.int8]:
+def blue_noise(kinds: int, rows: int, columns: int, seed: int) -> Labels:
     """A map of ``kinds`` values, each as often as the others within one, equal ones kept apart; int8 [rows, columns].
 
     Every kind's indicator then holds little power at low frequencies, and so does whatever depends on the kind: its
@@ -109,7 +109,7 @@ def blue_noise(kinds: int, rows: int, columns: int, seed: int) -> NDArray[np.int
     return kind.reshape(rows, columns).astype(np.int8)
 
 
-def _repulsion(rows: int, columns: int) -> NDArray[np.int64]:
+def _repulsion(rows: int, columns: int) -> Ints:
     """exp(-d²/2σ²) on a torus, the origin first, in whole 2^-20; 0 beyond 6 cells along either axis."""
     step = np.arange(-_REACH, _REACH + 1)
     square = step[:, None] ** 2 + step**2
@@ -119,7 +119,7 @@ def _repulsion(rows: int, columns: int) -> NDArray[np.int64]:
     return near
 
 
-def _offset(a: int, others: NDArray[np.int64], rows: int, columns: int) -> NDArray[np.int64]:
+def _offset(a: int, others: Ints, rows: int, columns: int) -> Ints:
     """Index into the repulsion of the step from one cell to others."""
     up = (others // columns - a // columns) % rows
     right = (others % columns - a % columns) % columns

@@ -27,15 +27,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 from numpy.polynomial.chebyshev import chebpts1, chebvander
-from numpy.typing import NDArray
 
-from maskfab.base.arrays import Complexes, Floats
+from maskfab.base.arrays import Complexes, Floats, Indices
 from maskfab.base.errors import InternalError
 from maskfab.base.model import ORIENTATIONS, Camera, Panel, Psf, Stop, frozen, orient
 from maskfab.optics.field.matrix import parity_field
 from maskfab.optics.lags import LagTable, lag_table, shape_errors
 from maskfab.optics.polynomials import spherical_bessel, spherical_bessel_bounds
-from maskfab.optics.psf import image_scale_um2, odd_samples, point_step_um
+from maskfab.optics.psf import image_scale_um2, odd_samples, point_step_um, psf_norm_um6
 from maskfab.optics.pupil import RIM_ORDERS, Aperture, Lattice, Pupil, cut, panel_aperture
 
 ALL_ORIENTATIONS = tuple(range(ORIENTATIONS))
@@ -101,7 +100,7 @@ def mean_psf(
         + 2 * random * constant
         + 2 * (mean.conj() ** 2 * pseudo_variance).real
     )
-    unit = scale**2 * cells.energy_um2
+    unit = psf_norm_um6(scale, cells.energy_um2)
     psf = Psf((constant + random) / unit, step, wavelength_nm, "point")
     return MeanPsf(psf, np.clip(scatter, 0, None) / unit**2, random / unit)
 
@@ -130,9 +129,9 @@ def layout_psf(panel: Panel, pilot: Psf, camera: Camera) -> MeanPsf:
     rest = cut(Aperture(x, y, frame.transmission - grey, np.zeros_like(grey)), stop)
     reach = pilot.values.shape[0] // 2
     frequency = pilot.step_um * np.arange(reach + 1, dtype=np.float64) / scale
-    energy = cut(frame, stop).energy_um2
+    norm = psf_norm_um6(scale, cut(frame, stop).energy_um2)
     # The mean of few cells is close to each: what is left of them is too little by a share of one.
-    random = parity_field(rest, frequency, frequency).intensity() / (scale**2 * energy) * (cells / max(cells - 1, 1))
+    random = parity_field(rest, frequency, frequency).intensity() / norm * (cells / max(cells - 1, 1))
     repeated = np.clip(pilot.values - random, 0, None)
     return MeanPsf(pilot, random**2 / 2 + 2 * random * repeated, np.minimum(random, pilot.values))
 
@@ -228,7 +227,7 @@ class _RandomCells:
     is_group: bool
 
     @property
-    def cut_cells(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def cut_cells(self) -> tuple[Indices, Indices]:
         """Rows and columns of the cells that the stop cuts."""
         row, column = np.nonzero((self.share > 0) & (self.share < 1))
         return row, column
@@ -348,7 +347,7 @@ def _rim_orders(x: Lattice, y: Lattice, nodes: Floats) -> int:
     return int(np.flatnonzero(size >= _RIM_TOLERANCE)[-1]) + 1
 
 
-def _rim_by_cell(cells: _RandomCells) -> dict[tuple[int, int], NDArray[np.intp]]:
+def _rim_by_cell(cells: _RandomCells) -> dict[tuple[int, int], Indices]:
     """Numbers of the clear stop's cut dots, by cell."""
     x, y = cells.clear.x, cells.clear.y
     found: dict[tuple[int, int], list[int]] = {}
@@ -361,7 +360,7 @@ def _rim_by_cell(cells: _RandomCells) -> dict[tuple[int, int], NDArray[np.intp]]
 def _cut_cell_fields(
     cells: _RandomCells,
     cell: tuple[int, int],
-    rim: NDArray[np.intp] | None,
+    rim: Indices | None,
     kernels_y: list[Complexes],
     kernels_x: list[Complexes],
 ) -> Complexes:

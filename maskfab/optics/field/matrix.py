@@ -28,7 +28,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from maskfab.base.arrays import Floats
+from maskfab.base.arrays import Complexes, Floats, Indices
 from maskfab.base.errors import InternalError
 from maskfab.base.model import Scalar
 from maskfab.optics.field.waves import (
@@ -133,15 +133,15 @@ class _Side:
     """
 
     positions: Positions
-    index: NDArray[np.intp]
+    index: Indices
     moments: Floats
 
-    def of(self, index: NDArray[np.intp]) -> Floats:
+    def of(self, index: Indices) -> Floats:
         found: Floats = self.moments[np.searchsorted(self.index, index)]
         return found
 
 
-def _side(edges: Floats, index: NDArray[np.intp], highest: float, orders: int) -> _Side:
+def _side(edges: Floats, index: Indices, highest: float, orders: int) -> _Side:
     held = np.unique(index)
     low, high = edges[held], edges[held + 1]
     nodes = nodes_for(float(low[0]), float(high[-1]), highest)
@@ -149,12 +149,12 @@ def _side(edges: Floats, index: NDArray[np.intp], highest: float, orders: int) -
     return _Side(point_sources(nodes.position_um), held, moments)
 
 
-def _folded(index: NDArray[np.intp], count: int) -> NDArray[np.intp]:
+def _folded(index: Indices, count: int) -> Indices:
     """Intervals left of the axis replaced by their mirror images; one that straddles it stays."""
     return np.maximum(index, count - 1 - index)
 
 
-def _band(pupil: Pupil, chosen: NDArray[np.intp], along_x: _Side, along_y: _Side) -> NodeGrid:
+def _band(pupil: Pupil, chosen: Indices, along_x: _Side, along_y: _Side) -> NodeGrid:
     rows, columns = pupil.whole.shape
     row, column = _folded(pupil.rim_row[chosen], rows), _folded(pupil.rim_column[chosen], columns)
     below, left = row != pupil.rim_row[chosen], column != pupil.rim_column[chosen]
@@ -212,7 +212,7 @@ class ParityField:
         opposite = _sum_of_squares(self.even_even + self.odd_odd, self.odd_even - self.even_odd)
         return same, opposite
 
-    def amplitude(self) -> NDArray[np.complex128]:
+    def amplitude(self) -> Complexes:
         """F on the same grid as :meth:`intensity`."""
         same = (self.even_even - self.odd_odd) - 1j * (self.odd_even + self.even_odd)
         opposite = (self.even_even + self.odd_odd) - 1j * (self.odd_even - self.even_odd)
@@ -246,7 +246,7 @@ def _sum_of_squares(one: Floats, other: Floats) -> Floats:
     return one
 
 
-def parity_of(above: NDArray[np.complex128], below: NDArray[np.complex128], on_axis: bool) -> ParityField:
+def parity_of(above: Complexes, below: Complexes, on_axis: bool) -> ParityField:
     """The split of a real amplitude's field that is known at (u, v) and at (u, -v), u, v >= 0, [nv, nu] each."""
     return ParityField(
         (above.real + below.real) / 2,
@@ -461,13 +461,13 @@ def parity_field(pupil: Pupil, u: Floats, v: Floats, precision: Precision = "dou
     return prepare(pupil, float(u[-1]), float(v[-1]), precision).field(u, v)
 
 
-def direct_field(pupil: Pupil, u: Floats, v: Floats, precision: Precision = "double") -> NDArray[np.complex128]:
+def direct_field(pupil: Pupil, u: Floats, v: Floats, precision: Precision = "double") -> Complexes:
     """The field at any frequencies on any lattice by complex products, [nv, nu]: slower, and a check of the split."""
     orders = rim_orders(pupil, float(abs(u).max()), float(abs(v).max()))
     kind = np.complex128 if precision == "double" else np.complex64
     x_kernels = _complex_kernels(pupil.x.edges_um(), u, orders)
     y_kernels = _complex_kernels(pupil.y.edges_um(), v, orders)
-    total: NDArray[np.complex128] = y_kernels[0].T.astype(kind) @ pupil.whole.astype(kind) @ x_kernels[0].astype(kind)
+    total: Complexes = y_kernels[0].T.astype(kind) @ pupil.whole.astype(kind) @ x_kernels[0].astype(kind)
     total = total.astype(np.complex128, copy=False)
     if not pupil.rim_row.size:
         return total
@@ -482,7 +482,7 @@ def direct_field(pupil: Pupil, u: Floats, v: Floats, precision: Precision = "dou
     return total
 
 
-def _complex_kernels(edges: Floats, frequency: Floats, orders: int) -> list[NDArray[np.complex128]]:
+def _complex_kernels(edges: Floats, frequency: Floats, orders: int) -> list[Complexes]:
     """Transforms of P_0, P_1, ... on every interval, [intervals, m] each."""
     width = np.diff(edges)
     phase = np.exp(-2j * np.pi * reduced_cycles((edges[1:] + edges[:-1]) / 2, frequency))

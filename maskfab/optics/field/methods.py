@@ -37,7 +37,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from maskfab.base.arrays import Floats
+from maskfab.base.arrays import Complexes, Floats, Indices
 from maskfab.base.errors import InternalError
 from maskfab.optics.field.matrix import (
     ParityField,
@@ -184,7 +184,7 @@ def _add_rim(pupil: Pupil, along_x: _Cell, along_y: _Cell, strength: Floats) -> 
         strength[row[members[0]], :, column[members[0]]] += sources
 
 
-def _strips(lattice: Lattice) -> NDArray[np.intp]:
+def _strips(lattice: Lattice) -> Indices:
     """Numbers of the intervals between cells."""
     if not lattice.has_gutter:
         return np.zeros(0, dtype=np.intp)
@@ -301,16 +301,16 @@ def _row_transform(rows: Reals, lattice: Lattice, u: Floats, on_axis: bool) -> N
     return spectrum
 
 
-def _half_step(size: int) -> NDArray[np.complex128]:
+def _half_step(size: int) -> Complexes:
     """Moves the bins of a transform by half of one."""
-    half: NDArray[np.complex128] = np.exp(-1j * np.pi * np.arange(size, dtype=np.float64) / size)
+    half: Complexes = np.exp(-1j * np.pi * np.arange(size, dtype=np.float64) / size)
     return half
 
 
-def _dot_factor(lattice: Lattice, frequency: Floats) -> NDArray[np.complex128]:
+def _dot_factor(lattice: Lattice, frequency: Floats) -> Complexes:
     """Transform of one dot, at the place of the first."""
     centre = np.array([lattice.start_um + lattice.dot_um / 2])
-    factor: NDArray[np.complex128] = np.exp(-2j * np.pi * reduced_cycles(centre, frequency)[0])
+    factor: Complexes = np.exp(-2j * np.pi * reduced_cycles(centre, frequency)[0])
     return factor * lattice.dot_um * np.sinc(lattice.dot_um * frequency)
 
 
@@ -417,7 +417,7 @@ class FieldPath:
         """|F|² on the symmetric grid that the quadrant spans; arguments and errors as for :meth:`field`."""
         return self.field(pupil, u, v, precision).intensity()
 
-    def amplitude(self, pupil: Pupil, u: Floats, v: Floats, precision: Precision = "double") -> NDArray[np.complex128]:
+    def amplitude(self, pupil: Pupil, u: Floats, v: Floats, precision: Precision = "double") -> Complexes:
         """F on the same grid as :meth:`intensity`."""
         return self.field(pupil, u, v, precision).amplitude()
 

@@ -24,8 +24,8 @@ from math import log2
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError
 from maskfab.base.model import Camera, Panel
 from maskfab.base.units import UM_PER_NM
@@ -446,7 +446,7 @@ def cost_model(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> C
     return CostModel(pupil, sampled, scene, accuracy, estimates, tasks, lines, steepest)
 
 
-def _reach_um(sampled: Camera, scene: Scene, finer: int) -> NDArray[np.float64]:
+def _reach_um(sampled: Camera, scene: Scene, finer: int) -> Floats:
     """Places along half a side of a PSF that is computed for the window, or for what a distorting lens shows there."""
     step = point_step_um(sampled)
     half = odd_samples(sampled.window_um, step) // 2 + pixel_margin(sampled)

@@ -32,7 +32,7 @@ from maskfab.base.units import UM_PER_NM
 from maskfab.optics.field.methods import PATHS, FieldPath, FieldTask, Prepared, admissible
 from maskfab.optics.gap import AXIS, Place, gap_psf, magnified, moved_pupil, shift_um, shifted_psf, shifted_pupil
 from maskfab.optics.phase import defocus_waves, image_distance_um, phased, phased_psf, window_frequency
-from maskfab.optics.psf import odd_samples, point_step_um
+from maskfab.optics.psf import image_scale_um2, odd_samples, point_step_um, psf_norm_um6
 from maskfab.optics.pupil import Aperture
 from maskfab.optics.scene.omissions import PLACES, grey
 from maskfab.optics.scene.plan import (
@@ -239,13 +239,13 @@ def _undistorted(
     widest = float(reach[-1]) / (min(wavelengths_nm) * UM_PER_NM * distance)
     ready: dict[str, Prepared] = {}
     for line in wavelengths_nm:
-        scale = line * UM_PER_NM * distance
+        scale = image_scale_um2(camera, line, distance)
         frequency = reach / scale
         path = _path(choice, FieldTask.of(pupil, frequency, frequency))
         if path.name not in ready:
             ready[path.name] = path.prepare(pupil, widest, widest, choice.precision)
         intensity = np.asarray(ready[path.name].field(frequency, frequency).intensity(), dtype=np.float64)
-        yield Psf(intensity / (scale**2 * pupil.energy_um2), step, line, "point")
+        yield Psf(intensity / psf_norm_um6(scale, pupil.energy_um2), step, line, "point")
 
 
 def _path(choice: Choice, task: FieldTask) -> FieldPath:

@@ -26,7 +26,16 @@ from maskfab.optics.energy import order_quantities, peak_to_side_lobe
 from maskfab.optics.field.polygons import Boundary, boundary
 from maskfab.optics.lags import AxisLags, LagTable, axis_lags, lag_table
 from maskfab.optics.mtf import edge_spread, longest_lag_um, presampled_mtf
-from maskfab.optics.psf import Leak, image_scale_um2, pixel_margin, pixel_psf, point_psfs, point_step_um, within
+from maskfab.optics.psf import (
+    Leak,
+    image_scale_um2,
+    pixel_margin,
+    pixel_psf,
+    point_psfs,
+    point_step_um,
+    psf_norm_um6,
+    within,
+)
 from maskfab.optics.pupil import Aperture, Pupil, cut, panel_aperture
 from maskfab.optics.scene.model_bar import bar_of_panel
 from maskfab.optics.stop_edges import edges_in_stop
@@ -277,7 +286,7 @@ def polygon_psf(outline: Boundary, camera: Camera, like: Psf, leak: Leak | None 
     if leak is not None:
         axis = like.step_um / scale * np.arange(-(count // 2), count // 2 + 1, dtype=np.float64)
         field, energy = leak.field(field, axis), leak.energy_um2(energy)
-    intensity = (field.real**2 + field.imag**2) / (scale**2 * energy)
+    intensity = (field.real**2 + field.imag**2) / psf_norm_um6(scale, energy)
     return Psf(intensity, like.step_um, like.wavelength_nm, "point")
 
 
