@@ -6,6 +6,7 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
+from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import JobError, OutputError
 from maskfab.base.model import UNSTATED
 from maskfab.base.units import NM_PER_UM, to_nm
@@ -256,14 +257,15 @@ def stated_display(spec: JobSpec, section: SearchSection, where: str, *, key: st
             cure=f"Add [emitters], and [wires] if they must be wired, or remove {key}",
         )
     dot_nm = dot_of_pitch(section.pitch, section.dots, where=f"{where}: design.pitch")
+    pitch_nm = CellSize(section.dots, dot_nm).pitch_nm
     camera = PhotoCamera.of(spec.camera.camera(), where=where)
     before = lattice(section.dots, dot_nm, camera=camera, where=f"{where}: design.dots").cells
     if spec.plate is None:
         side_um = _DIE_STOPS * spec.camera.camera().stop.diameter_um
-        across = min(int(side_um * NM_PER_UM / (section.dots * dot_nm)), _MOST_ACROSS)
+        across = min(int(side_um * NM_PER_UM / pitch_nm), _MOST_ACROSS)
     else:
         side_nm = to_nm(spec.plate.die_size, where=f"{where}: plate.die_size", name="die_size")
-        across = side_nm // (section.dots * dot_nm)
+        across = side_nm // pitch_nm
     rules = DisplayRules.of(spec.emitters, spec.light, spec.wires, where=where)
     seed = section.seed if section.tiling_seed is None else section.tiling_seed
     return Display.of(rules, section.tiling, seed, before, max(before, across))

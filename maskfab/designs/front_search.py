@@ -20,6 +20,7 @@ from itertools import chain
 import numpy as np
 
 from maskfab.base.arrays import Mask
+from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import InputError, JobError
 from maskfab.base.model import Opening
 from maskfab.base.units import NM_PER_UM
@@ -421,7 +422,7 @@ class _Sweep:
         why = misfit(found)
         if why is not None:
             return f"{point.shape}: {why}"
-        pitch_um = self.rules.dots * self.rules.dot_nm / NM_PER_UM
+        pitch_um = CellSize(self.rules.dots, self.rules.dot_nm).pitch_um
         wander_px = 0.0 if found is None else found.wander_px
         return replace(point, grain=predicted_rms(wander_px, Viewing(pitch_um, TELEPHONE_UM)))
 

@@ -355,7 +355,7 @@ def _clear_dots(panel: Panel) -> NDArray[np.bool_]:
 def _dot_edges(panel: Panel, count: int) -> Ints:
     """Lower edges of dots along a side of a panel."""
     cell, dot = np.divmod(np.arange(count, dtype=np.int64), panel.opening.dots)
-    return np.asarray(cell * panel.pitch_nm + panel.gutter_nm // 2 + dot * panel.dot_nm)
+    return np.asarray(cell * panel.pitch_nm + panel.cell_size.dot_edges_nm[dot])
 
 
 def _cuts(edges: Ints, dot_nm: int, end: int, reach: int, lane: int) -> Ints:

@@ -197,9 +197,7 @@ def gutters_dot_by_dot() -> float:
     panel = example_panel(noise(21, 0.2, 1), dot_nm=4030, gutter_nm=8000, cells=6, seed=1)
     u = 0.4e-3 * np.arange(33, dtype=np.float64)
     half_nm = 3 * panel.pitch_nm
-    low = (
-        panel.pitch_nm * np.arange(6)[:, None] + panel.gutter_nm // 2 + panel.dot_nm * np.arange(21)
-    ).ravel() - half_nm
+    low = (panel.pitch_nm * np.arange(6)[:, None] + panel.cell_size.dot_edges_nm[:-1]).ravel() - half_nm
     waves = 4.03 * np.sinc(4.03 * u) * np.exp(-2e-3j * np.pi * (low + panel.dot_nm / 2)[:, None] * u)
     clear = np.block([[orient(panel.opening.mask, int(k)) for k in row] for row in panel.orientations])
     row, column = np.nonzero(clear)

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from maskfab.base.arrays import Floats, Ints, Mask
+from maskfab.base.cell_size import CellSize
 from maskfab.base.model import ORIENTATIONS, Opening, Panel, Tiling, orient
 from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import Progress, silent
@@ -424,7 +425,7 @@ def _by_nothing(constraints: Constraints) -> Conflict | None:
     display: Display = constraints["wires"]
     if display.unwired(constraints.nothing, constraints.dot_nm) is None:
         return None
-    told = display.lines_told(constraints.dots * constraints.dot_nm)
+    told = display.lines_told(CellSize(constraints.dots, constraints.dot_nm).pitch_nm)
     return Conflict(("wires",), f"not even a pixel without an opening can be wired: {told}")
 
 

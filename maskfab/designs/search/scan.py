@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from maskfab.base import __version__
 from maskfab.base.arrays import Mask
+from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import JobError
 from maskfab.base.files import Kept
 from maskfab.base.model import Opening, Tiling, frozen
@@ -108,9 +109,10 @@ def require_shapes(section: SearchSection, rules: Constraints) -> None:
     if display is None or most is None:
         return
     if int(most.max()) < display.opaque_lines:
+        passing = display.lines_told(CellSize(section.dots, rules.dot_nm).pitch_nm)
         raise JobError(
             "MF123",
-            f"{told} lets so many lines pass along x and y: {display.lines_told(section.dots * rules.dot_nm)}, and "
+            f"{told} lets so many lines pass along x and y: {passing}, and "
             f"no more than {int(most.max())} pass a chain of openings across",
             where="wires.lines",
             cure=f"Use at most {int(most.max())} lines, finer ones, or fewer clear_dots",
