@@ -9,8 +9,8 @@ Silence for a library that reports on standard output, where one JSON document b
 
 Tasks that this process shares with a second one, or several, so that all processors are kept busy.
 
-    with Pair() as crew:
-        photographs = crew.submit(restore_photographs, lambda: (plate, camera))
+    with ProcessExecutor() as executor:
+        photographs = executor.submit(restore_photographs, lambda: (plate, camera))
         ...
         restored = photographs.result()
 
@@ -62,7 +62,7 @@ def read_only(content: dict[Any, Any]) -> MappingProxyType[Any, Any]:
     return MappingProxyType(content)
 
 
-def give_back() -> None:
+def release_memory() -> None:
     """Return free pages to the system; takes milliseconds, and does nothing where there is no such call."""
     if sys.platform != "linux":
         return
@@ -88,7 +88,7 @@ def quiet() -> Iterator[None]:
 
 
 Found = TypeVar("Found")
-Given: TypeAlias = Callable[[], tuple[Any, ...]]
+ArgumentsFactory: TypeAlias = Callable[[], tuple[Any, ...]]
 """Makes the arguments of a task when it begins: those of all tasks may not fit into memory."""
 
 _FROM_OUTSIDE = frozenset(
@@ -109,7 +109,9 @@ class Task(Generic[Found]):
         seconds: that it took, once it is found.
     """
 
-    def __init__(self, function: Callable[..., Found], given: Given, begin: Callable[[Task[Any]], bool]) -> None:
+    def __init__(
+        self, function: Callable[..., Found], given: ArgumentsFactory, begin: Callable[[Task[Any]], bool]
+    ) -> None:
         self._function, self._given, self._begin = function, given, begin
         self._news: SimpleQueue[tuple[_Kind, Any]] = SimpleQueue()
         self._outcome: tuple[_Kind, Any] | None = None
@@ -164,10 +166,10 @@ class Task(Generic[Found]):
         except Exception as error:
             self._outcome = "raised", error
         self.ended, self.seconds = True, time.perf_counter() - start
-        give_back()
+        release_memory()
 
 
-class Alone(AbstractContextManager["Alone"]):
+class SerialExecutor(AbstractContextManager["SerialExecutor"]):
     """One process does every task itself, when it is asked what is found."""
 
     def __exit__(
@@ -180,11 +182,11 @@ class Alone(AbstractContextManager["Alone"]):
         """Findings that need not be found again, and all findings that are kept, so far."""
         return 0, 0
 
-    def do(self, function: Callable[..., Found], *given: Any) -> Found:
+    def run(self, function: Callable[..., Found], *given: Any) -> Found:
         """Do one thing now and in this process, and return its finding."""
         return function(*given)
 
-    def submit(self, function: Callable[..., Found], given: Given) -> Task[Found]:
+    def submit(self, function: Callable[..., Found], given: ArgumentsFactory) -> Task[Found]:
         """A task that may begin at once.
 
         Args:
@@ -193,8 +195,10 @@ class Alone(AbstractContextManager["Alone"]):
         """
         return self._offered(Task(function, given, self._begin))
 
-    def each(
-        self, calls: Sequence[tuple[Callable[..., Found], Given]], done: Callable[[int], None] = lambda _: None
+    def run_all(
+        self,
+        calls: Sequence[tuple[Callable[..., Found], ArgumentsFactory]],
+        done: Callable[[int], None] = lambda _: None,
     ) -> list[Task[Found]]:
         """Tasks that have ended, in the order of the calls.
 
@@ -223,7 +227,7 @@ class Alone(AbstractContextManager["Alone"]):
         return not task.ended
 
 
-class Pair(Alone):
+class ProcessExecutor(SerialExecutor):
     """This process and a second one, or several, which begin what is submitted while this one goes on.
 
     Args:
@@ -233,7 +237,7 @@ class Pair(Alone):
     def __init__(self, others: int = 1) -> None:
         self._others = others
 
-    def __enter__(self) -> Pair:
+    def __enter__(self) -> ProcessExecutor:
         self._waiting: deque[Task[Any]] = deque()
         self._changed = Condition()
         self._closed = False
@@ -375,4 +379,4 @@ def work() -> None:
             else:
                 say("found", (found, time.perf_counter() - start))
                 del found
-            give_back()
+            release_memory()

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from maskfab.base.model import ORIENTATIONS, WIRES, Die, Emitters, Mark, Panel, Plate, Tiling, refined
-from maskfab.base.processes import Alone, Given
+from maskfab.base.processes import ArgumentsFactory, SerialExecutor
 from maskfab.base.units import to_nm
 from maskfab.base.work import Progress, silent
 from maskfab.display.drive import (
@@ -288,7 +288,7 @@ def populate(
     rules: DisplayRules,
     progress: Progress = silent,
     *,
-    crew: Alone | None = None,
+    executor: SerialExecutor | None = None,
 ) -> PlateWithDisplays:
     """Emitters and wires for every die; dies of equal pixels, in which equal orientations meet, are worked on once.
 
@@ -298,7 +298,7 @@ def populate(
         plate: laid out, without emitters.
         rules: the maker's.
         progress: told how many dies are done, of those that differ.
-        crew: who works on the dies; what is found does not show who did.
+        executor: who works on the dies; what is found does not show who did.
 
     Raises:
         JobError: MF117, MF118 as :func:`maskfab.display.feasibility.feasibility`.
@@ -311,7 +311,7 @@ def populate(
     distinct = list(dict.fromkeys(keys))
     calls = [(feasibility, _arguments(panels[key], rules)) for key in distinct]
     progress("emitters", 0, len(calls))
-    tasks = (crew or Alone()).each(calls, lambda done: progress("emitters", done, len(calls)))
+    tasks = (executor or SerialExecutor()).run_all(calls, lambda done: progress("emitters", done, len(calls)))
     known = {key: task.result() for key, task in zip(distinct, tasks, strict=True)}
     for key, die in zip(keys, plate.dies, strict=True):
         answer = known[key]
@@ -333,9 +333,9 @@ def display_rules(job: Job) -> DisplayRules | None:
 
 
 def displays(
-    job: Job, plate: Plate | None = None, progress: Progress = silent, *, crew: Alone | None = None
+    job: Job, plate: Plate | None = None, progress: Progress = silent, *, executor: SerialExecutor | None = None
 ) -> PlateWithDisplays:
-    """The job's plate with the emitters and wires that the job asks for; by a crew, if there is one.
+    """The job's plate with the emitters and wires that the job asks for; by an executor, if there is one.
 
     Args:
         job: the job.
@@ -343,7 +343,7 @@ def displays(
     """
     rules = display_rules(job)
     plate = job.plate() if plate is None else plate
-    return PlateWithDisplays(plate, {}) if rules is None else populate(plate, rules, progress, crew=crew)
+    return PlateWithDisplays(plate, {}) if rules is None else populate(plate, rules, progress, executor=executor)
 
 
 def widest_gaps(plate: Plate, rules: DisplayRules, progress: Progress = silent) -> dict[str, LargestGap]:
@@ -366,7 +366,7 @@ def widest_gaps(plate: Plate, rules: DisplayRules, progress: Progress = silent) 
     return found
 
 
-def _arguments(panel: Panel, rules: DisplayRules) -> Given:
+def _arguments(panel: Panel, rules: DisplayRules) -> ArgumentsFactory:
     return lambda: (panel, rules)
 
 

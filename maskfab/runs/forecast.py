@@ -10,7 +10,7 @@ from typing import Any, cast
 
 from maskfab.base.folders import check_target
 from maskfab.base.model import Plate
-from maskfab.base.processes import Alone, Found, Given, Task
+from maskfab.base.processes import ArgumentsFactory, Found, SerialExecutor, Task
 from maskfab.base.work import silent
 from maskfab.display.feasibility import displays
 from maskfab.mask.job import Job
@@ -134,13 +134,13 @@ def dry_run(job: Job, out: Path, *, force: bool = False, cache: Store | None = N
     pipeline.check_pictures(job, plate)
     Conditions.of(job, "camera")
     pace = Pace.of(() if cache is None else cache.entries())
-    crew = _Foreseeing(cache, pace)
+    executor = _ForecastExecutor(cache, pace)
     with suppress(_NotKeptError):
-        plate = displays(job, plate, crew=crew).plate
-    laid = crew.stage("displays")
-    pipeline.begin_photographs(job, drawn, crew)
-    photographs = crew.stage("photographs")
-    processes = 1 if type(pipeline.crew_of(job)) is Alone else 2
+        plate = displays(job, plate, executor=executor).plate
+    laid = executor.stage("displays")
+    pipeline.begin_photographs(job, drawn, executor)
+    photographs = executor.stage("photographs")
+    processes = 1 if type(pipeline.executor_of(job)) is SerialExecutor else 2
     if photographs.kept != photographs.tasks:
         scenes_s = SCENES_S * pace.of_all * min(processes, photographs.tasks)
         photographs = replace(photographs, seconds=photographs.seconds + scenes_s)
@@ -150,21 +150,21 @@ def dry_run(job: Job, out: Path, *, force: bool = False, cache: Store | None = N
     # What is read back equals the design, or the run says that it does not.
     layout = layout_as_seen(job, made.design)
     with suppress(_NotKeptError):
-        pipeline.measure_dies(seen, job.camera, layout, silent, None, job.blank, crew)
-    optics = crew.stage("optics")
+        pipeline.measure_dies(seen, job.camera, layout, silent, None, job.blank, executor)
+    optics = executor.stage("optics")
     plans = pipeline.plan_scenes(job, seen, silent)
     alone = [replace(seen, dies=(die,)) for die in seen.dies]
     for die in alone:
         with suppress(_NotKeptError):
-            pipeline.measure_scenes(job, die, plans, layout, silent, None, crew)
-    scenes = crew.stage("scene")
+            pipeline.measure_scenes(job, die, plans, layout, silent, None, executor)
+    scenes = executor.stage("scene")
     for die in alone:
         with suppress(_NotKeptError):
-            pipeline.measure_process(job, die, silent, None, crew)
-    process = crew.stage("process")
+            pipeline.measure_process(job, die, silent, None, executor)
+    process = executor.stage("process")
     with suppress(_NotKeptError):
-        pipeline.expand_photographs(job, seen, silent, None, crew)
-    tolerance = crew.stage("tolerance")
+        pipeline.expand_photographs(job, seen, silent, None, executor)
+    tolerance = executor.stage("tolerance")
     if laid.kept != laid.tasks:
         photographed = (optics, scenes, process, tolerance)
         optics, scenes, process, tolerance = (replace(each, kept=None, note=_AFTER_DISPLAYS) for each in photographed)
@@ -203,14 +203,14 @@ class _NotKeptError(Exception):
     """A stage cannot be gone through, for not all that it needs is kept."""
 
 
-class _Foreseeing(Alone):
-    """A crew that does nothing: it tells what is kept of what it is asked for, and what the rest would take."""
+class _ForecastExecutor(SerialExecutor):
+    """An executor that does nothing: it tells what is kept of what it is asked for, and what the rest would take."""
 
     def __init__(self, cache: Store | None, pace: Pace) -> None:
         self._cache, self._pace = cache, pace
         self._seen: list[tuple[bool, float, float]] = []
 
-    def do(self, function: Callable[..., Found], *given: Any) -> Found:
+    def run(self, function: Callable[..., Found], *given: Any) -> Found:
         """A kept finding.
 
         Raises:
@@ -221,13 +221,15 @@ class _Foreseeing(Alone):
             raise _NotKeptError
         return cast(Found, kept[0])
 
-    def submit(self, function: Callable[..., Found], given: Given) -> Task[Found]:
+    def submit(self, function: Callable[..., Found], given: ArgumentsFactory) -> Task[Found]:
         """A task that nobody may ask for its finding."""
         self._look(function, given())
         return Task(function, given, lambda _: False)
 
-    def each(
-        self, calls: Sequence[tuple[Callable[..., Found], Given]], done: Callable[[int], None] = lambda _: None
+    def run_all(
+        self,
+        calls: Sequence[tuple[Callable[..., Found], ArgumentsFactory]],
+        done: Callable[[int], None] = lambda _: None,
     ) -> list[Task[Found]]:
         """Tasks whose findings are all kept.
 

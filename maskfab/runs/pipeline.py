@@ -19,7 +19,7 @@ from maskfab.base import __version__, provenance, resources
 from maskfab.base.errors import InternalError, SourceError, UnknownNameError
 from maskfab.base.folders import JOB_COPY, PAGE, REPORT, RESULT_MARK, TIMES, Account, check_target, staged, times_text
 from maskfab.base.model import UNSTATED, Camera, Die, DieOptics, MaskBlank, Plate, Quantity, Report, WrittenFile
-from maskfab.base.processes import Alone, Given, Pair, Task, give_back
+from maskfab.base.processes import ArgumentsFactory, ProcessExecutor, SerialExecutor, Task, release_memory
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.display.feasibility import PlateWithDisplays, display_rules, displays
 from maskfab.job.reference import USES, unused
@@ -80,7 +80,7 @@ from maskfab.report.rows.scene import SceneOptics, measure_scene, peak_bytes, sc
 from maskfab.report.rows.text import Quantities
 from maskfab.report.rows.verdicts import Verdicts
 from maskfab.runs.costs import expected
-from maskfab.runs.recall import Recalling
+from maskfab.runs.recall import CachingExecutor
 from maskfab.runs.store import Origin, Store, fingerprint, give_result, keep_result, of_installation
 
 if TYPE_CHECKING:
@@ -263,9 +263,9 @@ def _taken(job: Job, folder: Path, cache: Store, measured: Beside | None, progre
         kept = give_result(cache, origin, folder, _Made)
     if kept is None:
         return None
-    with clock.stage("read back"), crew_of(job, cache) as crew:
+    with clock.stage("read back"), executor_of(job, cache) as executor:
         # What is handed out is judged as it lies there, whoever wrote it.
-        plate = displays(job, crew=crew).plate
+        plate = displays(job, executor=executor).plate
         back = _read_own(draw_files(job, plate), folder, progress)
     made: _Made = kept.value
     if back.quantities != made.read:
@@ -287,14 +287,14 @@ def _make(
 ) -> _Made:
     """Every stage, in order; the directory is entered when all is known that could be refused."""
     clock = _Clock()
-    with crew_of(job, cache) as crew:
-        with clock.stage("layout"), _told("displays", crew, progress):
+    with executor_of(job, cache) as executor:
+        with clock.stage("layout"), _told("displays", executor, progress):
             plate = job.plate()
             check_processes(job, plate)
             check_pictures(job, plate)
             Conditions.of(job, "camera")  # light that cannot be is refused before dies are worked on
-            built = displays(job, plate, progress, crew=crew)
-            photographs = begin_photographs(job, plate, crew)
+            built = displays(job, plate, progress, executor=executor)
+            photographs = begin_photographs(job, plate, executor)
             plate = built.plate
             seen = plate_as_seen(job, plate)
         with clock.stage("draw"):
@@ -303,70 +303,76 @@ def _make(
         with clock.stage("plan"):
             plans = plan_scenes(job, seen, progress)
         # Before anything is written, for it takes the most memory, and libraries of solids and what is read back stay.
-        with clock.stage("process"), _told("process", crew, progress):
-            written = measure_process(job, seen, progress, clock.seconds, crew)
+        with clock.stage("process"), _told("process", executor, progress):
+            written = measure_process(job, seen, progress, clock.seconds, executor)
         with aside as folder:
             with clock.stage("write"):
                 files = write_files(job, made, folder, progress, measured)
             with clock.stage("read back"):
                 back = _read_own(made, folder, progress)
             layout = layout_as_seen(job, back.trips[0].layout)
-            with clock.stage("optics"), _told("optics", crew, progress):
-                optics = measure_dies(seen, job.camera, layout, progress, clock.seconds, job.blank, crew)
+            with clock.stage("optics"), _told("optics", executor, progress):
+                optics = measure_dies(seen, job.camera, layout, progress, clock.seconds, job.blank, executor)
                 psfs = psfs_as_files(job, made, optics)
                 files += write_psfs(psfs, folder)
-            with clock.stage("scene"), _told("scene", crew, progress):
-                scenes = measure_scenes(job, seen, plans, layout, progress, clock.seconds, crew)
+            with clock.stage("scene"), _told("scene", executor, progress):
+                scenes = measure_scenes(job, seen, plans, layout, progress, clock.seconds, executor)
             read_psfs = [quantity for psf in psfs for quantity in check_psf_file(psf, folder)]
             read = (*back.quantities, *read_psfs, *made.account(), *shop_quantities(job, made))
-            restored, changes = photographs.result(progress, clock.seconds), _changes(job, seen, progress, clock, crew)
+            restored, changes = (
+                photographs.result(progress, clock.seconds),
+                _changes(job, seen, progress, clock, executor),
+            )
             found = Findings(job, built, read, optics, scenes, restored, written, changes, measured)
             report = found.report(files, clock.seconds)
-            with clock.stage("figures"), _told("figures", crew, progress):
+            with clock.stage("figures"), _told("figures", executor, progress):
                 progress("figures", 0, 1)
                 document = found.document(report)
-                overview, pictures = draw_pictures(found, document, crew)
+                overview, pictures = draw_pictures(found, document, executor)
                 progress("figures", 1, 1)
             document = found.document(report)
             (folder / OVERVIEW).write_bytes(overview)
             (folder / REPORT).write_text(report_data.report_text(document), encoding="utf-8")
             (folder / PAGE).write_text(page.html_page(document, pictures), encoding="utf-8")
             _write_manifest(job, files, folder)
-            result = _Made(report, found.verdicts(report), crew.tally, _accounts(crew), back.quantities)
+            result = _Made(report, found.verdicts(report), executor.tally, _accounts(executor), back.quantities)
             (folder / TIMES).write_text(times_text(job.digest, clock.seconds, result.accounts), encoding="utf-8")
             if cache is not None:
                 keep_result(cache, origin_of_run(job, measured), folder, result, _Made)
     return result
 
 
-def _accounts(crew: Alone) -> tuple[Account, ...]:
-    return crew.accounts if isinstance(crew, Recalling) else ()
+def _accounts(executor: SerialExecutor) -> tuple[Account, ...]:
+    return executor.accounts if isinstance(executor, CachingExecutor) else ()
 
 
-def _changes(job: Job, plate: Plate, progress: Progress, clock: _Clock, crew: Alone) -> dict[str, Expansion | str]:
-    with clock.stage("tolerance"), _told("tolerance", crew, progress):
-        return expand_photographs(job, plate, progress, clock.seconds, crew)
+def _changes(
+    job: Job, plate: Plate, progress: Progress, clock: _Clock, executor: SerialExecutor
+) -> dict[str, Expansion | str]:
+    with clock.stage("tolerance"), _told("tolerance", executor, progress):
+        return expand_photographs(job, plate, progress, clock.seconds, executor)
 
 
 @contextmanager
-def _told(stage: str, crew: Alone, progress: Progress) -> Iterator[None]:
+def _told(stage: str, executor: SerialExecutor, progress: Progress) -> Iterator[None]:
     """Tell how much of a stage was kept, once it is done."""
-    taken, asked = crew.tally
+    taken, asked = executor.tally
     yield
-    now, of = crew.tally
+    now, of = executor.tally
     if now > taken:
         progress(f"{stage} taken from the cache", now - taken, of - asked)
 
 
-def crew_of(job: Job, cache: Store | None = None) -> Alone:
+def executor_of(job: Job, cache: Store | None = None) -> SerialExecutor:
     """Who makes a plate: two processes where there are two processors, and dies enough to be worth starting one.
 
     Args:
         job: asks for it.
         cache: what they need not find, and where they keep what they find.
     """
-    crew = Pair() if (os.cpu_count() or 1) > 1 and len(job.spec.die) >= _FEWEST_SHARED else Alone()
-    return crew if cache is None else Recalling(crew, cache, expected)
+    shared = (os.cpu_count() or 1) > 1 and len(job.spec.die) >= _FEWEST_SHARED
+    executor = ProcessExecutor() if shared else SerialExecutor()
+    return executor if cache is None else CachingExecutor(executor, cache, expected)
 
 
 @dataclass(frozen=True, eq=False)
@@ -499,7 +505,7 @@ def write_files(
     for done, (name, (_, write)) in enumerate(steps.items()):
         progress("write files", done, len(steps))
         write(folder / name)
-        give_back()
+        release_memory()
     progress("write files", len(steps), len(steps))
     return tuple(provenance.file_record(folder, folder / name, kind) for name, (kind, _) in steps.items())
 
@@ -567,7 +573,7 @@ def measure_dies(
     progress: Progress,
     seconds: dict[str, float] | None = None,
     blank: MaskBlank = UNSTATED,
-    crew: Alone | None = None,
+    executor: SerialExecutor | None = None,
 ) -> list[DieOptics]:
     """The optics of every die from a layout that was read back of a plate made of ``blank``, and what they leave out.
 
@@ -576,12 +582,12 @@ def measure_dies(
     """
     masks = [_mask(die) for die in plate.dies]
 
-    def given(die: Die) -> Given:
+    def given(die: Die) -> ArgumentsFactory:
         return lambda: (die, camera, clear_shapes(layout, light_box(die, camera.stop)), blank)
 
     progress("optics", 0, len(masks))
     calls = [(measure_with_bar, given(die)) for die in masks]
-    tasks = (crew or Alone()).each(calls, lambda done: progress("optics", done, len(masks)))
+    tasks = (executor or SerialExecutor()).run_all(calls, lambda done: progress("optics", done, len(masks)))
     for die, task in zip(masks, tasks, strict=True):
         if seconds is not None:
             seconds[f"optics {die.name}"] = round(task.seconds, 3)
@@ -612,19 +618,19 @@ def measure_scenes(
     layout: db.Layout,
     progress: Progress,
     seconds: dict[str, float] | None = None,
-    crew: Alone | None = None,
+    executor: SerialExecutor | None = None,
 ) -> list[SceneOptics]:
     """The job's scene through every die, as :func:`measure_dies` does it; none for a job without a scene."""
     scene, camera = job.scene, job.camera
     if scene is None:
         return []
-    reach, do = scene_reach_um(camera, scene), (crew or Alone()).do
+    reach, run = scene_reach_um(camera, scene), (executor or SerialExecutor()).run
 
     def one(die: Die) -> SceneOptics:
         shapes = clear_shapes(layout, reach_box(die, reach))
         mask = _mask(die)
         openings = read_openings(mask, shapes, reach)
-        return do(measure_scene, mask, camera, scene, openings, plans[die.name], job.blank)
+        return run(measure_scene, mask, camera, scene, openings, plans[die.name], job.blank)
 
     peak = max((peak_bytes(die, camera, scene, plans[die.name]) for die in plate.dies), default=0.0)
     workers = int(min(os.cpu_count() or 1, max(1, _SCENE_BYTES // max(peak, 1.0))))
@@ -719,22 +725,22 @@ def measure_process(
     plate: Plate,
     progress: Progress,
     seconds: dict[str, float] | None = None,
-    crew: Alone | None = None,
+    executor: SerialExecutor | None = None,
 ) -> dict[str, Written]:
     """Optics of every die as written, by the job's [process], with bands over its spread; nothing without a process.
 
     Raises:
         JobError: MF104, MF127 or MF115 for a process that does not go with a die.
     """
-    process, do = job.spec.written, (crew or Alone()).do
+    process, run = job.spec.written, (executor or SerialExecutor()).run
     if process is None:
         return {}
 
     spread = process_spread(job)
 
     def one(die: Die) -> Written:
-        written = do(measure_written, _mask(die), job.camera, process, job.where)
-        bands = do(band_quantities, written, job.camera, spread, job.spec.frequencies_cy_per_mm, job.where)
+        written = run(measure_written, _mask(die), job.camera, process, job.where)
+        bands = run(band_quantities, written, job.camera, spread, job.spec.frequencies_cy_per_mm, job.where)
         return replace(written, quantities=(*written.quantities, *bands))
 
     # One after another: a die takes up to a gigabyte.
@@ -747,7 +753,7 @@ def expand_photographs(
     plate: Plate,
     progress: Progress,
     seconds: dict[str, float] | None = None,
-    crew: Alone | None = None,
+    executor: SerialExecutor | None = None,
 ) -> dict[str, Expansion | str]:
     """Changes of restored photographs over the spread of the job's [process], by die; none without a spread.
 
@@ -759,12 +765,12 @@ def expand_photographs(
         return {}
     conditions, around = Conditions.of(job, "camera"), Surroundings.of(job)
 
-    def given(die: Die) -> Given:
+    def given(die: Die) -> ArgumentsFactory:
         return lambda: (conditions, around, _mask(die), process, spread, job.where)
 
     progress("tolerance", 0, len(plate.dies))
     calls = [(restored_expansion, given(die)) for die in plate.dies]
-    tasks = (crew or Alone()).each(calls, lambda done: progress("tolerance", done, len(plate.dies)))
+    tasks = (executor or SerialExecutor()).run_all(calls, lambda done: progress("tolerance", done, len(plate.dies)))
     if seconds is not None:
         for die, task in zip(plate.dies, tasks, strict=True):
             seconds[f"tolerance {die.name}"] = round(task.seconds, 3)
@@ -785,18 +791,18 @@ class Begun:
         conditions: of all.
         tasks: by die.
         reference: die that the job names as such.
-        crew: takes them.
+        executor: takes them.
     """
 
     conditions: Conditions
     tasks: Mapping[str, Task[Restored]]
     reference: str | None
-    crew: Alone
+    executor: SerialExecutor
 
     def result(self, progress: Progress, seconds: dict[str, float] | None = None) -> Photographs:
         """All of them; the time of every die is added to ``seconds``."""
         dies = {}
-        with _told("photographs", self.crew, progress):
+        with _told("photographs", self.executor, progress):
             for done, (name, task) in enumerate(self.tasks.items()):
                 progress("photographs", done, len(self.tasks))
                 dies[name] = task.result()
@@ -806,7 +812,7 @@ class Begun:
         return Photographs(self.conditions, dies, self.reference)
 
 
-def begin_photographs(job: Job, plate: Plate, crew: Alone) -> Begun:
+def begin_photographs(job: Job, plate: Plate, executor: SerialExecutor) -> Begun:
     """Photographs through the dies of a plate, which need nothing of its files.
 
     Raises:
@@ -814,12 +820,14 @@ def begin_photographs(job: Job, plate: Plate, crew: Alone) -> Begun:
     """
     conditions, around, shown = Conditions.of(job, "camera"), Surroundings.of(job), design_data.stated(job)
 
-    def given(die: Die) -> Given:
+    def given(die: Die) -> ArgumentsFactory:
         return lambda: (conditions, around, die.name, die.panel, die.name in shown)
 
     dies = plate_as_seen(job, plate).dies
     reference = None if job.spec.report is None else job.spec.report.reference
-    return Begun(conditions, {die.name: crew.submit(photograph_die, given(die)) for die in dies}, reference, crew)
+    return Begun(
+        conditions, {die.name: executor.submit(photograph_die, given(die)) for die in dies}, reference, executor
+    )
 
 
 def _unused_row(job: Job) -> Iterator[Quantity]:
@@ -856,13 +864,13 @@ def _each(
     with ThreadPoolExecutor(workers) as pool:
         for result in pool.map(timed, dies):
             results.append(result)
-            give_back()
+            release_memory()
             progress(stage, len(results), len(dies))
     return results
 
 
 def draw_pictures(
-    found: Findings, document: report_data.Document, crew: Alone
+    found: Findings, document: report_data.Document, executor: SerialExecutor
 ) -> tuple[bytes, Mapping[str, Mapping[str, str]]]:
     """The picture of the whole plate, as PNG, and every figure of the report, by die and figure, of the dies that it
     shows."""
@@ -883,10 +891,10 @@ def draw_pictures(
         if name in found.written:
             more.append(Figures(name, written_figures.written_pictures, (found.written[name],)))
     shown, best = _most_invertible(found.optics), front.best(document)
-    overview = crew.submit(die_figures.overview, lambda: (found.plate, document, shown))
+    overview = executor.submit(die_figures.overview, lambda: (found.plate, document, shown))
     stressed = () if isinstance(best, str) else best.shown
     optics = [item for item in found.optics if item.die.name in drawn]
-    pictures = die_figures.pictures(found.plate, optics, document, more, crew, stressed)
+    pictures = die_figures.pictures(found.plate, optics, document, more, executor, stressed)
     return overview.result(), pictures
 
 

@@ -1,4 +1,4 @@
-"""A crew that does only what nobody has found before."""
+"""An executor that does only what nobody has found before."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeAlias
 from maskfab.base import __version__
 from maskfab.base.folders import Account
 from maskfab.base.model import Die
-from maskfab.base.processes import Alone, Found, Given, Task
+from maskfab.base.processes import ArgumentsFactory, Found, SerialExecutor, Task
 from maskfab.runs.store import Finding, Origin, Refused, Store, fingerprint, of_installation
 
 Expected: TypeAlias = Callable[[Callable[..., Any], tuple[Any, ...]], float | None]
@@ -28,27 +28,27 @@ class Recalled(Generic[Found]):
     account: Account | None
 
 
-class Recalling(Alone):
-    """A crew whose findings are kept, each as soon as it is found, by whichever process found it.
+class CachingExecutor(SerialExecutor):
+    """An executor whose findings are kept, each as soon as it is found, by whichever process found it.
 
     Args:
-        crew: does what is not kept.
+        executor: does what is not kept.
         store: keeps it.
         expected: kept with each finding, beside what it took.
     """
 
-    def __init__(self, crew: Alone, store: Store, expected: Expected | None = None) -> None:
-        self._crew, self._recall = crew, partial(recalled, store, expected)
+    def __init__(self, executor: SerialExecutor, store: Store, expected: Expected | None = None) -> None:
+        self._executor, self._recall = executor, partial(recalled, store, expected)
         self._accounts: list[Account | None] = []
 
-    def __enter__(self) -> Recalling:
-        self._crew.__enter__()
+    def __enter__(self) -> CachingExecutor:
+        self._executor.__enter__()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._crew.__exit__(kind, error, trace)
+        self._executor.__exit__(kind, error, trace)
 
     @property
     def tally(self) -> tuple[int, int]:
@@ -60,19 +60,21 @@ class Recalling(Alone):
         """Where every finding comes from that can be kept, so far."""
         return tuple(each for each in self._accounts if each is not None)
 
-    def do(self, function: Callable[..., Found], *given: Any) -> Found:
+    def run(self, function: Callable[..., Found], *given: Any) -> Found:
         """Return the finding of a function of a module, now and here."""
         return self._unwrap(self._recall(function, *given))
 
-    def submit(self, function: Callable[..., Found], given: Given) -> Task[Found]:
+    def submit(self, function: Callable[..., Found], given: ArgumentsFactory) -> Task[Found]:
         """A task that may begin at once."""
-        return _Unwrapped(self._crew.submit(partial(self._recall, function), given), self._unwrap)
+        return _Unwrapped(self._executor.submit(partial(self._recall, function), given), self._unwrap)
 
-    def each(
-        self, calls: Sequence[tuple[Callable[..., Found], Given]], done: Callable[[int], None] = lambda _: None
+    def run_all(
+        self,
+        calls: Sequence[tuple[Callable[..., Found], ArgumentsFactory]],
+        done: Callable[[int], None] = lambda _: None,
     ) -> list[Task[Found]]:
         """Tasks that have ended, in the order of the calls."""
-        tasks = self._crew.each([(partial(self._recall, each), given) for each, given in calls], done)
+        tasks = self._executor.run_all([(partial(self._recall, each), given) for each, given in calls], done)
         unwrapped = [_Unwrapped(task, self._unwrap) for task in tasks]
         for task in unwrapped:
             task.result()
@@ -84,7 +86,7 @@ class Recalling(Alone):
 
 
 class _Unwrapped(Task[Found]):
-    """A task of the crew, of whose finding it is told once whether it was kept."""
+    """A task of the executor, of whose finding it is told once whether it was kept."""
 
     def __init__(self, task: Task[Recalled[Found]], unwrap: Callable[[Recalled[Found]], Found]) -> None:
         self._task, self._unwrap = task, unwrap

@@ -20,7 +20,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 from maskfab.base.errors import InputError, JobError, OutputError
 from maskfab.base.model import ORIENTATIONS, Camera, Die, Opening, Panel, Process, Quantity, Tiling
-from maskfab.base.processes import Alone, Pair
+from maskfab.base.processes import ProcessExecutor, SerialExecutor
 from maskfab.base.work import Progress, one_thread
 from maskfab.camera import scenes as scene_sets
 from maskfab.camera.lens import PhotoCamera, lattice
@@ -362,9 +362,9 @@ def _by_processes(
     progress("cases", 0, len(cases))
     records: list[Record] = []
     told = 0
-    with Pair(others) if others > 0 else Alone() as crew:
+    with ProcessExecutor(others) if others > 0 else SerialExecutor() as executor:
         tasks = [
-            crew.submit(partial(find_and_keep, folder), lambda case=case: (case.key, case.document, quantities))  # type: ignore[misc]
+            executor.submit(partial(find_and_keep, folder), lambda case=case: (case.key, case.document, quantities))  # type: ignore[misc]
             for case in cases
         ]
         # The others begin with the first, this process with the last: they meet where little is left.

@@ -20,7 +20,7 @@ from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import InputError, JobError, OutputError
 from maskfab.base.folders import JOB_COPY, PAGE, REPORT, RESULT_MARK, TIMES, put_back, read_manifest
 from maskfab.base.model import Camera, Die, Quantity, WrittenFile
-from maskfab.base.processes import Alone
+from maskfab.base.processes import SerialExecutor
 from maskfab.base.provenance import sha256_of_file
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.display.feasibility import PlateWithDisplays, displays
@@ -51,10 +51,10 @@ from maskfab.runs.pipeline import (
     Findings,
     aids,
     begin_photographs,
-    crew_of,
     die_quantities,
     draw_files,
     draw_pictures,
+    executor_of,
     expand_photographs,
     measure_dies,
     measure_process,
@@ -115,8 +115,8 @@ def verify(directory: str | Path, progress: Progress = silent) -> Verified:
         # A later version would sign its plates differently, which is no fault of this one.
         signature = job.signature.replace(__version__, str(manifest["maskfab_version"]), 1)
         plate = compose(job.spec, job.openings, signature, where=job.where)
-        with crew_of(job) as crew:
-            built = displays(job, plate, progress, crew=crew)
+        with executor_of(job) as executor:
+            built = displays(job, plate, progress, executor=executor)
         # A run takes its photographs beside its displays, before these are there.
         bare, plate = plate, built.plate
         made = draw_files(job, plate, str(manifest["maskfab_version"]))
@@ -125,8 +125,8 @@ def verify(directory: str | Path, progress: Progress = silent) -> Verified:
         return Verified.of([*checks, _failed("job", f"{JOB_COPY} cannot be used: {error}")])
     checks += fast_lens(job.camera)
     checks.append(_equal("job_hash", job.digest, manifest.get("job_hash"), f"hash of {JOB_COPY} against the manifest"))
-    with crew_of(job) as crew:
-        photographs = begin_photographs(job, bare, crew)
+    with executor_of(job) as executor:
+        photographs = begin_photographs(job, bare, executor)
         refused: list[tuple[str, InputError]] = []
         back = read_back(made, folder, progress, refused)
         checks += [_failed("readable", f"{name}: {error}") for name, error in refused]
@@ -137,7 +137,7 @@ def verify(directory: str | Path, progress: Progress = silent) -> Verified:
         seen = [die for die in plate.dies if _sees_light(die, job.camera, trips[0])]
         lit = plate_as_seen(job, replace(plate, dies=tuple(seen)))
         layout = layout_as_seen(job, trips[0].layout)
-        optics = measure_dies(lit, job.camera, layout, progress, None, job.blank, crew)
+        optics = measure_dies(lit, job.camera, layout, progress, None, job.blank, executor)
         for psf in psfs_as_files(job, made, optics, str(manifest["maskfab_version"])):
             try:
                 read += check_psf_file(psf, folder)
@@ -164,13 +164,15 @@ def verify(directory: str | Path, progress: Progress = silent) -> Verified:
                 checks.append(_failed("readable", f"{MEASURED}: {error}"))
         if not (blind or refused) and all(trip.xor_area_um2 == 0 for trip in trips):
             # Of files that differ from the design the numbers differ as well; what differs is told above.
-            process = measure_process(job, lit, progress), expand_photographs(job, lit, progress, None, crew)
+            process = measure_process(job, lit, progress), expand_photographs(job, lit, progress, None, executor)
             found = Findings(job, built, read, optics, scenes, photographs.result(progress), *process, beside)
-            checks += _made_again(folder, manifest, found, crew)
+            checks += _made_again(folder, manifest, found, executor)
     return Verified.of(checks, built)
 
 
-def _made_again(folder: Path, manifest: Mapping[str, Any], found: Findings, crew: Alone) -> Iterator[Quantity]:
+def _made_again(
+    folder: Path, manifest: Mapping[str, Any], found: Findings, executor: SerialExecutor
+) -> Iterator[Quantity]:
     """Report, page and pictures of a folder against the same made again."""
     now = found.document(found.report(_listed(manifest), {}))
     now["maskfab_version"] = manifest["maskfab_version"]
@@ -178,7 +180,7 @@ def _made_again(folder: Path, manifest: Mapping[str, Any], found: Findings, crew
     yield from told
     alike = manifest["maskfab_version"] == __version__ and manifest.get("versions") == provenance.versions()
     alike = alike and not any(each.name == _SCHEMA for each in told)
-    overview, pictures = draw_pictures(found, now, crew)
+    overview, pictures = draw_pictures(found, now, executor)
     for name, differs in (
         *_aids_differ(folder, found),
         *_page_differs(folder, now, pictures, held=all(each.passed is not False for each in told)),

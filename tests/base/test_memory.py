@@ -6,12 +6,12 @@ import sys
 
 import pytest
 
-from maskfab.base.processes import give_back
+from maskfab.base.processes import release_memory
 
 # Small pieces are not given back by themselves as long as one that was allocated after them lives.
 HELD = """
 from pathlib import Path
-from maskfab.base.processes import give_back
+from maskfab.base.processes import release_memory
 
 def resident():
     return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
@@ -20,7 +20,7 @@ pieces = [bytearray(50_000) for _ in range(2000)]
 kept = pieces[::100]
 del pieces
 before = resident()
-give_back()
+release_memory()
 print(before - resident())
 """
 
@@ -35,4 +35,4 @@ def test_what_is_free_goes_back_to_the_system():
 def test_elsewhere_nothing_is_called(monkeypatch, system):
     monkeypatch.setattr("maskfab.base.processes.sys.platform", system)
     monkeypatch.setattr("maskfab.base.processes.ctypes.CDLL", None)
-    give_back()
+    release_memory()

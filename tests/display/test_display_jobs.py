@@ -12,7 +12,7 @@ import pytest
 from small_job import OPENING, command, listing, write_job
 
 from maskfab.base.model import BLACK, CLEAR, EMITTERS, GUTTER, VEIL, WIRES
-from maskfab.base.processes import Alone, Pair
+from maskfab.base.processes import ProcessExecutor, SerialExecutor
 from maskfab.display.drive import NOT_PLACED
 from maskfab.display.emitter_rules import Proof, Verdict
 from maskfab.display.feasibility import Feasibility, displays
@@ -258,10 +258,10 @@ def test_two_processes_find_what_one_finds_and_equal_dies_are_worked_on_once(tmp
     plate = one.plate()
     plate = replace(plate, dies=(*plate.dies, replace(plate.dies[0], name="AGAIN")))
     answers = []
-    for crew in (Alone(), Pair()):
+    for executor in (SerialExecutor(), ProcessExecutor()):
         told: list[tuple[str, int, int]] = []
-        with crew:
-            answers.append(displays(one, plate, lambda *said, told=told: told.append(said), crew=crew))
+        with executor:
+            answers.append(displays(one, plate, lambda *said, told=told: told.append(said), executor=executor))
         assert (told[0], told[-1]) == (("emitters", 0, len(plate.dies) - 1), ("emitters",) + (len(plate.dies) - 1,) * 2)
     alone, pair = answers
     assert list(alone.displays) == list(pair.displays) == [die.name for die in plate.dies]

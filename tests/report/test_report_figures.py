@@ -18,7 +18,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.image import imread
 
 from maskfab.base.model import Psf
-from maskfab.base.processes import Pair
+from maskfab.base.processes import ProcessExecutor
 from maskfab.report.documents.report import to_document
 from maskfab.report.figures import die
 from maskfab.report.figures.sheet import styled
@@ -85,8 +85,8 @@ def test_names_beside_curves_stay_apart_and_in_order_and_where_they_were_if_ther
 def test_which_process_draws_does_not_show(run, drawn):
     document = to_document(run.report, run.plate, run.camera)
     more = [die.Figures(item.die.name, dict, ({"more": item.die.label},)) for item in run.optics]
-    with Pair() as crew:
-        shared = die.pictures(run.plate, run.optics, document, more, crew)
+    with ProcessExecutor() as executor:
+        shared = die.pictures(run.plate, run.optics, document, more, executor)
     told = {name: images.pop("more", None) for name, images in shared.items()}
     assert shared == drawn
     assert told == {die.PLATE: None} | {item.die.name: item.die.label for item in run.optics}

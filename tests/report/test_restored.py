@@ -12,7 +12,7 @@ from once import leaves, small_scenes
 
 from maskfab.api.verbs.photographs import simulate
 from maskfab.base.errors import JobError
-from maskfab.base.processes import Alone
+from maskfab.base.processes import SerialExecutor
 from maskfab.camera import scenes as scene_sets
 from maskfab.camera.imaging import Isoplanatic
 from maskfab.camera.scores import MeanDifference, Score
@@ -49,8 +49,8 @@ def job_of(folder: Path, more: str = "", edits: tuple[tuple[str, str], ...] = ()
 
 
 def taken(job) -> Photographs:
-    with Alone() as crew:
-        return begin_photographs(job, job.plate(), crew).result(lambda *_: None)
+    with SerialExecutor() as executor:
+        return begin_photographs(job, job.plate(), executor).result(lambda *_: None)
 
 
 def psnrs(found: Photographs) -> dict[tuple[str, float], float]:
@@ -171,8 +171,8 @@ def test_a_die_that_the_camera_cannot_see_is_told_with_its_reason(job):
 )
 def test_light_that_cannot_be_is_refused_before_a_die_is_looked_at(tmp_path, section, code):
     job = job_of(tmp_path, "\n" + section)
-    with pytest.raises(JobError) as refusal, Alone() as crew:
-        begin_photographs(job, job.plate(), crew)
+    with pytest.raises(JobError) as refusal, SerialExecutor() as executor:
+        begin_photographs(job, job.plate(), executor)
     assert refusal.value.code == code
 
 

@@ -17,7 +17,7 @@ import maskfab as mf
 from maskfab.api.verbs.job_sweeps import Sweep
 from maskfab.base import resources
 from maskfab.base.errors import JobError, OutputError
-from maskfab.base.processes import Pair
+from maskfab.base.processes import ProcessExecutor
 from maskfab.runs import sweep_cases
 from maskfab.runs.store import of_installation
 from maskfab.runs.sweep import made
@@ -149,16 +149,16 @@ def test_processes_find_what_one_finds(swept, tmp_path):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_no_case_is_lost_with_a_worker_that_somebody_kills(swept, tmp_path, monkeypatch):
-    class Killed(Pair):
+    class Killed(ProcessExecutor):
         """Its other process is killed before it has answered anything."""
 
-        def __enter__(self) -> Pair:
+        def __enter__(self) -> ProcessExecutor:
             super().__enter__()
             for other in self._processes:
                 other.kill()
             return self
 
-    monkeypatch.setattr("maskfab.runs.sweep_cases.Pair", Killed)
+    monkeypatch.setattr("maskfab.runs.sweep_cases.ProcessExecutor", Killed)
     again = mf.sweep(swept.found.plan.where, tmp_path / "out", workers=2)
     assert again.found.failed == ()
     assert (tmp_path / "out/sweep.json").read_bytes() == (swept.directory / "sweep.json").read_bytes()

@@ -28,7 +28,7 @@ from maskfab.report.documents import check as check_data
 from maskfab.report.documents import check as display_text
 from maskfab.report.pages import pictures
 from maskfab.report.rows.text import Quantities, html_table, table_lines
-from maskfab.runs.pipeline import crew_of
+from maskfab.runs.pipeline import executor_of
 
 _RULES = """State the rules of the display maker, such as
 
@@ -167,8 +167,8 @@ def check(
     plate = loaded.plate()
     asked = dies_of(die, [each.name for each in plate.dies])
     plate = replace(plate, dies=tuple(each for each in plate.dies if each.name in asked))
-    with crew_of(loaded) as crew:
-        built = displays(loaded, plate, progress, crew=crew)
+    with executor_of(loaded) as executor:
+        built = displays(loaded, plate, progress, executor=executor)
     gaps = widest_gaps(plate, rules, progress) if largest_gap else {}
     return DisplayCheck(built, gaps, loaded.digest, unused(loaded.spec, *USES["check"]), loaded.seed_notes)
 

@@ -34,7 +34,7 @@ from scipy.sparse import csgraph
 from maskfab.base.arrays import Floats, Ints
 from maskfab.base.errors import InputError, SourceError
 from maskfab.base.model import CLEAR, Die, Panel, Plate, Quantity
-from maskfab.base.processes import give_back
+from maskfab.base.processes import release_memory
 from maskfab.base.work import Progress
 from maskfab.mask.comparison.roundtrip import RoundTrip, Sifted, compare_biased, compare_layout, named_chrome
 from maskfab.mask.dots import die_edges_nm, die_raster
@@ -466,7 +466,7 @@ def read_back(
                 if refused is None:
                     raise
                 errors[number] = product.name, error
-            give_back()
+            release_memory()
     progress("read back", len(made.products), len(made.products))
     if refused is not None:
         refused += [errors[number] for number in sorted(errors)]

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from maskfab.base.cell_size import CellSize
 from maskfab.base.model import Die, DieOptics, Mtf, Opening, Panel, Plate, Polygon, Psf, Tiling
-from maskfab.base.processes import Alone
+from maskfab.base.processes import SerialExecutor
 from maskfab.base.units import NM_PER_MM, NM_PER_UM
 from maskfab.mask.writer import Reading, written_region
 from maskfab.report.figures import sheet
@@ -72,7 +72,7 @@ def pictures(
     dies: Sequence[DieOptics],
     document: Mapping[str, Any],
     more: Sequence[Figures] = (),
-    crew: Alone | None = None,
+    executor: SerialExecutor | None = None,
     stressed: Sequence[str] = (),
 ) -> dict[str, dict[str, str]]:
     """Every figure of a report: by die name, then by figure name; the whole plate's under :data:`PLATE`.
@@ -82,7 +82,7 @@ def pictures(
         dies: those that were measured.
         document: the report's.
         more: what else there is to draw.
-        crew: who draws.
+        executor: who draws.
         stressed: dies that the comparison of all shows before the others.
     """
     field_nm = 3 * max((item.die.panel.pitch_nm for item in dies), default=1)
@@ -91,7 +91,7 @@ def pictures(
     drawn += [Figures(item.die.name, of_die, (item, field_nm, peak)) for item in dies]
     drawn += more
     found: dict[str, dict[str, str]] = {each.die: {} for each in drawn}
-    tasks = (crew or Alone()).each([(each.function, each.arguments) for each in drawn])
+    tasks = (executor or SerialExecutor()).run_all([(each.function, each.arguments) for each in drawn])
     for each, task in zip(drawn, tasks, strict=True):
         found[each.die] |= task.result()
     return found

@@ -30,7 +30,7 @@ from maskfab.base.model import (
     Stop,
     Tiling,
 )
-from maskfab.base.processes import give_back
+from maskfab.base.processes import release_memory
 from maskfab.base.units import NM_PER_UM, to_nm
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.job.read import check_lens, check_optics, even_nm
@@ -345,17 +345,17 @@ def _analyse_mask(
     path: Path, request: Request, progress: Progress
 ) -> tuple[str, tuple[Psf, ...], tuple[Mtf, ...], tuple[Quantity, ...]]:
     seen = _see(path, request)
-    give_back()
+    release_memory()
     standard, pupil = _measure_seen(seen, request, progress), seen.pupil
     del seen
-    give_back()
+    release_memory()
     bar = bar_quantities(model_bar(pupil, request.camera, request.blank), request.camera, None)
     return standard.name, standard.psfs, standard.mtfs, (*standard.quantities, *bar)
 
 
 def _see(path: Path, request: Request) -> _Seen:
     drawn, camera = _draw(path, request), request.camera
-    give_back()
+    release_memory()
     name, area, dot_um, aperture = drawn.name, drawn.area_um2, drawn.lattice.dot_um, drawn.aperture
     outline = stop_boundary(drawn.edges_um, area, camera, pixel_margin(camera))
     pupil, leak = cut(aperture, camera.stop), Leak.of(request.blank, camera.stop)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from maskfab.base.arrays import Singles
 from maskfab.base.errors import JobError
 from maskfab.base.model import Camera, Mtf, Panel, Psf
-from maskfab.base.processes import Alone, Pair, give_back
+from maskfab.base.processes import ProcessExecutor, SerialExecutor, release_memory
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.camera import scenes as surroundings
 from maskfab.camera.imaging import Design, RestoredBy
@@ -466,7 +466,7 @@ def made(plan: Plan, progress: Progress = silent) -> Study:
         (setting.protocol.name, setting.case, name): _told(*setting.design(name, plan.panels[name]), plan.photographs)
         for setting, name in designs
     }
-    give_back()
+    release_memory()
     calls = [
         (_photographed, lambda setting=setting, name=name: (setting, name, plan.panels[name], scenes))
         for setting, name in designs
@@ -480,8 +480,8 @@ def made(plan: Plan, progress: Progress = silent) -> Study:
             progress("photographs", done, len(calls))
 
     progress("photographs", 0, len(calls))
-    with Pair() if (os.cpu_count() or 1) > 1 and len(calls) > 1 else Alone() as crew:
-        tasks = crew.each(calls, tell)
+    with ProcessExecutor() if (os.cpu_count() or 1) > 1 and len(calls) > 1 else SerialExecutor() as executor:
+        tasks = executor.run_all(calls, tell)
     scores: dict[Take, tuple[Score, ...]] = {}
     shown: dict[Take, Singles] = {}
     for (setting, name), task in zip(designs, tasks, strict=True):
