@@ -18,7 +18,7 @@ from small_job import finished, write_job
 
 from maskfab.base.model import CLEAR, OUTLINE, Die, Gauge, Mark, Note, Opening, Panel, Plate, Tiling
 from maskfab.camera import scenes
-from maskfab.designs.bounds import limits
+from maskfab.designs.model import limits
 from maskfab.designs.model.statistics import SceneStatistics
 from maskfab.mask import sandbox
 from maskfab.mask.formats import reader

@@ -16,8 +16,7 @@ from maskfab.camera.lens import PhotoCamera, lattice
 from maskfab.camera.protocol import Protocol, stated_light, stated_sensor
 from maskfab.camera.scenes import Folder, folder
 from maskfab.designs.maps.light import most_dots, shares
-from maskfab.designs.model.conditions import SceneConditions
-from maskfab.designs.model.robustness import EXACT, Spread
+from maskfab.designs.model.appraisal import EXACT, SceneConditions, Spread
 from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings
 from maskfab.designs.rules.display_fit import Display
 from maskfab.designs.search.result import Designed, constraints_of

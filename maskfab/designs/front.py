@@ -1,25 +1,95 @@
-"""Points of a front: openings with the numbers that are traded against each other.
+"""Designs for a display, and what they trade: light, restored photographs, emitters, wires and grain.
 
-The designs of a front as files: an opening, its map, and a job that asks for as much.
+Every shape is judged by its expected restored PSNR. From the best downwards, to half a decibel below it, its
+footprint and the lines that pass it are measured, and only where a bound leaves room for a quarter of a percent of
+the pixel above all that were measured before. So each curve is exact, to that step, among all shapes judged;
+footprints are those of rectangles and straight cuts, which crooked emitters may exceed. What is on a curve is then
+laid on the panel of a die, with its map, and held against the display by the check itself. Beside the best of a curve
+stand designs of its light with more of it in the middle of the stop, or in two pixels of every group of four.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from itertools import chain
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 from maskfab.base.arrays import Mask
+from maskfab.base.cell_size import CellSize
+from maskfab.base.errors import InputError, JobError
 from maskfab.base.model import Opening
-from maskfab.camera.lens import F1, PhotoCamera
+from maskfab.base.units import NM_PER_UM
+from maskfab.base.work import Clock, Progress, silent
+from maskfab.camera.lens import F1, PhotoCamera, lattice
+from maskfab.camera.scenes import Photograph
+from maskfab.designs.design import require_closed
+from maskfab.designs.maps.light import SIDE, clustered, graded
+from maskfab.designs.maps.orientation_map import FIRST_STEPS, DesignedMap, MapMode, design_map
+from maskfab.designs.model.appraisal import compared_bias_um, moved_by_bias
+from maskfab.designs.model.panel_error import PupilError
 from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings
-from maskfab.designs.search.account import Alternatives, Prices
-from maskfab.designs.search.result import Facts, by_level, camera_facts, origin
-from maskfab.job.sections import JobSpec, SearchSection
+from maskfab.designs.rules.constraints import Constraints
+from maskfab.designs.rules.display_fit import Display, Footprints, footprints_of, misfit, of_display
+from maskfab.designs.rules.families import FAMILIES, Candidate
+from maskfab.designs.search.annealing import ExpectedPsnr, Ranked, anneal, scan
+from maskfab.designs.search.method import MAP_LEAK_SCENES, Judges, groups_of, map_of, map_seed
+from maskfab.designs.search.result import (
+    Alternatives,
+    Facts,
+    Prices,
+    alternatives,
+    asked_of,
+    by_level,
+    camera_facts,
+    constraints_of,
+    made_for_line,
+    origin,
+    prices,
+)
+from maskfab.designs.search.scan import PRICED, allowed
+from maskfab.display.drive import pixel_room
+from maskfab.display.emitted_light import TELEPHONE_UM, Viewing
+from maskfab.display.eye import predicted_rms
+from maskfab.job.sections import JobSpec, ParetoSection, SearchSection
 from maskfab.job.toml import dumps
 from maskfab.mask.panels import CellMap
+from maskfab.optics.tiling import orientations
+
+Uneven = tuple[tuple[str, float], ...]
+"""Keys of [design] that share light unevenly, the one that tells how much last."""
+
+
+ROUNDING = 1e-9
+"""Shares of a pixel that differ by less are equal."""
+
+
+_BATCH = 64
+
+
+_STEP = 0.0025
+"""Footprints count as more from so much of the pixel on: less is no reason for another design."""
+
+
+_DEPTH_DB = 0.5
+"""Openings whose PSNR is so far below the best that the display fits are not looked at: fewer dots do better there."""
+
+
+_SECTIONS = ("design", "camera", "sensor", "exposure", "emitters", "wires", "light")
+
+
+_DIGITS = 1e4
+
+
+_OF_ONE_OPENING = {"positions": 1, "joint": 0, "shortlist": 1}
+"""Keys of [design] that two openings have no use for, as if they were not stated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +123,7 @@ class JudgedOpening:
 
     def betters(self, other: JudgedOpening) -> bool:
         """Whether it has at least as much of everything, and more of one."""
-        mine, its = ((each.value, each.footprint, each.lines) for each in (self, other))
+        mine, its = ((o.value, o.footprint, o.lines) for o in (self, other))
         return all(a >= b for a, b in zip(mine, its, strict=True)) and mine != its
 
 
@@ -87,7 +157,7 @@ class FrontPoint:
 
     @property
     def psnr(self) -> tuple[float, ...]:
-        """By level, of what is laid."""
+        """Expected restored PSNR in dB by level, of what is laid."""
         return self.judged.psnr if self.mapped is None else self.mapped
 
     @property
@@ -137,7 +207,7 @@ class FrontCurve:
 
     @property
     def points(self) -> tuple[FrontPoint, ...]:
-        """Those of one opening, then those of two."""
+        """Designs of one opening, then those of two."""
         return (*self.front, *self.denser)
 
 
@@ -167,45 +237,25 @@ class Pareto:
 
     @property
     def points(self) -> tuple[FrontPoint, ...]:
-        """Those of all curves."""
+        """Designs of all curves."""
         return tuple(point for curve in self.curves for point in curve.points)
 
     @property
     def best(self) -> tuple[FrontPoint, ...]:
-        """Those that no other betters, whatever their clear dots."""
-        every = self.points
-        return tuple(each for each in every if not any(other.betters(each) for other in every))
+        """Designs that no other betters, whatever their clear dots."""
+        return tuple(point for point in self.points if not any(other.betters(point) for other in self.points))
 
     def gain_db(self, other: JudgedOpening) -> float | None:
         """Gain of the best opening found over another, both unmapped, at no less footprint, no fewer lines and no more
         clear dots; None where nothing found has them."""
         rivals = [
-            each.judged.value
-            for each in self.points
-            if each.judged.clear_dots <= other.clear_dots
-            and each.judged.footprint >= other.footprint - ROUNDING
-            and each.judged.lines >= other.lines
+            point.judged.value
+            for point in self.points
+            if point.judged.clear_dots <= other.clear_dots
+            and point.judged.footprint >= other.footprint - ROUNDING
+            and point.judged.lines >= other.lines
         ]
         return max(rivals) - other.value if rivals else None
-
-
-ROUNDING = 1e-9
-"""Shares of a pixel that differ by less are equal."""
-
-
-def spread(every: Sequence[JudgedOpening], most: int) -> tuple[JudgedOpening, ...]:
-    """At most so many of a curve, its ends among them: evenly along it, PSNR falling."""
-    last = len(every) - 1
-    if len(every) <= most:
-        return tuple(every)
-    places = sorted({round(k * last / max(1, most - 1)) for k in range(most)})
-    return tuple(every[k] for k in places)
-
-
-_SECTIONS = ("design", "camera", "sensor", "exposure", "emitters", "wires", "light")
-_DIGITS = 1e4
-_OF_ONE_OPENING = {"positions": 1, "joint": 0, "shortlist": 1}
-"""Keys of [design] that two openings have no use for, as if they were not stated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,6 +279,454 @@ class FrontDesign:
     job: str
 
 
+def sweep(
+    pareto: ParetoSection,
+    section: SearchSection,
+    scenes: Sequence[Photograph],
+    display: Display,
+    *,
+    compared: Sequence[Opening] = (),
+    camera: PhotoCamera = F1,
+    settings: CaptureSettings = F1_SETTINGS,
+    budget_s: float | None = None,
+    workers: int | None = None,
+    progress: Progress = silent,
+) -> Pareto:
+    """Judge every shape of every size, and keep the designs that none betters.
+
+    Args:
+        pareto: sizes of openings, numbers of lines, and how much to anneal.
+        section: grid, tiling, families, weights, map and rules.
+        scenes: photographs whose spectrum and edges count.
+        display: that every design must hold: its least footprint, its circuits, and the numbers of lines asked about.
+        compared: openings on the same grid, judged as if laid in the same tiling.
+        camera: that looks through the panel.
+        settings: of the photographs that openings are compared by.
+        budget_s: stop after about this time; every size has its share of it, and at least 64 shapes.
+        workers: threads; by default as many as there are processors.
+        progress: told where the work stands.
+
+    Raises:
+        JobError, OpeningError: as :func:`rules_of` and :func:`lines_of`; the first size's own error, MF123, MF203 or
+            MF204, if no size has any design.
+    """
+    rules, lines = rules_of(section, display, compared), lines_of(pareto, display)
+    room = lattice(section.dots, rules.dot_nm, camera=camera)
+    progress("photographs", 0, 1)
+    objective = Judges(section, scenes, room, settings).expected
+    panels = Judges(section, scenes, room, settings, leak_scenes=MAP_LEAK_SCENES)
+    error = None if section.map is None else panels.in_focus
+    progress("photographs", 1, 1)
+    footprints = footprints_of(rules, display.rules.emitters)
+    many = workers or os.cpu_count() or 1
+    work = _Sweep(pareto, section, objective, panels, error, footprints, rules, display, lines, many, progress)
+    counts = sorted(set(pareto.clear_dots))
+    clock = Clock(budget_s)
+    curves: list[FrontCurve] = []
+    refusals: list[InputError] = []
+    for done, count in enumerate(counts):
+        try:
+            curves.append(work.curve(count, Clock(clock.left(1 / (len(counts) - done)))))
+        except InputError as refusal:
+            refusals.append(refusal)
+            curves.append(FrontCurve(count, (), (), 0, 0, 0, (), True, f"{refusal.code} {refusal.what}"))
+    if len(refusals) == len(counts):
+        raise refusals[0]
+    given = tuple(work.given(opening) for opening in compared)
+    return Pareto(
+        tuple(curves),
+        given,
+        rules.dot_nm,
+        settings.levels,
+        lines,
+        made_for_line(camera, settings),
+        section.seed,
+        rules.without(*of_display(display)).active,
+    )
+
+
+def rules_of(section: SearchSection, display: Display, compared: Sequence[Opening] = ()) -> Constraints:
+    """Constraints of a sweep's openings; refuses, at no cost, what a sweep would refuse before it starts.
+
+    Args:
+        section, display, compared: as for :func:`sweep`.
+
+    Raises:
+        JobError: MF104, MF106, MF107 for numbers; MF105 for an opening on another grid; MF117, MF118 for the emitters'
+            rules.
+    """
+    rules = constraints_of(section, display=display)
+    for opening in compared:
+        if (opening.dots, opening.dot_nm) != (rules.dots, rules.dot_nm):
+            raise JobError(
+                "MF105",
+                f"the opening {opening.name!r} has {opening.dots} dots of {opening.dot_nm / NM_PER_UM:g} um a side, "
+                f"[design] {rules.dots} of {rules.dot_nm / NM_PER_UM:g} um",
+                where="pareto.compare",
+                cure="Compare openings on the grid of [design]",
+            )
+    return rules
+
+
+def lines_of(pareto: ParetoSection, display: Display, *, where: str = "pareto.lines") -> tuple[int, ...]:
+    """Numbers of lines that a sweep asks about, rising.
+
+    Raises:
+        JobError: MF105 for lines without the rules of any.
+    """
+    wires = display.rules.wires
+    if pareto.lines is None:
+        return (0 if wires is None else wires.lines,)
+    if wires is None and any(pareto.lines):
+        raise JobError(
+            "MF105",
+            "the job has no [wires], whose rules lines keep",
+            where=where,
+            cure="Add [wires], or remove lines",
+        )
+    return tuple(sorted(set(pareto.lines)))
+
+
+def require_uneven(pareto: ParetoSection, section: SearchSection, display: Display, *, where: str = "pareto") -> None:
+    """Refuse denser pixels that no design of a sweep can have.
+
+    Raises:
+        JobError: MF105 without a map; MF104 for no more dots than those of any curve; MF123 where emitters need more
+            than the denser pixels leave closed.
+    """
+    least = min(pareto.clear_dots)
+    for uneven in _uneven(pareto):
+        key, value = uneven[-1]
+        if section.map is None:
+            raise JobError(
+                "MF105",
+                f"{key} needs a map",
+                where=f"{where}.{key}",
+                cure='Add map = "equal_light" to [design]',
+            )
+        if value <= (least / section.dots**2 if key == "density" else least):
+            raise JobError(
+                "MF104",
+                f"{key} = {value:g} is not above the {least} clear dots of any curve",
+                where=f"{where}.{key}",
+                cure="Ask for more in the denser pixels",
+            )
+        room = 1 - (value if key == "density" else value / section.dots**2)
+        require_closed(room, display.rules.emitters.required, f"{key} = {value:g}", where=f"{where}.{key}")
+
+
+def _uneven(pareto: ParetoSection) -> list[Uneven]:
+    """Ways to share light unevenly that a sweep tries, as keys of [design]."""
+    return [
+        *((("density", share),) for share in sorted(set(pareto.density))),
+        *((("cluster", SIDE), ("most_dots", most)) for most in sorted(set(pareto.most_dots))),
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class _Sweep:
+    """The work for one size of openings after the other."""
+
+    pareto: ParetoSection
+    section: SearchSection
+    objective: ExpectedPsnr
+    panels: Judges
+    error: PupilError | None
+    footprints: Footprints
+    rules: Constraints
+    display: Display
+    lines: tuple[int, ...]
+    workers: int
+    progress: Progress
+
+    def curve(self, count: int, clock: Clock) -> FrontCurve:
+        rules = replace(self.rules, clear_dots=count)
+        self._holding(rules, 0.0, self.lines[0]).require_possible()
+        section = self.section
+        shapes = list(chain.from_iterable(FAMILIES[name](section.dots, count) for name in section.families))
+        found = scan(
+            shapes,
+            self.objective,
+            rules.without(*of_display(self.display)),
+            turned_alike=not self.objective.periodic,
+            budget_s=clock.left(),
+            workers=self.workers,
+            progress=lambda _, done, total: self.progress(f"{count} clear dots: shapes", done, total),
+        )
+        steps, measured = self._steps(found.ranked, count)
+        if not steps:
+            raise JobError(
+                "MF123",
+                f"the display fits none of {found.evaluated} openings of {count} clear dots, with "
+                f"{self.display.rules.emitters.required:.1%} of the pixel for each colour and {self.lines[0]} lines",
+                where="pareto.clear_dots",
+                cure="Ask for less of the display, or add families",
+            )
+        evaluated, complete = found.evaluated, found.complete
+        if self.pareto.anneal and complete:
+            more, walked, complete = self._annealed(steps, rules, clock)
+            steps, evaluated, measured = [*steps, *more], evaluated + walked, measured + len(more)
+        best = sorted((s for s in steps if not any(o.betters(s) for o in steps)), key=lambda opening: -opening.value)
+        chosen = spread(best, self.pareto.points)
+        points, misfits = self._laid(chosen, count, FIRST_STEPS if clock.over else None)
+        if not points:
+            raise JobError(
+                "MF123",
+                f"the display fits openings of {count} clear dots, and none on the panel of a die: {misfits[0]}",
+                where="pareto.clear_dots",
+                cure="Ask for less of the display, or for another tiling_seed",
+            )
+        uneven = () if clock.over else tuple(_uneven(self.pareto))
+        denser, unlike = self._denser(best[0], rules, uneven, clock)
+        left_out = len(best) - len(chosen)
+        complete = complete and len(uneven) == len(_uneven(self.pareto))
+        curve = FrontCurve(count, points, denser, evaluated, measured, left_out, (*misfits, *unlike), complete)
+        return curve if clock.over else self._beside(curve, rules, found.ranked, steps)
+
+    def _beside(
+        self, curve: FrontCurve, rules: Constraints, ranked: Sequence[Ranked], steps: Sequence[JudgedOpening]
+    ) -> FrontCurve:
+        """The curve with what its display costs, and with openings of nearly the PSNR of its best."""
+        held = self._holding(rules, 0.0, self.lines[0])
+        display = held.only(*of_display(self.display))
+        # Shapes below the best that fits decide nothing, nor do those of an annealing, which keeps the display.
+        best = next(step for step in steps if any(step.unit is shape.unit for shape in ranked))
+        better = [shape for shape in ranked if shape.value > best.value][:PRICED]
+        judged = [*better, Ranked(best.shape, best.unit, best.value)]
+        worth = {shape.unit.tobytes(): shape.value for shape in judged}
+        candidates = [Candidate(shape.name, shape.unit) for shape in judged]
+        first = curve.front[0].judged
+        visited = [*ranked, *(Ranked(step.shape, step.unit, step.value) for step in steps)]
+        return replace(
+            curve,
+            asked=asked_of(display),
+            prices=prices(candidates, lambda unit: worth[unit.tobytes()], display),
+            priced_among=len(judged),
+            alternatives=alternatives(
+                Ranked(first.shape, first.unit, first.value), visited, held, moved=self._moved, bias_um=self._bias_um
+            ),
+        )
+
+    @property
+    def _bias_um(self) -> float:
+        return compared_bias_um(self.rules.dot_nm)
+
+    def _moved(self, unit: Mask) -> float:
+        error = self.panels.in_focus
+        kinds = orientations(self.section.tiling, error.cells, error.cells, map_seed(self.section))
+        return moved_by_bias(unit, kinds, error, self._bias_um)
+
+    def given(self, opening: Opening) -> JudgedOpening:
+        footprint = self.footprints(opening.mask)
+        lines = [0, *(count for count in self.lines if self._wired(opening.mask, count))]
+        return self._judged(opening.name, opening.mask, footprint, max(lines))
+
+    def _judged(self, shape: str, unit: Mask, footprint: float, lines: int) -> JudgedOpening:
+        psnr = self.objective.by_level(unit)
+        return JudgedOpening(shape, unit, self._weighted(psnr), psnr, footprint, lines)
+
+    def _weighted(self, psnr: Sequence[float]) -> float:
+        weights = self.objective.weights
+        return float(np.dot(psnr, weights) / sum(weights))
+
+    def _asked(self, footprint: float, lines: int) -> Display:
+        """The display with room for emitters that were found, and so many lines."""
+        return self.display.asking(required=max(self.display.rules.emitters.required, footprint), lines=lines)
+
+    def _holding(self, rules: Constraints, footprint: float, lines: int) -> Constraints:
+        return rules.without(*of_display(self.display)).asking(**of_display(self._asked(footprint, lines)))
+
+    def _wired(self, unit: Mask, lines: int) -> bool:
+        return self._asked(0.0, lines).unwired(unit, self.rules.dot_nm) is None
+
+    def _roomy(self, unit: Mask) -> bool:
+        room = pixel_room(self.rules.opening(unit), self.rules.dot_nm, self.display.rules.circuit)
+        return room.certificate is None
+
+    def _steps(self, ranked: Sequence[Ranked], count: int) -> tuple[list[JudgedOpening], int]:
+        """Those with more footprint, for some number of lines, than all of a better PSNR, and how many were measured.
+
+        More lines are harder to pass, so that the widest footprint of those that pass falls with their number.
+        """
+        least = self.display.rules.emitters.required - ROUNDING
+        widest = dict.fromkeys(self.lines, 0.0)
+        steps: list[JudgedOpening] = []
+        measured = 0
+        for done, (each, bound) in enumerate(self._bounded(ranked)):
+            if done % _BATCH == 0:
+                self.progress(f"{count} clear dots: emitters and wires", done, len(ranked))
+            if steps and each.value < steps[0].value - _DEPTH_DB:
+                break
+            if bound < least or bound <= min(widest.values()) + _STEP:
+                continue
+            footprint = self.footprints(each.unit)
+            measured += 1
+            better = [lines for lines in self.lines if footprint > widest[lines] + (_STEP if widest[lines] else 0.0)]
+            if footprint < least or not better or not self._roomy(each.unit):
+                continue
+            passed = None
+            for lines in better:
+                if not self._wired(each.unit, lines):
+                    break
+                passed, widest[lines] = lines, footprint
+            if passed is not None:
+                steps.append(self._judged(each.name, each.unit, footprint, passed))
+        self.progress(f"{count} clear dots: emitters and wires", len(ranked), len(ranked))
+        return steps, measured
+
+    def _bounded(self, ranked: Sequence[Ranked]) -> Iterator[tuple[Ranked, float]]:
+        for start in range(0, len(ranked), _BATCH):
+            part = ranked[start : start + _BATCH]
+            bounds = self.footprints.bounds(np.stack([each.unit for each in part]))
+            yield from zip(part, bounds.tolist(), strict=True)
+
+    def _annealed(
+        self, steps: Sequence[JudgedOpening], rules: Constraints, clock: Clock
+    ) -> tuple[list[JudgedOpening], int, bool]:
+        """Better openings from places spread over the steps, each with no less footprint and lines than its start."""
+        starts = spread(steps, self.pareto.points)
+        found: list[JudgedOpening] = []
+        walked, complete = 0, True
+        for done, start in enumerate(starts):
+            stage = f"{rules.clear_dots} clear dots: annealing {done + 1} of {len(starts)}"
+            self.progress(stage, 0, self.pareto.anneal)
+            walk = anneal(
+                start.unit,
+                self.objective,
+                self._holding(rules, max(0.0, start.footprint - ROUNDING), start.lines),
+                evaluations=self.pareto.anneal,
+                seed=self.section.seed,
+                budget_s=clock.left(1 / (len(starts) - done)),
+                progress=lambda _, done, total, stage=stage: self.progress(stage, done, total),  # type: ignore[misc]
+            )
+            self.progress(stage, walk.state.evaluations, self.pareto.anneal)
+            walked += walk.state.evaluations
+            complete = complete and (walk.complete or walk.stuck)
+            if walk.value > start.value:
+                name = f"{start.shape}, annealed"
+                found.append(self._judged(name, walk.unit, self.footprints(walk.unit), start.lines))
+        return found, walked, complete
+
+    def _laid(
+        self, chosen: Sequence[JudgedOpening], count: int, steps: int | None
+    ) -> tuple[tuple[FrontPoint, ...], tuple[str, ...]]:
+        """Those that fit on the panel of a die, and why others do not."""
+        points: list[FrontPoint] = []
+        misfits: list[str] = []
+        stage = f"{count} clear dots: maps and dies"
+        self.progress(stage, 0, len(chosen))
+        with ThreadPoolExecutor(self.workers) as pool:
+            for done, made in enumerate(pool.map(partial(self._lay, steps=steps), chosen), start=1):
+                if isinstance(made, FrontPoint):
+                    points.append(made)
+                else:
+                    misfits.append(made)
+                self.progress(stage, done, len(chosen))
+        return tuple(points), tuple(misfits)
+
+    def _lay(self, each: JudgedOpening, steps: int | None) -> FrontPoint | str:
+        designed = self._mapped(each.unit, steps)
+        cells = None
+        if designed is not None and self.error is not None:
+            cells = map_of(self.section, self.error, designed, {})
+        psnr = None if designed is None else designed.psnr
+        value = each.value if psnr is None else self._weighted(psnr)
+        shape, units = each.shape, each.unit[None]
+        return self._shown(FrontPoint(each, shape, units, (), each.footprint, each.lines, psnr, value, cells, 0.0))
+
+    def _shown(self, point: FrontPoint) -> FrontPoint | str:
+        """The design with its grain on a die, or why it does not fit that.
+
+        Emitters are as large as the job asks where they may be smaller for light that is better centred.
+        """
+        held = self._asked(self.display.rules.keep * point.footprint - ROUNDING, point.lines)
+        outer = None if len(point.units) == 1 else point.units[1]
+        found = held.on(held.die(point.units[0], self.rules.dot_nm, point.cells, outer))
+        why = misfit(found)
+        if why is not None:
+            return f"{point.shape}: {why}"
+        pitch_um = CellSize(self.rules.dots, self.rules.dot_nm).pitch_um
+        wander_px = 0.0 if found is None else found.wander_px
+        return replace(point, grain=predicted_rms(wander_px, Viewing(pitch_um, TELEPHONE_UM)))
+
+    def _denser(
+        self, uniform: JudgedOpening, rules: Constraints, asked: Sequence[Uneven], clock: Clock
+    ) -> tuple[tuple[FrontPoint, ...], tuple[str, ...]]:
+        """Designs of an opening's light shared unevenly, each for the most lines that pass; why others fail."""
+        points: list[FrontPoint] = []
+        misfits: list[str] = []
+        for uneven in asked:
+            made: FrontPoint | str = ""
+            for lines in reversed(self.lines):
+                made = self._of_two(uniform, rules, uneven, lines, clock)
+                if isinstance(made, FrontPoint):
+                    break
+            if isinstance(made, FrontPoint):
+                points.append(made)
+            else:
+                misfits.append(made)
+        return tuple(points), tuple(misfits)
+
+    def _of_two(
+        self, uniform: JudgedOpening, rules: Constraints, uneven: Uneven, lines: int, clock: Clock
+    ) -> FrontPoint | str:
+        held = self._holding(rules, 0.0, lines)
+
+        def find(count: int) -> Iterator[Mask]:
+            section = self.section.model_copy(update={"clear_dots": count})
+            return allowed(section, replace(held, clear_dots=count), self.objective, clock, self._told(count))
+
+        assert self.error is not None
+        seed, told = map_seed(self.section), self._told(uniform.clear_dots)
+        key, amount = uneven[-1]
+        try:
+            if key == "density":
+                made = graded(uniform.unit, self.error, amount, find, constraints=held, seed=seed, progress=told)
+                words = "{} dots in the middle, {} beyond"
+            else:
+                worth, groups = self._groups.expected, self._groups.panel
+                made = clustered(
+                    uniform.unit,
+                    self.error,
+                    int(amount),
+                    find,
+                    worth,
+                    groups,
+                    constraints=held,
+                    seed=seed,
+                    progress=told,
+                )
+                words = "{} and {} dots, in groups of 2 x 2"
+        except InputError as refusal:
+            return f"{key} {amount:g}, {lines} lines: {refusal.code} {refusal.what}"
+        shape = words.format(*(int(unit.sum()) for unit in made.units))
+        cells, psnr = map_of(self.section, self.error, made.designed, {}), made.designed.psnr
+        value = self._weighted(psnr)
+        return self._shown(FrontPoint(uniform, shape, made.units, uneven, made.share, lines, psnr, value, cells, 0.0))
+
+    @cached_property
+    def _groups(self) -> Judges:
+        return groups_of(self.panels, SIDE, self.rules.dot_nm)
+
+    def _told(self, count: int) -> Progress:
+        return lambda stage, done, total: self.progress(f"{count} clear dots: {stage}", done, total)
+
+    def _mapped(self, unit: Mask, steps: int | None) -> DesignedMap | None:
+        if self.section.map is None or self.error is None:
+            return None
+        mode, seed = MapMode(self.section.map), map_seed(self.section)
+        return design_map(unit, self.error, mode=mode, seed=seed, kicks=0, steps=steps)
+
+
+def spread(every: Sequence[JudgedOpening], most: int) -> tuple[JudgedOpening, ...]:
+    """At most so many of a curve, its ends among them: evenly along it, PSNR falling."""
+    last = len(every) - 1
+    if len(every) <= most:
+        return tuple(every)
+    places = sorted({round(k * last / max(1, most - 1)) for k in range(most)})
+    return tuple(every[k] for k in places)
+
+
 def designs(
     found: Pareto, spec: JobSpec, command: str, camera: PhotoCamera = F1, settings: CaptureSettings = F1_SETTINGS
 ) -> tuple[FrontDesign, ...]:
@@ -244,41 +742,41 @@ def designs(
     assert isinstance(section, SearchSection)
     named = []
     for curve in found.curves:
-        for place, each in enumerate(curve.points, start=1):
+        for place, point in enumerate(curve.points, start=1):
             name = f"{section.name[:14]}_{curve.clear_dots}_{place}"
             facts: Facts = {
                 **origin(section, command, camera_facts(camera, settings)),
-                "shape": each.shape,
-                **by_level("expected_psnr", each.psnr, found.levels),
-                "footprint": round(each.footprint, 6),
-                "lines": each.lines,
+                "shape": point.shape,
+                **by_level("expected_psnr", point.psnr, found.levels),
+                "footprint": round(point.footprint, 6),
+                "lines": point.lines,
                 "evaluated": curve.evaluated,
             }
-            opening = Opening(name, each.units[0], found.dot_nm, facts)
-            outer = None if len(each.units) == 1 else Opening(f"{name}_outer", each.units[1], found.dot_nm, facts)
-            held = None if each.cells is None else CellMap(f"{name}_map", each.cells.cells, facts, each.cells.shifts)
-            named.append(FrontDesign(name, each, opening, outer, held, _job(spec, section, each, name)))
+            opening = Opening(name, point.units[0], found.dot_nm, facts)
+            outer = None if len(point.units) == 1 else Opening(f"{name}_outer", point.units[1], found.dot_nm, facts)
+            held = point.cells and CellMap(f"{name}_map", point.cells.cells, facts, point.cells.shifts)
+            named.append(FrontDesign(name, point, opening, outer, held, _job(spec, section, point, name)))
     return tuple(named)
 
 
-def _job(spec: JobSpec, section: SearchSection, each: FrontPoint, name: str) -> str:
+def _job(spec: JobSpec, section: SearchSection, point: FrontPoint, name: str) -> str:
     """A job that asks of a search what this design has, and of its emitters as much as is kept of the largest."""
     asked: dict[str, Any] = {
         "name": name,
-        "clear_dots": each.judged.clear_dots,
+        "clear_dots": point.judged.clear_dots,
         "fit": True,
         "output": f"{name}_designed.toml",
     }
     if section.map is not None:
         asked["map_output"] = f"{name}_designed_map.toml"
     assert spec.emitters is not None
-    if each.uneven:
-        asked |= {**dict(each.uneven), **_OF_ONE_OPENING}
-    footprint = math.floor(_DIGITS * spec.emitters.keep * each.footprint) / _DIGITS
+    if point.uneven:
+        asked |= {**dict(point.uneven), **_OF_ONE_OPENING}
+    footprint = math.floor(_DIGITS * spec.emitters.keep * point.footprint) / _DIGITS
     emitters = spec.emitters.model_copy(update={"required": max(footprint, spec.emitters.required)})
     wires = None
-    if spec.wires is not None and each.lines:
-        wires = spec.wires.model_copy(update={"lines": each.lines})
+    if spec.wires is not None and point.lines:
+        wires = spec.wires.model_copy(update={"lines": point.lines})
     held = {"design": section.model_copy(update=asked), "emitters": emitters, "wires": wires}
     changed = spec.model_copy(update=held)
     plain = changed.model_dump(mode="json", exclude_none=True, exclude_defaults=True)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from maskfab.base.errors import JobError
 from maskfab.base.work import NO_END, Clock
 from maskfab.camera.learning import Run
-from maskfab.designs.search.account import Stages
+from maskfab.designs.search.result import Stages
 
 UNIT = np.ones((3, 3), dtype=np.bool_)
 

@@ -13,9 +13,9 @@ from maskfab.base.model import Camera, Opening, Panel, Stop, Tiling
 from maskfab.camera.lens import F1, OpenStop, PhotoCamera, laid_panel, lattice, lay, transfer_grid
 from maskfab.camera.protocol import EPSILONS
 from maskfab.camera.scenes import Photograph
-from maskfab.designs.bounds.limits import bounds, rings
 from maskfab.designs.descent.losses import expected_error
 from maskfab.designs.model.expected_psnr import interior, surrogate
+from maskfab.designs.model.limits import bounds, rings
 from maskfab.designs.model.panel_error import pupil_error
 from maskfab.optics.lags import lag_table
 from maskfab.optics.pupil import cut, panel_aperture

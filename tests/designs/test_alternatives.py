@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 
 from maskfab.base.arrays import Mask
 from maskfab.base.model import orient
+from maskfab.designs.model.appraisal import Spread, moved_by_bias, robustness
 from maskfab.designs.model.panel_error import PupilError
-from maskfab.designs.model.robustness import Spread, moved_by_bias, robustness
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import of_display
 from maskfab.designs.rules.families import FAMILIES
-from maskfab.designs.search.account import WITHIN_DB, alternatives, asked_of, rim_dots
 from maskfab.designs.search.annealing import Ranked, State, anneal, rises
+from maskfab.designs.search.result import WITHIN_DB, alternatives, asked_of, rim_dots
 
 DOTS, CLEAR = 6, 9
 RULES = Constraints(CLEAR, dots=DOTS, kissing="cell")

@@ -10,11 +10,11 @@ from sweeps import sweep
 from maskfab.base.errors import JobError, OpeningError
 from maskfab.base.model import ORIENTATIONS, orient
 from maskfab.camera.lens import CELLS, lattice, lay, pupil_autocorrelation
-from maskfab.designs.bounds.limits import auc_bound, rings
 from maskfab.designs.descent.losses import mtf_auc
 from maskfab.designs.descent.objective import tiled_stop
 from maskfab.designs.descent.schedule import PAPER_CAMERA
 from maskfab.designs.model.expected_psnr import unit_modulation
+from maskfab.designs.model.limits import auc_bound, rings
 from maskfab.designs.search.mtf_exchange import DotPairs, Smoothed, best_for_auc
 
 DOTS, CLEAR = 21, 100

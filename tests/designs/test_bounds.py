@@ -16,7 +16,7 @@ from sweeps import examples
 
 from maskfab.base.errors import JobError, OpeningError
 from maskfab.camera.lens import lay, pupil_autocorrelation
-from maskfab.designs.bounds.interior import (
+from maskfab.designs.model.duals import (
     block_error,
     blocks,
     dual_tables,
@@ -27,7 +27,8 @@ from maskfab.designs.bounds.interior import (
     residues,
     wiener_cost,
 )
-from maskfab.designs.bounds.limits import (
+from maskfab.designs.model.expected_psnr import Surrogate, interior, surrogate, unit_modulation
+from maskfab.designs.model.limits import (
     Bounds,
     auc_bound,
     bounds,
@@ -40,7 +41,6 @@ from maskfab.designs.bounds.limits import (
     rings,
     sampled,
 )
-from maskfab.designs.model.expected_psnr import Surrogate, interior, surrogate, unit_modulation
 from maskfab.designs.model.panel_error import pupil_error
 
 DOTS, CLEAR = 21, 100

@@ -13,7 +13,7 @@ from once import leaves
 from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, orient, side_by_side
 from maskfab.designs.maps import light
-from maskfab.designs.maps.light import Arrangement, Groups, clustered, most_dots, shares
+from maskfab.designs.maps.light import Arrangement, clustered, most_dots, shares
 from maskfab.designs.maps.orientation_map import LIGHT_TOLERANCE
 from maskfab.designs.model.expected_psnr import surrogate
 from maskfab.designs.model.panel_error import pupil_error
@@ -47,7 +47,7 @@ def blocks(count):
 @pytest.fixture(scope="module")
 def groups():
     estimate = surrogate([leaves(1)], 2 * DOTS, dot_nm=24_000)
-    return Groups(ExpectedPsnr(estimate, levels=(32,)), pupil_error(estimate, (24, 40)))
+    return ExpectedPsnr(estimate, levels=(32,)), pupil_error(estimate, (24, 40))
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def found(error, groups):
         patch.setattr(light, "_PAIRS", 20)
         patch.setattr(light, "_ARRANGED", 60)
         patch.setattr(light, "_BEST", 30)
-        return clustered(block(12), error, 18, blocks, groups, constraints=RULES)
+        return clustered(block(12), error, 18, blocks, *groups, constraints=RULES)
 
 
 @given(arrangements, elements)
@@ -97,7 +97,7 @@ def test_the_map_of_pixels_restores_as_told(error, found):
 def test_the_sparser_pixel_takes_no_room_from_the_emitters(found):
     dense, sparse = found.units
     assert not (sparse & ~dense).any()
-    assert 0 < found.price.share < found.price.uniform_share
+    assert 0 < found.share < found.uniform_share
 
 
 def test_units_that_break_a_rule_beside_one_another_are_refused(error, groups, monkeypatch):
@@ -105,7 +105,7 @@ def test_units_that_break_a_rule_beside_one_another_are_refused(error, groups, m
     monkeypatch.setattr(light, "_PAIRS", 20)
     rules = Constraints(12, dots=DOTS, dot_nm=24000, min_space_dots=3)
     with pytest.raises(JobError, match=r"MF123.*18 and 6 clear dots.*min_space_dots"):
-        clustered(block(12), error, 18, blocks, groups, constraints=rules)
+        clustered(block(12), error, 18, blocks, *groups, constraints=rules)
 
 
 @pytest.mark.parametrize("most", [1, 12, 24, 30])

@@ -12,8 +12,8 @@ from maskfab.base.errors import InternalError, JobError, OpeningError
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import of_display
 from maskfab.designs.rules.families import Candidate, bars, discs
-from maskfab.designs.search.account import prices
 from maskfab.designs.search.annealing import MOVES, ExpectedPsnr, State, anneal, scan
+from maskfab.designs.search.result import prices
 
 
 def tightness(unit):

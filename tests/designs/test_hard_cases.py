@@ -23,11 +23,11 @@ from maskfab.base.model import Camera, Opening, Panel, Stop, Tiling, refined
 from maskfab.camera.lens import MOST_DOTS, laid_panel, lattice, lay, pupil_autocorrelation, transfer_grid
 from maskfab.camera.protocol import evaluate
 from maskfab.camera.scenes import Photograph
-from maskfab.designs.bounds.limits import bounds
 from maskfab.designs.descent.losses import ExpectedError, TopResidual, expected_error, mtf_auc, top_residual
 from maskfab.designs.descent.objective import AreaPenalty, Objective, TiledStop, Weighted, invertibility_of, tiled_stop
 from maskfab.designs.descent.schedule import Descent, Outcome, descend
 from maskfab.designs.model.expected_psnr import Surrogate, surrogate
+from maskfab.designs.model.limits import bounds
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.families import FAMILIES, Candidate, bars, discs, orbits
 from maskfab.designs.search.annealing import ExpectedPsnr, State, anneal, scan

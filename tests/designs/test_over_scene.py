@@ -19,9 +19,9 @@ from maskfab.camera.protocol import Protocol, evaluate
 from maskfab.camera.scenes import Folder
 from maskfab.camera.sensor import Sensor
 from maskfab.designs.design import capture_settings, check_possible, conditions_of, design, notes_of
-from maskfab.designs.model.conditions import SceneConditions, cells_across, designed_panel
+from maskfab.designs.model.appraisal import SceneConditions, appraise_over, cells_across, designed_panel, transfers
 from maskfab.designs.model.expected_psnr import surrogate_of
-from maskfab.designs.model.panel_error import OverDistances, PupilError, appraise_over, pupil_error, transfers
+from maskfab.designs.model.panel_error import MeanPanelError, PupilError, pupil_error
 from maskfab.designs.model.statistics import CaptureSettings, scene_statistics
 from maskfab.job.read import validate
 from maskfab.job.reference import USES
@@ -117,7 +117,7 @@ def test_a_panels_error_is_that_by_the_transfer_of_its_die(known, scene):
 @pytest.mark.parametrize("scene", [Scene(nearest_um=NEAR_UM, farthest_um=2e7), Scene(aberrations=((8, 0.15),))])
 def test_the_slope_over_distances_is_that_of_differences(known, scene):
     seen = planned(scene)
-    error = OverDistances(tuple(error_at(known, seen, each) for each in seen.distances_um))
+    error = MeanPanelError(tuple(error_at(known, seen, each) for each in seen.distances_um))
     pupil = error.laid(shaped(4, 3))
     epsilons = error.epsilons(pupil)
     assert error.judge(pupil, epsilons).loss == pytest.approx(-np.mean(error.psnr(pupil)))

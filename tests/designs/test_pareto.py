@@ -15,8 +15,18 @@ from maskfab.base.model import Opening, Tiling
 from maskfab.camera.lens import F1, lattice
 from maskfab.camera.scenes import Photograph
 from maskfab.designs.design import display_of, stated_display
-from maskfab.designs.front import FrontCurve, FrontDesign, JudgedOpening, Pareto, designs, spread
-from maskfab.designs.front_search import lines_of, require_uneven, rules_of, sweep
+from maskfab.designs.front import (
+    FrontCurve,
+    FrontDesign,
+    JudgedOpening,
+    Pareto,
+    designs,
+    lines_of,
+    require_uneven,
+    rules_of,
+    spread,
+    sweep,
+)
 from maskfab.designs.model.expected_psnr import surrogate_behind
 from maskfab.designs.model.statistics import F1_SETTINGS
 from maskfab.designs.rules.constraints import Constraints

@@ -17,9 +17,8 @@ from maskfab.camera.scenes import Photograph
 from maskfab.designs.descent.method import relax, schedule
 from maskfab.designs.model.expected_psnr import Surrogate, surrogate
 from maskfab.designs.rules.families import FAMILIES
-from maskfab.designs.search.account import NO_BOUNDS
 from maskfab.designs.search.annealing import nearest
-from maskfab.designs.search.result import Designed, constraints_of
+from maskfab.designs.search.result import NO_BOUNDS, Designed, constraints_of
 from maskfab.job.read import parse_section
 from maskfab.job.sections import RelaxSection
 from maskfab.mask.opening_file import opening_text, parse_opening

@@ -11,8 +11,8 @@ from scipy import ndimage, signal
 from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS
 from maskfab.designs.design import check_possible
+from maskfab.designs.model.appraisal import EXACT, Spread, biased_table, robustness
 from maskfab.designs.model.panel_error import PupilError
-from maskfab.designs.model.robustness import EXACT, Spread, biased_table, robustness
 from maskfab.job import read
 
 JOB = """

@@ -15,9 +15,9 @@ from maskfab.base.errors import MaskfabError
 from maskfab.base.work import Clock, silent
 from maskfab.camera.lens import lattice
 from maskfab.camera.scenes import Photograph
-from maskfab.designs.bounds.limits import auc_bound, rings
 from maskfab.designs.maps.orientation_map import MapMode, design_map
 from maskfab.designs.model.expected_psnr import surrogate
+from maskfab.designs.model.limits import auc_bound, rings
 from maskfab.designs.model.panel_error import pupil_error
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.families import FAMILIES, Candidate, kind

@@ -15,8 +15,17 @@ from maskfab.base.units import parse_time_s
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.camera.lens import PhotoCamera, lattice
 from maskfab.designs.design import capture_settings, notes_of, require_weights, scenes_line, scenes_of, stated_display
-from maskfab.designs.front import FrontDesign, FrontPoint, JudgedOpening, Pareto, designs
-from maskfab.designs.front_search import lines_of, require_uneven, rules_of, sweep
+from maskfab.designs.front import (
+    FrontDesign,
+    FrontPoint,
+    JudgedOpening,
+    Pareto,
+    designs,
+    lines_of,
+    require_uneven,
+    rules_of,
+    sweep,
+)
 from maskfab.job import read
 from maskfab.job.reference import USES
 from maskfab.job.sections import SearchSection

@@ -43,16 +43,21 @@ from maskfab.designs.descent.schedule import (
 )
 from maskfab.designs.model.expected_psnr import Surrogate, surrogate_behind
 from maskfab.designs.rules.constraints import Constraints
-from maskfab.designs.search.account import ANNEALING, NO_BOUNDS, Account, Stages, asked_of, stopped
 from maskfab.designs.search.annealing import Bettered, anneal, nearest
 from maskfab.designs.search.result import (
+    ANNEALING,
+    NO_BOUNDS,
+    Account,
     Designed,
     Facts,
+    Stages,
     appraised,
+    asked_of,
     camera_facts,
     constraints_of,
     made_for_line,
     origin,
+    stopped,
 )
 from maskfab.job.sections import RelaxSection
 from maskfab.optics.tiling import orientations

@@ -1,25 +1,21 @@
-"""More light in the middle of the stop than at its rim, at the light of a uniform panel, and what the display pays.
+"""Light shared unevenly at the light of a uniform panel, and what the display pays: a denser unit beside a sparser one.
 
-Cells whose middle lies in the central half of the stop's area hold a denser unit, those beyond it a sparser one, so
-that the whole panel passes what the uniform one does; the cells that the stop cuts are turned to make up what whole
-dots leave over. A stop that is clearer in its middle passes more at the frequencies that pictures live from.
+Graded: cells whose middle lies in the central half of the stop's area hold a denser unit, those beyond it a sparser
+one, so that the whole panel passes what the uniform one does; the cells that the stop cuts are turned to make up what
+whole dots leave over. A stop that is clearer in its middle passes more at the frequencies that pictures live from.
+
+Clustered: two pixels of every group of 2 x 2 hold a denser unit, two a sparser one: larger openings scatter less light.
+A group is laid and turned as one. The map chooses among several arrangements of a group, which differ in what each of
+its pixels holds and in how that is turned within the group, so that groups do not repeat on a lattice, whose orders
+would be seen.
 
 All cells have one plan of emitters, which keeps clear of both units: they are as large as the denser cell lets them be,
-and neither luminance nor life differs from cell to cell. The sparser unit is turned so that it lies behind the denser
+and no colour, luminance or life differs from cell to cell. The sparser unit is turned so that it lies behind the denser
 one as far as it can, where it takes no room of its own.
 
 Notes:
     It is no merit of the mask: emitters are smaller than those of the uniform panel, in every cell, run at a higher
     current density for the same luminance, and age faster. That is stated; quote it beside the gain.
-
-Light shared unevenly within groups of 2 x 2 pixels, each of which passes what four equal pixels do.
-
-Two pixels of every group hold a denser unit, two a sparser one: larger openings scatter less light. A group is laid and
-turned as one. The map chooses among several arrangements of a group, which differ in what each of its pixels holds and
-in how that is turned within the group, so that groups do not repeat on a lattice, whose orders would be seen.
-
-All pixels have one plan of emitters, as in :mod:`maskfab.designs.maps.light`: no colour, luminance or life differs
-from pixel to pixel.
 """
 
 from __future__ import annotations
@@ -48,48 +44,37 @@ from maskfab.optics.tiling import MOST_OPENINGS
 
 _TRIED = 12
 """Pairs of units for which a map is designed before a display is said not to hold them."""
+
+
 _SPARSER = 3
 """Sparser units that are tried beside each denser one."""
 
 
-@dataclass(frozen=True)
-class DisplayPrice:
-    """Cost of a denser middle for the display, whose emitters are alike in all cells, against the uniform panel.
-
-    Attributes:
-        uniform_share: of a cell that each colour's emitter covers on the uniform panel, 0 to 1.
-        share: the same of the panel of two units.
-        current_ratio: current density for equal luminance over the uniform panel's; inf where nothing fits.
-        life_ratio: life of the emitters over that of the uniform panel's, 0 where nothing fits.
-        lines: that are drawn for every pixel each way on a die of these cells; None where no wires are asked for.
-    """
-
-    uniform_share: float
-    share: float
-    current_ratio: float
-    life_ratio: float
-    lines: int | None = None
-
-
 @dataclass(frozen=True, eq=False)
 class Graded:
-    """A panel with two units.
+    """A panel with two units, and what they cost the display, whose emitters are alike in all cells.
 
     Attributes:
         units: bool [2, dots, dots], the denser one first.
         designed: the map, 8 u + k for unit u; its gains are over the same cells turned at random.
         uniform_psnr: expected restored PSNR of the uniform unit's random map, dB by level.
         uniform_clear_dots: inside the stop, of the same.
-        price: of the display.
+        uniform_share: of a cell that each colour's emitter covers on the uniform panel, 0 to 1.
+        share: the same of the panel of two units.
+        life_ratio: life of the emitters over that of the uniform panel's, 0 where nothing fits.
         fit: of the display on a die; None where none must be held.
+        lines: that are drawn for every pixel each way on that die; None where no wires are asked for.
     """
 
     units: Mask
     designed: DesignedMap
     uniform_psnr: tuple[float, ...]
     uniform_clear_dots: int
-    price: DisplayPrice
+    uniform_share: float
+    share: float
+    life_ratio: float
     fit: DieFit | None = None
+    lines: int | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "units", frozen(np.asarray(self.units, dtype=np.bool_)))
@@ -151,8 +136,7 @@ def graded(
         if fit is not None and fit.why is not None:
             why = fit.why
             continue
-        price = display_price(mask, units, constraints, lines)
-        return Graded(units, designed, error.psnr(first), clear, price, fit)
+        return Graded(units, designed, error.psnr(first), clear, *display_price(mask, units, constraints), fit, lines)
     raise JobError(
         "MF123",
         f"the display fits none of the {_TRIED} best pairs of openings on their own maps: {why}",
@@ -260,14 +244,16 @@ def counts(uniform: Mask, error: PanelError, share: float) -> tuple[int, int]:
     return dense, sparse
 
 
-def display_price(uniform: Mask, units: Mask, constraints: Constraints, lines: int | None = None) -> DisplayPrice:
+def display_price(uniform: Mask, units: Mask, constraints: Constraints) -> tuple[float, float, float]:
     """Cost for the display, from the largest emitters found around one unit, and around both, in all orientations.
 
     Args:
         uniform: bool [dots, dots].
         units: bool [2, dots, dots].
         constraints: whose rules of emitters hold, and whose display's light says how fast emitters age.
-        lines: that are drawn each way; None where none are asked for.
+
+    Returns:
+        ``uniform_share``, ``share`` and ``life_ratio`` of :class:`Graded`.
 
     Raises:
         JobError: MF117, MF118 as :func:`maskfab.display.placement.footprint`.
@@ -278,37 +264,35 @@ def display_price(uniform: Mask, units: Mask, constraints: Constraints, lines: i
         return footprint(opening, constraints.dot_nm, 0, orientations, constraints.emitters, largest=True).found_share
 
     before, share = largest(uniform), largest(np.logical_or(*units))
-    fits = before > 0 and share > 0
-    ratio = before / share if fits else math.inf
+    if not (before > 0 and share > 0):
+        return before, share, 0.0
     display: Display | None = constraints["emitters"] or None
     light = LightDemand() if display is None else display.rules.light
-    life = relative_life(ratio, 1.0, light.ageing_exponent) if fits else 0.0
-    return DisplayPrice(before, share, ratio, life, lines)
+    # At equal luminance the current density goes with one over the area.
+    return before, share, relative_life(before / share, 1.0, light.ageing_exponent)
 
 
 SIDE = 2
 """Pixels along a group."""
 
+
 _UNITS = 24
 """Denser and sparser units, each, of which pairs are drawn."""
+
+
 _PAIRS, _ARRANGED = 400, 600
 """Arrangements drawn of all pairs, and of the pair that is taken."""
+
+
 _BEST = 150
 """Of the latter, the best, among which the map's are spread: more alike ones would leave it less to choose from."""
+
+
 _MARKS = np.arange(9).reshape(3, 3)
 
 
-@dataclass(frozen=True, eq=False)
-class Groups:
-    """Groups of pixels as the search judges them.
-
-    Attributes:
-        value: of a group, bool [2 dots, 2 dots], the groups turned at random; higher is better.
-        error: of panels of groups.
-    """
-
-    value: Callable[[Mask], float]
-    error: PanelError
+Worth = Callable[[Mask], float]
+"""Value of a group, bool [2 dots, 2 dots], the groups turned at random; higher is better."""
 
 
 @dataclass(frozen=True)
@@ -340,7 +324,8 @@ def clustered(
     error: PanelError,
     most_dots: int,
     find: Callable[[int], Iterable[Mask]],
-    groups: Groups,
+    worth: Worth,
+    groups: PanelError,
     *,
     constraints: Constraints,
     seed: int = 0,
@@ -354,7 +339,8 @@ def clustered(
         error: of panels of such units.
         most_dots: clear dots of the denser unit; the sparser one has as many fewer.
         find: gives units of so many clear dots that keep the constraints, bool [dots, dots], the best first.
-        groups: how they are judged.
+        worth: of a group.
+        groups: error of panels of groups.
         constraints: that each unit keeps for its own count of clear dots, and both beside one another.
         seed: of the random map, and of the arrangements.
         kicks: as of :func:`maskfab.designs.maps.orientation_map.design_map`.
@@ -368,31 +354,35 @@ def clustered(
     first = error.laid(mask, seed=seed)
     clear = round(float(first.sum()))
     why = "none was found"
-    for units in islice(_group_pairs(find, shares(int(mask.sum()), most_dots), groups, seed), _TRIED):
+    counts = shares(int(mask.sum()), most_dots)
+    for units in islice(_group_pairs(find, counts, worth, seed), _TRIED):
         if broken := constraints.broken_beside(units):
             why = f"they break {broken} where they meet"
             continue
-        arranged = _spread(units, groups, seed)
+        arranged = _spread(units, worth, seed)
         designed = design_map(
-            np.stack([each.group(units) for each in arranged]),
-            groups.error,
+            np.stack([arrangement.group(units) for arrangement in arranged]),
+            groups,
             mode=MapMode.EQUAL_LIGHT,
             seed=seed,
             kicks=kicks,
             light=clear,
             progress=progress,
         )
-        pixels = _cut(pixel_map(designed, arranged), error.cells)
+        contents = np.stack([arrangement.cells(k) for arrangement in arranged for k in range(ORIENTATIONS)])
+        held = side_by_side(contents[designed.orientations])
+        # Groups take up to one pixel more on each side than the cells that cover the stop.
+        spare = (SIDE * len(designed.orientations) - error.cells) // 2
+        covering = slice(spare, spare + error.cells)
+        pixels = replace(designed, orientations=held[covering, covering])
         fit, lines = shown(units, pixels.orientations, constraints)
         if fit is not None and fit.why is not None:
             why = fit.why
             continue
-        price = display_price(mask, units, constraints, lines)
-        return Graded(units, pixels, error.psnr(first), clear, price, fit)
+        return Graded(units, pixels, error.psnr(first), clear, *display_price(mask, units, constraints), fit, lines)
     raise JobError(
         "MF123",
-        f"no pair of openings of {' and '.join(map(str, shares(int(mask.sum()), most_dots)))} clear dots keeps the "
-        f"rules in groups: {why}",
+        f"no pair of openings of {' and '.join(map(str, counts))} clear dots keeps the rules in groups: {why}",
         where="most_dots",
         cure="Choose fewer most_dots, or relax that rule",
     )
@@ -419,20 +409,8 @@ def shares(clear_dots: int, most_dots: int) -> tuple[int, int]:
     return most_dots, 2 * clear_dots - most_dots
 
 
-def pixel_map(designed: DesignedMap, arranged: list[Arrangement]) -> DesignedMap:
-    """The map of the pixels from that of their groups, [rows, columns] of 8 a + k for arrangement a under element k."""
-    known = np.stack([each.cells(k) for each in arranged for k in range(ORIENTATIONS)])
-    return replace(designed, orientations=side_by_side(known[designed.orientations]))
-
-
-def _cut(pixels: DesignedMap, cells: int) -> DesignedMap:
-    """The map without pixels beyond the cells that cover the stop; groups take up to one more on each side."""
-    spare = (len(pixels.orientations) - cells) // 2
-    return replace(pixels, orientations=pixels.orientations[spare : spare + cells, spare : spare + cells])
-
-
 def _group_pairs(
-    find: Callable[[int], Iterable[Mask]], counts: tuple[int, int], groups: Groups, seed: int
+    find: Callable[[int], Iterable[Mask]], counts: tuple[int, int], worth: Worth, seed: int
 ) -> Iterator[Mask]:
     """Denser and sparser units, bool [2, dots, dots], in the order of the best arrangement that was drawn of them."""
     dense, sparse = (list(islice(find(count), _UNITS)) for count in counts)
@@ -441,16 +419,16 @@ def _group_pairs(
     for _ in range(_PAIRS):
         pair = int(draw.integers(len(dense))), int(draw.integers(len(sparse)))
         units = np.stack([dense[pair[0]], behind(sparse[pair[1]], dense[pair[0]], range(ORIENTATIONS))])
-        best[pair] = max(best.get(pair, -np.inf), groups.value(_drawn(draw).group(units)))
+        best[pair] = max(best.get(pair, -np.inf), worth(_drawn(draw).group(units)))
     for i, j in sorted(best, key=lambda pair: -best[pair]):
         yield np.stack([dense[i], behind(sparse[j], dense[i], range(ORIENTATIONS))])
 
 
-def _spread(units: Mask, groups: Groups, seed: int) -> list[Arrangement]:
+def _spread(units: Mask, worth: Worth, seed: int) -> list[Arrangement]:
     """Arrangements for the map to choose from, spread over the best that were drawn."""
     draw = np.random.default_rng([seed, 3])
     drawn = list(dict.fromkeys(_drawn(draw) for _ in range(_ARRANGED)))
-    drawn.sort(key=lambda each: -groups.value(each.group(units)))
+    drawn.sort(key=lambda arrangement: -worth(arrangement.group(units)))
     return drawn[:_BEST][:: _BEST // MOST_OPENINGS][:MOST_OPENINGS]
 
 

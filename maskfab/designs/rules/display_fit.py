@@ -29,7 +29,7 @@ from maskfab.base.cell_size import CellSize
 from maskfab.base.model import ORIENTATIONS, Opening, Panel, Tiling, orient
 from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import Progress, silent
-from maskfab.designs.model.conditions import designed_panel
+from maskfab.designs.model.appraisal import designed_panel
 from maskfab.designs.rules.rule import Conflict, Rule
 from maskfab.display.drive import pixel_room
 from maskfab.display.emitter_rules import Certificate, EmitterGrid, EmitterRules, Verdict, grid_of

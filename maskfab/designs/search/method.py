@@ -1,22 +1,24 @@
-"""Which of a scan's shapes a designed map makes the most of: thick ones gain more from a map than slender ones.
-
-A scan judges openings turned at random. A map gains most where the halo that it can take away is strongest, so the best
-under a map need not be the best of the scan. The best shapes that differ in family or size are each given one descent
-of a map, and the best of these goes on.
-
-The method "search": scan families, anneal the best, turn the cells, and report the gain.
+"""The method "search": scan families, anneal the best, lay it out with a map, and report the gain.
 
 A checkpoint holds the scan once it is whole, and the annealing at every so many evaluations; the map is designed again.
 A run that goes on from it ends byte for byte where an uninterrupted one does. A budget of time ends the scan early,
 then the annealing; what it has cut short depends on the clock, and the notes say so.
+
+A scan judges openings turned at random. A map gains most where the halo that it can take away is strongest, and thick
+shapes gain more than slender ones, so the best under a map need not be the best of the scan. The best shapes that
+differ in family or size are each given one descent of a map, and the best of these goes on.
+
+Judges in focus are a surrogate, and the error of panels by it. Over the distances of a scene the mean over one of each
+for every distance counts, each photograph restored by its own blur.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -24,141 +26,169 @@ import numpy as np
 from maskfab.base.arrays import Mask
 from maskfab.base.errors import JobError
 from maskfab.base.files import Kept
-from maskfab.base.model import Opening, Tiling
+from maskfab.base.model import Opening, Panel, Tiling
 from maskfab.base.work import NO_END, Clock, Progress, silent
 from maskfab.camera.lens import F1, FEWEST_CELLS, CellGrid, PhotoCamera, lattice
 from maskfab.camera.scenes import Photograph
-from maskfab.designs.bounds.limits import rings
-from maskfab.designs.maps.alternation import require_places
-from maskfab.designs.maps.orientation_map import MapMode, design_map, require_size
-from maskfab.designs.model.conditions import SceneConditions
-from maskfab.designs.model.panel_error import PanelError, PupilError
-from maskfab.designs.model.robustness import EXACT, Robustness, Spread, compared_bias_um, moved_by_bias, robustness
-from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings
+from maskfab.designs.maps.alternation import joint, laid, require_places
+from maskfab.designs.maps.light import Graded, clustered, graded, most_dots
+from maskfab.designs.maps.orientation_map import DesignedMap, MapMode, design_map, require_size
+from maskfab.designs.model.appraisal import (
+    EXACT,
+    Robustness,
+    SceneConditions,
+    Spread,
+    appraise_over,
+    cells_across,
+    compared_bias_um,
+    designed_panel,
+    moved_by_bias,
+    robustness,
+)
+from maskfab.designs.model.expected_psnr import Surrogate, surrogate_of
+from maskfab.designs.model.limits import map_gap, rings
+from maskfab.designs.model.panel_error import MeanPanelError, PanelError, PupilError, pupil_error
+from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings, SceneStatistics, scene_statistics
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import DieFit, Display, fitting_die
 from maskfab.designs.rules.families import Candidate, kind
-from maskfab.designs.search.account import (
+from maskfab.designs.search.annealing import ExpectedPsnr, Ranked, anneal, nearest
+from maskfab.designs.search.mtf_exchange import best_for_auc
+from maskfab.designs.search.result import (
     NO_BOUNDS,
     Account,
     Alternatives,
-    Stages,
-    alternatives,
-    asked_of,
-    prices,
-    stopped,
-)
-from maskfab.designs.search.annealing import ExpectedPsnr, Ranked, anneal, nearest
-from maskfab.designs.search.finish import MAP_LEAK_SCENES, Judges, Mapped, groups_of, map_seed, mapped, over_scene
-from maskfab.designs.search.mtf_exchange import best_for_auc
-from maskfab.designs.search.result import (
     Designed,
     Facts,
+    SceneDesign,
+    Stages,
+    alternatives,
     appraised,
+    asked_of,
     by_level,
     camera_facts,
     constraints_of,
     made_for_line,
     of_prices,
     origin,
+    prices,
     run_key,
+    stopped,
 )
 from maskfab.designs.search.scan import Best, allowed, annealed, annealed_without, first_shape, scanned
 from maskfab.job.sections import SearchSection
-from maskfab.mask.panels import DieSeeds, shifted
+from maskfab.mask.panels import CellMap, DieSeeds, shifted
 from maskfab.optics.tiling import orientations
 
+_LONGEST_NAME = 24
 
-def shortlisted(
-    found: Best,
-    most: int,
-    error: PanelError,
-    rules: Constraints,
-    clock: Clock,
-    progress: Progress,
-    *,
-    mode: MapMode,
-    seed: int,
-    positions: int = 1,
-) -> Best:
-    """The search with that opening as its best which restores best under a quick map; of equals, the earlier.
 
-    Args:
-        found: its best is on the list, then those that were looked at, best first.
-        most: openings on the list; 1 leaves everything as it is.
-        error: of panels of such units; the levels weigh in it as they do in the scan.
-        rules: that all on the list keep.
-        clock: no further map is begun or compared when its time is over.
-        progress: told after every map.
-        mode, seed, positions: of :func:`maskfab.designs.maps.orientation_map.design_map`.
+_AUC_EVALUATIONS = 4000
+
+
+_AUC_TEMPERATURE = (0.001, 0.00001)
+
+
+MAP_LEAK_SCENES = 8
+"""Scenes whose leak a map is designed on: on fewer it fits the very edges of those, and gains a tenth of a decibel less
+on any others."""
+
+
+_KICKS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Judges:
+    """Judges of a search's openings and panels, each made when it is first asked for.
+
+    Attributes:
+        section: of a job.
+        scenes: photographs whose spectrum and edges count.
+        room: cells before the stop.
+        settings: of the photographs.
+        seen: conditions of the scene; None where nothing of it must be modelled.
+        leak_scenes: pictures that the leak is computed on.
 
     Raises:
-        JobError: as ``design_map``.
+        JobError: MF121 for scenes without a spectrum; MF104, MF105 for weights that are none, when a judge is made.
     """
-    listed = different([Candidate(found.best.name, found.best.unit), *found.looked], rules, most)
-    if len(listed) < 2:
-        return found
-    # A random map's light differs by chance, and more of it is no merit of a shape: all have what is expected.
-    count = int(listed[0].unit.sum())
-    light = round(float(error.inside.sum()) * count / error.dots**2)
 
-    def restored(each: Candidate) -> float | None:
-        if clock.over:
-            return None
-        quick = design_map(
-            each.unit,
-            error,
-            mode=mode,
-            seed=seed,
-            kicks=0,
-            positions=positions,
-            allows=rules.allows,
-            light=light,
-            clock=clock,
+    section: SearchSection
+    scenes: Sequence[Photograph]
+    room: CellGrid
+    settings: CaptureSettings
+    seen: SceneConditions | None = None
+    leak_scenes: int = 2
+
+    @cached_property
+    def estimate(self) -> Surrogate:
+        """Surrogate of openings, in focus."""
+        return surrogate_of(self._statistics, self.room)
+
+    @cached_property
+    def expected(self) -> ExpectedPsnr:
+        """Judge of openings, over the distances of the scene."""
+        periodic = self.section.tiling is Tiling.PERIODIC
+        return ExpectedPsnr(
+            self.estimate, periodic, self.settings.levels, self.section.weights or (), self._at_distances
         )
-        # Maps that were ended early are not compared.
-        return None if clock.over else float(np.dot(error.weights, quick.psnr))
 
-    values: list[float] = []
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        for value in pool.map(restored, listed):
-            if value is None:
-                break
-            values.append(value)
-            progress("shortlist", len(values), len(listed))
-    cut = len(values) < len(listed)
-    notes = [f"The budget ended the shortlist after {len(values)} of {len(listed)} quick maps."] if cut else []
-    best = max(range(len(values)), key=values.__getitem__, default=0)
-    if best:
-        notes.append(
-            f"Under quick maps, {listed[best].name} restores {values[best] - values[0]:.3f} dB better than "
-            f"{listed[0].name}, which is the better one turned at random."
+    @cached_property
+    def in_focus(self) -> PupilError:
+        """Judge of panels, in focus."""
+        return pupil_error(self.estimate, weights=self.section.weights)
+
+    @cached_property
+    def by_distance(self) -> tuple[PupilError, ...]:
+        """Judges of panels at the distances of the scene; none where light has no phase nor scale of its own there."""
+        return tuple(pupil_error(estimate, weights=self.section.weights) for estimate in self._at_distances)
+
+    @property
+    def panel(self) -> PanelError:
+        """Judge of panels, over the distances of the scene."""
+        return MeanPanelError(self.by_distance) if self.by_distance else self.in_focus
+
+    @cached_property
+    def _statistics(self) -> SceneStatistics:
+        return scene_statistics(self.scenes, leak_scenes=self.leak_scenes, settings=self.settings)
+
+    @cached_property
+    def _at_distances(self) -> tuple[Surrogate, ...]:
+        if self.seen is None or not self.seen.turns_light:
+            return ()
+        room, line = self.seen.behind(self.room), self.room.camera.middle_nm
+        phases = (self.seen.waves(distance, line) for distance in self.seen.distances_um)
+        # Code values and light lie apart by what they do in focus, so that distances compare as their errors do.
+        return tuple(
+            replace(surrogate_of(self._statistics, room, waves), noise=self.estimate.noise) for waves in phases
         )
-    chosen = found.best if best == 0 else Ranked(listed[best].name, listed[best].unit, found.best.value)
-    return replace(
-        found,
-        best=chosen,
-        notes=(*found.notes, *notes),
-        cut=found.cut or cut,
-        stages=(*found.stages, ("quick maps", len(values))),
-    )
 
 
-def different(candidates: Iterable[Candidate], rules: Constraints, most: int) -> tuple[Candidate, ...]:
-    """At most so many that keep the rules: of every family and size, turned or not, the first."""
-    kept: dict[tuple[str, int, int], Candidate] = {}
-    for each in candidates:
-        if len(kept) >= most:
-            break
-        key = kind(each.name, each.unit)
-        if key not in kept and rules.allows(each.unit):
-            kept[key] = each
-    return tuple(kept.values())
+@dataclass(frozen=True, eq=False)
+class Mapped:
+    """A panel's opening and its map.
 
+    Attributes:
+        unit: bool [dots, dots]; of two, the denser one.
+        cells, designed: the map; None where none was asked for.
+        outer: the sparser one of two, bool [dots, dots].
+        psnr: expected restored PSNR in dB by level of a panel of two; one is judged without its panel, and has None.
+        head_room: by level, dB that no layout of as many dots and as much light can gain over the map; None without a
+            map, for a panel of two, over several distances, and where the budget leaves no time for bounds.
+        notes: what a user should know, as sentences.
+        cut: the budget cut it short.
+        fit: of the display on a die, for a panel of two that must hold one.
+    """
 
-_LONGEST = 18
-_AUC_EVALUATIONS = 4000
-_AUC_TEMPERATURE = (0.001, 0.00001)
+    unit: Mask
+    cells: CellMap | None = None
+    designed: DesignedMap | None = None
+    outer: Mask | None = None
+    psnr: tuple[float, ...] | None = None
+    head_room: tuple[float, ...] | None = None
+    notes: tuple[str, ...] = ()
+    cut: bool = False
+    fit: DieFit | None = None
 
 
 def search(
@@ -223,7 +253,12 @@ def search(
     else:
         found = scanned(section, rules, expected, stages.search, kept, progress)
         found = annealed(found, section, rules, expected, stages.search, kept, progress)
-    if panel is not None and section.map is not None and section.objective != "auc" and not _of_two_openings(section):
+    if (
+        panel is not None
+        and section.map is not None
+        and section.objective != "auc"
+        and (section.density, section.cluster) == (None, None)
+    ):
         found = shortlisted(
             found,
             section.shortlist,
@@ -251,19 +286,19 @@ def search(
         of_count,
         stages.map,
         progress,
-        groups=groups_of(panels, rules.dot_nm),
+        groups=None if section.cluster is None else groups_of(panels, section.cluster, rules.dot_nm),
         bounded=stages.bounded,
     )
     laid, fit, seeds = _with_seeds(laid, _required_fit(display, laid, rules, progress))
     priced = prices(found.looked, expected, rules) if found.looked else None
-    psnr, head_room, gap, notes = laid.psnr, None, None, (*found.notes, *laid.notes)
-    known: Facts = {}
+    psnr, appraisal, head_room, gap = laid.psnr, Facts(), None, None
+    notes = (*found.notes, *laid.notes)
     short = not stages.bounded or not clock.affords(stages.bounds_s)
     if psnr is None and short:
         notes += (NO_BOUNDS,)
     elif psnr is None:
         progress("bounds", 0, 1)
-        psnr, known, head_room, gap = appraised(judges.estimate, laid.unit, periodic=expected.periodic)
+        psnr, appraisal, head_room, gap = appraised(judges.estimate, laid.unit, periodic=expected.periodic)
         progress("bounds", 1, 1)
     if psnr is None or (expected.distances and laid.psnr is None):
         psnr = expected.by_level(laid.unit)
@@ -273,7 +308,7 @@ def search(
     if seen is not None and short:
         notes += ("The scene counts in the search; with a longer budget its conditions are told apart.",)
     facts |= {
-        **known,
+        **appraisal,
         **by_level("expected_psnr", psnr, settings.levels),
         "evaluated": found.evaluated,
         **seeds,
@@ -293,7 +328,7 @@ def search(
         laid.designed,
         laid.head_room,
         gap,
-        None if laid.outer is None else Opening(f"{section.name[:_LONGEST]}_outer", laid.outer, rules.dot_nm, facts),
+        None if laid.outer is None else Opening(_named(section, "_outer"), laid.outer, rules.dot_nm, facts),
         (*_few_cells(room, section), *notes),
         found.cut or laid.cut,
         camera=made_for_line(camera, settings, seen),
@@ -306,104 +341,224 @@ def search(
     )
 
 
-def _account(section: SearchSection, found: Best, rules: Constraints, laid: Mapped) -> Account:
-    by_auc = section.objective == "auc"
-    wanted = "area under the radial minimum of the blue MTF" if by_auc else "expected restored PSNR"
-    among = "" if by_auc else f" among shapes of the families {', '.join(section.families)}"
-    stages = found.stages
-    if section.joint and not laid.cut:
-        stages = (*stages, ("rounds of opening and map, at most", section.joint))
-    return Account(
-        f"search for the most {wanted}{among}",
-        section.seed,
-        stages,
-        "" if by_auc else "expected restored PSNR, dB, weighted mean over the levels",
-        found.bettered,
-        stopped(found.cut or laid.cut),
-        section.tiling,
-        map_seed(section),
-        asked_of(rules),
-        priced_among=len(found.looked),
-    )
+def shortlisted(
+    found: Best,
+    most: int,
+    error: PanelError,
+    rules: Constraints,
+    clock: Clock,
+    progress: Progress,
+    *,
+    mode: MapMode,
+    seed: int,
+    positions: int = 1,
+) -> Best:
+    """The search with that opening as its best which restores best under a quick map; of equals, the earlier.
 
-
-def _alternatives(
-    section: SearchSection, found: Best, laid: Mapped, rules: Constraints, expected: ExpectedPsnr, error: PupilError
-) -> Alternatives | None:
-    """Openings within reach of the one that is laid; None for a panel of two, and where none was judged in dB."""
-    if laid.outer is not None or not found.near:
-        return None
-    seed, shape = map_seed(section), (error.cells, error.cells)
-    # One tiling for all, so that openings are compared and not tilings.
-    kinds = orientations(section.tiling, *shape, seed)
-    own = found.best.value if np.array_equal(laid.unit, found.best.unit) else expected(laid.unit)
-    bias_um = compared_bias_um(rules.dot_nm)
-
-    def moved(unit: Mask) -> float:
-        return moved_by_bias(unit, kinds, error, bias_um)
-
-    return alternatives(Ranked(found.best.name, laid.unit, own), found.near, rules, moved=moved, bias_um=bias_um)
-
-
-def _appraised(section: SearchSection, laid: Mapped, error: PupilError, spread: Spread) -> Robustness:
-    """The panel beside those that are made instead of it."""
-    seed, shape = map_seed(section), (error.cells, error.cells)
-    kinds = orientations(section.tiling, *shape, seed) if laid.designed is None else laid.designed.orientations
-    units = [laid.unit, laid.outer] if laid.outer is not None else [laid.unit]
-    if laid.designed is not None and laid.designed.shifts:
-        units = [shifted(laid.unit, shift) for shift in laid.designed.shifts]
-    return robustness(
-        np.stack(units),
-        kinds,
-        error,
-        spread=spread,
-        seed=seed,
-        periodic=section.tiling is Tiling.PERIODIC,
-        mapped=laid.designed is not None,
-    )
-
-
-def _of_two_openings(section: SearchSection) -> bool:
-    return section.density is not None or section.cluster is not None
-
-
-def _required_fit(display: Display | None, laid: Mapped, rules: Constraints, progress: Progress) -> DieFit | None:
-    """A die of the panel that holds the display, if it must; that of two openings was found with them.
+    Args:
+        found: its best is on the list, then those that were looked at, best first.
+        most: openings on the list; 1 leaves everything as it is.
+        error: of panels of such units; the levels weigh in it as they do in the scan.
+        rules: that all on the list keep.
+        clock: no further map is begun or compared when its time is over.
+        progress: told after every map.
+        mode, seed, positions: of :func:`maskfab.designs.maps.orientation_map.design_map`.
 
     Raises:
-        JobError: MF123 where none does, though the opening does on another panel.
+        JobError: as ``design_map``.
     """
-    if display is None or laid.outer is not None:
-        return laid.fit
-    fit = fitting_die(display, laid.unit, rules.dot_nm, laid.cells, progress=progress)
-    if fit.why is not None:
-        seeds = f"seed {min(fit.failed)}" if len(fit.failed) == 1 else f"seeds {min(fit.failed)} to {max(fit.failed)}"
-        own = "" if laid.cells is None else " with its own map"
-        raise JobError(
-            "MF123",
-            f"the display fits the opening on a panel turned at random, and not on a die of {fit.across} x "
-            f"{fit.across} pixels{own}, {seeds}: {fit.why}",
-            where="design.fit",
-            cure="Design with another tiling_seed, with fewer lines, or without a map",
+    listed = _different([Candidate(found.best.name, found.best.unit), *found.looked], rules, most)
+    if len(listed) < 2:
+        return found
+    # A random map's light differs by chance, and more of it is no merit of a shape: all have what is expected.
+    count = int(listed[0].unit.sum())
+    light = round(float(error.inside.sum()) * count / error.dots**2)
+
+    def restored(shape: Candidate) -> float | None:
+        if clock.over:
+            return None
+        quick = design_map(
+            shape.unit,
+            error,
+            mode=mode,
+            seed=seed,
+            kicks=0,
+            positions=positions,
+            allows=rules.allows,
+            light=light,
+            clock=clock,
         )
-    return fit
+        # Maps that were ended early are not compared.
+        return None if clock.over else float(np.dot(error.weights, quick.psnr))
+
+    values: list[float] = []
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        for value in pool.map(restored, listed):
+            if value is None:
+                break
+            values.append(value)
+            progress("shortlist", len(values), len(listed))
+    cut = len(values) < len(listed)
+    notes = [f"The budget ended the shortlist after {len(values)} of {len(listed)} quick maps."] if cut else []
+    best = max(range(len(values)), key=values.__getitem__, default=0)
+    if best:
+        notes.append(
+            f"Under quick maps, {listed[best].name} restores {values[best] - values[0]:.3f} dB better than "
+            f"{listed[0].name}, which is the better one turned at random."
+        )
+    chosen = found.best if best == 0 else Ranked(listed[best].name, listed[best].unit, found.best.value)
+    return replace(
+        found,
+        best=chosen,
+        notes=(*found.notes, *notes),
+        cut=found.cut or cut,
+        stages=(*found.stages, ("quick maps", len(values))),
+    )
 
 
-def _with_seeds(laid: Mapped, fit: DieFit | None) -> tuple[Mapped, DieFit | None, Facts]:
-    """The panel whose map names the seeds of dies that were tried, if one failed; without a map, the opening does."""
-    if fit is None or fit.seed is None or not fit.failed:
-        return laid, fit, {}
-    facts: Facts = dict(DieSeeds((fit.seed,), tuple(fit.failed)).facts)
-    if laid.cells is None:
-        return laid, fit, facts
-    return replace(laid, cells=replace(laid.cells, provenance={**laid.cells.provenance, **facts})), fit, {}
+def _different(candidates: Iterable[Candidate], rules: Constraints, most: int) -> tuple[Candidate, ...]:
+    """At most so many that keep the rules: of every family and size, turned or not, the first."""
+    first: dict[tuple[str, int, int], Candidate] = {}
+    for shape in candidates:
+        if len(first) >= most:
+            break
+        key = kind(shape.name, shape.unit)
+        if key not in first and rules.allows(shape.unit):
+            first[key] = shape
+    return tuple(first.values())
 
 
-def _few_cells(room: CellGrid, section: SearchSection) -> tuple[str, ...]:
-    if room.cells >= FEWEST_CELLS or section.tiling is Tiling.PERIODIC or section.map is not None:
-        return ()
-    told = f"Only {room.cells} x {room.cells} cells lie behind the stop: one random layout of them may restore 2 dB"
-    return (f"{told} better or worse than is expected of all.",)
+def mapped(
+    section: SearchSection,
+    unit: Mask,
+    rules: Constraints,
+    estimate: Surrogate,
+    error: PanelError | None,
+    facts: Facts,
+    find: Callable[[int], Iterable[Mask]],
+    clock: Clock,
+    progress: Progress,
+    groups: Judges | None = None,
+    *,
+    bounded: bool = True,
+) -> Mapped:
+    """Lay the unit out as the section says.
+
+    Args:
+        section: of a job.
+        unit: bool [dots, dots].
+        rules: that every opening keeps.
+        estimate: of the scenes.
+        error: of panels, the same scenes; None where no map is wanted.
+        facts: provenance of the map, to which its own is added.
+        find: gives openings of so many clear dots, the best first, for a panel of two.
+        clock: a map whose time is over is taken as it is after its first steps, which bring most of the gain.
+        progress: told where the work stands.
+        groups: of groups of pixels; None unless they share their light.
+        bounded: prove what no other map gains.
+
+    Raises:
+        JobError: MF115 for a map of too many cells, or of cells of too many dots; MF123 for openings that break the
+            rules beside one another, or at the places that they were to be moved to.
+    """
+    if section.map is None or error is None:
+        return Mapped(unit)
+    mode, seed = MapMode(section.map), map_seed(section)
+    kicks = 0 if clock.over else _KICKS
+    notes = ("The budget left the maps one descent each.",) if clock.over else ()
+    if section.density is not None:
+        made = graded(unit, error, section.density, find, constraints=rules, seed=seed, kicks=kicks, progress=progress)
+        return _of_two(section, made, error, facts, "middle", notes)
+    if groups is not None:
+        most = most_dots(section)
+        made = clustered(
+            unit,
+            error,
+            most,
+            find,
+            groups.expected,
+            groups.panel,
+            constraints=rules,
+            seed=seed,
+            kicks=kicks,
+            progress=progress,
+        )
+        return _of_two(section, made, error, facts, "pixels of a group", notes)
+    both = joint(
+        unit,
+        error,
+        rules,
+        rounds=section.joint,
+        seed=seed,
+        mode=mode,
+        kicks=kicks,
+        positions=section.positions,
+        clock=clock,
+        progress=progress,
+    )
+    cut = f"The budget ended the map after {both.designed.fields} steps of its last descent."
+    notes = (cut,) if clock.over else ()
+    room = None
+    # What bounds a panel in focus bounds no mean over distances.
+    if isinstance(error, PupilError) and bounded:
+        pupil = laid(both.unit, both.designed, error)
+        room = map_gap(estimate, pupil, int(both.unit.sum()), both.designed.psnr).head_room
+        facts = {**facts, **by_level("head_room", room, error.levels)}
+    cells = map_of(section, error, both.designed, facts)
+    return Mapped(both.unit, cells, both.designed, head_room=room, notes=notes, cut=bool(notes))
+
+
+def map_seed(section: SearchSection) -> int:
+    """Seed of the random map that a map starts from."""
+    return section.seed if section.tiling_seed is None else section.tiling_seed
+
+
+def _of_two(
+    section: SearchSection, made: Graded, error: PanelError, facts: Facts, denser: str, notes: tuple[str, ...]
+) -> Mapped:
+    """Two openings at equal light, and what the display pays for them."""
+    facts = {
+        **facts,
+        **by_level("graded_gain_db", made.gain_db, error.levels),
+        "emitter_share_uniform": round(made.uniform_share, 4),
+        "emitter_share": round(made.share, 4),
+        "emitter_life_ratio": round(made.life_ratio, 4),
+    }
+    price = (
+        f"The display pays for the denser {denser}: emitters, alike in all cells, of {made.share:.1%} of the pixel in "
+        f"each colour instead of {made.uniform_share:.1%}, which live {made.life_ratio:.2f} as long at equal luminance."
+    )
+    if made.lines is not None:
+        facts["lines"] = made.lines
+        price += f" {made.lines} lines each way pass both openings."
+    cells = map_of(section, error, made.designed, facts)
+    dense, sparse = made.units
+    psnr = made.designed.psnr
+    return Mapped(dense, cells, made.designed, sparse, psnr, notes=(*notes, price), cut=bool(notes), fit=made.fit)
+
+
+def map_of(section: SearchSection, error: PanelError, designed: DesignedMap, facts: Facts) -> CellMap:
+    """A designed map under its name, with its provenance added to that of its opening."""
+    light = round(designed.clear_dots / designed.start_clear_dots - 1, 5) + 0.0
+    facts = {
+        **facts,
+        "mode": designed.mode.value,
+        **by_level("gain_db", designed.gain_db, error.levels),
+        "light": light,
+    }
+    return CellMap(_named(section, "_map"), designed.orientations, facts, designed.shifts)
+
+
+def _named(section: SearchSection, part: str) -> str:
+    """Name of a part of a design, no longer than names are."""
+    return section.name[: _LONGEST_NAME - len(part)] + part
+
+
+def groups_of(panels: Judges, side: int, dot_nm: int) -> Judges:
+    """Judges of groups, so many pixels along a side, by the same photographs as those of single pixels."""
+    room = lattice(side * panels.section.dots, dot_nm, camera=panels.room.camera)
+    require_size(room)
+    return replace(panels, room=room)
 
 
 def _by_auc(section: SearchSection, rules: Constraints, room: CellGrid, clock: Clock, progress: Progress) -> Best:
@@ -442,3 +597,129 @@ def _by_auc(section: SearchSection, rules: Constraints, room: CellGrid, clock: C
         )
     best = Ranked(f"auc {area(unit):.4f}", unit, area(unit))
     return Best(best, (), evaluated, tuple(notes), cut, stages=(("openings judged", evaluated),))
+
+
+def _required_fit(display: Display | None, laid: Mapped, rules: Constraints, progress: Progress) -> DieFit | None:
+    """A die of the panel that holds the display, if it must; that of two openings was found with them.
+
+    Raises:
+        JobError: MF123 where none does, though the opening does on another panel.
+    """
+    if display is None or laid.outer is not None:
+        return laid.fit
+    fit = fitting_die(display, laid.unit, rules.dot_nm, laid.cells, progress=progress)
+    if fit.why is not None:
+        seeds = f"seed {min(fit.failed)}" if len(fit.failed) == 1 else f"seeds {min(fit.failed)} to {max(fit.failed)}"
+        own = "" if laid.cells is None else " with its own map"
+        raise JobError(
+            "MF123",
+            f"the display fits the opening on a panel turned at random, and not on a die of {fit.across} x "
+            f"{fit.across} pixels{own}, {seeds}: {fit.why}",
+            where="design.fit",
+            cure="Design with another tiling_seed, with fewer lines, or without a map",
+        )
+    return fit
+
+
+def _with_seeds(laid: Mapped, fit: DieFit | None) -> tuple[Mapped, DieFit | None, Facts]:
+    """The panel whose map names the seeds of dies that were tried, if one failed; without a map, the opening does."""
+    if fit is None or fit.seed is None or not fit.failed:
+        return laid, fit, {}
+    facts: Facts = dict(DieSeeds((fit.seed,), tuple(fit.failed)).facts)
+    if laid.cells is None:
+        return laid, fit, facts
+    return replace(laid, cells=replace(laid.cells, provenance={**laid.cells.provenance, **facts})), fit, {}
+
+
+def _appraised(section: SearchSection, laid: Mapped, error: PupilError, spread: Spread) -> Robustness:
+    """The panel beside those that are made instead of it."""
+    seed, shape = map_seed(section), (error.cells, error.cells)
+    kinds = orientations(section.tiling, *shape, seed) if laid.designed is None else laid.designed.orientations
+    units = [laid.unit, laid.outer] if laid.outer is not None else [laid.unit]
+    if laid.designed is not None and laid.designed.shifts:
+        units = [shifted(laid.unit, shift) for shift in laid.designed.shifts]
+    return robustness(
+        np.stack(units),
+        kinds,
+        error,
+        spread=spread,
+        seed=seed,
+        periodic=section.tiling is Tiling.PERIODIC,
+        mapped=laid.designed is not None,
+    )
+
+
+def _alternatives(
+    section: SearchSection, found: Best, laid: Mapped, rules: Constraints, expected: ExpectedPsnr, error: PupilError
+) -> Alternatives | None:
+    """Openings within reach of the one that is laid; None for a panel of two, and where none was judged in dB."""
+    if laid.outer is not None or not found.near:
+        return None
+    seed, shape = map_seed(section), (error.cells, error.cells)
+    # One tiling for all, so that openings are compared and not tilings.
+    kinds = orientations(section.tiling, *shape, seed)
+    own = found.best.value if np.array_equal(laid.unit, found.best.unit) else expected(laid.unit)
+    bias_um = compared_bias_um(rules.dot_nm)
+
+    def moved(unit: Mask) -> float:
+        return moved_by_bias(unit, kinds, error, bias_um)
+
+    return alternatives(Ranked(found.best.name, laid.unit, own), found.near, rules, moved=moved, bias_um=bias_um)
+
+
+def _few_cells(room: CellGrid, section: SearchSection) -> tuple[str, ...]:
+    if room.cells >= FEWEST_CELLS or section.tiling is Tiling.PERIODIC or section.map is not None:
+        return ()
+    return (
+        f"Only {room.cells} x {room.cells} cells lie behind the stop: one random layout of them may restore 2 dB "
+        "better or worse than is expected of all.",
+    )
+
+
+def _account(section: SearchSection, found: Best, rules: Constraints, laid: Mapped) -> Account:
+    by_auc = section.objective == "auc"
+    wanted = "area under the radial minimum of the blue MTF" if by_auc else "expected restored PSNR"
+    among = "" if by_auc else f" among shapes of the families {', '.join(section.families)}"
+    stages = found.stages
+    if section.joint and not laid.cut:
+        stages = (*stages, ("rounds of opening and map, at most", section.joint))
+    return Account(
+        f"search for the most {wanted}{among}",
+        section.seed,
+        stages,
+        "" if by_auc else "expected restored PSNR, dB, weighted mean over the levels",
+        found.bettered,
+        stopped(found.cut or laid.cut),
+        section.tiling,
+        map_seed(section),
+        asked_of(rules),
+        priced_among=len(found.looked),
+    )
+
+
+def over_scene(section: SearchSection, laid: Mapped, dot_nm: int, judges: Judges, seen: SceneConditions) -> SceneDesign:
+    """Appraise a panel in every condition.
+
+    Args:
+        section: of a job.
+        laid: the panel.
+        dot_nm: side of a dot.
+        judges: of panels.
+        seen: the conditions.
+
+    Raises:
+        JobError: as :func:`maskfab.designs.model.appraisal.appraise_over`.
+    """
+    errors = judges.by_distance or (judges.in_focus,)
+    seed, across = map_seed(section), cells_across(seen.camera, seen.scene, judges.room)
+
+    def panel(given: CellMap | None) -> Panel:
+        return designed_panel(
+            laid.unit, dot_nm, tiling=section.tiling, seed=seed, across=across, given=given, outer=laid.outer
+        )
+
+    found = appraise_over(panel(laid.cells), seen, errors)
+    if laid.cells is None or laid.outer is not None:
+        return SceneDesign(seen, found, None)
+    drawn = orientations(section.tiling, judges.room.cells, judges.room.cells, seed)
+    return SceneDesign(seen, found, appraise_over(panel(CellMap("random", drawn)), seen, errors))

@@ -1,6 +1,6 @@
 r"""Openings with a large area under the radial minimum of the MTF, by exchanging one clear dot for a closed one.
 
-The area is that of :class:`maskfab.designs.bounds.limits.Rings`: of the modulation expected of cells turned at
+The area is that of :class:`maskfab.designs.model.limits.Rings`: of the modulation expected of cells turned at
 random, or of the repeated unit. A minimum has no slope to follow, so both searches follow a smoothed one, always to the
 best neighbour even if it is worse, and do not touch the exchanged dots for some steps (Glover, ORSA J. Computing 1,
 190, 1989). The best unit by the true minimum counts.
@@ -40,7 +40,7 @@ from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, orient
 from maskfab.base.work import Progress, silent
 from maskfab.camera.lens import CellGrid, lattice
-from maskfab.designs.bounds.limits import Rings, rings
+from maskfab.designs.model.limits import Rings, rings
 from maskfab.mask.opening import require_clear_dots
 
 STEPS = 2000, 400
@@ -69,7 +69,7 @@ def best_for_auc(
     """A unit whose blue area under the radial minimum of the MTF is large, bool [dots, dots].
 
     Its area is ``rings(dots, room=room).of_unit(unit, periodic=periodic)``, its limit
-    :func:`maskfab.designs.bounds.limits.auc_bound`.
+    :func:`maskfab.designs.model.limits.auc_bound`.
 
     Args:
         dots: along the unit's side.
@@ -196,7 +196,7 @@ class Smoothed:
         scatter: standard deviations that are taken off.
         cells: in the stop.
         turned: int64 [8, n, n], which dot stands where, oriented.
-        lags: int64 [2, m], as those of :class:`maskfab.designs.bounds.limits.Rings`.
+        lags: int64 [2, m], as those of :class:`maskfab.designs.model.limits.Rings`.
         short: bool [m], shorter than a cell along both axes.
         clear: [m], the open stop's transfer.
         deviation: [m], of the transfer times clear dots, if one cell's pairs have a variance of one.

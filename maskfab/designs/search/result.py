@@ -1,44 +1,94 @@
-"""Input and result that both methods of [design] share."""
+"""Result of a design, whichever method found it: the opening, the way to it, what its rules cost, and its rivals.
+
+Prices of rules are how much better an opening may be that need not keep them.
+
+Alternatives are openings that a search judged within a tenth of a decibel of its best. Shapes of one family and size
+that lie at different places of the cell restore nearly alike. So openings are told apart by family, size and the closed
+rim that they leave, whatever way they are turned; of each such kind the best that keeps the rules stands for all.
+Judged are openings turned at random, or all alike where the panel is periodic: a designed map may set them in another
+order.
+
+Clocks of stages leave those after them their time. What a stage takes is told in judgements of one opening, whose time
+is measured here and now: a slow machine, or one that others work on, is slow in all of them alike.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from maskfab.base import __version__
+from maskfab.base.arrays import Mask
 from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, Camera, Opening, Tiling
+from maskfab.base.units import NM_PER_UM
+from maskfab.base.work import Clock
 from maskfab.camera.lens import F1, PhotoCamera, camera_line
 from maskfab.camera.protocol import LEVELS
 from maskfab.camera.scenes import Bundled, Photograph
-from maskfab.designs.bounds.limits import Gap, bounds, optimality_gap
-from maskfab.designs.model.conditions import SceneConditions
+from maskfab.designs.model.appraisal import Robustness, SceneAppraisal, SceneConditions
 from maskfab.designs.model.expected_psnr import Surrogate
+from maskfab.designs.model.limits import Gap, bounds, optimality_gap
 from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings
 from maskfab.designs.rules import constraints
 from maskfab.designs.rules.constraints import Constraints
-from maskfab.designs.rules.display_fit import DieFit, Display, of_display
+from maskfab.designs.rules.display_fit import DieFit, Display, footprints_of, of_display
+from maskfab.designs.rules.families import Candidate, kind, turned_key
 from maskfab.designs.rules.rule import price_key
-from maskfab.designs.search.account import Account, Alternatives, Prices
+from maskfab.designs.search.annealing import Bettered, Ranked
 from maskfab.job.sections import DesignSection, RulesSection
 from maskfab.mask.opening_file import dot_of_pitch
 from maskfab.mask.panels import CellMap
 
 if TYPE_CHECKING:
     from maskfab.designs.maps.orientation_map import DesignedMap
-    from maskfab.designs.model.panel_error import SceneAppraisal
-    from maskfab.designs.model.robustness import Robustness
 
 
 Facts = dict[str, str | int | float]
 
+
 LEVELS_OF_F1 = "another camera at the levels of F1"
 """In the place of a protocol's name."""
+
+
+NO_BOUNDS = "The budget leaves no time to prove bounds: no headroom is told."
+
+
+ANNEALING = "steps of annealing"
+"""The stage that changes openings dot by dot."""
+
+
+WITHIN_DB = 0.1
+"""Decibels below the best down to which an opening is an alternative: less than one scene differs from another."""
+
+
+_PROBES = 3
+
+
+# Measured at 21 and 88 dots, and half as much again.
+_BATCH, _FIRST_MAP, _MAP, _PRICES, _FIT, _BOUNDS = 64, 400, 4500, 400, 1800, 4500
+
+
+# Shares of the time left that a map, and bounds with what is like them, take at most.
+_MOST_MAP, _MOST_BOUNDS = 0.25, 0.4
+
+
+_MOST = 8
+
+
+_TRIED = 48
+"""Openings whose rules are judged at most: a display's take 0.2 s each where all are kept."""
+
+
+_MORE_DB, _MORE_SHARE, _LESS_MOVED = 0.001, 0.001, 0.98
+"""From so many decibels, and so much of the pixel, on an opening counts as better; as steadier below this share of what
+bias moves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +161,178 @@ class SceneDesign:
     random: SceneAppraisal | None
 
 
+@dataclass(frozen=True)
+class Account:
+    """The way to a design.
+
+    Attributes:
+        method: by which it was searched, in words.
+        seed: of its random numbers.
+        stages: what was tried, and how often, in the order in which it was.
+        value: what the values of ``bettered`` are, with their unit; empty where there are none.
+        bettered: evaluations made when the best value was bettered, and that value.
+        stopped: what ended it.
+        tiling, tiling_seed: of the panel; with a map, of the cells that it does not design.
+        asked: the rules that were asked for, with what each asks.
+        budget_s: seconds; None without a budget.
+        scenes: photographs that it was judged by, in words.
+        priced_among: openings among which the rules are priced.
+        without: gain in dB of searches once more without each rule over the best found, by the rule left out, 0 or
+            more, and the seconds of processor that they took; None where these were not asked for, or are not made.
+    """
+
+    method: str
+    seed: int
+    stages: tuple[tuple[str, int], ...]
+    value: str
+    bettered: Bettered
+    stopped: str
+    tiling: Tiling
+    tiling_seed: int
+    asked: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    budget_s: float | None = None
+    scenes: str = ""
+    priced_among: int = 0
+    without: tuple[Mapping[str, float], float] | None = None
+
+
+@dataclass(frozen=True)
+class Price:
+    """Cost of one constraint, in the objective's unit.
+
+    Attributes:
+        rule: its name.
+        alone: the best of all, less the best that keeps this rule; inf if none does.
+        last: the best that keeps all others, less the best that keeps all; inf if none keeps all.
+    """
+
+    rule: str
+    alone: float
+    last: float
+
+
+@dataclass(frozen=True)
+class Prices:
+    """Prices of all constraints together (inf if no candidate keeps them) and of each."""
+
+    together: float
+    each: tuple[Price, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Alternative:
+    """An opening beside others of nearly its PSNR.
+
+    Attributes:
+        name: the family, size and place it came from.
+        unit: bool [dots, dots].
+        value: expected restored PSNR, dB, weighted mean over the levels, cells turned at random or all alike.
+        emitters: largest footprint, share of the pixel that each colour covers; None where no emitters suit the pixel.
+        rim_um: closed border that the opening leaves all round its cell.
+        moved_db: by how much a bias moves the PSNR; None where it was not judged.
+        alike: openings of its kind among those within reach, this one included.
+    """
+
+    name: str
+    unit: Mask
+    value: float
+    emitters: float | None
+    rim_um: float
+    moved_db: float | None = None
+    alike: int = 1
+
+    @property
+    def open_ratio(self) -> float:
+        return float(self.unit.mean())
+
+    def better_at(self, other: Alternative) -> tuple[str, ...]:
+        """Names of what it has more of than another: ``psnr``, ``emitters``, ``rim``, ``bias``."""
+        better = {
+            "psnr": self.value > other.value + _MORE_DB,
+            "emitters": None not in (self.emitters, other.emitters)
+            and (self.emitters or 0.0) > (other.emitters or 0.0) + _MORE_SHARE,
+            "rim": self.rim_um > other.rim_um,
+            "bias": None not in (self.moved_db, other.moved_db)
+            and (self.moved_db or 0.0) < _LESS_MOVED * (other.moved_db or 0.0),
+        }
+        return tuple(name for name, holds in better.items() if holds)
+
+
+@dataclass(frozen=True, eq=False)
+class Alternatives:
+    """The opening that was chosen, and those that were judged within reach of it.
+
+    Attributes:
+        chosen: with its own numbers.
+        others: of different kinds, PSNR falling.
+        within: openings within reach that were judged, of every kind, before rules were asked.
+        kinds: of these.
+        unlisted: kinds that keep the rules and are not among ``others``, for those have as much of everything or are
+            enough.
+        untried: kinds whose rules were not judged, for that takes long.
+        bias_um: that ``moved_db`` is of.
+        own_emitters: the emitters are those of the job's display.
+    """
+
+    chosen: Alternative
+    others: tuple[Alternative, ...]
+    within: int
+    kinds: int
+    unlisted: int
+    untried: int
+    bias_um: float
+    own_emitters: bool
+
+
+@dataclass(frozen=True)
+class Stages:
+    """Clocks of the stages of a design within its budget.
+
+    Attributes:
+        search: of scan, annealing, shortlist or descent.
+        map: of the map.
+        bounded: whether there is time for bounds, appraisals and alternatives.
+        bounds_s: seconds that they take.
+    """
+
+    search: Clock
+    map: Clock
+    bounded: bool = True
+    bounds_s: float = 0.0
+
+    @classmethod
+    def of(
+        cls, judge: Callable[[Mask], object], unit: Mask, clock: Clock, *, mapped: bool = False, fitted: bool = False
+    ) -> Stages:
+        """Clocks by the time that judging one opening takes.
+
+        Args:
+            judge: of openings.
+            unit: one of them, bool [dots, dots].
+            clock: of the whole budget.
+            mapped: whether a map is designed.
+            fitted: whether a display must fit.
+
+        Raises:
+            JobError: MF150 for a clock that refuses what it cannot keep.
+        """
+        if clock.budget_s is None:
+            return cls(clock, clock)
+        judge(unit)
+        begun = clock.spent
+        for _ in range(_PROBES):
+            judge(unit)
+        judgement_s = (clock.spent - begun) / _PROBES
+        needed_s = judgement_s * (_PRICES + _FIRST_MAP * mapped + _FIT * fitted)
+        clock.require(needed_s + _BATCH * judgement_s, "the first openings", "budget")
+        left = clock.left() or 0.0
+        bounds_s = judgement_s * _BOUNDS
+        bounded = bounds_s <= _MOST_BOUNDS * left
+        after_s = needed_s + bounds_s * bounded
+        map_s = min(_MOST_MAP * left, judgement_s * _MAP) * mapped
+        return cls(clock.before(after_s + map_s), clock.before(after_s), bounded, bounds_s)
+
+
 def constraints_of(
     section: DesignSection,
     *,
@@ -153,7 +375,7 @@ def constraints_of(
 
 
 def appraised(
-    estimate: Surrogate, mask: NDArray[np.bool_], *, periodic: bool
+    estimate: Surrogate, mask: Mask, *, periodic: bool
 ) -> tuple[tuple[float, ...], Facts, tuple[float, ...], Gap | None]:
     """Expected restored PSNR of a unit by level, both as provenance, and what no other of as many dots can gain, in dB.
 
@@ -185,11 +407,11 @@ def camera_facts(
 
     What says nothing was made for protocol F1, as all was before this was stated, and keeps its bytes.
     """
-    told = camera_line(camera)
+    line = camera_line(camera)
     scene: Facts = {} if seen is None else {"scene": seen.line}
     if not settings.is_f1:
-        return {"camera": told, "protocol": settings.line, **scene}
-    return scene if told == camera_line(F1) else {"camera": told, "protocol": LEVELS_OF_F1, **scene}
+        return {"camera": line, "protocol": settings.line, **scene}
+    return scene if line == camera_line(F1) else {"camera": line, "protocol": LEVELS_OF_F1, **scene}
 
 
 def made_for_line(
@@ -208,17 +430,168 @@ def by_level(name: str, values: Sequence[float], levels: Sequence[float]) -> Fac
 def of_prices(found: Prices) -> Facts:
     """Costs of the rules, as provenance."""
     facts: Facts = {"rules_cost_db": round(found.together, 3) + 0.0}
-    facts.update({price_key(each.rule): round(each.last, 3) + 0.0 for each in found.each})
+    facts.update({price_key(price.rule): round(price.last, 3) + 0.0 for price in found.each})
     return facts
 
 
 def run_key(section: DesignSection, scenes: Sequence[Photograph], *more: object) -> str:
     """Key that tells the checkpoint of this run from every other."""
-    told = hashlib.sha256(f"{__version__} {np.__version__} {section!r} {more!r}".encode())
+    digest = hashlib.sha256(f"{__version__} {np.__version__} {section!r} {more!r}".encode())
     if isinstance(scenes, Bundled):
-        told.update(f"{len(scenes)} bundled".encode())
-        return told.hexdigest()
+        digest.update(f"{len(scenes)} bundled".encode())
+        return digest.hexdigest()
     for scene in scenes:
-        told.update(f"{scene.name} {scene.number} {scene.values.shape}".encode())
-        told.update(np.ascontiguousarray(scene.values).tobytes())
-    return told.hexdigest()
+        digest.update(f"{scene.name} {scene.number} {scene.values.shape}".encode())
+        digest.update(np.ascontiguousarray(scene.values).tobytes())
+    return digest.hexdigest()
+
+
+def asked_of(rules: Constraints) -> dict[str, str]:
+    """Rules that ask for something, with what each asks in words; empty words where its value is a picture."""
+    demands = {}
+    for rule in rules.rules:
+        value = rules[rule.name]
+        if isinstance(value, Display):
+            demands[rule.name] = value.asks(rule.name)
+            continue
+        plain = isinstance(value, str | int | float) and not isinstance(value, bool)
+        unit = rule.unit.removesuffix("s") if plain and value == 1 else rule.unit
+        demands[rule.name] = f"{value} {unit}".strip() if plain else ""
+    return demands
+
+
+def stopped(cut: bool) -> str:
+    """End of a search in words; ``cut`` where a budget ended it."""
+    return "the budget" if cut else "everything that was asked for was tried"
+
+
+def prices(candidates: Iterable[Candidate], objective: Callable[[Mask], float], constraints: Constraints) -> Prices:
+    """Costs of the constraints among these candidates, all of the asked count; others are left out.
+
+    Prices are differences between the best of the candidates, so give those that searches with and without each rule
+    found.
+
+    Raises:
+        JobError: MF105 without any candidate of the count.
+    """
+    counted = (c.unit for c in candidates if int(c.unit.sum()) == constraints.clear_dots)
+    judged = sorted(((objective(unit), unit) for unit in counted), key=lambda pair: -pair[0])
+    if not judged:
+        raise JobError(
+            "MF105",
+            "no candidate has the asked count",
+            where="design",
+            cure="Add candidates with that number of clear dots",
+        )
+
+    # Best first, so that rules that take long are asked of few.
+    broken_by: list[frozenset[str]] = []
+
+    def best(allowed: Callable[[frozenset[str]], bool]) -> float:
+        for place, (value, unit) in enumerate(judged):
+            if place == len(broken_by):
+                broken_by.append(constraints.broken(unit))
+            if allowed(broken_by[place]):
+                return value
+        return -math.inf
+
+    top, all_kept = judged[0][0], best(lambda broken: not broken)
+    by_rule = []
+    for rule in constraints.active:
+        others = best(lambda broken, rule=rule: broken <= {rule})  # type: ignore[misc]
+        alone = best(lambda broken, rule=rule: rule not in broken)  # type: ignore[misc]
+        by_rule.append(Price(rule, top - alone, math.inf if all_kept == -math.inf else others - all_kept))
+    return Prices(top - all_kept, tuple(by_rule))
+
+
+def alternatives(
+    chosen: Ranked,
+    visited: Iterable[Ranked],
+    rules: Constraints,
+    *,
+    moved: Callable[[Mask], float] | None,
+    bias_um: float,
+) -> Alternatives:
+    """Openings of other kinds than the chosen one, or of its kind with another rim, no more than 0.1 dB below it.
+
+    Args:
+        chosen: with its value.
+        visited: openings that were judged by the same objective, whether or not they keep the rules.
+        rules: that an alternative keeps.
+        moved: decibels, mean over the levels, by which a bias moves an opening's PSNR; None where that is not judged.
+        bias_um: of that.
+    """
+    seen = {turned_key(chosen.unit)}
+    kinds: dict[tuple[object, ...], list[Ranked]] = {}
+    for opening in sorted(visited, key=lambda opening: -opening.value):
+        if opening.value < chosen.value - WITHIN_DB:
+            break
+        key = turned_key(opening.unit)
+        if key not in seen:
+            seen.add(key)
+            kinds.setdefault((*kind(opening.name, opening.unit), rim_dots(opening.unit)), []).append(opening)
+    same = kinds.pop((*kind(chosen.name, chosen.unit), rim_dots(chosen.unit)), [])
+    best, untried = _keeping(kinds.values(), rules)
+    judged = [_numbers(opening, rules, alike) for opening, alike in best]
+    own = _numbers(chosen, rules, 1 + len(same))
+    listed = _listed(judged, own)
+    if moved is not None:
+        own, *listed = (replace(rival, moved_db=moved(rival.unit)) for rival in (own, *listed))
+    return Alternatives(
+        own,
+        tuple(listed),
+        len(seen) - 1,
+        len(kinds),
+        len(judged) - len(listed),
+        untried,
+        bias_um,
+        own_emitters="emitters" in rules.active,
+    )
+
+
+def rim_dots(unit: Mask) -> int:
+    """Closed dots between what is clear, of which there is some, and the nearest side of the cell."""
+    rows, columns = (np.flatnonzero(unit.any(axis=axis)) for axis in (1, 0))
+    return int(min(rows[0], columns[0], len(unit) - 1 - rows[-1], len(unit) - 1 - columns[-1]))
+
+
+def _keeping(kinds: Iterable[list[Ranked]], rules: Constraints) -> tuple[list[tuple[Ranked, int]], int]:
+    """The best of each kind that keeps the rules, with how many there are of it; and kinds that were not judged."""
+    best, tried, untried = [], 0, 0
+    for members in kinds:
+        if tried >= _TRIED:
+            untried += 1
+            continue
+        for opening in members:
+            tried += 1
+            if rules.allows(opening.unit):
+                best.append((opening, len(members)))
+                break
+            if tried >= _TRIED:
+                untried += 1
+                break
+    return sorted(best, key=lambda pair: -pair[0].value), untried
+
+
+def _numbers(opening: Ranked, rules: Constraints, alike: int) -> Alternative:
+    try:
+        room: float | None = footprints_of(rules, rules.emitters)(opening.unit)
+    except JobError:
+        # Plain rules of emitters, where the job has none, are whole numbers of not every dot.
+        room = None
+    rim_um = rim_dots(opening.unit) * rules.dot_nm / NM_PER_UM
+    return Alternative(opening.name, opening.unit, opening.value, room, rim_um, alike=alike)
+
+
+def _listed(judged: list[Alternative], chosen: Alternative) -> list[Alternative]:
+    """At most eight, PSNR falling: those that no other has as much of everything as, then the best of the rest."""
+    worth = {id(rival): (rival.value, rival.emitters or 0, rival.rim_um) for rival in (chosen, *judged)}
+
+    def covered(rival: Alternative) -> bool:
+        others = (numbers for key, numbers in worth.items() if key != id(rival))
+        return any(all(a >= b for a, b in zip(numbers, worth[id(rival)], strict=True)) for numbers in others)
+
+    first = [id(rival) for rival in judged if not covered(rival)][:_MOST]
+    rest = [id(rival) for rival in judged if id(rival) not in first]
+    listed = {*first, *rest[: _MOST - len(first)]}
+    return [rival for rival in judged if id(rival) in listed]

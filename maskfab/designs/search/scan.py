@@ -18,7 +18,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
+from itertools import chain, islice
 from typing import Any, get_args
 
 import numpy as np
@@ -37,9 +37,8 @@ from maskfab.designs.model.expected_psnr import surrogate_behind
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import Display
 from maskfab.designs.rules.families import FAMILIES, Candidate, kind, orbits
-from maskfab.designs.search.account import ANNEALING, WITHIN_DB, Without
 from maskfab.designs.search.annealing import Bettered, ExpectedPsnr, Objective, Ranked, Scan, State, anneal, scan
-from maskfab.designs.search.result import camera_facts
+from maskfab.designs.search.result import ANNEALING, WITHIN_DB, camera_facts
 from maskfab.job.sections import SearchSection
 from maskfab.job.values import Symmetry
 from maskfab.mask.opening import closed
@@ -321,8 +320,8 @@ def _restored(state: dict[str, Any]) -> Best:
 
 def annealed_without(
     found: Best, section: SearchSection, rules: Constraints, objective: Objective, progress: Progress
-) -> Without:
-    """Annealings by the photographs that are restored, one without each rule.
+) -> tuple[dict[str, float], float]:
+    """Gains of annealings without each rule over the best found, dB by the rule left out, and the seconds they took.
 
     Each annealing is as long as the search's own, has its seed, and begins at the best opening that keeps the others.
 
@@ -336,12 +335,9 @@ def annealed_without(
     gains, begun_s = {}, time.process_time()
     for left_out in rules.active:
         others = rules.without(left_out)
-        begun = [(objective(found.best.unit), found.best.unit)]
         # The best shapes come first, whether or not they keep any rule.
-        first = next((each.unit for each in found.looked if others.allows(each.unit)), None)
-        if first is not None:
-            begun.append((objective(first), first))
-        _, start = max(begun, key=lambda each: each[0])
+        first = islice((shape.unit for shape in found.looked if others.allows(shape.unit)), 1)
+        start = max((found.best.unit, *first), key=objective)
         walked = anneal(
             start,
             objective,
@@ -351,7 +347,7 @@ def annealed_without(
             progress=lambda stage, done, total, rule=left_out: progress(f"without {rule}: {stage}", done, total),  # type: ignore[misc]
         )
         gains[left_out] = max(walked.value - found.best.value, 0.0)
-    return Without(gains, time.process_time() - begun_s)
+    return gains, time.process_time() - begun_s
 
 
 def reduced_opening(

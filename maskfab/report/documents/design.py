@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 
 from maskfab.base import __version__
 from maskfab.base.units import NM_PER_UM
-from maskfab.designs.model.robustness import Robustness, Varied, laid_picture
-from maskfab.designs.search.account import WITHIN_DB, Account, Alternative, Alternatives, Prices
+from maskfab.designs.model.appraisal import Robustness, Varied, laid_picture
+from maskfab.designs.search.result import WITHIN_DB, Account, Alternative, Alternatives, Prices
 from maskfab.mask.panels import shifted
 from maskfab.optics.tiling import orientations
 from maskfab.report.rows.text import by_level
 
 if TYPE_CHECKING:
-    from maskfab.designs.bounds.limits import Gap
+    from maskfab.designs.model.limits import Gap
     from maskfab.designs.rules.display_fit import DieFit
     from maskfab.designs.search.result import Designed, SceneDesign
 
@@ -226,7 +226,7 @@ def _time(made: Made, account: Account | None) -> dict[str, float]:
     """Seconds; of them those of the processor that annealings without a rule took."""
     known = {"wall_s": made.wall_s, "processor_s": made.processor_s}
     if account is not None and account.without is not None:
-        known["annealed_without_s"] = account.without.processor_s
+        known["annealed_without_s"] = account.without[1]
     return {name: round(value, 1) for name, value in known.items()}
 
 
@@ -242,7 +242,7 @@ def _search(account: Account) -> dict[str, Any]:
         "bettered": [list(each) for each in account.bettered],
         "rules": [{"rule": rule, "asked": asked} for rule, asked in account.asked.items()],
         "priced_among": account.priced_among,
-        "annealed_without_db": None if account.without is None else dict(account.without.gain_db),
+        "annealed_without_db": None if account.without is None else dict(account.without[0]),
     }
 
 

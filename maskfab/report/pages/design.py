@@ -25,7 +25,7 @@ from matplotlib.figure import Figure
 from maskfab.base.folders import Place, staged, write_mark
 from maskfab.base.resources import template
 from maskfab.base.units import UM_PER_MM
-from maskfab.designs.search.account import ANNEALING
+from maskfab.designs.search.result import ANNEALING
 from maskfab.report.figures.sheet import INK, QUIET, Drawing, data_uri, img, place, png, styled
 from maskfab.report.pages.page import style
 from maskfab.report.pages.template import page_environment

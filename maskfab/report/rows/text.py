@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
     from maskfab.designs.maps.orientation_map import DesignedMap
-    from maskfab.designs.model.robustness import Robustness, Varied
+    from maskfab.designs.model.appraisal import Robustness, Varied
     from maskfab.designs.rules.display_fit import DieFit
     from maskfab.designs.search.result import Designed, SceneDesign
 

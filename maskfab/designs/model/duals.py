@@ -29,7 +29,7 @@ The dual bound for one unit in every cell, repeated or turned at random: lags th
 
 There A(t) = S(t) C(t mod n) at lags of one cell and more, with C the circular autocorrelation of the mean of the unit's
 orientations over its clear dots. So all lags of one residue share one number, and the theorem of
-:mod:`maskfab.designs.bounds.interior` becomes one equation, mean of C = ρ, with one multiplier μ. Further
+:mod:`maskfab.designs.model.duals` becomes one equation, mean of C = ρ, with one multiplier μ. Further
 constraints:
 
 * 0 <= C <= 1;
@@ -517,7 +517,7 @@ def residue_error(
 
     Args:
         nodes: [k], of A/S, the last is 1.
-        cost: [m, k], lowered as in :func:`maskfab.designs.bounds.interior.wiener_cost`.
+        cost: [m, k], lowered as in :func:`maskfab.designs.model.duals.wiener_cost`.
         classes: for the tiling.
         ratio: ρ.
         periodic: C(0) = 1.

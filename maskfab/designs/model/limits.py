@@ -20,7 +20,7 @@ of the lags only that those of one residue share one number, not that they are a
 Turned at random, A has the symmetry of the square, and lags that it maps to each other are added up. A repeated unit's
 has only A(-t) = A(t): mirror images are kept apart there, as the sample does not hold them equally.
 
-Where few openings have c dots, all are tried instead, leak and all (:mod:`maskfab.designs.bounds.limits`).
+Where few openings have c dots, all are tried instead, leak and all (:mod:`maskfab.designs.model.limits`).
 
 Notes:
     The leak is a mean of squares, hence the 0, and all that a design loses by leaking counts as head-room, though even
@@ -38,13 +38,13 @@ Notes:
 Upper bound on the gain of any layout with as many clear dots over a designed map, cut cells counted.
 
 A map's light is its own: cells that the stop cuts hold what they were turned to hold. The theorem of
-:mod:`maskfab.designs.bounds.interior` for all layouts counts pairs of cells, so it holds for any number of clear
+:mod:`maskfab.designs.model.duals` for all layouts counts pairs of cells, so it holds for any number of clear
 dots within the stop: whole cells hold c each, cut ones at most c and at most their dots inside, and the rest of the
 light lies in the cut ones. That includes every map of one unit, of every one of its mirror images and of other units of
 c dots.
 
 The frame's error is at least σ² · noise + bias without the frequencies below 1/16 cycle per pixel, where the leak
-counts, which is at least 0 (:mod:`maskfab.designs.bounds.limits`); the best filter at each frequency, within
+counts, which is at least 0 (:mod:`maskfab.designs.model.limits`); the best filter at each frequency, within
 what the protocol's ε span there, is better than that of any ε.
 
 Notes:
@@ -72,9 +72,9 @@ Proven bounds and ideals for all openings of one clear count, to be printed besi
 Two numbers are bounded: the expected PSNR far from the sensor's edge, and the surrogate's own, of the whole frame, in
 which what leaks in from the edge counts for at least nothing, unless so few openings have that count that the best of
 all is known. Theorems and proofs:
-:mod:`maskfab.designs.bounds.interior`, :mod:`maskfab.designs.bounds.interior`,
-:mod:`maskfab.designs.bounds.limits`, :mod:`maskfab.designs.bounds.limits`; of designed maps,
-:mod:`maskfab.designs.bounds.limits`.
+:mod:`maskfab.designs.model.duals`, :mod:`maskfab.designs.model.duals`,
+:mod:`maskfab.designs.model.limits`, :mod:`maskfab.designs.model.limits`; of designed maps,
+:mod:`maskfab.designs.model.limits`.
 
 Notes:
     That autocorrelations are positive semidefinite tightens the bound on the PSNR by at most 0.002 dB (100 of 441 dots,
@@ -96,7 +96,7 @@ from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError, OpeningError
 from maskfab.base.model import ORIENTATIONS, orient
 from maskfab.camera.lens import CellGrid, OpenStop, at_lags, lattice, pupil_autocorrelation
-from maskfab.designs.bounds.interior import block_error, blocks, residue_classes, residue_errors, residues, wiener_cost
+from maskfab.designs.model.duals import block_error, blocks, residue_classes, residue_errors, residues, wiener_cost
 from maskfab.designs.model.expected_psnr import Interior, Surrogate, interior, unit_modulation
 from maskfab.mask.opening import require_clear_dots
 
