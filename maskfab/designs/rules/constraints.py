@@ -1,10 +1,8 @@
-"""Every rule of an opening, in the order in which they are judged: a microsecond first, the display last.
+"""Constraints of an opening, whatever is optimised: its count of clear dots, its rules, and whether they agree.
 
-The constraints of an opening, whatever is optimised: its count of clear dots, its rules, and whether they agree.
-
-Rules are judged in order of cost, so that a search refuses most of what it tries before anything is computed. A set of
-rules that no opening keeps is told with a proof where one is found: that of a rule, or a look at every opening of the
-count where they are few.
+Rules are judged in order of cost, a microsecond first, the display last, so that a search refuses most of what it tries
+before anything is computed. A set of rules that no opening keeps is told with a proof where one is found: that of a
+rule, or a look at every opening of the count where they are few.
 """
 
 from __future__ import annotations
@@ -135,7 +133,7 @@ class Constraints:
         """The value of a rule; its default where it asks for nothing."""
         if rule in self.asked:
             return self.asked[rule]
-        return next(each for each in RULES if each.name == rule).default
+        return next(known for known in RULES if known.name == rule).default
 
     @cached_property
     def rules(self) -> tuple[Rule, ...]:
@@ -166,7 +164,7 @@ class Constraints:
 
     @property
     def members(self) -> list[NDArray[np.intp]]:
-        """Those of the orbits that may be clear."""
+        """Orbits that may be clear."""
         free = self.free.ravel()
         return [orbit for orbit in self.orbits if free[orbit].all()]
 
@@ -198,7 +196,7 @@ class Constraints:
         return replace(self, asked={name: value for name, value in self.asked.items() if name in names})
 
     def without(self, *names: str) -> Constraints:
-        """All but these rules."""
+        """These constraints but for some rules."""
         return self.only(*(self.asked.keys() - set(names)))
 
     def violations(self, unit: Mask) -> tuple[str, ...]:
@@ -247,11 +245,15 @@ class Constraints:
 
     def conflict(self) -> Conflict | None:
         """Rules that contradict each other, with the proof; None where no proof was found, so that a search may go."""
-        if (found := self._by_counting()) is not None:
-            return found
+        offered = int(self.free.sum())
+        if self.clear_dots > offered:
+            return Conflict(
+                (_COUNT, *self.closing),
+                f"{offered} of {self.dots} x {self.dots} dots may be clear, {self.clear_dots} must be",
+            )
         for rule in self.rules:
-            if rule.proof is not None and (found := rule.proof(self)) is not None:
-                return found
+            if rule.proof is not None and (conflict := rule.proof(self)) is not None:
+                return conflict
         return self._by_looking()
 
     def require_possible(self) -> None:
@@ -263,16 +265,16 @@ class Constraints:
         """
         if self.clear_dots == 0:
             raise closed(0, self.dots**2)
-        found = self.conflict()
-        if found is None:
+        conflict = self.conflict()
+        if conflict is None:
             return
-        blamed = {rule.name: rule for rule in self.rules if rule.name in found.rules}
-        told = [blamed[name].told if name in blamed else name for name in found.rules]
-        together = " together" if len(told) > 1 else ""
-        what = f"no opening keeps {' and '.join(told)}{together}: {found.statement}"
-        first = found.rules[0]
+        blamed = {rule.name: rule for rule in self.rules if rule.name in conflict.rules}
+        askers = [(blamed[name].asker if name in blamed else "") or name for name in conflict.rules]
+        together = " together" if len(askers) > 1 else ""
+        what = f"no opening keeps {' and '.join(askers)}{together}: {conflict.statement}"
+        first = conflict.rules[0]
         where = blamed[first].where if first in blamed else f"design.{first}"
-        cure = f"Relax {' or '.join(told)}"
+        cure = f"Relax {' or '.join(askers)}"
         if all(rule.counted for rule in blamed.values()):
             raise OpeningError("MF204", what, where=where, cure=cure)
         raise JobError("MF123", what, where=where, cure=cure)
@@ -291,23 +293,14 @@ class Constraints:
             yield _COUNT, f"{count} are clear, {self.clear_dots} asked"
         for rule in self.rules:
             check = rule.quick if quick and rule.quick is not None else rule.check
-            if (said := check(self, unit)) is not None:
-                yield rule.name, said
-
-    def _by_counting(self) -> Conflict | None:
-        offered = int(self.free.sum())
-        if self.clear_dots <= offered:
-            return None
-        return Conflict(
-            (_COUNT, *self.closing),
-            f"{offered} of {self.dots} x {self.dots} dots may be clear, {self.clear_dots} must be",
-        )
+            if (what := check(self, unit)) is not None:
+                yield rule.name, what
 
     def _by_looking(self) -> Conflict | None:
         """A look at every opening of the count, where they are few."""
         few = _FEW_IF_SLOW if any(rule.slow for rule in self.rules) else _FEW
         members = self.members
-        if all(len(each) == 1 for each in members) and math.comb(len(members), self.clear_dots) > few:
+        if all(len(orbit) == 1 for orbit in members) and math.comb(len(members), self.clear_dots) > few:
             return None
         units = list(islice(_every(members, self.clear_dots, self.dots), few + 1))
         if len(units) > few or any(self.allows(unit) for unit in units):
@@ -315,15 +308,15 @@ class Constraints:
         broken = [{rule for rule, _ in self._broken(unit, quick=False)} for unit in units]
         if not all(broken):
             return None
-        needed = [name for name in self.active if any(name in each for each in broken)]
+        needed = [name for name in self.active if any(name in names for names in broken)]
         for name in list(needed):
             rest = set(needed) - {name}
-            if all(each & rest for each in broken):
+            if all(names & rest for names in broken):
                 needed.remove(name)
         how = "the only opening" if len(units) == 1 else f"every one of the {len(units)} openings"
         linking = (rule.name for rule in self.rules if rule.linked is not None)
-        given = tuple(dict.fromkeys((*self.closing, *linking, *needed)))
-        return Conflict((_COUNT, *given), f"{how} of {self.clear_dots} clear dots breaks one of them")
+        blamed = dict.fromkeys((*self.closing, *linking, *needed))
+        return Conflict((_COUNT, *blamed), f"{how} of {self.clear_dots} clear dots breaks one of them")
 
 
 def _every(members: list[NDArray[np.intp]], total: int, dots: int) -> Iterator[Mask]:

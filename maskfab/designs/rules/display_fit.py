@@ -1,14 +1,13 @@
-"""Lines that pass beside openings at most, of thousands of openings at once: by chains across a panel.
+"""The display of a job as rules of its opening: emitters, circuits and wires, as ``maskfab check`` judges them.
 
-The theorem is that of :mod:`maskfab.display.panel_lines`. Of all its chains only those are looked at that go on
-from every column of cells to the next, in the same row or one beside it, through the largest piece of each opening from
-its first dot to its last. So the bound may be higher than that of all chains.
+A search asks of thousands of openings, so dear questions have cheap bounds. Footprints come with one that costs next to
+nothing. Lines that pass beside openings at most follow from chains across a panel, by the theorem of
+:mod:`maskfab.display.panel_lines`: of all its chains only those are looked at that go on from every column of cells to
+the next, in the same row or one beside it, through the largest piece of each opening from its first dot to its last. So
+that bound may be higher than that of all chains.
 
-Footprints of many openings, and a bound on each that costs next to nothing.
-
-The display of the job as rules of its opening: emitters, circuits and wires, as ``maskfab check`` judges them.
-
-A display on a whole die: a design's opening with its map in the middle, and what is drawn from a seed beyond it.
+At last a display is held against a whole die: a design's opening with its map in the middle, and what is drawn from a
+seed beyond it.
 """
 
 from __future__ import annotations
@@ -17,20 +16,19 @@ import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
-from maskfab.base.arrays import Floats, Ints, Mask
+from maskfab.base.arrays import Floats, Indices, Ints, Labels, Mask
 from maskfab.base.cell_size import CellSize
 from maskfab.base.model import ORIENTATIONS, Opening, Panel, Tiling, orient
 from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import Progress, silent
 from maskfab.designs.model.appraisal import designed_panel
-from maskfab.designs.rules.rule import Conflict, Rule
+from maskfab.designs.rules.rule import Conflict, Constrained, Rule
 from maskfab.display.drive import pixel_room
 from maskfab.display.emitter_rules import Certificate, EmitterGrid, EmitterRules, Verdict, grid_of
 from maskfab.display.emitter_shapes import guillotine, rectangle_footprints
@@ -42,163 +40,14 @@ from maskfab.job.sections import SearchSection
 from maskfab.mask.panels import CellMap
 from maskfab.optics.tiling import orientations
 
-if TYPE_CHECKING:
-    from maskfab.designs.rules.constraints import Constraints
-
-
 _TOUCHING = np.ones((3, 3), dtype=np.int8)
 
 
-def most_beside(units: Mask, cells: NDArray[np.int8], dot_nm: int, rules: WireRules) -> Ints:
-    """Lines for every pixel that can be laid along x and along y, at most, [units].
-
-    Args:
-        units: bool [units, dots, dots], some of each clear; cells have no gutter.
-        cells: orientations of the panel, [rows, columns].
-        dot_nm: side of a dot.
-        rules: width, space and clearance.
-    """
-    single = np.stack([_largest_piece(unit) for unit in units])
-    turned = np.stack([orient(single.transpose(1, 2, 0), kind) for kind in range(ORIENTATIONS)])
-    upright = turned.transpose(3, 0, 1, 2)
-    along_y = _passing(upright, cells % ORIENTATIONS, dot_nm, rules)
-    along_x = _passing(upright.swapaxes(2, 3), cells.T % ORIENTATIONS, dot_nm, rules)
-    return np.minimum(along_y, along_x)
-
-
-def _passing(patterns: Mask, cells: NDArray[np.int8], dot_nm: int, rules: WireRules) -> Ints:
-    """Lines for every pixel that pass every row of cells, [units], of patterns [units, orientations, dots, dots]."""
-    dots = patterns.shape[-1]
-    lane, pitch = rules.line_nm + rules.space_nm, dots * dot_nm
-    held = np.asarray(patterns.any(axis=2))
-    left, right = held.argmax(axis=2), dots - 1 - held[:, :, ::-1].argmax(axis=2)
-    first, last = (_ends(patterns, column) for column in (left, right))
-    beside = left[:, None, :] + dots - right[:, :, None]
-
-    def between(up: int) -> Ints:
-        """From the last column of one to the first column of the next, which lies so many cells higher."""
-        apart: Ints = last[:, :, None, :, None] - first[:, None, :, None, :] - up * dots
-        above = np.abs(apart).min(axis=(3, 4))
-        gap = (np.maximum(beside, above) - 1) * dot_nm
-        return np.asarray(np.maximum((gap + rules.space_nm - 2 * rules.clearance_nm) // lane, 0))
-
-    tables = {up: between(up) for up in (-1, 0, 1)}
-    spare = pitch + rules.space_nm - rules.clearance_nm
-    before = np.maximum((left * dot_nm + spare) // lane, 0)
-    after = np.maximum(((dots - 1 - right) * dot_nm + spare) // lane, 0)
-    rows, columns = cells.shape
-    total = before[:, cells[:, 0]]
-    for column in range(columns - 1):
-        reached = np.full_like(total, np.iinfo(np.int64).max)
-        for up, table in tables.items():
-            here = np.arange(max(0, -up), rows - max(0, up))
-            passing = total[:, here] + table[:, cells[here, column], cells[here + up, column + 1]]
-            reached[:, here + up] = np.minimum(reached[:, here + up], passing)
-        total = reached
-    return np.asarray((total + after[:, cells[:, -1]]).min(axis=1) // columns)
-
-
-def _ends(patterns: Mask, column: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Lowest and highest clear dot of a column of each pattern, [units, orientations, 2]."""
-    dots = patterns.shape[-1]
-    clear = np.take_along_axis(patterns, column[:, :, None, None], axis=3)[..., 0]
-    return np.stack([clear.argmax(axis=2), dots - 1 - clear[:, :, ::-1].argmax(axis=2)], axis=2)
-
-
-def _largest_piece(unit: Mask) -> Mask:
-    labels, count = ndimage.label(unit, structure=_TOUCHING)
-    return unit if count == 1 else np.asarray(labels == np.bincount(labels.ravel())[1:].argmax() + 1)
-
-
-@dataclass(frozen=True, eq=False)
-class Footprints:
-    """Largest footprints behind openings of one grid, and a bound on them.
-
-    Attributes:
-        rules: the display maker's.
-        dots: along the cell's side.
-        dot_nm: side of a dot.
-        orientations: elements of D4 in use; any two may be neighbours.
-
-    Raises:
-        JobError: MF117, MF118 from :attr:`grid` where the rules do not suit the pixel.
-    """
-
-    rules: EmitterRules
-    dots: int
-    dot_nm: int
-    orientations: tuple[int, ...] = tuple(range(ORIENTATIONS))
-
-    @cached_property
-    def grid(self) -> EmitterGrid:
-        """Cells on which the rules are whole numbers."""
-        nothing = Opening("unit", np.zeros((self.dots, self.dots), dtype=np.bool_), self.dot_nm)
-        return grid_of(nothing, self.dot_nm, 0, self.rules)
-
-    def __call__(self, unit: Mask, *, enough: float = math.inf) -> float:
-        """Footprint of rectangles, and of straight cuts where rectangles are not enough."""
-        margin = border_margin(self.grid)
-        found = float(
-            rectangle_footprints(
-                unit[None],
-                self.grid,
-                self.rules.ratio,
-                orientations=self.orientations,
-                margin=margin,
-                max_aspect=self.rules.max_aspect,
-            )[0]
-        )
-        if found >= enough:
-            return found
-        cells, _ = guillotine(self._regions(unit), self.grid, self.rules.ratio)
-        return max(found, cells * self.share_of_cell)
-
-    def bounds(self, units: Mask) -> Floats:
-        """Upper bounds of the footprint that leave the gap across borders free, in some 30 us each.
-
-        An emitter swept by the gap along x and y grows from an area a to at least (sqrt(a) + gap)^2, by Brunn and
-        Minkowski; swept emitters of different colours share nothing, and lie where the free squares of the least width
-        are swept.
-
-        Args:
-            units: bool [k, dots, dots].
-
-        Returns:
-            float [k], share of the pixel.
-        """
-        width, gap = self.grid.min_width, self.grid.colour_gap
-        squares = _windowed(self._regions(units), width, np.logical_and)
-        area = _swept(squares, width + gap).sum(axis=(1, 2)).astype(np.float64)
-        root = sum(part**0.5 for part in self.rules.ratio)
-        # Areas of ratio_k x, which sum to 3 x: 3 x + 2 gap root sqrt(x) + 3 gap^2 = area.
-        rest = np.maximum(area - 3 * gap**2, 0)
-        side = (np.sqrt((gap * root) ** 2 + 3 * rest) - gap * root) / 3
-        return np.asarray(side**2 * self.share_of_cell)
-
-    @property
-    def share_of_cell(self) -> float:
-        """Area of a cell of the emitters' grid over that of the pixel."""
-        return (self.grid.cell_nm / self.grid.pitch_nm) ** 2
-
-    def _regions(self, units: Mask) -> Mask:
-        return free_region(units, self.grid, self.orientations, margin=border_margin(self.grid))
-
-
-def _windowed(cells: Mask, width: int, both: np.ufunc) -> Mask:
-    """[k, n - width + 1, n - width + 1]: all (``logical_and``) or any of the ``width`` x ``width`` cells from there."""
-    for axis in (1, 2):
-        parts = np.lib.stride_tricks.sliding_window_view(cells, width, axis=axis)
-        cells = np.asarray(both.reduce(parts, axis=-1))
-    return cells
-
-
-def _swept(places: Mask, width: int) -> Mask:
-    """Cells under squares of that width whose lowest, leftmost cells are the places."""
-    around = np.pad(places, ((0, 0), (width - 1, width - 1), (width - 1, width - 1)))
-    return _windowed(around, width, np.logical_or)
-
-
 _ROUNDING = 1e-9
+
+
+SEEDS = 8
+"""Dies that are tried of an opening and its map."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,7 +63,7 @@ class Display:
     """
 
     rules: DisplayRules
-    cells: NDArray[np.int8]
+    cells: Labels
     tiling: Tiling
     seed: int
     across: int
@@ -233,7 +82,7 @@ class Display:
         rules = replace(self.rules, emitters=replace(self.rules.emitters, required=required), wires=held)
         return replace(self, rules=rules, _wired={}, _empty={})
 
-    def panel(self, unit: Mask, dot_nm: int, cells: NDArray[np.int8] | None = None, outer: Mask | None = None) -> Panel:
+    def panel(self, unit: Mask, dot_nm: int, cells: Labels | None = None, outer: Mask | None = None) -> Panel:
         """The panel of an opening, its cells as they are tried or as a map has them."""
         others = () if outer is None else (Opening("outer", outer, dot_nm),)
         held = self.cells if cells is None else cells
@@ -261,7 +110,7 @@ class Display:
         """Lines that can be drawn each way on a panel that it fits; None where none are asked for."""
         return None if self.rules.wires is None else most_lines(panel, panel.common, self.rules.wires)
 
-    def lines_beside(self, units: Mask, dot_nm: int) -> NDArray[np.int64] | None:
+    def lines_beside(self, units: Mask, dot_nm: int) -> Ints | None:
         """Opaque lines for every pixel that pass beside openings [units, dots, dots] at most; None if none must."""
         wires = self.rules.wires
         if wires is None or self.opaque_lines < 1:
@@ -277,19 +126,19 @@ class Display:
     def asks(self, part: str) -> str:
         """The demand on one of its parts, as :func:`of_display` names them, in words."""
         emitters, wires = self.rules.emitters, self.rules.wires
-        told = {
+        demands = {
             "emitters": f"{emitters.required:.1%} of the pixel for each colour",
             "circuits": f"{self.rules.circuit.pixel_need_um2:g} µm² for each pixel",
             "wires": "" if wires is None else f"{wires.lines} lines each way",
         }
-        return told.get(part, "")
+        return demands.get(part, "")
 
     def lines_told(self, pitch_nm: int) -> str:
         """Opaque lines that must pass, and the width of a pixel that they take."""
         if self.rules.wires is None:
             return "no lines"
         line = self.rules.wires.rules
-        width, space, clearance = (each / NM_PER_UM for each in (line.line_nm, line.space_nm, line.clearance_nm))
+        width, space, clearance = (nm / NM_PER_UM for nm in (line.line_nm, line.space_nm, line.clearance_nm))
         return (
             f"{self.opaque_lines} lines {width:g} um wide, {space:g} um apart and {clearance:g} um from openings take "
             f"{self.opaque_lines * (width + space):g} um of the {pitch_nm / NM_PER_UM:g} um of a pixel"
@@ -332,69 +181,121 @@ def _statement(proof: Certificate | None) -> str:
     return "not all wires were found" if proof is None else proof.statement
 
 
-def misfit(found: Feasibility | None) -> str | None:
+def misfit(answer: Feasibility | None) -> str | None:
     """Why a display does not fit; None if it does, or there are no pixels that it must fit."""
-    if found is None or found.verdict is Verdict.FITS:
+    if answer is None or answer.verdict is Verdict.FITS:
         return None
-    if found.certificates:
-        return found.certificates[0].statement
-    if found.broken:
-        return f"emitters break the rule of {found.broken[0].rule}"
-    if found.stranded:
-        return found.stranded[0].statement
-    if found.wiring is not None and found.wiring.verdict is not Verdict.FITS:
-        return _statement(found.wiring.failed)
-    return f"{found.footprint.found_share:.1%} found, least {found.required:.1%}"
+    if answer.certificates:
+        return answer.certificates[0].statement
+    if answer.broken:
+        return f"emitters break the rule of {answer.broken[0].rule}"
+    if answer.stranded:
+        return answer.stranded[0].statement
+    if answer.wiring is not None and answer.wiring.verdict is not Verdict.FITS:
+        return _statement(answer.wiring.failed)
+    return f"{answer.footprint.found_share:.1%} found, least {answer.required:.1%}"
 
 
-def footprints_of(constraints: Constraints, asked: EmitterRules) -> Footprints:
+@dataclass(frozen=True, eq=False)
+class Footprints:
+    """Largest footprints behind openings of one grid, and a bound on them.
+
+    Attributes:
+        rules: the display maker's.
+        dots: along the cell's side.
+        dot_nm: side of a dot.
+        orientations: elements of D4 in use; any two may be neighbours.
+
+    Raises:
+        JobError: MF117, MF118 from :attr:`grid` where the rules do not suit the pixel.
+    """
+
+    rules: EmitterRules
+    dots: int
+    dot_nm: int
+    orientations: tuple[int, ...] = tuple(range(ORIENTATIONS))
+
+    @cached_property
+    def grid(self) -> EmitterGrid:
+        """Cells on which the rules are whole numbers."""
+        nothing = Opening("unit", np.zeros((self.dots, self.dots), dtype=np.bool_), self.dot_nm)
+        return grid_of(nothing, self.dot_nm, 0, self.rules)
+
+    def __call__(self, unit: Mask, *, enough: float = math.inf) -> float:
+        """Footprint of rectangles, and of straight cuts where rectangles are not enough."""
+        rectangles = rectangle_footprints(
+            unit[None],
+            self.grid,
+            self.rules.ratio,
+            orientations=self.orientations,
+            margin=border_margin(self.grid),
+            max_aspect=self.rules.max_aspect,
+        )
+        share = float(rectangles[0])
+        if share >= enough:
+            return share
+        cells, _ = guillotine(self._regions(unit), self.grid, self.rules.ratio)
+        return max(share, cells * self.share_of_cell)
+
+    def bounds(self, units: Mask) -> Floats:
+        """Upper bounds of the footprint that leave the gap across borders free, in some 30 us each.
+
+        An emitter swept by the gap along x and y grows from an area a to at least (sqrt(a) + gap)^2, by Brunn and
+        Minkowski; swept emitters of different colours share nothing, and lie where the free squares of the least width
+        are swept.
+
+        Args:
+            units: bool [k, dots, dots].
+
+        Returns:
+            float [k], share of the pixel.
+        """
+        width, gap = self.grid.min_width, self.grid.colour_gap
+        squares = _windowed(self._regions(units), width, np.logical_and)
+        swept = width + gap
+        beyond = (swept - 1, swept - 1)
+        area = _windowed(np.pad(squares, ((0, 0), beyond, beyond)), swept, np.logical_or).sum(axis=(1, 2), dtype=float)
+        root = sum(part**0.5 for part in self.rules.ratio)
+        # Areas of ratio_k x, which sum to 3 x: 3 x + 2 gap root sqrt(x) + 3 gap^2 = area.
+        rest = np.maximum(area - 3 * gap**2, 0)
+        side = (np.sqrt((gap * root) ** 2 + 3 * rest) - gap * root) / 3
+        return np.asarray(side**2 * self.share_of_cell)
+
+    @property
+    def share_of_cell(self) -> float:
+        """Area of a cell of the emitters' grid over that of the pixel."""
+        return (self.grid.cell_nm / self.grid.pitch_nm) ** 2
+
+    def _regions(self, units: Mask) -> Mask:
+        return free_region(units, self.grid, self.orientations, margin=border_margin(self.grid))
+
+
+def _windowed(cells: Mask, width: int, both: np.ufunc) -> Mask:
+    """[k, n - width + 1, n - width + 1]: all (``logical_and``) or any of the ``width`` x ``width`` cells from there."""
+    for axis in (1, 2):
+        parts = np.lib.stride_tricks.sliding_window_view(cells, width, axis=axis)
+        cells = np.asarray(both.reduce(parts, axis=-1))
+    return cells
+
+
+def footprints_of(constraints: Constrained, asked: EmitterRules) -> Footprints:
     """Footprints of openings that are asked for by constraints."""
     return Footprints(asked, constraints.dots, constraints.dot_nm, constraints.orientations)
 
 
-def _dark(constraints: Constraints, unit: Mask) -> str | None:
-    display: Display = constraints["emitters"]
-    return misfit(display.without_wires(display.panel(unit, constraints.dot_nm)))
-
-
-def _dark_quickly(constraints: Constraints, unit: Mask) -> str | None:
-    asked = constraints["emitters"].rules.emitters
-    found = footprints_of(constraints, asked)(unit, enough=asked.required - _ROUNDING)
-    return None if found >= asked.required - _ROUNDING else f"{found:.1%} found, least {asked.required:.1%}"
-
-
-def _by_room(constraints: Constraints) -> Conflict | None:
-    """Three emitters cover more than what the count leaves closed, or do not fit even a pixel without an opening."""
-    asked = constraints["emitters"].rules.emitters
-    pixel_um2 = (constraints.dots * constraints.dot_nm / NM_PER_UM) ** 2
-    said = f"three emitters of {asked.required:.1%} of the pixel"
-    if (crowd := _crowd(constraints, 3 * asked.required * pixel_um2, said)) is not None:
-        return Conflict(("emitters", "clear_dots"), crowd)
-    found = constraints["emitters"].without_opening(constraints.nothing, constraints.dot_nm)
-    if found is None or found.footprint.verdict is not Verdict.DOES_NOT_FIT or found.footprint.certificate is None:
-        return None
-    proof = found.footprint.certificate
-    return Conflict(
-        ("emitters",),
-        f"even a pixel without an opening has room for at most {found.footprint.bound_share:.1%} of each colour, not "
-        f"{asked.required:.1%}: {proof.statement}",
-        proof,
-    )
-
-
-def _crowded(constraints: Constraints, unit: Mask) -> str | None:
+def _crowded(constraints: Constrained, unit: Mask) -> str | None:
     room = pixel_room(constraints.opening(unit), constraints.dot_nm, constraints["circuits"].rules.circuit)
     return None if room.certificate is None else room.certificate.statement
 
 
-def _by_closed_area(constraints: Constraints) -> Conflict | None:
+def _by_closed_area(constraints: Constrained) -> Conflict | None:
     """The circuits need more than what the count leaves closed."""
     need_um2 = constraints["circuits"].rules.circuit.pixel_need_um2
     crowd = _crowd(constraints, need_um2, f"circuits of {need_um2:g} um^2")
     return None if crowd is None else Conflict(("circuits", "clear_dots"), crowd)
 
 
-def _crowd(constraints: Constraints, need_um2: float, what: str) -> str | None:
+def _crowd(constraints: Constrained, need_um2: float, what: str) -> str | None:
     """By how much the closed area is too small for something; None if it is not."""
     closed = (constraints.dots**2 - constraints.clear_dots) * (constraints.dot_nm / NM_PER_UM) ** 2
     if need_um2 <= closed * (1 + _ROUNDING):
@@ -402,99 +303,163 @@ def _crowd(constraints: Constraints, need_um2: float, what: str) -> str | None:
     return f"{what} need {need_um2 - closed:.0f} um^2 more than the {closed:.0f} um^2 of the pixel that are closed"
 
 
-def _unwired(constraints: Constraints, unit: Mask) -> str | None:
-    """The whole display, so that emitters without a way to the pixel's side count too."""
-    display: Display = constraints["wires"]
-    return display.unwired(unit, constraints.dot_nm) or display.broken_in_trial(display.panel(unit, constraints.dot_nm))
+def _on_dots(constraints: Constrained, given: Display) -> Display:
+    pixel_room(constraints.opening(constraints.nothing), constraints.dot_nm, given.rules.circuit)
+    return given
 
 
-def _unwired_quickly(constraints: Constraints, unit: Mask) -> str | None:
-    display: Display = constraints["wires"]
-    return display.unwired(unit, constraints.dot_nm)
+def _dark(constraints: Constrained, unit: Mask) -> str | None:
+    display: Display = constraints["emitters"]
+    return misfit(display.without_wires(display.panel(unit, constraints.dot_nm)))
 
 
-def _not_fitting_beside(constraints: Constraints, units: Mask) -> bool:
+def _dark_quickly(constraints: Constrained, unit: Mask) -> str | None:
+    asked = constraints["emitters"].rules.emitters
+    share = footprints_of(constraints, asked)(unit, enough=asked.required - _ROUNDING)
+    return None if share >= asked.required - _ROUNDING else f"{share:.1%} found, least {asked.required:.1%}"
+
+
+def _by_room(constraints: Constrained) -> Conflict | None:
+    """Three emitters cover more than what the count leaves closed, or do not fit even a pixel without an opening."""
+    asked = constraints["emitters"].rules.emitters
+    pixel_um2 = (constraints.dots * constraints.dot_nm / NM_PER_UM) ** 2
+    emitters = f"three emitters of {asked.required:.1%} of the pixel"
+    if (crowd := _crowd(constraints, 3 * asked.required * pixel_um2, emitters)) is not None:
+        return Conflict(("emitters", "clear_dots"), crowd)
+    answer = constraints["emitters"].without_opening(constraints.nothing, constraints.dot_nm)
+    if answer is None or answer.footprint.verdict is not Verdict.DOES_NOT_FIT or answer.footprint.certificate is None:
+        return None
+    proof = answer.footprint.certificate
+    return Conflict(
+        ("emitters",),
+        f"even a pixel without an opening has room for at most {answer.footprint.bound_share:.1%} of each colour, not "
+        f"{asked.required:.1%}: {proof.statement}",
+        proof,
+    )
+
+
+def _not_fitting_beside(constraints: Constrained, units: Mask) -> bool:
     """Whether it does not fit a die whose cells draw one of two openings."""
     display: Display = constraints["emitters"]
     dense, sparse = units
     return display.broken_in_trial(display.die(dense, constraints.dot_nm, None, sparse)) is not None
 
 
-def _by_nothing(constraints: Constraints) -> Conflict | None:
-    """Not even a pixel without an opening can be wired."""
-    display: Display = constraints["wires"]
-    if display.unwired(constraints.nothing, constraints.dot_nm) is None:
-        return None
-    told = display.lines_told(CellSize(constraints.dots, constraints.dot_nm).pitch_nm)
-    return Conflict(("wires",), f"not even a pixel without an opening can be wired: {told}")
-
-
-def _off_centre(constraints: Constraints, unit: Mask) -> str | None:
-    limit, display = constraints["centroid_px"], constraints["emitters"]
-    found = display.without_wires(display.panel(unit, constraints.dot_nm))
-    if found is None or found.emitters is None:
-        return "no emitters were found whose light has a centroid"
-    away = math.hypot(*found.centroid_px)
-    return f"the light's centroid is {away:.3f} pixels off, at most {limit:g}" if away > limit else None
-
-
-def _on_dots(constraints: Constraints, given: Display) -> Display:
-    pixel_room(constraints.opening(constraints.nothing), constraints.dot_nm, given.rules.circuit)
-    return given
-
-
-def _on_cells(constraints: Constraints, given: Display) -> Display:
+def _on_cells(constraints: Constrained, given: Display) -> Display:
     _ = footprints_of(constraints, given.rules.emitters).grid
     return given
 
 
-def _always(constraints: Constraints) -> bool:
-    return True
+def _unwired(constraints: Constrained, unit: Mask) -> str | None:
+    """Why the whole display does not fit, so that emitters without a way to the pixel's side count too."""
+    display: Display = constraints["wires"]
+    return display.unwired(unit, constraints.dot_nm) or display.broken_in_trial(display.panel(unit, constraints.dot_nm))
 
 
-CIRCUITS = Rule(
-    "circuits",
-    "",
-    _crowded,
-    proof=_by_closed_area,
-    one_place=_always,
-    slow=True,
-    checked=_on_dots,
-    section=SearchSection,
-    key="fit",
-    asker="the circuits of [emitters]",
-)
-EMITTERS = Rule(
+def _unwired_quickly(constraints: Constrained, unit: Mask) -> str | None:
+    display: Display = constraints["wires"]
+    return display.unwired(unit, constraints.dot_nm)
+
+
+def _by_nothing(constraints: Constrained) -> Conflict | None:
+    """Not even a pixel without an opening can be wired."""
+    display: Display = constraints["wires"]
+    if display.unwired(constraints.nothing, constraints.dot_nm) is None:
+        return None
+    lines = display.lines_told(CellSize(constraints.dots, constraints.dot_nm).pitch_nm)
+    return Conflict(("wires",), f"not even a pixel without an opening can be wired: {lines}")
+
+
+def _off_centre(constraints: Constrained, unit: Mask) -> str | None:
+    limit, display = constraints["centroid_px"], constraints["emitters"]
+    answer = display.without_wires(display.panel(unit, constraints.dot_nm))
+    if answer is None or answer.emitters is None:
+        return "no emitters were found whose light has a centroid"
+    away = math.hypot(*answer.centroid_px)
+    return f"the light's centroid is {away:.3f} pixels off, at most {limit:g}" if away > limit else None
+
+
+_FIT = partial(Rule, unit="", one_place=lambda _: True, slow=True, section=SearchSection, key="fit")
+
+
+CIRCUITS = _FIT("circuits", check=_crowded, proof=_by_closed_area, checked=_on_dots, asker="the circuits of [emitters]")
+
+
+EMITTERS = _FIT(
     "emitters",
-    "",
-    _dark,
-    _dark_quickly,
-    _by_room,
+    check=_dark,
+    quick=_dark_quickly,
+    proof=_by_room,
     beside=_not_fitting_beside,
-    one_place=_always,
-    slow=True,
     checked=_on_cells,
-    section=SearchSection,
-    key="fit",
     asker="the emitters of [emitters]",
 )
-WIRES = Rule(
-    "wires",
-    "",
-    _unwired,
-    _unwired_quickly,
-    _by_nothing,
-    one_place=_always,
-    slow=True,
-    section=SearchSection,
-    key="fit",
-    asker="the lines of [wires]",
-)
-CENTROID = Rule("centroid_px", "pixels", _off_centre, one_place=_always, slow=True)
 
 
-SEEDS = 8
-"""Dies that are tried of an opening and its map."""
+WIRES = _FIT("wires", check=_unwired, quick=_unwired_quickly, proof=_by_nothing, asker="the lines of [wires]")
+
+
+CENTROID = Rule("centroid_px", "pixels", _off_centre, one_place=lambda _: True, slow=True)
+
+
+def most_beside(units: Mask, cells: Labels, dot_nm: int, rules: WireRules) -> Ints:
+    """Lines for every pixel that can be laid along x and along y, at most, [units].
+
+    Args:
+        units: bool [units, dots, dots], some of each clear; cells have no gutter.
+        cells: orientations of the panel, [rows, columns].
+        dot_nm: side of a dot.
+        rules: width, space and clearance.
+    """
+    pieces = []
+    for unit in units:
+        labels, count = ndimage.label(unit, structure=_TOUCHING)
+        pieces.append(unit if count == 1 else labels == np.bincount(labels.ravel())[1:].argmax() + 1)
+    single = np.stack(pieces)
+    turned = np.stack([orient(single.transpose(1, 2, 0), kind) for kind in range(ORIENTATIONS)])
+    upright = turned.transpose(3, 0, 1, 2)
+    along_y = _passing(upright, cells % ORIENTATIONS, dot_nm, rules)
+    along_x = _passing(upright.swapaxes(2, 3), cells.T % ORIENTATIONS, dot_nm, rules)
+    return np.minimum(along_y, along_x)
+
+
+def _passing(patterns: Mask, cells: Labels, dot_nm: int, rules: WireRules) -> Ints:
+    """Lines for every pixel that pass every row of cells, [units], of patterns [units, orientations, dots, dots]."""
+    dots = patterns.shape[-1]
+    lane, pitch = rules.line_nm + rules.space_nm, dots * dot_nm
+    held = np.asarray(patterns.any(axis=2))
+    left, right = held.argmax(axis=2), dots - 1 - held[:, :, ::-1].argmax(axis=2)
+    first, last = (_ends(patterns, column) for column in (left, right))
+    beside = left[:, None, :] + dots - right[:, :, None]
+
+    def between(up: int) -> Ints:
+        """From the last column of one to the first column of the next, which lies so many cells higher."""
+        apart: Ints = last[:, :, None, :, None] - first[:, None, :, None, :] - up * dots
+        above = np.abs(apart).min(axis=(3, 4))
+        gap = (np.maximum(beside, above) - 1) * dot_nm
+        return np.asarray(np.maximum((gap + rules.space_nm - 2 * rules.clearance_nm) // lane, 0))
+
+    tables = {up: between(up) for up in (-1, 0, 1)}
+    spare = pitch + rules.space_nm - rules.clearance_nm
+    before = np.maximum((left * dot_nm + spare) // lane, 0)
+    after = np.maximum(((dots - 1 - right) * dot_nm + spare) // lane, 0)
+    rows, columns = cells.shape
+    total = before[:, cells[:, 0]]
+    for column in range(columns - 1):
+        reached = np.full_like(total, np.iinfo(np.int64).max)
+        for up, table in tables.items():
+            here = np.arange(max(0, -up), rows - max(0, up))
+            passing = total[:, here] + table[:, cells[here, column], cells[here + up, column + 1]]
+            reached[:, here + up] = np.minimum(reached[:, here + up], passing)
+        total = reached
+    return np.asarray((total + after[:, cells[:, -1]]).min(axis=1) // columns)
+
+
+def _ends(patterns: Mask, column: Indices) -> Indices:
+    """Lowest and highest clear dot of a column of each pattern, [units, orientations, 2]."""
+    dots = patterns.shape[-1]
+    clear = np.take_along_axis(patterns, column[:, :, None, None], axis=3)[..., 0]
+    return np.stack([clear.argmax(axis=2), dots - 1 - clear[:, :, ::-1].argmax(axis=2)], axis=2)
 
 
 @dataclass(frozen=True)
@@ -555,12 +520,12 @@ def fitting_die(
     """
     start = time.process_time()
     failed: dict[int, str] = {}
-    found: int | None = None
+    fitting: int | None = None
     for seed, die in _dies(display, unit, dot_nm, cells, outer, most):
         progress("die", len(failed), most)
         why = display.broken_on(die)
         if why is None:
-            found = seed
+            fitting = seed
             break
         failed[seed] = why
         if cells is not None and len(failed) == 1 and most > 1:
@@ -569,7 +534,7 @@ def fitting_die(
                 break
     progress("die", most, most)
     side_um = display.across * len(unit) * dot_nm / NM_PER_UM
-    return DieFit(display.across, side_um, found, failed, time.process_time() - start)
+    return DieFit(display.across, side_um, fitting, failed, time.process_time() - start)
 
 
 def _dies(

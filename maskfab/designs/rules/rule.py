@@ -1,10 +1,8 @@
-"""One rule of an opening: everything that the machine knows of it, in one object.
+"""Rules of an opening, each with everything that the machine knows of it in one object; those of a display have a file.
 
-Rules on which dots may be clear: a drawing of those that stay closed, a closed rim, a symmetry.
-
-Rules on widths and spaces, which the mask writer sets: corners, clear runs, closed runs.
-
-Symmetric ports: where lines cross a cell so that they meet those of any neighbour, however it is turned.
+Which dots may be clear: a drawing of those that stay closed, a closed rim, a symmetry. Widths and spaces, which the
+mask writer sets: corners, clear runs, closed runs. Symmetric ports: where lines cross a cell so that they meet those of
+any neighbour, however it is turned.
 """
 
 from __future__ import annotations
@@ -13,25 +11,20 @@ import inspect
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
+from typing import Any, Literal, Protocol, get_args, get_origin
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic.fields import FieldInfo
 
-from maskfab.base.arrays import Mask
+from maskfab.base.arrays import Indices, Mask
 from maskfab.base.errors import JobError
-from maskfab.base.model import frozen
+from maskfab.base.model import Opening, frozen
 from maskfab.designs.rules.families import orbits, sums
 from maskfab.display.emitter_rules import Certificate
 from maskfab.display.pixel_lines import ports
 from maskfab.job.sections import DesignSection, RulesSection
 from maskfab.job.values import Section
 from maskfab.mask.dots import corner_touches, smallest_runs
-
-if TYPE_CHECKING:
-    from maskfab.designs.rules.constraints import Constraints
-
 
 _PRICE = "price_", "_db"
 
@@ -51,14 +44,31 @@ class Conflict:
     certificate: Certificate | None = None
 
 
-def as_stated(value: Any, section: DesignSection, where: str) -> Any:
-    """The value that a rule has if nothing is made of its key."""
-    return value
+class Constrained(Protocol):
+    """Constraints as the rules read them that they are made of; :class:`maskfab.designs.rules.constraints.Constraints`
+    says what each part is."""
 
-
-def as_given(constraints: Constraints, value: Any) -> Any:
-    """The value of a rule that has nothing to check but its range."""
-    return value
+    @property
+    def clear_dots(self) -> int: ...
+    @property
+    def dots(self) -> int: ...
+    @property
+    def gutter_nm(self) -> int: ...
+    @property
+    def dot_nm(self) -> int: ...
+    @property
+    def orientations(self) -> tuple[int, ...]: ...
+    @property
+    def orbits(self) -> tuple[Indices, ...]: ...
+    @property
+    def members(self) -> list[Indices]: ...
+    @property
+    def closing(self) -> tuple[str, ...]: ...
+    @property
+    def nothing(self) -> Mask: ...
+    def __getitem__(self, rule: str) -> Any: ...
+    def opening(self, unit: Mask) -> Opening: ...
+    def turned(self, units: Mask) -> Mask: ...
 
 
 @dataclass(frozen=True)
@@ -87,22 +97,22 @@ class Rule:
         checked: value from the one that was given, refused if it does not suit the cell.
         section: the table of the job that has its key.
         key: in that table, where several rules have one; its name if left out.
-        asker: what of the job asks for it, where that is more than its key.
+        asker: what of the job asks for it, where that is more than its name.
     """
 
     name: str
     unit: str
-    check: Callable[[Constraints, Mask], str | None]
-    quick: Callable[[Constraints, Mask], str | None] | None = None
-    proof: Callable[[Constraints], Conflict | None] | None = None
-    free: Callable[[Constraints], Mask] | None = None
-    linked: Callable[[Constraints], Sequence[NDArray[np.intp]]] | None = None
-    beside: Callable[[Constraints, Mask], bool] | None = None
-    one_place: Callable[[Constraints], bool] = lambda _: False
+    check: Callable[[Constrained, Mask], str | None]
+    quick: Callable[[Constrained, Mask], str | None] | None = None
+    proof: Callable[[Constrained], Conflict | None] | None = None
+    free: Callable[[Constrained], Mask] | None = None
+    linked: Callable[[Constrained], Sequence[Indices]] | None = None
+    beside: Callable[[Constrained, Mask], bool] | None = None
+    one_place: Callable[[Constrained], bool] = lambda _: False
     counted: bool = False
     slow: bool = False
-    read: Callable[[Any, DesignSection, str], Any] = as_stated
-    checked: Callable[[Constraints, Any], Any] = as_given
+    read: Callable[[Any, DesignSection, str], Any] = lambda value, section, where: value
+    checked: Callable[[Constrained, Any], Any] = lambda constraints, value: value
     section: type[Section] = RulesSection
     key: str = ""
     asker: str = ""
@@ -118,16 +128,10 @@ class Rule:
         return self.stated.default
 
     @property
-    def told(self) -> str:
-        """Its name where no opening keeps it."""
-        return self.asker or self.name
-
-    @property
     def where(self) -> str:
         """Its key in a job."""
-        return (
-            f"design.rules.{self.name}" if issubclass(self.section, RulesSection) else f"design.{self.key or self.name}"
-        )
+        table = "design.rules" if issubclass(self.section, RulesSection) else "design"
+        return f"{table}.{self.key or self.name}"
 
     @property
     def refused_if(self) -> str:
@@ -139,18 +143,18 @@ class Rule:
         """Least and largest value; None for a rule that is no number."""
         limits = self.stated.metadata
         least, most = (
-            [float(getattr(each, end)) for each in limits for end in ends if hasattr(each, end)]
+            [float(getattr(limit, end)) for limit in limits for end in ends if hasattr(limit, end)]
             for ends in (("ge", "gt"), ("le", "lt"))
         )
         return (least[0], most[0] if most else math.inf) if least else None
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Those that it may be; empty for a rule that is no word."""
-        kind = self.stated.annotation
-        return next((get_args(each) for each in (kind, *get_args(kind)) if get_origin(each) is Literal), ())
+        """Words that it may be; empty for a rule that is no word."""
+        form = self.stated.annotation
+        return next((get_args(part) for part in (form, *get_args(form)) if get_origin(part) is Literal), ())
 
-    def value(self, constraints: Constraints, given: Any) -> Any:
+    def value(self, constraints: Constrained, given: Any) -> Any:
         """The value that constraints hold, from the one that they were given.
 
         Raises:
@@ -200,47 +204,46 @@ def _kept_out(drawing: Any, section: DesignSection, where: str) -> Mask | None:
     return np.array([[sign == "x" for sign in row] for row in reversed(rows)])
 
 
-def _of_the_cell(constraints: Constraints, given: Any) -> Mask:
-    kept = np.asarray(given, dtype=np.bool_)
-    if kept.shape != (constraints.dots, constraints.dots):
+def _of_the_cell(constraints: Constrained, given: Any) -> Mask:
+    drawing = np.asarray(given, dtype=np.bool_)
+    if drawing.shape != (constraints.dots, constraints.dots):
         raise JobError(
             "MF105",
-            f"the keep-out is {kept.shape}, the cell {constraints.dots} x {constraints.dots} dots",
+            f"the keep-out is {drawing.shape}, the cell {constraints.dots} x {constraints.dots} dots",
             where=KEEP_OUT.where,
             cure="Give one value per dot",
         )
-    return frozen(kept)
+    return frozen(drawing)
 
 
-def _in_keep_out(constraints: Constraints, unit: Mask) -> str | None:
+def _in_keep_out(constraints: Constrained, unit: Mask) -> str | None:
     inside = int((unit & constraints["keep_out"]).sum())
     return f"{inside} clear dots where none may be" if inside else None
 
 
-def _inside_rim(constraints: Constraints) -> Mask:
+def _inside_rim(constraints: Constrained) -> Mask:
     rim, dots = constraints["rim_dots"], constraints.dots
     inside = np.zeros((dots, dots), dtype=np.bool_)
     inside[rim : dots - rim, rim : dots - rim] = True
     return inside
 
 
-def _in_rim(constraints: Constraints, unit: Mask) -> str | None:
+def _in_rim(constraints: Constrained, unit: Mask) -> str | None:
     inside = int((unit & ~_inside_rim(constraints)).sum())
     return f"{inside} clear dots within {constraints['rim_dots']} of a side" if inside else None
 
 
-def _orbits(constraints: Constraints) -> tuple[NDArray[np.intp], ...]:
+def _orbits(constraints: Constrained) -> tuple[Indices, ...]:
     return orbits(constraints.dots, constraints["symmetry"])
 
 
-def _uneven(constraints: Constraints, unit: Mask) -> str | None:
+def _uneven(constraints: Constrained, unit: Mask) -> str | None:
     flat = unit.ravel()
     uneven = sum(len(set(flat[orbit].tolist())) > 1 for orbit in constraints.orbits)
-    told = f"{uneven} sets of dots differ from their images under {constraints['symmetry']}"
-    return told if uneven else None
+    return f"{uneven} sets of dots differ from their images under {constraints['symmetry']}" if uneven else None
 
 
-def _by_orbits(constraints: Constraints) -> Conflict | None:
+def _by_orbits(constraints: Constrained) -> Conflict | None:
     """The sets of dots that the symmetry maps onto each other never sum to the count."""
     wanted, symmetry = constraints.clear_dots, constraints["symmetry"]
     reached = sums([len(orbit) for orbit in constraints.members])[-1]
@@ -268,25 +271,22 @@ RIM = Rule("rim_dots", "dots", _in_rim, free=_inside_rim, counted=True)
 SYMMETRY = Rule("symmetry", "", _uneven, proof=_by_orbits, linked=_orbits, counted=True)
 
 
-def _kisses(constraints: Constraints, unit: Mask) -> str | None:
+def _kisses(constraints: Constrained, unit: Mask) -> str | None:
     if inside := corner_touches(unit):
         return f"{inside} corners touch inside the cell"
     touch = _kiss_beside(constraints, unit[None])
     return "corners of neighbouring cells can touch" if touch else None
 
 
-def _among_neighbours(constraints: Constraints) -> bool:
+def _among_neighbours(constraints: Constrained) -> bool:
     return bool(constraints["kissing"] == "neighbours")
 
 
-def _kiss_beside(constraints: Constraints, units: Mask) -> bool:
-    apart = constraints.gutter_nm > 0 or not _among_neighbours(constraints)
-    return not apart and _kiss_across(constraints.turned(units))
-
-
-def _kiss_across(turned: Mask) -> bool:
-    """Whether cells [kinds, dots, dots] without a gutter, any beside any, can touch at corners along a border or where
-    four meet."""
+def _kiss_beside(constraints: Constrained, units: Mask) -> bool:
+    """Whether cells of these openings, any beside any, can touch at corners along a border or where four meet."""
+    if constraints.gutter_nm > 0 or not _among_neighbours(constraints):
+        return False
+    turned = constraints.turned(units)
     for here, there in ((turned[:, :, -1], turned[:, :, 0]), (turned[:, -1], turned[:, 0])):
         low, high = here[:, None, :-1], here[:, None, 1:]
         across_low, across_high = there[None, :, :-1], there[None, :, 1:]
@@ -296,17 +296,16 @@ def _kiss_across(turned: Mask) -> bool:
             return True
     # Around a vertex: lower left, lower right, upper left and upper right cell, with the corner each has there.
     corners = [set(turned[:, y, x].tolist()) for y, x in ((-1, -1), (-1, 0), (0, -1), (0, 0))]
-    rising_four = all(value in each for value, each in zip((True, False, False, True), corners, strict=True))
-    falling_four = all(value in each for value, each in zip((False, True, True, False), corners, strict=True))
-    return rising_four or falling_four
+    crossings = (True, False, False, True), (False, True, True, False)
+    return any(all(value in corner for value, corner in zip(four, corners, strict=True)) for four in crossings)
 
 
-def _narrow(constraints: Constraints, unit: Mask) -> str | None:
+def _narrow(constraints: Constrained, unit: Mask) -> str | None:
     least, wanted = smallest_runs(unit).clear, constraints["min_feature_dots"]
     return f"a clear width of {least:g} dots, least {wanted}" if least < wanted else None
 
 
-def _by_width(constraints: Constraints) -> Conflict | None:
+def _by_width(constraints: Constrained) -> Conflict | None:
     """No opening of the count is so wide everywhere, or the cell is narrower."""
     least, count, dots = constraints["min_feature_dots"], constraints.clear_dots, constraints.dots
     if count and least > dots:
@@ -322,16 +321,16 @@ def _by_width(constraints: Constraints) -> Conflict | None:
     return None
 
 
-def _close(constraints: Constraints, unit: Mask) -> str | None:
+def _close(constraints: Constrained, unit: Mask) -> str | None:
     least, wanted = min(smallest_runs(unit).opaque, _space(constraints, unit[None])), constraints["min_space_dots"]
     return f"a space of {least:g} dots, least {wanted}" if least < wanted else None
 
 
-def _close_beside(constraints: Constraints, units: Mask) -> bool:
+def _close_beside(constraints: Constrained, units: Mask) -> bool:
     return bool(_space(constraints, units) < constraints["min_space_dots"])
 
 
-def _space(constraints: Constraints, units: Mask) -> float:
+def _space(constraints: Constrained, units: Mask) -> float:
     """Least closed run in dots that crosses a border between cells [kinds, dots, dots]; inf where there is none."""
     turned, gutter = constraints.turned(units), constraints.gutter_nm / constraints.dot_nm
     least = math.inf
@@ -349,14 +348,14 @@ FEATURE = Rule("min_feature_dots", "dots", _narrow, proof=_by_width, counted=Tru
 SPACE = Rule("min_space_dots", "dots", _close, beside=_close_beside, one_place=lambda _: True)
 
 
-def _few_ports(constraints: Constraints, unit: Mask) -> str | None:
+def _few_ports(constraints: Constrained, unit: Mask) -> str | None:
     wanted = constraints["ports"]
-    found = ports(~unit, enough=wanted)
-    more = "" if found.exact else " were found"
-    return f"{found.count} symmetric ports{more}, least {wanted}" if found.count < wanted else None
+    most = ports(~unit, enough=wanted)
+    more = "" if most.exact else " were found"
+    return f"{most.count} symmetric ports{more}, least {wanted}" if most.count < wanted else None
 
 
-def _by_lines(constraints: Constraints) -> Conflict | None:
+def _by_lines(constraints: Constrained) -> Conflict | None:
     """A line through every port closes a dot of each row, and the count leaves fewer."""
     wanted, dots = constraints["ports"], constraints.dots
     most = dots * (dots - min(wanted, dots))
