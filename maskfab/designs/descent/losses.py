@@ -1,50 +1,43 @@
-"""The area under the radial minimum of the MTF, the figure of merit of the literature, smoothed so that it has slopes.
+"""Losses of a descent that look at more than the autocorrelation's weakest lags: AUC, expected error, real pictures.
+
+**The area under the radial minimum of the MTF**, the figure of merit of the literature, smoothed so that it has slopes:
 
     loss = -(1 / 147) Σ_r softmin_τ { MTF(ν) : ν on ring r },     softmin_τ(m) = -τ log mean exp(-m / τ),
 
 over rings one sample wide from 0 to half a cycle per pixel, averaged over the wavelengths (Yang & Sankaranarayanan
-2021, figure 7). τ -> 0 is the minimum itself, which hands all of a ring's slope to one frequency.
+2021, figure 7). τ -> 0 is the minimum itself, which hands all of a ring's slope to one frequency. Good for comparing
+with published curves, not for pictures: openings that are best in AUC restore photographs up to 6 dB worse, since half
+a ring may be ruined for the sake of its lowest point. The modulation is divided by the design's own light: a darker
+opening is not worse.
 
-Notes:
-    Good for comparing with published curves, not for pictures: openings that are best in AUC restore photographs up to
-    6 dB worse, since half a ring may be ruined for the sake of its lowest point.
-    The modulation is divided by the design's own light: a darker opening is not worse.
-
-The error that protocol F1 is expected to leave in a photograph, of this very layout, with slopes.
-
-At a level, with H the transfer, G = H / (H² + ε (f / 0.1)²) and P the scenes' mean spectrum,
+**The error that protocol F1 is expected to leave in a photograph**, of this very layout. At a level, with H the
+transfer, G = H / (H² + ε (f / 0.1)²) and P the scenes' mean spectrum,
 
     E_interior(ε) = σ² mean G² + mean P (1 - GH)²,        σ² = light / g + (read noise / g)²,
 
-g the electrons of white that the design's own light leaves (imaging.capture); and E_leak(ε) is the squared error of
-low-passed scenes that are blurred with what lies round the sensor, mirrored at its edge and restored. The loss is
+g the electrons of white that the design's own light leaves; and E_leak(ε) is the squared error of low-passed scenes
+that are blurred with what lies round the sensor, mirrored at its edge and restored. The loss is
 
     mean over the levels of 10 log10 min_ε ( E_interior + E_leak ),
 
 minus the expected PSNR in dB. It predicts measured PSNR with a rank correlation of .95 and more; without the leak .3
 to .4. The spectrum, the sampled frequencies and the low-passed scenes are those of
-:mod:`maskfab.designs.model.expected_psnr`, which judges the mean of all layouts; this judges one.
+:mod:`maskfab.designs.model.expected_psnr`, which judges the mean of all layouts; this judges one. Good for photographs,
+and aware of photons: a darker unit is noisier, and gets no bonus. min over ε has the slope of the chosen ε (envelope
+theorem), so ε costs no gradient. One wavelength, the camera's middle one: colours matter by a few hundredths of a
+decibel.
 
-Notes:
-    Good for photographs, and aware of photons: a darker unit is noisier, and gets no bonus.
-    min over ε has the slope of the chosen ε (envelope theorem), so ε costs no gradient.
-    One wavelength, the camera's middle one: colours matter by a few hundredths of a decibel.
-
-The paper's data-driven loss: the largest tenth of what a Wiener filter leaves wrong in real pictures.
-
-Pictures x are blurred by the transfer H, recorded on the sensor, and restored by
+**The paper's data-driven loss**, the largest tenth of what a Wiener filter leaves wrong in real pictures. Pictures x
+are blurred by the transfer H, recorded on the sensor, and restored by
 
     G = H / (H² + nsr),        loss = ½ mean of the largest 10 % of |x - restored|²    of every picture,
 
 Yang & Sankaranarayanan 2021, L_data ("top-10 L2"; Shrivastava et al., CVPR 2016, for mining the hard samples). Flat
-parts are easy, so that the mean over everything would be theirs.
-
-Notes:
-    Good for what is to be photographed; it costs twenty times as much as a loss of the OTF alone.
-    As published, light from outside the sensor does not exist (``beyond="dark"``), no noise is added, and what is left
-    is the error of the picture's edge, far above anything a design changes within. With ``beyond="scene"`` the crop's
-    surroundings are blurred in, and the record is mirrored; with a ``level`` shot and read noise are added for the
-    light that the unit lets through.
+parts are easy, so that the mean over everything would be theirs. Good for what is to be photographed; it costs twenty
+times as much as a loss of the OTF alone. As published, light from outside the sensor does not exist
+(``beyond="dark"``), no noise is added, and what is left is the error of the picture's edge, far above anything a design
+changes within. With ``beyond="scene"`` the crop's surroundings are blurred in, and the record is mirrored; with a
+``level`` shot and read noise are added for the light that the unit lets through.
 """
 
 from __future__ import annotations
@@ -56,8 +49,8 @@ from typing import Literal
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats, Labels
 from maskfab.base.errors import JobError
 from maskfab.base.model import Camera
 from maskfab.base.units import NM_PER_UM
@@ -66,11 +59,10 @@ from maskfab.camera.scenes import Photograph
 from maskfab.camera.sensor import ELECTRONS, F1_SENSOR, REFERENCE_TRANSMISSION
 from maskfab.designs.descent.objective import (
     Autocorrelation,
-    GridTransfer,
     Objective,
-    PointTransfer,
     Precision,
     TiledStop,
+    Transfer,
     tiled_stop,
 )
 from maskfab.designs.model.expected_psnr import Surrogate
@@ -92,7 +84,7 @@ class MtfAuc(Objective):
     """
 
     correlation: Autocorrelation
-    points: tuple[PointTransfer, ...]
+    points: tuple[Transfer, ...]
     filled: torch.Tensor
     count: torch.Tensor
     temperature: float
@@ -109,15 +101,10 @@ class MtfAuc(Objective):
 
     def auc(self, unit: torch.Tensor) -> tuple[float, ...]:
         """The AUC itself at every wavelength: true minima."""
-        if self.correlation is None:
-            return ()
         with torch.no_grad():
             table = self.correlation(unit)
-            found = []
-            for points in self.points:
-                modulation = points(table).abs().view(self.filled.shape).masked_fill(self.filled, torch.inf)
-                found.append(float(modulation.amin(1).mean()))
-        return tuple(found)
+            moduli = (points(table).abs().view(self.filled.shape) for points in self.points)
+            return tuple(float(modulus.masked_fill(self.filled, torch.inf).amin(1).mean()) for modulus in moduli)
 
 
 def mtf_auc(stop: TiledStop, temperature: float = 0.01) -> MtfAuc:
@@ -187,7 +174,9 @@ class BoundaryLeak(Objective):
         shape = (self.spectra.shape[1], 2 * (self.spectra.shape[2] - 1))
         record = torch.fft.irfft2(self.spectra * transfer, s=shape)[:, w:-w, w:-w]
         # The surrogate doubles the edge's samples; torch can only leave them single, so the order is written out.
-        rows, columns = (_mirrored(record.shape[k], w, record.device) for k in (1, 2))
+        rows, columns = (
+            torch.from_numpy(np.pad(np.arange(record.shape[k]), w, mode="symmetric")).to(record.device) for k in (1, 2)
+        )
         seen = torch.fft.rfft2(record.index_select(1, rows).index_select(2, columns))
         errors = []
         for epsilon in self.epsilons:
@@ -243,16 +232,16 @@ class ExpectedError(Objective):
         held_back = self.epsilons**2 * (squared @ (self.signal * self.prior**2))
         if self.leak is not None:
             held_back = held_back + self.leak.errors(table)
-        found = []
+        errors = []
         for level in self.levels:
             white = ELECTRONS[level] * share / REFERENCE_TRANSMISSION
-            found.append(((self.light / white + (F1_SENSOR.read_noise / white) ** 2) * noise + held_back).min())
-        return torch.stack(found)
+            errors.append(((self.light / white + (F1_SENSOR.read_noise / white) ** 2) * noise + held_back).min())
+        return torch.stack(errors)
 
 
 def expected_error(
-    known: Surrogate,
-    orientations: NDArray[np.int8],
+    estimate: Surrogate,
+    orientations: Labels,
     *,
     levels: tuple[int, ...] = LEVELS,
     epsilons: tuple[float, ...] = FEW_EPSILONS,
@@ -263,7 +252,7 @@ def expected_error(
     """The expected error of one layout behind the surrogate's camera.
 
     Args:
-        known: of the scenes and the unit's dots.
+        estimate: of the scenes and the unit's dots.
         orientations: int8 [cells, cells] of the surrogate's lattice, elements of D4.
         levels: dB, keys of :data:`maskfab.camera.sensor.ELECTRONS`.
         epsilons: constants of the filter to choose from.
@@ -273,7 +262,7 @@ def expected_error(
     Raises:
         JobError: MF104 for a level that is not known or an ε that is not above 0, MF122 for another number of cells.
     """
-    cells = known.lattice.cells
+    cells = estimate.lattice.cells
     if orientations.shape != (cells, cells):
         raise JobError(
             "MF122",
@@ -289,17 +278,17 @@ def expected_error(
             where="design.levels",
             cure=f"Choose levels among {', '.join(map(str, ELECTRONS))}",
         )
-    seen = known.lattice.camera
+    seen = estimate.lattice.camera
     # A window is no part of the transfer.
     camera = Camera(seen.focal_um, seen.stop, (seen.middle_nm,), seen.pixel_um, 256.0)
-    dot_nm = round(known.lattice.dot_um * NM_PER_UM)
-    stop = tiled_stop(known.dots, dot_nm, orientations, camera, precision=precision, device=device)
+    dot_nm = round(estimate.lattice.dot_um * NM_PER_UM)
+    stop = tiled_stop(estimate.dots, dot_nm, orientations, camera, precision=precision, device=device)
     size, reach = stop.correlation.size, stop.correlation.reach
-    y, x = known.lags
+    y, x = estimate.lags
     seen_lags = np.maximum(abs(y), abs(x)) <= reach
-    nu = known.lags / stop.per_cycle(seen.middle_nm)
+    nu = estimate.lags / stop.per_cycle(seen.middle_nm)
     constants = stop.here(np.asarray(epsilons, dtype=np.float64))
-    leak = _leak(known, stop, constants) if with_leak else None
+    leak = _leak(estimate, stop, constants) if with_leak else None
     # Low frequencies have no signal in the surrogate, where the leak stands for them; alone, the interior needs them.
     return ExpectedError(
         stop.correlation,
@@ -307,57 +296,52 @@ def expected_error(
         stop.here(np.where(seen_lags, y * size + x % size, 0)),
         # Beyond the table the stop passes nothing.
         stop.here(np.sinc(nu[0]) * np.sinc(nu[1]) * seen_lags),
-        stop.here(known.folded),
-        stop.here(known.weight),
-        stop.here(known.signal if with_leak else _whole_signal(known)),
-        stop.here(known.inverse_prior),
+        stop.here(estimate.folded),
+        stop.here(estimate.weight),
+        stop.here(estimate.signal if with_leak else _signal_of_law(estimate)),
+        stop.here(estimate.inverse_prior),
         constants,
         levels,
-        known.noise.shot,
+        estimate.noise.shot,
         leak,
     )
 
 
 def boundary_leak(
-    known: Surrogate, orientations: NDArray[np.int8], *, precision: Precision = "float32", device: str = "cpu"
+    estimate: Surrogate, orientations: Labels, *, precision: Precision = "float32", device: str = "cpu"
 ) -> BoundaryLeak:
     """The leak alone; arguments and errors as of :func:`expected_error`."""
-    made = expected_error(known, orientations, precision=precision, device=device).leak
-    assert made is not None
-    return made
+    leak = expected_error(estimate, orientations, precision=precision, device=device).leak
+    assert leak is not None
+    return leak
 
 
-def _leak(known: Surrogate, stop: TiledStop, epsilons: torch.Tensor) -> BoundaryLeak:
-    known_reach, size = len(known.near) // 2, stop.correlation.size
-    n = min(known_reach, stop.correlation.reach)
-    kept = slice(known_reach - n, known_reach + n + 1)
+def _leak(estimate: Surrogate, stop: TiledStop, epsilons: torch.Tensor) -> BoundaryLeak:
+    reach, size = len(estimate.near) // 2, stop.correlation.size
+    n = min(reach, stop.correlation.reach)
+    lags = slice(reach - n, reach + n + 1)
     y, x = np.mgrid[0 : n + 1, -n : n + 1]
     complex_type = torch.complex64 if stop.dtype == torch.float32 else torch.complex128
     return BoundaryLeak(
         stop.correlation,
-        (stop.here(known.along[0][:, kept]), stop.here(known.along[1][:, kept].T)),
+        (stop.here(estimate.along[0][:, lags]), stop.here(estimate.along[1][:, lags].T)),
         stop.here(y * size + x % size),
-        torch.from_numpy(known.low).to(stop.device, complex_type),
-        stop.here(known.low_truth),
-        stop.here(known.low_prior),
+        torch.from_numpy(estimate.low).to(stop.device, complex_type),
+        stop.here(estimate.low_truth),
+        stop.here(estimate.low_prior),
         epsilons,
-        (known.low.shape[1] - known.low_truth.shape[1]) // 2,
+        (estimate.low.shape[1] - estimate.low_truth.shape[1]) // 2,
     )
 
 
-def _whole_signal(known: Surrogate) -> NDArray[np.float64]:
+def _signal_of_law(estimate: Surrogate) -> Floats:
     """The surrogate's signal with its power law carried on into the low frequencies, except frequency 0."""
-    distance = np.sqrt(known.inverse_prior)
-    there = known.signal > 0
-    density = np.log(known.signal[there] / known.weight[there])
+    distance = np.sqrt(estimate.inverse_prior)
+    there = estimate.signal > 0
+    density = np.log(estimate.signal[there] / estimate.weight[there])
     slope, offset = np.polyfit(np.log(distance[there]), density, 1)
-    signal = known.weight * np.exp(offset + slope * np.log(np.maximum(distance, 1e-3)))
+    signal = estimate.weight * np.exp(offset + slope * np.log(np.maximum(distance, 1e-3)))
     return np.where(distance > 1e-3, signal, 0.0)
-
-
-def _mirrored(length: int, width: int, device: torch.device) -> torch.Tensor:
-    inner = np.arange(length)
-    return torch.from_numpy(np.concatenate([inner[:width][::-1], inner, inner[-width:][::-1]])).to(device)
 
 
 COLOURS = 3
@@ -386,7 +370,7 @@ class TopResidual(Objective):
 
     correlation: Autocorrelation
     stop: TiledStop
-    transfer: GridTransfer
+    transfer: Transfer
     crops: torch.Tensor
     spectra: torch.Tensor
     noise: torch.Tensor | None

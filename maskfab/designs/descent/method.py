@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import cast
@@ -36,6 +36,7 @@ from maskfab.designs.descent.schedule import (
     DescentResult,
     Outcome,
     PaperLosses,
+    Recipe,
     RelaxStep,
     descend,
     iterations_within,
@@ -67,23 +68,6 @@ AREA_WEIGHT = 400.0
 
 _PORTION = 25
 _HOT, _COLD = 2e-3, 2e-5
-
-
-@dataclass(frozen=True, eq=False)
-class Schedule:
-    """A descent: its objectives, penalty and steps.
-
-    Attributes:
-        name: of the objectives or the recipe.
-        objective: lower is better.
-        penalty: leads the open ratio; None leaves it alone.
-        descent: the steps.
-    """
-
-    name: str
-    objective: Objective
-    penalty: AreaPenalty | None
-    descent: Descent
 
 
 def relax(
@@ -127,10 +111,10 @@ def relax(
     mask, loss, more, unfinished = _ruled(found, plan, section, rules, stages.search, progress)
     if stages.bounded:
         progress("bounds", 0, 1)
-        psnr, known, head_room, gap = appraised(estimate, mask, periodic=periodic)
+        psnr, appraisal, head_room, gap = appraised(estimate, mask, periodic=periodic)
         progress("bounds", 1, 1)
     else:
-        psnr, known, head_room, gap = estimate(mask, periodic=periodic), {}, None, None
+        psnr, appraisal, head_room, gap = estimate(mask, periodic=periodic), Facts(), None, None
         more = (*more, NO_BOUNDS)
     evaluated = found.iterations + section.anneal
     facts: Facts = {
@@ -140,7 +124,7 @@ def relax(
     }
     facts |= {} if section.tiling_seed is None else {"tiling_seed": section.tiling_seed}
     facts |= {"protocol": "F1"} if told else {}
-    facts |= {**known, "evaluated": evaluated, "loss": round(loss, 6)}
+    facts |= {**appraisal, "evaluated": evaluated, "loss": round(loss, 6)}
     cut = bool(notes) or unfinished
     opening = Opening(section.name, mask, rules.dot_nm, facts)
     return Designed(
@@ -182,10 +166,10 @@ def _judging(section: RelaxSection, rules: Constraints, camera: Camera) -> tuple
 
 def schedule(
     section: RelaxSection, rules: Constraints, camera: Camera, scenes: Sequence[Photograph], estimate: Surrogate
-) -> Schedule:
+) -> Recipe:
     """The section's objectives, weighted, or its recipe; arguments and errors as of :func:`relax`."""
     if section.recipe is not None:
-        made = paper(
+        return paper(
             scenes,
             losses=cast(PaperLosses, section.recipe.removeprefix("paper-")),
             tiling=section.tiling,
@@ -197,7 +181,6 @@ def schedule(
             epochs=section.epochs,
             seed=section.seed,
         )
-        return Schedule(section.recipe, made.objective, made.penalty, made.descent)
     target = section.clear_dots / section.dots**2
     weights = {name: weight for name, weight in section.objectives.items() if name != "area" and weight > 0}
     makers = _objectives(section, rules, camera, scenes, estimate)
@@ -216,9 +199,9 @@ def schedule(
         straight_through=section.straight_through,
         patience=section.patience,
     )
-    told = " + ".join(name if weight == 1 else f"{weight:g} {name}" for name, weight in weights.items())
+    name = " + ".join(name if weight == 1 else f"{weight:g} {name}" for name, weight in weights.items())
     penalty = AreaPenalty(target, area, descent.settled) if area > 0 else None
-    return Schedule(told, Weighted(terms), penalty, descent)
+    return Recipe(name, Weighted(terms), penalty, descent)
 
 
 def _objectives(
@@ -249,7 +232,7 @@ def _objectives(
 
 
 def _descended(
-    plan: Schedule, clock: Clock, checkpoint: Path | None, progress: Progress
+    plan: Recipe, clock: Clock, checkpoint: Path | None, progress: Progress
 ) -> tuple[DescentResult, Bettered, tuple[str, ...]]:
     """The descent, within the budget, and the steps of this call at which the best loss was bettered."""
     how = plan.descent
@@ -279,7 +262,7 @@ def _descended(
 
 
 def _ruled(
-    found: DescentResult, plan: Schedule, section: RelaxSection, rules: Constraints, clock: Clock, progress: Progress
+    found: DescentResult, plan: Recipe, section: RelaxSection, rules: Constraints, clock: Clock, progress: Progress
 ) -> tuple[Mask, float, tuple[str, ...], bool]:
     """The opening under the rules, annealed if that was asked for, with its loss, and whether time was too short."""
     judge = plan.objective.at(-1, plan.descent.iterations)

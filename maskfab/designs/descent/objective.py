@@ -1,4 +1,8 @@
-"""The autocorrelation of a tiled unit at the lags that a loss reads, and its gradient, by pruned transforms.
+"""Objectives of a descent, and the stop filled with oriented units whose autocorrelation they read.
+
+An objective is a frozen object that turns a relaxed unit, float [dots, dots] within 0 to 1, into a scalar: **lower is
+better**, gradients go through. Most read nothing but the autocorrelation of the stop filled with oriented units, so a
+sum of them transforms the pupil once.
 
 With A the transform of the pupil p on N x N points, the autocorrelation is the inverse transform of |A|² (Goodman,
 Introduction to Fourier Optics, 6.3). |A|² is real, so the transform along y is a real one, and only rows of lags from
@@ -8,36 +12,22 @@ Introduction to Fourier Optics, 6.3). |A|² is real, so the transform along y is
 
 again with a real transform along y, which only the rows inside the pupil leave. Nothing but A is kept for it.
 
+The transfer at the frequency ν is the autocorrelation at the lag λfν, divided by lag 0, times the square pixel's
+sinc(ν_x p) sinc(ν_y p) (Goodman, 6.4). Between whole dots it is bilinear, which is exact for square dots.
+
 Notes:
     Lags are whole dots, so the table is exact for square dots; dots cut by the stop must be in or out.
     Sizes are even, because real transforms of odd length cost three times as much.
     On CUDA the scatter-add adds in any order, so gradients there repeat to rounding only; on the CPU they repeat.
-
-The interface of objectives, and their weighted sum.
-
-An objective is a frozen object that turns a relaxed unit, float [dots, dots] within 0 to 1, into a scalar: **lower is
-better**, gradients go through. Most read nothing but the autocorrelation of the stop filled with oriented units, so a
-sum of them transforms the pupil once.
-
-Notes:
     An objective may differ from step to step (an area that is led down, another batch of pictures). ``at`` gives the
     one of a step as a function of the step's number alone; that is why runs can be resumed.
-
-The paper's first loss: how well the worst spatial frequencies survive a Wiener filter.
-
-The cells that cover a camera's stop, and the lags that a sensor can tell apart behind it.
-
-A camera's stop filled with oriented units, and its transfer wherever an objective looks.
-
-The transfer at the frequency ν is the autocorrelation at the lag λfν, divided by lag 0, times the square pixel's
-sinc(ν_x p) sinc(ν_y p) (Goodman, Introduction to Fourier Optics, 6.4). Between whole dots it is bilinear, which is
-exact for square dots.
 """
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -46,7 +36,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
-from maskfab.base.arrays import Floats
+from maskfab.base.arrays import Floats, Ints, Labels, Mask
 from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, Camera, Stop, unit_dots
@@ -88,9 +78,7 @@ class Autocorrelation:
         return table
 
 
-def autocorrelation(
-    dots: int, orientations: NDArray[np.int8], inside: NDArray[np.bool_], reach: int
-) -> Autocorrelation:
+def autocorrelation(dots: int, orientations: Labels, inside: Mask, reach: int) -> Autocorrelation:
     """The autocorrelation of units of ``dots`` dots a side, laid in these orientations.
 
     Args:
@@ -286,9 +274,9 @@ class Invertibility(Objective):
         worst = []
         for lags in self.lags:
             otf = autocorrelation.index_select(0, lags) / light
-            kept = otf**2 / (otf**2 + self.epsilon)
+            survival = otf**2 / (otf**2 + self.epsilon)
             count = math.ceil(self.worst_fraction * lags.numel())
-            worst.append(torch.topk(kept, count, largest=False, sorted=False).values.mean())
+            worst.append(torch.topk(survival, count, largest=False, sorted=False).values.mean())
         return -torch.stack(worst).mean()
 
 
@@ -301,7 +289,7 @@ def cells_across(stop: Stop, dots: int, dot_nm: int) -> int:
     return math.ceil(stop.diameter_um * NM_PER_UM / CellSize(dots, dot_nm).pitch_nm - 1e-9)
 
 
-def lags_within(reach: float, table: int) -> NDArray[np.int64]:
+def lags_within(reach: float, table: int) -> Ints:
     """Flat table indices of the integer lags with 0 < |lag| <= reach in the half plane y > 0, or y = 0 and x > 0."""
     whole = math.floor(reach)
     y, x = np.mgrid[0 : whole + 1, -whole : whole + 1]
@@ -309,11 +297,21 @@ def lags_within(reach: float, table: int) -> NDArray[np.int64]:
     return np.asarray(y[wanted] * table + x[wanted] % table, dtype=np.int64)
 
 
+Transfer = Callable[[torch.Tensor], torch.Tensor]
+"""Transfer at chosen frequencies as a function of the autocorrelation table."""
+
+
 Precision = Literal["float32", "float64"]
+
+
 TINY = 1e-30
 """In place of an epsilon of 0, so that a frequency which is nil has a value and a slope."""
+
+
 FEWEST_DOTS = 2
 """Inside a stop: one dot has no lag but 0."""
+
+
 DTYPES: dict[str, torch.dtype] = {"float32": torch.float32, "float64": torch.float64}
 
 
@@ -353,22 +351,29 @@ class TiledStop:
         """Share of the bare stop's light that a table's unit passes, 0 to 1: lag 0 over the bare stop's dots."""
         return table[0, 0] / self.bare
 
-    def at_points(self, wavelength_nm: float, y: Floats, x: Floats) -> PointTransfer:
-        """The transfer at points in cycles per pixel, y >= 0, |x| and y at most one half."""
+    def at_points(self, wavelength_nm: float, y: Floats, x: Floats) -> Transfer:
+        """The transfer [points] at points in cycles per pixel, y >= 0, |x| and y at most one half; 1 at frequency 0."""
         lag_y, lag_x = (self.per_cycle(wavelength_nm) * v for v in (y, x))
         low_y, low_x = (np.floor(lag).astype(np.int64) for lag in (lag_y, lag_x))
         part_y, part_x = lag_y - low_y, lag_x - low_x
         size, reach = self.correlation.size, self.correlation.reach
-        index, weight = [], []
+        indices, weights = [], []
         for up, share_y in ((0, 1 - part_y), (1, part_y)):
             for right, share_x in ((0, 1 - part_x), (1, part_x)):
                 row, column = low_y + up, low_x + right
-                known = (row <= reach) & (abs(column) <= reach)
-                index.append(np.where(known, row * size + column % size, 0))
-                weight.append(np.where(known, share_y * share_x * np.sinc(y) * np.sinc(x), 0.0))
-        return PointTransfer(self.here(np.stack(index)), self.here(np.stack(weight)))
+                within = (row <= reach) & (abs(column) <= reach)
+                indices.append(np.where(within, row * size + column % size, 0))
+                weights.append(np.where(within, share_y * share_x * np.sinc(y) * np.sinc(x), 0.0))
+        # The four whole lags about each point.
+        index, weight = self.here(np.stack(indices)), self.here(np.stack(weights))
 
-    def on_grid(self, shape: tuple[int, int]) -> GridTransfer:
+        def transfer(table: torch.Tensor) -> torch.Tensor:
+            around = table.flatten().index_select(0, index.flatten()).view(index.shape)
+            return (around * weight).sum(0) / table[0, 0]
+
+        return transfer
+
+    def on_grid(self, shape: tuple[int, int]) -> Transfer:
         """The transfer at the frequencies of ``rfft2`` of pictures of that shape, for every wavelength."""
         reach = self.correlation.reach
         lags = np.arange(-reach, reach + 1)
@@ -378,43 +383,22 @@ class TiledStop:
             return self.here(hat * np.sinc(frequency)[:, None])
 
         y, x = np.fft.fftfreq(shape[0]), np.fft.rfftfreq(shape[1])
-        pairs = tuple((matrix(y, nm), matrix(x, nm).T.contiguous()) for nm in self.camera.wavelengths_nm)
-        return GridTransfer(pairs, reach)
+        pairs = [(matrix(y, nm), matrix(x, nm).T.contiguous()) for nm in self.camera.wavelengths_nm]
 
+        def transfer(table: torch.Tensor) -> torch.Tensor:
+            columns = torch.arange(-reach, reach + 1, device=table.device) % table.shape[1]
+            upper = table.index_select(1, columns)
+            # A real pupil's autocorrelation is the same at opposite lags.
+            whole = torch.cat([upper[1:].flip(0, 1), upper]) / table[0, 0]
+            return torch.stack([along_y @ whole @ along_x for along_y, along_x in pairs])
 
-@dataclass(frozen=True, eq=False)
-class PointTransfer:
-    """The transfer at scattered points: index and weight of the four whole lags about each, [4, points]."""
-
-    index: torch.Tensor
-    weight: torch.Tensor
-
-    def __call__(self, table: torch.Tensor) -> torch.Tensor:
-        """[points], 1 at frequency 0."""
-        around = table.flatten().index_select(0, self.index.flatten()).view(self.index.shape)
-        return (around * self.weight).sum(0) / table[0, 0]
-
-
-@dataclass(frozen=True, eq=False)
-class GridTransfer:
-    """The transfer on a picture's frequencies: for each wavelength, matrices from whole lags to those of y and of x."""
-
-    lines: tuple[tuple[torch.Tensor, torch.Tensor], ...]
-    reach: int
-
-    def __call__(self, table: torch.Tensor) -> torch.Tensor:
-        """[wavelengths, rows, columns / 2 + 1], 1 at frequency 0."""
-        columns = torch.arange(-self.reach, self.reach + 1, device=table.device) % table.shape[1]
-        upper = table.index_select(1, columns)
-        # A real pupil's autocorrelation is the same at opposite lags.
-        whole = torch.cat([upper[1:].flip(0, 1), upper]) / table[0, 0]
-        return torch.stack([along_y @ whole @ along_x for along_y, along_x in self.lines])
+        return transfer
 
 
 def tiled_stop(
     dots: int,
     dot_nm: int,
-    orientations: NDArray[np.int8],
+    orientations: Labels,
     camera: Camera,
     *,
     precision: Precision = "float32",
@@ -438,7 +422,16 @@ def tiled_stop(
     chosen = ("cuda" if torch.cuda.is_available() else "cpu") if device == "auto" else device
     if chosen not in ("cpu", "cuda") or (chosen == "cuda" and not torch.cuda.is_available()):
         raise JobError("MF105", f"there is no device {device!r} here", where="design.device", cure='Use "cpu"')
-    _require_square(orientations)
+    shape = orientations.shape
+    square = len(shape) == 2 and shape[0] == shape[1] > 0
+    if not (square and 0 <= orientations.min() <= orientations.max() < ORIENTATIONS):
+        within = f", {orientations.min()} to {orientations.max()}" if orientations.size else ""
+        raise JobError(
+            "MF122",
+            f"the orientations have the shape {shape}{within}; a square of elements 0 to {ORIENTATIONS - 1} is needed",
+            where="design.orientations",
+            cure="Give as many rows as columns",
+        )
     cells = len(orientations)
     side = cells * dots
     if side > MAX_SIDE:
@@ -477,19 +470,6 @@ def tiled_stop(
     made = autocorrelation(dots, orientations, inside, min(math.floor(nyquist) + 1, min(inside.shape) - 1))
     moved = replace(made, index=made.index.to(chosen))
     return TiledStop(moved, camera, dot_nm, int(inside.sum()), DTYPES[precision])
-
-
-def _require_square(orientations: NDArray[np.int8]) -> None:
-    shape = orientations.shape
-    if len(shape) == 2 and shape[0] == shape[1] > 0 and 0 <= orientations.min() <= orientations.max() < ORIENTATIONS:
-        return
-    within = f", {orientations.min()} to {orientations.max()}" if orientations.size else ""
-    raise JobError(
-        "MF122",
-        f"the orientations have the shape {shape}{within}; a square of elements 0 to {ORIENTATIONS - 1} is needed",
-        where="design.orientations",
-        cure="Give as many rows as columns",
-    )
 
 
 def invertibility_of(

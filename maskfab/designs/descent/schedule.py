@@ -65,6 +65,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Labels
 from maskfab.base.errors import InternalError, JobError
 from maskfab.base.files import load_state, save_state
 from maskfab.base.model import Camera, Stop, Tiling
@@ -229,9 +230,9 @@ def descend(
     run = _Run(objective, penalty, how)
     key = run.key() if checkpoint is not None else ""
     if checkpoint is not None:
-        known = load_state(checkpoint, key)
-        if known is not None:
-            run.restore(known)
+        state = load_state(checkpoint, key)
+        if state is not None:
+            run.restore(state)
     done = 0
     while run.start < how.starts:
         if stop_after is not None and done >= stop_after:
@@ -272,8 +273,8 @@ def iterations_within(objective: Objective, penalty: AreaPenalty | None, how: De
     begun = time.perf_counter()
     for _ in range(PROBE_STEPS):
         run.step()
-    each = (time.perf_counter() - begun) / PROBE_STEPS
-    return max(1, int(seconds / max(each, 1e-6) / how.starts))
+    step_s = (time.perf_counter() - begun) / PROBE_STEPS
+    return max(1, int(seconds / max(step_s, 1e-6) / how.starts))
 
 
 class _Run:
@@ -427,11 +428,11 @@ class _Run:
         with torch.no_grad():
             unit = torch.sigmoid(self.logits)
             first = float(self.objective.at(0, self.how.iterations)(unit)).hex()
-        told = f"{self.how!r} {self.penalty!r} {type(self.objective).__name__} {first} {torch.__version__}"
-        return hashlib.sha256(told.encode()).hexdigest()
+        words = f"{self.how!r} {self.penalty!r} {type(self.objective).__name__} {first} {torch.__version__}"
+        return hashlib.sha256(words.encode()).hexdigest()
 
     def state(self) -> dict[str, NDArray[np.generic]]:
-        """Everything that the next step depends on."""
+        """What the next step depends on, all of it."""
         overall = self.best if self.overall is None else self.overall
         numbers = np.array([self.start, self.iteration, self.total, self.stale, self.ended, self.overall is not None])
         moments = self.optimiser.state_dict()["state"].get(0, {})
@@ -462,8 +463,8 @@ class _Run:
         self.notes = [str(note) for note in state["notes"]]
         moments = {name[7:]: torch.from_numpy(v) for name, v in state.items() if name.startswith("moment_")}
         if moments:
-            known = self.optimiser.state_dict()
-            self.optimiser.load_state_dict({"state": {0: moments}, "param_groups": known["param_groups"]})
+            groups = self.optimiser.state_dict()["param_groups"]
+            self.optimiser.load_state_dict({"state": {0: moments}, "param_groups": groups})
 
 
 def _device(objective: Objective) -> torch.device:
@@ -516,18 +517,18 @@ class Recipe:
     """An objective with the schedule that belongs to it.
 
     Attributes:
-        name: of the recipe.
+        name: of the recipe, or of its objectives.
         objective: what is minimised.
-        penalty: leads the open ratio.
+        penalty: leads the open ratio; None leaves it alone.
         descent: the schedule.
-        orientations: int8 [rows, columns], the layout it is made for.
+        orientations: int8 [rows, columns], the layout that a published recipe is made for.
     """
 
     name: str
     objective: Objective
-    penalty: AreaPenalty
+    penalty: AreaPenalty | None
     descent: Descent
-    orientations: NDArray[np.int8]
+    orientations: Labels | None = None
 
     def run(
         self,
@@ -594,7 +595,7 @@ def paper(
         terms.append((_INVERSION, invertibility_of(stop, own_sum=True)))
     settled = _FALL / _STAIR * _EPOCHS_PER_STAIR / EPOCHS
     return Recipe(
-        "paper",
+        f"paper-{losses}",
         Weighted(tuple(terms)),
         AreaPenalty(_TARGET, _AREA, settled, _STAIR),
         Descent(
