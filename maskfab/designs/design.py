@@ -71,15 +71,15 @@ def notes_of(
         seen: conditions of the scene, as far as it is used.
     """
     if settings.is_f1:
-        told = "Openings are compared in the light of protocol F1, code values taken for light"
+        light = "Openings are compared in the light of protocol F1, code values taken for light"
         named = isinstance(spec.design, SearchSection) and spec.design.protocol == "camera"
         idle = ["protocol of [design]"] if named else []
     else:
-        told, idle = "Openings are compared by the job's camera, sensor and light", []
+        light, idle = "Openings are compared by the job's camera, sensor and light", []
         uses += USES["design by its own light"]
     uses += () if seen is None else USES["design for a scene"]
     idle += unused(spec, *uses)
-    notes = [f"{told}; not used of the job: {', '.join(idle)}."] if idle else []
+    notes = [f"{light}; not used of the job: {', '.join(idle)}."] if idle else []
     notes += [] if seen is None else [f"Of the scene, {sentence}." for sentence in seen.neglected]
     if scenes.skipped:
         notes.append(f"Skipped, as no photographs: {', '.join(scenes.skipped)}.")
@@ -187,13 +187,13 @@ def design(
     if isinstance(section, RelaxSection):
         from maskfab.designs.descent.method import relax
 
-        found = relax(section, camera, scenes, command, progress, clock=clock, checkpoint=checkpoint)
+        designed = relax(section, camera, scenes, command, progress, clock=clock, checkpoint=checkpoint)
     else:
         from maskfab.designs.search.method import search
 
         assert isinstance(section, SearchSection)
         needed = seen is not None and seen.needed
-        found = search(
+        designed = search(
             section,
             scenes,
             command,
@@ -207,21 +207,21 @@ def design(
             checkpoint=checkpoint,
             price_rules=price_rules,
         )
-    spread = found.robust is not None
+    spread = designed.robust is not None
     uses = (
         USES["design"]
         + (USES["design that fits"] if display is not None else ())
         + (USES["design over a spread"] if spread else ())
     )
-    notes = (*found.notes, *notes_of(spec, source, uses, settings, seen), *display_notes(spec))
-    if price_rules and (found.account is None or found.account.without is None):
+    notes = (*designed.notes, *notes_of(spec, source, uses, settings, seen), *display_notes(spec))
+    if price_rules and (designed.account is None or designed.account.without is None):
         notes += ("No search without a rule was made: that takes rules, and annealing for restored photographs.",)
     if not spread and spread_of(spec, where) != EXACT:
         notes += ("A descent and a short budget are not appraised over [process.spread].",)
-    account = found.account
+    account = designed.account
     if account is not None:
         account = replace(account, budget_s=clock.budget_s, scenes=scenes_line(source, images))
-    return replace(found, notes=notes, account=account)
+    return replace(designed, notes=notes, account=account)
 
 
 def display_of(spec: JobSpec, where: str) -> Display | None:
@@ -322,10 +322,10 @@ def require_weights(section: SearchSection, settings: CaptureSettings, where: st
         JobError: MF105.
     """
     if section.weights is not None and len(section.weights) != len(settings.levels):
-        told = ", ".join(f"{level:g}" for level in settings.levels)
+        levels = ", ".join(f"{level:g}" for level in settings.levels)
         raise JobError(
             "MF105",
-            f"{len(section.weights)} weights for {len(settings.levels)} levels of light, {told} dB",
+            f"{len(section.weights)} weights for {len(settings.levels)} levels of light, {levels} dB",
             where=f"{where}: design.weights",
             cure="Give one weight per level, or none",
         )

@@ -444,7 +444,7 @@ class _Sweep:
         self._holding(rules, 0.0, self.lines[0]).require_possible()
         section = self.section
         shapes = list(chain.from_iterable(FAMILIES[name](section.dots, count) for name in section.families))
-        found = scan(
+        shapes_judged = scan(
             shapes,
             self.objective,
             rules.without(*of_display(self.display)),
@@ -453,16 +453,16 @@ class _Sweep:
             workers=self.workers,
             progress=lambda _, done, total: self.progress(f"{count} clear dots: shapes", done, total),
         )
-        steps, measured = self._steps(found.ranked, count)
+        steps, measured = self._steps(shapes_judged.ranked, count)
         if not steps:
             raise JobError(
                 "MF123",
-                f"the display fits none of {found.evaluated} openings of {count} clear dots, with "
+                f"the display fits none of {shapes_judged.evaluated} openings of {count} clear dots, with "
                 f"{self.display.rules.emitters.required:.1%} of the pixel for each colour and {self.lines[0]} lines",
                 where="pareto.clear_dots",
                 cure="Ask for less of the display, or add families",
             )
-        evaluated, complete = found.evaluated, found.complete
+        evaluated, complete = shapes_judged.evaluated, shapes_judged.complete
         if self.pareto.anneal and complete:
             more, walked, complete = self._annealed(steps, rules, clock)
             steps, evaluated, measured = [*steps, *more], evaluated + walked, measured + len(more)
@@ -481,7 +481,7 @@ class _Sweep:
         left_out = len(best) - len(chosen)
         complete = complete and len(uneven) == len(_uneven(self.pareto))
         curve = FrontCurve(count, points, denser, evaluated, measured, left_out, (*misfits, *unlike), complete)
-        return curve if clock.over else self._beside(curve, rules, found.ranked, steps)
+        return curve if clock.over else self._beside(curve, rules, shapes_judged.ranked, steps)
 
     def _beside(
         self, curve: FrontCurve, rules: Constraints, ranked: Sequence[Ranked], steps: Sequence[JudgedOpening]
@@ -552,32 +552,32 @@ class _Sweep:
         widest = dict.fromkeys(self.lines, 0.0)
         steps: list[JudgedOpening] = []
         measured = 0
-        for done, (each, bound) in enumerate(self._bounded(ranked)):
+        for done, (shape, bound) in enumerate(self._bounded(ranked)):
             if done % _BATCH == 0:
                 self.progress(f"{count} clear dots: emitters and wires", done, len(ranked))
-            if steps and each.value < steps[0].value - _DEPTH_DB:
+            if steps and shape.value < steps[0].value - _DEPTH_DB:
                 break
             if bound < least or bound <= min(widest.values()) + _STEP:
                 continue
-            footprint = self.footprints(each.unit)
+            footprint = self.footprints(shape.unit)
             measured += 1
             better = [lines for lines in self.lines if footprint > widest[lines] + (_STEP if widest[lines] else 0.0)]
-            if footprint < least or not better or not self._roomy(each.unit):
+            if footprint < least or not better or not self._roomy(shape.unit):
                 continue
             passed = None
             for lines in better:
-                if not self._wired(each.unit, lines):
+                if not self._wired(shape.unit, lines):
                     break
                 passed, widest[lines] = lines, footprint
             if passed is not None:
-                steps.append(self._judged(each.name, each.unit, footprint, passed))
+                steps.append(self._judged(shape.name, shape.unit, footprint, passed))
         self.progress(f"{count} clear dots: emitters and wires", len(ranked), len(ranked))
         return steps, measured
 
     def _bounded(self, ranked: Sequence[Ranked]) -> Iterator[tuple[Ranked, float]]:
         for start in range(0, len(ranked), _BATCH):
             part = ranked[start : start + _BATCH]
-            bounds = self.footprints.bounds(np.stack([each.unit for each in part]))
+            bounds = self.footprints.bounds(np.stack([shape.unit for shape in part]))
             yield from zip(part, bounds.tolist(), strict=True)
 
     def _annealed(
@@ -585,7 +585,7 @@ class _Sweep:
     ) -> tuple[list[JudgedOpening], int, bool]:
         """Better openings from places spread over the steps, each with no less footprint and lines than its start."""
         starts = spread(steps, self.pareto.points)
-        found: list[JudgedOpening] = []
+        better: list[JudgedOpening] = []
         walked, complete = 0, True
         for done, start in enumerate(starts):
             stage = f"{rules.clear_dots} clear dots: annealing {done + 1} of {len(starts)}"
@@ -604,8 +604,8 @@ class _Sweep:
             complete = complete and (walk.complete or walk.stuck)
             if walk.value > start.value:
                 name = f"{start.shape}, annealed"
-                found.append(self._judged(name, walk.unit, self.footprints(walk.unit), start.lines))
-        return found, walked, complete
+                better.append(self._judged(name, walk.unit, self.footprints(walk.unit), start.lines))
+        return better, walked, complete
 
     def _laid(
         self, chosen: Sequence[JudgedOpening], count: int, steps: int | None
@@ -624,15 +624,17 @@ class _Sweep:
                 self.progress(stage, done, len(chosen))
         return tuple(points), tuple(misfits)
 
-    def _lay(self, each: JudgedOpening, steps: int | None) -> FrontPoint | str:
-        designed = self._mapped(each.unit, steps)
+    def _lay(self, judged: JudgedOpening, steps: int | None) -> FrontPoint | str:
+        designed = self._mapped(judged.unit, steps)
         cells = None
         if designed is not None and self.error is not None:
             cells = map_of(self.section, self.error, designed, {})
         psnr = None if designed is None else designed.psnr
-        value = each.value if psnr is None else self._weighted(psnr)
-        shape, units = each.shape, each.unit[None]
-        return self._shown(FrontPoint(each, shape, units, (), each.footprint, each.lines, psnr, value, cells, 0.0))
+        value = judged.value if psnr is None else self._weighted(psnr)
+        shape, units = judged.shape, judged.unit[None]
+        return self._shown(
+            FrontPoint(judged, shape, units, (), judged.footprint, judged.lines, psnr, value, cells, 0.0)
+        )
 
     def _shown(self, point: FrontPoint) -> FrontPoint | str:
         """The design with its grain on a die, or why it does not fit that.
@@ -641,12 +643,12 @@ class _Sweep:
         """
         held = self._asked(self.display.rules.keep * point.footprint - ROUNDING, point.lines)
         outer = None if len(point.units) == 1 else point.units[1]
-        found = held.on(held.die(point.units[0], self.rules.dot_nm, point.cells, outer))
-        why = misfit(found)
+        answer = held.on(held.die(point.units[0], self.rules.dot_nm, point.cells, outer))
+        why = misfit(answer)
         if why is not None:
             return f"{point.shape}: {why}"
         pitch_um = CellSize(self.rules.dots, self.rules.dot_nm).pitch_um
-        wander_px = 0.0 if found is None else found.wander_px
+        wander_px = 0.0 if answer is None else answer.wander_px
         return replace(point, grain=predicted_rms(wander_px, Viewing(pitch_um, TELEPHONE_UM)))
 
     def _denser(
@@ -677,11 +679,11 @@ class _Sweep:
             return allowed(section, replace(held, clear_dots=count), self.objective, clock, self._told(count))
 
         assert self.error is not None
-        seed, told = map_seed(self.section), self._told(uniform.clear_dots)
+        seed, progress = map_seed(self.section), self._told(uniform.clear_dots)
         key, amount = uneven[-1]
         try:
             if key == "density":
-                made = graded(uniform.unit, self.error, amount, find, constraints=held, seed=seed, progress=told)
+                made = graded(uniform.unit, self.error, amount, find, constraints=held, seed=seed, progress=progress)
                 words = "{} dots in the middle, {} beyond"
             else:
                 worth, groups = self._groups.expected, self._groups.panel
@@ -694,7 +696,7 @@ class _Sweep:
                     groups,
                     constraints=held,
                     seed=seed,
-                    progress=told,
+                    progress=progress,
                 )
                 words = "{} and {} dots, in groups of 2 x 2"
         except InputError as refusal:
@@ -728,12 +730,12 @@ def spread(every: Sequence[JudgedOpening], most: int) -> tuple[JudgedOpening, ..
 
 
 def designs(
-    found: Pareto, spec: JobSpec, command: str, camera: PhotoCamera = F1, settings: CaptureSettings = F1_SETTINGS
+    pareto: Pareto, spec: JobSpec, command: str, camera: PhotoCamera = F1, settings: CaptureSettings = F1_SETTINGS
 ) -> tuple[FrontDesign, ...]:
     """Every design on a curve, curve after curve.
 
     Args:
-        found: by a sweep.
+        pareto: by a sweep.
         spec: the job of that sweep, with [design], [emitters] and [pareto].
         command: how a user repeats it.
         camera, settings: of that sweep.
@@ -741,19 +743,19 @@ def designs(
     section = spec.design
     assert isinstance(section, SearchSection)
     named = []
-    for curve in found.curves:
+    for curve in pareto.curves:
         for place, point in enumerate(curve.points, start=1):
             name = f"{section.name[:14]}_{curve.clear_dots}_{place}"
             facts: Facts = {
                 **origin(section, command, camera_facts(camera, settings)),
                 "shape": point.shape,
-                **by_level("expected_psnr", point.psnr, found.levels),
+                **by_level("expected_psnr", point.psnr, pareto.levels),
                 "footprint": round(point.footprint, 6),
                 "lines": point.lines,
                 "evaluated": curve.evaluated,
             }
-            opening = Opening(name, point.units[0], found.dot_nm, facts)
-            outer = None if len(point.units) == 1 else Opening(f"{name}_outer", point.units[1], found.dot_nm, facts)
+            opening = Opening(name, point.units[0], pareto.dot_nm, facts)
+            outer = None if len(point.units) == 1 else Opening(f"{name}_outer", point.units[1], pareto.dot_nm, facts)
             held = point.cells and CellMap(f"{name}_map", point.cells.cells, facts, point.cells.shifts)
             named.append(FrontDesign(name, point, opening, outer, held, _job(spec, section, point, name)))
     return tuple(named)

@@ -136,7 +136,7 @@ def _room(name: str, cells: Mask, cell_nm: int, width: int, need_um2: float) -> 
     square = np.ones((width, width), dtype=np.bool_)
     # Eroding and dilating about opposite ends of the square is the opening, also where its side is even.
     wide = scipy.ndimage.binary_opening(np.pad(cells, width), square)[width:-width, width:-width]
-    area, closed = (float(kept.sum()) * cell_nm**2 / 1e6 for kept in (wide, cells))
+    area, closed = (float(part.sum()) * cell_nm**2 / 1e6 for part in (wide, cells))
     if area >= need_um2 * (1 - 1e-12):
         return Room(area, closed, need_um2, None)
     statement = (

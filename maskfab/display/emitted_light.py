@@ -296,8 +296,8 @@ class Series:
         y, x = np.arange(-most_y, most_y + 1), np.arange(most_x + 1)
         phase = np.exp(1j * np.pi * y / rows)[:, None] * np.exp(1j * np.pi * x / columns)
         spectrum[:, y % rows, : most_x + 1] = self.coefficients * phase
-        found: Floats = scipy.fft.irfft2(spectrum, s=(rows, columns), overwrite_x=True) * (rows * columns)
-        return found
+        light: Floats = scipy.fft.irfft2(spectrum, s=(rows, columns), overwrite_x=True) * (rows * columns)
+        return light
 
 
 def series(light: EmittedLight, viewing: Viewing, highest_cpd: float) -> Series:
@@ -319,15 +319,17 @@ def series(light: EmittedLight, viewing: Viewing, highest_cpd: float) -> Series:
     # exp(-i pi k / n) moves the origin from the middle of sample 0 to its corner.
     weight_y = np.sinc(y / rows) * np.exp(-1j * np.pi * y / rows) / rows
     weight_x = np.sinc(x / columns) * np.exp(-1j * np.pi * x / columns) / columns
-    found = np.empty((3, len(y), len(x)), dtype=np.complex128)
+    coefficients = np.empty((3, len(y), len(x)), dtype=np.complex128)
     for colour in range(3):
         if 2 * x[-1] <= columns:
             lines = scipy.fft.rfft(light.rgb[colour], axis=1)[:, : len(x)]
         else:
             lines = scipy.fft.fft(light.rgb[colour], axis=1)[:, x % columns]
-        found[colour] = scipy.fft.fft(lines, axis=0)[y % rows]
-    found *= weight_y[:, None] * weight_x
-    return Series(found, y / degrees[0], x / degrees[1], light.pixels, light.pitch_um, 1.0 / viewing.pixels_per_degree)
+        coefficients[colour] = scipy.fft.fft(lines, axis=0)[y % rows]
+    coefficients *= weight_y[:, None] * weight_x
+    return Series(
+        coefficients, y / degrees[0], x / degrees[1], light.pixels, light.pitch_um, 1.0 / viewing.pixels_per_degree
+    )
 
 
 def _refuse_too_many(rows: int, columns: int) -> None:

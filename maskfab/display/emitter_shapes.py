@@ -133,15 +133,15 @@ def rectangle_footprints(
         float [k] mean share of the pixel, gutter included, per colour; of the smallest relative to its ratio.
     """
     used = tuple(orientations)
-    found = np.zeros(len(masks))
+    areas = np.zeros(len(masks))
     for start in range(0, len(masks), _BATCH):
         part = slice(start, start + _BATCH)
         regions = free_region(masks[part], grid, used, margin=margin)
         table = window_table(regions, grid.min_width, max_aspect)
         for permutation in orders(ratio):
             for values, _ in _cuts(table, grid.cells, grid.colour_gap, tuple(ratio[k] for k in permutation)):
-                np.maximum(found[part], values.max(axis=(1, 2)), out=found[part])
-    return found * (grid.cell_nm / grid.pitch_nm) ** 2
+                np.maximum(areas[part], values.max(axis=(1, 2)), out=areas[part])
+    return areas * (grid.cell_nm / grid.pitch_nm) ** 2
 
 
 def orders(ratio: Ratio) -> list[tuple[int, ...]]:
@@ -219,19 +219,19 @@ def _strips(regions: NDArray[np.bool_], min_width: int, max_aspect: float) -> ND
     # Columns first: the minimum over neighbouring columns then runs along whole rows of memory.
     runs = np.ascontiguousarray(np.moveaxis(_runs(regions, -2), -1, 0))
     heights = runs.copy()
-    found = np.zeros((*regions.shape[:-2], n + 1, n + 1), dtype=np.int16)
+    areas = np.zeros((*regions.shape[:-2], n + 1, n + 1), dtype=np.int16)
     diagonal = np.arange(n + 1)
     for width in range(1, n + 1):
         if width > 1:
             heights = np.minimum(heights[:-1], runs[width - 1 :])
         at, to = diagonal[: n + 1 - width], diagonal[width:]
-        area = np.maximum(found[..., at, to - 1], found[..., at + 1, to])
+        area = np.maximum(areas[..., at, to - 1], areas[..., at + 1, to])
         shortest, longest = _sides(width, n, min_width, max_aspect)
         if longest >= shortest:
             tallest = np.moveaxis(np.minimum(heights.max(axis=-1), longest), 0, -1)
             area = np.maximum(area, np.where(tallest >= shortest, tallest * np.int16(width), 0))
-        found[..., at, to] = area
-    return found
+        areas[..., at, to] = area
+    return areas
 
 
 def _rectangles_ending(regions: NDArray[np.bool_], min_width: int, max_aspect: float) -> NDArray[np.int16]:
@@ -239,7 +239,7 @@ def _rectangles_ending(regions: NDArray[np.bool_], min_width: int, max_aspect: f
     n = regions.shape[-1]
     runs = np.ascontiguousarray(np.moveaxis(_runs(regions, -1), -2, 0))
     widths = runs.copy()
-    found = np.zeros_like(runs)
+    areas = np.zeros_like(runs)
     for height in range(1, n + 1):
         if height > 1:
             widths = np.minimum(widths[:-1], runs[height - 1 :])
@@ -248,8 +248,8 @@ def _rectangles_ending(regions: NDArray[np.bool_], min_width: int, max_aspect: f
             capped = np.minimum(widths, longest) if longest < n else widths
             area = capped * np.int16(height)
             area[capped < shortest] = 0
-            np.maximum(found[height - 1 :], area, out=found[height - 1 :])
-    return np.moveaxis(found, 0, -2)
+            np.maximum(areas[height - 1 :], area, out=areas[height - 1 :])
+    return np.moveaxis(areas, 0, -2)
 
 
 def _largest_in(region: NDArray[np.bool_], window: Window, min_width: int, max_aspect: float) -> Window:
@@ -351,9 +351,9 @@ def polish(
         if best >= enough:
             break
         share = math.ceil(moves * weights[i] / sum(weights))
-        found, candidate = _anneal(squares, ratio, first, share, random.Random(seed + i), enough)
-        if found > best:
-            best, shapes = found, candidate
+        value, candidate = _anneal(squares, ratio, first, share, random.Random(seed + i), enough)
+        if value > best:
+            best, shapes = value, candidate
     return best, _labels(squares, trim(squares, shapes, ratio, best))
 
 
@@ -417,22 +417,22 @@ class _Cuts:
         for order in orders(self.ratio):
             for axis in (0, 1):
                 for single_last in (False, True):
-                    found, where = self._three(order, axis, single_last, (0, 1), best)
-                    if found > best:
-                        best, windows = found, where
+                    value, where = self._three(order, axis, single_last, (0, 1), best)
+                    if value > best:
+                        best, windows = value, where
         return (best, self._shapes(windows)) if windows else (0.0, (0, 0, 0))
 
     def each(self) -> list[tuple[float, Shapes]]:
         """The best of each kind of cut: direction of the first, side of the single emitter, direction of the second."""
-        found = {}
+        by_windows = {}
         for order in orders(self.ratio):
             for axis in (0, 1):
                 for single_last in (False, True):
                     for second in (0, 1):
                         value, windows = self._three(order, axis, single_last, (second,), 0.0)
                         if windows:
-                            found[windows] = (value, self._shapes(windows))
-        return list(found.values())
+                            by_windows[windows] = (value, self._shapes(windows))
+        return list(by_windows.values())
 
     def every(self, least: float, most: int) -> Iterator[Shapes]:
         """All pairs of cuts whose three shapes have the least area each, thinned out to so many places per cut."""
@@ -454,10 +454,10 @@ class _Cuts:
                 return self._areas[side] >= least
 
             # A part that grows cannot lose area: both conditions hold on one side of some place.
-            first = bisect.bisect_left(both, True, key=lambda each: large(each[0]))
-            last = bisect.bisect_left(both, True, lo=first, key=lambda each: not large(each[1]))
-            kept = np.unique(np.linspace(first, last - 1, min(most, last - first)).round().astype(int))
-            return [both[i] for i in kept]
+            first = bisect.bisect_left(both, True, key=lambda sides: large(sides[0]))
+            last = bisect.bisect_left(both, True, lo=first, key=lambda sides: not large(sides[1]))
+            chosen = np.unique(np.linspace(first, last - 1, min(most, last - first)).round().astype(int))
+            return [both[i] for i in chosen]
 
         for axis in (0, 1):
             for lower, upper in places((0, n, 0, n), axis):
@@ -557,7 +557,7 @@ def _anneal(
     state, near = _grown(squares, area, ratio, list(shapes), [squares.near(shape) for shape in shapes])
     areas = [area(shape) for shape in state]
     score = _score(areas, ratio)
-    best, kept = min(a / r for a, r in zip(areas, ratio, strict=True)), state
+    best, best_state = min(a / r for a, r in zip(areas, ratio, strict=True)), state
     hot = max(1.0, 0.06 * best)
     for move in range(moves):
         if best >= enough:
@@ -575,8 +575,8 @@ def _anneal(
             state, near, areas, score = trial, new_near, new_areas, new
             least = min(a / r for a, r in zip(areas, ratio, strict=True))
             if least > best:
-                best, kept = least, state
-    return best, (kept[0], kept[1], kept[2])
+                best, best_state = least, state
+    return best, (best_state[0], best_state[1], best_state[2])
 
 
 def _score(areas: list[int], ratio: Ratio) -> float:

@@ -398,7 +398,7 @@ def judge(
 
 
 def _numbers(name: str, title: str, view: PictureView) -> list[Quantity]:
-    found = [
+    quantities = [
         Quantity(f"{title}_delta_e_mean", view.delta_e, "S-CIELAB, CIE 1976, mean", die=name),
         Quantity(f"{title}_delta_e_95", view.delta_e_95, "the same, 95th percentile", die=name),
         Quantity(
@@ -407,7 +407,7 @@ def _numbers(name: str, title: str, view: PictureView) -> list[Quantity]:
     ]
     if title == EDGE:
         method = "largest S-CIELAB difference in a* and b*, the common shift removed"
-        found.append(Quantity("edge_fringe", view.fringe, method, die=name))
+        quantities.append(Quantity("edge_fringe", view.fringe, method, die=name))
     if view.jod is not None:
-        found.append(Quantity(f"{title}_jod", view.jod, "ColorVideoVDP, white 500 cd/m2", die=name))
-    return found
+        quantities.append(Quantity(f"{title}_jod", view.jod, "ColorVideoVDP, white 500 cd/m2", die=name))
+    return quantities

@@ -188,17 +188,32 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = True) -> F
         check_wires(panel, rules.wires)
     opening, used = panel.common, _used(panel)
     grid = grid_of(opening, panel.dot_nm, panel.gutter_nm, rules.emitters)
-    found = footprint(opening, panel.dot_nm, panel.gutter_nm, used, rules.emitters, largest=largest)
+    largest_found = footprint(opening, panel.dot_nm, panel.gutter_nm, used, rules.emitters, largest=largest)
     emitters = _given(panel)
     given = emitters is not None
     if emitters is None:
-        emitters = centred(found.found, opening, grid, panel.orientations, rules.emitters, keep=rules.keep)
+        emitters = centred(largest_found.found, opening, grid, panel.orientations, rules.emitters, keep=rules.keep)
     room = pixel_room(opening, panel.dot_nm, rules.circuit)
     wires = None if rules.wires is None else wiring(panel, opening, rules.wires)
     if emitters is None:
         required, nowhere = rules.emitters.required, (0.0, 0.0)
         return Feasibility(
-            required, found, None, 0.0, None, (), room, (), None, None, nowhere, 0.0, wires, (), given, rules.light
+            required,
+            largest_found,
+            None,
+            0.0,
+            None,
+            (),
+            room,
+            (),
+            None,
+            None,
+            nowhere,
+            0.0,
+            wires,
+            (),
+            given,
+            rules.light,
         )
     pixel_um2 = (panel.cell_size.pitch_um) ** 2
     red, green, blue = (area / pixel_um2 for area in emitters.areas_um2)
@@ -209,10 +224,10 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = True) -> F
     broken = violations(replace(panel, emitters=emitters), rules.emitters)
     # Emitters that break the rules say nothing of how large those can be that keep them.
     if given and not broken:
-        found = _judged(found, emitters, shares, rules.emitters)
+        largest_found = _judged(largest_found, emitters, shares, rules.emitters)
     return Feasibility(
         rules.emitters.required,
-        found,
+        largest_found,
         emitters,
         footprint_of(shares, rules.emitters),
         None if given else borders(emitters.labels, refined(opening.mask, grid.per_dot), grid, panel.orientations),
@@ -263,11 +278,11 @@ def _given(panel: Panel) -> Emitters | None:
     return None if drawn is None else Emitters(drawn, panel.dot_nm * panel.opening.dots // drawn.shape[0])
 
 
-def _judged(found: Footprint, emitters: Emitters, shares: tuple[float, ...], rules: EmitterRules) -> Footprint:
+def _judged(placed: Footprint, emitters: Emitters, shares: tuple[float, ...], rules: EmitterRules) -> Footprint:
     """The answer about a pixel whose emitters were given."""
     share = footprint_of(shares, rules)
-    verdict = Verdict.FITS if share >= rules.required - 1e-12 else found.verdict
-    return replace(found, found=emitters, found_share=share, verdict=verdict, method="given with the opening")
+    verdict = Verdict.FITS if share >= rules.required - 1e-12 else placed.verdict
+    return replace(placed, found=emitters, found_share=share, verdict=verdict, method="given with the opening")
 
 
 def footprint_of(shares: tuple[float, ...], rules: EmitterRules) -> float:
@@ -305,25 +320,25 @@ def populate(
     """
     dies: list[Die] = []
     lines: list[Mark] = []
-    found: dict[str, Feasibility] = {}
+    answers: dict[str, Feasibility] = {}
     keys = [(_key(die.panel), None if rules.wires is None else die.panel.orientations.tobytes()) for die in plate.dies]
     panels = {key: die.panel for key, die in zip(reversed(keys), reversed(plate.dies), strict=True)}
     distinct = list(dict.fromkeys(keys))
     calls = [(feasibility, _arguments(panels[key], rules)) for key in distinct]
     progress("emitters", 0, len(calls))
     tasks = (executor or SerialExecutor()).run_all(calls, lambda done: progress("emitters", done, len(calls)))
-    known = {key: task.result() for key, task in zip(distinct, tasks, strict=True)}
+    by_key = {key: task.result() for key, task in zip(distinct, tasks, strict=True)}
     for key, die in zip(keys, plate.dies, strict=True):
-        answer = known[key]
+        answer = by_key[key]
         if answer is None:
             dies.append(die)
             continue
-        found[die.name] = answer
+        answers[die.name] = answer
         tracks = () if answer.wiring is None else answer.wiring.tracks
         if answer.wiring is not None and answer.wiring.laid is not None and rules.wires is not None:
-            lines += [_drawn(die, each, rules.wires.rules.line_nm) for each in answer.wiring.laid]
+            lines += [_drawn(die, lines_laid, rules.wires.rules.line_nm) for lines_laid in answer.wiring.laid]
         dies.append(replace(die, panel=replace(die.panel, emitters=answer.emitters, tracks=tracks)))
-    return PlateWithDisplays(replace(plate, dies=tuple(dies), marks=(*plate.marks, *lines)), found)
+    return PlateWithDisplays(replace(plate, dies=tuple(dies), marks=(*plate.marks, *lines)), answers)
 
 
 def display_rules(job: Job) -> DisplayRules | None:
@@ -352,18 +367,18 @@ def widest_gaps(plate: Plate, rules: DisplayRules, progress: Progress = silent) 
     Raises:
         JobError: MF117, MF118 as :func:`maskfab.display.feasibility.feasibility`.
     """
-    known: dict[object, LargestGap | None] = {}
-    found: dict[str, LargestGap] = {}
+    by_key: dict[object, LargestGap | None] = {}
+    gaps: dict[str, LargestGap] = {}
     for done, die in enumerate(plate.dies):
         progress("colour gaps", done, len(plate.dies))
         key = _key(die.panel)
-        if key not in known:
-            known[key] = widest_gap(die.panel, rules)
-        answer = known[key]
+        if key not in by_key:
+            by_key[key] = widest_gap(die.panel, rules)
+        answer = by_key[key]
         if answer is not None:
-            found[die.name] = answer
+            gaps[die.name] = answer
     progress("colour gaps", len(plate.dies), len(plate.dies))
-    return found
+    return gaps
 
 
 def _arguments(panel: Panel, rules: DisplayRules) -> ArgumentsFactory:

@@ -74,11 +74,11 @@ def shortest_cuts(piece: NDArray[np.bool_], longest: int) -> NDArray[np.int64]:
     work = _WORK
     for start in range(1, walk.faces + 1):
         longest = min(longest, int(shortest[1:-1].max(initial=0)))
-        found = walk.sizes(start, longest, work if start == walk.faces else work // 2)
-        work -= found.work
-        reached = np.full(total + 1, found.length + 1 if found.stopped else longest + 1, np.int64)
-        for length in range(found.length, -1, -1):
-            reached[_members(found.at[length], total)] = length
+        walks = walk.sizes(start, longest, work if start == walk.faces else work // 2)
+        work -= walks.work
+        reached = np.full(total + 1, walks.length + 1 if walks.stopped else longest + 1, np.int64)
+        for length in range(walks.length, -1, -1):
+            reached[_members(walks.at[length], total)] = length
         shortest = np.minimum(shortest, reached)
     shortest[[0, total]] = 0
     return np.minimum(shortest, shortest[::-1])
@@ -126,16 +126,16 @@ class _Walks:
 
         def steps(at: int) -> list[tuple[int, int]]:
             column = at % width
-            found = []
+            ways = []
             if column + 1 < width:
-                found.append((at + 1, below[at + 1] % total))
+                ways.append((at + 1, below[at + 1] % total))
             if column:
-                found.append((at - 1, -below[at] % total))
+                ways.append((at - 1, -below[at] % total))
             if at + width < size:
-                found.append((at + width, 0))
+                ways.append((at + width, 0))
             if at >= width:
-                found.append((at - width, 0))
-            return found
+                ways.append((at - width, 0))
+            return ways
 
         swept: dict[int, int] = {}
         seen_faces: set[int] = set()
@@ -349,13 +349,13 @@ def _shared_out(pieces: Sequence[_Piece], needs: Sequence[int], gap: int) -> boo
     for piece in pieces:
         if piece.total < min(needs):
             break
-        known: dict[tuple[int, ...], bool] = {}
+        held: dict[tuple[int, ...], bool] = {}
         more = set(placed)
         for subset in _SUBSETS:
             areas = tuple(sorted(needs[k] for k in subset))
-            if areas not in known:
-                known[areas] = sum(areas) <= piece.total and piece.taken(areas, gap) <= piece.total
-            if known[areas]:
+            if areas not in held:
+                held[areas] = sum(areas) <= piece.total and piece.taken(areas, gap) <= piece.total
+            if held[areas]:
                 bits = sum(1 << k for k in subset)
                 more |= {have | bits for have in placed if not have & bits}
         if 7 in more:

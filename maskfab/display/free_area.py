@@ -227,16 +227,16 @@ class Squares:
 
     def reach(self, seeds: int, within: int, goal: int = 0) -> int:
         """All squares that can be reached from the seeds by steps of one cell along x or y; some, once a goal is."""
-        found = seeds & within
+        reached = seeds & within
         stride = self.stride
         while True:
             # A carry runs through a row of set bits: all squares to the right in one addition.
-            more = found | (((within + found) ^ within) & within)
+            more = reached | (((within + reached) ^ within) & within)
             more |= more >> 1 & within
             more |= (more << stride | more >> stride) & within
-            if more == found or (goal and not goal & ~more):
+            if more == reached or (goal and not goal & ~more):
                 return more
-            found = more
+            reached = more
 
     def without(self, squares: int, lost: int) -> int:
         """The largest connected set that is left of a connected one without some of its squares."""
@@ -439,7 +439,7 @@ def borders(labels: Labels, opening: Mask, grid: EmitterGrid, orientations: NDAr
         for a, b in sorted(pairs):
             gap, rule = _gap(near[a], *turned[b], grid, diagonal)
             shortfalls.append((rule - gap, Meeting((a, b), diagonal, gap)))
-    worst = max(shortfalls, key=lambda each: each[0], default=(0, None))
+    worst = max(shortfalls, key=lambda pair: pair[0], default=(0, None))
     wrong = [meeting for short, meeting in shortfalls if short > 0]
     at_corner = sum(meeting.diagonal for meeting in wrong)
     return Borders(
@@ -474,14 +474,14 @@ def _distances(labels: Labels, opening: Mask, grid: EmitterGrid, diagonal: bool)
 def _gap(near: Near, labels: Labels, opening: Mask, grid: EmitterGrid, diagonal: bool) -> tuple[int, int]:
     """The gap that falls shortest of its rule, and that rule."""
     colours, from_opening = near
-    found = [(grid.colour_gap, grid.colour_gap), (grid.to_opening, grid.to_opening)]
+    gaps = [(grid.colour_gap, grid.colour_gap), (grid.to_opening, grid.to_opening)]
     for one, other in permutations(range(3), 2):
         place = labels == other + 1
         if place.any():
-            found.append((int(colours[one][place].min()), grid.colour_gap))
+            gaps.append((int(colours[one][place].min()), grid.colour_gap))
     emitting = labels > 0
     if opening.any():
-        found.append((int(colours[3][opening].min()), grid.to_opening))
+        gaps.append((int(colours[3][opening].min()), grid.to_opening))
     if emitting.any():
-        found.append((int(from_opening[emitting].min()), grid.to_opening))
-    return min(found, key=lambda each: (each[0] - each[1], each[0]))
+        gaps.append((int(from_opening[emitting].min()), grid.to_opening))
+    return min(gaps, key=lambda pair: (pair[0] - pair[1], pair[0]))

@@ -80,20 +80,20 @@ def panel_lines(panel: Panel, rules: WireRules, count: int, axis: Axis) -> Panel
     for pixel in reversed(range(field.pixels)):
         column = field.column(pixel)
         for _ in range(count):
-            found = column.between(None, limit)
-            if found is None:
+            passage = column.between(None, limit)
+            if passage is None:
                 return PanelLines(axis, ())
-            utmost.append(found.last)
-            limit = field.beside(found.last, -1)
+            utmost.append(passage.last)
+            limit = field.beside(passage.last, -1)
     utmost.reverse()
     paths = []
     before: Ints | None = None
     for pixel in range(field.pixels):
         column = field.column(pixel)
         for own in range(count):
-            found = column.between(before, utmost[pixel * count + own])
-            assert found is not None, "the utmost is a way itself"
-            across = found.straight(field.pitch_nm * pixel + field.pitch_nm * (2 * own + 1) // (2 * count))
+            passage = column.between(before, utmost[pixel * count + own])
+            assert passage is not None, "the utmost is a way itself"
+            across = passage.straight(field.pitch_nm * pixel + field.pitch_nm * (2 * own + 1) // (2 * count))
             paths.append(_corners(across, field.cuts, axis))
             before = field.beside(across, 1)
     return PanelLines(axis, tuple(paths))
@@ -215,18 +215,18 @@ class _Column:
 
     def _used(self, left: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
         """Which stretches, of those that are left, lie on a way from the first slab to the last; None without a way."""
-        kept = left[self.steps[0]] & left[self.steps[1]]
+        usable = left[self.steps[0]] & left[self.steps[1]]
         last = int(self.free.slab.searchsorted(self.slabs - 1))
         first = int(self.free.slab.searchsorted(0, side="right"))
-        forth = self._reached(0, kept, np.flatnonzero(left[:first]))
-        back = self._reached(1, kept, last + np.flatnonzero(left[last:]))
+        forth = self._reached(0, usable, np.flatnonzero(left[:first]))
+        back = self._reached(1, usable, last + np.flatnonzero(left[last:]))
         used = forth & back
         return used if used.any() else None
 
-    def _reached(self, side: Literal[0, 1], kept: NDArray[np.bool_], starts: Ints) -> NDArray[np.bool_]:
+    def _reached(self, side: Literal[0, 1], usable: NDArray[np.bool_], starts: Ints) -> NDArray[np.bool_]:
         """Which stretches ways from some of them come to, by the steps that are kept, from that side of each."""
-        many = np.concatenate(([0], np.cumsum(kept)))[self._begins[side]]
-        onward = np.concatenate((self.steps[1 - side, kept], starts))
+        many = np.concatenate(([0], np.cumsum(usable)))[self._begins[side]]
+        onward = np.concatenate((self.steps[1 - side, usable], starts))
         rows = np.concatenate((many, [onward.size]))
         graph = sparse.csr_matrix((np.ones(onward.size), onward, rows), shape=(many.size, many.size))
         reached = np.zeros(many.size, dtype=np.bool_)
@@ -298,8 +298,8 @@ class _Field:
         slab, dot = np.nonzero(shut)
         same = slab[:-1] == slab[1:]
         low, high = ends[dot[:-1]], begins[dot[1:]]
-        kept = same & (low <= high)
-        runs = _Runs(slab[:-1][kept].astype(np.int64), low[kept], high[kept])
+        open_runs = same & (low <= high)
+        runs = _Runs(slab[:-1][open_runs].astype(np.int64), low[open_runs], high[open_runs])
         return cls(runs, cuts, ends_nm[1] // panel.pitch_nm, panel.pitch_nm, rules)
 
     def column(self, pixel: int) -> _Column:
@@ -430,7 +430,7 @@ class _Chains:
     def of(cls, panel: Panel, rules: WireRules, axis: Axis) -> _Chains:
         cells = panel.orientations if axis == "y" else panel.orientations.T
         patterns = {int(kind): panel.pattern(int(kind)) for kind in np.unique(cells)}
-        pieces = {kind: _pieces(each if axis == "y" else each.T, panel) for kind, each in patterns.items()}
+        pieces = {kind: _pieces(pattern if axis == "y" else pattern.T, panel) for kind, pattern in patterns.items()}
         rows, columns = cells.shape
         sizes = np.array([[len(pieces[int(kind)]) for kind in row] for row in cells], dtype=np.int64)
         first = (np.cumsum(sizes) - sizes.ravel()).reshape(sizes.shape)
@@ -500,7 +500,7 @@ class _Chains:
             Lines that pass, lines that are wanted, the first and the last of their pixels, and the part.
         """
         nodes = np.array(chain)
-        passed = np.concatenate(([0], np.cumsum([self._link(*each)[0] for each in pairwise(chain)], dtype=np.int64)))
+        passed = np.concatenate(([0], np.cumsum([self._link(*pair)[0] for pair in pairwise(chain)], dtype=np.int64)))
         near = np.arange(3)
         first = np.clip((self.ends[nodes, 0] // self.pitch_nm)[:, None] + near, 0, self.pixels - 1)
         last = np.clip((self.ends[nodes, 1] // self.pitch_nm)[:, None] - near, 0, self.pixels - 1)
@@ -551,8 +551,8 @@ class _Chains:
     def corners(self, chain: list[int], low: int, high: int) -> tuple[Point, ...]:
         """A line along a chain, across and along, from one coordinate across to another."""
         points = [(low, int(self.tops[chain[0], 0])), (int(self.ends[chain[0], 0]), int(self.tops[chain[0], 0]))]
-        for each in pairwise(chain):
-            points += self._link(*each)[1]
+        for pair in pairwise(chain):
+            points += self._link(*pair)[1]
         last = chain[-1]
         return (
             *points,

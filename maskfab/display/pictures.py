@@ -86,7 +86,7 @@ def _of_image(image: Any, where: str) -> Picture:
     try:
         spec = image.spec()
         _check_spec(spec, where)
-        kept = _channels(spec, where)
+        channels = _channels(spec, where)
         pixels = image.read_image(oiio.FLOAT)
         problem = said_by(image)
     finally:
@@ -95,7 +95,7 @@ def _of_image(image: Any, where: str) -> Picture:
         raise SourceError("MF303", f"{where} is damaged: {_first_line(problem)}", cure="Save or copy the picture again")
     values = np.asarray(pixels, dtype=np.float32).reshape(spec.height, spec.width, spec.nchannels)
     associated = not spec.get_int_attribute("oiio:UnassociatedAlpha")
-    return Picture(values[:, :, kept], str(spec.format) not in _FLOATS, associated, where)
+    return Picture(values[:, :, channels], str(spec.format) not in _FLOATS, associated, where)
 
 
 _FLOATS = ("half", "float", "double")

@@ -105,19 +105,19 @@ class Net:
         when all ports are used.
         """
         flow = self._solve(ports).flow.tocoo()
-        kept = flow.data > 0
+        used = flow.data > 0
         onward: dict[int, list[int]] = {}
         source = 2 * self._ids.size
         starts: list[int] = []
         for tail, head, units in zip(
-            flow.row[kept].tolist(), flow.col[kept].tolist(), flow.data[kept].tolist(), strict=True
+            flow.row[used].tolist(), flow.col[used].tolist(), flow.data[used].tolist(), strict=True
         ):
             if tail == source:
                 starts += [head // 2] * units
             elif tail % 2:  # from the way out of a dot to the way into the next, or to the sink
                 onward.setdefault(tail // 2, []).extend([head // 2] * units)
-        found = [self._walk(start, onward) for start in sorted(starts)]
-        return tuple(self._places(walk) for walk in found)
+        walks = [self._walk(start, onward) for start in sorted(starts)]
+        return tuple(self._places(walk) for walk in walks)
 
     def _solve(self, ports: Indices | None) -> Any:
         size = self._ids.size

@@ -69,38 +69,38 @@ def footprint(
     region = free_region(opening.mask, grid, used, margin=margin) if margin else widest
     rectangles, labels = three_rectangles(region, grid, rules.ratio, max_aspect=rules.max_aspect)
     method = "rectangles"
-    found = rectangles
-    if found == 0:
+    best = rectangles
+    if best == 0:
         none = three_squares(widest, grid)
         if none is None and margin:
             none, labels = _across_borders(widest, grid, used)
-            found, method = min((labels == k + 1).sum() / rules.ratio[k] for k in range(3)), "three squares"
+            best, method = min((labels == k + 1).sum() / rules.ratio[k] for k in range(3)), "three squares"
         if none is not None:
             return Footprint(Verdict.DOES_NOT_FIT, None, 0.0, 0.0, 0.0, none, "none")
     bound, certificate = upper_bound(widest, grid, rules.ratio, required=needed if needed > 0 else None)
     free, shapes = guillotine(region, grid, rules.ratio)
-    if free > found:
-        found, labels, method = free, shapes, "straight cuts"
-    if 0 < found < bound and (largest or found < needed - _ROUNDING <= bound):
+    if free > best:
+        best, labels, method = free, shapes, "straight cuts"
+    if 0 < best < bound and (largest or best < needed - _ROUNDING <= bound):
         enough = math.inf if largest else needed - _ROUNDING
         # With neighbours to look at, a move on a grid twice as fine takes four times as long.
         moves = round(_MOVES * min(1, (42 / grid.cells) ** 2)) if margin else _MOVES
         crooked, shapes = polish(
             widest, grid, rules.ratio, labels, orientations=used, moves=moves, seed=seed, enough=enough
         )
-        if crooked > found:
-            found, labels, method = crooked, shapes, "crooked borders"
+        if crooked > best:
+            best, labels, method = crooked, shapes, "crooked borders"
     # A bound may be computed by floating point: what was found is never above it.
-    bound = max(bound, found)
-    if found > 0 and found >= needed - _ROUNDING:
+    bound = max(bound, best)
+    if best > 0 and best >= needed - _ROUNDING:
         verdict = Verdict.FITS
     elif bound < needed - _ROUNDING:
         verdict = Verdict.DOES_NOT_FIT
     else:
         verdict = Verdict.UNKNOWN
-    placed = Emitters(labels, grid.cell_nm) if found > 0 else None
+    placed = Emitters(labels, grid.cell_nm) if best > 0 else None
     return Footprint(
-        verdict, placed, found * cell, bound * cell, rectangles * cell, certificate, method if placed else "none"
+        verdict, placed, best * cell, bound * cell, rectangles * cell, certificate, method if placed else "none"
     )
 
 
@@ -254,7 +254,7 @@ def wander(emitters: Emitters, pitch_nm: int, elements: Iterable[int] = range(OR
 
 
 def centred(
-    found: Emitters | None,
+    largest: Emitters | None,
     opening: Opening,
     grid: EmitterGrid,
     orientations: NDArray[np.int8],
@@ -269,7 +269,7 @@ def centred(
     of these the larger placement is chosen.
 
     Args:
-        found: the largest placement that keeps the rules; None if there is none.
+        largest: the largest placement that keeps the rules; None if there is none.
         opening: the pixel's.
         grid: its cells and rules.
         orientations: of the panel's pixels.
@@ -279,31 +279,31 @@ def centred(
     Returns:
         A placement that keeps all rules, across borders too; None if none was found.
     """
-    if found is None:
+    if largest is None:
         return None
     ratio = rules.ratio
-    best = min(float((found.labels == k + 1).sum()) / ratio[k] for k in range(3))
+    best = min(float((largest.labels == k + 1).sum()) / ratio[k] for k in range(3))
     if best <= 0:
-        return found
+        return largest
     required = rules.required * (grid.pitch_nm / grid.cell_nm) ** 2
     least = max(min(keep, 1.0) * best, min(best, required))
     used = tuple(int(k) for k in np.unique(orientations % ORIENTATIONS))
     region = free_region(opening.mask, grid, used, margin=border_margin(grid))
     light = _Light(Squares.of(region, grid.min_width, grid.colour_gap), grid, ratio)
-    red, green, blue = (light.squares.largest(light.squares.among(found.labels == k)) for k in (1, 2, 3))
+    red, green, blue = (light.squares.largest(light.squares.among(largest.labels == k)) for k in (1, 2, 3))
     triples = [(red, green, blue), *cut_triples(light.squares, least * min(ratio), _PLACES)]
     levels = sorted({best, (best + least) / 2, least}, reverse=True)
     candidates = [light.trimmed(shapes, level) for level in levels for shapes in light.most_promising(triples, level)]
     clear = np.kron(opening.mask, np.ones((grid.per_dot, grid.per_dot), dtype=np.bool_))
-    offset = round(math.hypot(*luminance_centroid(found, grid.pitch_nm)), _DIGITS)
+    offset = round(math.hypot(*luminance_centroid(largest, grid.pitch_nm)), _DIGITS)
     keyed = [(*light.key(shapes), shapes) for shapes in candidates if light.footprint(shapes) >= least - 1e-9]
-    for distance, area, shapes in sorted(keyed, key=lambda each: each[:2]):
+    for distance, area, shapes in sorted(keyed, key=lambda candidate: candidate[:2]):
         if (distance, area) >= (offset, -best):
             break
         labels = light.labels(shapes)
         if borders(labels, clear, grid, orientations).legal:
             return Emitters(labels, grid.cell_nm)
-    return found
+    return largest
 
 
 class _Light:
@@ -352,13 +352,13 @@ class _Light:
     def most_promising(self, triples: list[Shapes], least: float) -> list[Shapes]:
         """The best few triples, in any colour order, by how near to the centre trimming could bring the light."""
         unique = list(dict.fromkeys(triples))
-        known = np.array([[self.measured(shape) for shape in shapes] for shapes in unique])
+        measures = np.array([[self.measured(shape) for shape in shapes] for shapes in unique])
         shares, ratio = LUMINANCE, np.array(self.ratio)
         chosen: dict[Shapes, None] = {}
         for part in (0.0, _REACHED):
             keys: list[tuple[float, int, tuple[int, ...]]] = []
             for order in permutations(range(3)):
-                area, y, x, extent = np.moveaxis(known[:, order], -1, 0)
+                area, y, x, extent = np.moveaxis(measures[:, order], -1, 0)
                 # A fraction cut off one end moves the middle by half as much of the length.
                 reach = (np.maximum(1 - least * ratio / area, 0) * extent / 2) @ shares
                 left = np.hypot(y @ shares, x @ shares) - part * reach

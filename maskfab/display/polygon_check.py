@@ -58,23 +58,23 @@ def violations(panel: Panel, rules: EmitterRules) -> tuple[Violation, ...]:
     frame = db.Region()
     for _, (column, row) in cells:
         frame.insert(db.Box(column * pitch, row * pitch, (column + 1) * pitch, (row + 1) * pitch))
-    found = [("emitter outside its pixel", shape - frame) for shape in colours]
+    broken = [("emitter outside its pixel", shape - frame) for shape in colours]
     for name, shape in zip(("red", "green", "blue"), colours, strict=True):
         grown = shape.sized(rules.gap_to_opening_nm, SQUARE)
-        found.append((f"gap from {name} to openings", grown & clear))
+        broken.append((f"gap from {name} to openings", grown & clear))
         # Doubled, so that half a width is a whole number too, and a nanometre short, so that what is exactly wide
         # enough does not vanish.
         doubled, half = shape.transformed(db.ICplxTrans(2.0)), rules.min_width_nm - 1
         opened = doubled.sized(-half, SQUARE).sized(half, SQUARE)
-        found.append((f"width of {name}", (doubled - opened).transformed(db.ICplxTrans(0.5))))
+        broken.append((f"width of {name}", (doubled - opened).transformed(db.ICplxTrans(0.5))))
     for one, other in ((0, 1), (0, 2), (1, 2)):
         close = colours[one].sized(rules.colour_gap_nm, SQUARE) & colours[other]
-        found.append((f"gap between {EMITTERS[one].name.lower()} and {EMITTERS[other].name.lower()}", close))
+        broken.append((f"gap between {EMITTERS[one].name.lower()} and {EMITTERS[other].name.lower()}", close))
     upright = next(
         (db.Box(0, 0, pitch, pitch).moved(column * pitch, row * pitch) for cell, (column, row) in cells if cell == 0),
         None,
     )
-    return tuple(told_of(rule, shapes, upright) for rule, shapes in found if shapes.area())
+    return tuple(told_of(rule, shapes, upright) for rule, shapes in broken if shapes.area())
 
 
 def left_of_emitters(panel: Panel, rules: EmitterRules, growth_nm: int) -> tuple[float, float, float]:
@@ -101,8 +101,10 @@ def left_of_emitters(panel: Panel, rules: EmitterRules, growth_nm: int) -> tuple
 def _middle(panel: Panel) -> NDArray[np.int8]:
     """Orientations of the middle cells of a panel and a ring of neighbours round them; a narrow panel is repeated."""
     cells = panel.orientations
-    first, size = zip(*((max(0, (each - _BLOCK) // 2), min(each, _BLOCK)) for each in cells.shape), strict=True)
-    around = [(np.arange(-1, many + 1) + at) % each for at, many, each in zip(first, size, cells.shape, strict=True)]
+    first, size = zip(*((max(0, (extent - _BLOCK) // 2), min(extent, _BLOCK)) for extent in cells.shape), strict=True)
+    around = [
+        (np.arange(-1, many + 1) + at) % extent for at, many, extent in zip(first, size, cells.shape, strict=True)
+    ]
     return np.asarray(cells[np.ix_(*around)])
 
 
@@ -111,7 +113,7 @@ def told_of(rule: str, shapes: db.Region, pixel: db.Box | None = None) -> Violat
     outlines: tuple[Polygon, ...] = ()
     if pixel is not None:
         inside = (shapes & db.Region(pixel)).moved(-pixel.left, -pixel.bottom)
-        outlines = tuple(tuple((p.x, p.y) for p in each.each_point_hull()) for each in inside.merged().each())
+        outlines = tuple(tuple((p.x, p.y) for p in polygon.each_point_hull()) for polygon in inside.merged().each())
     box = shapes.bbox()
     return Violation(rule, shapes.merged().area() / 1e6, (box.left, box.bottom), outlines)
 
@@ -141,7 +143,7 @@ def _clusters(panel: Panel) -> list[tuple[int, tuple[int, int]]]:
         ]
     else:
         beside, across = meetings(panel.orientations)
-        pairs = [(*pair, step) for step, found in (((1, 0), beside), ((1, 1), across)) for pair in sorted(found)]
+        pairs = [(*pair, step) for step, meeting in (((1, 0), beside), ((1, 1), across)) for pair in sorted(meeting)]
     placed = []
     for number, (one, other, (right, up)) in enumerate(pairs):
         column, row = _APART * (number % _COLUMNS) + 1, _APART * (number // _COLUMNS)
@@ -176,15 +178,15 @@ def line_violations(panel: Panel, laid: Sequence[PanelLines], rules: WireRules) 
     """
     clear = whole_panel(panel, (CLEAR,))[CLEAR]
     beside = db.Region(db.Box(0, 0, *panel.size_nm).enlarged(panel.pitch_nm))
-    found = []
+    broken = []
     for lines in laid:
         drawn = db.Region(lines.polygons(rules.line_nm))
         count, drawn = drawn.count(), drawn.merged()
-        found += [
+        broken += [
             ("line far outside the panel", drawn - beside),
             ("clearance of lines", drawn.sized(rules.clearance_nm, SQUARE) & clear),
             ("width of lines", drawn.width_check(rules.line_nm).polygons()),
             ("space between lines", drawn.edges().space_check(rules.space_nm, False, db.Region.Square).polygons()),
             ("lines that touch", drawn if drawn.count() != count else db.Region()),
         ]
-    return tuple(told_of(rule, shapes) for rule, shapes in found if not shapes.is_empty())
+    return tuple(told_of(rule, shapes) for rule, shapes in broken if not shapes.is_empty())

@@ -60,15 +60,15 @@ def reaches(closed: NDArray[np.bool_], emitters: Emitters) -> tuple[Reach, ...]:
         emitters: on cells that divide the dots.
     """
     per_dot = emitters.labels.shape[0] // closed.shape[0]
-    found = []
+    ways = []
     for colour in range(1, len(COLOURS) + 1):
         pieces, count = scipy.ndimage.label(emitters.labels == colour)
         for piece in range(1, count + 1):
             start = np.zeros(closed.shape, dtype=np.bool_)
             rows, columns = np.nonzero(pieces == piece)
             start[rows // per_dot, columns // per_dot] = True
-            found.append(_reach(closed, start & closed, colour, emitters.cell_nm * per_dot))
-    return tuple(found)
+            ways.append(_reach(closed, start & closed, colour, emitters.cell_nm * per_dot))
+    return tuple(ways)
 
 
 def _reach(closed: NDArray[np.bool_], start: NDArray[np.bool_], colour: int, dot_nm: int) -> Reach:
@@ -243,11 +243,11 @@ def wiring(panel: Panel, opening: Opening, demand: WireDemand) -> Wiring:
     if drawn.verdict is Verdict.FITS:
         return drawn
     asked = panel, demand.rules, demand.lines - transparent
-    cut = next((found for axis in AXES if (found := panel_cut(*asked, axis)) is not None), None)
+    cut = next((proof for axis in AXES if (proof := panel_cut(*asked, axis)) is not None), None)
     if cut is not None:
         return replace(drawn, failed=cut)
     laid = panel_lines(*asked, "x"), panel_lines(*asked, "y")
-    if not all(each.paths for each in laid):
+    if not all(lines.paths for lines in laid):
         return drawn
     broken = line_violations(panel, laid, demand.rules)
     return Wiring(demand.lines, 0, (0, 0), transparent, laid, None, crossing, broken)
@@ -283,7 +283,7 @@ def _alike(panel: Panel, opening: Opening, demand: WireDemand, wanted: int) -> W
             if places:
                 tracks.append(routed_track(grid, direction, places, panel.pitch_nm, rules))
     both = through["horizontal"], through["vertical"]
-    return Wiring(demand.lines, in_gutter, both, 0, None, None, tuple(each for each in tracks if each.polygons))
+    return Wiring(demand.lines, in_gutter, both, 0, None, None, tuple(track for track in tracks if track.polygons))
 
 
 def _gutter_lines(gutter_nm: int, rules: WireRules) -> int:
@@ -299,9 +299,9 @@ def _best(
     best = grids[0]
     places: tuple[int, ...] = ()
     for grid in grids:
-        found = ports(grid.free, group, symmetric=symmetric, enough=needed).places
-        if len(found) > len(places):
-            best, places = grid, found
+        places_open = ports(grid.free, group, symmetric=symmetric, enough=needed).places
+        if len(places_open) > len(places):
+            best, places = grid, places_open
         if len(places) >= needed:
             break
     return best, places

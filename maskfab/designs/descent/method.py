@@ -100,15 +100,15 @@ def relax(
     rules = constraints_of(section)
     rules.require_possible()
     progress("photographs", 0, 1)
-    room, told = _judging(section, rules, camera)
+    room, camera_note = _judging(section, rules, camera)
     estimate = surrogate_behind(scenes, room)
     progress("photographs", 1, 1)
     plan = schedule(section, rules, camera, scenes, estimate)
     periodic = section.tiling is Tiling.PERIODIC
     clear = np.ones((section.dots, section.dots), dtype=np.bool_)
     stages = Stages.of(partial(estimate, periodic=periodic), clear, clock)
-    found, bettered, notes = _descended(plan, stages.search, checkpoint, progress)
-    mask, loss, more, unfinished = _ruled(found, plan, section, rules, stages.search, progress)
+    result, bettered, notes = _descended(plan, stages.search, checkpoint, progress)
+    mask, loss, more, unfinished = _ruled(result, plan, section, rules, stages.search, progress)
     if stages.bounded:
         progress("bounds", 0, 1)
         psnr, appraisal, head_room, gap = appraised(estimate, mask, periodic=periodic)
@@ -116,14 +116,14 @@ def relax(
     else:
         psnr, appraisal, head_room, gap = estimate(mask, periodic=periodic), Facts(), None, None
         more = (*more, NO_BOUNDS)
-    evaluated = found.iterations + section.anneal
+    evaluated = result.iterations + section.anneal
     facts: Facts = {
         **origin(section, command, camera_facts(camera)),
         "shape": plan.name,
         "tiling": section.tiling.value,
     }
     facts |= {} if section.tiling_seed is None else {"tiling_seed": section.tiling_seed}
-    facts |= {"protocol": "F1"} if told else {}
+    facts |= {"protocol": "F1"} if camera_note else {}
     facts |= {**appraisal, "evaluated": evaluated, "loss": round(loss, 6)}
     cut = bool(notes) or unfinished
     opening = Opening(section.name, mask, rules.dot_nm, facts)
@@ -134,7 +134,7 @@ def relax(
         head_room,
         evaluated,
         gap=gap,
-        notes=(*found.notes, *notes, *more, *told),
+        notes=(*result.notes, *notes, *more, *camera_note),
         cut=cut,
         camera=made_for_line(room.camera),
         account=Account(
@@ -142,7 +142,7 @@ def relax(
             section.seed,
             (
                 ("starts", plan.descent.starts),
-                ("steps of descent", found.iterations),
+                ("steps of descent", result.iterations),
                 *(((ANNEALING, section.anneal),) if section.anneal else ()),
             ),
             "loss of the best opening of clear and closed dots",
@@ -160,8 +160,8 @@ def _judging(section: RelaxSection, rules: Constraints, camera: Camera) -> tuple
     try:
         return lattice(section.dots, rules.dot_nm, camera=PhotoCamera.of(camera)), ()
     except JobError as refusal:
-        told = f"Expected PSNRs are those behind the camera of protocol F1: {refusal.what}."
-        return lattice(section.dots, rules.dot_nm), (told,)
+        note = f"Expected PSNRs are those behind the camera of protocol F1: {refusal.what}."
+        return lattice(section.dots, rules.dot_nm), (note,)
 
 
 def schedule(
@@ -250,29 +250,31 @@ def _descended(
     if checkpoint is None:
         steps = iterations_within(plan.objective, plan.penalty, how, max(left, 1e-3))
         shorter = replace(how, iterations=min(steps, how.iterations))
-        found = descend(plan.objective, plan.penalty, shorter, progress=watch)
-        told = f"The budget made the descent {steps} steps long instead of {how.iterations}."
-        return found, tuple(bettered), (told,) if steps < how.iterations else ()
+        result = descend(plan.objective, plan.penalty, shorter, progress=watch)
+        note = f"The budget made the descent {steps} steps long instead of {how.iterations}."
+        return result, tuple(bettered), (note,) if steps < how.iterations else ()
     while True:
-        found = descend(plan.objective, plan.penalty, how, progress=watch, checkpoint=checkpoint, stop_after=_PORTION)
-        if found.outcome is not Outcome.INTERRUPTED or clock.over:
+        result = descend(plan.objective, plan.penalty, how, progress=watch, checkpoint=checkpoint, stop_after=_PORTION)
+        if result.outcome is not Outcome.INTERRUPTED or clock.over:
             break
-    told = f"The budget ended the descent after {found.iterations} steps; the same command goes on from the checkpoint."
-    return found, tuple(bettered), (told,) if found.outcome is Outcome.INTERRUPTED else ()
+    note = (
+        f"The budget ended the descent after {result.iterations} steps; the same command goes on from the checkpoint."
+    )
+    return result, tuple(bettered), (note,) if result.outcome is Outcome.INTERRUPTED else ()
 
 
 def _ruled(
-    found: DescentResult, plan: Recipe, section: RelaxSection, rules: Constraints, clock: Clock, progress: Progress
+    result: DescentResult, plan: Recipe, section: RelaxSection, rules: Constraints, clock: Clock, progress: Progress
 ) -> tuple[Mask, float, tuple[str, ...], bool]:
     """The opening under the rules, annealed if that was asked for, with its loss, and whether time was too short."""
     judge = plan.objective.at(-1, plan.descent.iterations)
-    like = found.relaxed
+    like = result.relaxed
 
     def worth(mask: Mask) -> float:
         with torch.no_grad():
             return -float(judge(torch.tensor(mask, dtype=like.dtype)))
 
-    mask = np.asarray(found.unit.numpy() > 0.5, dtype=np.bool_)
+    mask = np.asarray(result.unit.numpy() > 0.5, dtype=np.bool_)
     broken = sorted(rules.broken(mask))
     start, notes = mask, []
     if broken:

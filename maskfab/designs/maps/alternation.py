@@ -131,11 +131,11 @@ def joint(
             light=alone.start_clear_dots,
             clock=clock,
         )
-        found = _loss(error, again.psnr)
-        if found >= losses[-1]:
+        loss = _loss(error, again.psnr)
+        if loss >= losses[-1]:
             break
         mask, best, swaps = changed, again, swaps + count
-        losses.append(found)
+        losses.append(loss)
         progress("unit and map", done + 1, rounds)
     gained = replace(best, start_psnr=alone.start_psnr, start_clear_dots=alone.start_clear_dots)
     return Joint(mask, gained, alone, tuple(losses), swaps)
@@ -200,8 +200,8 @@ def _refitted(mask: Mask, designed: DesignedMap, error: PanelError, constraints:
             if not all(constraints.allows(shifted(trial, shift)) for shift in designed.shifts or ((0, 0),)):
                 continue
             pupil = laid(trial, designed, error)
-            kept = abs(float(pupil.sum()) - designed.start_clear_dots) <= off
-            if not kept and designed.mode is MapMode.EQUAL_LIGHT:
+            equal = abs(float(pupil.sum()) - designed.start_clear_dots) <= off
+            if not equal and designed.mode is MapMode.EQUAL_LIGHT:
                 continue
             after = error.judge(pupil, epsilons)
             if after.loss < (loss if best is None else best[1].loss) - _ENOUGH_DB:
@@ -242,13 +242,13 @@ def _trials(mask: Mask, pairs: NDArray[np.intp]) -> list[tuple[Mask, int]]:
             apart.append((opened, closed))
     sets = [apart[:count] for count in _TOGETHER[:-1] if len(apart) >= count]
     sets += [[pair] for pair in pairs[:_TRIED].tolist()]
-    found = []
+    trials = []
     for chosen in sets:
         trial = mask.ravel().copy()
         for opened, closed in chosen:
             trial[opened], trial[closed] = True, False
-        found.append((trial.reshape(mask.shape), len(chosen)))
-    return found
+        trials.append((trial.reshape(mask.shape), len(chosen)))
+    return trials
 
 
 def laid(mask: Mask, designed: DesignedMap, error: PanelError) -> Floats:

@@ -169,7 +169,7 @@ def _pairs(find: Callable[[int], Iterable[Mask]], wanted: tuple[int, int], const
     """
     dense_count, sparse_count = wanted
     sparser: list[Mask] | None = None
-    found, broken = False, None
+    fitting, broken = False, None
     for dense in find(dense_count):
         _require(dense, dense_count, constraints, "denser")
         if sparser is None:
@@ -179,9 +179,9 @@ def _pairs(find: Callable[[int], Iterable[Mask]], wanted: tuple[int, int], const
             units = np.stack([dense, behind(sparse, dense, constraints.orientations)])
             broken = constraints.broken_beside(units)
             if broken is None:
-                found = True
+                fitting = True
                 yield units
-    if not found:
+    if not fitting:
         raise JobError(
             "MF123",
             f"openings of {dense_count} and {sparse_count} clear dots break {broken} where they meet",

@@ -67,13 +67,13 @@ def places(unit: NDArray[np.bool_], most: int = _MOST_CANDIDATES) -> tuple[Shift
     while True:
         ups = _steps(-int(rows[0]), len(mask) - 1 - int(rows[-1]), step)
         rights = _steps(-int(columns[0]), len(mask) - 1 - int(columns[-1]), step)
-        found: dict[bytes, Shift] = {turned_key(mask): (0, 0)}
+        distinct: dict[bytes, Shift] = {turned_key(mask): (0, 0)}
         for up in ups:
             for right in rights:
-                found.setdefault(turned_key(shifted(mask, (right, up))), (right, up))
+                distinct.setdefault(turned_key(shifted(mask, (right, up))), (right, up))
         # With the widest step the corners are left, which may be too many still.
-        if len(found) <= most or step >= len(mask):
-            return tuple(found.values())[:most]
+        if len(distinct) <= most or step >= len(mask):
+            return tuple(distinct.values())[:most]
         step += 1
 
 
@@ -220,10 +220,10 @@ def design_map(
     first = error.laid(stack, drawn if keep_units else random)
     target = float(first.sum()) if light is None else float(light)
     if shifts or positions > 1:
-        kept = tuple(shifts) or _placed(stack[0], error, mode, random, positions, allows)
-        stack = np.stack([shifted(stack[0], shift) for shift in kept])
+        places_used = tuple(shifts) or _placed(stack[0], error, mode, random, positions, allows)
+        stack = np.stack([shifted(stack[0], shift) for shift in places_used])
     else:
-        kept = ()
+        places_used = ()
     search = _Search(stack, error, mode, target, math.inf if steps is None else steps, clock or NO_END)
     draw = np.random.default_rng([seed, 1])
     if keep_units:
@@ -233,8 +233,8 @@ def design_map(
     for kick in range(kicks):
         if search.over:
             break
-        found = search.descend(search.kicked(best.chosen, draw))
-        best = min(best, found, key=lambda state: state.loss)
+        state = search.descend(search.kicked(best.chosen, draw))
+        best = min(best, state, key=lambda state: state.loss)
         progress("map", kick + 2, kicks + 1)
     chosen = best.chosen.reshape(size).astype(np.int8)
     return DesignedMap(
@@ -246,7 +246,7 @@ def design_map(
         round(target),
         len(search.history),
         tuple(search.history),
-        kept,
+        places_used,
     )
 
 
@@ -393,9 +393,9 @@ class _Search:
     def packed(self, drawn: NDArray[np.int8]) -> NDArray[np.int8]:
         """The map with every cut cell turned so that the most light is inside; of equals, the drawn one first."""
         chosen = drawn.ravel().copy()
-        kept = np.take_along_axis(self.light, chosen[:, None].astype(np.int64), axis=1)[:, 0]
+        own = np.take_along_axis(self.light, chosen[:, None].astype(np.int64), axis=1)[:, 0]
         light = np.where(self.barred, -1, self.light)
-        better = light.max(axis=1) > kept
+        better = light.max(axis=1) > own
         chosen[better] = light.argmax(axis=1)[better]
         return chosen
 
@@ -416,7 +416,7 @@ class _Search:
             after = self.fresh(self._descended(state, price))
             # Where light has a price, the way may end above its beginning by what the band of light is worth.
             if after.loss > state.loss - _WORTH_ANOTHER_DB or self.over:
-                return min(state, after, key=lambda each: each.loss)
+                return min(state, after, key=lambda end: end.loss)
             state = after
 
     def fresh(self, chosen: NDArray[np.int64]) -> _State:
@@ -510,19 +510,19 @@ class _Search:
         held = self._light_of(chosen)
         steps = self.light[cells, kinds] - held[cells]
         light, room = held.sum() - self.target, LIGHT_TOLERANCE * self.target
-        kept: list[int] = []
+        chosen_places: list[int] = []
         waiting = list(range(len(cells)))
         # What broke the band at first may fit it once others have moved the light the other way.
         for _ in range(2):
             left = []
             for place in waiting:
-                if len(kept) < most and abs(light + steps[place]) <= max(room, abs(light)):
+                if len(chosen_places) < most and abs(light + steps[place]) <= max(room, abs(light)):
                     light += steps[place]
-                    kept.append(place)
+                    chosen_places.append(place)
                 else:
                     left.append(place)
             waiting = left
-        return cells[kept], kinds[kept]
+        return cells[chosen_places], kinds[chosen_places]
 
 
 def _best(worth: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -65,11 +65,11 @@ def least_refined(rough: Sequence[float], refined: Callable[[int], float]) -> fl
         rough: a bound on each that was cheap.
         refined: a dearer one of the error that stands at a place; where it is lower, the cheap one counts.
     """
-    found, done = np.array(rough), set[int]()
-    while (place := int(found.argmin())) not in done:
-        found[place] = max(found[place], refined(place))
+    least, done = np.array(rough), set[int]()
+    while (place := int(least.argmin())) not in done:
+        least[place] = max(least[place], refined(place))
         done.add(place)
-    return float(found[place])
+    return float(least[place])
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,11 +156,11 @@ def _lowered(value: Floats, dip: Floats) -> Floats:
     """
     rise = np.diff(value, axis=1)
     level = np.abs(rise) < dip
-    found = value.copy()
-    found[:, :-1] -= np.where(level, np.maximum(-rise, 0), dip)
+    lowered = value.copy()
+    lowered[:, :-1] -= np.where(level, np.maximum(-rise, 0), dip)
     # A node pays for the worse of its two sides only.
-    np.minimum(found[:, 1:], value[:, 1:] - np.where(level, np.maximum(rise, 0), dip), out=found[:, 1:])
-    return found
+    np.minimum(lowered[:, 1:], value[:, 1:] - np.where(level, np.maximum(rise, 0), dip), out=lowered[:, 1:])
+    return lowered
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,11 +211,11 @@ def _stop_sums(inner: Interior, pairs: list[tuple[int, int]]) -> Floats:
     """Of the open stop's autocorrelation over each block, weighted by the triangle."""
     n, middle = inner.dots, len(inner.stop_table) // 2
     hat = 1 - abs(np.arange(1 - n, n)) / n
-    found = []
+    sums = []
     for v, u in pairs:
         block = inner.stop_table[middle + n * v - n + 1 : middle + n * v + n, middle + n * u - n + 1 :][:, : 2 * n - 1]
-        found.append(float(hat[: len(block)] @ block @ hat[: block.shape[1]]))
-    return np.array(found)
+        sums.append(float(hat[: len(block)] @ block @ hat[: block.shape[1]]))
+    return np.array(sums)
 
 
 def _cut_cell_sums(room: CellGrid, ratio: float, open_share: float, pairs: list[tuple[int, int]]) -> Floats:
@@ -233,26 +233,26 @@ def _cut_cell_sums(room: CellGrid, ratio: float, open_share: float, pairs: list[
     cut = np.where(inside == n * n, 0.0, most)
     total = open_share * inside.sum()
     spare = min(total - whole.sum(), float(cut.sum()))
-    found = []
+    sums = []
     for v, u in pairs:
         gain = sum(_moved(whole, s * v, s * u) + _moved(cut, s * v, s * u) / 2 for s in (1, -1))
         order = np.argsort(-np.asarray(gain)[cut > 0])
         limits = cut[cut > 0][order]
         taken = np.minimum(limits, np.maximum(spare - np.r_[0, np.cumsum(limits)[:-1]], 0))
         both = float((whole * _moved(whole, v, u)).sum())
-        found.append((both + float(taken @ np.asarray(gain)[cut > 0][order])) / total)
-    return np.array(found)
+        sums.append((both + float(taken @ np.asarray(gain)[cut > 0][order])) / total)
+    return np.array(sums)
 
 
 def _moved(values: Floats, v: int, u: int) -> Floats:
     """values[i + v, j + u], 0 outside."""
-    found = np.zeros_like(values)
+    moved = np.zeros_like(values)
     rows, columns = values.shape
     if abs(v) < rows and abs(u) < columns:
         to = slice(max(0, -v), rows - max(0, v)), slice(max(0, -u), columns - max(0, u))
         of = slice(max(0, v), rows - max(0, -v)), slice(max(0, u), columns - max(0, -u))
-        found[to] = values[of]
-    return found
+        moved[to] = values[of]
+    return moved
 
 
 def block_error(
@@ -281,11 +281,11 @@ def block_error(
     unit = inner.count * inner.stop
 
     def price(multiplier: Floats) -> tuple[Floats, Floats]:
-        each = multiplier[around.covering]
+        around_lag = multiplier[around.covering]
         if not moving:
-            return (each * around.triangle).sum(axis=1), around.triangle
-        cheapest = np.argmin(each, axis=1)
-        return each[np.arange(len(each)), cheapest], np.eye(4)[cheapest]
+            return (around_lag * around.triangle).sum(axis=1), around.triangle
+        cheapest = np.argmin(around_lag, axis=1)
+        return around_lag[np.arange(len(around_lag)), cheapest], np.eye(4)[cheapest]
 
     def dual(multiplier: Floats) -> tuple[float, Floats]:
         by_lag, shares = price(multiplier)
@@ -306,8 +306,8 @@ def block_error(
     size = max(abs(value), 1e-300)
 
     def downhill(z: Floats) -> tuple[float, Floats]:
-        found, slope = dual(z * scale)
-        return -found / size, -slope * scale / size
+        value, slope = dual(z * scale)
+        return -value / size, -slope * scale / size
 
     best = optimize.minimize(
         downhill,
@@ -468,13 +468,13 @@ class ResidueDual:
             return best, mean, 0.0
         unit = max(-mean, 1e-300)
         start = np.array([[1, 0], [1.3, 0], [0.8, 0.5]])
-        found = optimize.minimize(
+        optimum = optimize.minimize(
             lambda z: -self(-unit * z[0], -unit * z[1]) / max(best, 1e-300),
             start[0],
             method="Nelder-Mead",
             options={"initial_simplex": start, "maxfev": 200, "xatol": 1e-3, "fatol": 1e-5},
         )
-        mean, within = -unit * found.x[0], -unit * found.x[1]
+        mean, within = -unit * optimum.x[0], -unit * optimum.x[1]
         return max(best, self(mean, within)), mean, within
 
 
@@ -493,9 +493,9 @@ def residue_errors(
     duals: list[list[ResidueDual]] = [[] for _ in variances]
     for epsilon in inner.strengths:
         table = dual_tables(inner, epsilon, ratio)
-        for found, variance in zip(duals, variances, strict=True):
-            found.append(ResidueDual.of(table.nodes, table.cost(variance), classes, ratio, periodic=periodic))
-    return [_least(each) for each in duals]
+        for of_level, variance in zip(duals, variances, strict=True):
+            of_level.append(ResidueDual.of(table.nodes, table.cost(variance), classes, ratio, periodic=periodic))
+    return [_least(of_level) for of_level in duals]
 
 
 def _least(duals: list[ResidueDual]) -> float:
@@ -533,8 +533,8 @@ def residue_error(
         return best
     count, target = len(classes.size), dual.target
     summed = dual.summed + (within * classes.repeats)[:, None] * nodes
-    kept = np.isfinite(summed)
-    row, node = np.nonzero(kept)
+    finite = np.isfinite(summed)
+    row, node = np.nonzero(finite)
     scale = float(summed[:, np.searchsorted(nodes, ratio)][1:].sum())
     value = nodes[node]
     equal = sparse.vstack(

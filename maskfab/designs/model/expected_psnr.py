@@ -251,12 +251,12 @@ class Surrogate:
         low = self.along[0] @ (table * self.near) @ self.along[1].T
         transfer: Transfer = low.astype(np.complex64) if np.iscomplexobj(low) else low.astype(np.float32)
         seen = _mirrored(_on_sensor(self.low * transfer))
-        known = epsilons[:: self.leak_every].astype(np.float32)
-        filters = np.stack([wiener(transfer, self.low_prior, epsilon) for epsilon in known])
+        computed = epsilons[:: self.leak_every].astype(np.float32)
+        filters = np.stack([wiener(transfer, self.low_prior, epsilon) for epsilon in computed])
         missed = _on_sensor(seen * filters[:, None])
         missed -= self.low_truth
         errors = np.square(missed, out=missed).mean(axis=(1, 2, 3), dtype=np.float64)
-        return np.asarray(np.exp(np.interp(np.log(epsilons), np.log(known), np.log(np.maximum(errors, 1e-12)))))
+        return np.asarray(np.exp(np.interp(np.log(epsilons), np.log(computed), np.log(np.maximum(errors, 1e-12)))))
 
 
 def _on_sensor(spectra: NDArray[np.complex64]) -> NDArray[np.float32]:
@@ -308,7 +308,7 @@ def surrogate_behind(
     return surrogate_of(scene_statistics(scenes, leak_scenes=leak_scenes, settings=settings), room)
 
 
-def surrogate_of(known: SceneStatistics, room: CellGrid, waves: Waves | None = None) -> Surrogate:
+def surrogate_of(statistics: SceneStatistics, room: CellGrid, waves: Waves | None = None) -> Surrogate:
     """The surrogate for the units of given cells, in light of a phase at the stop where there is one.
 
     Raises:
@@ -324,7 +324,7 @@ def surrogate_of(known: SceneStatistics, room: CellGrid, waves: Waves | None = N
     weight = count / count.sum()
     edge = 0.5 / FACTOR
     low = (abs(nu[0]) < edge) & (abs(nu[1]) < edge)
-    density = known.factor * np.maximum(distance, 1e-3) ** -known.power
+    density = statistics.factor * np.maximum(distance, 1e-3) ** -statistics.power
     axes = scipy.fft.fftfreq(ROWS) / FACTOR, scipy.fft.rfftfreq(COLUMNS) / FACTOR
     # Rounding must not add a dot where that is a whole number of them.
     reach = math.ceil(_NEAR * edge * per_cycle - 1e-9)
@@ -339,14 +339,14 @@ def surrogate_of(known: SceneStatistics, room: CellGrid, waves: Waves | None = N
         (distance / PRIOR_CY_PER_PX) ** 2 + 1e-12,
         open_stop.at(near[:, None], near),
         (_interpolation(axes[0], per_cycle, reach), _interpolation(axes[1], per_cycle, reach)),
-        known.low,
-        known.low_truth,
+        statistics.low,
+        statistics.low_truth,
         ((axes[0][:, None] ** 2 + axes[1] ** 2) / PRIOR_CY_PER_PX**2).astype(np.float32),
-        known.noise,
-        known.noise.settings.protocol.strengths,
+        statistics.noise,
+        statistics.noise.settings.protocol.strengths,
         amplitude=amplitude,
     )
-    return made if known.noise.settings.is_f1 else _coded(_narrowed(made), known.pixels)
+    return made if statistics.noise.settings.is_f1 else _coded(_narrowed(made), statistics.pixels)
 
 
 def _narrowed(estimate: Surrogate) -> Surrogate:
@@ -529,14 +529,14 @@ def interior(estimate: Surrogate) -> Interior:
     farthest = int(np.argmax(distance))
     per_cycle = float(np.hypot(*estimate.lags[:, farthest]) / distance[farthest])
     # The surrogate's power is exactly c f^-p where it is not 0.
-    known = np.flatnonzero(estimate.signal)
-    ends = known[np.argmin(distance[known])], known[np.argmax(distance[known])]
+    powered = np.flatnonzero(estimate.signal)
+    ends = powered[np.argmin(distance[powered])], powered[np.argmax(distance[powered])]
     logs = [(np.log(distance[i]), np.log(estimate.signal[i] / estimate.weight[i])) for i in ends]
     slope = (logs[1][1] - logs[0][1]) / (logs[1][0] - logs[0][0])
     longest = int(per_cycle / 2)
     y, x = (v.ravel() for v in np.mgrid[0 : longest + 1, 0 : longest + 1])
-    kept = y <= x
-    y, x = y[kept], x[kept]
+    half = y <= x
+    y, x = y[half], x[half]
     count = np.where(y == x, 4.0, 8.0) / np.where(y == 0, 2, 1)
     count[0] = 1
     open_stop = OpenStop.of(estimate.lattice, estimate.lattice.camera.middle_nm, per_cycle)

@@ -123,18 +123,18 @@ def best_of_every_opening(
     units = distinct_openings(estimate.dots, clear_dots, periodic=periodic)
     share = clear_dots / estimate.dots**2
     leakless = [estimate.leakless_errors(unit, periodic=periodic) for unit in units]
-    known: dict[int, tuple[float, ...]] = {}
+    psnr: dict[int, tuple[float, ...]] = {}
     best = []
     for k, level in enumerate(levels):
         least = np.array([errors(level, share).min() for errors in leakless])
-        found = -np.inf
+        highest = -np.inf
         for place in least.argsort():
-            if estimate.decibels(level, float(least[place])) <= found:
+            if estimate.decibels(level, float(least[place])) <= highest:
                 break
-            if place not in known:
-                known[place] = estimate(units[place], periodic=periodic, levels=levels)
-            found = max(found, known[place][k])
-        best.append(found)
+            if place not in psnr:
+                psnr[place] = estimate(units[place], periodic=periodic, levels=levels)
+            highest = max(highest, psnr[place][k])
+        best.append(highest)
     return tuple(best)
 
 
@@ -148,7 +148,7 @@ def distinct_openings(dots: int, clear_dots: int, *, periodic: bool) -> NDArray[
     cells = np.arange(dots**2).reshape(dots, dots)
     if periodic:
         moved = [np.roll(cells, (v, u), axis=(0, 1)) for v in range(dots) for u in range(dots)]
-        images = moved + [each[::-1, ::-1] for each in moved]
+        images = moved + [image[::-1, ::-1] for image in moved]
     else:
         images = [orient(cells, k) for k in range(ORIENTATIONS)]
     openings = np.zeros((len(places), dots**2), dtype=np.bool_)
@@ -179,10 +179,10 @@ def sampled(estimate: Surrogate, inner: Interior, *, periodic: bool) -> Interior
         periodic: keep every lag of the upper half plane; otherwise only 0 <= y <= x, mirror images added up.
     """
     lags = estimate.lags if periodic else np.sort(abs(estimate.lags), axis=0)
-    kept, first, place = np.unique(lags, axis=1, return_index=True, return_inverse=True)
+    distinct, first, place = np.unique(lags, axis=1, return_index=True, return_inverse=True)
     place = place.ravel()
     weight = np.bincount(place, estimate.weight).astype(np.float64)
-    y, x = kept
+    y, x = distinct
     if periodic:
         count = np.where((y == 0) & (x == 0), 1.0, 2.0)
     else:
@@ -190,7 +190,7 @@ def sampled(estimate: Surrogate, inner: Interior, *, periodic: bool) -> Interior
         count[(y == 0) & (x == 0)] = 1
     return replace(
         inner,
-        lags=kept,
+        lags=distinct,
         count=count,
         weight=weight,
         stop=np.maximum(estimate.clear[first], 0),
@@ -311,8 +311,8 @@ def layout_bound(inner: Interior, ratio: float, level: float, open_share: float)
     most = 1 / (faintest if faintest > _FAINT else open_share)
     nodes, cost = wiener_cost(inner, inner.noise.variance(level, open_share), open_share, most, _NODES)
     around = blocks(inner, ratio, cut_cells=True, open_share=open_share)
-    found = block_error(inner, nodes, cost, around, open_share, moving=True, steps=_STEPS)[0]
-    return inner.decibels(level, found)
+    error = block_error(inner, nodes, cost, around, open_share, moving=True, steps=_STEPS)[0]
+    return inner.decibels(level, error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -348,11 +348,11 @@ class Rings:
         n = self.dots
         far, near = unit_modulation(unit, periodic=periodic)
         y, x = self.lags
-        found = []
+        moduli = []
         for v, u in [(y, x), (-y, x), (x, y), (-x, y)]:
             short = np.maximum(abs(v), abs(u)) < n
-            found.append(np.where(short, near[v % (2 * n), u % (2 * n)], far[v % n, u % n]))
-        return self.area(np.stack(found))
+            moduli.append(np.where(short, near[v % (2 * n), u % (2 * n)], far[v % n, u % n]))
+        return self.area(np.stack(moduli))
 
 
 def rings(dots: int = 21, wavelength_nm: float | None = None, *, room: CellGrid | None = None) -> Rings:
@@ -369,8 +369,8 @@ def rings(dots: int = 21, wavelength_nm: float | None = None, *, room: CellGrid 
     longest = round(per_cycle / 2)
     y, x = (v.ravel() for v in np.mgrid[0 : longest + 1, 0 : longest + 1])
     ring = np.rint(np.hypot(y, x)).astype(np.int64)
-    kept = (y <= x) & (ring <= int(per_cycle / 2))
-    y, x, ring = y[kept], x[kept], ring[kept]
+    inside = (y <= x) & (ring <= int(per_cycle / 2))
+    y, x, ring = y[inside], x[inside], ring[inside]
     clear = np.maximum(OpenStop.of(room, nm).at(y, x), 0) * np.sinc(y / per_cycle) * np.sinc(x / per_cycle)
     return Rings(dots, np.stack([y, x]), ring, clear)
 
@@ -405,8 +405,8 @@ def auc_bound(around: Rings, clear_dots: int, *, periodic: bool, positive: bool 
         )
         return _most(sparse.hstack([areas, -scaled], format="csr"), equal, np.array([1.0, clear_dots]), count)
     v, u = (w.ravel() for w in np.mgrid[0:n, 0:n])
-    kept = v <= u
-    v, u = v[kept], u[kept]
+    half = v <= u
+    v, u = v[half], u[half]
     shorts = len(v)
     images = np.where((v == u) | (v == 0), 4.0, 8.0)
     images[0] = 1
@@ -546,7 +546,7 @@ def bounds(
     grey, small = grey_light
     variances = [inner.noise.variance(level, ratio) for level in levels]
     errors = residue_errors(inner, residues(inner, periodic=periodic), ratio, variances, periodic=periodic)
-    found = tuple(inner.decibels(level, error) for level, error in zip(levels, errors, strict=True))
+    interior_psnr = tuple(inner.decibels(level, error) for level, error in zip(levels, errors, strict=True))
     whole = frame_bound(estimate, inner, clear_dots, periodic=periodic, levels=levels)
     area = None
     if estimate.dots <= _MOST_DOTS_OF_LP:
@@ -564,7 +564,7 @@ def bounds(
         method.append(
             "any_layout: Lagrangian dual over blocks of lags, best filter within ε at each frequency, cut cells counted"
         )
-    return Bounds(tuple(levels), clear_dots, periodic, found, whole, free, grey, small, area, tuple(method))
+    return Bounds(tuple(levels), clear_dots, periodic, interior_psnr, whole, free, grey, small, area, tuple(method))
 
 
 def optimality_gap(

@@ -520,7 +520,7 @@ def _shared(half: Singles) -> Singles:
     return half
 
 
-def _mirrored(whole: int, kept: int) -> torch.Tensor:
+def _mirrored(whole: int, inner: int) -> torch.Tensor:
     """Where a record in the middle of a scene, mirrored with its edge pixels doubled, takes its pixels from."""
-    margin = (whole - kept) // 2
-    return torch.from_numpy(np.pad(np.arange(margin, margin + kept), margin, mode="symmetric"))
+    margin = (whole - inner) // 2
+    return torch.from_numpy(np.pad(np.arange(margin, margin + inner), margin, mode="symmetric"))

@@ -83,7 +83,7 @@ class CaptureSettings:
         if unknown := [level for level in levels if level not in self.electrons]:
             raise JobError(
                 "MF104",
-                f"the level {unknown[0]:g} dB is not one of {', '.join(f'{each:g}' for each in self.electrons)}",
+                f"the level {unknown[0]:g} dB is not one of {', '.join(f'{level:g}' for level in self.electrons)}",
                 where="design.levels",
                 cure="Use levels from that list only",
             )
@@ -166,18 +166,22 @@ class SceneStatistics:
         cls, scenes: Sequence[Photograph], *, leak_scenes: int = 2, settings: CaptureSettings = F1_SETTINGS
     ) -> SceneStatistics:
         """Of scenes as :func:`scene_statistics` takes them; errors likewise."""
-        kept = _of_use(scenes)
+        pictures = _of_use(scenes)
         if settings.protocol.linear:
-            kept = [Photograph(s.name, s.number, np.minimum(s.light, 1)) for s in kept]
-        means, scales = [float(s.values.mean()) for s in kept], _scales(kept)
+            pictures = [Photograph(s.name, s.number, np.minimum(s.light, 1)) for s in pictures]
+        means, scales = [float(s.values.mean()) for s in pictures], _scales(pictures)
         if settings.protocol.linear:
             noise = PixelNoise(settings, float(np.mean(scales**2 * means)), float(np.mean(scales**2)))
         else:
-            noise = PixelNoise(settings, float(np.mean([s.values.mean() for s in kept])))
-        own = () if settings.is_f1 else tuple((_inner_pixels(s), float(k)) for s, k in zip(kept, scales, strict=True))
-        kept = [Photograph(s.name, s.number, s.values * np.float32(k)) for s, k in zip(kept, scales, strict=True)]
-        factor, power = _spectrum(kept)
-        spectra = np.stack([scipy.fft.rfft2(values) for values in _mixed(kept, leak_scenes)])
+            noise = PixelNoise(settings, float(np.mean([s.values.mean() for s in pictures])))
+        own = (
+            () if settings.is_f1 else tuple((_inner_pixels(s), float(k)) for s, k in zip(pictures, scales, strict=True))
+        )
+        pictures = [
+            Photograph(s.name, s.number, s.values * np.float32(k)) for s, k in zip(pictures, scales, strict=True)
+        ]
+        factor, power = _spectrum(pictures)
+        spectra = np.stack([scipy.fft.rfft2(values) for values in _mixed(pictures, leak_scenes)])
         rows = np.r_[0 : ROWS // 2, -ROWS // 2 : 0]
         cut = spectra[:, rows, : COLUMNS // 2 + 1] / FACTOR**2
         # The highest frequencies of an even grid stand for both signs; without them nothing is ambiguous.
@@ -212,18 +216,18 @@ def scene_statistics(
 
 def keep(path: Path = _FILE) -> None:
     """Write the statistics of the bundled scenes."""
-    kept: dict[str, Any] = {}
+    arrays: dict[str, Any] = {}
     for count, leak_scenes in KEPT:
-        found = SceneStatistics.of(bundled(count), leak_scenes=leak_scenes)
-        kept[f"{count}_{leak_scenes}"] = found.low
-        kept[f"{count}_numbers"] = np.array([found.noise.shot, found.factor, found.power])
-    np.savez_compressed(path, **kept)
+        statistics = SceneStatistics.of(bundled(count), leak_scenes=leak_scenes)
+        arrays[f"{count}_{leak_scenes}"] = statistics.low
+        arrays[f"{count}_numbers"] = np.array([statistics.noise.shot, statistics.factor, statistics.power])
+    np.savez_compressed(path, **arrays)
 
 
 def _kept(count: int, leak_scenes: int, settings: CaptureSettings) -> SceneStatistics:
-    with np.load(_FILE) as kept:
-        shot, factor, power = (float(each) for each in kept[f"{count}_numbers"])
-        return SceneStatistics(PixelNoise(settings, shot), factor, power, kept[f"{count}_{leak_scenes}"], ())
+    with np.load(_FILE) as arrays:
+        shot, factor, power = (float(number) for number in arrays[f"{count}_numbers"])
+        return SceneStatistics(PixelNoise(settings, shot), factor, power, arrays[f"{count}_{leak_scenes}"], ())
 
 
 def _inner_pixels(scene: Photograph) -> Floats:
@@ -233,15 +237,15 @@ def _inner_pixels(scene: Photograph) -> Floats:
 
 
 def _of_use(scenes: Sequence[Photograph]) -> list[Photograph]:
-    kept = [s for s in scenes if s.values.shape[1:] == (ROWS * FACTOR, COLUMNS * FACTOR)]
-    if not kept:
+    usable = [s for s in scenes if s.values.shape[1:] == (ROWS * FACTOR, COLUMNS * FACTOR)]
+    if not usable:
         raise JobError(
             "MF121",
             "no scene has 1536 x 1024 pixels",
             where="scenes",
             cure="Give photographs of 1536 x 1024 pixels or more",
         )
-    for scene in kept:
+    for scene in usable:
         contrast = float(scene.values[1].std(dtype=np.float64))
         if not contrast >= LEAST_CONTRAST:
             raise JobError(
@@ -251,7 +255,7 @@ def _of_use(scenes: Sequence[Photograph]) -> list[Photograph]:
                 where=f"scenes.{scene.name}",
                 cure="Take it away, or give a photograph",
             )
-    return kept
+    return usable
 
 
 def _scales(scenes: Sequence[Photograph]) -> Floats:

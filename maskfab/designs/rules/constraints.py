@@ -133,7 +133,7 @@ class Constraints:
         """The value of a rule; its default where it asks for nothing."""
         if rule in self.asked:
             return self.asked[rule]
-        return next(known for known in RULES if known.name == rule).default
+        return next(stated for stated in RULES if stated.name == rule).default
 
     @cached_property
     def rules(self) -> tuple[Rule, ...]:

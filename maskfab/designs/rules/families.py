@@ -60,10 +60,10 @@ def turned_key(unit: NDArray[np.bool_], turns: Iterable[int] = range(ORIENTATION
 
 def sums(sizes: Sequence[int]) -> list[int]:
     """Every sum of some of the last k sizes, for k from 0 to all, as a number of which bit n is set if n is a sum."""
-    found = [1]
+    reached = [1]
     for size in reversed(sizes):
-        found.append(found[-1] | found[-1] << size)
-    return found
+        reached.append(reached[-1] | reached[-1] << size)
+    return reached
 
 
 _SETS_OF_BLOBS = 1000

@@ -94,8 +94,8 @@ class ExpectedPsnr:
         """Expected restored PSNR in dB at each level."""
         if not self.distances:
             return self.surrogate(unit, periodic=self.periodic, levels=self.levels)
-        each = [known(unit, periodic=self.periodic, levels=self.levels) for known in self.distances]
-        return tuple(np.mean(each, axis=0).tolist())
+        by_distance = [estimate(unit, periodic=self.periodic, levels=self.levels) for estimate in self.distances]
+        return tuple(np.mean(by_distance, axis=0).tolist())
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,10 +164,10 @@ def scan(
     """
     constraints.require_possible()
     started = time.monotonic()
-    known = len(candidates) if isinstance(candidates, Sized) else 0
+    expected = len(candidates) if isinstance(candidates, Sized) else 0
     refused: Counter[str] = Counter()
     seen: set[bytes] = set()
-    found: list[Ranked] = []
+    ranked: list[Ranked] = []
     done, repeated, complete = 0, 0, True
 
     turns = range(ORIENTATIONS) if turned_alike else range(1)
@@ -189,8 +189,8 @@ def scan(
     source = kept()
     with ThreadPoolExecutor(workers) as pool:
         while True:
-            size = _BATCH if evaluations is None else min(_BATCH, evaluations - len(found))
-            if size <= 0 or (budget_s is not None and found and time.monotonic() - started >= budget_s):
+            size = _BATCH if evaluations is None else min(_BATCH, evaluations - len(ranked))
+            if size <= 0 or (budget_s is not None and ranked and time.monotonic() - started >= budget_s):
                 complete = next(source, None) is None
                 break
             batch = [candidate for _, candidate in zip(range(size), source, strict=False)]
@@ -198,10 +198,10 @@ def scan(
                 break
             values = list(pool.map(objective, [candidate.unit for candidate in batch]))
             for candidate, value in zip(batch, values, strict=True):
-                found.append(Ranked(candidate.name, candidate.unit, _number(value)))
-            best = max(each.value for each in found)
-            progress(f"scan, best {best:.3f}", done, max(known, done))
-    if not found:
+                ranked.append(Ranked(candidate.name, candidate.unit, _number(value)))
+            best = max(shape.value for shape in ranked)
+            progress(f"scan, best {best:.3f}", done, max(expected, done))
+    if not ranked:
         tally = ", ".join(f"{rule} {count}" for rule, count in refused.most_common())
         raise JobError(
             "MF123",
@@ -209,19 +209,19 @@ def scan(
             where="design",
             cure="Add families, or relax what is broken most often",
         )
-    bettered = rises(each.value for each in found)
-    found.sort(key=lambda each: -each.value)
-    return Scan(tuple(found), dict(refused), repeated, len(found), complete, bettered)
+    bettered = rises(shape.value for shape in ranked)
+    ranked.sort(key=lambda shape: -shape.value)
+    return Scan(tuple(ranked), dict(refused), repeated, len(ranked), complete, bettered)
 
 
 def rises(values: Iterable[float]) -> Bettered:
     """Where a sequence of values exceeds all before, counted from 1, and what it reaches there."""
-    best, found = -math.inf, []
+    best, steps = -math.inf, []
     for number, value in enumerate(values, start=1):
         if value > best:
             best = value
-            found.append((number, value))
-    return tuple(found)
+            steps.append((number, value))
+    return tuple(steps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,7 +258,7 @@ class State:
         rows = {name: getattr(self, name).astype(int).tolist() for name in ("unit", "best")}
         numbers = {name: getattr(self, name) for name in ("value", "best_value", "evaluations", "refused")}
         visited = [[value, unit.astype(int).tolist()] for value, unit in self.visited]
-        bettered = [list(each) for each in self.bettered]
+        bettered = [list(step) for step in self.bettered]
         return {**rows, **numbers, "generator": dict(self.generator), "bettered": bettered, "visited": visited}
 
     @classmethod
@@ -269,10 +269,10 @@ class State:
             JobError: MF105 if something is missing or of another kind.
         """
         try:
-            known = {name: plain[name] for name in cls.__dataclass_fields__}
-            known["bettered"] = tuple((int(number), float(value)) for number, value in known["bettered"])
-            known["visited"] = tuple((float(value), np.array(unit, np.bool_)) for value, unit in known["visited"])
-            made = cls(**known)
+            fields = {name: plain[name] for name in cls.__dataclass_fields__}
+            fields["bettered"] = tuple((int(number), float(value)) for number, value in fields["bettered"])
+            fields["visited"] = tuple((float(value), np.array(unit, np.bool_)) for value, unit in fields["visited"])
+            made = cls(**fields)
             whole = made.unit.ndim == 2 and made.unit.shape == made.best.shape and made.evaluations >= 0
             np.random.default_rng().bit_generator.state = dict(made.generator)
         except KeyError as missing:
@@ -509,8 +509,8 @@ def nearest(unit: Mask, constraints: Constraints, *, seed: int = 0) -> Mask:
     def shared(other: Mask) -> float:
         return float(np.count_nonzero(unit & other))
 
-    shapes = sorted(_shapes(constraints), key=lambda each: -shared(each.unit))
-    start = next((each.unit for each in _few_first(shapes) if constraints.allows(each.unit)), None)
+    shapes = sorted(_shapes(constraints), key=lambda shape: -shared(shape.unit))
+    start = next((shape.unit for shape in _few_first(shapes) if constraints.allows(shape.unit)), None)
     if start is None:
         raise JobError(
             "MF123",

@@ -247,20 +247,20 @@ def search(
         expected, first_shape(section), clock, mapped=section.map is not None, fitted=display is not None
     )
     made_for = camera_facts(camera, settings, seen)
-    kept = None if checkpoint is None else Kept(checkpoint, run_key(section, scenes, *made_for.values()))
+    store = None if checkpoint is None else Kept(checkpoint, run_key(section, scenes, *made_for.values()))
     if section.objective == "auc":
-        found = _by_auc(section, rules, room, stages.search, progress)
+        state = _by_auc(section, rules, room, stages.search, progress)
     else:
-        found = scanned(section, rules, expected, stages.search, kept, progress)
-        found = annealed(found, section, rules, expected, stages.search, kept, progress)
+        state = scanned(section, rules, expected, stages.search, store, progress)
+        state = annealed(state, section, rules, expected, stages.search, store, progress)
     if (
         panel is not None
         and section.map is not None
         and section.objective != "auc"
         and (section.density, section.cluster) == (None, None)
     ):
-        found = shortlisted(
-            found,
+        state = shortlisted(
+            state,
             section.shortlist,
             panel,
             rules,
@@ -270,7 +270,7 @@ def search(
             seed=map_seed(section),
             positions=section.positions,
         )
-    facts: Facts = {**origin(section, command, made_for), "shape": found.best.name}
+    facts: Facts = {**origin(section, command, made_for), "shape": state.best.name}
 
     def of_count(clear_dots: int) -> Iterator[Mask]:
         other = section.model_copy(update={"clear_dots": clear_dots})
@@ -278,7 +278,7 @@ def search(
 
     laid = mapped(
         section,
-        found.best.unit,
+        state.best.unit,
         rules,
         judges.estimate,
         panel,
@@ -290,9 +290,9 @@ def search(
         bounded=stages.bounded,
     )
     laid, fit, seeds = _with_seeds(laid, _required_fit(display, laid, rules, progress))
-    priced = prices(found.looked, expected, rules) if found.looked else None
+    priced = prices(state.looked, expected, rules) if state.looked else None
     psnr, appraisal, head_room, gap = laid.psnr, Facts(), None, None
-    notes = (*found.notes, *laid.notes)
+    notes = (*state.notes, *laid.notes)
     short = not stages.bounded or not clock.affords(stages.bounds_s)
     if psnr is None and short:
         notes += (NO_BOUNDS,)
@@ -303,26 +303,26 @@ def search(
     if psnr is None or (expected.distances and laid.psnr is None):
         psnr = expected.by_level(laid.unit)
     robust = None if short else _appraised(section, laid, panels.in_focus, spread)
-    near = None if short else _alternatives(section, found, laid, rules, expected, panels.in_focus)
+    near = None if short else _alternatives(section, state, laid, rules, expected, panels.in_focus)
     scene = None if seen is None or short else over_scene(section, laid, rules.dot_nm, panels, seen)
     if seen is not None and short:
         notes += ("The scene counts in the search; with a longer budget its conditions are told apart.",)
     facts |= {
         **appraisal,
         **by_level("expected_psnr", psnr, settings.levels),
-        "evaluated": found.evaluated,
+        "evaluated": state.evaluated,
         **seeds,
         **({} if priced is None else of_prices(priced)),
     }
-    account = _account(section, found, rules, laid)
-    if price_rules and rules.active and section.anneal and found.looked:
-        account = replace(account, without=annealed_without(found, section, rules, expected, progress))
+    account = _account(section, state, rules, laid)
+    if price_rules and rules.active and section.anneal and state.looked:
+        account = replace(account, without=annealed_without(state, section, rules, expected, progress))
     return Designed(
         Opening(section.name, laid.unit, rules.dot_nm, facts),
-        found.best.name,
+        state.best.name,
         psnr,
         head_room,
-        found.evaluated,
+        state.evaluated,
         priced,
         laid.cells,
         laid.designed,
@@ -330,7 +330,7 @@ def search(
         gap,
         None if laid.outer is None else Opening(_named(section, "_outer"), laid.outer, rules.dot_nm, facts),
         (*_few_cells(room, section), *notes),
-        found.cut or laid.cut,
+        state.cut or laid.cut,
         camera=made_for_line(camera, settings, seen),
         levels=settings.levels,
         robust=robust,
@@ -342,7 +342,7 @@ def search(
 
 
 def shortlisted(
-    found: Best,
+    state: Best,
     most: int,
     error: PanelError,
     rules: Constraints,
@@ -356,7 +356,7 @@ def shortlisted(
     """The search with that opening as its best which restores best under a quick map; of equals, the earlier.
 
     Args:
-        found: its best is on the list, then those that were looked at, best first.
+        state: its best is on the list, then those that were looked at, best first.
         most: openings on the list; 1 leaves everything as it is.
         error: of panels of such units; the levels weigh in it as they do in the scan.
         rules: that all on the list keep.
@@ -367,9 +367,9 @@ def shortlisted(
     Raises:
         JobError: as ``design_map``.
     """
-    listed = _different([Candidate(found.best.name, found.best.unit), *found.looked], rules, most)
+    listed = _different([Candidate(state.best.name, state.best.unit), *state.looked], rules, most)
     if len(listed) < 2:
-        return found
+        return state
     # A random map's light differs by chance, and more of it is no merit of a shape: all have what is expected.
     count = int(listed[0].unit.sum())
     light = round(float(error.inside.sum()) * count / error.dots**2)
@@ -406,13 +406,13 @@ def shortlisted(
             f"Under quick maps, {listed[best].name} restores {values[best] - values[0]:.3f} dB better than "
             f"{listed[0].name}, which is the better one turned at random."
         )
-    chosen = found.best if best == 0 else Ranked(listed[best].name, listed[best].unit, found.best.value)
+    chosen = state.best if best == 0 else Ranked(listed[best].name, listed[best].unit, state.best.value)
     return replace(
-        found,
+        state,
         best=chosen,
-        notes=(*found.notes, *notes),
-        cut=found.cut or cut,
-        stages=(*found.stages, ("quick maps", len(values))),
+        notes=(*state.notes, *notes),
+        cut=state.cut or cut,
+        stages=(*state.stages, ("quick maps", len(values))),
     )
 
 
@@ -650,21 +650,21 @@ def _appraised(section: SearchSection, laid: Mapped, error: PupilError, spread: 
 
 
 def _alternatives(
-    section: SearchSection, found: Best, laid: Mapped, rules: Constraints, expected: ExpectedPsnr, error: PupilError
+    section: SearchSection, state: Best, laid: Mapped, rules: Constraints, expected: ExpectedPsnr, error: PupilError
 ) -> Alternatives | None:
     """Openings within reach of the one that is laid; None for a panel of two, and where none was judged in dB."""
-    if laid.outer is not None or not found.near:
+    if laid.outer is not None or not state.near:
         return None
     seed, shape = map_seed(section), (error.cells, error.cells)
     # One tiling for all, so that openings are compared and not tilings.
     kinds = orientations(section.tiling, *shape, seed)
-    own = found.best.value if np.array_equal(laid.unit, found.best.unit) else expected(laid.unit)
+    own = state.best.value if np.array_equal(laid.unit, state.best.unit) else expected(laid.unit)
     bias_um = compared_bias_um(rules.dot_nm)
 
     def moved(unit: Mask) -> float:
         return moved_by_bias(unit, kinds, error, bias_um)
 
-    return alternatives(Ranked(found.best.name, laid.unit, own), found.near, rules, moved=moved, bias_um=bias_um)
+    return alternatives(Ranked(state.best.name, laid.unit, own), state.near, rules, moved=moved, bias_um=bias_um)
 
 
 def _few_cells(room: CellGrid, section: SearchSection) -> tuple[str, ...]:
@@ -676,11 +676,11 @@ def _few_cells(room: CellGrid, section: SearchSection) -> tuple[str, ...]:
     )
 
 
-def _account(section: SearchSection, found: Best, rules: Constraints, laid: Mapped) -> Account:
+def _account(section: SearchSection, state: Best, rules: Constraints, laid: Mapped) -> Account:
     by_auc = section.objective == "auc"
     wanted = "area under the radial minimum of the blue MTF" if by_auc else "expected restored PSNR"
     among = "" if by_auc else f" among shapes of the families {', '.join(section.families)}"
-    stages = found.stages
+    stages = state.stages
     if section.joint and not laid.cut:
         stages = (*stages, ("rounds of opening and map, at most", section.joint))
     return Account(
@@ -688,12 +688,12 @@ def _account(section: SearchSection, found: Best, rules: Constraints, laid: Mapp
         section.seed,
         stages,
         "" if by_auc else "expected restored PSNR, dB, weighted mean over the levels",
-        found.bettered,
-        stopped(found.cut or laid.cut),
+        state.bettered,
+        stopped(state.cut or laid.cut),
         section.tiling,
         map_seed(section),
         asked_of(rules),
-        priced_among=len(found.looked),
+        priced_among=len(state.looked),
     )
 
 
@@ -718,8 +718,8 @@ def over_scene(section: SearchSection, laid: Mapped, dot_nm: int, judges: Judges
             laid.unit, dot_nm, tiling=section.tiling, seed=seed, across=across, given=given, outer=laid.outer
         )
 
-    found = appraise_over(panel(laid.cells), seen, errors)
+    appraisal = appraise_over(panel(laid.cells), seen, errors)
     if laid.cells is None or laid.outer is not None:
-        return SceneDesign(seen, found, None)
+        return SceneDesign(seen, appraisal, None)
     drawn = orientations(section.tiling, judges.room.cells, judges.room.cells, seed)
-    return SceneDesign(seen, found, appraise_over(panel(CellMap("random", drawn)), seen, errors))
+    return SceneDesign(seen, appraisal, appraise_over(panel(CellMap("random", drawn)), seen, errors))

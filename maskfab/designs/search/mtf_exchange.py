@@ -180,8 +180,8 @@ def _search_repeated(around: Rings, clear: int, draw: np.random.Generator, steps
         made[every, pairs.kind[:, into]] += pairs.made_with(into)
         unit[out], unit[into] = False, True
         free[[out, into]] = step + 1 + away + draw.integers(away, size=2)
-        if (found := area()) > best_area:
-            best, best_area = unit.copy(), found
+        if (reached := area()) > best_area:
+            best, best_area = unit.copy(), reached
         if (step + 1) % _TOLD_EVERY == 0:
             progress(f"exchange, area {best_area:.4f}", step + 1, steps)
     return best.reshape(n, n)
@@ -258,8 +258,8 @@ class Smoothed:
     def slope(self, unit: Mask) -> Floats:
         """Of the smoothed area, by every dot, [n²]."""
         leaf = torch.from_numpy(unit.astype(np.float64)).requires_grad_()
-        (found,) = torch.autograd.grad(self(leaf, _TEMPERATURE), leaf)
-        return np.asarray(found.numpy().ravel())
+        (slope,) = torch.autograd.grad(self(leaf, _TEMPERATURE), leaf)
+        return np.asarray(slope.numpy().ravel())
 
     def _lowered(self, unit: torch.Tensor) -> torch.Tensor:
         """Expected modulation at the lags, as that of :func:`maskfab.designs.model.expected_psnr.unit_modulation`."""
@@ -322,10 +322,10 @@ def _search_turned(area: Smoothed, clear: int, draw: np.random.Generator, steps:
             trial = unit.copy()
             trial.flat[changed] = [False, True]
             judged.append((area.of_mask(trial, _TEMPERATURE), trial, changed))
-        _, unit, changed = max(judged, key=lambda each: each[0])
+        _, unit, changed = max(judged, key=lambda trial: trial[0])
         free[changed] = step + 1 + away + draw.integers(away, size=2)
-        if (found := area.of_mask(unit)) > best_area:
-            best, best_area = unit, found
+        if (reached := area.of_mask(unit)) > best_area:
+            best, best_area = unit, reached
         if (step + 1) % _TOLD_EVERY == 0:
             progress(f"exchange, area {best_area:.4f}", step + 1, steps)
     return best

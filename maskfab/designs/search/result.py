@@ -427,10 +427,10 @@ def by_level(name: str, values: Sequence[float], levels: Sequence[float]) -> Fac
     return {f"{name}_{level:g}": round(value, 3) + 0.0 for level, value in zip(levels, values, strict=True)}
 
 
-def of_prices(found: Prices) -> Facts:
+def of_prices(paid: Prices) -> Facts:
     """Costs of the rules, as provenance."""
-    facts: Facts = {"rules_cost_db": round(found.together, 3) + 0.0}
-    facts.update({price_key(price.rule): round(price.last, 3) + 0.0 for price in found.each})
+    facts: Facts = {"rules_cost_db": round(paid.together, 3) + 0.0}
+    facts.update({price_key(price.rule): round(price.last, 3) + 0.0 for price in paid.each})
     return facts
 
 

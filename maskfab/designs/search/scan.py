@@ -91,15 +91,15 @@ def require_shapes(section: SearchSection, rules: Constraints) -> None:
     if section.objective != "restored" or (symmetry is None and display is None):
         return
     shapes = _shapes(section)
-    units, named = np.stack([each.unit for each in shapes]), ", ".join(section.families)
-    told = f"none of the {len(shapes)} shapes of {section.clear_dots} clear dots in families {named}"
+    units, named = np.stack([shape.unit for shape in shapes]), ", ".join(section.families)
+    shapes_told = f"none of the {len(shapes)} shapes of {section.clear_dots} clear dots in families {named}"
     if symmetry is not None:
-        kept = {name: int(_symmetric(units, name).sum()) for name in get_args(Symmetry)}
-        if not kept[symmetry]:
-            some = " and ".join(f"{name} ({count} of them)" for name, count in kept.items() if count)
+        symmetric = {name: int(_symmetric(units, name).sum()) for name in get_args(Symmetry)}
+        if not symmetric[symmetry]:
+            some = " and ".join(f"{name} ({count} of them)" for name, count in symmetric.items() if count)
             raise JobError(
                 "MF123",
-                f"{told} has the symmetry {symmetry}; {f'some have {some}' if some else 'none has any'}",
+                f"{shapes_told} has the symmetry {symmetry}; {f'some have {some}' if some else 'none has any'}",
                 where="design.rules.symmetry",
                 cure="Add families such as discs, use another symmetry, or change clear_dots",
             )
@@ -111,7 +111,7 @@ def require_shapes(section: SearchSection, rules: Constraints) -> None:
         passing = display.lines_told(CellSize(section.dots, rules.dot_nm).pitch_nm)
         raise JobError(
             "MF123",
-            f"{told} lets so many lines pass along x and y: {passing}, and "
+            f"{shapes_told} lets so many lines pass along x and y: {passing}, and "
             f"no more than {int(most.max())} pass a chain of openings across",
             where="wires.lines",
             cure=f"Use at most {int(most.max())} lines, finer ones, or fewer clear_dots",
@@ -139,7 +139,7 @@ def scanned(
     rules: Constraints,
     objective: Objective,
     clock: Clock,
-    kept: Kept | None,
+    store: Kept | None,
     progress: Progress,
 ) -> Best:
     """The best of the section's families that keeps the rules; half of a budget where annealing follows.
@@ -147,44 +147,44 @@ def scanned(
     Raises:
         JobError: MF123 if none keeps the rules.
     """
-    if kept is not None and "scan_units" in kept.state:
-        return _restored(kept.state)
+    if store is not None and "scan_units" in store.state:
+        return _restored(store.state)
     shapes = _shapes(section)
     share = _SCAN_SHARE if section.anneal else 1.0
     look = partial(_look, section, shapes, objective, progress)
-    found = look(Constraints(section.clear_dots, dots=section.dots, dot_nm=rules.dot_nm), clock.left(share))
-    evaluated, complete = found.evaluated, found.complete
-    best, ruled = next((each for each in found.ranked if rules.allows(each.unit)), None), None
+    looked_at = look(Constraints(section.clear_dots, dots=section.dots, dot_nm=rules.dot_nm), clock.left(share))
+    evaluated, complete = looked_at.evaluated, looked_at.complete
+    best, ruled = next((opening for opening in looked_at.ranked if rules.allows(opening.unit)), None), None
     if best is None:
         left = clock.left(share)
         ruled = look(rules, None if left is None else max(left, _AT_LEAST_S))
         best, evaluated, complete = ruled.best, evaluated + ruled.evaluated, complete and ruled.complete
-    looked = list(found.ranked[:PRICED])
-    if all(each.unit is not best.unit for each in looked):
+    looked = list(looked_at.ranked[:PRICED])
+    if all(opening.unit is not best.unit for opening in looked):
         looked.append(best)
     if ruled is not None and section.map is not None:
         # A shortlist for the map wants several sizes that keep the rules.
         sizes = {kind(best.name, best.unit)}
-        for each in ruled.ranked:
-            size = kind(each.name, each.unit)
+        for opening in ruled.ranked:
+            size = kind(opening.name, opening.unit)
             if len(sizes) < section.shortlist and size not in sizes:
                 sizes.add(size)
-                looked.append(each)
-    told = f"The budget ended the scan when {evaluated + found.repeated} of {len(shapes)} shapes had been judged."
+                looked.append(opening)
+    note = f"The budget ended the scan when {evaluated + looked_at.repeated} of {len(shapes)} shapes had been judged."
     # All that keep the rules were judged where the first look found none.
-    last = found if ruled is None else ruled
+    last = looked_at if ruled is None else ruled
     made = Best(
         best,
         _candidates(looked),
         evaluated,
-        () if complete else (told,),
+        () if complete else (note,),
         not complete,
-        near=tuple(each for each in last.ranked if each.value >= best.value - WITHIN_DB),
+        near=tuple(opening for opening in last.ranked if opening.value >= best.value - WITHIN_DB),
         bettered=last.bettered,
         stages=(("shapes judged", evaluated),),
     )
-    if kept is not None and complete:
-        kept.put(_stored(made))
+    if store is not None and complete:
+        store.put(_stored(made))
     return made
 
 
@@ -197,32 +197,32 @@ def allowed(
         JobError: MF123 if none keeps the rules.
     """
     look = partial(_look, section, _shapes(section), objective, progress)
-    found = False
-    for each in look(Constraints(section.clear_dots, dots=section.dots, dot_nm=rules.dot_nm), clock.left()).ranked:
-        if rules.allows(each.unit):
-            found = True
-            yield each.unit
-    if not found:
-        yield from (each.unit for each in look(rules, clock.left()).ranked)
+    any_allowed = False
+    for opening in look(Constraints(section.clear_dots, dots=section.dots, dot_nm=rules.dot_nm), clock.left()).ranked:
+        if rules.allows(opening.unit):
+            any_allowed = True
+            yield opening.unit
+    if not any_allowed:
+        yield from (opening.unit for opening in look(rules, clock.left()).ranked)
 
 
 def annealed(
-    found: Best,
+    state: Best,
     section: SearchSection,
     rules: Constraints,
     objective: Objective,
     clock: Clock,
-    kept: Kept | None,
+    store: Kept | None,
     progress: Progress,
 ) -> Best:
     """The best changed dot by dot for the section's evaluations, if that betters it."""
     if not section.anneal:
-        return found
+        return state
     # An annealing from where the clock ended the scan is no part of the run that another call could go on with.
-    kept = None if found.cut else kept
-    start: Any = found.best.unit
-    if kept is not None and "anneal" in kept.state:
-        plain = json.loads(str(kept.state["anneal"]))
+    store = None if state.cut else store
+    start: Any = state.best.unit
+    if store is not None and "anneal" in store.state:
+        plain = json.loads(str(store.state["anneal"]))
         start = State.of({**plain, **{name: np.array(plain[name], dtype=np.bool_) for name in ("unit", "best")}})
     while True:
         made = start.evaluations if isinstance(start, State) else 0
@@ -232,33 +232,33 @@ def annealed(
             rules,
             evaluations=section.anneal,
             seed=section.seed,
-            until=None if kept is None else made + SAVED_EVERY,
+            until=None if store is None else made + SAVED_EVERY,
             budget_s=clock.left(),
             progress=progress,
         )
         start = walked.state
-        if kept is not None:
-            kept.put({"anneal": np.array(json.dumps(start.plain()))})
+        if store is not None:
+            store.put({"anneal": np.array(json.dumps(start.plain()))})
         if walked.complete or walked.stuck or clock.over:
             break
-    notes = list(found.notes)
+    notes = list(state.notes)
     if not walked.complete:
         why = "No move that keeps the rules was left" if walked.stuck else "The budget ended the annealing"
         notes.append(f"{why} after {start.evaluations} of {section.anneal} evaluations.")
-    name = f"{found.best.name}, annealed"
-    found = replace(
-        found,
-        evaluated=found.evaluated + start.evaluations,
+    name = f"{state.best.name}, annealed"
+    state = replace(
+        state,
+        evaluated=state.evaluated + start.evaluations,
         notes=tuple(notes),
-        cut=found.cut or not (walked.complete or walked.stuck),
-        near=(*found.near, *(Ranked(name, unit, value) for value, unit in start.visited)),
-        bettered=(*found.bettered, *((found.evaluated + made, value) for made, value in start.bettered)),
-        stages=(*found.stages, (ANNEALING, start.evaluations)),
+        cut=state.cut or not (walked.complete or walked.stuck),
+        near=(*state.near, *(Ranked(name, unit, value) for value, unit in start.visited)),
+        bettered=(*state.bettered, *((state.evaluated + made, value) for made, value in start.bettered)),
+        stages=(*state.stages, (ANNEALING, start.evaluations)),
     )
-    if not walked.value > found.best.value:
-        return found
+    if not walked.value > state.best.value:
+        return state
     best = Ranked(name, walked.unit, walked.value)
-    return replace(found, best=best, looked=(*found.looked, *_candidates([best])))
+    return replace(state, best=best, looked=(*state.looked, *_candidates([best])))
 
 
 def _shapes(section: SearchSection) -> list[Candidate]:
@@ -285,20 +285,20 @@ def _look(
 
 
 def _candidates(ranked: list[Ranked]) -> tuple[Candidate, ...]:
-    return tuple(Candidate(each.name, each.unit) for each in ranked)
+    return tuple(Candidate(opening.name, opening.unit) for opening in ranked)
 
 
-def _stored(found: Best) -> dict[str, np.ndarray[Any, Any]]:
-    place = next(k for k, each in enumerate(found.looked) if each.unit is found.best.unit)
+def _stored(state: Best) -> dict[str, np.ndarray[Any, Any]]:
+    place = next(k for k, opening in enumerate(state.looked) if opening.unit is state.best.unit)
     return {
-        "scan_names": np.array([each.name for each in found.looked], dtype=np.str_),
-        "scan_units": np.stack([each.unit for each in found.looked]),
-        "scan_numbers": np.array([place, found.evaluated], dtype=np.int64),
-        "scan_value": np.array([found.best.value]),
-        "near_names": np.array([each.name for each in found.near], dtype=np.str_),
-        "near_units": np.stack([each.unit for each in found.near]),
-        "near_values": np.array([each.value for each in found.near]),
-        "bettered": np.array(found.bettered),
+        "scan_names": np.array([opening.name for opening in state.looked], dtype=np.str_),
+        "scan_units": np.stack([opening.unit for opening in state.looked]),
+        "scan_numbers": np.array([place, state.evaluated], dtype=np.int64),
+        "scan_value": np.array([state.best.value]),
+        "near_names": np.array([opening.name for opening in state.near], dtype=np.str_),
+        "near_units": np.stack([opening.unit for opening in state.near]),
+        "near_values": np.array([opening.value for opening in state.near]),
+        "bettered": np.array(state.bettered),
     }
 
 
@@ -319,14 +319,14 @@ def _restored(state: dict[str, Any]) -> Best:
 
 
 def annealed_without(
-    found: Best, section: SearchSection, rules: Constraints, objective: Objective, progress: Progress
+    state: Best, section: SearchSection, rules: Constraints, objective: Objective, progress: Progress
 ) -> tuple[dict[str, float], float]:
     """Gains of annealings without each rule over the best found, dB by the rule left out, and the seconds they took.
 
     Each annealing is as long as the search's own, has its seed, and begins at the best opening that keeps the others.
 
     Args:
-        found: the search after its annealing.
+        state: the search after its annealing.
         section: of a job, with its evaluations and its seed.
         rules: that the search kept.
         objective: of the search.
@@ -336,8 +336,8 @@ def annealed_without(
     for left_out in rules.active:
         others = rules.without(left_out)
         # The best shapes come first, whether or not they keep any rule.
-        first = islice((shape.unit for shape in found.looked if others.allows(shape.unit)), 1)
-        start = max((found.best.unit, *first), key=objective)
+        first = islice((shape.unit for shape in state.looked if others.allows(shape.unit)), 1)
+        start = max((state.best.unit, *first), key=objective)
         walked = anneal(
             start,
             objective,
@@ -346,7 +346,7 @@ def annealed_without(
             seed=section.seed,
             progress=lambda stage, done, total, rule=left_out: progress(f"without {rule}: {stage}", done, total),  # type: ignore[misc]
         )
-        gains[left_out] = max(walked.value - found.best.value, 0.0)
+        gains[left_out] = max(walked.value - state.best.value, 0.0)
     return gains, time.process_time() - begun_s
 
 
