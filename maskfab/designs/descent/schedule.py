@@ -432,7 +432,7 @@ class _Run:
         return hashlib.sha256(words.encode()).hexdigest()
 
     def state(self) -> dict[str, NDArray[np.generic]]:
-        """What the next step depends on, all of it."""
+        """State that the next step depends on."""
         overall = self.best if self.overall is None else self.overall
         numbers = np.array([self.start, self.iteration, self.total, self.stale, self.ended, self.overall is not None])
         moments = self.optimiser.state_dict()["state"].get(0, {})
