@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from maskfab.camera.capture.frames import Frame
+from maskfab.camera.frames.frame import Frame
 
 GAIN, READ_NOISE, BLACK, WHITE = 1.7, 4.87, 64.0, 8190.0
 RGGB = (("R", "G"), ("G", "B"))

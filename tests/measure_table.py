@@ -17,8 +17,8 @@ from camera.capture.captured_dies import BLACK, GAIN, READ_NOISE, exposed, phase
 from numpy.typing import NDArray
 
 from maskfab.base.model import Camera, Panel
-from maskfab.camera.capture.frames import Frame
-from maskfab.camera.capture.merge import merged
+from maskfab.camera.frames.frame import Frame
+from maskfab.camera.frames.merge import merged
 from maskfab.camera.inspection.die_image import DieImage, Setting
 from maskfab.camera.inspection.fit import (
     FIRST_TERMS,

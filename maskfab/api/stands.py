@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from maskfab.camera.inspection.blur import STANDS, stand_named
+from maskfab.camera.blur import STANDS, stand_named
 from maskfab.mask.job import Job
 from maskfab.report.rows.optics import sees_mirrored
 
@@ -11,7 +11,7 @@ def way_round(asked: str | None, job: Job) -> int:
     """The element of D4 that takes a die as drawn to how the picture shows it.
 
     Args:
-        asked: one of :data:`maskfab.camera.inspection.blur.STANDS`; None for what the job says, mirrored if the plate's
+        asked: one of :data:`maskfab.camera.blur.STANDS`; None for what the job says, mirrored if the plate's
             chrome is away from the lens.
         job: of the plate.
 

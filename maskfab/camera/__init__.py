@@ -1,6 +1,7 @@
-"""A camera behind the panel: photographs taken, blurred, noisy and restored.
+"""A camera behind the panel: photographs simulated, restored and scored, and real ones read, restored and inspected.
 
-How a display looks to people is in :mod:`maskfab.display`.
-
-A network that learns to restore the photographs behind one die; no weights are shipped.
+The simulated chain is ``scenes``, ``imaging`` (by ``lens``, ``die_transfer`` or ``field_transfer``), ``sensor``,
+``record``, the folder ``restorers`` and ``scores``; ``protocol`` runs it. Real frames are in the folder ``frames``,
+what they tell of a die in ``inspection``. How a display looks to people is in :mod:`maskfab.display`. Rooms above are
+not imported: designs, reports, runs and the door.
 """

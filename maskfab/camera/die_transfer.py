@@ -1,4 +1,4 @@
-"""Light that reaches a camera's pixels through its stop, from one place in the scene.
+"""Transfer of one die: its own layout before the job's own camera, in the light of the job's scene.
 
 With a the amplitude behind the stop and C its autocorrelation over C(0), a line's transfer from scene to pixels is
 
@@ -11,35 +11,30 @@ gap, defocus and aberrations turn a's phase, and H is complex.
 Notes:
     A lens turns the image over and a picture is shown upright: its right and its bottom are the sensor's +x and +y,
     which are the panel's as its viewer sees it. So rows and columns of a picture are those of the panel's arrays.
-
-Transfer of one die: its own layout before the job's own camera, in the light of the job's scene.
-
-Notes:
     A phase is taken as constant over a dot, and a dot that the stop cuts as its mean. With a phase, dots are divided
     until H stands still. The change by the last division is told as the error: the next ones change half as much each.
     Lines of a band are doubled likewise, and err by twice the change at most; a phase allows 16, whatever they err.
-    Wires of a display that a die stands for are not on the mask.
+    Wires of a display that a die stands for are not on the mask. What else a transfer leaves out of what the job
+    states, :func:`left_out` tells.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import cast
+from typing import Generic, TypeVar, cast
 
 import numpy as np
-import scipy.fft
-from scipy import sparse
+import scipy
 
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError
-from maskfab.base.model import Camera, Panel
-from maskfab.base.units import UM_PER_NM
-from maskfab.camera.imaging import Isoplanatic
+from maskfab.base.model import Camera, MaskBlank, Panel
+from maskfab.base.units import UM_PER_MM, UM_PER_NM
+from maskfab.camera.imaging import Isoplanatic, Transfer
 from maskfab.camera.lens import COLOURS
-from maskfab.camera.record import Transfer
 from maskfab.optics.gap import (
     AXIS,
     AmplitudeLags,
@@ -64,20 +59,21 @@ _PLACES = 257
 _MOST_KEPT = 512
 
 
+T = TypeVar("T")
+
+
 @dataclass(frozen=True)
-class Samples:
-    """Divisions of a dot's side, each where there is a phase: of the openings' shadow, and of what a gap changes."""
+class ShadowAndGap(Generic[T]):
+    """A value for the openings' shadow, and one for what diffraction over the gap changes of it."""
 
-    shadow: int = 1
-    gap: int = 1
+    shadow: T
+    gap: T
 
 
-@dataclass(frozen=True, eq=False)
-class Lines:
-    """Lines that stand for light: for the openings' shadow, and, fewer, for what a gap changes."""
-
-    shadow: Spectrum
-    gap: Spectrum
+Samples = ShadowAndGap[int]
+"""Divisions of a dot's side, each where there is a phase."""
+Lines = ShadowAndGap[Spectrum]
+"""Lines that stand for light; of a gap there are fewer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,12 +212,12 @@ def line_transfer(lags: AmplitudeLags, cycle_um: float, y: Floats, x: Floats, we
         )
         for axis, sizes, frequency in zip((lags.y, lags.x), lags.sizes, (y, x), strict=True)
     )
-    found: Transfer = (np.float32(weight) * across @ np.ascontiguousarray((up @ lags.table).T)).T
-    return found
+    transfer: Transfer = (np.float32(weight) * across @ np.ascontiguousarray((up @ lags.table).T)).T
+    return transfer
 
 
 @lru_cache(maxsize=128)
-def _folded(lattice: Lattice, sizes: tuple[int, int], cycle_um: float, frequencies: bytes) -> sparse.csr_array:
+def _folded(lattice: Lattice, sizes: tuple[int, int], cycle_um: float, frequencies: bytes) -> scipy.sparse.csr_array:
     """[frequencies, lags]: interpolation of the lags times the pixel's sinc, summed over what sampling folds back.
 
     Kept where they are few, as every place of an image takes the same ones.
@@ -231,7 +227,7 @@ def _folded(lattice: Lattice, sizes: tuple[int, int], cycle_um: float, frequenci
     most = max(0, math.ceil((edges[-1] - edges[0]) / cycle_um + 0.5) - 1)
     nu = frequency[:, None] + np.arange(-most, most + 1)
     places = np.repeat(np.arange(frequency.size), nu.shape[1]), np.arange(nu.size)
-    sums = sparse.csr_array((np.sinc(nu).ravel(), places), shape=(frequency.size, nu.size))
+    sums = scipy.sparse.csr_array((np.sinc(nu).ravel(), places), shape=(frequency.size, nu.size))
     return (sums @ interpolation(lattice, nu.ravel() * cycle_um, sizes)).astype(np.float32)
 
 
@@ -250,38 +246,27 @@ _PROBED = np.array([*(-each for each in _HALF[:0:-1]), *_HALF, 0.5]), np.array([
 """Frequencies along y and x, cycles per pixel, at which errors are measured: dense where H falls steeply."""
 
 
-@dataclass(frozen=True)
-class Resolution:
-    """Samples and lines by which the transfer of a die is computed.
-
-    Attributes:
-        samples: of a phase.
-        lines: that stand for red, green and blue light.
-        by_samples, by_lines: error of H by either, measured at some frequencies; ``by_samples`` is None where there is
-            no phase, until somebody asks.
-    """
-
-    samples: Samples
-    lines: tuple[Lines, ...]
-    by_samples: float | None
-    by_lines: float
-
-
 @dataclass(frozen=True, eq=False)
 class DieTransfer(Isoplanatic):
     """Transfer of one die before one camera, for the light of one place in the scene: a design to be photographed.
 
     Attributes:
         view: what the light goes through.
-        resolution: of what it is on the axis.
+        samples: of a phase on the axis.
+        lines: that stand for red, green and blue light.
+        by_samples, by_lines: error of H by either, measured at some frequencies; ``by_samples`` is None where there is
+            no phase, until somebody asks.
     """
 
     view: StopView
-    resolution: Resolution
+    samples: Samples
+    lines: tuple[Lines, ...]
+    by_samples: float | None
+    by_lines: float
 
     def _transfer(self, shape: tuple[int, int]) -> Transfer:
         y, x = np.asarray(scipy.fft.fftfreq(shape[0])), np.asarray(scipy.fft.rfftfreq(shape[1]))
-        return self._at(self.resolution.samples, y, x)
+        return self._at(y, x)
 
     def at(self, image_um: Place) -> DieTransfer:
         """The transfer at another place of the image, from the axis in micrometres to the right and down the picture.
@@ -298,36 +283,35 @@ class DieTransfer(Isoplanatic):
             openings: as :func:`maskfab.optics.pupil.panel_aperture` lays them out, on parts of dots.
             finer: parts along a dot.
         """
-        view, known = self.view, self.resolution
+        view = self.view
         distance = modelled_distance_um(view.choice, view.scene, view.object_um)
         shown, _ = magnified(openings, view.scene.gap_um, distance)
-        samples = Samples(*(max(1, times // finer) for times in (known.samples.shadow, known.samples.gap)))
-        return replace(self, view=replace(view, openings=shown), resolution=replace(known, samples=samples))
+        samples = Samples(*(max(1, times // finer) for times in (self.samples.shadow, self.samples.gap)))
+        return replace(self, view=replace(view, openings=shown), samples=samples)
 
     @cached_property
     def probe(self) -> Transfer:
         """H at some frequencies, dense where it falls steeply, [3, n, m]: where errors are measured."""
-        return self._at(self.resolution.samples, *_PROBED)
+        return self._at(*_PROBED)
 
     @cached_property
     def error(self) -> float:
         """Largest error of H at the frequencies of ``probe``, by samples and lines together."""
-        known, by_samples = self.resolution, self.resolution.by_samples
+        by_samples = self.by_samples
         if by_samples is None:
-            middle = line_spectrum([known.lines[-1].shadow.centroid_nm])
+            middle = line_spectrum([self.lines[-1].shadow.centroid_nm])
             coarse, fine = (self.view.shadow(middle, times, *_PROBED) for times in (1, 2))
             by_samples = float(abs(fine - coarse).max())
-        return by_samples + known.by_lines
+        return by_samples + self.by_lines
 
     @cached_property
     def transmission(self) -> float:
         """Share of the light that falls on the stop that the die lets through, the mean of the colours."""
-        samples, lines = self.resolution.samples, self.resolution.lines
-        passed = [self.view.passed_um2(each.gap.centroid_nm, samples) for each in lines]
+        passed = [self.view.passed_um2(lines.gap.centroid_nm, self.samples) for lines in self.lines]
         return min(1.0, sum(passed) / COLOURS / self.view.camera.stop.area_um2)
 
-    def _at(self, samples: Samples, y: Floats, x: Floats) -> Transfer:
-        return cast(Transfer, np.stack([self.view.transfer(lines, samples, y, x) for lines in self.resolution.lines]))
+    def _at(self, y: Floats, x: Floats) -> Transfer:
+        return cast(Transfer, np.stack([self.view.transfer(lines, self.samples, y, x) for lines in self.lines]))
 
 
 def die_transfer(
@@ -364,28 +348,29 @@ def die_transfer(
         view = StopView(shown, camera, seen, choice, gap, distance)
         _require_room(shown, camera, 1)
         samples, coarse, by_samples = _samples(view, light)
-        spectra = [_lines(view, coarse, each) for each in light]
+        spectra = [_lines(view, coarse, colour) for colour in light]
     except JobError as refusal:
         raise JobError(refusal.code, refusal.what, where=name, cure=refusal.cure) from None
-    lines = tuple(each for each, _ in spectra)
-    return DieTransfer(name, view, Resolution(samples, lines, by_samples, max(error for _, error in spectra)))
+    lines = tuple(pair for pair, _ in spectra)
+    return DieTransfer(name, view, samples, lines, by_samples, max(error for _, error in spectra))
 
 
 def _bands(camera: Camera, scene: Scene, name: str) -> list[Band | float]:
     """Red, green and blue light: the scene's bands, or the camera's lines, the longest first."""
+    light: list[Band | float]
     if scene.bands:
-        found: list[Band | float] = [*sorted(scene.bands, key=lambda band: -band.centroid_nm)]
+        light = [*sorted(scene.bands, key=lambda band: -band.centroid_nm)]
     else:
-        found = [*sorted(camera.wavelengths_nm, reverse=True)]
-    if len(found) != COLOURS:
+        light = [*sorted(camera.wavelengths_nm, reverse=True)]
+    if len(light) != COLOURS:
         what, key = ("bands", "scene.spectrum") if scene.bands else ("wavelengths", "camera.wavelengths")
         raise JobError(
             "MF134",
-            f"photographs have red, green and blue, and {name} is seen in {len(found)} {what}",
+            f"photographs have red, green and blue, and {name} is seen in {len(light)} {what}",
             where=key,
             cure="Give three",
         )
-    return found
+    return light
 
 
 def _everything(scene: Scene) -> Choice:
@@ -421,15 +406,15 @@ def _object_um(scene: Scene, object_um: float | None, name: str) -> float:
 
 def _samples(view: StopView, light: list[Band | float]) -> tuple[Samples, Samples, float | None]:
     """The samples that the phase of the shortest line takes, the fewest that it bears, and the error of H by them."""
-    shortest = min(each.range_nm[0] if isinstance(each, Band) else each for each in light)
+    shortest = min(colour.range_nm[0] if isinstance(colour, Band) else colour for colour in light)
     if not view.has_phase(shortest):
-        return Samples(), Samples(), None
+        return Samples(1, 1), Samples(1, 1), None
     line, steep = line_spectrum([shortest]), view.steepest(shortest) * view.openings.x.dot_um
     # The phase from one sample to the next must be told by exp(2πi W) alone.
     coarsest = 2 ** max(0, math.ceil(math.log2(steep / _MOST_TURN))) if steep > 0 else 1
 
     def still(seen: Callable[[int], Transfer]) -> tuple[int, float]:
-        known: Transfer | None = None
+        coarser: Transfer | None = None
         times, error = coarsest, math.inf
         while True:
             try:
@@ -439,11 +424,11 @@ def _samples(view: StopView, light: list[Band | float]) -> tuple[Samples, Sample
                 if refusal.code == "MF115" and error <= _BEARABLE:
                     return times // 2, error
                 raise
-            if known is not None:
-                error = float(abs(finer - known).max())
+            if coarser is not None:
+                error = float(abs(finer - coarser).max())
             if error <= MOST_CHANGE:
                 return times, error
-            known, times = finer, 2 * times
+            coarser, times = finer, 2 * times
 
     shadow, by_shadow = still(lambda times: view.shadow(line, times, *_PROBED)) if steep else (1, 0.0)
     gapped = view.choice.diffraction
@@ -455,12 +440,12 @@ def _require_room(openings: Aperture, camera: Camera, times: int, error: float =
     across = max(camera.stop.sides_um) / min(openings.x.dot_um, openings.y.dot_um) * times
     if across <= MOST_ACROSS:
         return
-    told = "" if times == 1 else f" divided by {times / 2:g}, too coarse for the phase of the scene's light"
-    told += f", whose transfer still changes by {error:.1g}" if math.isfinite(error) else ""
+    divided = "" if times == 1 else f" divided by {times / 2:g}, too coarse for the phase of the scene's light"
+    divided += f", whose transfer still changes by {error:.1g}" if math.isfinite(error) else ""
     raise JobError(
         "MF115",
-        f"the stop of {camera.stop.diameter_um:g} um is {across / times:.0f} dots of {openings.x.dot_um:g} um{told}; "
-        f"photographs take {MOST_ACROSS} along a side at most",
+        f"the stop of {camera.stop.diameter_um:g} um is {across / times:.0f} dots of {openings.x.dot_um:g} um{divided}"
+        f"; photographs take {MOST_ACROSS} along a side at most",
         cure="Use larger dots or a smaller stop" if times == 1 else "Ask for less defocus, aberration or gap",
     )
 
@@ -481,12 +466,87 @@ def _lines(view: StopView, samples: Samples, light: Band | float) -> tuple[Lines
 
 def _fewest(band: Band, most: int, seen: Callable[[Spectrum], Transfer]) -> tuple[Spectrum, float]:
     count, fewer, error = 1, band_lines(band, 1), math.inf
-    known = seen(fewer)
+    coarser = seen(fewer)
     while count < most:
         more = band_lines(band, max(4, 2 * count))
         finer = seen(more)
-        error = float(abs(finer - known).max())
+        error = float(abs(finer - coarser).max())
         if error <= MOST_CHANGE:
             break
-        count, fewer, known = more.wavelengths_nm.size, more, finer
+        count, fewer, coarser = more.wavelengths_nm.size, more, finer
     return fewer, BAND_SAFETY * error
+
+
+_OWN_WORDS = ("lens distortion", "curve of the rim", "field between places", "width of the bands")
+
+
+def left_out(panel: Panel, scene: Scene, blank: MaskBlank, plan: Plan | None = None) -> tuple[str, ...]:
+    """Sentences on what the photographs of a die leave out; none where they hold all that the job states.
+
+    Args:
+        panel: of the die.
+        scene: of the job, the plate's glass in its gap.
+        blank: of the plate.
+        plan: that the transfer follows; None if it holds all of the scene.
+    """
+    return (*by_plan(scene, plan), *_by_lens(scene), *_by_plate(panel, scene, blank))
+
+
+def by_sentence(left_out: Mapping[str, Sequence[str]]) -> list[str]:
+    """Every sentence once, with the dies that it is about where these are not all.
+
+    Args:
+        left_out: by die, what its photographs leave out.
+    """
+    dies: dict[str, list[str]] = {}
+    for name, sentences in left_out.items():
+        for sentence in sentences:
+            dies.setdefault(sentence, []).append(name)
+    every = len(left_out)
+    return [f"{'' if len(names) == every else ', '.join(names) + ': '}{sentence}." for sentence, names in dies.items()]
+
+
+def by_plan(scene: Scene, plan: Plan | None) -> list[str]:
+    """Sentences on what a plan leaves out of a scene; without a plan, on the shift that is then left out."""
+    if plan is None:
+        shift = "the shift through the gap off the axis is left out: every place is seen as the axis is"
+        return [shift] if scene.gap_um and scene.field_um else []
+    rows = [row for row in plan.ingredients if not row.modelled and row.error and row.name not in _OWN_WORDS]
+    return [
+        f"{row.name} is left out: without it the PSF errs by {row.error:.2g} at most, and the accuracy asked for is "
+        f"{plan.accuracy:g}"
+        for row in rows
+    ]
+
+
+def _by_lens(scene: Scene) -> list[str]:
+    sentences = []
+    if scene.distortion is not None and scene.distortion.ratio:
+        sentences.append(
+            f"lens distortion of {scene.distortion.ratio:.2g} is left out: photographs are compared as if rectified, "
+            "and their PSF is that of a lens without it"
+        )
+    if scene.nearest_um != scene.farthest_um:
+        near, far = (
+            "infinity" if math.isinf(length_um) else f"{length_um / UM_PER_MM:.4g} mm"
+            for length_um in (scene.nearest_um, scene.farthest_um)
+        )
+        sentences.append(f"depth is left out: all of a photograph is at one distance between {near} and {far}")
+    return sentences
+
+
+def _by_plate(panel: Panel, scene: Scene, blank: MaskBlank) -> list[str]:
+    sentences = []
+    if blank.optical_density is not None:
+        share = 10**-blank.optical_density
+        sentences.append(
+            f"light through the film is left out: it passes {share:.1g} of what falls on it, and is taken as opaque"
+        )
+    if blank.glass is not None:
+        side = "its thickness counts as a gap" if blank.glass.gap_um else "behind it, it only dims"
+        if blank.glass.gap_um and not scene.gap_um:
+            side = "its thickness counts as a gap with a [scene] alone, and the job has none"
+        sentences.append(f"reflections and absorption of the glass are left out: {side}")
+    if panel.tracks:
+        sentences.append("wires of the display are left out: the mask has none")
+    return sentences

@@ -28,8 +28,7 @@ from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats, Singles
 from maskfab.camera.die_transfer import DieTransfer, Lines, Samples, StopView
-from maskfab.camera.imaging import SceneLight
-from maskfab.camera.record import Transfer
+from maskfab.camera.imaging import Margin, Transfer
 from maskfab.optics.gap import AXIS, Place
 from maskfab.optics.pupil import Aperture
 from maskfab.optics.scene.plan import Plan
@@ -125,23 +124,23 @@ class FieldChange:
         places = _Places.of(transfer, plan.accuracy, FieldNodes.of(view, shape, 3).places[-1])
         for count in PHASED_COUNTS if places.phased else COUNTS:
             nodes = FieldNodes.of(view, shape, count)
-            spreads, shares = _components(places.changes(nodes.places), _LEFT_OUT * plan.accuracy)
+            spreads, shares = _components(np.stack([places.change(p) for p in nodes.places]), _LEFT_OUT * plan.accuracy)
             finer = FieldNodes.of(view, shape, max(3, 2 * count - 1))
-            found = max(
+            error = max(
                 float(np.linalg.norm((nodes.shares(place) @ shares) @ spreads - places.change(place)))
                 for place in (*nodes.places, *finer.corners(0 if count == 1 else 1))
             )
-            if found <= plan.accuracy:
+            if error <= plan.accuracy:
                 break
         side = 2 * REACH + 1
         return cls(
             nodes,
             (places.scale * spreads).reshape(-1, 3, side, side),
             shares.T.reshape(-1, nodes.y_um.size, nodes.x_um.size).astype(np.float32),
-            math.hypot(found, places.left_out),
+            math.hypot(error, places.left_out),
         )
 
-    def add(self, light: SceneLight, seen: Singles) -> None:
+    def add(self, light: Singles, margin: Margin, seen: Singles) -> None:
         """Add what the change does to the light of a scene as ``seen`` on the sensor, [3, rows, columns]."""
         if not len(self.spreads):
             return
@@ -151,15 +150,15 @@ class FieldChange:
         transfers = self._kept.get(sizes)
         if transfers is None:
             transfers = self._transfers(sizes)
-            if not light.margin.large:
+            if not margin.large:
                 self._kept[sizes] = transfers
         starts = (range(0, count, size - 2 * REACH) for count, size in zip(sides, sizes, strict=True))
         for top, left in product(*starts):
             y, x = (
-                (light.margin.width + first - REACH + np.arange(size)) % count
-                for first, size, count in zip((top, left), sizes, light.margin.shape, strict=True)
+                (margin.width + first - REACH + np.arange(size)) % count
+                for first, size, count in zip((top, left), sizes, margin.shape, strict=True)
             )
-            part = light.values[:, y[:, None], x]
+            part = light[:, y[:, None], x]
             total = np.zeros_like(transfers[0])
             for transfer, share in zip(transfers, self.shares, strict=True):
                 shared = part * (up[:, y].T @ share @ across[:, x])
@@ -172,13 +171,13 @@ class FieldChange:
 
     def _transfers(self, sizes: tuple[int, ...]) -> NDArray[np.complex64]:
         """Of every component, at the frequencies of ``rfft2`` of parts of that size, [components, 3, ...]."""
-        found = np.empty((*self.spreads.shape[:2], sizes[0], sizes[1] // 2 + 1), dtype=np.complex64)
+        transfers = np.empty((*self.spreads.shape[:2], sizes[0], sizes[1] // 2 + 1), dtype=np.complex64)
         place = np.arange(-REACH, REACH + 1)
-        for spread, transfer in zip(self.spreads, found, strict=True):
+        for spread, transfer in zip(self.spreads, transfers, strict=True):
             wide = np.zeros((3, *sizes), dtype=np.float32)
             wide[:, place[:, None], place] = spread[:, place[:, None], place]
             transfer[:] = scipy.fft.rfft2(wide, axes=(1, 2), workers=1)
-        return found
+        return transfers
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,7 +225,7 @@ class OverField:
             sizes.setdefault(sentence, []).append(f"{columns} x {rows}")
         if len(sizes) == 1:
             return tuple(sizes)
-        return tuple(f"in scenes of {', '.join(each)} pixels {sentence}" for sentence, each in sizes.items())
+        return tuple(f"in scenes of {', '.join(alike)} pixels {sentence}" for sentence, alike in sizes.items())
 
     def change(self, shape: tuple[int, int]) -> FieldChange:
         """Over pictures of that shape; kept for the scenes that follow.
@@ -238,11 +237,11 @@ class OverField:
             self._kept[shape] = FieldChange.of(self.transfer, self.plan, shape)
         return self._kept[shape]
 
-    def blurred(self, light: SceneLight) -> Singles:
+    def blurred(self, light: Singles, margin: Margin) -> Singles:
         """See :class:`maskfab.camera.imaging.Design`; errors as for :meth:`change`."""
-        found = self.transfer.blurred(light)
-        self.change(light.margin.shape).add(light, found)
-        return found
+        seen = self.transfer.blurred(light, margin)
+        self.change(margin.shape).add(light, margin, seen)
+        return seen
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,8 +269,8 @@ class _Places:
     @classmethod
     def of(cls, transfer: DieTransfer, accuracy: float, corner: Place) -> _Places:
         """With diffraction over the gap if its change to the corner takes more than half of the accuracy."""
-        view, samples = transfer.view, transfer.resolution.samples
-        lines = tuple(replace(each, shadow=gathered(each.shadow, MOST_LINES)) for each in transfer.resolution.lines)
+        view, samples = transfer.view, transfer.samples
+        lines = tuple(replace(each, shadow=gathered(each.shadow, MOST_LINES)) for each in transfer.lines)
         plain, left_out = view.without_gap(), 0.0
         if view.choice.diffraction:
             green = lines[1:2]
@@ -298,10 +297,6 @@ class _Places:
             there = _spread(self.view.at(place), self.samples, self.lines)
             self._kept[place] = (there - self.axis) / self.scale
         return self._kept[place]
-
-    def changes(self, places: list[Place]) -> Singles:
-        """To several, [places, 3 n n]."""
-        return np.stack([self.change(place) for place in places])
 
 
 def _spread(view: StopView, samples: Samples, lines: tuple[Lines, ...]) -> Singles:

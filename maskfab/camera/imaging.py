@@ -1,4 +1,4 @@
-"""Designs: what a scene is photographed through, and what a restorer takes that for."""
+"""The blur of a scene by panel, lens and pixels: what lies on the sensor, and what a restorer takes the blur for."""
 
 from __future__ import annotations
 
@@ -8,33 +8,86 @@ from typing import Protocol
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from maskfab.base.arrays import Singles
-from maskfab.camera.record import Blur, Transfer
-from maskfab.camera.restorers.wiener import Margin
+
+Transfer = NDArray[np.float32] | NDArray[np.complex64]
+
+
+class Blur(Protocol):
+    """The blur of a scene by lens, panel and pixels."""
+
+    def on(self, shape: tuple[int, int]) -> Transfer:
+        """H at the frequencies of ``rfft2`` of pictures of that shape, [3, rows, columns / 2 + 1], 1 at frequency 0.
+
+        Real where the point spread is the same turned by 180 degrees, complex otherwise. Kept for every shape.
+        """
+
+
+MARGIN = 256
+"""Pixels of scene, and of mirrored record, round the sensor."""
+
+
+LARGE = 8_000_000
+"""Pixels of a picture from which on nothing is kept that can be computed again."""
 
 
 @dataclass(frozen=True, eq=False)
-class SceneLight:
-    """Light of a scene, and where the sensor lies in it.
+class Margin:
+    """Where the sensor lies in the scene, [3, rows, columns], and the transforms that spare the rest.
 
     Attributes:
-        values: float32 [3, rows, columns], white is 1.
-        margin: of the scene.
+        shape: rows and columns of the scene.
+        width: pixels from its edge to the sensor's, less than the sensor's sides.
     """
 
-    values: Singles
-    margin: Margin
+    shape: tuple[int, int]
+    width: int = MARGIN
 
-    def through(self, transfer: Transfer) -> Singles:
-        """Light on the sensor where every point spreads alike, by H [3, rows, columns / 2 + 1]."""
-        found = np.empty_like(self.margin.sensor(self.values))
+    @property
+    def large(self) -> bool:
+        """Whether nothing is kept of such pictures that can be computed again."""
+        rows, columns = self.shape
+        return rows * columns > LARGE
+
+    @property
+    def _cut(self) -> tuple[slice, slice]:
+        rows, columns = self.shape
+        return slice(self.width, rows - self.width), slice(self.width, columns - self.width)
+
+    def sensor(self, scene: Singles) -> Singles:
+        """The part of a scene that lies on the sensor."""
+        return scene[:, *self._cut]
+
+    def dark(self, picture: Singles) -> Singles:
+        """A picture on the sensor with darkness round it, [3, rows, columns] of the scene."""
+        around = (self.width, self.width)
+        return np.pad(picture, [(0, 0), around, around])
+
+    def blurred(self, spectrum: NDArray[np.complex64], transfer: Transfer) -> Singles:
+        """Light on the sensor: the scene's ``rfft2`` [3, rows, half], times H, back on the sensor's pixels."""
+        lines = scipy.fft.ifft(spectrum * transfer, axis=1, overwrite_x=True, workers=1)
+        rows, columns = self._cut
+        wide = scipy.fft.irfft(lines[:, rows], n=self.shape[1], axis=2, workers=1)
+        return np.asarray(wide[:, :, columns])
+
+    def through(self, light: Singles, transfer: Transfer) -> Singles:
+        """Light on the sensor of a scene [3, rows, columns] whose points all spread alike, by H as of :class:`Blur`."""
+        seen = np.empty_like(self.sensor(light))
         # Colour by colour, so that a large scene's spectrum takes a third of the memory.
-        for colour in range(len(self.values)):
-            each = slice(colour, colour + 1)
-            spectrum = np.asarray(scipy.fft.rfft2(self.values[each], axes=(1, 2), workers=1))
-            found[each] = self.margin.blurred(spectrum, transfer[each])
-        return found
+        for colour in range(len(light)):
+            one = slice(colour, colour + 1)
+            spectrum = np.asarray(scipy.fft.rfft2(light[one], axes=(1, 2), workers=1))
+            seen[one] = self.blurred(spectrum, transfer[one])
+        return seen
+
+    def mirrored(self, record: Singles) -> NDArray[np.complex64]:
+        """``rfft2`` of a record [3, sensor rows, sensor columns] mirrored at its edges (their pixels not doubled)."""
+        around = [(0, 0), (0, 0), (self.width, self.width)]
+        lines = scipy.fft.rfft(np.pad(record, around, mode="reflect"), axis=2, workers=1)
+        tall = np.pad(lines, [(0, 0), (self.width, self.width), (0, 0)], mode="reflect")
+        return np.asarray(scipy.fft.fft(tall, axis=1, overwrite_x=True, workers=1))
 
 
 class Design(Blur, Protocol):
@@ -52,8 +105,13 @@ class Design(Blur, Protocol):
     def told(self) -> tuple[str, ...]:
         """Sentences on how its blur errs, once a scene was blurred."""
 
-    def blurred(self, light: SceneLight) -> Singles:
-        """Light of a scene as it falls on the sensor, float32 [3, rows, columns] of the sensor, white is 1."""
+    def blurred(self, light: Singles, margin: Margin) -> Singles:
+        """Light of a scene as it falls on the sensor, float32 [3, rows, columns] of the sensor, white is 1.
+
+        Args:
+            light: of the scene, float32 [3, rows, columns], white is 1.
+            margin: where the sensor lies in it.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,9 +151,9 @@ class Isoplanatic(ABC):
             self._kept[shape] = found
         return self._kept[shape]
 
-    def blurred(self, light: SceneLight) -> Singles:
+    def blurred(self, light: Singles, margin: Margin) -> Singles:
         """See :class:`Design`."""
-        return light.through(self.on(light.margin.shape))
+        return margin.through(light, self.on(margin.shape))
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,9 +188,9 @@ class RestoredBy:
         """Of what is photographed."""
         return self.seen.told
 
-    def blurred(self, light: SceneLight) -> Singles:
+    def blurred(self, light: Singles, margin: Margin) -> Singles:
         """As what is photographed does."""
-        return self.seen.blurred(light)
+        return self.seen.blurred(light, margin)
 
     def on(self, shape: tuple[int, int]) -> Transfer:
         """H of what is known."""

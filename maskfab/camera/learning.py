@@ -1,19 +1,16 @@
-"""Lessons for a network: photographs through one die, as it is shown them, beside the truth.
+"""Training of a network to restore photographs behind one die, and the checkpoint that it leaves.
 
-Photographs are whole frames with light from outside the sensor, taken by the protocol that scores them. Every second
-one is of a picture that is given, if any is, mirrored by chance; the others are dead leaves that no other protocol
-draws: of four, one bright and one indoors are smooth, and the other two have a texture, as few things in life are
-even.
+Lessons are photographs through the die, as the network is shown them, beside the truth: whole frames with light from
+outside the sensor, taken by the protocol that scores them. Every second one is of a picture that is given, if any is,
+mirrored by chance; the others are dead leaves that no other protocol draws: of four, one bright and one indoors are
+smooth, and the other two have a texture, as few things in life are even.
 
-Training of a network on lessons, step by step, so that it can be cut off anywhere and go on to the same result.
-
-A step descends (Kingma, Ba, Adam, ICLR 2015) on the squared error of a few patches, as it is scored, over that of the
-whole picture that is mended, so that dim scenes count as much as bright ones. What is used is the mean of the weights
-over the last steps (Polyak, Juditsky, SIAM J. Control Optim. 30, 838, 1992), which is good whenever training stops.
-
-The file that training leaves: the network, what it was trained behind, and all that training needs to go on.
-
-A run of training: it ends by the clock, judges what it has by scenes that are not taught, and keeps it in a file.
+Training goes step by step, so that it can be cut off anywhere and go on to the same result. A step descends (Kingma,
+Ba, Adam, ICLR 2015) on the squared error of a few patches, as it is scored, over that of the whole picture that is
+mended, so that dim scenes count as much as bright ones. What is used is the mean of the weights over the last steps
+(Polyak, Juditsky, SIAM J. Control Optim. 30, 838, 1992), which is good whenever training stops. A run ends by the
+clock, judges what it has by scenes that are not taught, and keeps it in a checkpoint: the network, what it was trained
+behind, and all that training needs to go on.
 """
 
 from __future__ import annotations
@@ -36,11 +33,10 @@ from maskfab.base.arrays import Singles
 from maskfab.base.errors import JobError, SourceError
 from maskfab.base.files import RUN, read_state, save_state
 from maskfab.base.work import Clock, Progress
-from maskfab.camera.imaging import Design
-from maskfab.camera.network import COLOURS, EXPONENT, PLANES, Learned, Network, View, light_of
-from maskfab.camera.protocol import Protocol, SensorScene, evaluate
-from maskfab.camera.record import Blur, Transfer
+from maskfab.camera.imaging import Blur, Design, Transfer
+from maskfab.camera.protocol import Protocol, evaluate
 from maskfab.camera.restorers.dct import Dct
+from maskfab.camera.restorers.network import COLOURS, EXPONENT, PLANES, Learned, Network, View, light_of
 from maskfab.camera.scenes import LONG, SHORT, Photograph, dead_leaves, indoors, lit
 from maskfab.camera.scores import psnr
 from maskfab.optics.colour import code_of_light
@@ -97,9 +93,8 @@ class Lessons:
 
     def of(self, scene: Photograph, level: float) -> Lesson:
         """The lesson that a scene is at a level of light."""
-        known = SensorScene.of(scene)
-        record = self.protocol.photograph(self.design, known, level)
-        return Lesson(self.view.planes(record, self.design), known.true)
+        record = self.protocol.photograph(self.design, scene, level)
+        return Lesson(self.view.planes(record, self.design), scene.true)
 
 
 def drawn(seed: int, turn: int, shape: tuple[int, int] = (SHORT, LONG), *, lamps: bool = False) -> Photograph:
@@ -236,7 +231,8 @@ class Training:
         for number in numbers:
             if number not in self._known:
                 lesson = self._lesson(number)
-                error = np.square(_code(lesson.shown[:COLOURS]) - lesson.true).mean(dtype=np.float64)
+                before = code_of_light(light_of(lesson.shown[:COLOURS]))
+                error = np.square(before - lesson.true).mean(dtype=np.float64)
                 self._known[number] = lesson, float(error)
         draw = np.random.default_rng([self.course.seed, self.step])
         cut = [self._patch(draw, *self._known[int(draw.choice(numbers))]) for _ in range(self.course.patches)]
@@ -278,10 +274,6 @@ def coded(shown: torch.Tensor) -> torch.Tensor:
     light = shown.clamp(min=0) ** EXPONENT
     steep = 1.055 * light.clamp(min=0.0031308) ** (1 / 2.4) - 0.055
     return torch.where(light <= 0.0031308, 12.92 * light, steep)
-
-
-def _code(shown: Singles) -> Singles:
-    return code_of_light(np.maximum(shown, 0) ** np.float32(EXPONENT))
 
 
 def _side(draw: np.random.Generator, whole: int, side: int) -> tuple[slice, slice]:

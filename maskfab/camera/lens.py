@@ -1,6 +1,4 @@
-"""The camera that photographs are taken with: all of a job's [camera] that their transfer depends on.
-
-Transfer of a camera's lens and pixels behind a panel that fills its stop.
+"""Transfer of a camera's lens and pixels behind a panel that fills its stop, from the cells that cover it.
 
 The stop's open dots make the pupil p. With A its autocorrelation divided by A(0) (all transmitted energy counts, no
 window is laid on the PSF), the transfer from scene samples to pixels is
@@ -13,10 +11,8 @@ two real products with matrices of a dozen entries per row.
 
 Notes:
     The stop is the dots whose middle lies in it; no dot is cut. The axis is where four cells meet, so the panel has an
-    even number of cells along a side, the least that covers the stop: 24 of 168 um for 4 mm; or it is in the middle of
-    a cell, and their number is odd.
-
-A panel as a camera sees it: the cells round the axis that cover the stop, 24 x 24 of 168 um for protocol F1.
+    even number of cells along a side, the least that covers the stop: 24 of 168 um for 4 mm, as for protocol F1; or it
+    is in the middle of a cell, and their number is odd.
 """
 
 from __future__ import annotations
@@ -29,7 +25,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from maskfab.base.arrays import Complexes, Floats
+from maskfab.base.arrays import Complexes, Floats, Singles
 from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import JobError, OpeningError
 from maskfab.base.model import ORIENTATIONS, Camera, Panel, Stop, Tiling, orient, refined, side_by_side
@@ -88,12 +84,12 @@ class PhotoCamera:
             JobError: MF133 as for the type; MF134 for other than three wavelengths where colours are wanted.
         """
         try:
-            found = cls(camera.focal_um, camera.stop, camera.pixel_um, camera.wavelengths_nm)
-            _ = colours and found.colours_nm
+            lens = cls(camera.focal_um, camera.stop, camera.pixel_um, camera.wavelengths_nm)
+            _ = colours and lens.colours_nm
         except JobError as error:
             place = f"{where}: {error.where}" if where else error.where
             raise JobError(error.code, error.what, where=place, cure=error.cure) from None
-        return found
+        return lens
 
     @property
     def middle_nm(self) -> float:
@@ -322,12 +318,12 @@ class Laid(Isoplanatic):
         return float((self.pupil**2).sum() / self.lattice.stop.sum())
 
     def _transfer(self, shape: tuple[int, int]) -> NDArray[np.float32]:
-        """See :class:`TransferGrid`.
+        """See :func:`pupil_transfer`.
 
         Raises:
             JobError: MF134 for a camera of other than three wavelengths.
         """
-        return transfer_grid(shape, self.lattice)(self.pupil)
+        return pupil_transfer(self.pupil, self.lattice, shape)
 
 
 def lay(
@@ -465,7 +461,13 @@ class OpenStop:
         if self.whole_lags:
             values = self.at(*(np.rint(lag).astype(np.int64) for lag in lags))
         else:
-            (v, y_part), (u, x_part) = (_parted(lag) for lag in lags)
+            below_y, below_x = (np.floor(lag) for lag in lags)
+            v, y_part, u, x_part = (
+                below_y.astype(np.int64),
+                lags[0] - below_y,
+                below_x.astype(np.int64),
+                lags[1] - below_x,
+            )
             below = (1 - x_part) * self.at(v, u) + x_part * self.at(v, u + 1)
             above = (1 - x_part) * self.at(v + 1, u) + x_part * self.at(v + 1, u + 1)
             values = (1 - y_part) * below + y_part * above
@@ -486,50 +488,25 @@ class OpenStop:
         return total
 
 
-def _parted(lag: Floats) -> tuple[NDArray[np.int64], Floats]:
-    below = np.floor(lag)
-    return below.astype(np.int64), lag - below
-
-
-@dataclass(frozen=True, eq=False)
-class TransferGrid:
-    """The frequencies of one size of picture, ready to be filled with any pupil of one size.
-
-    Attributes:
-        shape: rows and columns of the picture.
-        dots: dots along the panel's side.
-        lines: for each colour, the matrices from lags to frequencies along y (both signs, in FFT order) and x (from 0).
-    """
-
-    shape: tuple[int, int]
-    dots: int
-    lines: tuple[tuple[scipy.sparse.csr_array, scipy.sparse.csr_array], ...]
-
-    def __call__(self, pupil: Floats) -> NDArray[np.float32]:
-        """H of a pupil [dots, dots], float32 [colours, rows, columns / 2 + 1]; 1 at frequency 0."""
-        table = pupil_autocorrelation(pupil)
-        table /= table[self.dots - 1, self.dots - 1]
-        half = self.shape[1] // 2 + 1
-        found = np.empty((len(self.lines), self.shape[0], half), dtype=np.float32)
-        for colour, (along_y, along_x) in enumerate(self.lines):
-            found[colour] = (along_x @ np.ascontiguousarray((along_y @ table).T)).T
-        return found
-
-
-def transfer_grid(shape: tuple[int, int], room: CellGrid) -> TransferGrid:
-    """Prepare H for pictures of ``shape`` behind panels of such cells.
+def pupil_transfer(pupil: Floats, room: CellGrid, shape: tuple[int, int]) -> Singles:
+    """H of a pupil [side, side] on such cells for pictures of a shape, float32 [3, rows, columns / 2 + 1]; 1 at 0.
 
     Raises:
         JobError: MF134 for a camera of other than three wavelengths.
     """
-    frequency_y, frequency_x = scipy.fft.fftfreq(shape[0]), scipy.fft.rfftfreq(shape[1])
+    y, x = scipy.fft.fftfreq(shape[0]), scipy.fft.rfftfreq(shape[1])
+    table = pupil_autocorrelation(pupil)
+    table /= table[room.side - 1, room.side - 1]
     colours = room.camera.colours_nm
-    lines = tuple((_line(frequency_y, room, nm), _line(frequency_x, room, nm)) for nm in colours)
-    return TransferGrid(shape, room.side, lines)
+    transfer = np.empty((len(colours), shape[0], len(x)), dtype=np.float32)
+    for colour, line_nm in enumerate(colours):
+        along_y, along_x = (_from_lags(frequency, room, line_nm) for frequency in (y, x))
+        transfer[colour] = (along_x @ np.ascontiguousarray((along_y @ table).T)).T
+    return transfer
 
 
-def _line(frequency: Floats, room: CellGrid, wavelength_nm: float) -> scipy.sparse.csr_array:
-    """[frequencies, 2 side - 1]: bilinear weights times the pixel's sinc, summed over the orders."""
+def _from_lags(frequency: Floats, room: CellGrid, wavelength_nm: float) -> scipy.sparse.csr_array:
+    """Matrix [frequencies, 2 side - 1] from lags: bilinear weights times the pixel's sinc, summed over the orders."""
     most, side = max(_ORDERS, room.camera.orders(wavelength_nm)), room.side
     orders = np.arange(-most, most + 1)
     nu = frequency[:, None] + orders
@@ -543,21 +520,6 @@ def _line(frequency: Floats, room: CellGrid, wavelength_nm: float) -> scipy.spar
     kept = (column >= 0) & (column < 2 * side - 1) & (weight != 0)
     place = np.concatenate([row, row], axis=1)[kept], column[kept]
     return scipy.sparse.csr_array((weight[kept], place), shape=(len(frequency), 2 * side - 1))
-
-
-@dataclass(frozen=True)
-class _Finer:
-    """Dots on which openings and gutters are whole numbers.
-
-    Attributes:
-        times: that many of them along one of the panel's dots.
-        rim: that many on each side of the opening.
-        room: the cells behind the stop.
-    """
-
-    times: int
-    rim: int
-    room: CellGrid
 
 
 def laid_panel(name: str, panel: Panel, camera: PhotoCamera = F1) -> Laid:
@@ -589,11 +551,11 @@ def laid_panel(name: str, panel: Panel, camera: PhotoCamera = F1) -> Laid:
             where=name,
             cure="Use even numbers of both, or odd ones",
         )
-    fine = _finer(name, panel, camera, odd=bool(rows % 2) and not (drawn or camera.is_f1))
-    units = np.stack([np.pad(refined(opening.mask, fine.times), fine.rim) for opening in panel.openings])
+    times, rim, room = _whole_dots(name, panel, camera, odd=bool(rows % 2) and not (drawn or camera.is_f1))
+    units = np.stack([np.pad(refined(opening.mask, times), rim) for opening in panel.openings])
     if drawn:
-        return lay(name, units, room=fine.room)
-    cells = fine.room.cells
+        return lay(name, units, room=room)
+    cells = room.cells
     if min(rows, columns) < cells:
         raise JobError(
             "MF122",
@@ -604,16 +566,17 @@ def laid_panel(name: str, panel: Panel, camera: PhotoCamera = F1) -> Laid:
         )
     bottom, left = (rows - cells) // 2, (columns - cells) // 2
     middle = panel.orientations[bottom : bottom + cells, left : left + cells]
-    return lay(name, units, middle, room=fine.room)
+    return lay(name, units, middle, room=room)
 
 
-def _finer(name: str, panel: Panel, camera: PhotoCamera, *, odd: bool) -> _Finer:
+def _whole_dots(name: str, panel: Panel, camera: PhotoCamera, *, odd: bool) -> tuple[int, int, CellGrid]:
+    """Dots that openings and gutters are whole numbers of: how many along a panel's dot, beside it, and the cells."""
     half = panel.gutter_nm // 2
     dot_nm = math.gcd(panel.dot_nm, half) if half else panel.dot_nm
     times = panel.dot_nm // dot_nm
     dots = panel.pitch_nm // dot_nm
     try:
-        return _Finer(times, half // dot_nm, lattice(dots, dot_nm, camera=camera, odd=odd, where=name))
+        return times, half // dot_nm, lattice(dots, dot_nm, camera=camera, odd=odd, where=name)
     except JobError as error:
         if times == 1 or error.code != "MF115":
             raise

@@ -1,30 +1,27 @@
-"""Noise of a photograph by itself, where nobody states the sensor's gain.
-
-Second differences along both axes, [1 -2 1] x [1 -2 1] / 6, keep the variance of white noise and nothing of light that
-is even or slopes (J. Immerkær, Comput. Vis. Image Underst. 64, 300, 1996). In classes of equal brightness, their median
-in the smoothest blocks tells the variance there, and the classes tell
-
-    var = light / electrons of white + floor        (A. Foi et al., IEEE Trans. Image Process. 17, 1737, 2008).
-
-Notes:
-    Behind a panel the finest detail is blurred away, so what is left there is noise. A picture that a camera or a coder
-    has smoothed looks less noisy than it is.
-
-A photograph as a camera took it: a record in units of white, and what makes colours of it once it is restored.
+"""A photograph as a camera took it: a record in units of white, and what makes colours of it once it is restored.
 
 Of a RAW file or linear counts the black is taken off, and white is 1 in every colour, so that the noise is one function
 of the light. A mosaic is interpolated linearly in balanced colours and brought back. Codes of sRGB are linearised.
+Restored light becomes a picture by balance, colour matrix, and as bright as asked; codes follow by sRGB's curve.
 
-Restored light as a picture: balance, colour matrix, and as bright as asked; codes follow by sRGB's curve.
+Where nobody states the sensor's gain, the photograph tells its noise. Second differences along both axes,
+[1 -2 1] x [1 -2 1] / 6, keep the variance of white noise and nothing of light that is even or slopes (J. Immerkær,
+Comput. Vis. Image Underst. 64, 300, 1996). In classes of equal brightness, their median in the smoothest blocks tells
+the variance there, and the classes tell
 
-A camera's colour matrix by a colour chart in a photograph, whose patches and their true colours a table states.
+    var = light / electrons of white + floor        (A. Foi et al., IEEE Trans. Image Process. 17, 1737, 2008).
 
-With the light x of a patch in balanced colours and r its colour in linear sRGB, the matrix M makes
+A colour chart, whose patches and their true colours a table states, gives the colour matrix. With the light x of a
+patch in balanced colours and r its colour in linear sRGB, the matrix M makes
 
     Σ w |M x - r|²,        1 / w = v + (0.02 Y + 0.002)²,
 
 least: v is the noise of the patch's mean, Y its luminance, and charts are known to some hundredths of their light. How
 bright the chart was lit and exposed goes into M.
+
+Notes:
+    Behind a panel the finest detail is blurred away, so what is left there is noise. A picture that a camera or a coder
+    has smoothed looks less noisy than it is.
 """
 
 from __future__ import annotations
@@ -36,17 +33,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage, optimize
 
-from maskfab.base.arrays import Floats, Singles
+from maskfab.base.arrays import Floats, Mask, Singles
 from maskfab.base.errors import JobError, SourceError
 from maskfab.base.provenance import sha256_of_file
-from maskfab.camera.capture.files import read_frame
-from maskfab.camera.capture.frames import Frame
+from maskfab.camera.frames.frame import Frame, letters, read_frame
 from maskfab.camera.record import Noise, Record, interpolated, of_cells
 from maskfab.camera.scenes import opaque
-from maskfab.display.pictures import Picture, read_picture
+from maskfab.display.pictures import read_picture
 from maskfab.optics.colour import LUMINANCE, delta_e_1976, lab_of_linear_srgb, light_of_code, linear_srgb_of_lab_d50
 from maskfab.optics.response import curves_text, numeric_table
 
@@ -103,8 +98,8 @@ def _blocks(plane: Singles, ceiling: float) -> tuple[Floats, Floats, Floats]:
         return np.asarray(whole.transpose(0, 2, 1, 3).reshape(-1, _BLOCK**2), dtype=np.float64)
 
     means = cut(ndimage.uniform_filter(plane, 3))
-    kept = cut(plane).max(axis=1) < ceiling
-    return means.mean(axis=1)[kept], means.std(axis=1)[kept], np.median(abs(cut(fine)), axis=1)[kept]
+    clear = cut(plane).max(axis=1) < ceiling
+    return means.mean(axis=1)[clear], means.std(axis=1)[clear], np.median(abs(cut(fine)), axis=1)[clear]
 
 
 def _line(light: Floats, variance: Floats) -> tuple[float, float]:
@@ -192,7 +187,7 @@ def read_photo(path: Path, stated: Stated, *, cells: bool = False) -> Photo:
         cells: take the cells of a mosaic for pixels, and interpolate nothing.
 
     Raises:
-        SourceError: as :func:`maskfab.camera.capture.files.read_frame` but for MF330, and as
+        SourceError: as :func:`maskfab.camera.frames.frame.read_frame` but for MF330, and as
             :func:`maskfab.display.pictures.read_picture`; MF334 if all is full or dark, MF335 if the noise cannot be
             estimated, MF353 for a picture without colours, or of cells without a mosaic.
         JobError: MF121 for fewer than 128 pixels along a side, or a picture that is transparent; MF105 for facts that
@@ -227,14 +222,15 @@ def _of_frame(frame: Frame, stated: Stated, path: Path, *, cells: bool) -> Photo
     _check_light(units, ceiling, str(path))
     planes = [lattice.of(units).astype(np.float32) for lattice in lattices]
     noise, how = _noise(stated, planes, ceiling, white - float(np.mean(frame.black)))
-    balance, more = _balance(frame)
+    factors = frame.balance or _ALIKE
+    red_factor, green_factor, blue_factor = (factor / min(factors) for factor in factors)
+    balance = red_factor, green_factor, blue_factor
     if pattern is not None and cells:
-        letters = "".join(colour for row in pattern for colour in row)
         rows, columns = (side // 2 * 2 for side in frame.shape)
         full = frame.full[:rows, :columns].reshape(rows // 2, 2, columns // 2, 2).any(axis=(1, 3))
-        seen = of_cells(np.stack([plane[: rows // 2, : columns // 2] for plane in planes]), letters)
+        seen = of_cells(np.stack([plane[: rows // 2, : columns // 2] for plane in planes]), letters(pattern))
         values = np.where(full, np.float32(ceiling), seen)
-        told.append(f"cells of the mosaic {letters} taken for pixels, nothing interpolated")
+        told.append(f"cells of the mosaic {letters(pattern)} taken for pixels, nothing interpolated")
     elif pattern is not None:
         red = next((y, x) for y in (0, 1) for x in (0, 1) if pattern[y][x] == "R")
         for lattice, plane in zip(lattices, planes, strict=True):
@@ -243,22 +239,17 @@ def _of_frame(frame: Frame, stated: Stated, path: Path, *, cells: bool) -> Photo
         values = interpolated(units[:rows, :columns], red) / np.array(balance, dtype=np.float32)[:, None, None]
         full = frame.full[:rows, :columns]
         values = np.where(full, np.float32(ceiling), np.minimum(values, np.nextafter(np.float32(1), np.float32(0))))
-        told.append(f"mosaic {''.join(c for row in pattern for c in row)} interpolated by linear filters of 5 x 5")
+        told.append(f"mosaic {letters(pattern)} interpolated by linear filters of 5 x 5")
     else:
         values = units
     values, cut = _cut(values)
     record = Record(np.ascontiguousarray(values, dtype=np.float32), noise, ceiling, pattern is not None and not cells)
     matrix = np.eye(3) if frame.colour_matrix is None else frame.colour_matrix
-    more += [] if frame.colour_matrix is not None else ["the file has no colour matrix: its colours are taken for sRGB"]
-    return Photo(path.stem, frame.sha256, record, balance, matrix, (*told, *how, *more, *cut))
-
-
-def _balance(frame: Frame) -> tuple[tuple[float, float, float], list[str]]:
     if frame.balance is None:
-        return _ALIKE, ["the file has no balance: its colours stay as they are"]
-    least = min(frame.balance)
-    red, green, blue = (each / least for each in frame.balance)
-    return (red, green, blue), []
+        how.append("the file has no balance: its colours stay as they are")
+    if frame.colour_matrix is None:
+        how.append("the file has no colour matrix: its colours are taken for sRGB")
+    return Photo(path.stem, frame.sha256, record, balance, matrix, (*told, *how, *cut))
 
 
 def _of_picture(path: Path, stated: Stated, why: str) -> Photo:
@@ -273,7 +264,11 @@ def _of_picture(path: Path, stated: Stated, why: str) -> Photo:
             )
     picture = read_picture(path)
     _check_size(picture.values.shape[:2], str(path))
-    light = _light(picture, path)
+    colours = opaque(picture.values, path)
+    if colours.shape[2] != 3:
+        raise _no_colours(path, "Give a photograph in red, green and blue")
+    planes = np.ascontiguousarray(colours.transpose(2, 0, 1))
+    light = light_of_code(planes) if picture.coded else planes / np.float32(max(float(planes.max()), 1e-30))
     # Some coders end a code below the last one; what reads so is taken for full.
     ceiling = float(light_of_code(np.array([_LAST_CODE], dtype=np.float32))[0])
     _check_light(light, ceiling, str(path))
@@ -283,22 +278,8 @@ def _of_picture(path: Path, stated: Stated, why: str) -> Photo:
         _estimated(noise),
     ]
     values, cut = _cut(light)
-    return Photo(
-        path.stem,
-        sha256_of_file(path),
-        Record(np.ascontiguousarray(values), noise, ceiling),
-        _ALIKE,
-        np.eye(3),
-        (*told, *cut),
-    )
-
-
-def _light(picture: Picture, path: Path) -> Singles:
-    values = opaque(picture.values, path)
-    if values.shape[2] != 3:
-        raise _no_colours(path, "Give a photograph in red, green and blue")
-    planes = np.ascontiguousarray(values.transpose(2, 0, 1))
-    return light_of_code(planes) if picture.coded else planes / np.float32(max(float(planes.max()), 1e-30))
+    record = Record(np.ascontiguousarray(values), noise, ceiling)
+    return Photo(path.stem, sha256_of_file(path), record, _ALIKE, np.eye(3), (*told, *cut))
 
 
 def _noise(stated: Stated, planes: Sequence[Singles], ceiling: float, counts: float) -> tuple[Noise, list[str]]:
@@ -450,11 +431,11 @@ class ChartMatrix:
         }
 
     def __str__(self) -> str:
-        told = self.to_dict()
+        numbers = self.to_dict()
         return (
-            f"colour matrix by {told['patches']} patches: CIE 1976 difference {told['delta_e_mean']:.2f} ± "
-            f"{told['delta_e_standard_error']:.2f} (standard error), {told['delta_e_largest']:.2f} at most; "
-            f"{told['delta_e_of_each_by_the_others']:.2f} of each patch by the others"
+            f"colour matrix by {numbers['patches']} patches: CIE 1976 difference {numbers['delta_e_mean']:.2f} ± "
+            f"{numbers['delta_e_standard_error']:.2f} (standard error), {numbers['delta_e_largest']:.2f} at most; "
+            f"{numbers['delta_e_of_each_by_the_others']:.2f} of each patch by the others"
         )
 
 
@@ -536,15 +517,14 @@ def chart_matrix(
     if spread[-1] < _APART * spread[0]:
         raise _useless(patches.name, "the patches do not differ in colour enough to tell nine numbers")
 
-    def solved(kept: NDArray[np.bool_]) -> Floats:
-        root = np.sqrt(weights[kept])[:, None]
-        return np.asarray(np.linalg.lstsq(seen[kept] * root, true[kept] * root, rcond=None)[0].T)
+    def solved(part: Mask) -> Floats:
+        root = np.sqrt(weights[part])[:, None]
+        return np.asarray(np.linalg.lstsq(seen[part] * root, true[part] * root, rcond=None)[0].T)
 
     def off(matrix: Floats) -> Floats:
         return delta_e_1976(lab_of_linear_srgb(seen @ matrix.T), lab_of_linear_srgb(true))
 
-    everyone = np.ones(len(used), dtype=np.bool_)
-    matrix = solved(everyone)
+    matrix = solved(np.ones(len(used), dtype=np.bool_))
     alone = [off(solved(np.arange(len(used)) != k))[k] for k in range(len(used))]
     return ChartMatrix(matrix, off(matrix), np.array(alone), tuple(left_out))
 

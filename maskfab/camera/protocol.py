@@ -17,17 +17,13 @@ Notes:
     Under protocol ``paper`` errors count as bright as the design leaves them, so twice the light costs 6 dB, and edges
     beside darkness cost well-conditioned designs more than others. Its PSNRs compare with published ones; they do not
     rank designs of unequal light.
-
-Sensor and light that a job states, for all that takes its photographs or expects what they will be.
-
-Sentences on all of a job that does not reach its photographs, and why.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -36,20 +32,16 @@ from numpy.typing import NDArray
 
 from maskfab.base.arrays import Singles
 from maskfab.base.errors import JobError
-from maskfab.base.model import Camera, MaskBlank, Panel
-from maskfab.base.units import UM_PER_MM
-from maskfab.camera.imaging import Design, SceneLight
+from maskfab.camera.imaging import Design
 from maskfab.camera.record import Record, Restorer, merged
 from maskfab.camera.restorers.choice import Choice
 from maskfab.camera.restorers.dct import EPSILON, Published
-from maskfab.camera.restorers.wiener import Margin, Wiener, prior, spectral_error
+from maskfab.camera.restorers.wiener import Wiener, prior, spectral_error
 from maskfab.camera.scenes import Photograph
 from maskfab.camera.scores import Score, ScoreTable, Truth, inner, psnr
 from maskfab.camera.sensor import F1_SENSOR, REFERENCE_TRANSMISSION, Exposure, Sensor
-from maskfab.job.sections import ExposureSection, SensorSection
 from maskfab.optics.colour import code_of_light, light_of_code
-from maskfab.optics.scene.plan import Plan
-from maskfab.optics.scene.scene import Scene
+from maskfab.optics.mtf import LEVELS
 
 EPSILONS = tuple(float(e) for e in np.geomspace(0.002, 0.5, 15))
 _FINER = EPSILONS[1] / EPSILONS[0]
@@ -62,7 +54,6 @@ STRENGTHS = (
 it as a hundred electrons of white do."""
 TRIM = 64
 """Pixels left out at each edge of the inner frame."""
-LEVELS = (24, 32, 40)
 ASSUMED = "an opaque film and no glass, whatever the job says of its plate"
 """Assumptions of protocol F1."""
 WIENER = (Wiener(),)
@@ -131,22 +122,22 @@ class Protocol:
         """
         return Exposure.at(level_db, self.sensor, whole=self.whole)
 
-    def seen(self, design: Design, known: SensorScene) -> Singles:
+    def seen(self, design: Design, scene: Photograph) -> Singles:
         """Light of one scene on the sensor behind one design, white is 1 before it, [3, rows, columns]."""
-        return design.blurred(known.light(linear=self.linear))
+        return design.blurred(scene.light if self.linear else scene.values, scene.margin)
 
-    def record(self, seen: Singles, design: Design, known: SensorScene, level_db: float) -> Record:
-        """Light as ``seen``, in noise of its own: the same for every design at a level."""
+    def record(self, seen: Singles, design: Design, scene: Photograph, level_db: float) -> Record:
+        """Light of a scene as ``seen``, in noise of its own: the same for every design at a level."""
         light, taken = self.exposure(level_db), []
         for cut in self.brackets or (1.0,):
-            seed = 1000 * known.scene.number + round(light.electrons / cut)
+            seed = 1000 * scene.number + round(light.electrons / cut)
             electrons = light.behind(design.transmission) / cut
             taken.append(self.sensor.record(seen, electrons, seed, smooth=self.smooth))
         return taken[0] if len(taken) == 1 else merged(taken)
 
-    def photograph(self, design: Design, known: SensorScene, level_db: float) -> Record:
+    def photograph(self, design: Design, scene: Photograph, level_db: float) -> Record:
         """One scene through one design at one level of light."""
-        return self.record(self.seen(design, known), design, known, level_db)
+        return self.record(self.seen(design, scene), design, scene, level_db)
 
     def check(self, scene: Photograph) -> None:
         """Refuse brackets of a scene that has no light above white.
@@ -178,32 +169,6 @@ PAPER = Protocol(
     "paper", linear=False, whole=True, strengths=(EPSILON,), dark=True, dimmed=True, restorers=(Published(),)
 )
 """The published evaluation."""
-
-
-@dataclass(frozen=True, eq=False)
-class SensorScene:
-    """A scene, and its part on the sensor."""
-
-    scene: Photograph
-    margin: Margin
-    true: Singles
-
-    @classmethod
-    def of(cls, scene: Photograph, *, dark: bool = False) -> SensorScene:
-        """The sensor lies in the middle; of a ``dark`` one nothing outside it gives light."""
-        margin = scene.margin
-        true = margin.sensor(scene.values)
-        return cls(replace(scene, values=margin.dark(true), measured=None) if dark else scene, margin, true)
-
-    def light(self, *, linear: bool) -> SceneLight:
-        """Of the scene; its code values taken for light where it is not ``linear``."""
-        return SceneLight(self.scene.light if linear else self.scene.values, self.margin)
-
-    def green(self, *, linear: bool) -> NDArray[np.complex64]:
-        """Spectrum of the green that truly fell on the sensor, [1, rows, half], mirrored beyond its edges."""
-        measured = self.scene.measured if linear else None
-        green = self.margin.sensor((self.scene.values if measured is None else measured)[_GREEN])
-        return self.margin.mirrored(light_of_code(green) if linear and measured is None else green)
 
 
 def evaluate(
@@ -253,22 +218,28 @@ def evaluate(
     for scene in (*test, *tuning):
         protocol.check(scene)
     for design in designs:
-        _require_light(design)
-    prepared = {id(s): SensorScene.of(s, dark=protocol.dark) for s in (*tuning, *test)}
+        if not 0 < design.transmission <= 1:
+            raise JobError(
+                "MF104",
+                f"the design passes {design.transmission:g} of the stop's light; it must be above 0 and at most 1",
+                where=design.name,
+                cure="Open some dots inside the stop",
+            )
+    scenes = {id(s): s.dark if protocol.dark else s for s in (*tuning, *test)}
     likenesses: dict[float, dict[int, Truth]] = {}
     scores: list[Score] = []
     for design in designs:
         bright = protocol.brightness(design)
         if details and bright not in likenesses:
-            likenesses = {bright: {id(s): Truth(_times(bright, prepared[id(s)].true)) for s in test}}
-        seen = {key: protocol.seen(design, known) for key, known in prepared.items() if not known.margin.large}
+            likenesses = {bright: {id(s): Truth(_times(bright, scenes[id(s)].true)) for s in test}}
+        seen = {key: protocol.seen(design, scene) for key, scene in scenes.items() if not scene.margin.large}
         for level in sorted(levels):
-            records = {key: protocol.record(light, design, prepared[key], level) for key, light in seen.items()}
-            case = _Case(protocol, design, level, prepared, records, likenesses.get(bright, {}), colours)
-            for found, picture in case.scored(test, tuning, restorers, choose=choose):
-                scores.append(found)
+            records = {key: protocol.record(light, design, scenes[key], level) for key, light in seen.items()}
+            case = _Case(protocol, design, level, scenes, records, likenesses.get(bright, {}), colours)
+            for score, picture in case.scored(test, tuning, restorers, choose=choose):
+                scores.append(score)
                 if show is not None:
-                    show(found, picture)
+                    show(score, picture)
     return ScoreTable(tuple(scores))
 
 
@@ -287,7 +258,7 @@ class _Case:
     protocol: Protocol
     design: Design
     level_db: float
-    scenes: Mapping[int, SensorScene]
+    scenes: Mapping[int, Photograph]
     records: Mapping[int, Record]
     likenesses: Mapping[int, Truth]
     colours: bool
@@ -312,8 +283,8 @@ class _Case:
             yield self._score(key, picture, won.epsilon, AUTO, won.name), picture
 
     def _record(self, key: int) -> Record:
-        known = self.records.get(key)
-        return self.protocol.photograph(self.design, self.scenes[key], self.level_db) if known is None else known
+        record = self.records.get(key)
+        return self.protocol.photograph(self.design, self.scenes[key], self.level_db) if record is None else record
 
     def _restored(self, restorer: Restorer, key: int) -> Callable[[float], Singles]:
         """Code values of a scene restored, as a function of ε."""
@@ -323,15 +294,20 @@ class _Case:
     def _estimated(self, tuning: Sequence[Photograph]) -> int:
         """Place of the ε that is best for green light behind the Wiener filter, its mirrored margin included,
         unclipped."""
-        seen = []
+        spectra = []
         for key in map(id, tuning):
-            known, margin = self.scenes[key], self.scenes[key].margin
-            record, green = margin.mirrored(self._record(key).values[_GREEN]), known.green(linear=self.protocol.linear)
-            seen.append((record, green, self.design.on(margin.shape)[_GREEN], prior(margin.shape)))
+            scene, margin = self.scenes[key], self.scenes[key].margin
+            measured = scene.measured if self.protocol.linear else None
+            green = margin.sensor((scene.values if measured is None else measured)[_GREEN])
+            true = margin.mirrored(light_of_code(green) if self.protocol.linear and measured is None else green)
+            record = margin.mirrored(self._record(key).values[_GREEN])
+            spectra.append((record, true, self.design.on(margin.shape)[_GREEN], prior(margin.shape)))
 
         def estimate(k: int) -> float:
             ratio = np.float32(self.protocol.strengths[k])
-            errors = (spectral_error(record, true, transfer, ratio * below) for record, true, transfer, below in seen)
+            errors = (
+                spectral_error(record, true, transfer, ratio * below) for record, true, transfer, below in spectra
+            )
             return -sum(map(math.log, errors))
 
         return _climb(estimate, len(self.protocol.strengths) // 2, len(self.protocol.strengths))
@@ -344,8 +320,8 @@ class _Case:
         def mean(k: int) -> float:
             nonlocal best, highest, kept
             pictures = {key: restored(self.protocol.strengths[k]) for key, restored in ready.items()}
-            each = [psnr(picture, self.scenes[key].true) for key, picture in pictures.items()]
-            height = sum(each) / len(each)
+            heights = [psnr(picture, self.scenes[key].true) for key, picture in pictures.items()]
+            height = sum(heights) / len(heights)
             if height > highest:
                 best, highest, kept = k, height, pictures
             return height
@@ -354,9 +330,9 @@ class _Case:
         return best, kept
 
     def _score(self, key: int, picture: Singles, epsilon: float, restorer: str, chosen: str = "") -> Score:
-        known, like = self.scenes[key], self.likenesses.get(key)
+        scene, like = self.scenes[key], self.likenesses.get(key)
         bright = self.protocol.brightness(self.design)
-        scored, true = _times(bright, picture), _times(bright, known.true)
+        scored, true = _times(bright, picture), _times(bright, scene.true)
         likeness, likeness_inner, colour, colour_inner = [math.nan] * 4
         if like is not None:
             likeness, likeness_inner = _means(like.ssim(scored), TRIM - 5)
@@ -365,7 +341,7 @@ class _Case:
         return Score(
             self.design.name,
             self.level_db,
-            known.scene.name,
+            scene.name,
             epsilon,
             psnr(scored, true),
             likeness,
@@ -390,146 +366,11 @@ def _times(bright: float, picture: Singles) -> Singles:
     return picture if bright == 1 else np.float32(bright) * picture
 
 
-def _require_light(design: Design) -> None:
-    """Refuse what passes nothing, before any photograph is looked at."""
-    if not 0 < design.transmission <= 1:
-        raise JobError(
-            "MF104",
-            f"the design passes {design.transmission:g} of the stop's light; it must be above 0 and at most 1",
-            where=design.name,
-            cure="Open some dots inside the stop",
-        )
-
-
 def _climb(height: Callable[[int], float], start: int, count: int) -> int:
     """Place, below ``count``, without a higher neighbour, by steps to the better one; no height is asked for twice."""
-    known = cache(height)
+    height = cache(height)
     best, following = -1, start
     while following != best:
         best = following
-        following = max((k for k in (best, best - 1, best + 1) if 0 <= k < count), key=known)
+        following = max((k for k in (best, best - 1, best + 1) if 0 <= k < count), key=height)
     return best
-
-
-def stated_sensor(section: SensorSection | None) -> Sensor:
-    """The sensor of [sensor]; protocol F1's without one.
-
-    Raises:
-        JobError: MF140 for a sensor that cannot be.
-    """
-    return Sensor() if section is None else Sensor(**dict(section))
-
-
-def stated_light(section: ExposureSection | None, sensor: Sensor, camera: Camera) -> tuple[tuple[float, ...], str]:
-    """Levels of [exposure] in dB, and how it states them; protocol F1's where it states none.
-
-    Raises:
-        JobError: MF141 for a light that cannot be.
-    """
-    if section is None or (section.snr, section.white, section.luminance) == (None, None, None):
-        return LEVELS, in_decibels(LEVELS)
-    if section.snr is not None:
-        return section.snr, in_decibels(section.snr)
-    if section.white is not None:
-        found = Exposure.of_white(section.white, sensor)
-    else:
-        assert section.luminance is not None
-        assert section.time is not None
-        assert section.quantum_efficiency is not None
-        found = Exposure.of_scene(
-            section.luminance,
-            section.time,
-            section.quantum_efficiency,
-            focal_ratio=camera.focal_um / camera.stop.diameter_um,
-            pixel_um=camera.pixel_um,
-            sensor=sensor,
-        )
-    return (found.level_db,), f"{found.stated}, {found.electrons:.0f} electrons behind the published display"
-
-
-def in_decibels(levels: Sequence[float]) -> str:
-    """Levels of light in words."""
-    return f"signal-to-noise ratio of white behind the published display {', '.join(f'{each:g}' for each in levels)} dB"
-
-
-def told(sensor: Sensor) -> str:
-    """A sensor in words."""
-    converter = "" if sensor.bits is None else f", {sensor.bits} bits, black level {sensor.black_level}"
-    mosaic = "" if sensor.mosaic == "none" else f", mosaic {sensor.mosaic}"
-    return f"full well {sensor.full_well:g} electrons, read noise {sensor.read_noise:g} electrons{converter}{mosaic}"
-
-
-_OWN_WORDS = ("lens distortion", "curve of the rim", "field between places", "width of the bands")
-
-
-def left_out(panel: Panel, scene: Scene, blank: MaskBlank, plan: Plan | None = None) -> tuple[str, ...]:
-    """Sentences on what the photographs of a die leave out; none where they hold all that the job states.
-
-    Args:
-        panel: of the die.
-        scene: of the job, the plate's glass in its gap.
-        blank: of the plate.
-        plan: that the transfer follows; None if it holds all of the scene.
-    """
-    return (*by_plan(scene, plan), *_of_lens(scene), *_of_plate(panel, scene, blank))
-
-
-def by_sentence(left_out: Mapping[str, Sequence[str]]) -> list[str]:
-    """Every sentence once, with the dies that it is about where these are not all.
-
-    Args:
-        left_out: by die, what its photographs leave out.
-    """
-    dies: dict[str, list[str]] = {}
-    for name, told in left_out.items():
-        for sentence in told:
-            dies.setdefault(sentence, []).append(name)
-    every = len(left_out)
-    return [f"{'' if len(names) == every else ', '.join(names) + ': '}{sentence}." for sentence, names in dies.items()]
-
-
-def by_plan(scene: Scene, plan: Plan | None) -> list[str]:
-    """Sentences on what a plan leaves out of a scene; of none, on the shift that is then left out."""
-    if plan is None:
-        told = "the shift through the gap off the axis is left out: every place is seen as the axis is"
-        return [told] if scene.gap_um and scene.field_um else []
-    rows = [row for row in plan.ingredients if not row.modelled and row.error and row.name not in _OWN_WORDS]
-    return [
-        f"{row.name} is left out: without it the PSF errs by {row.error:.2g} at most, and the accuracy asked for is "
-        f"{plan.accuracy:g}"
-        for row in rows
-    ]
-
-
-def _of_lens(scene: Scene) -> list[str]:
-    told = []
-    if scene.distortion is not None and scene.distortion.ratio:
-        told.append(
-            f"lens distortion of {scene.distortion.ratio:.2g} is left out: photographs are compared as if rectified, "
-            "and their PSF is that of a lens without it"
-        )
-    if scene.nearest_um != scene.farthest_um:
-        near, far = (_distance(each) for each in (scene.nearest_um, scene.farthest_um))
-        told.append(f"depth is left out: all of a photograph is at one distance between {near} and {far}")
-    return told
-
-
-def _of_plate(panel: Panel, scene: Scene, blank: MaskBlank) -> list[str]:
-    told = []
-    if blank.optical_density is not None:
-        share = 10**-blank.optical_density
-        told.append(
-            f"light through the film is left out: it passes {share:.1g} of what falls on it, and is taken as opaque"
-        )
-    if blank.glass is not None:
-        side = "its thickness counts as a gap" if blank.glass.gap_um else "behind it, it only dims"
-        if blank.glass.gap_um and not scene.gap_um:
-            side = "its thickness counts as a gap with a [scene] alone, and the job has none"
-        told.append(f"reflections and absorption of the glass are left out: {side}")
-    if panel.tracks:
-        told.append("wires of the display are left out: the mask has none")
-    return told
-
-
-def _distance(length_um: float) -> str:
-    return "infinity" if math.isinf(length_um) else f"{length_um / UM_PER_MM:.4g} mm"

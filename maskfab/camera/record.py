@@ -1,32 +1,28 @@
-"""The colour mosaic of a sensor, and its one linear interpolation.
+"""The record of a scene by a sensor: its colours, the noise that it is known to have, exposures merged, pixels binned.
 
-Every two by two pixels record red, green, green and blue, red in the top left one. A missing colour is the mean of its
-neighbours, corrected by the Laplacian of the colour that is there (H. S. Malvar, L. He, R. Cutler, Proc. ICASSP 2004,
-485): four filters of five by five, linear, so that what they do to noise and blur follows from the filters alone.
+Every two by two pixels of a mosaic record red, green, green and blue, red in the top left one. A missing colour is the
+mean of its neighbours, corrected by the Laplacian of the colour that is there (H. S. Malvar, L. He, R. Cutler, Proc.
+ICASSP 2004, 485): four filters of five by five, linear, so that what they do to noise and blur follows from the filters
+alone.
 
-The record of a scene by a sensor, and the noise that it is known to have.
-
-A restorer: one function of a record, the transfer it was taken through, and its noise.
-
-Exposures of one scene merged into one record: each pixel's mean with weights 1 / variance, full wells left out.
+Exposures of one scene are merged into one record: each pixel's mean with weights 1 / variance,
 
     x = sum of y_k / v_k over sum of 1 / v_k,        variance 1 / (sum of 1 / v_k),
 
 over the exposures k in which the pixel is below its full well (Granados, Ajdin, Wand, Theobalt, Seidel, Lensch, CVPR
 2010). That gives bright light from short exposures and dark from long ones, and halo becomes linear in the light again.
 
-Notes:
-    Variances are those of the merged light, which is found twice: first with weights for the shortest exposure's.
-    Of readings within noise of a full well those below it count, so light there is told too dark by up to 0.4 standard
-    deviations of the longer exposure. Letting the shorter ones decide errs as far to the other side, and loses light.
-
-Two by two pixels as one: of a record the mean, of a blur what the mean of a scene's pixels becomes.
-
-With a scene that is constant over the larger pixels,
+Of two by two pixels as one a record is the mean, and a blur what the mean of a scene's pixels becomes. With a scene
+that is constant over the larger pixels,
 
     H'(ν) = sum over k of H((ν + k) / 2) cos²(π (ν_x + k_x) / 2) cos²(π (ν_y + k_y) / 2),        k_x, k_y = 0 or 1,
 
 ν in cycles per larger pixel: one cos² is the mean on the sensor, the other the larger pixel of the scene.
+
+Notes:
+    Variances are those of the merged light, which is found twice: first with weights for the shortest exposure's.
+    Of readings within noise of a full well those below it count, so light there is told too dark by up to 0.4 standard
+    deviations of the longer exposure. Letting the shorter ones decide errs as far to the other side, and loses light.
 """
 
 from __future__ import annotations
@@ -43,6 +39,7 @@ from numpy.typing import NDArray
 
 from maskfab.base.arrays import Singles
 from maskfab.base.errors import JobError
+from maskfab.camera.imaging import Blur, Transfer
 
 _GREEN = np.array([[0, 0, -1, 0, 0], [0, 0, 2, 0, 0], [-1, 2, 4, 2, -1], [0, 0, 2, 0, 0], [0, 0, -1, 0, 0]]) / 8
 _ALONG = np.array([[0, 0, 0.5, 0, 0], [0, -1, 0, -1, 0], [-1, 4, 5, 4, -1], [0, -1, 0, -1, 0], [0, 0, 0.5, 0, 0]]) / 8
@@ -81,27 +78,23 @@ def interpolated(seen: Singles, red: tuple[int, int] = (0, 0)) -> Singles:
     """
     # Turned over, an even side's last pixel has the colour that its second one had.
     turned = tuple(axis for axis in (0, 1) if red[axis])
-    found = _of_red_first(np.flip(seen, turned))
-    return np.flip(found, tuple(axis + 1 for axis in turned))
-
-
-def _of_red_first(seen: Singles) -> Singles:
+    seen = np.flip(seen, turned)
     # Mirroring without doubling the edge keeps every colour on its own places.
-    green, along, across = (
-        scipy.ndimage.correlate(seen, each.astype(np.float32), mode="mirror") for each in (_GREEN, _ALONG, _ACROSS)
+    green, along, across, down = (
+        scipy.ndimage.correlate(seen, kernel.astype(np.float32), mode="mirror")
+        for kernel in (_GREEN, _ALONG, _ACROSS, _ALONG.T)
     )
-    down = scipy.ndimage.correlate(seen, _ALONG.T.astype(np.float32), mode="mirror")
-    found = np.stack([seen, seen, seen])
+    colours = np.stack([seen, seen, seen])
     for place in (_RED, _BLUE):
-        found[1][place] = green[place]
+        colours[1][place] = green[place]
     for colour, other, beside, above in (
         (0, _BLUE, _ON_RED_ROWS, _ON_BLUE_ROWS),
         (2, _RED, _ON_BLUE_ROWS, _ON_RED_ROWS),
     ):
-        found[colour][other] = across[other]
-        found[colour][beside] = along[beside]
-        found[colour][above] = down[above]
-    return found
+        colours[colour][other] = across[other]
+        colours[colour][beside] = along[beside]
+        colours[colour][above] = down[above]
+    return np.flip(colours, tuple(axis + 1 for axis in turned))
 
 
 @dataclass(frozen=True)
@@ -170,14 +163,14 @@ class MergedNoise:
         Of each zone it is that of one exposure with the electrons of all, and with their variance in the dark: between
         dark and bright that is up to a twentieth too little.
         """
-        found = []
+        zones = []
         for first, (_, ceiling) in enumerate(self.exposures):
             open_still = [noise for noise, _ in self.exposures[first:]]
             electrons = sum(noise.electrons for noise in open_still)
             floors = [noise.floor for noise in open_still]
-            floor = 0.0 if min(floors) == 0 else 1 / sum(1 / each for each in floors)
-            found.append((ceiling, Noise(electrons, electrons * floor**0.5)))
-        return (*found[:-1], (math.inf, found[-1][1]))
+            floor = 0.0 if min(floors) == 0 else 1 / sum(1 / variance for variance in floors)
+            zones.append((ceiling, Noise(electrons, electrons * floor**0.5)))
+        return (*zones[:-1], (math.inf, zones[-1][1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,19 +199,6 @@ class Record:
     def clipped(self) -> NDArray[np.bool_]:
         """Pixels that a full well cut off."""
         return np.asarray(self.values >= np.float32(self.ceiling))
-
-
-Transfer = NDArray[np.float32] | NDArray[np.complex64]
-
-
-class Blur(Protocol):
-    """The blur of a scene by lens, panel and pixels."""
-
-    def on(self, shape: tuple[int, int]) -> Transfer:
-        """H at the frequencies of ``rfft2`` of pictures of that shape, [3, rows, columns / 2 + 1], 1 at frequency 0.
-
-        Real where the point spread is the same turned by 180 degrees, complex otherwise. Kept for every shape.
-        """
 
 
 class Restorer(Protocol):
@@ -253,13 +233,13 @@ def merged(exposures: Sequence[Record]) -> Record:
         raise JobError("MF105", "there are no exposures", where="brackets", cure="Give one or more")
     sizes = {record.values.shape for record in exposures}
     if len(sizes) > 1:
-        told = ", ".join(f"{columns} x {rows}" for _, rows, columns in sorted(sizes))
-        raise JobError("MF121", f"exposures of one scene have {told} pixels", where="brackets", cure="Give one size")
+        shapes = ", ".join(f"{columns} x {rows}" for _, rows, columns in sorted(sizes))
+        raise JobError("MF121", f"exposures of one scene have {shapes} pixels", where="brackets", cure="Give one size")
     ordered = sorted(exposures, key=lambda record: _exposures(record)[-1][0].electrons)
     values = ordered[0].values
     for _ in range(2):
         values = _mean(ordered, values)
-    taken = [each for record in reversed(ordered) for each in _exposures(record)]
+    taken = [exposure for record in reversed(ordered) for exposure in _exposures(record)]
     return Record(values, MergedNoise(tuple(taken)), ordered[0].ceiling, ordered[0].interpolated)
 
 
@@ -289,7 +269,7 @@ class BinnedBlur:
     fine: Blur
 
     def on(self, shape: tuple[int, int]) -> Transfer:
-        """See :class:`maskfab.camera.record.Blur`."""
+        """See :class:`maskfab.camera.imaging.Blur`."""
         rows, columns = shape
         half = self.fine.on((2 * rows, 2 * columns))
         y, x = np.asarray(scipy.fft.fftfreq(2 * rows))[:, None], np.asarray(scipy.fft.rfftfreq(2 * columns))
@@ -308,8 +288,8 @@ def binned(record: Record) -> Record:
     cells = record.values.reshape(3, rows // 2, 2, columns // 2, 2)
     full = record.clipped.reshape(cells.shape).any(axis=(2, 4))
     values = np.where(full, np.float32(record.ceiling), cells.mean(axis=(2, 4), dtype=np.float32))
-    kept = _of_mosaic() if record.interpolated else 1 / 4
-    return replace(record, values=values, noise=record.noise.times(kept), interpolated=False)
+    share = _of_mosaic() if record.interpolated else 1 / 4
+    return replace(record, values=values, noise=record.noise.times(share), interpolated=False)
 
 
 def of_cells(places: NDArray[Any], colours: str) -> NDArray[Any]:

@@ -1,15 +1,13 @@
-"""Where one picture lies in another, roughly: every turn and scale of a grid, every shift by a transform.
+"""Shift, turn and scale between two photographs of one scene, so that the dies that they were taken through compare.
 
-For each turn and scale the correlation of two high-passed pictures a and b over where both are valid,
+Roughly, every turn and scale of a grid is tried, and every shift by a transform: the correlation of two high-passed
+pictures a and b over where both are valid,
 
     ρ(t) = Σ a(x) b(x + t) / sqrt(Σ a²(x) m_b(x + t) · Σ m_a(x) b²(x + t)),
 
 is four sums that transforms give for all shifts t at once (D. Padfield, IEEE Trans. Image Process. 21, 2706, 2012).
-
-Shift, turn and scale between two photographs of one scene, so that the dies that they were taken through compare.
-
-Both are brought into one band, Gaussians of σ less those of 6 σ, which keeps what is even and what is finest out of the
-fit: dies differ in both. With g and o of each colour,
+Then both are brought into one band, Gaussians of σ less those of 6 σ, which keeps what is even and what is finest out
+of the fit: dies differ in both. With g and o of each colour,
 
     b(x'(x)) = g a(x) + o,
 
@@ -21,15 +19,13 @@ Notes:
     over tiles, whatever is correlated within one (K.-Y. Liang, S. Zeger, Biometrika 73, 13, 1986). A bend of the field
     that no similarity follows, as of two distortions, is in them only as far as it differs from tile to tile.
     Blur that is the same turned by 180 degrees moves nothing, however different of the two.
-
-A restored photograph at the places of another one's pixels, and what is left between both.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -37,8 +33,9 @@ import scipy.fft
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from maskfab.base.arrays import Floats, Singles
+from maskfab.base.arrays import Floats, Mask, Singles
 from maskfab.base.errors import SourceError
+from maskfab.camera.scores import NORMAL_95
 
 MOST_TURN_DEG, MOST_SCALE = 10.0, 0.1
 _TURN_STEP_DEG, _SCALE_STEP = 1.0, 0.02
@@ -77,9 +74,7 @@ class Similarity:
         """Of the same pictures with so many times as many pixels along a side."""
         return Similarity(self.u, self.v, self.shift_x * times, self.shift_y * times)
 
-    def taken(
-        self, second: NDArray[np.float32], shape: tuple[int, int], *, order: int, fill: float = 0.0
-    ) -> NDArray[np.float32]:
+    def taken(self, second: Singles, shape: tuple[int, int], *, order: int, fill: float = 0.0) -> Singles:
         """The second picture [rows, columns] at the places of the first one's pixels, by splines of an order."""
         matrix = np.array([[1 + self.u, -self.v], [self.v, 1 + self.u]])
         middle = (np.array(shape) - 1) / 2
@@ -93,10 +88,10 @@ class Similarity:
 
 
 def rough_match(
-    first: NDArray[np.float32],
-    first_valid: NDArray[np.bool_],
-    second: NDArray[np.float32],
-    second_valid: NDArray[np.bool_],
+    first: Singles,
+    first_valid: Mask,
+    second: Singles,
+    second_valid: Mask,
 ) -> Similarity:
     """The turn, scale and shift of the best correlation.
 
@@ -106,14 +101,14 @@ def rough_match(
     """
     size = tuple(scipy.fft.next_fast_len(a + b, real=True) for a, b in zip(first.shape, second.shape, strict=True))
 
-    def spectra(picture: NDArray[np.float32], valid: NDArray[np.bool_]) -> list[NDArray[np.complex64]]:
+    def spectra(picture: Singles, valid: Mask) -> list[NDArray[np.complex64]]:
         shown = np.where(valid, picture, np.float32(0))
         parts = (shown, np.square(shown), valid.astype(np.float32))
         return [np.asarray(scipy.fft.rfft2(part, size, workers=1)) for part in parts]
 
     light, power, there = (each.conj() for each in spectra(first, first_valid))
     fewest = _LEAST_SHARED * first_valid.sum()
-    best, found = -1.0, Similarity()
+    best, match = -1.0, Similarity()
     turns = np.arange(-MOST_TURN_DEG, MOST_TURN_DEG + _TURN_STEP_DEG / 2, _TURN_STEP_DEG)
     scales = np.arange(1 - MOST_SCALE, 1 + MOST_SCALE + _SCALE_STEP / 2, _SCALE_STEP)
     # On a grid of the first one's size a second picture that is smaller, or shifted, keeps what is in it.
@@ -123,7 +118,7 @@ def rough_match(
         valid = tried.taken(second_valid.astype(np.float32), second.shape, order=1) > 0.99
         other = spectra(seen, valid)
 
-        def inverse(spectrum: NDArray[np.complex64]) -> NDArray[np.float32]:
+        def inverse(spectrum: NDArray[np.complex64]) -> Singles:
             return np.asarray(scipy.fft.irfft2(spectrum, size, workers=1))
 
         shared = inverse(there * other[2])
@@ -140,16 +135,10 @@ def rough_match(
             # Pixels are counted from corners, and the similarity from middles.
             apart = [(one - two) / 2 for one, two in zip(first.shape, second.shape, strict=True)]
             y, x = (moved + off for moved, off in zip(lag, apart, strict=True))
-            found = Similarity(
-                tried.u,
-                tried.v,
-                (1 + tried.u) * x + tried.v * y,
-                (1 + tried.u) * y - tried.v * x,
-            )
-    return found
+            shift = (1 + tried.u) * x + tried.v * y, (1 + tried.u) * y - tried.v * x
+            match = Similarity(tried.u, tried.v, *shift)
+    return match
 
-
-Flags = NDArray[np.bool_]
 
 _SIGMA, _WIDER = 1.0, 6.0
 """Of the band: pixels, and the background's in these."""
@@ -161,7 +150,6 @@ _STEPS, _STILL = 12, 1e-3
 _TILES = 12
 """Along a side, for the errors."""
 _LEAST_SHARED_AREA, _LEAST_ALIKE = 0.25, 0.4
-_NORMAL_95 = 1.959964
 
 
 @dataclass(frozen=True)
@@ -215,22 +203,12 @@ class _Level:
 
     stride: int
     first: Singles
-    first_valid: Flags
+    first_valid: Mask
     second: Singles
-    second_valid: Flags
+    second_valid: Mask
 
 
-@dataclass(frozen=True, eq=False)
-class _Solved:
-    """A step of least squares, and what is left after it."""
-
-    change: Floats
-    covariance: Floats
-    correlation: float
-    shared: float
-
-
-def registered(first: Singles, first_full: Flags, second: Singles, second_full: Flags, name: str = "") -> Registration:
+def registered(first: Singles, first_full: Mask, second: Singles, second_full: Mask, name: str = "") -> Registration:
     """The place of the second picture against the first.
 
     Args:
@@ -252,31 +230,26 @@ def registered(first: Singles, first_full: Flags, second: Singles, second_full: 
         coarsest.second_valid,
     )
     where = where.grown(strides[-1])
-    solved = None
     for stride in strides[::-1]:
-        if longest / stride > _LARGEST and solved is not None:
+        if longest / stride > _LARGEST and stride != strides[-1]:
             break
         level = _level(first, first_full, second, second_full, stride)
-        where, solved = _refined(level, where, name)
-    assert solved is not None
-    if solved.correlation < _LEAST_ALIKE or not (
+        where, covariance, correlation, shared = _refined(level, where, name)
+    if correlation < _LEAST_ALIKE or not (
         abs(where.turn_deg) < MOST_TURN_DEG + 1 and abs(where.scale - 1) < MOST_SCALE + 0.02
     ):
-        raise _unlike(name, f"correlate by {solved.correlation:.2f} where they match best; the limit is {_LEAST_ALIKE}")
-    turned, scaled = _errors(where, solved.covariance)
-    half = _NORMAL_95 * np.sqrt(np.diag(solved.covariance))
-    return Registration(
-        where,
-        (float(half[2]), float(half[3])),
-        turned,
-        scaled,
-        solved.correlation,
-        solved.shared,
-    )
+        raise _unlike(name, f"correlate by {correlation:.2f} where they match best; the limit is {_LEAST_ALIKE}")
+    scale = where.scale
+    by_scale = np.array([(1 + where.u) / scale, where.v / scale, 0, 0])
+    by_turn = np.array([-where.v, 1 + where.u, 0, 0]) / scale**2
+    turned, scaled = (NORMAL_95 * math.sqrt(float(by @ covariance @ by)) for by in (by_turn, by_scale))
+    half = NORMAL_95 * np.sqrt(np.diag(covariance))
+    shift = float(half[2]), float(half[3])
+    return Registration(where, shift, math.degrees(turned), scaled, correlation, shared)
 
 
-def _level(first: Singles, first_full: Flags, second: Singles, second_full: Flags, stride: int) -> _Level:
-    def coarser(picture: Singles, full: Flags) -> tuple[Singles, Flags]:
+def _level(first: Singles, first_full: Mask, second: Singles, second_full: Mask, stride: int) -> _Level:
+    def coarser(picture: Singles, full: Mask) -> tuple[Singles, Mask]:
         near = ndimage.binary_dilation(full, iterations=max(2, round(2 * _SIGMA * stride))) if full.any() else full
         rows, columns = (side // stride * stride for side in picture.shape[1:])
         cells = picture[:, :rows, :columns].reshape(3, rows // stride, stride, columns // stride, stride)
@@ -301,24 +274,28 @@ def _band(picture: Singles, scale: float) -> Singles:
     return fine
 
 
-def _refined(level: _Level, start: Similarity, name: str) -> tuple[Similarity, _Solved]:
+def _refined(level: _Level, start: Similarity, name: str) -> tuple[Similarity, Floats, float, float]:
+    """The similarity of the best fit, its covariance, correlation and shared part."""
     # A coarser picture's pixels are means: its middle is that of the pixels it holds.
     where = start.grown(1 / level.stride)
     first = _band(level.first, 1.0)
     second = _band(level.second, start.scale)
     for _ in range(_STEPS):
-        solved = _solved(level, first, second, where, name)
-        u, v, x, y = (float(each) for each in solved.change)
+        change, *_ = _solved(level, first, second, where, name)
+        u, v, x, y = map(float, change)
         where = Similarity(where.u + u, where.v + v, where.shift_x + x, where.shift_y + y)
         reach = math.hypot(*first.shape[1:]) / 2
         if max(math.hypot(u, v) * reach, math.hypot(x, y)) < _STILL:
             break
-    solved = _solved(level, first, second, where, name)
+    _, covariance, correlation, shared = _solved(level, first, second, where, name)
     unit = np.diag([1.0, 1.0, level.stride, level.stride])
-    return where.grown(level.stride), replace(solved, covariance=unit @ solved.covariance @ unit)
+    return where.grown(level.stride), unit @ covariance @ unit, correlation, shared
 
 
-def _solved(level: _Level, first: Singles, second: Singles, where: Similarity, name: str) -> _Solved:
+def _solved(
+    level: _Level, first: Singles, second: Singles, where: Similarity, name: str
+) -> tuple[Floats, Floats, float, float]:
+    """A step of least squares, its covariance, and how both correlate and what share of the first both show there."""
     shape = (first.shape[1], first.shape[2])
     seen = where.taken(level.second_valid.astype(np.float32), shape, order=1) > 0.99
     valid = seen & level.first_valid
@@ -326,7 +303,9 @@ def _solved(level: _Level, first: Singles, second: Singles, where: Similarity, n
     if shared < _LEAST_SHARED_AREA:
         raise _unlike(name, f"share {100 * shared:.0f} % of the first; the limit is {100 * _LEAST_SHARED_AREA:.0f} %")
     y, x = (np.arange(side, dtype=np.float32) - (side - 1) / 2 for side in shape)
-    unknowns, tiles = 4, _tiles(shape)
+    unknowns = 4
+    row, column = (np.arange(side) * _TILES // side for side in shape)
+    tiles = row[:, None] * _TILES + column
     normal, pull = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
     pulls = np.zeros((_TILES**2, unknowns))
     alike = np.zeros(3)
@@ -342,14 +321,8 @@ def _solved(level: _Level, first: Singles, second: Singles, where: Similarity, n
         down, right = (np.gradient(taken, axis=axis) for axis in (0, 1))
         # Slopes along the second picture's own axes.
         in_x, in_y = cos * right + sin * down, cos * down - sin * right
-        slopes = np.stack(
-            [
-                (in_x * x + in_y * y[:, None])[valid],
-                (in_x * y[:, None] - in_y * x)[valid],
-                in_x[valid],
-                in_y[valid],
-            ]
-        ).astype(np.float64)
+        by_scale, by_turn = in_x * x + in_y * y[:, None], in_x * y[:, None] - in_y * x
+        slopes = np.stack([slope[valid] for slope in (by_scale, by_turn, in_x, in_y)]).astype(np.float64)
         # Gain and offset are solved for with the rest, of which the slopes keep what these do not explain.
         slopes -= slopes.mean(axis=1, keepdims=True)
         slopes -= np.outer(slopes @ one / (one @ one), one)
@@ -362,21 +335,7 @@ def _solved(level: _Level, first: Singles, second: Singles, where: Similarity, n
     inverse = np.linalg.inv(normal)
     held = np.unique(tiles[valid]).size
     covariance = inverse @ (pulls.T @ pulls) @ inverse * (held / max(held - unknowns, 1))
-    return _Solved(-inverse @ pull, covariance, float(alike.mean()), shared)
-
-
-def _tiles(shape: tuple[int, int]) -> NDArray[np.intp]:
-    row, column = (np.arange(side) * _TILES // side for side in shape)
-    return np.asarray(row[:, None] * _TILES + column)
-
-
-def _errors(where: Similarity, covariance: Floats) -> tuple[float, float]:
-    """Halves of the 95 % intervals of turn, in degrees, and scale."""
-    scale = where.scale
-    along = np.array([(1 + where.u) / scale, where.v / scale, 0, 0])
-    across = np.array([-where.v, 1 + where.u, 0, 0]) / scale**2
-    turned, scaled = (_NORMAL_95 * math.sqrt(float(each @ covariance @ each)) for each in (across, along))
-    return math.degrees(turned), scaled
+    return -inverse @ pull, covariance, float(alike.mean()), shared
 
 
 def _unlike(name: str, why: str) -> SourceError:
@@ -396,7 +355,7 @@ _REACH = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Brought:
+class RegisteredPhoto:
     """A picture brought onto another.
 
     Attributes:
@@ -435,7 +394,9 @@ class Brought:
         )
 
 
-def brought(names: tuple[str, str], first: Singles, first_full: Flags, second: Singles, second_full: Flags) -> Brought:
+def brought(
+    names: tuple[str, str], first: Singles, first_full: Mask, second: Singles, second_full: Mask
+) -> RegisteredPhoto:
     """The second picture, resampled once, at the places of the first one's pixels.
 
     Args:
@@ -446,8 +407,8 @@ def brought(names: tuple[str, str], first: Singles, first_full: Flags, second: S
     Raises:
         SourceError: as :func:`maskfab.camera.registration.registered`.
     """
-    found = registered(first, first_full, second, second_full, names[1])
-    where, shape = found.where, (first.shape[1], first.shape[2])
+    registration = registered(first, first_full, second, second_full, names[1])
+    where, shape = registration.where, (first.shape[1], first.shape[2])
     taken = np.stack([where.taken(plane, shape, order=_ORDER) for plane in second])
     inner = np.zeros(second.shape[1:], dtype=np.float32)
     inner[_REACH:-_REACH, _REACH:-_REACH] = 1
@@ -461,12 +422,5 @@ def brought(names: tuple[str, str], first: Singles, first_full: Flags, second: S
         offsets.append(float(b.mean() - gain * a.mean()))
         squares += float(np.square((b - offsets[-1]) / gain - a).mean()) / len(first)
     there = where.taken(np.ones(second.shape[1:], dtype=np.float32), shape, order=1) > 0.5
-    return Brought(
-        names[1],
-        names[0],
-        found,
-        np.where(there, np.clip(taken, 0, 1), np.float32(0)),
-        tuple(gains),
-        tuple(offsets),
-        squares**0.5,
-    )
+    picture = np.where(there, np.clip(taken, 0, 1), np.float32(0))
+    return RegisteredPhoto(names[1], names[0], registration, picture, tuple(gains), tuple(offsets), squares**0.5)

@@ -1,24 +1,17 @@
-"""Photographs as scenes: code values, the light that they stand for, and the middle of the picture.
+"""Scenes: photographs, or drawn ones, as code values and as the light that they stand for.
 
 A scene is the middle of a picture, at most 1024 x 1536 (1536 x 1024 of an upright one), or all of it, its sides cut to
-multiples of 64 so that transforms are fast; pictures are never scaled. A grey one has three equal channels.
+multiples of 64 so that transforms are fast; pictures are never scaled. A grey one has three equal channels. Integers
+are sRGB code values, whose light follows by the sRGB curve. Floats (EXR, HDR) are light, and have code values by the
+same curve; above white they are refused unless the light that is white is stated, as nobody can know it.
 
-Integers are sRGB code values, whose light follows by the sRGB curve. Floats (EXR, HDR) are light, and have code values
-by the same curve; above white they are refused unless the light that is white is stated, as nobody can know it.
-
-Scenes for those who have no photographs: dead leaves, whose spectrum falls as a power of f, as nature's does.
-
-Discs of random colours fall on each other; a radius r is drawn with density r^-3 between two limits, which makes the
-picture look the same at every scale (Lee, Mumford, Huang, Int. J. Comput. Vision 41, 35, 2001). Every scene follows
-from its seed. From 0.02 to 0.4 cycles per pixel its power falls as f^-2.9, as that of a sharp photograph in daylight.
-
-Photographs taken indoors are dimmer and softer, and what restores them best differs: of three at hand, one has a mean
-of 0.40 of white and a power of f^-2.7, the others 0.10 and 0.11, and f^-3.5 and f^-3.7. So every second scene is dim
-and soft too: 0.10 and f^-3.5.
-
-For highlights, lamps hang in front of them: discs of 2 to 100 times white.
-
-Scenes with less round the sensor than others, and what of a point's light falls farther.
+Who has no photographs takes dead leaves, whose spectrum falls as a power of f, as nature's does. Discs of random
+colours fall on each other; a radius r is drawn with density r^-3 between two limits, which makes the picture look the
+same at every scale (Lee, Mumford, Huang, Int. J. Comput. Vision 41, 35, 2001). Every scene follows from its seed. From
+0.02 to 0.4 cycles per pixel its power falls as f^-2.9, as that of a sharp photograph in daylight. Photographs taken
+indoors are dimmer and softer, and what restores them best differs: of three at hand, one has a mean of 0.40 of white
+and a power of f^-2.7, the others 0.10 and 0.11, and f^-3.5 and f^-3.7. So every second scene is dim and soft too: 0.10
+and f^-3.5. For highlights, lamps hang in front of them: discs of 2 to 100 times white.
 
 The blur is circular, so beyond its edges a scene repeats. Of the 256 pixels that others have round the sensor, a small
 one has 128; how much of a point's light falls farther is told. If half of it does, the scene is smaller than the point
@@ -29,7 +22,7 @@ from __future__ import annotations
 
 import os
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import overload
@@ -39,9 +32,7 @@ import scipy
 
 from maskfab.base.arrays import Singles
 from maskfab.base.errors import JobError, SourceError
-from maskfab.camera.imaging import Design, RestoredBy
-from maskfab.camera.record import Blur
-from maskfab.camera.restorers.wiener import MARGIN, Margin
+from maskfab.camera.imaging import MARGIN, Blur, Design, Margin, RestoredBy
 from maskfab.display.pictures import read_picture
 from maskfab.optics.colour import code_of_light, light_of_code
 
@@ -88,6 +79,16 @@ class Photograph:
         return replace(
             self, values=self.values[:, *part], measured=None if self.measured is None else self.measured[:, *part]
         )
+
+    @property
+    def true(self) -> Singles:
+        """Code values of what lies on the sensor, in its middle."""
+        return self.margin.sensor(self.values)
+
+    @property
+    def dark(self) -> Photograph:
+        """The scene with no light from outside the sensor."""
+        return replace(self, values=self.margin.dark(self.true), measured=None)
 
     @property
     def light(self) -> Singles:
@@ -204,33 +205,28 @@ def folder(path: str | Path, white: float | None = None, *, whole: bool = False)
             more than 60 million pixels together.
     """
     where = Path(path)
-    there = sorted(each for each in where.iterdir() if each.name[0] != ".") if os.path.isdir(where) else []
-    files = [each for each in there if each.suffix.lower() in _SUFFIXES]
+    shown = sorted(file for file in where.iterdir() if file.name[0] != ".") if os.path.isdir(where) else []
+    files = [file for file in shown if file.suffix.lower() in _SUFFIXES]
     if not files:
-        raise SourceError(
-            "MF301", f"there are no photographs in {where}", cure=f"Give a folder of {_listed(_SUFFIXES)} files"
-        )
-    skipped = tuple(each.name for each in there if each not in files)
-    found: list[Photograph] = []
+        kinds = ", ".join(suffix[1:].upper() for suffix in _SUFFIXES)
+        raise SourceError("MF301", f"there are no photographs in {where}", cure=f"Give a folder of {kinds} files")
+    skipped = tuple(file.name for file in shown if file not in files)
+    photographs: list[Photograph] = []
     pixels = 0
-    for each in files:
-        found.append(_of_file(each, white, whole=whole))
-        pixels += found[-1].values[0].size
+    for file in files:
+        picture = read_picture(file)
+        colours = opaque(picture.values, file)
+        photographs.append(scene(file.stem, colours, coded=picture.coded, white=white, whole=whole))
+        pixels += photographs[-1].values[0].size
         if whole and pixels > MOST_WHOLE:
             raise JobError(
                 "MF142",
-                f"whole pictures up to {each.name} have {pixels / 1e6:.3g} million pixels; the limit is "
+                f"whole pictures up to {file.name} have {pixels / 1e6:.3g} million pixels; the limit is "
                 f"{MOST_WHOLE / 1e6:g} million together",
                 where=str(where),
                 cure="Give fewer photographs at a time, or photograph their middle",
             )
-    return Folder(tuple(found), skipped)
-
-
-def _of_file(file: Path, white: float | None, *, whole: bool) -> Photograph:
-    picture = read_picture(file)
-    values = opaque(picture.values, file)
-    return scene(file.stem, values, coded=picture.coded, white=white, whole=whole)
+    return Folder(tuple(photographs), skipped)
 
 
 def opaque(values: Singles, file: Path) -> Singles:
@@ -249,10 +245,6 @@ def opaque(values: Singles, file: Path) -> Singles:
             cure="Save it without transparency",
         )
     return values[:, :, :-1]
-
-
-def _listed(suffixes: Iterable[str]) -> str:
-    return ", ".join(each[1:].upper() for each in suffixes)
 
 
 _SMALLEST, _LARGEST = 3.0, 300.0
@@ -332,11 +324,11 @@ class Bundled(Sequence[Photograph]):
         if isinstance(place, slice):
             return tuple(self[k] for k in range(len(self))[place])
         number = range(1, len(self) + 1)[place]
-        found = self._drawn[place]
-        if found is None:
-            scene = dead_leaves(number)
-            found = self._drawn[place] = scene if number % 2 else indoors(scene)
-        return found
+        drawn = self._drawn[place]
+        if drawn is None:
+            leaves = dead_leaves(number)
+            drawn = self._drawn[place] = leaves if number % 2 else indoors(leaves)
+        return drawn
 
 
 def bundled(count: int = 4) -> Bundled:
@@ -358,10 +350,10 @@ def beyond(blur: Blur, margin: Margin) -> float:
     shape = margin.shape[0] + 2 * (MARGIN - margin.width), margin.shape[1] + 2 * (MARGIN - margin.width)
     near = np.ix_(*(abs(scipy.fft.fftfreq(side, 1 / side)) <= margin.width for side in shape))
     spreads = (scipy.fft.irfft2(transfer, s=shape, workers=1) for transfer in blur.on(shape))
-    return max(1 - float(each[near].sum(dtype=np.float64) / each.sum(dtype=np.float64)) for each in spreads)
+    return max(1 - float(spread[near].sum(dtype=np.float64) / spread.sum(dtype=np.float64)) for spread in spreads)
 
 
-def told(design: Design, scenes: Sequence[Photograph]) -> tuple[str, ...]:
+def messages(design: Design, scenes: Sequence[Photograph]) -> tuple[str, ...]:
     """Sentences on scenes with less than 256 pixels round the sensor, behind a design.
 
     Raises:

@@ -1,16 +1,10 @@
-"""Quality of a restored picture against the true one: PSNR, SSIM and S-CIELAB, of code values.
+"""Scores of restored pictures against the true ones, and paired gains of designs over one of them.
 
-SSIM (Wang, Bovik, Sheikh, Simoncelli 2004) has Gaussian weights of 1.5 pixels out to 5, K1 = 0.01, K2 = 0.03,
-population covariances, white 1, and is the mean over channels and all pixels at least 5 from the edge.
-
-S-CIELAB (see :mod:`maskfab.display.eye`) is the difference in CIELAB after the eye's blur, for a viewer to whom a pixel
-is a minute of arc: the finest that an eye of full acuity tells apart. The picture is mirrored beyond its edges.
-
-The mean of paired differences, and how sure it is.
-
-Scores of restored photographs, and paired gains of designs over one of them.
-
-Restored photographs to look at, beside the truth: part of what a protocol scores as a whole.
+PSNR, SSIM and S-CIELAB are of code values. SSIM (Wang, Bovik, Sheikh, Simoncelli 2004) has Gaussian weights of 1.5
+pixels out to 5, K1 = 0.01, K2 = 0.03, population covariances, white 1, and is the mean over channels and all pixels at
+least 5 from the edge. S-CIELAB (see :mod:`maskfab.display.eye`) is the difference in CIELAB after the eye's blur, for a
+viewer to whom a pixel is a minute of arc: the finest that an eye of full acuity tells apart. The picture is mirrored
+beyond its edges.
 """
 
 from __future__ import annotations
@@ -27,7 +21,7 @@ from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats, Singles
 from maskfab.base.errors import JobError
-from maskfab.camera.restorers.wiener import LARGE
+from maskfab.camera.imaging import LARGE
 from maskfab.camera.scenes import Photograph
 from maskfab.display.eye import OPPONENT_OF_RGB, gains
 from maskfab.optics.colour import delta_e_1976, lab_of_linear_srgb, light_of_code
@@ -154,6 +148,8 @@ def _blur(values: Singles) -> Singles:
 
 
 CONFIDENCE = 0.95
+NORMAL_95 = 1.959964
+"""Standard errors of a normal number to either side that hold 95 %."""
 
 
 @dataclass(frozen=True)

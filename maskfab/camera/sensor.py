@@ -1,4 +1,4 @@
-"""A sensor: full well, read noise, converter and mosaic, and a picture as it records it.
+"""A sensor, a picture as it records it, and the light that falls on it, as a job states both.
 
     y = min(Poisson(g · light) + σ N, full well) / g
 
@@ -6,11 +6,10 @@ with g the electrons of white, σ the read noise and N normal; a converter then 
 pixel records one colour, and the two that it lacks are interpolated from its neighbours, which correlates the noise
 that a restorer takes for white.
 
-Light on the sensor: electrons of white behind a panel, stated as such, as a signal-to-noise ratio, or as a scene.
-
-White of L electrons has the signal-to-noise ratio L / sqrt(L + σ²), σ the read noise. Levels are told in decibels of
-it behind the published display, which lets 0.2072 of the stop's light through; a design that lets through more gets
-more. A scene of luminance B in cd/m² lights the image plane by
+Electrons of white behind a panel are stated as such, as a signal-to-noise ratio, or as a scene. White of L electrons
+has the signal-to-noise ratio L / sqrt(L + σ²), σ the read noise. Levels are told in decibels of it behind the published
+display, which lets 0.2072 of the stop's light through; a design that lets through more gets more. A scene of luminance
+B in cd/m² lights the image plane by
 
     E = π B T / (4 N²)  lux                                   (R. Kingslake, Optics in Photography, SPIE 1992, ch. 6)
 
@@ -21,7 +20,7 @@ photons of 555 nm on a square metre (683 lm/W).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
@@ -30,9 +29,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.base.errors import JobError
+from maskfab.base.model import Camera
 from maskfab.camera.record import Noise, Record, interpolated, sampled
+from maskfab.job.sections import ExposureSection, SensorSection
 
 Mosaic = Literal["none", "rggb"]
+
+
+LEVELS = (24, 32, 40)
 
 
 @dataclass(frozen=True)
@@ -120,9 +124,8 @@ class Sensor:
             full = np.float32(codes) * step
         counted /= np.float32(electrons)
         values = counted if self.mosaic == "none" else interpolated(counted)
-        ceiling = float(
-            full / np.float32(electrons)
-        )  # as it was rounded for the pixels, or none would be found clipped
+        # As it was rounded for the pixels, or none would be found clipped.
+        ceiling = float(full / np.float32(electrons))
         return Record(values, Noise(electrons, self.read_noise, self.step), ceiling, self.mosaic != "none")
 
 
@@ -241,3 +244,51 @@ ELECTRONS: Mapping[int, int] = MappingProxyType(
     {level: int(Exposure.at(level, F1_SENSOR, whole=True).electrons) for level in (24, 28, 32, 36, 40)}
 )
 """Electrons of white behind the published display at the levels of protocol F1, dB."""
+
+
+def stated_sensor(section: SensorSection | None) -> Sensor:
+    """The sensor of [sensor]; protocol F1's without one.
+
+    Raises:
+        JobError: MF140 for a sensor that cannot be.
+    """
+    return Sensor() if section is None else Sensor(**dict(section))
+
+
+def stated_light(section: ExposureSection | None, sensor: Sensor, camera: Camera) -> tuple[tuple[float, ...], str]:
+    """Levels of [exposure] in dB, and how it states them; protocol F1's where it states none.
+
+    Raises:
+        JobError: MF141 for a light that cannot be.
+    """
+    if section is None or (section.snr, section.white, section.luminance) == (None, None, None):
+        return LEVELS, in_decibels(LEVELS)
+    if section.snr is not None:
+        return section.snr, in_decibels(section.snr)
+    if section.white is not None:
+        found = Exposure.of_white(section.white, sensor)
+    else:
+        assert section.luminance is not None
+        assert section.time is not None
+        assert section.quantum_efficiency is not None
+        found = Exposure.of_scene(
+            section.luminance,
+            section.time,
+            section.quantum_efficiency,
+            focal_ratio=camera.focal_um / camera.stop.diameter_um,
+            pixel_um=camera.pixel_um,
+            sensor=sensor,
+        )
+    return (found.level_db,), f"{found.stated}, {found.electrons:.0f} electrons behind the published display"
+
+
+def in_decibels(levels: Sequence[float]) -> str:
+    """Levels of light in words."""
+    return f"signal-to-noise ratio of white behind the published display {', '.join(f'{each:g}' for each in levels)} dB"
+
+
+def told(sensor: Sensor) -> str:
+    """A sensor in words."""
+    converter = "" if sensor.bits is None else f", {sensor.bits} bits, black level {sensor.black_level}"
+    mosaic = "" if sensor.mosaic == "none" else f", mosaic {sensor.mosaic}"
+    return f"full well {sensor.full_well:g} electrons, read noise {sensor.read_noise:g} electrons{converter}{mosaic}"

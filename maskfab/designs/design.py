@@ -13,8 +13,9 @@ from maskfab.base.units import NM_PER_UM, to_nm
 from maskfab.base.work import NO_END, Clock, Progress, silent
 from maskfab.camera import scenes as scene_sets
 from maskfab.camera.lens import PhotoCamera, lattice
-from maskfab.camera.protocol import Protocol, stated_light, stated_sensor
+from maskfab.camera.protocol import Protocol
 from maskfab.camera.scenes import Folder, folder
+from maskfab.camera.sensor import stated_light, stated_sensor
 from maskfab.designs.maps.light import most_dots, shares
 from maskfab.designs.model.appraisal import EXACT, SceneConditions, Spread
 from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings

@@ -11,7 +11,7 @@ from once import leaves
 
 from maskfab.base.errors import JobError
 from maskfab.camera.lens import lay
-from maskfab.camera.protocol import F1, Protocol, SensorScene, evaluate
+from maskfab.camera.protocol import F1, Protocol, evaluate
 from maskfab.camera.record import MergedNoise, Noise, Record, merged
 from maskfab.camera.restorers.dct import denoised, stabilised, unbiased
 from maskfab.camera.scenes import Photograph, lit
@@ -105,8 +105,8 @@ class Halo:
         wide, sharp = (np.exp(-2 * (np.pi * s) ** 2 * (y**2 + x**2)) for s in (20, 0.6))
         return np.broadcast_to((wide + sharp) / 2, (3, *wide.shape)).astype(np.float32)
 
-    def blurred(self, light):
-        return light.through(self.on(light.margin.shape))
+    def blurred(self, light, margin):
+        return margin.through(light, self.on(margin.shape))
 
 
 @pytest.mark.parametrize("light", [0.002, 0.02, 0.2, 0.5, 2.0, 3.5])
@@ -153,17 +153,15 @@ def test_lamps_leave_the_rest_of_a_scene_as_it_is(lamps):
 
 
 def test_one_bracket_of_all_light_is_the_photograph_without(lamps):
-    known = SensorScene.of(lamps)
-    plain, one = (Protocol("camera", brackets=cuts).photograph(Halo(), known, 40) for cuts in ((), (1.0,)))
+    plain, one = (Protocol("camera", brackets=cuts).photograph(Halo(), lamps, 40) for cuts in ((), (1.0,)))
     np.testing.assert_array_equal(plain.values, one.values)
     assert plain.noise == one.noise
 
 
 def test_brackets_measure_lamps_that_one_exposure_cuts_off_and_restore_what_is_round_them(lamps):
     brackets = Protocol("camera", brackets=(1, 16, 256))
-    known = SensorScene.of(lamps)
-    light = brackets.seen(Halo(), known)
-    record = brackets.photograph(Halo(), known, 40)
+    light = brackets.seen(Halo(), lamps)
+    record = brackets.photograph(Halo(), lamps, 40)
     assert isinstance(record.noise, MergedNoise)
     assert not record.clipped.any()
     off = (record.values - light) / np.sqrt(record.noise.variance(np.maximum(light, 0)))

@@ -10,7 +10,7 @@ import torch
 
 from maskfab.base.errors import JobError
 from maskfab.base.model import Camera, Opening, Panel, Stop, Tiling
-from maskfab.camera.lens import F1, OpenStop, PhotoCamera, laid_panel, lattice, lay, transfer_grid
+from maskfab.camera.lens import F1, OpenStop, PhotoCamera, laid_panel, lattice, lay, pupil_transfer
 from maskfab.camera.protocol import EPSILONS
 from maskfab.camera.scenes import Photograph
 from maskfab.designs.descent.losses import expected_error
@@ -56,7 +56,7 @@ def test_the_transfer_is_that_of_the_optics_summed_over_what_sampling_folds_back
     """The optics cut dots by the stop, keep gutters as they are, and know no grid; whole dots cost so much."""
     made = panel(cells, gutter_nm)
     laid = laid_panel("bar", made, PhotoCamera.of(camera))
-    found = transfer_grid((24, 36), laid.lattice)(laid.pupil)
+    found = pupil_transfer(laid.pupil, laid.lattice, (24, 36))
     table = lag_table(cut(panel_aperture(made, camera.stop.diameter_um / 2 + 1), camera.stop))
     for colour, nm in enumerate(RGB):
         cycle_um = nm / 1e3 * camera.focal_um / camera.pixel_um
@@ -78,7 +78,7 @@ def test_the_error_of_a_layout_sees_the_transfer_of_its_photographs(scenes, came
     pupil = error.laid(bar(), seed=3)
     seen = error._transfers(torch.from_numpy(error._table(pupil)[1]))[0].numpy()
     half = error.cycle // 2
-    photographed = transfer_grid((error.cycle, error.cycle), estimate.lattice)(pupil)[1]
+    photographed = pupil_transfer(pupil, estimate.lattice, (error.cycle, error.cycle))[1]
     np.testing.assert_allclose(seen[:, half:], photographed[: half + 1], atol=1e-5)
 
 

@@ -12,10 +12,11 @@ import scipy.ndimage
 from once import leaves
 
 from maskfab.base.errors import JobError
+from maskfab.camera.imaging import Margin
 from maskfab.camera.record import Noise, Record, Restorer
 from maskfab.camera.restorers.choice import Choice, Judge, expected_errors
 from maskfab.camera.restorers.dct import Dct
-from maskfab.camera.restorers.wiener import Margin, Wiener
+from maskfab.camera.restorers.wiener import Wiener
 from maskfab.camera.scores import psnr
 from maskfab.optics.colour import code_of_light
 

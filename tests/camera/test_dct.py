@@ -15,11 +15,12 @@ from once import leaves
 
 from maskfab.base import resources
 from maskfab.base.errors import JobError
+from maskfab.camera.imaging import Margin
 from maskfab.camera.lens import lay
 from maskfab.camera.protocol import EPSILONS, F1, evaluate
 from maskfab.camera.record import Noise, Record, interpolated
 from maskfab.camera.restorers.dct import Dct, denoised, mosaic_noise
-from maskfab.camera.restorers.wiener import Margin, Wiener
+from maskfab.camera.restorers.wiener import Wiener
 from maskfab.camera.scores import psnr
 from maskfab.camera.sensor import Sensor
 from maskfab.mask.opening_file import load_opening

@@ -12,9 +12,8 @@ from optics_cases import noise, panel
 
 from maskfab.base.model import Camera, Stop
 from maskfab.camera.die_transfer import die_transfer
-from maskfab.camera.imaging import Isoplanatic, RestoredBy, SceneLight
-from maskfab.camera.protocol import Protocol, SensorScene, evaluate
-from maskfab.camera.restorers.wiener import Margin
+from maskfab.camera.imaging import Isoplanatic, Margin, RestoredBy
+from maskfab.camera.protocol import Protocol, evaluate
 from maskfab.camera.sensor import Sensor
 from maskfab.optics.scene.scene import Scene
 
@@ -33,7 +32,7 @@ def test_light_falls_where_the_sum_over_the_scene_says():
     shape, draw = (24, 20), np.random.default_rng(0)
     spread = draw.random((3, *shape), dtype=np.float32)
     scene = draw.random((3, *shape), dtype=np.float32)
-    found = SceneLight(scene, Margin(shape, 4)).through(np.fft.rfft2(spread).astype(np.complex64))
+    found = Margin(shape, 4).through(scene, np.fft.rfft2(spread).astype(np.complex64))
     for row, column in ((4, 4), (11, 7), (19, 15)):
         back = np.roll(spread[:, ::-1, ::-1], (row + 1, column + 1), axis=(1, 2))
         assert found[:, row - 4, column - 4] == pytest.approx((back * scene).sum(axis=(1, 2)), rel=1e-5)
@@ -49,9 +48,9 @@ def test_a_transfer_is_computed_once_for_each_shape_and_kept_from_change():
             return np.ones((3, shape[0], shape[1] // 2 + 1), dtype=np.float32)
 
     design = Counted("C")
-    light = SceneLight(np.random.default_rng(0).random((3, 32, 32), dtype=np.float32), Margin((32, 32), 8))
-    assert design.blurred(light) == pytest.approx(light.values[:, 8:-8, 8:-8], abs=1e-6)
-    assert design.blurred(light) is not design.blurred(light)
+    light, margin = np.random.default_rng(0).random((3, 32, 32), dtype=np.float32), Margin((32, 32), 8)
+    assert design.blurred(light, margin) == pytest.approx(light[:, 8:-8, 8:-8], abs=1e-6)
+    assert design.blurred(light, margin) is not design.blurred(light, margin)
     assert Counted.calls == 1
     with pytest.raises(ValueError, match="read-only"):
         design.on((32, 32))[:] = 0
@@ -62,7 +61,7 @@ def test_a_transfer_is_computed_once_for_each_shape_and_kept_from_change():
 def test_a_near_object_is_photographed_as_such_and_deblurred_by_the_transfer_of_infinity(near_and_far):
     near, far = near_and_far
     mistaken = RestoredBy(near, far)
-    known = SensorScene.of(leaves(1, 832, 832))
+    known = leaves(1, 832, 832)
     kind = Protocol("quiet", Sensor(full_well=1e6, read_noise=0.0))
     np.testing.assert_array_equal(
         kind.photograph(mistaken, known, 50.0).values, kind.photograph(near, known, 50.0).values

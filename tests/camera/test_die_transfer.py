@@ -13,7 +13,7 @@ from optics_cases import aberrated_psf, defocused_psf, focused_psf, noise, panel
 from maskfab.base.errors import JobError
 from maskfab.base.model import Camera, Panel, Psf, Stop
 from maskfab.camera.die_transfer import DieTransfer, Lines, die_transfer, line_transfer
-from maskfab.camera.lens import F1, PhotoCamera, laid_panel, lay, transfer_grid
+from maskfab.camera.lens import F1, PhotoCamera, laid_panel, lay, pupil_transfer
 from maskfab.camera.protocol import evaluate
 from maskfab.camera.scenes import Photograph, dead_leaves
 from maskfab.optics.gap import AXIS, AmplitudeLags, StopAmplitude, gap_psf, moved_aperture, shift_um
@@ -79,7 +79,7 @@ def test_through_the_dots_of_f1_the_transfer_is_that_of_f1():
     axis = Lattice(-room.side * room.dot_um / 2, room.side, 1, room.dot_um, room.dot_um)
     dots = laid.pupil[:, None, :, None]
     lags = AmplitudeLags.of(StopAmplitude(axis, axis, dots, float((dots**2).sum()) * room.dot_um**2))
-    expected = transfer_grid(SHAPE, room)(laid.pupil)
+    expected = pupil_transfer(laid.pupil, room, SHAPE)
     y, x = np.fft.fftfreq(SHAPE[0]), np.fft.rfftfreq(SHAPE[1])
     for colour, line in enumerate(RGB):
         assert line_transfer(lags, F1.cycle_um(line), y, x) == pytest.approx(expected[colour], abs=1e-6)
@@ -104,7 +104,7 @@ def test_a_random_die_is_seen_through_its_own_cells():
     first = (14 - room.cells) // 2
     middle = dies[0].orientations[first : first + room.cells, first : first + room.cells]
     laid = lay("D", OPENING, middle, room=room)
-    by_whole_dots = transfer_grid(SHAPE, room)(laid.pupil)
+    by_whole_dots = pupil_transfer(laid.pupil, room, SHAPE)
     assert abs(own - by_whole_dots).max() < 0.1 * abs(own - other).max()
 
 
@@ -210,9 +210,7 @@ def test_a_band_of_one_line_is_that_line_and_wide_bands_err_no_more_than_told():
     red = max(wide.view.scene.bands, key=lambda band: band.centroid_nm)
     y, x = np.fft.fftfreq(16), np.fft.rfftfreq(24)
     fine = wide.view.shadow(band_lines(red, 256), 1, y, x)
-    assert (
-        abs(wide.on((16, 24))[0] - fine).max() < wide.resolution.by_lines < abs(by_lines.on((16, 24))[0] - fine).max()
-    )
+    assert abs(wide.on((16, 24))[0] - fine).max() < wide.by_lines < abs(by_lines.on((16, 24))[0] - fine).max()
 
 
 def test_a_band_over_a_gap_is_the_sum_of_its_lines_over_it():
@@ -221,11 +219,11 @@ def test_a_band_over_a_gap_is_the_sum_of_its_lines_over_it():
     red = band_lines(max(bands, key=lambda band: band.centroid_nm), 16)
     y, x = np.fft.fftfreq(16), np.fft.rfftfreq(24)
     parts = [Lines(each, each) for each in (line_spectrum([float(line)]) for line in red.wavelengths_nm)]
-    lines = [found.view.transfer(each, found.resolution.samples, y, x) for each in parts]
-    undersampled = found.view.shadow(red, 1, y, x) - found.view.shadow(found.resolution.lines[0].shadow, 1, y, x)
+    lines = [found.view.transfer(each, found.samples, y, x) for each in parts]
+    undersampled = found.view.shadow(red, 1, y, x) - found.view.shadow(found.lines[0].shadow, 1, y, x)
     expected = sum(weight * each for weight, each in zip(red.weights, lines, strict=True)) - undersampled
-    assert abs(found.on((16, 24))[0] - expected).max() < found.resolution.by_lines < 1e-2
-    assert len(found.resolution.lines[0].gap.weights) < len(found.resolution.lines[0].shadow.weights)
+    assert abs(found.on((16, 24))[0] - expected).max() < found.by_lines < 1e-2
+    assert len(found.lines[0].gap.weights) < len(found.lines[0].shadow.weights)
 
 
 def test_moving_a_repeated_panel_by_a_cell_changes_nothing_and_by_half_a_cell_does():

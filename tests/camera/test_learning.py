@@ -16,7 +16,7 @@ from maskfab.api.verbs.learning import learn
 from maskfab.base.errors import JobError, MaskfabError, OutputError, SourceError
 from maskfab.base.files import save_state
 from maskfab.camera import learning
-from maskfab.camera.imaging import SceneLight
+from maskfab.camera.imaging import Margin
 from maskfab.camera.learning import (
     ROW,
     Checkpoint,
@@ -29,8 +29,8 @@ from maskfab.camera.learning import (
     kept_for_validation,
     mirrored,
 )
-from maskfab.camera.network import PLANES, Learned, Network, View, light_of, shown
 from maskfab.camera.protocol import Protocol
+from maskfab.camera.restorers.network import PLANES, Learned, Network, View, light_of, shown
 from maskfab.camera.scenes import Photograph
 from maskfab.optics.colour import code_of_light, light_of_code
 
@@ -275,8 +275,8 @@ class _Open:
     def on(self, shape: tuple[int, int]) -> np.ndarray:
         return np.ones((3, shape[0], shape[1] // 2 + 1), dtype=np.float32)
 
-    def blurred(self, light: SceneLight) -> np.ndarray:
-        return light.through(self.on(light.margin.shape))
+    def blurred(self, light: np.ndarray, margin: Margin) -> np.ndarray:
+        return margin.through(light, self.on(margin.shape))
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 1.0])

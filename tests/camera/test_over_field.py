@@ -10,11 +10,10 @@ import pytest
 from optics_cases import noise, panel
 
 from maskfab.base.model import Camera, Glass, MaskBlank, Stop, Track
-from maskfab.camera.die_transfer import Samples, die_transfer
+from maskfab.camera.die_transfer import Samples, die_transfer, left_out
 from maskfab.camera.field_transfer import REACH, FieldChange, FieldNodes, OverField, gathered
-from maskfab.camera.imaging import SceneLight
-from maskfab.camera.protocol import Protocol, SensorScene, left_out
-from maskfab.camera.restorers.wiener import Margin
+from maskfab.camera.imaging import Margin
+from maskfab.camera.protocol import Protocol
 from maskfab.camera.scenes import Photograph
 from maskfab.camera.sensor import Sensor
 from maskfab.optics.gap import AXIS
@@ -60,7 +59,7 @@ def points(seen):
         scene[:, row, column] += colour
         spread = np.fft.irfft2(seen.at(point_um(row, column)).on(SHAPE), s=SHAPE)
         expected += np.roll(spread, (row, column), axis=(1, 2)) * colour[:, None, None]
-    return SceneLight(scene, MARGIN), MARGIN.sensor(expected)
+    return scene, MARGIN.sensor(expected)
 
 
 def changed(change, place):
@@ -77,7 +76,7 @@ def relative(found, expected):
 def test_every_point_spreads_by_the_openings_of_its_own_place(seen, dies, points, accuracy):
     light, expected = points
     die = dies[accuracy]
-    assert relative(die.blurred(light), expected) < accuracy < relative(seen.blurred(light), expected)
+    assert relative(die.blurred(light, MARGIN), expected) < accuracy < relative(seen.blurred(light, MARGIN), expected)
     np.testing.assert_array_equal(die.on(SHAPE), seen.on(SHAPE))
 
 
@@ -105,7 +104,7 @@ def test_an_accuracy_that_the_axis_meets_takes_no_other_place(seen, dies, points
     (told,) = die.told
     assert "that of the axis" in told
     assert f"{change.error:.1g}" in told
-    np.testing.assert_array_equal(die.blurred(points[0]), seen.blurred(points[0]))
+    np.testing.assert_array_equal(die.blurred(points[0], MARGIN), seen.blurred(points[0], MARGIN))
 
 
 def test_scenes_of_several_sizes_are_told_apart_and_what_is_the_same_is_told_once(dies):
@@ -126,20 +125,20 @@ def test_scenes_of_several_sizes_are_told_apart_and_what_is_the_same_is_told_onc
 
 
 def test_an_even_scene_stays_even(dies):
-    scene = SceneLight(np.full((3, *SHAPE), 0.5, dtype=np.float32), MARGIN)
+    scene = np.full((3, *SHAPE), 0.5, dtype=np.float32)
     change = dies[2e-2].change(SHAPE)
     assert change.nodes.y_um.size > 1
     assert sum(change.nodes.weights()[0]) == pytest.approx(1.0)
-    assert dies[2e-2].blurred(scene) == pytest.approx(0.5, abs=2e-3)
+    assert dies[2e-2].blurred(scene, MARGIN) == pytest.approx(0.5, abs=2e-3)
 
 
 def test_parts_of_a_sensor_join_without_a_seam(dies, monkeypatch):
     scene = np.random.default_rng(1).random((3, *SHAPE), dtype=np.float32)
     change = dies[2e-2].change(SHAPE)
     whole, parts = np.zeros((2, *MARGIN.sensor(scene).shape), dtype=np.float32)
-    change.add(SceneLight(scene, MARGIN), whole)
+    change.add(scene, MARGIN, whole)
     monkeypatch.setattr("maskfab.camera.field_transfer.MOST_ACROSS", 25)
-    change.add(SceneLight(scene, MARGIN), parts)
+    change.add(scene, MARGIN, parts)
     assert parts == pytest.approx(whole, abs=1e-6)
     assert abs(whole).max() > 1e-3
 
@@ -156,7 +155,7 @@ def test_places_lie_within_picture_and_field_and_are_more_where_more_is_asked_fo
 def test_diffraction_over_the_gap_is_the_axiss_only_where_that_is_accurate_enough():
     far, camera = Scene(gap_um=60.0, field_um=30.0), replace(CAMERA, focal_um=800.0, stop=Stop("circle", 100.0))
     die = die_transfer("D", PANEL, camera, far)
-    die = replace(die, resolution=replace(die.resolution, samples=Samples(1, 4)))
+    die = replace(die, samples=Samples(1, 4))
     made = plan(PANEL, CAMERA, Scene(), 3e-2)
     place = (20.0, -20.0)
     axis, own = (np.fft.irfft2(each.on((255, 255)), s=(255, 255)) for each in (die, die.at(place)))
@@ -194,11 +193,11 @@ def test_what_the_plan_leaves_out_is_told_with_its_error_and_the_rest_is_not():
 
 def test_a_photograph_of_a_die_over_the_field_is_blurred_by_its_nodes(seen, dies):
     values = np.random.default_rng(2).random((3, 512 + 16, 512 + 32), dtype=np.float32)
-    known = SensorScene.of(Photograph("noise", 1, values))
+    known = Photograph("noise", 1, values)
     die = dies[2e-2]
     quiet = Protocol("quiet", Sensor(full_well=1e12, read_noise=0.0), linear=False)
     found = quiet.photograph(die, known, 110.0).values
-    assert found == pytest.approx(die.blurred(SceneLight(values, known.margin)), abs=1e-4)
+    assert found == pytest.approx(die.blurred(values, known.margin), abs=1e-4)
     assert abs(found - quiet.photograph(seen, known, 110.0).values).max() > 1e-3
 
 

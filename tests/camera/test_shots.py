@@ -95,7 +95,7 @@ def test_each_scene_is_transformed_once_and_no_picture_restored_twice(design, sc
 def test_the_constant_is_the_best_and_few_others_are_tried(design, monkeypatch):
     """An estimate from the spectra tells where to look: the best and its neighbours, one step more if it is off."""
     scene, restored, tried = leaves(1, 1024, 1536), wiener.restore, []
-    record = protocol.F1.photograph(design, protocol.SensorScene.of(scene), 40)
+    record = protocol.F1.photograph(design, scene, 40)
     prepared, true = wiener.Wiener().prepare(record, design), truth_of(scene, Crop(512, 1024))
     means = {each: psnr(prepared(each), true) for each in protocol.EPSILONS[::3]}
     monkeypatch.setattr(wiener, "restore", lambda *given: (tried.append(1), restored(*given))[1])

@@ -11,12 +11,11 @@ import scipy.fft
 
 from maskfab.api.verbs.photographs import simulate
 from maskfab.base.errors import JobError
-from maskfab.camera.imaging import Isoplanatic, RestoredBy
+from maskfab.camera.imaging import Isoplanatic, Margin, RestoredBy
 from maskfab.camera.learning import mirrored
 from maskfab.camera.lens import lay
-from maskfab.camera.protocol import F1, SensorScene
-from maskfab.camera.restorers.wiener import Margin
-from maskfab.camera.scenes import Photograph, beyond, folder, scene, told
+from maskfab.camera.protocol import F1
+from maskfab.camera.scenes import Photograph, beyond, folder, messages, scene
 from maskfab.camera.scores import Crop
 from maskfab.mask.formats.exr import write_exr
 from maskfab.mask.job import load_job
@@ -68,7 +67,7 @@ def test_light_from_beyond_is_missed_by_no_more_than_is_told():
     top, left = ((large - small) // 2 for large, small in zip(LARGE.shape, SMALL.shape, strict=True))
     values[:, top:-top, left:-left] = 0
     light, nothing = (
-        F1.seen(design, SensorScene.of(Photograph("x", 1, each, around=around)))
+        F1.seen(design, Photograph("x", 1, each, around=around))
         for each, around in ((values, 256), (values[:, top:-top, left:-left], 128))
     )
     rows, columns = nothing.shape[1:]
@@ -79,18 +78,18 @@ def test_light_from_beyond_is_missed_by_no_more_than_is_told():
 
 def test_it_is_told_of_small_photographs_alone_and_by_what_is_seen():
     near, far = Ghosts("near", 0.3, 5), Ghosts("far", 0.3, 150)
-    assert told(far, [picture(832, 832)]) == ()
-    (sentence,) = told(far, [picture(832, 832), picture(512, 768)])
+    assert messages(far, [picture(832, 832)]) == ()
+    (sentence,) = messages(far, [picture(832, 832), picture(512, 768)])
     assert "small has 768 x 512 pixels, 128 of them round the sensor rather than 256: 30.0% of" in sentence
-    assert "0.0%" in told(RestoredBy(near, far), [picture(512, 768)])[0]
+    assert "0.0%" in messages(RestoredBy(near, far), [picture(512, 768)])[0]
 
 
 def test_a_photograph_smaller_than_the_point_spread_is_refused():
     with pytest.raises(
         JobError, match=r"MF121.*60\.0% of a point's light falls farther behind far; the limit is 50%.*832"
     ):
-        told(Ghosts("far", 0.6, 150), [picture(512, 768)])
-    assert told(Ghosts("far", 0.6, 150), [picture(832, 832)]) == ()
+        messages(Ghosts("far", 0.6, 150), [picture(512, 768)])
+    assert messages(Ghosts("far", 0.6, 150), [picture(832, 832)]) == ()
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from maskfab.base.errors import JobError, OpeningError
-from maskfab.camera.lens import CELLS, CellGrid, lattice, lay, pupil_autocorrelation, transfer_grid
+from maskfab.camera.lens import CELLS, CellGrid, lattice, lay, pupil_autocorrelation, pupil_transfer
 
 
 def test_autocorrelation_is_the_sum_over_pairs():
@@ -23,7 +23,7 @@ def test_transfer_is_the_sum_over_orders_and_lags():
     dots = 48
     room = CellGrid(dots, 1, 84.0)
     pupil = room.stop * (np.random.default_rng(1).random((dots, dots)) < 0.4).astype(np.float64)
-    found = transfer_grid((16, 24), room)(pupil)
+    found = pupil_transfer(pupil, room, (16, 24))
     assert found.shape == (3, 16, 13)
     np.testing.assert_allclose(found[:, 0, 0], 1, rtol=1e-6)
     table = np.pad(pupil_autocorrelation(pupil), 1) / pupil.sum()

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from maskfab.base.errors import JobError
+from maskfab.camera import imaging, scores
 from maskfab.camera import scenes as photographs
-from maskfab.camera import scores
 from maskfab.camera.lens import lay
-from maskfab.camera.protocol import Protocol, SensorScene, evaluate
+from maskfab.camera.protocol import Protocol, evaluate
 from maskfab.camera.restorers import wiener
 from maskfab.camera.scenes import Photograph, folder, scene
 from maskfab.camera.scores import Truth, psnr
@@ -29,7 +29,7 @@ BAR[:6, :17] = True
 @pytest.fixture
 def in_parts(monkeypatch):
     """Every picture is large, and worked on a few rows at a time."""
-    for module in (wiener, scores):
+    for module in (imaging, scores):
         monkeypatch.setattr(module, "LARGE", 1)
     monkeypatch.setattr(scores, "_AT_ONCE", 5000)
     monkeypatch.setattr(colour, "_AT_ONCE", 999)
@@ -71,12 +71,12 @@ def peak(work):
 
 def test_every_step_of_a_large_photograph_leaves_room_for_the_others_within_80_bytes_a_pixel(monkeypatch):
     """80 bytes for each of 50 million pixels are four gigabytes: 24 hold scene and record, 6 or 12 the transfer."""
-    monkeypatch.setattr(wiener, "LARGE", 1)
+    monkeypatch.setattr(imaging, "LARGE", 1)
     monkeypatch.setattr(scores, "LARGE", 1)
     for module in (scores, colour):
         monkeypatch.setattr(module, "_AT_ONCE", 1 << 13)
-    known = SensorScene.of(noise(832, 864))
-    pixels, design, kind = known.scene.values[0].size, lay("bar", BAR), Protocol("camera")
+    known = noise(832, 864)
+    pixels, design, kind = known.values[0].size, lay("bar", BAR), Protocol("camera")
     design.on(known.margin.shape)
     record = kind.photograph(design, known, 32)
     blur, restore, similar, differ = (
@@ -111,7 +111,7 @@ def test_the_record_of_a_large_photograph_is_gone_once_it_is_restored(in_parts, 
     monkeypatch.setattr(Protocol, "photograph", watched)
     monkeypatch.setattr(Truth, "delta_e", scored)
     large = noise(704, 736)
-    monkeypatch.setattr(wiener, "LARGE", 680 * 680)
+    monkeypatch.setattr(imaging, "LARGE", 680 * 680)
     small = replace(noise(672, 672), name="middle")
     evaluate([lay("bar", BAR)], [large], [small], (24, 32), protocol=Protocol("camera"))
     assert len(taken) == 2

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import scipy.fft
 
-from maskfab.camera.restorers.wiener import Margin, prior, restore, wiener
+from maskfab.camera.imaging import Margin
+from maskfab.camera.restorers.wiener import prior, restore, wiener
 from maskfab.camera.scores import Truth, inner, psnr
 
 

@@ -19,9 +19,10 @@ from maskfab.base.errors import JobError
 from maskfab.base.work import Clock, silent
 from maskfab.camera import learning as lessons
 from maskfab.camera import learning as training
+from maskfab.camera.imaging import Blur
 from maskfab.camera.learning import Checkpoint, Course, Run, Training
-from maskfab.camera.network import View, shown
-from maskfab.camera.record import Blur, Record
+from maskfab.camera.record import Record
+from maskfab.camera.restorers.network import View, shown
 from maskfab.camera.restorers.wiener import Wiener
 from maskfab.camera.scenes import Photograph
 from maskfab.cli.app import run_command_line
@@ -154,7 +155,7 @@ def test_a_network_is_trained_and_trained_on(
         return replace(leaves(1, 832, 832), name=f"leaves{seed}", number=seed)
 
     monkeypatch.setattr(lessons, "drawn", drawn)
-    monkeypatch.setattr(training, "Course", lambda seed: replace(SMALL, seed=seed))
+    monkeypatch.setattr(training, "Course", lambda seed, **_: replace(SMALL, seed=seed))
     # A training of one step, which no budget of the command line allows.
     monkeypatch.setattr(learning, "Clock", lambda budget_s, refuses: Clock(budget_s))
     path = tmp_path / "toled.npz"

@@ -14,8 +14,8 @@ from camera.capture.captured_dies import BLACK, GAIN, READ_NOISE, exposed, polyg
 from small_job import command, write_job
 
 import maskfab
+from maskfab.camera.blur import read_psf
 from maskfab.camera.inspection import verdict
-from maskfab.camera.inspection.blur import read_psf
 from maskfab.mask.job import load_job
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words")

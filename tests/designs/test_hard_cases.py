@@ -20,7 +20,7 @@ from once import leaves
 
 from maskfab.base.errors import CATALOGUE, InputError, MaskfabError, OpeningError
 from maskfab.base.model import Camera, Opening, Panel, Stop, Tiling, refined
-from maskfab.camera.lens import MOST_DOTS, laid_panel, lattice, lay, pupil_autocorrelation, transfer_grid
+from maskfab.camera.lens import MOST_DOTS, laid_panel, lattice, lay, pupil_autocorrelation, pupil_transfer
 from maskfab.camera.protocol import evaluate
 from maskfab.camera.scenes import Photograph
 from maskfab.designs.descent.losses import ExpectedError, TopResidual, expected_error, mtf_auc, top_residual
@@ -94,7 +94,7 @@ def test_cells_of_168_um_are_judged_as_they_ever_were(scenes: tuple[Photograph, 
     np.testing.assert_array_equal(old.pupil, new.pupil)
     assert old.transmission == new.transmission == float.fromhex("0x1.cf3dd7a5d8b0ep-3")
     np.testing.assert_array_equal(
-        transfer_grid((16, 24), old.lattice)(old.pupil), transfer_grid((16, 24), new.lattice)(new.pupil)
+        pupil_transfer(old.pupil, old.lattice, (16, 24)), pupil_transfer(new.pupil, new.lattice, (16, 24))
     )
 
 
@@ -168,7 +168,7 @@ def test_the_transfer_behind_84_um_cells_is_the_lag_tables(scenes: tuple[Photogr
     table = pupil_autocorrelation(design.pupil)
     side = len(design.pupil)
     table /= table[side - 1, side - 1]
-    found = transfer_grid((8, 12), design.lattice)(design.pupil)
+    found = pupil_transfer(design.pupil, design.lattice, (8, 12))
     # ν = 1/8 along y: the lag of green is 530 nm x 10 mm / (2 um x 12 um) / 8 dots; sampling folds back the others.
     expected = 0.0
     for k in range(-3, 4):

@@ -11,7 +11,7 @@ from once import leaves
 
 from maskfab.base.errors import InputError
 from maskfab.base.model import Camera, Opening, Panel, Stop, Tiling
-from maskfab.camera.lens import lay, transfer_grid
+from maskfab.camera.lens import lay, pupil_transfer
 from maskfab.camera.protocol import EPSILONS
 from maskfab.camera.scenes import Photograph
 from maskfab.designs.descent.losses import (
@@ -210,7 +210,7 @@ def test_grid_transfer_is_that_of_the_protocol() -> None:
     found = stop.on_grid((64, 96))(table).numpy()
     laid = lay("x", unit, RANDOM24)
     assert stop.share(table) == pytest.approx(laid.transmission)
-    expected = transfer_grid((64, 96), laid.lattice)(laid.pupil)
+    expected = pupil_transfer(laid.pupil, laid.lattice, (64, 96))
     assert found.shape == expected.shape
     low = abs(np.fft.fftfreq(64))[:, None] + np.fft.rfftfreq(96) < 0.1
     np.testing.assert_allclose(found[:, low], expected[:, low], atol=0.02)

@@ -19,8 +19,8 @@ from scipy import stats
 import maskfab as mf
 from maskfab.base.errors import JobError
 from maskfab.camera import scenes
-from maskfab.camera.imaging import SceneLight
-from maskfab.camera.restorers.wiener import Margin, Wiener
+from maskfab.camera.imaging import Margin
+from maskfab.camera.restorers.wiener import Wiener
 from maskfab.camera.scores import MeanDifference, Score
 from maskfab.cli.app import run_command_line
 from maskfab.mask.formats.exr import write_png
@@ -190,9 +190,9 @@ def test_a_case_is_photographed_as_it_is_and_restored_by_the_blur_of_another(tmp
     np.testing.assert_array_equal(near.on(shape), far.on(shape))
     assert told == ("restored by the blur of the case 'far'",)
     # Orders are λ f / pitch apart, and a lens focused at 0.1 m is f / 0.9 from its sensor.
-    light = SceneLight(np.zeros((3, 704, 704), dtype=np.float32), Margin((704, 704)))
-    light.values[:, 352, 352] = 1
-    second = [25 + int(design.blurred(light)[1, 96, 96 + 25 : 96 + 45].argmax()) for design in (far, near)]
+    light, margin = np.zeros((3, 704, 704), dtype=np.float32), Margin((704, 704))
+    light[:, 352, 352] = 1
+    second = [25 + int(design.blurred(light, margin)[1, 96, 96 + 25 : 96 + 45].argmax()) for design in (far, near)]
     order_px = 0.53 * 10_000 / 168 / 2
     assert second == pytest.approx([2 * order_px, 2 * order_px / 0.9], abs=1)
 

@@ -12,8 +12,8 @@ from maskfab.api.lengths import Length, length_text
 from maskfab.api.stands import way_round
 from maskfab.base.errors import JobError, SourceError
 from maskfab.base.units import parse_length_um
-from maskfab.camera.inspection.blur import StandingBlur, read_psfs, stand_words
-from maskfab.camera.record import Blur
+from maskfab.camera.blur import StandingBlur, read_psfs, stand_words
+from maskfab.camera.imaging import Blur
 from maskfab.job.reference import USES, in_words, unused
 from maskfab.report.rows.photographs import Conditions, Surroundings
 
@@ -56,7 +56,7 @@ def blurs_of(
     Raises:
         JobError: MF105 for both a job and a PSF or neither, another number of dies, or what goes with a job beside a
             PSF; else as :func:`maskfab.camera.die_transfer.die_transfer`.
-        SourceError: MF352 of another pixel; as :func:`maskfab.camera.inspection.blur.read_psf`.
+        SourceError: MF352 of another pixel; as :func:`maskfab.camera.blur.read_psf`.
     """
     if (job is None) == (psf is None):
         raise JobError(

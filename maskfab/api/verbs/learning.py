@@ -24,7 +24,7 @@ from maskfab.report.rows.photographs import Conditions, Surroundings
 
 if TYPE_CHECKING:
     from maskfab.camera.learning import Checkpoint, Trade
-    from maskfab.camera.network import Learned
+    from maskfab.camera.restorers.network import Learned
 
 
 LEARNED = "learned"

@@ -15,13 +15,11 @@ from maskfab.base.folders import check_target
 from maskfab.base.model import Quantity
 from maskfab.base.units import parse_time_s, parse_wavelength_nm
 from maskfab.base.work import Progress, one_thread, silent
-from maskfab.camera.capture.files import read_frames
-from maskfab.camera.capture.frames import Frame
-from maskfab.camera.capture.merge import merged
-from maskfab.camera.capture.stack import Gain, light_place, photon_transfer
-from maskfab.camera.inspection.fit import window_middle
+from maskfab.camera.frames.frame import Frame, read_frames
+from maskfab.camera.frames.merge import merged
+from maskfab.camera.frames.stack import Gain, light_place, photon_transfer, window_middle
 from maskfab.camera.inspection.verdict import Measured, Promise, light_of, measured
-from maskfab.camera.protocol import stated_sensor
+from maskfab.camera.sensor import stated_sensor
 from maskfab.job.reference import USES, Keys, in_words, unused
 from maskfab.mask.houses.profiles import shop_of
 from maskfab.mask.job import Job

@@ -20,8 +20,8 @@ from maskfab.base.model import Panel
 from maskfab.base.provenance import sha256_of_file
 from maskfab.base.units import parse_length_um, parse_wavelength_nm
 from maskfab.base.work import one_thread
-from maskfab.camera.capture.files import read_frame
-from maskfab.camera.inspection.blur import stand_named, stand_words
+from maskfab.camera.blur import stand_named, stand_words
+from maskfab.camera.frames.frame import read_frame
 from maskfab.camera.inspection.edge_mtf import (
     EdgeDesign,
     Light,

@@ -21,11 +21,12 @@ from maskfab.base.model import Panel
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.camera import scenes as scene_sets
 from maskfab.camera import scenes as surroundings
-from maskfab.camera.imaging import Design
+from maskfab.camera.die_transfer import by_sentence
+from maskfab.camera.imaging import LARGE, Design
 from maskfab.camera.lens import camera_line
-from maskfab.camera.protocol import AUTO, by_sentence, evaluate
+from maskfab.camera.protocol import AUTO, evaluate
 from maskfab.camera.record import Restorer
-from maskfab.camera.restorers.wiener import LARGE, Wiener
+from maskfab.camera.restorers.wiener import Wiener
 from maskfab.camera.scenes import Folder, Photograph
 from maskfab.camera.scores import CONFIDENCE, Crop, Gain, Score, ScoreTable, Shot, truth_of
 from maskfab.job.reference import unused
@@ -155,7 +156,7 @@ def simulate(
             above ``white``; drawn scenes get lamps.
         restore: one or several restorers, by default ``"wiener"`` or the protocol's own; ``"auto"`` takes for each
             photograph the one that its record alone speaks for, of those named beside it or of all of
-            :data:`maskfab.camera.restorers.choice.RESTORERS`.
+            :data:`maskfab.camera.restorers.FILES`.
         checkpoints: files of :func:`maskfab.api.verbs.learning.learn`, one for each die: one more restorer,
             ``"learned"``, beside those named.
         pictures: keep part of the photographs of the first scene, by the last restorer.
@@ -199,7 +200,7 @@ def simulate(
             shown[score.design].append(Shot(score, _CROP.of(whole)))
 
     scores: list[Score] = []
-    assumed = {design.name: (*told, *surroundings.told(design, scenes)) for design, told in found}
+    assumed = {design.name: (*told, *surroundings.messages(design, scenes)) for design, told in found}
     del found
     for done in range(len(dies)):
         progress("photographs", done, len(dies))

@@ -14,7 +14,7 @@ from maskfab.base import __version__
 from maskfab.base.arrays import Singles
 from maskfab.base.folders import check_target, staged, write_mark
 from maskfab.camera.photo import ChartMatrix
-from maskfab.camera.registration import Brought
+from maskfab.camera.registration import RegisteredPhoto
 from maskfab.mask.formats.exr import Fact, write_exr, write_png
 
 DOCUMENT = "restore.json"
@@ -89,7 +89,7 @@ class Restoration:
     """
 
     photos: tuple[RestoredPhoto, ...]
-    brought: tuple[Brought, ...] = field(default=())
+    brought: tuple[RegisteredPhoto, ...] = field(default=())
     chart: ChartMatrix | None = None
 
     def to_dict(self) -> dict[str, Any]:

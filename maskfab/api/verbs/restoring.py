@@ -16,7 +16,8 @@ from maskfab.api.verbs.restored import Restoration, RestoredPhoto
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError, SourceError
 from maskfab.base.work import Progress, one_thread, silent
-from maskfab.camera.inspection.blur import MeasuredBlur
+from maskfab.camera.blur import MeasuredBlur
+from maskfab.camera.imaging import LARGE, Blur
 from maskfab.camera.photo import (
     ChartMatrix,
     Photo,
@@ -29,10 +30,11 @@ from maskfab.camera.photo import (
     require_stops,
 )
 from maskfab.camera.protocol import AUTO
-from maskfab.camera.record import BinnedBlur, Blur, Record, Restorer, binned
+from maskfab.camera.record import BinnedBlur, Record, Restorer, binned
 from maskfab.camera.registration import brought
-from maskfab.camera.restorers.choice import RESTORERS, Chosen, named, restored
-from maskfab.camera.restorers.wiener import LARGE, Wiener
+from maskfab.camera.restorers import named
+from maskfab.camera.restorers.choice import Chosen, restored
+from maskfab.camera.restorers.wiener import Wiener
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +110,7 @@ def restore(
             are too small or too large; else as :func:`maskfab.camera.die_transfer.die_transfer`.
         SourceError: MF351 for a PSF that is wider than a photograph, MF352 of another pixel, MF354 for photographs that
             do not show one scene, MF355 for a chart that cannot tell colours; as
-            :func:`maskfab.camera.inspection.blur.read_psf`,
+            :func:`maskfab.camera.blur.read_psf`,
             :func:`maskfab.camera.photo.read_patches` and
             :func:`maskfab.camera.photo.read_photo`.
     """
@@ -120,7 +122,7 @@ def restore(
     paths = [Path(photos)] if isinstance(photos, str | Path) else [Path(each) for each in photos]
     _require_names(paths)
     names = (restore,) if isinstance(restore, str) else tuple(restore)
-    restorers = named(tuple(name for name in names if name != AUTO) or tuple(RESTORERS))
+    restorers = named([name for name in names if name != AUTO])
     stated = Stated(black, white, mosaic, gain, read_noise)
     if register and len(paths) == 1:
         raise JobError(

@@ -1,25 +1,21 @@
-"""A band-limited picture on a grid, taken by pixels that lie anywhere, are of any size, and turned against it.
+"""The picture of a point light that a camera takes through a die, and how it changes with all that is not known of it.
 
-Samples closer than the picture's limit asks for say all about it: between them it is the sum of a sinc under a Gaussian
-(L. Qian, Proc. Am. Math. Soc. 131, 1169, 2003), whose error falls with exp(-π N (1 - 1/q) / 2) for N samples to each
-side and q times as many as needed. A turn is three shears (M. Unser et al., IEEE Trans. Image Process. 4, 1371, 1995).
-
-The field that a die leaves behind a lens, and how it changes with the width of features and with the lens's errors.
+A lens without errors makes one picture of all colours, in frequencies; its errors, told as a path, change that smoothly
+with the wavelength, so that three lines of it stand for all others between them.
 
 On a grid of dots with transmission t the field is Σ t exp(2πi W) w² sinc(uw) sinc(vw) exp(-2πi (ux + vy)), the phase W
 taken at the middle of each dot. Clear features that are wider by β, half of it on each side, add β/2 times the field of
 the edges between clear and closed, and β²/4 that of their corners, which is exact but for (πuβ)² / 24 of itself.
-
 Dots that the stop cuts hold the moments of what is left of them, of second degree and below.
+
+The picture is band-limited, on a grid, and taken by pixels that lie anywhere, are of any size, and turned against it.
+Samples closer than the picture's limit asks for say all about it: between them it is the sum of a sinc under a Gaussian
+(L. Qian, Proc. Am. Math. Soc. 131, 1169, 2003), whose error falls with exp(-π N (1 - 1/q) / 2) for N samples to each
+side and q times as many as needed. A turn is three shears (M. Unser et al., IEEE Trans. Image Process. 4, 1371, 1995).
 
 Notes:
     A phase that is alike over a dot leaves out its slope there: of a tenth of a wave of defocus a few thousandths of a
     wave per dot, which is worth some 1e-5 of a PSF.
-
-The picture of a point light that a camera takes through a die, and how it changes with all that is not known of it.
-
-A lens without errors makes one picture of all colours, in frequencies; its errors, told as a path, change that smoothly
-with the wavelength, so that three lines of it stand for all others between them.
 """
 
 from __future__ import annotations
@@ -32,7 +28,6 @@ from functools import cached_property
 import numpy as np
 import scipy
 from numpy.polynomial.legendre import leggauss
-from numpy.typing import NDArray
 
 from maskfab.base.arrays import Complexes, Floats
 from maskfab.base.model import Camera, Panel, Stop, orient
@@ -64,8 +59,8 @@ def pixel_means(samples: int, centres: Floats, width: float) -> Floats:
     places = centres[:, None] + width / 2 * nodes
     first = np.floor(places).astype(np.intp) - MARGIN + 1
     offsets = np.arange(2 * MARGIN)
-    away = places[..., None] - (first[..., None] + offsets)
-    values = np.sinc(away) * np.exp(-(away**2) / (2 * _WIDTH**2)) * (weights[:, None] / 2)
+    off_px = places[..., None] - (first[..., None] + offsets)
+    values = np.sinc(off_px) * np.exp(-(off_px**2) / (2 * _WIDTH**2)) * (weights[:, None] / 2)
     columns = first[..., None] + offsets + samples // 2
     rows = np.broadcast_to(np.arange(centres.size)[:, None, None], columns.shape)
     held = (columns >= 0) & (columns < samples)
@@ -117,59 +112,42 @@ DEFOCUS = 4
 _RIM_DEGREE = 2
 
 
-@dataclass(frozen=True, eq=False)
-class _Waves:
-    """Cosines and sines of one axis, [places, frequencies] each, for frequencies from 0 up."""
-
-    cosine: Floats
-    sine: Floats
-
-    @classmethod
-    def of(cls, places_um: Floats, frequencies: Floats, width_um: float) -> _Waves:
-        """Those of places as wide as they are told, in cycles per micrometre; 0 for lines."""
-        phase = 2 * np.pi * places_um[:, None] * frequencies
-        weight = width_um * np.sinc(frequencies * width_um) if width_um else 1.0
-        return cls(np.cos(phase) * weight, np.sin(phase) * weight)
+_Waves = tuple[Floats, Floats]
+"""Cosines and sines of one axis, [places, frequencies] each, for frequencies from 0 up."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Rim:
-    """Parts that the mean over cut dots leaves out of their field: sums of products of an order along y and along x.
+def _waves(places_um: Floats, frequencies: Floats, width_um: float = 0.0) -> _Waves:
+    """Waves of places as wide as they are told, in cycles per micrometre; 0 for lines."""
+    phase = 2 * np.pi * places_um[:, None] * frequencies
+    weight = width_um * np.sinc(frequencies * width_um) if width_um else 1.0
+    return np.cos(phase) * weight, np.sin(phase) * weight
 
-    Attributes:
-        x, y: middles of the dots, [k].
-        along_x: of every order, [orders, k, 2 n - 1]: its wave on the symmetric grid of frequencies.
-        along_y: for every order along x, those along y with their moments, [orders, k, 2 n - 1].
-    """
 
-    x: Floats
-    y: Floats
-    along_x: Complexes
-    along_y: Complexes
+_Rim = tuple[Floats, Floats, Complexes, Complexes]
+"""Parts that the mean over cut dots leaves out of their field, sums of products of an order along y and one along x.
 
-    @classmethod
-    def of(cls, pupil: Pupil, x: Floats, y: Floats, frequencies: Floats) -> _Rim:
-        """Those of a pupil whose dots have these middles."""
-        both = np.concatenate([-frequencies[:0:-1], frequencies])
-        orders = np.arange(_RIM_DEGREE + 1)
+Middles of the dots along x and y [k], waves of every order along x on the symmetric grid of frequencies
+[orders, k, 2 n - 1], and for every order along x those along y with their moments, [orders, k, 2 n - 1].
+"""
 
-        def waves(places: Floats, width: float) -> Complexes:
-            bessel = spherical_bessel(np.asarray(np.pi * abs(both) * width, dtype=np.float64), orders.size)
-            signs = np.sign(both) ** orders[:, None]
-            kernels = (2 * orders + 1)[:, None] * (-1j) ** orders[:, None] * width * signs * bessel
-            return kernels[:, None, :] * np.exp(-2j * np.pi * places[:, None] * both)  # type: ignore[no-any-return]
 
-        moments = np.array(pupil.rim_moments[:, : orders.size, : orders.size])
-        moments[:, np.add.outer(orders, orders) > _RIM_DEGREE] = 0
-        moments[:, 0, 0] = 0
-        across, up = x[pupil.rim_column], y[pupil.rim_row]
-        along_y = np.einsum("kqp,qkv->pkv", moments, waves(up, pupil.y.dot_um))
-        return cls(across, up, waves(across, pupil.x.dot_um), along_y)
+def _rim(pupil: Pupil, x: Floats, y: Floats, frequencies: Floats) -> _Rim:
+    """The rim of a pupil whose dots have these middles."""
+    both = np.concatenate([-frequencies[:0:-1], frequencies])
+    orders = np.arange(_RIM_DEGREE + 1)
 
-    def field(self, phasor: Complexes | Floats) -> Complexes:
-        """The field of the cut dots, each with its phase, [2 n - 1, 2 n - 1]."""
-        found: Complexes = np.einsum("pkv,pku->vu", self.along_y * phasor[:, None], self.along_x, optimize=True)
-        return found
+    def waves(places: Floats, width: float) -> Complexes:
+        bessel = spherical_bessel(np.asarray(np.pi * abs(both) * width, dtype=np.float64), orders.size)
+        signs = np.sign(both) ** orders[:, None]
+        kernels = (2 * orders + 1)[:, None] * (-1j) ** orders[:, None] * width * signs * bessel
+        return kernels[:, None, :] * np.exp(-2j * np.pi * places[:, None] * both)  # type: ignore[no-any-return]
+
+    moments = np.array(pupil.rim_moments[:, : orders.size, : orders.size])
+    moments[:, np.add.outer(orders, orders) > _RIM_DEGREE] = 0
+    moments[:, 0, 0] = 0
+    across, up = x[pupil.rim_column], y[pupil.rim_row]
+    along_y = np.einsum("kqp,qkv->pkv", moments, waves(up, pupil.y.dot_um))
+    return across, up, waves(across, pupil.x.dot_um), along_y
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,13 +177,9 @@ class DieField:
         edges_x, edges_y = pupil.x.edges_um(), pupil.y.edges_um()
         x, y = (edges_x[1:] + edges_x[:-1]) / 2, (edges_y[1:] + edges_y[:-1]) / 2
         wide_x, wide_y = pupil.x.dot_um, pupil.y.dot_um
-        waves = (
-            _Waves.of(x, frequencies, wide_x),
-            _Waves.of(y, frequencies, wide_y),
-            _Waves.of(edges_x, frequencies, 0.0),
-            _Waves.of(edges_y, frequencies, 0.0),
-        )
-        rim, radius = _Rim.of(pupil, x, y, frequencies), stop.diameter_um / 2
+        along = _waves(x, frequencies, wide_x), _waves(y, frequencies, wide_y)
+        waves = (*along, _waves(edges_x, frequencies), _waves(edges_y, frequencies))
+        rim, radius = _rim(pupil, x, y, frequencies), stop.diameter_um / 2
         return cls(pupil.energy_um2, frequencies, dots, rim, x, y, edges_x, edges_y, radius, waves)
 
     @cached_property
@@ -225,9 +199,6 @@ class DieField:
         return LensField(self, tuple(terms))
 
     def _phasor(self, x: Floats, y: Floats, terms: _Terms) -> Complexes | Floats:
-        return self._phasor_at(x, y[:, None], terms)
-
-    def _phasor_at(self, x: Floats, y: Floats, terms: _Terms) -> Complexes | Floats:
         if not any(waves for _, waves in terms):
             return np.ones(np.broadcast(x, y).shape)
         across, up = x / self._radius_um, y / self._radius_um
@@ -236,14 +207,16 @@ class DieField:
 
     def of_dots(self, terms: _Terms) -> Complexes:
         """Of clear features as they are drawn, [2 n - 1, 2 n - 1]."""
-        found = self._sum(self._phasor(self._x, self._y, terms))
-        found += self._rim.field(self._phasor_at(self._rim.x, self._rim.y, terms))
-        return found
+        x, y, along_x, along_y = self._rim
+        field = self._sum(self._phasor(self._x, self._y[:, None], terms))
+        cut = along_y * self._phasor(x, y, terms)[:, None]
+        field += np.einsum("pkv,pku->vu", cut, along_x, optimize=True)
+        return field
 
     def of_slope(self, term: int, terms: _Terms) -> Complexes:
         """Change of what dots make with one of the lens's errors, per wave; that of cut dots' rest is left out."""
         slope = zernike(term, self._x / self._radius_um, self._y[:, None] / self._radius_um)
-        return self._sum(2j * np.pi * slope * self._phasor(self._x, self._y, terms))
+        return self._sum(2j * np.pi * slope * self._phasor(self._x, self._y[:, None], terms))
 
     def _sum(self, phasor: Complexes | Floats) -> Complexes:
         along_x, along_y, _, _ = self._waves
@@ -253,15 +226,15 @@ class DieField:
         """Of lines along the edges between clear and closed, [2 n - 1, 2 n - 1]."""
         along_x, along_y, lines_x, lines_y = self._waves
         upright, level, _ = self._outline
-        found = _transform(upright * self._phasor(self._edges_x, self._y, terms), lines_x, along_y)
-        found += _transform(level * self._phasor(self._x, self._edges_y, terms), along_x, lines_y)
-        return found
+        field = _transform(upright * self._phasor(self._edges_x, self._y[:, None], terms), lines_x, along_y)
+        field += _transform(level * self._phasor(self._x, self._edges_y[:, None], terms), along_x, lines_y)
+        return field
 
     def of_corners(self, terms: _Terms) -> Complexes:
         """Of points at the corners, [2 n - 1, 2 n - 1]."""
         _, _, lines_x, lines_y = self._waves
         _, _, corners = self._outline
-        return _transform(corners * self._phasor(self._edges_x, self._edges_y, terms), lines_x, lines_y)
+        return _transform(corners * self._phasor(self._edges_x, self._edges_y[:, None], terms), lines_x, lines_y)
 
 
 @dataclass(frozen=True, eq=False)
@@ -305,20 +278,17 @@ class LensField:
 
 def _transform(values: Complexes | Floats, along_x: _Waves, along_y: _Waves) -> Complexes:
     """Σ values exp(-2πi (ux + vy)) on the symmetric grid of frequencies."""
-    found = _real_transform(np.asarray(values.real), along_x, along_y)
+    field = _real_transform(np.asarray(values.real), along_x, along_y)
     if np.iscomplexobj(values):
-        found += 1j * _real_transform(np.asarray(values.imag), along_x, along_y)
-    return found
+        field += 1j * _real_transform(np.asarray(values.imag), along_x, along_y)
+    return field
 
 
 def _real_transform(values: Floats, along_x: _Waves, along_y: _Waves) -> Complexes:
-    even, odd = values @ along_x.cosine, values @ along_x.sine
-    cosine, sine = along_y.cosine.T, along_y.sine.T
-    return _assembled(cosine @ even, cosine @ odd, sine @ even, sine @ odd)
-
-
-def _assembled(even_even: Floats, even_odd: Floats, odd_even: Floats, odd_odd: Floats) -> Complexes:
-    """The field of all signs from sums with cosines (even) and sines (odd) along y, then x."""
+    even, odd = (values @ wave for wave in along_x)
+    cosine, sine = (wave.T for wave in along_y)
+    # Sums with cosines (even) and sines (odd) along y, then x, tell the field of all signs.
+    even_even, even_odd, odd_even, odd_odd = cosine @ even, cosine @ odd, sine @ even, sine @ odd
     quarters = {
         (sign_y, sign_x): even_even - sign_x * sign_y * odd_odd - 1j * (sign_x * even_odd + sign_y * odd_even)
         for sign_y in (1, -1)
@@ -369,9 +339,9 @@ class Setting:
 
     def at(self, values: Floats) -> Setting:
         """This setting with other values."""
-        known = dict(zip((*GEOMETRY, BIAS), map(float, values), strict=False))
-        terms = zip((term for term, _ in self.terms), map(float, values[len(known) :]), strict=True)
-        return Setting(**known, terms=tuple(terms))
+        stand = dict(zip((*GEOMETRY, BIAS), map(float, values), strict=False))
+        terms = zip((term for term, _ in self.terms), map(float, values[len(stand) :]), strict=True)
+        return Setting(**stand, terms=tuple(terms))
 
 
 @dataclass(frozen=True, eq=False)
@@ -468,13 +438,10 @@ class DieImage:
             ]
             changes.append(self._changed(setting, here, by_term))
         turn, bias, *terms = self._taken(setting, changes, self._few)
-        across, up, scale = (self._moved(setting, seen, key, step) for key, step in self._steps.items())
+        shift = _SHIFT_PX * self.camera.pixel_um
+        steps = (("x_um", shift), ("y_um", shift), ("scale", _SCALE))
+        across, up, scale = (self._moved(setting, seen, key, step) for key, step in steps)
         return [across, up, turn, scale, bias, *terms]
-
-    @cached_property
-    def _steps(self) -> dict[str, float]:
-        step = _SHIFT_PX * self.camera.pixel_um
-        return {"x_um": step, "y_um": step, "scale": _SCALE}
 
     @cached_property
     def _three(self) -> Floats:
@@ -514,12 +481,10 @@ class DieImage:
             ]
         return self._last[key]
 
-    def _intensity(self, field: NDArray[np.complex128]) -> Floats:
+    def _intensity(self, field: Complexes) -> Floats:
         return np.asarray((field.real**2 + field.imag**2) / self._field.energy_um2)
 
-    def _changed(
-        self, setting: Setting, here: Sequence[NDArray[np.complex128]], by: Sequence[NDArray[np.complex128]]
-    ) -> list[Floats]:
+    def _changed(self, setting: Setting, here: Sequence[Complexes], by: Sequence[Complexes]) -> list[Floats]:
         """Change of the intensity at each line with that of the field."""
         flat = (2 * (a.real * b.real + a.imag * b.imag) / self._field.energy_um2 for a, b in zip(here, by, strict=True))
         return [turned(each, setting.turn_rad) for each in flat]
@@ -536,7 +501,7 @@ class DieImage:
     ) -> list[list[Floats]]:
         """Pixels of several intensities, each told at the nodes; [given][grid of pixels]."""
         nodes = self._nodes(setting)
-        found = [[np.zeros((each.y_um.size, each.x_um.size)) for each in self.pixels] for _ in given]
+        taken = [[np.zeros((each.y_um.size, each.x_um.size)) for each in self.pixels] for _ in given]
         samples = given[0][0].shape[0]
         for colour, lines in light.items():
             mine = [k for k, each in enumerate(self.pixels) if each.colour == colour]
@@ -549,9 +514,9 @@ class DieImage:
                     across = self._means(samples, each.x_um - setting.x_um, stretch / self._step, width)
                     up = self._means(samples, each.y_um - setting.y_um, stretch / self._step, width)
                     factor = weight * (self.camera.pixel_um * stretch) ** 2
-                    for total, intensity in zip(found, at_line, strict=True):
+                    for total, intensity in zip(taken, at_line, strict=True):
                         total[k] += factor * (up @ intensity @ across.T)
-        return found
+        return taken
 
     def _means(self, samples: int, centres_um: Floats, stretch: float, width: float) -> Floats:
         """Matrix of means over pixels, of light from all over the source; ``stretch`` in samples a micrometre."""
@@ -578,9 +543,9 @@ def gathered(lines: Spectrum, camera: Camera, reach_um: float) -> Spectrum:
     group = np.floor((wavelengths - wavelengths[0]) / apart_nm).astype(np.intp)
     starts = np.flatnonzero(np.diff(group, prepend=-1))
     total = np.add.reduceat(weights, starts)
-    kept = total > 0
-    middle = np.add.reduceat(weights * wavelengths, starts)[kept] / total[kept]
-    return Spectrum(middle, total[kept] / total[kept].sum(), lines.name)
+    lit = total > 0
+    middle = np.add.reduceat(weights * wavelengths, starts)[lit] / total[lit]
+    return Spectrum(middle, total[lit] / total[lit].sum(), lines.name)
 
 
 def _between(nodes: Floats, values: Sequence[Floats], wavelength_nm: float) -> Floats:

@@ -26,7 +26,7 @@ from maskfab.base.arrays import Floats, Mask
 from maskfab.base.errors import JobError, SourceError
 from maskfab.base.model import Camera, Panel, Quantity, frozen
 from maskfab.base.units import UM_PER_MM
-from maskfab.camera.capture.frames import PIXELS_OF, Colour, Frame
+from maskfab.camera.frames.frame import PIXELS_OF, Colour, Frame
 from maskfab.camera.inspection.edge_regions import Order, Region, found_edges
 from maskfab.camera.inspection.slanted_edge import WHOLE, EdgeMtf, Grid, edge_mtf, window
 from maskfab.optics.lags import LagTable, lag_table

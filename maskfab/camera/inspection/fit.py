@@ -1,15 +1,13 @@
-"""Captured light, as a fit takes it: pixels in micrometres about the light, and their noise.
+"""A die's stand and what its writer did to it, from a picture of a point light behind it: estimates and their errors.
 
-A die's stand and what its writer did to it, from a picture of a point light behind it: estimates and their errors.
+Captured light is taken as pixels in micrometres about the light, and their noise. Weighted least squares go by
+Gauss-Newton steps, damped where one would not better the fit. The light of each colour and what lies beneath it are
+solved for beside all else. Errors are those of Fisher's information, inflated by the root of chi² per pixel where the
+model falls short of the noise.
 
-Weighted least squares by Gauss-Newton steps, damped where one would not better the fit. The light of each colour and
-what lies beneath it are solved for beside all else. Errors are those of Fisher's information, inflated by the root of
-chi² per pixel where the model falls short of the noise; what exposures show among themselves is added to a fit later.
-
-Errors that the exposures of a stack show among themselves: what their merged picture's noise does not know.
-
-A light that moves between two exposures, or a focus that drifts, leaves a merged picture that belongs to no setting.
-Each exposure is therefore asked for a setting of its own, by one Gauss-Newton step from that of all:
+What exposures of a stack show among themselves their merged picture's noise does not know: a light that moves between
+two exposures, or a focus that drifts, leaves a merged picture that belongs to no setting. Each exposure is therefore
+asked for a setting of its own, by one Gauss-Newton step from that of all:
 
     d_k = I_k⁻¹ g_k,     g_k = Jᵀ (y_k - a_k m) a_k / v_k,     I_k = Jᵀ J a_k² / v_k,     Σ I_k = I,
 
@@ -20,16 +18,15 @@ I⁻¹ Σ I_k d_k, then errs beside Fisher's I⁻¹ by
 
     I⁻¹ (Σ I_k τ² I_k) I⁻¹.
 
+The MTF of the picture stands beside that of the picture that is expected, with the band that noise allows. Both are
+taken of the same pixels in the same window, sampled as the sensor samples, so that window, aliasing and noise are in
+both alike: what differs is the die, the lens, or the model of them.
+
 Notes:
     Frames drawn anew, the usual bootstrap, would state the errors of another measurement: the exposures of a stack hold
     very different parts of the information, and every third draw of five lacks the longest. Of equal exposures both
     tell the same.
     Lights and backgrounds are values like any other, so a lamp that drifts counts where it bends the picture.
-
-The MTF of a picture of a point light beside that of the picture that is expected, with the band that noise allows.
-
-Both are taken of the same pixels in the same window, sampled as the sensor samples, so that window, aliasing and noise
-are in both alike: what differs is the die, the lens, or the model of them.
 """
 
 from __future__ import annotations
@@ -41,15 +38,13 @@ from functools import cached_property
 
 import numpy as np
 import scipy.special
-from numpy.typing import NDArray
 
-from maskfab.base.arrays import Floats
-from maskfab.base.errors import SourceError
+from maskfab.base.arrays import Floats, Indices, Mask
 from maskfab.base.units import UM_PER_MM
 from maskfab.base.work import Progress, silent
-from maskfab.camera.capture.frames import Frame
-from maskfab.camera.capture.merge import Merged, Plane
+from maskfab.camera.frames.merge import Merged, Plane
 from maskfab.camera.inspection.die_image import DEFOCUS, DieImage, Pixels, Setting
+from maskfab.camera.scores import NORMAL_95
 
 _NEAR = 3
 
@@ -69,7 +64,7 @@ class Taken:
     pixels: Pixels
     light: Floats
     sigma: Floats
-    valid: NDArray[np.bool_]
+    valid: Mask
     plane: Plane | None = None
 
     def expecting(self, light: Floats) -> Taken:
@@ -95,15 +90,14 @@ def taken_of(merged: Merged, pixel_um: float, middle: tuple[float, float]) -> tu
         pixel_um: side of a pixel of the sensor, of whatever colour.
         middle: row and column that is the origin.
     """
-    return tuple(_of_plane(plane, pixel_um, middle) for plane in merged.planes)
-
-
-def _of_plane(plane: Plane, pixel_um: float, middle: tuple[float, float]) -> Taken:
-    rows, columns = plane.electrons_per_s.shape
-    row = plane.first[0] + plane.step * np.arange(rows) - middle[0]
-    column = plane.first[1] + plane.step * np.arange(columns) - middle[1]
-    pixels = Pixels(plane.colour, np.asarray(pixel_um * column), np.asarray(-pixel_um * row))
-    return Taken(pixels, plane.electrons_per_s, plane.sigma, plane.valid, plane)
+    taken = []
+    for plane in merged.planes:
+        rows, columns = plane.electrons_per_s.shape
+        row = plane.first[0] + plane.step * np.arange(rows) - middle[0]
+        column = plane.first[1] + plane.step * np.arange(columns) - middle[1]
+        pixels = Pixels(plane.colour, np.asarray(pixel_um * column), np.asarray(-pixel_um * row))
+        taken.append(Taken(pixels, plane.electrons_per_s, plane.sigma, plane.valid, plane))
+    return tuple(taken)
 
 
 def brightest(planes: Sequence[Plane]) -> tuple[float, float]:
@@ -114,11 +108,11 @@ def brightest(planes: Sequence[Plane]) -> tuple[float, float]:
         row, column = np.unravel_index(int(light.argmax()), light.shape)
         peak = float(light[row, column])
         if peak > best[0]:
-            near = _around(light, int(row), int(column))
+            top, left = max(0, int(row) - _NEAR), max(0, int(column) - _NEAR)
+            near = light[top : int(row) + _NEAR + 1, left : int(column) + _NEAR + 1]
             weights = np.where(near >= peak / 2, near, 0.0)
             rows, columns = np.indices(weights.shape)
             total = weights.sum()
-            top, left = max(0, int(row) - _NEAR), max(0, int(column) - _NEAR)
             place = (
                 plane.first[0] + plane.step * (top + float((weights * rows).sum() / total)),
                 plane.first[1] + plane.step * (left + float((weights * columns).sum() / total)),
@@ -127,34 +121,9 @@ def brightest(planes: Sequence[Plane]) -> tuple[float, float]:
     return best[1]
 
 
-def _around(light: Floats, row: int, column: int) -> Floats:
-    return light[max(0, row - _NEAR) : row + _NEAR + 1, max(0, column - _NEAR) : column + _NEAR + 1]
-
-
 def colours_of(taken: Sequence[Taken]) -> tuple[str, ...]:
     """Colours of the pixels, each once, sorted."""
     return tuple(sorted({each.pixels.colour for each in taken}))
-
-
-def window_middle(place: tuple[int, int], frame: Frame, side: int) -> tuple[int, int]:
-    """Row and column about which a square of ``side`` pixels lies in a frame, a place near its middle.
-
-    Where the frame ends the square is moved, by up to a quarter of itself.
-
-    Raises:
-        SourceError: MF337 if the place is nearer to the frame's edge than that allows.
-    """
-    row, column = (min(max(at, side // 2), length - side // 2) for at, length in zip(place, frame.shape, strict=True))
-    if max(abs(row - place[0]), abs(column - place[1])) > side // 4:
-        nearest = min(min(at, length - at) for at, length in zip(place, frame.shape, strict=True))
-        raise SourceError(
-            "MF337",
-            f"the light lies {nearest} pixels from the edge of {frame.name}, and a window of {side} pixels needs "
-            f"{side // 4}",
-            where=frame.name,
-            cure="Put the light nearer the middle of the picture, or ask for a smaller window",
-        )
-    return row, column
 
 
 _MOST_STEPS = 30
@@ -218,8 +187,8 @@ class Fit:
     def errors(self) -> dict[str, float]:
         """Standard error of every value: of inflated noise, and of what differs from exposure to exposure."""
         variance = self.inflation**2 * np.diag(self.covariance)
-        found = np.sqrt(variance if self.between is None else variance + np.diag(self.between))
-        return dict(zip(self.setting.names, found.tolist(), strict=True))
+        errors = np.sqrt(variance if self.between is None else variance + np.diag(self.between))
+        return dict(zip(self.setting.names, errors.tolist(), strict=True))
 
     def scatters(self, name: str) -> bool:
         """Whether exposures tell a value so differently that its error is larger by a hundredth or more."""
@@ -234,7 +203,7 @@ def fitted(image: DieImage, taken: Sequence[Taken], start: Setting, progress: Pr
     Args:
         image: of the die, one way round; its pixels are those of ``taken``.
         taken: what the camera took.
-        start: with every term that is to be found, 0 where nothing is known.
+        start: with every term that is to be fit, 0 where nothing is known.
         progress: told after every step.
     """
     pictures = image.pictures(start)
@@ -245,7 +214,7 @@ def fitted(image: DieImage, taken: Sequence[Taken], start: Setting, progress: Pr
         if since > _CURVED * noise:
             slopes, since, damping = image.slopes(start), 0.0, min(damping, _FIRST_DAMPING)
         now = normal_equations(taken, pictures, slopes)
-        if now.away(now.covariance @ now.gradient) < _SETTLED * noise:
+        if now.sigma_distance(now.covariance @ now.gradient) < _SETTLED * noise:
             if since <= _FIT_NEAR * noise:
                 break
             since = math.inf
@@ -256,7 +225,7 @@ def fitted(image: DieImage, taken: Sequence[Taken], start: Setting, progress: Pr
         there = judged(taken, seen, tried)
         if there.chi2 <= here.chi2:
             start, here, pictures, damping = tried, there, seen, max(_LEAST_DAMPING, damping * _EASIER)
-            since += now.away(change)
+            since += now.sigma_distance(change)
         elif since > 0:
             since = math.inf
         elif damping < _HOPELESS and now.gain(range(start.values.size)) > _WORTH * noise**2:
@@ -267,60 +236,58 @@ def fitted(image: DieImage, taken: Sequence[Taken], start: Setting, progress: Pr
     return replace(here, covariance=normal_equations(taken, pictures, slopes).covariance, steps=step)
 
 
-def with_terms(image: DieImage, taken: Sequence[Taken], found: Fit, progress: Progress = silent) -> Fit:
+def with_terms(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progress = silent) -> Fit:
     """The fit with more of the lens's errors, each of which brings the residuals nearer to the noise than chance would.
 
     Which they are is told from slopes at the fit that is given, and once more where those led.
     """
     for _ in range(_ROUNDS):
-        wanted = _demanded(image, taken, found)
+        wanted = _demanded(image, taken, fit)
         if not wanted:
             break
-        terms = (*found.setting.terms, *((term, 0.0) for term in wanted))
-        found = fitted(image, taken, replace(found.setting, terms=terms), progress)
-    return _without_needless(image, taken, found, progress)
+        terms = (*fit.setting.terms, *((term, 0.0) for term in wanted))
+        fit = fitted(image, taken, replace(fit.setting, terms=terms), progress)
+    return _drop_insignificant(image, taken, fit, progress)
 
 
-def _without_needless(image: DieImage, taken: Sequence[Taken], found: Fit, progress: Progress) -> Fit:
-    """The fit without terms that, once all are found, do not bring their price: far away slopes ask for many."""
-    price = _PRICE * max(1.0, found.chi2 / found.freedom)
+def _drop_insignificant(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progress) -> Fit:
+    """The fit without terms that, once all are fit, do not bring their price: far away slopes ask for many."""
+    price = _PRICE * max(1.0, fit.chi2 / fit.freedom)
     worth = {f"z{term}" for term in FIRST_TERMS}
     worth |= {
         name
-        for name, value, variance in zip(
-            found.setting.names, found.setting.values, np.diag(found.covariance), strict=True
-        )
+        for name, value, variance in zip(fit.setting.names, fit.setting.values, np.diag(fit.covariance), strict=True)
         if value**2 > price * variance
     }
-    kept = tuple(each for each in found.setting.terms if f"z{each[0]}" in worth)
-    dropped = len(found.setting.terms) - len(kept)
+    terms = tuple(term for term in fit.setting.terms if f"z{term[0]}" in worth)
+    dropped = len(fit.setting.terms) - len(terms)
     if not dropped:
-        return found
-    fewer = fitted(image, taken, replace(found.setting, terms=kept), progress)
-    return fewer if fewer.chi2 - found.chi2 < price * dropped else found
+        return fit
+    fewer = fitted(image, taken, replace(fit.setting, terms=terms), progress)
+    return fewer if fewer.chi2 - fit.chi2 < price * dropped else fit
 
 
-def gain_of_terms(image: DieImage, taken: Sequence[Taken], found: Fit) -> float:
+def gain_of_terms(image: DieImage, taken: Sequence[Taken], fit: Fit) -> float:
     """By how much chi² would fall at most if all of the lens's errors were fitted that a fit lacks."""
-    now, asked = _with_all(image, taken, found)
-    known = range(found.setting.values.size)
-    return now.gain(range(len(known) + len(asked))) - now.gain(known)
+    now, asked = _with_all(image, taken, fit)
+    fitted_values = range(fit.setting.values.size)
+    return now.gain(range(len(fitted_values) + len(asked))) - now.gain(fitted_values)
 
 
-def _with_all(image: DieImage, taken: Sequence[Taken], found: Fit) -> tuple[NormalEquations, list[int]]:
+def _with_all(image: DieImage, taken: Sequence[Taken], fit: Fit) -> tuple[NormalEquations, list[int]]:
     """The equations of a step of a fit together with the terms that it lacks, and those."""
-    known = {term for term, _ in found.setting.terms}
-    asked = [term for term in _MORE_TERMS if term not in known]
-    at = replace(found.setting, terms=(*found.setting.terms, *((term, 0.0) for term in asked)))
+    present = {term for term, _ in fit.setting.terms}
+    asked = [term for term in _MORE_TERMS if term not in present]
+    at = replace(fit.setting, terms=(*fit.setting.terms, *((term, 0.0) for term in asked)))
     return normal_equations(taken, image.pictures(at), image.slopes(at)), asked
 
 
-def _demanded(image: DieImage, taken: Sequence[Taken], found: Fit) -> list[int]:
+def _demanded(image: DieImage, taken: Sequence[Taken], fit: Fit) -> list[int]:
     """Terms that a fit lacks, the one that brings most first."""
-    now, asked = _with_all(image, taken, found)
-    old = found.setting.values.size
+    now, asked = _with_all(image, taken, fit)
+    old = fit.setting.values.size
     held, left = list(range(old)), list(range(old, old + len(asked)))
-    noise = max(1.0, (found.chi2 - now.gain([*held, *left])) / found.freedom)
+    noise = max(1.0, (fit.chi2 - now.gain([*held, *left])) / fit.freedom)
     chosen: list[int] = []
     while left:
         gains = [now.gain([*held, each]) for each in left]
@@ -354,7 +321,7 @@ class NormalEquations:
         gradient = self.gradient[np.asarray(values)]
         return float(gradient @ np.linalg.pinv(self.information[part], hermitian=True) @ gradient)
 
-    def away(self, change: Floats) -> float:
+    def sigma_distance(self, change: Floats) -> float:
         """The largest change of a value, in its standard errors."""
         return float(np.max(abs(change) / np.sqrt(np.diag(self.covariance))))
 
@@ -371,14 +338,10 @@ def normal_equations(
     size = len(slopes)
     gradient, information = np.zeros(size), np.zeros((size, size))
     for colour in colours_of(taken):
-        mine = [k for k, each in enumerate(taken) if each.pixels.colour == colour]
-        weigh = _Weighed.of([taken[k] for k in mine])
-        picture = weigh([pictures[k] for k in mine])
-        base = np.stack([picture, weigh.ones], axis=1)
-        solution = np.linalg.lstsq(base, weigh.signal, rcond=None)[0]
+        mine, signal, base, solution = _solved(taken, pictures, colour)
         light = float(solution[0])
-        rest = weigh.signal - base @ solution
-        columns = np.stack([light * weigh([slope[k] for k in mine]) for slope in slopes], axis=1)
+        rest = signal - base @ solution
+        columns = np.stack([light * _weighed(taken, mine, slope) for slope in slopes], axis=1)
         columns -= base @ np.linalg.lstsq(base, columns, rcond=None)[0]
         gradient += columns.T @ rest
         information += columns.T @ columns
@@ -390,18 +353,32 @@ def judged(taken: Sequence[Taken], pictures: Sequence[Floats], at: Setting) -> F
     light, beneath, residuals, predicted = {}, {}, [np.zeros(0)] * len(taken), [np.zeros(0)] * len(taken)
     chi2, count = 0.0, 0
     for colour in colours_of(taken):
-        mine = [k for k, each in enumerate(taken) if each.pixels.colour == colour]
-        weigh = _Weighed.of([taken[k] for k in mine])
-        base = np.stack([weigh([pictures[k] for k in mine]), weigh.ones], axis=1)
-        found = np.linalg.lstsq(base, weigh.signal, rcond=None)[0]
-        light[colour], beneath[colour] = map(float, found)
-        chi2 += float(np.sum((weigh.signal - base @ found) ** 2))
-        count += weigh.signal.size - 2
+        mine, signal, base, solution = _solved(taken, pictures, colour)
+        light[colour], beneath[colour] = map(float, solution)
+        chi2 += float(np.sum((signal - base @ solution) ** 2))
+        count += signal.size - 2
         for k in mine:
-            predicted[k] = found[0] * pictures[k] + found[1]
+            predicted[k] = solution[0] * pictures[k] + solution[1]
             residuals[k] = np.where(taken[k].valid, (taken[k].light - predicted[k]) / taken[k].sigma, 0.0)
     size = at.values.size
     return Fit(at, np.zeros((size, size)), light, beneath, chi2, count - size, tuple(residuals), tuple(predicted), 0)
+
+
+def _solved(
+    taken: Sequence[Taken], pictures: Sequence[Floats], colour: str
+) -> tuple[list[int], Floats, Floats, Floats]:
+    """A colour's light and what lies beneath it: places of its grids, weighed signal, base [pixels, 2], and both."""
+    mine = [k for k, each in enumerate(taken) if each.pixels.colour == colour]
+    signal = _weighed(taken, mine, [each.light for each in taken])
+    ones = _weighed(taken, mine, [np.ones(each.light.shape) for each in taken])
+    base = np.stack([_weighed(taken, mine, pictures), ones], axis=1)
+    return mine, signal, base, np.linalg.lstsq(base, signal, rcond=None)[0]
+
+
+def _weighed(taken: Sequence[Taken], mine: Sequence[int], pictures: Sequence[Floats]) -> Floats:
+    """Values of the pixels of some grids that count, each over its standard deviation."""
+    inverse = 1 / np.concatenate([taken[k].sigma[taken[k].valid] for k in mine])
+    return np.asarray(inverse * np.concatenate([pictures[k][taken[k].valid] for k in mine]))
 
 
 def expecting(image: DieImage, taken: Sequence[Taken], at: Setting) -> tuple[Taken, ...]:
@@ -413,29 +390,6 @@ def expecting(image: DieImage, taken: Sequence[Taken], at: Setting) -> tuple[Tak
     return tuple(taken)
 
 
-@dataclass(frozen=True, eq=False)
-class _Weighed:
-    """The pixels of a colour that count, each over its standard deviation."""
-
-    valid: tuple[NDArray[np.bool_], ...]
-    inverse: Floats
-    signal: Floats
-
-    @classmethod
-    def of(cls, taken: Sequence[Taken]) -> _Weighed:
-        valid = tuple(each.valid for each in taken)
-        inverse = 1 / np.concatenate([each.sigma[each.valid] for each in taken])
-        return cls(valid, inverse, inverse * np.concatenate([each.light[each.valid] for each in taken]))
-
-    @property
-    def ones(self) -> Floats:
-        return self.inverse
-
-    def __call__(self, pictures: Sequence[Floats]) -> Floats:
-        values = [picture[kept] for picture, kept in zip(pictures, self.valid, strict=True)]
-        return np.asarray(self.inverse * np.concatenate(values))
-
-
 LEAST_FRAMES = 3
 _PROVEN = 2.71
 """Twice the logarithm of the odds from which scatter is more than noise, which comes about in one of twenty values."""
@@ -445,33 +399,24 @@ _LEAST_FREEDOM = 2.0
 """Degrees of freedom below which Student's quantiles would say that nothing is known."""
 _RIDGE = 1e-9
 """Share of all information that is lent to each exposure, so that one which tells nothing is merely weak."""
-_NORMAL_95 = 1.959964
 
 
-def with_frames(image: DieImage, taken: Sequence[Taken], found: Fit) -> Fit:
+def with_frames(image: DieImage, taken: Sequence[Taken], fit: Fit) -> Fit:
     """The fit with the scatter between exposures in its errors, where there are three or more.
 
     Args:
         image: of the die.
         taken: what was fitted, merged of exposures.
-        found: the fit.
+        fit: the fit.
     """
     planes = [each.plane for each in taken if each.plane is not None]
-    if len(planes) < len(taken) or len(planes[0].exposures) < LEAST_FRAMES:
-        return found
-    frames = _frames(taken, planes, image.slopes(found.setting), image.pictures(found.setting), found)
+    if len(planes) < len(taken) or len(planes[0].scales) < LEAST_FRAMES:
+        return fit
+    frames = _frames(taken, planes, image.slopes(fit.setting), image.pictures(fit.setting), fit)
     if len(frames) < LEAST_FRAMES:
-        return found
-    size = found.setting.values.size
-    return replace(found, between=_between(frames, found.inflation)[:size, :size])
-
-
-@dataclass(frozen=True, eq=False)
-class _Frame:
-    """Equations of one exposure for a step of setting, lights and backgrounds from where the fit is."""
-
-    gradient: Floats
-    information: Floats
+        return fit
+    size = fit.setting.values.size
+    return replace(fit, between=_between(frames, fit.inflation)[:size, :size])
 
 
 def _frames(
@@ -479,29 +424,31 @@ def _frames(
     planes: Sequence[Plane],
     slopes: Sequence[Sequence[Floats]],
     pictures: Sequence[Floats],
-    found: Fit,
-) -> list[_Frame]:
+    fit: Fit,
+) -> list[NormalEquations]:
     """Every exposure that tells anything."""
-    colours, size = colours_of(taken), found.setting.values.size
+    colours, size = colours_of(taken), fit.setting.values.size
     total = size + 2 * len(colours)
-    gradients, informations = (np.zeros((len(planes[0].exposures), total, *rest)) for rest in ((), (total,)))
+    gradients, informations = (np.zeros((len(planes[0].scales), total, *rest)) for rest in ((), (total,)))
     for k, (each, plane) in enumerate(zip(taken, planes, strict=True)):
         colour = colours.index(each.pixels.colour)
         own = [*range(size), size + 2 * colour, size + 2 * colour + 1]
-        light = found.light[each.pixels.colour]
+        light = fit.light[each.pixels.colour]
         every = np.stack([*(light * slope[k] for slope in slopes), pictures[k], np.ones(each.light.shape)], axis=-1)
-        for place, exposure in enumerate(plane.exposures):
-            kept = each.valid & exposure.usable
-            per_light = exposure.scale * plane.share[kept]
-            expected = per_light * found.predicted[k][kept]
-            weight = 1 / np.sqrt(np.maximum(expected, 0.0) + exposure.dark)
-            columns = every[kept] * (weight * per_light)[:, None]
-            gradients[place][own] += columns.T @ (weight * (exposure.electrons[kept] - expected))
+        exposed = plane.exposed
+        for place, scale in enumerate(plane.scales.tolist()):
+            clear = each.valid & exposed.usable[place]
+            per_light = scale * plane.share[clear]
+            expected = per_light * fit.predicted[k][clear]
+            weight = 1 / np.sqrt(np.maximum(expected, 0.0) + exposed.dark[place])
+            columns = every[clear] * (weight * per_light)[:, None]
+            gradients[place][own] += columns.T @ (weight * (exposed.electrons[place][clear] - expected))
             informations[place][np.ix_(own, own)] += columns.T @ columns
-    return [_Frame(*each) for each in zip(gradients, informations, strict=True) if each[1].any()]
+    equations = zip(gradients, informations, strict=True)
+    return [NormalEquations(*pair) for pair in equations if pair[1].any()]
 
 
-def _between(frames: Sequence[_Frame], inflation: float) -> Floats:
+def _between(frames: Sequence[NormalEquations], inflation: float) -> Floats:
     """Covariance of the fit by what differs from exposure to exposure."""
     whole = sum(frame.information for frame in frames)
     # Values are of very different size.
@@ -514,8 +461,8 @@ def _between(frames: Sequence[_Frame], inflation: float) -> Floats:
     noise = inflation**2 * np.stack([np.diag(inverse) for inverse in inverses])
     spread = np.array([_variance_between(steps[:, k], noise[:, k]) for k in range(unit.size)])
     moved = [covariance @ each for each in scaled]
-    found = sum(each @ (spread[:, None] * each.T) for each in moved)
-    return np.asarray(unit[:, None] * found * unit)
+    between = sum(each @ (spread[:, None] * each.T) for each in moved)
+    return np.asarray(unit[:, None] * between * unit)
 
 
 def _variance_between(values: Floats, noise: Floats) -> float:
@@ -535,7 +482,7 @@ def _variance_between(values: Floats, noise: Floats) -> float:
         return 0.0
     freedom = np.sum((tried[best] * weights[best]) ** 2) - 1
     quantile = float(scipy.special.stdtrit(max(_LEAST_FREEDOM, float(freedom)), 0.975))
-    return float(tried[best]) * (quantile / _NORMAL_95) ** 2
+    return float(tried[best]) * (quantile / NORMAL_95) ** 2
 
 
 _DRAWS = 200
@@ -600,7 +547,7 @@ def _band(taken: Taken, fit: Fit, place: int, random: np.random.Generator) -> Mt
     return MtfBand(colour, frequencies, measured, mean, low, high, parted)
 
 
-def _rings(shape: tuple[int, ...], step_um: float) -> tuple[NDArray[np.intp], Floats]:
+def _rings(shape: tuple[int, ...], step_um: float) -> tuple[Indices, Floats]:
     """Number of the ring of every frequency of a real transform, the last one for all beyond; and their middles."""
     rows, columns = shape
     up, across = np.fft.fftfreq(rows)[:, None], np.fft.rfftfreq(columns)

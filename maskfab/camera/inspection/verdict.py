@@ -29,9 +29,9 @@ from maskfab.base.errors import JobError, SourceError
 from maskfab.base.model import Camera, Panel, Quantity
 from maskfab.base.units import UM_PER_NM
 from maskfab.base.work import Progress, silent
-from maskfab.camera.capture.merge import Merged
-from maskfab.camera.imaging import Isoplanatic, RestoredBy
-from maskfab.camera.inspection.blur import HOLDS, STANDS, MeasuredBlur, stand_words
+from maskfab.camera.blur import HOLDS, STANDS, MeasuredBlur, stand_words
+from maskfab.camera.frames.merge import Merged
+from maskfab.camera.imaging import Isoplanatic, RestoredBy, Transfer
 from maskfab.camera.inspection.die_image import BIAS, DieImage, Pixels, Setting
 from maskfab.camera.inspection.edge_mtf import Light
 from maskfab.camera.inspection.fit import (
@@ -47,9 +47,8 @@ from maskfab.camera.inspection.fit import (
 )
 from maskfab.camera.inspection.identity import Hypothesis, Identified, LightWidth, identified, with_width_and_terms
 from maskfab.camera.protocol import STRENGTHS, Protocol, evaluate
-from maskfab.camera.record import Transfer
 from maskfab.camera.scenes import NARROW, SMALLEST, Photograph, dead_leaves
-from maskfab.camera.scores import MeanDifference, Score
+from maskfab.camera.scores import NORMAL_95, MeanDifference, Score
 from maskfab.camera.sensor import F1_SENSOR, Exposure, Sensor
 from maskfab.job.shop import Shop
 from maskfab.mask.formats.exr import Fact, write_channels
@@ -246,7 +245,6 @@ def _scenes() -> tuple[Photograph, ...]:
     return tuple(replace(dead_leaves(number, SMALLEST, SMALLEST), around=NARROW) for number in _SCENES)
 
 
-NORMAL_95 = 1.959964
 TERM_NAMES = {number: name.replace("_", " ") for name, number in NOLL.items()}
 _CAUSES = {BIAS: "CD bias", "scale": "scale", "turn_rad": "turn"}
 

@@ -1,8 +1,7 @@
-"""All restorers, by the names that users give.
+"""The restorer that suits a photograph, and its strength, chosen by the record alone: no truth is known.
 
-A record parted in two: one part is shown to restorers, the other judges their pictures of it.
-
-The noise of both is independent, given w of the record's own noise distribution:
+A record is parted in two: one part is shown to restorers, the other judges their pictures of it. The noise of both is
+independent, given w of the record's own noise distribution:
 
     y₁ = y + a w,        y₂ = y - w / a        (Oliveira, Lei, Tibshirani, arXiv 2111.09447, 2021).
 
@@ -15,25 +14,13 @@ has the expectation || A (x̂ - x) ||², the error in the true scene x, less one
 unbiased risk, without its divergence (Stein, Ann. Statist. 9, 1135, 1981; Eldar, IEEE Trans. Signal Process. 57, 471,
 2009, behind a blur). Its noise is that of y₂ alone, so that its covariance between pictures is known.
 
-Notes:
-    Behind a panel, much of a restored picture's error comes from light that its edges hide, and a filter that explains
-    the record as if there were none looks best where it is worst. So the restorers see an inner part of which the
-    record knows the surroundings. Light that reaches it from beyond these is taken for its own: of a dark scene at
-    40 dB behind a random panel, it turns differences of a tenth of the error.
-    G is a Wiener filter whose ε is the noise's variance. Frequencies that the panel does not pass are not judged.
-    Pixels that a full well cut off are not judged, but their halo is, of which the record has too little: with a tenth
-    of them, an error of the mean level counts a tenth too much or too little.
-    The noise of an interpolated mosaic is taken for independent where its covariance is computed.
-
-The restorer that suits a photograph, chosen by the record alone.
-
-What the record says of every restorer's error is unbiased, but noisy, and silent where the panel passes nothing
-(:mod:`maskfab.camera.restorers.choice`). So the restorers are tried on an imagined record too: the mean of all their
-pictures, transposed, is blurred by the same die and given the same noise, and the errors b of its restored pictures are
-known, of which s at frequencies that are passed (a parametric bootstrap: Efron, Tibshirani, An introduction to the
-bootstrap, 1993, 6.5). Transposed, for at frequencies that the panel hides the mean has what the restorers put there,
-and would speak for whoever puts the same. The error e of a restorer is expected to be b, give or take a fifth, and the
-record tells t of it, e - (b - s) with noise of covariance C, less a number that is the same for all. With differences D
+What the record says is unbiased, but noisy, and silent where the panel passes nothing. So the restorers are tried on an
+imagined record too: the mean of all their pictures, transposed, is blurred by the same die and given the same noise,
+and the errors b of its restored pictures are known, of which s at frequencies that are passed (a parametric bootstrap:
+Efron, Tibshirani, An introduction to the bootstrap, 1993, 6.5). Transposed, for at frequencies that the panel hides the
+mean has what the restorers put there, and would speak for whoever puts the same. The error e of a restorer is expected
+to be b, give or take a fifth, and the record tells t of it, e - (b - s) with noise of covariance C, less a number that
+is the same for all. With differences D
 
     e = b + V Dᵀ (D (V + C) Dᵀ)⁻¹ D (t - s),        V = (b / 5)² on the diagonal,
 
@@ -43,19 +30,23 @@ Where light is coded before it is shown, errors are those of codes. What the rec
 square of the code's slope at the mean of all x̂, of which y₂ knows nothing: an error in the dark shows, and is scored,
 up to a hundred times as much as one in white.
 
+The strength is first looked for with the Wiener filter on a grid of seven decades, which costs little; the others are
+tried at it and beside it, for one ε is about right for all.
+
 Notes:
+    Behind a panel, much of a restored picture's error comes from light that its edges hide, and a filter that explains
+    the record as if there were none looks best where it is worst. So the restorers see an inner part of which the
+    record knows the surroundings. Light that reaches it from beyond these is taken for its own: of a dark scene at
+    40 dB behind a random panel, it turns differences of a tenth of the error.
+    G is a Wiener filter whose ε is the noise's variance. Frequencies that the panel does not pass are not judged.
+    Pixels that a full well cut off are not judged, but their halo is, of which the record has too little: with a tenth
+    of them, an error of the mean level counts a tenth too much or too little. Full wells are not imagined.
+    The noise of an interpolated mosaic is taken for independent where its covariance is computed.
     Three photographs behind three dies at 24, 32 and 40 dB, regret in dB of the score against the best restorer's: by
     the record alone 0.10 in the mean and 1.11 at worst, by the imagined record alone 0.09 and 0.93, by both 0.03 and
     0.58. With the true error of what is looked at it is 0.02 and 0.58: the rest is at the edges. In what is looked at,
     over a hundred draws of the noise, it falls from 0.06 to 0.01 in the mean; in nine cases of three other scenes there
     is none either way. Scatters of 0.1 to 0.3 are alike.
-    Full wells are not imagined.
-
-The strength of a restorer, and the restorer, that a photograph's record speaks for: no truth is known.
-
-The strength is first looked for with the Wiener filter on a grid of seven decades, which costs little; the others are
-tried at it and beside it, for one ε is about right for all. Both choices are those of
-:mod:`maskfab.camera.restorers.choice`.
 """
 
 from __future__ import annotations
@@ -64,36 +55,17 @@ import itertools
 import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats, Singles
 from maskfab.base.errors import JobError
-from maskfab.camera.record import Blur, Record, Restorer, Transfer, interpolated, sampled
-from maskfab.camera.restorers.dct import Dct, denoised
-from maskfab.camera.restorers.least_squares import Gradient, TotalVariation
-from maskfab.camera.restorers.wiener import MARGIN, Margin, Wiener, prior, restore, wiener
+from maskfab.camera.imaging import MARGIN, Blur, Margin, Transfer
+from maskfab.camera.record import Record, Restorer, interpolated, sampled
+from maskfab.camera.restorers.dct import denoised
+from maskfab.camera.restorers.wiener import Wiener, prior, restore, wiener
 from maskfab.optics.colour import code_of_light
-
-RESTORERS: Mapping[str, Restorer] = MappingProxyType(
-    {each.name: each for each in (Wiener(), Dct(), Gradient(), Dct(Gradient()), TotalVariation())}
-)
-
-
-def named(names: tuple[str, ...]) -> tuple[Restorer, ...]:
-    """Restorers of these names, each once.
-
-    Raises:
-        JobError: MF105 for a name that none has.
-    """
-    for name in names:
-        if name not in RESTORERS:
-            known = ", ".join(RESTORERS)
-            raise JobError("MF105", f"there is no restorer {name!r}", where="restore", cure=f"Use {known} or auto")
-    return tuple(RESTORERS[name] for name in dict.fromkeys(names))
-
 
 Weight = Singles | np.float32
 
@@ -202,8 +174,8 @@ class Judge:
         """Of the noise in the errors of several pictures, apart from a number that is the same for all."""
         middle = sum(seen) / np.float32(len(seen))
         deviation = np.sqrt(_inner(self.variance, self.left))
-        weighed = (self._filtered(weight * (each - middle), self.inverse.conj()) * deviation for each in seen)
-        pulls = np.array([2 / each.size * each.ravel() for each in weighed])
+        weighed = (self._filtered(weight * (picture - middle), self.inverse.conj()) * deviation for picture in seen)
+        pulls = np.array([2 / picture.size * picture.ravel() for picture in weighed])
         return np.asarray(pulls @ pulls.T, dtype=np.float64)
 
     def _filtered(self, inner: Singles, filtered: Transfer) -> Singles:
@@ -309,39 +281,40 @@ class Choice:
         judge = Judge.of(record, blur, draw, self.width)
         pictures = _restored(judge.shown, blur, tried)
         weight = self._weight(pictures)
-        seen = [judge.seen(each) for each in pictures]
-        told = np.array([judge.error(each, weight) for each in seen])
+        seen = [judge.seen(picture) for picture in pictures]
+        told = np.array([judge.error(passed, weight) for passed in seen])
         noise = judge.covariance(seen, weight)
         mean = np.asarray(sum(pictures) / np.float32(len(pictures)))
-        imagined, passed = self._imagined(
-            Judge.imagined(judge.turned(mean), record, blur, draw, self.width), blur, tried
-        )
-        return told, expected_errors(told, noise, imagined, passed)
-
-    def _imagined(self, judge: Judge, blur: Blur, tried: Sequence[Tried]) -> tuple[Floats, Floats]:
-        """Error of an imagined record's pictures, and what of it is passed."""
+        # Of an imagined record errors are known, and what of them is passed.
+        judge = Judge.imagined(judge.turned(mean), record, blur, draw, self.width)
         pictures = _restored(judge.shown, blur, tried)
-        weight, shown = self._weight(pictures), code_of_light if self.coded else np.asarray
-        errors = [np.square(shown(each) - shown(judge.known)).mean(dtype=np.float64) for each in pictures]
-        return np.array(errors), np.array([judge.error(judge.seen(each), weight) for each in pictures])
+        weight, coded = self._weight(pictures), code_of_light if self.coded else np.asarray
+        imagined = [np.square(coded(picture) - coded(judge.known)).mean(dtype=np.float64) for picture in pictures]
+        passed = [judge.error(judge.seen(picture), weight) for picture in pictures]
+        return told, expected_errors(told, noise, np.array(imagined), np.array(passed))
 
     def _weight(self, pictures: Sequence[Singles]) -> Weight:
-        return _steepness(pictures) if self.coded else np.float32(1)
+        """Weight of squared errors: of codes the square of their slope at the mean of all pictures, within 0 to 1."""
+        if not self.coded:
+            return np.float32(1)
+        mean = np.asarray(sum(pictures) / np.float32(len(pictures)), dtype=np.float32)
+        low, high = np.maximum(mean - np.float32(_STEP), 0), np.minimum(mean + np.float32(_STEP), 1)
+        return np.asarray(np.square((code_of_light(high) - code_of_light(low)) / (high - low)))
 
 
 def _restored(record: Record, blur: Blur, tried: Sequence[Tried]) -> list[Singles]:
     """Pictures of a record; a restorer's strengths follow each other, so that it is prepared once."""
     groups = itertools.groupby(tried, key=operator.itemgetter(0))
-    prepared = ((restorer.prepare(record, blur), each) for restorer, each in groups)
-    return [restored(epsilon) for restored, each in prepared for _, epsilon in each]
+    prepared = ((restorer.prepare(record, blur), group) for restorer, group in groups)
+    return [restored(epsilon) for restored, group in prepared for _, epsilon in group]
 
 
 def _least(tried: Sequence[Tried], errors: Floats) -> dict[str, float]:
     """For every restorer's name, the least of its strengths' errors."""
-    found: dict[str, float] = {}
+    least: dict[str, float] = {}
     for (restorer, _), error in zip(tried, errors.tolist(), strict=True):
-        found[restorer.name] = min(error, found.get(restorer.name, error))
-    return found
+        least[restorer.name] = min(error, least.get(restorer.name, error))
+    return least
 
 
 def expected_errors(told: Floats, noise: Floats, imagined: Floats, passed: Floats) -> Floats:
@@ -355,8 +328,8 @@ def expected_errors(told: Floats, noise: Floats, imagined: Floats, passed: Float
     """
     differ = np.eye(len(told))[:-1] - np.eye(len(told))[-1]
     before = np.diag(np.square(_SCATTER * imagined))
-    known = np.linalg.pinv(differ @ (before + noise) @ differ.T, hermitian=True)
-    return np.asarray(imagined + before @ differ.T @ known @ differ @ (told - passed))
+    precision = np.linalg.pinv(differ @ (before + noise) @ differ.T, hermitian=True)
+    return np.asarray(imagined + before @ differ.T @ precision @ differ @ (told - passed))
 
 
 def _middle(record: Record) -> Record:
@@ -364,13 +337,6 @@ def _middle(record: Record) -> Record:
     rows, columns = record.values.shape[1:]
     top, left = max(0, rows - _LARGEST) // 2, max(0, columns - _LARGEST) // 2
     return replace(record, values=record.values[:, top : top + _LARGEST, left : left + _LARGEST])
-
-
-def _steepness(pictures: Sequence[Singles]) -> Singles:
-    """The square of the slope of sRGB code values at the mean of all pictures, within 0 to 1."""
-    mean = np.asarray(sum(pictures) / np.float32(len(pictures)), dtype=np.float32)
-    low, high = np.maximum(mean - np.float32(_STEP), 0), np.minimum(mean + np.float32(_STEP), 1)
-    return np.asarray(np.square((code_of_light(high) - code_of_light(low)) / (high - low)))
 
 
 GRID = tuple(float(each) for each in np.geomspace(1e-5, 1e2, 15))
@@ -390,8 +356,8 @@ def restored(record: Record, blur: Blur, restorers: Sequence[Restorer], epsilon:
         JobError: MF105 without restorers, or for two of one name.
     """
     if epsilon is not None:
-        return Choice(restorers, coded=True).restore(record, blur, {each.name: epsilon for each in restorers})
+        return Choice(restorers, coded=True).restore(record, blur, {restorer.name: epsilon for restorer in restorers})
     first = Wiener()
-    found = Choice((first,), steps=GRID, coded=True).restore(record, blur, {first.name: 1.0})
-    strengths = {each.name: found.epsilon for each in restorers}
+    epsilon = Choice((first,), steps=GRID, coded=True).restore(record, blur, {first.name: 1.0}).epsilon
+    strengths = {restorer.name: epsilon for restorer in restorers}
     return Choice(restorers, steps=_BESIDE, coded=True).restore(record, blur, strengths)

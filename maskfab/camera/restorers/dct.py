@@ -1,6 +1,7 @@
-"""Light whose noise grows with it, as numbers whose noise does not: the generalised Anscombe transform.
+"""Noise taken out of a record before its blur is undone: cosine transforms of all its 8 x 8 windows.
 
-n electrons counted with read noise of variance s² become
+Light whose noise grows with it is first told as numbers whose noise does not, by the generalised Anscombe transform. n
+electrons counted with read noise of variance s² become
 
     z = 2 √(n + 3/8 + s²),
 
@@ -9,19 +10,22 @@ A mean D of such numbers is brought back, without the bias that the root has, by
 
     n = D²/4 + √(3/2) / (4 D) - 11 / (8 D²) + 5 √(3/2) / (8 D³) - 1/8 - s²
 
-(Mäkitalo, Foi, IEEE Trans. Image Process. 20, 2697, 2011, for s = 0; 22, 91, 2013, for any).
-
-Of merged exposures light has another noise beyond every full well. There the root of that noise goes on from where the
-last one ended.
-
-Noise taken out of a record before its blur is undone: cosine transforms of all its 8 x 8 windows.
+(Mäkitalo, Foi, IEEE Trans. Image Process. 20, 2697, 2011, for s = 0; 22, 91, 2013, for any). Of merged exposures light
+has another noise beyond every full well. There the root of that noise goes on from where the last one ended.
 
 What little of a window's transform stands above the noise is kept; the mean of all the windows that hold a pixel is its
 light (Yu, Sapiro, Image Processing On Line 1, 292, 2011). That is a first guess of the windows' spectra P, and a second
 pass weighs every coefficient of the record by P² / (P² + 1), its Wiener filter (Pierazzo, Morel, Facciolo, Image
-Processing On Line 7, 288, 2017). Windows count by the inverse of the noise that they let through. All happens on
-numbers with noise of variance 1 (:mod:`maskfab.camera.restorers.dct`), in brightness and two opponent colours,
-for colours differ less than pixels do.
+Processing On Line 7, 288, 2017). Windows count by the inverse of the noise that they let through. All happens in
+brightness and two opponent colours, for colours differ less than pixels do.
+
+The published protocol has a denoiser too, then a Wiener filter that takes all spectra for white,
+
+    G = H* / (|H|² + ε)
+
+with one ε whatever the light, of a record with darkness round it. The published evaluation denoises by BM3D, whose
+licence is not commercial, with a variance fixed for each level; here noise goes by cosine transforms and the record's
+own variance.
 
 Notes:
     Photographs and drawn scenes behind protocol F1's camera, nine cases from 24 to 40 dB, each with its best ε, mean
@@ -29,14 +33,6 @@ Notes:
     pass alone 2.08 dB at 2.7. On red, green and blue apart the first pass gives .4 to 1 dB less.
     Interpolating a mosaic correlates noise. What becomes of it in every coefficient follows from the filters alone, if
     the three colours have the same light; with that in place of 1, see :func:`mosaic_noise`.
-
-The restoration of the published protocol: a denoiser, then a Wiener filter that takes all spectra for white.
-
-    G = H* / (|H|² + ε)
-
-with one ε whatever the light, of a record with darkness round it. The published evaluation denoises by BM3D, whose
-licence is not commercial, with a variance fixed for each level; here noise goes by cosine transforms (see
-:mod:`maskfab.camera.restorers.dct`) and the record's own variance.
 """
 
 from __future__ import annotations
@@ -51,8 +47,10 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from maskfab.base.arrays import Singles
 from maskfab.base.errors import JobError
-from maskfab.camera.record import Blur, MergedNoise, Noise, Record, Restorer, interpolated
-from maskfab.camera.restorers.wiener import MARGIN, Margin, Wiener
+from maskfab.camera.imaging import MARGIN, Blur, Margin
+from maskfab.camera.record import MergedNoise, Noise, Record, Restorer, interpolated
+from maskfab.camera.restorers.least_squares import Gradient
+from maskfab.camera.restorers.wiener import Wiener
 from maskfab.optics.restoration import wiener_filter
 
 _DARK = 3 / 8
@@ -182,9 +180,9 @@ def mosaic_noise() -> Singles:
         for top, left in np.ndindex(2, 2):
             window = colours[:, reach + top :, reach + left :][:, :WINDOW, :WINDOW]
             total += np.square(_COSINES @ window @ _COSINES.T) / 4
-    found = total.astype(np.float32)
-    found.flags.writeable = False
-    return found
+    variance = total.astype(np.float32)
+    variance.flags.writeable = False
+    return variance
 
 
 def _mean_of_windows(picture: Singles, guess: Singles | None, variance: Singles, threshold: float) -> Singles:
@@ -213,25 +211,25 @@ def _add_windows(
     least = np.float32(threshold) * np.sqrt(wide)
     lines = _along_rows(picture)
     guessed = None if guess is None else _along_rows(guess)
-    found, counted = np.zeros_like(lines), np.zeros((rows, across), dtype=np.float32)
-    spectrum, kept, spare = (np.empty((WINDOW, WINDOW * across), dtype=np.float32) for _ in range(3))
+    filtered, counted = np.zeros_like(lines), np.zeros((rows, across), dtype=np.float32)
+    spectrum, gain, spare = (np.empty((WINDOW, WINDOW * across), dtype=np.float32) for _ in range(3))
     for y in range(rows - WINDOW + 1):
         window = slice(y, y + WINDOW)
         np.matmul(_COSINES, lines[window], out=spectrum)
         if guessed is None:
-            np.greater(np.abs(spectrum, out=kept), least, out=kept, casting="unsafe")
-            noise = kept
+            np.greater(np.abs(spectrum, out=gain), least, out=gain, casting="unsafe")
+            noise = gain
         else:
-            np.matmul(_COSINES, guessed[window], out=kept)
-            np.square(kept, out=kept)
-            np.divide(kept, np.add(kept, wide, out=spare), out=kept)
-            noise = np.square(kept, out=spare)
+            np.matmul(_COSINES, guessed[window], out=gain)
+            np.square(gain, out=gain)
+            np.divide(gain, np.add(gain, wide, out=spare), out=gain)
+            noise = np.square(gain, out=spare)
         weight = 1 / np.maximum(variance.ravel() @ noise.reshape(WINDOW**2, across), 1)
-        spectrum *= kept
+        spectrum *= gain
         spectrum.reshape(WINDOW**2, across)[:] *= weight
-        found[window] += np.matmul(_COSINES.T, spectrum, out=spare)
+        filtered[window] += np.matmul(_COSINES.T, spectrum, out=spare)
         counted[window] += weight
-    back = np.matmul(_COSINES.T, found.reshape(rows, WINDOW, across))
+    back = np.matmul(_COSINES.T, filtered.reshape(rows, WINDOW, across))
     for x in range(WINDOW):
         total[:, x : x + across] += back[:, x]
         weights[:, x : x + across] += counted
@@ -271,3 +269,6 @@ class Published:
             return np.maximum(margin.blurred(spectrum, wiener_filter(transfer, np.float32(epsilon))), 0)
 
         return restored
+
+
+RESTORERS = (Dct(), Dct(Gradient()))

@@ -8,40 +8,29 @@ is diagonal in frequency, the scene x makes
 least. Conjugate gradients, preconditioned by the circulant 1 / (|H|² + penalty), run on spectra, so that a step takes
 two transforms, of which a third is spared (Shewchuk, An introduction to the conjugate gradient method, 1994, B3).
 
+Small gradients, ``gradient``, have the Wiener filter's own prior, a penalty of ε (f / 0.1)², and start from the Wiener
+filter, which they are where nothing is unseen. For scenes of edges and even parts total variation, ``tv``, makes
+
+    1/2 || S H x - y ||² + μ sum over pixels of |∇x|
+
+least, |∇x| the root of the sum of squared differences to the right and down, over all three colours, so that edges
+stand in one place (Rudin, Osher, Fatemi, Physica D 60, 259, 1992; Blomgren, Chan, IEEE Trans. Image Process. 7, 304,
+1998). It is found by alternating directions: the light z = H x is known on the sensor alone and the gradients d = ∇x
+are shrunk, each pixel by itself, and x follows from both by a division of spectra, exactly (Almeida, Figueiredo, IEEE
+Trans. Image Process. 22, 3074, 2013). Its start is the answer of small gradients for one middling ε.
+
 Notes:
     Light far outside is seen by the halo alone, and takes the most steps. It is smooth, so a frame of a quarter of the
     pixels along a side finds it first, at a sixteenth of the cost, and that one asks one of a quarter again.
     All sums are over pixels; spectra are those of ``rfft2``, whose columns but the first and the last count twice.
-
-A restorer with the Wiener filter's own prior, small gradients, that solves for the light from outside the sensor.
-
-    1/2 || S H x - y ||² + ε/2 || (f / 0.1) x ||²  is least,        S the cut to the sensor,
-
-of :mod:`maskfab.camera.restorers.least_squares`, starting from the Wiener filter, which it is where nothing is unseen.
-
-Notes:
     All pixels that are not clipped weigh the same, although those in bright light are noisier. Weights of 1 / variance
     would be right if scenes had the same contrast everywhere; but contrast grows with the light as noise does.
     A full well says that there was at least so much light. Such pixels are left out at first, and then held at the
     full well where the answer is darker.
-
-A restorer for scenes of edges and even parts, total variation, that solves for the light from outside the sensor.
-
-    1/2 || S H x - y ||² + μ sum over pixels of |∇x|  is least,
-
-|∇x| the root of the sum of squared differences to the right and down, over all three colours, so that edges stand in
-one place (Rudin, Osher, Fatemi, Physica D 60, 259, 1992; Blomgren, Chan, IEEE Trans. Image Process. 7, 304, 1998). It
-is found by alternating directions: the light z = H x is known on the sensor alone and the gradients d = ∇x are shrunk,
-each pixel by itself, and x follows from both by a division of spectra, exactly (Almeida, Figueiredo, IEEE Trans. Image
-Process. 22, 3074, 2013).
-
-Notes:
-    What ε means here. ε (f / 0.1)² is a penalty of κ |∇x|² with κ = ε / (0.2 π)², which is the prior that expects
-    E |∇x|² = 6 σ² / κ of six differences in noise of variance σ²; the prior of μ |∇x| / σ² expects 42 σ⁴ / μ². Both are
-    the same for μ = σ √(7 κ). Photographs have most of that square in few edges: half of this μ is taken, and the best
-    ε of an opening made for it is then 0.01 to 0.02 from 24 to 40 dB.
-    Pixels weigh the same, and full wells are at least what they read, as with
-    :mod:`maskfab.camera.restorers.least_squares`, whose answer for one middling ε is the start.
+    What ε means for total variation. ε (f / 0.1)² is a penalty of κ |∇x|² with κ = ε / (0.2 π)², which is the prior
+    that expects E |∇x|² = 6 σ² / κ of six differences in noise of variance σ²; the prior of μ |∇x| / σ² expects
+    42 σ⁴ / μ². Both are the same for μ = σ √(7 κ). Photographs have most of that square in few edges: half of this μ is
+    taken, and the best ε of an opening made for it is then 0.01 to 0.02 from 24 to 40 dB.
 """
 
 from __future__ import annotations
@@ -56,8 +45,9 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Singles
-from maskfab.camera.record import Blur, Record, Transfer
-from maskfab.camera.restorers.wiener import MARGIN, PRIOR_CY_PER_PX, Margin, prior
+from maskfab.camera.imaging import MARGIN, Blur, Margin, Transfer
+from maskfab.camera.record import Record
+from maskfab.camera.restorers.wiener import PRIOR_CY_PER_PX, prior
 from maskfab.optics.restoration import wiener_filter
 
 Spectrum = NDArray[np.complex64]
@@ -98,7 +88,8 @@ class Seen:
         """The adjoint of :meth:`light`, the spectrum of Hᵀ Sᵀ of what lies on the sensor."""
         return np.asarray(spread(self.margin, light) * self.transfer.conj())
 
-    def _inverse(self, penalty: Singles) -> Singles:
+    def inverse(self, penalty: Singles) -> Singles:
+        """1 / (|H|² + penalty), 0 where both are."""
         below = abs(self.transfer) ** 2 + penalty
         return np.asarray(np.divide(1, below, out=np.zeros_like(below), where=below > 0))
 
@@ -111,13 +102,14 @@ class Seen:
         """
         coarse = self._coarse()
         if coarse is not None:
-            low = _Low(self.margin.shape, coarse.margin.shape)
-            first = low.of(start)
-            start = start + low.back(coarse.solve(low.cut(penalty), first) - first, start.shape)
+            fine, shape = self.margin.shape, coarse.margin.shape
+            picture = scipy.fft.irfft2(start, s=fine, axes=(1, 2), workers=1)
+            first = np.asarray(scipy.fft.rfft2(_blocks(picture), axes=(1, 2), workers=1))
+            start = start + _finer(coarse.solve(_lowest(penalty, shape), first) - first, fine, start.shape)
         return self._descend(penalty, start)
 
     def _descend(self, penalty: Singles, start: Spectrum) -> Spectrum:
-        inverse = self._inverse(penalty)
+        inverse = self.inverse(penalty)
         scene = start.copy()
         rest = self.back(self.weight * (self.values - self.light(scene))) - scene * penalty
         way: Spectrum = np.multiply(rest, inverse)
@@ -148,43 +140,27 @@ class Seen:
         margin = Margin((self.margin.shape[0] // _COARSER, self.margin.shape[1] // _COARSER), sides[2] // _COARSER)
         weight = _blocks(self.weight)
         mean = np.divide(_blocks(self.weight * self.values), weight, out=np.zeros_like(weight), where=weight > 0)
-        return Seen(margin, _Low(self.margin.shape, margin.shape).cut(self.transfer), mean, weight)
+        return Seen(margin, _lowest(self.transfer, margin.shape), mean, weight)
 
 
-@dataclass(frozen=True)
-class _Low:
-    """The lowest frequencies of a frame as those of one of larger pixels, each the mean of its block.
+def _lowest(values: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
+    """Values [..., rows, columns / 2 + 1] at the lowest frequencies, those of an even frame of larger pixels."""
+    half = shape[0] // 2
+    below, above = values[..., :half, :], values[..., -half:, :]
+    return np.concatenate([below, above], axis=-2)[..., : shape[1] // 2 + 1]
 
-    Attributes:
-        fine: rows and columns.
-        coarse: the same of the other, even.
-    """
 
-    fine: tuple[int, int]
-    coarse: tuple[int, int]
-
-    def cut(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Of [..., rows, columns / 2 + 1]."""
-        half = self.coarse[0] // 2
-        below, above = values[..., :half, :], values[..., -half:, :]
-        return np.concatenate([below, above], axis=-2)[..., : self.coarse[1] // 2 + 1]
-
-    def of(self, spectrum: Spectrum) -> Spectrum:
-        """Spectrum of the means over blocks."""
-        picture = scipy.fft.irfft2(spectrum, s=self.fine, axes=(1, 2), workers=1)
-        return np.asarray(scipy.fft.rfft2(_blocks(picture), axes=(1, 2), workers=1))
-
-    def back(self, spectrum: Spectrum, shape: tuple[int, ...]) -> Spectrum:
-        """Spectrum of the smooth picture with such values in the middles of the blocks."""
-        y, x = scipy.fft.fftfreq(self.fine[0])[:, None], scipy.fft.rfftfreq(self.fine[1])
-        middle = _COARSER**2 * np.exp(-1j * np.pi * (_COARSER - 1) * (y + x))
-        moved = (spectrum * self.cut(middle)).astype(np.complex64)
-        half, last = self.coarse[0] // 2, self.coarse[1] // 2
-        moved[:, half] = 0  # neither sign of the highest frequency is the other's
-        found = np.zeros(shape, dtype=np.complex64)
-        found[:, :half, :last] = moved[:, :half, :last]
-        found[:, -half:, :last] = moved[:, half:, :last]
-        return found
+def _finer(spectrum: Spectrum, fine: tuple[int, int], shape: tuple[int, ...]) -> Spectrum:
+    """Spectrum, of a shape, of the smooth picture on fine pixels with such values in the middles of their blocks."""
+    y, x = scipy.fft.fftfreq(fine[0])[:, None], scipy.fft.rfftfreq(fine[1])
+    middle = _COARSER**2 * np.exp(-1j * np.pi * (_COARSER - 1) * (y + x))
+    moved = (spectrum * _lowest(middle, (fine[0] // _COARSER, fine[1] // _COARSER))).astype(np.complex64)
+    half, last = fine[0] // _COARSER // 2, fine[1] // _COARSER // 2
+    moved[:, half] = 0  # neither sign of the highest frequency is the other's
+    wide = np.zeros(shape, dtype=np.complex64)
+    wide[:, :half, :last] = moved[:, :half, :last]
+    wide[:, -half:, :last] = moved[:, half:, :last]
+    return wide
 
 
 def _blocks(values: Singles) -> Singles:
@@ -310,79 +286,64 @@ class TotalVariation:
         def restored(epsilon: float) -> Singles:
             kappa = max(epsilon, _WEAKEST) / (2 * math.pi * PRIOR_CY_PER_PX) ** 2
             penalty = _SHARE * noise * math.sqrt(7 * kappa)
-            descent = _Descent(problem.seen, problem.clipped, penalty, _STIFFNESS * kappa)
-            return np.clip(descent.run(start, _STILL * noise), 0.0, 1.0)
+            picture = _few_edges(problem, start, penalty, _STIFFNESS * kappa, _STILL * noise)
+            return np.clip(picture, 0.0, 1.0)
 
         return restored
 
 
-@dataclass(frozen=True, eq=False)
-class _Descent:
-    """Alternating directions.
+RESTORERS = (Gradient(), TotalVariation())
 
-    Attributes:
-        seen: the record.
-        clipped: of its values.
+
+def _few_edges(problem: Smooth, scene: Spectrum, penalty: float, stiffness: float, still: float) -> Singles:
+    """The scene of least total variation on the sensor, by alternating directions.
+
+    Args:
+        problem: the record.
+        scene: spectrum to start from, [3, rows, columns / 2 + 1] of the frame.
         penalty: μ.
         stiffness: of the constraint on gradients.
+        still: root mean square, in units of white, of a step that is the last.
     """
+    seen, clipped = problem.seen, problem.clipped
+    margin, transfer = seen.margin, seen.transfer
+    rows, columns = margin.shape
+    y, x = scipy.fft.fftfreq(rows)[:, None], scipy.fft.rfftfreq(columns)
+    square = 4 * (np.sin(np.pi * y) ** 2 + np.sin(np.pi * x) ** 2)
+    inverse, stiff = seen.inverse((stiffness * square).astype(np.float32)), np.float32(stiffness)
 
-    seen: Seen
-    clipped: NDArray[np.bool_]
-    penalty: float
-    stiffness: float
+    def on_frame(spectrum: Spectrum) -> Singles:
+        return np.asarray(scipy.fft.irfft2(spectrum, s=margin.shape, axes=(1, 2), workers=1))
 
-    def run(self, scene: Spectrum, still: float) -> Singles:
-        """The scene on the sensor, after a step that moves it by less than ``still``, root mean square.
+    picture, light = on_frame(scene), seen.light(scene)
+    down, across = np.zeros_like(picture), np.zeros_like(picture)
+    owed = np.zeros_like(light)
+    for _ in range(_TV_MOST_STEPS):
+        before = margin.sensor(picture)
+        shrunk = _shrunk(picture, down, across, np.float32(penalty / stiffness))
+        slope = scipy.fft.rfft2(shrunk, axes=(1, 2), workers=1)
+        owed += light
+        # The light on the sensor nearest to the record and to what is owed; of full wells what is above them.
+        nearest = (seen.weight * seen.values + owed) / (seen.weight + 1)
+        nearest = np.where(clipped, np.maximum(owed, seen.values), nearest)
+        owed -= nearest
+        wide = scene * transfer + spread(margin, nearest - owed - light)  # beyond the sensor z is H x
+        scene = (wide * transfer.conj() + slope * stiff) * inverse
+        picture, light = on_frame(scene), seen.light(scene)
+        if float(np.square(margin.sensor(picture) - before).mean(dtype=np.float64)) < still**2:
+            break
+    return margin.sensor(picture)
 
-        Args:
-            scene: spectrum to start from, [3, rows, columns / 2 + 1] of the frame.
-            still: in units of white.
-        """
-        margin, transfer = self.seen.margin, self.seen.transfer
-        inverse, stiff = self._inverse(), np.float32(self.stiffness)
-        picture, light = self._seen(scene)
-        down, across = np.zeros_like(picture), np.zeros_like(picture)
-        owed = np.zeros_like(light)
-        for _ in range(_TV_MOST_STEPS):
-            before = margin.sensor(picture)
-            slope = scipy.fft.rfft2(self._shrunk(picture, down, across), axes=(1, 2), workers=1)
-            owed += light
-            known = self._known(owed)
-            owed -= known
-            wide = scene * transfer + spread(margin, known - owed - light)  # beyond the sensor z is H x
-            scene = (wide * transfer.conj() + slope * stiff) * inverse
-            picture, light = self._seen(scene)
-            if float(np.square(margin.sensor(picture) - before).mean(dtype=np.float64)) < still**2:
-                break
-        return margin.sensor(picture)
 
-    def _seen(self, spectrum: Spectrum) -> tuple[Singles, Singles]:
-        picture = scipy.fft.irfft2(spectrum, s=self.seen.margin.shape, axes=(1, 2), workers=1)
-        return picture, self.seen.light(spectrum)
-
-    def _inverse(self) -> Singles:
-        rows, columns = self.seen.margin.shape
-        y, x = scipy.fft.fftfreq(rows)[:, None], scipy.fft.rfftfreq(columns)
-        square = 4 * (np.sin(np.pi * y) ** 2 + np.sin(np.pi * x) ** 2)
-        below = abs(self.seen.transfer) ** 2 + (self.stiffness * square).astype(np.float32)
-        return np.asarray(np.divide(1, below, out=np.zeros_like(below), where=below > 0))
-
-    def _known(self, light: Singles) -> Singles:
-        """The light on the sensor nearest to the record and to ``light``; of full wells what is above them."""
-        seen = self.seen
-        known = (seen.weight * seen.values + light) / (seen.weight + 1)
-        return np.where(self.clipped, np.maximum(light, seen.values), known)
-
-    def _shrunk(self, picture: Singles, down: Singles, across: Singles) -> Singles:
-        """The divergence of d less what its constraint is owed, which is kept in ``down`` and ``across``."""
-        down += np.roll(picture, -1, axis=1) - picture
-        across += np.roll(picture, -1, axis=2) - picture
-        length = np.sqrt((down * down + across * across).sum(axis=0))
-        cut = np.minimum(np.float32(self.penalty / self.stiffness) / np.maximum(length, np.float32(1e-20)), 1)
-        slope = np.zeros_like(picture)
-        for axis, owed in ((1, down), (2, across)):
-            kept = owed * (1 - 2 * cut)
-            slope += np.roll(kept, 1, axis=axis) - kept
-            np.multiply(owed, cut, out=owed)
-        return slope
+def _shrunk(picture: Singles, down: Singles, across: Singles, least: np.float32) -> Singles:
+    """The divergence of d less what its constraint is owed, which is kept in ``down`` and ``across``."""
+    down += np.roll(picture, -1, axis=1) - picture
+    across += np.roll(picture, -1, axis=2) - picture
+    length = np.sqrt((down * down + across * across).sum(axis=0))
+    cut = np.minimum(least / np.maximum(length, np.float32(1e-20)), 1)
+    slope = np.zeros_like(picture)
+    for axis, owed in ((1, down), (2, across)):
+        change = owed * (1 - 2 * cut)
+        slope += np.roll(change, 1, axis=axis) - change
+        np.multiply(owed, cut, out=owed)
+    return slope

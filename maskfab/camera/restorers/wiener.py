@@ -1,4 +1,4 @@
-r"""Blur a scene, and undo the blur by a Wiener filter whose prior falls as 1 / f²; protocol F1 has no denoiser.
+r"""The Wiener filter whose prior falls as 1 / f²; protocol F1 has no denoiser.
 
     G = H / (H² + ε (f / 0.1)²),        f = |ν| in cycles per pixel,
 
@@ -17,61 +17,11 @@ import scipy
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Singles
-from maskfab.camera.record import Blur, Record, Transfer
+from maskfab.camera.imaging import MARGIN, Blur, Margin, Transfer
+from maskfab.camera.record import Record
 from maskfab.optics.restoration import wiener_filter
 
-MARGIN = 256
-"""Pixels of scene, and of mirrored record, round the sensor."""
 PRIOR_CY_PER_PX = 0.1
-LARGE = 8_000_000
-"""Pixels of a picture from which on nothing is kept that can be computed again."""
-
-
-@dataclass(frozen=True, eq=False)
-class Margin:
-    """Where the sensor lies in the scene, [3, rows, columns], and the transforms that spare the rest.
-
-    Attributes:
-        shape: rows and columns of the scene.
-        width: pixels from its edge to the sensor's, less than the sensor's sides.
-    """
-
-    shape: tuple[int, int]
-    width: int = MARGIN
-
-    @property
-    def large(self) -> bool:
-        """Whether nothing is kept of such pictures that can be computed again."""
-        rows, columns = self.shape
-        return rows * columns > LARGE
-
-    @property
-    def _cut(self) -> tuple[slice, slice]:
-        rows, columns = self.shape
-        return slice(self.width, rows - self.width), slice(self.width, columns - self.width)
-
-    def sensor(self, scene: Singles) -> Singles:
-        """The part of a scene that lies on the sensor."""
-        return scene[:, *self._cut]
-
-    def dark(self, picture: Singles) -> Singles:
-        """A picture on the sensor with darkness round it, [3, rows, columns] of the scene."""
-        around = (self.width, self.width)
-        return np.pad(picture, [(0, 0), around, around])
-
-    def blurred(self, spectrum: NDArray[np.complex64], transfer: Transfer) -> Singles:
-        """Light on the sensor: the scene's ``rfft2`` [3, rows, half], times H, back on the sensor's pixels."""
-        lines = scipy.fft.ifft(spectrum * transfer, axis=1, overwrite_x=True, workers=1)
-        rows, columns = self._cut
-        wide = scipy.fft.irfft(lines[:, rows], n=self.shape[1], axis=2, workers=1)
-        return np.asarray(wide[:, :, columns])
-
-    def mirrored(self, record: Singles) -> NDArray[np.complex64]:
-        """``rfft2`` of a record [3, sensor rows, sensor columns] mirrored at its edges (their pixels not doubled)."""
-        around = [(0, 0), (0, 0), (self.width, self.width)]
-        lines = scipy.fft.rfft(np.pad(record, around, mode="reflect"), axis=2, workers=1)
-        tall = np.pad(lines, [(0, 0), (self.width, self.width), (0, 0)], mode="reflect")
-        return np.asarray(scipy.fft.fft(tall, axis=1, overwrite_x=True, workers=1))
 
 
 def prior(shape: tuple[int, int]) -> Singles:
@@ -130,13 +80,16 @@ class Wiener:
         transfer, inverse_prior = blur.on(margin.shape), prior(margin.shape)
         # Colour by colour, so that a large picture takes a third of the memory.
         colours = [slice(colour, colour + 1) for colour in range(len(record.values))]
-        kept = None if margin.large else [margin.mirrored(record.values[each]) for each in colours]
+        spectra = None if margin.large else [margin.mirrored(record.values[one]) for one in colours]
 
         def restored(epsilon: float) -> Singles:
-            found = np.empty_like(record.values)
-            for colour, each in enumerate(colours):
-                mirrored = margin.mirrored(record.values[each]) if kept is None else kept[colour]
-                found[each] = restore(mirrored, wiener(transfer[each], inverse_prior, epsilon), margin)
-            return found
+            picture = np.empty_like(record.values)
+            for colour, one in enumerate(colours):
+                mirrored = margin.mirrored(record.values[one]) if spectra is None else spectra[colour]
+                picture[one] = restore(mirrored, wiener(transfer[one], inverse_prior, epsilon), margin)
+            return picture
 
         return restored
+
+
+RESTORERS = (Wiener(),)

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from maskfab.camera.restorers import FILES
 from maskfab.cli.common.options import Json, Quiet, named_as_options
 from maskfab.cli.common.printing import one_line, print_json
 from maskfab.cli.common.watch import watched
@@ -40,9 +41,7 @@ def restore(
     ] = None,
     restore: Annotated[
         list[str] | None,
-        typer.Option(
-            help="wiener, dct+wiener, gradient, dct+gradient, tv (repeatable: the best of them); default: auto, all."
-        ),
+        typer.Option(help=f"{', '.join(FILES)} (repeatable: the best of them); default: auto, all."),
     ] = None,
     epsilon: Annotated[
         float | None, typer.Option(help="Strength of the restorer's prior; default: what each record speaks for.")

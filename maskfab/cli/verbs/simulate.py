@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from maskfab.camera.restorers import FILES
 from maskfab.cli.common.options import JobFile, Json, Quiet
 from maskfab.cli.common.printing import print_json
 from maskfab.cli.common.watch import watched
@@ -39,9 +40,7 @@ def simulate(
     ] = None,
     restore: Annotated[
         list[str] | None,
-        typer.Option(
-            help="wiener, dct+wiener, gradient, dct+gradient, tv (repeatable); auto: the one each record speaks for."
-        ),
+        typer.Option(help=f"{', '.join(FILES)} (repeatable); auto: the one each record speaks for."),
     ] = None,
     checkpoint: Annotated[
         list[Path] | None,

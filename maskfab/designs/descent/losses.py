@@ -54,9 +54,9 @@ from maskfab.base.arrays import Floats, Labels
 from maskfab.base.errors import JobError
 from maskfab.base.model import Camera
 from maskfab.base.units import NM_PER_UM
-from maskfab.camera.protocol import EPSILONS, LEVELS
+from maskfab.camera.protocol import EPSILONS
 from maskfab.camera.scenes import Photograph
-from maskfab.camera.sensor import ELECTRONS, F1_SENSOR, REFERENCE_TRANSMISSION
+from maskfab.camera.sensor import ELECTRONS, F1_SENSOR, LEVELS, REFERENCE_TRANSMISSION
 from maskfab.designs.descent.objective import (
     Autocorrelation,
     Objective,

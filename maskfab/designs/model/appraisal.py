@@ -42,9 +42,8 @@ from numpy.typing import NDArray
 from maskfab.base.arrays import Labels, Mask, Singles
 from maskfab.base.model import ORIENTATIONS, Camera, Opening, Panel, Tiling, orient, side_by_side
 from maskfab.base.units import NM_PER_UM
-from maskfab.camera.die_transfer import DieTransfer, die_transfer
+from maskfab.camera.die_transfer import DieTransfer, by_plan, die_transfer
 from maskfab.camera.lens import CellGrid
-from maskfab.camera.protocol import by_plan
 from maskfab.job.values import distance_text, um_text
 from maskfab.mask.panels import CellMap, panel_shape, placed, shifted_openings
 from maskfab.optics.gap import AXIS, Place, gap_guard_um, shift_um
@@ -284,7 +283,7 @@ def appraise_over(panel: Panel, seen: SceneConditions, errors: Sequence[PupilErr
     means = []
     for distance, error in zip(seen.distances_um, by_distance, strict=True):
         die = die_transfer("the design", panel, seen.camera, seen.scene, seen.plan, object_um=distance)
-        lines, samples = die.resolution.lines[_MIDDLE], die.resolution.samples
+        lines, samples = die.lines[_MIDDLE], die.samples
         open_share = die.view.passed_um2(lines.gap.centroid_nm, samples) / seen.camera.stop.area_um2
         axis = transfers(die, error)
         by_place = np.stack(
@@ -307,7 +306,7 @@ def appraise_over(panel: Panel, seen: SceneConditions, errors: Sequence[PupilErr
 
 def transfers(die: DieTransfer, error: PupilError) -> Transfers:
     """H of the middle line at the frequencies that an error is summed over."""
-    lines, samples = die.resolution.lines[_MIDDLE], die.resolution.samples
+    lines, samples = die.lines[_MIDDLE], die.samples
     square, low = (die.view.transfer(lines, samples, y, x) for y, x in error.frequencies)
     return square, low
 

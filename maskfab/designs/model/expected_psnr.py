@@ -56,8 +56,8 @@ from numpy.typing import NDArray
 from maskfab.base.arrays import Complexes, Floats
 from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, orient
+from maskfab.camera.imaging import Transfer
 from maskfab.camera.lens import F1, CellGrid, Lagged, OpenStop, PhotoCamera, lattice
-from maskfab.camera.record import Transfer
 from maskfab.camera.restorers.wiener import PRIOR_CY_PER_PX, wiener
 from maskfab.camera.scenes import Photograph
 from maskfab.camera.sensor import REFERENCE_TRANSMISSION

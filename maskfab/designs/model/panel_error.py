@@ -35,8 +35,8 @@ import torch
 
 from maskfab.base.arrays import Floats, Labels, Mask, Singles
 from maskfab.base.errors import JobError
+from maskfab.camera.imaging import Transfer
 from maskfab.camera.lens import CellGrid, lay
-from maskfab.camera.record import Transfer
 from maskfab.camera.restorers.wiener import PRIOR_CY_PER_PX
 from maskfab.camera.sensor import REFERENCE_TRANSMISSION
 from maskfab.designs.model.expected_psnr import Surrogate

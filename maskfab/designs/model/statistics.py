@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError
-from maskfab.camera.protocol import F1, LEVELS, Protocol, told
+from maskfab.camera.protocol import F1, Protocol
 from maskfab.camera.scenes import Bundled, Photograph, bundled
-from maskfab.camera.sensor import ELECTRONS, REFERENCE_TRANSMISSION
+from maskfab.camera.sensor import ELECTRONS, LEVELS, REFERENCE_TRANSMISSION, told
 
 if TYPE_CHECKING:
     import torch

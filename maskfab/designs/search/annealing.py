@@ -26,7 +26,7 @@ from maskfab.base.arrays import Mask
 from maskfab.base.errors import InternalError, JobError, OpeningError
 from maskfab.base.model import ORIENTATIONS, frozen
 from maskfab.base.work import Progress, silent
-from maskfab.camera.protocol import LEVELS
+from maskfab.camera.sensor import LEVELS
 from maskfab.designs.model.expected_psnr import Surrogate
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.families import FAMILIES, Candidate, kind, turned_key

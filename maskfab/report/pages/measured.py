@@ -24,8 +24,8 @@ from maskfab.base import __version__
 from maskfab.base.arrays import Floats
 from maskfab.base.folders import Place
 from maskfab.base.quantities import registered
-from maskfab.camera.capture.files import write_merged
-from maskfab.camera.capture.frames import PIXELS_OF
+from maskfab.camera.frames.frame import PIXELS_OF
+from maskfab.camera.frames.merge import write_merged
 from maskfab.camera.inspection.edge_mtf import MeasuredEdge, MeasuredEdges, MtfCurve
 from maskfab.camera.inspection.fit import MtfBand
 from maskfab.camera.inspection.identity import CERTAIN

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from maskfab.camera.protocol import by_sentence
+from maskfab.camera.die_transfer import by_sentence
 from maskfab.camera.scores import CONFIDENCE, MeanDifference
 from maskfab.mask.writer import Reading
 from maskfab.report.rows.bands import BIAS_UM, SHARE

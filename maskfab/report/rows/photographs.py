@@ -16,30 +16,18 @@ from numpy.typing import NDArray
 from maskfab.base.errors import JobError
 from maskfab.base.model import Camera, MaskBlank, Panel, Quantity
 from maskfab.camera import scenes as scene_sets
-from maskfab.camera.die_transfer import DieTransfer, die_transfer
+from maskfab.camera.die_transfer import DieTransfer, die_transfer, left_out
 from maskfab.camera.field_transfer import OverField
 from maskfab.camera.imaging import Design
 from maskfab.camera.lens import F1 as F1_CAMERA
 from maskfab.camera.lens import PhotoCamera, camera_line, laid_panel
-from maskfab.camera.protocol import (
-    ASSUMED,
-    AUTO,
-    F1,
-    LEVELS,
-    PAPER,
-    WIENER,
-    Protocol,
-    evaluate,
-    in_decibels,
-    left_out,
-    stated_light,
-    stated_sensor,
-)
-from maskfab.camera.protocol import told as sensor_told
+from maskfab.camera.protocol import ASSUMED, AUTO, F1, PAPER, WIENER, Protocol, evaluate
 from maskfab.camera.record import Restorer
-from maskfab.camera.restorers.choice import RESTORERS, named
+from maskfab.camera.restorers import named
 from maskfab.camera.scenes import Photograph
 from maskfab.camera.scores import CONFIDENCE, Crop, Gain, Score, ScoreTable, Shot, truth_of
+from maskfab.camera.sensor import LEVELS, in_decibels, stated_light, stated_sensor
+from maskfab.camera.sensor import told as sensor_told
 from maskfab.job.reference import USES, Keys, unused
 from maskfab.job.sections import JobSpec
 from maskfab.mask.job import Job
@@ -171,7 +159,7 @@ class Conditions:
             )
         given = (names,) if isinstance(names, str) else tuple(names)
         others = tuple(name for name in given if name != AUTO)
-        return named(others or tuple(RESTORERS)), AUTO in given
+        return named(others), AUTO in given
 
     def design(self, name: str, panel: Panel, around: Surroundings) -> tuple[Design, tuple[str, ...]]:
         """A die as it is photographed, and sentences on what the photographs leave out.

@@ -494,7 +494,7 @@ def made(plan: Plan, progress: Progress = silent) -> Study:
 
 
 def _told(design: Design, left_out: tuple[str, ...], photographs: Sequence[Photograph]) -> tuple[str, ...]:
-    return (*left_out, *surroundings.told(design, photographs))
+    return (*left_out, *surroundings.messages(design, photographs))
 
 
 def _photographed(

@@ -9,10 +9,10 @@ import pytest
 from camera.capture.captured_dies import phased_picture
 from optics_cases import camera, noise, panel
 
-from maskfab.camera.inspection.blur import MeasuredBlur
+from maskfab.camera.blur import MeasuredBlur
 from maskfab.camera.inspection.die_image import DieImage, Pixels, Setting
 from maskfab.camera.inspection.verdict import ALL, ORIENTATION, Promise, costs
-from maskfab.camera.protocol import STRENGTHS, Protocol, SensorScene
+from maskfab.camera.protocol import STRENGTHS, Protocol
 from maskfab.camera.restorers.wiener import Wiener
 from maskfab.camera.scenes import NARROW, SMALLEST, dead_leaves
 from maskfab.camera.scores import inner, psnr
@@ -55,14 +55,14 @@ def test_aberrations_cost_what_photographs_by_another_path_lose():
         return MeasuredBlur(kernel, tuple(side // 2 for side in picture.shape), ())
 
     def restored(known, seen, by):
-        record = Sensor().record(known.light(linear=True).through(seen.on(known.margin.shape)), light, 7)
+        record = Sensor().record(known.margin.through(known.light, seen.on(known.margin.shape)), light, 7)
         ready = Wiener(NARROW).prepare(record, by)
         return [psnr(inner(code_of_light(ready(e)), 64), inner(known.true, 64)) for e in STRENGTHS[8:24:2]]
 
     drawn, bent = blur(()), blur(COMA)
     by_design, for_good = [], []
     for number in (1, 2, 3, 4):
-        known = SensorScene.of(replace(dead_leaves(number, SMALLEST, SMALLEST), around=NARROW))
+        known = replace(dead_leaves(number, SMALLEST, SMALLEST), around=NARROW)
         right, own, wrong = (restored(known, *pair) for pair in ((drawn, drawn), (bent, bent), (bent, drawn)))
         best = int(np.argmax(right))
         by_design.append(own[best] - wrong[best])

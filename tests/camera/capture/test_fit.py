@@ -10,7 +10,7 @@ from camera.capture.captured_dies import GAIN, READ_NOISE, exposed, exposed_each
 from optics_cases import camera, noise, panel, pupil
 
 from maskfab.base.errors import SourceError
-from maskfab.camera.capture.merge import merged
+from maskfab.camera.frames.merge import merged
 from maskfab.camera.inspection.die_image import (
     MARGIN,
     OVERSAMPLING,

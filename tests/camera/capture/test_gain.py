@@ -7,7 +7,7 @@ import pytest
 from capture_frames import GAIN, READ_NOISE, frame
 
 from maskfab.base.errors import SourceError
-from maskfab.camera.capture.stack import photon_transfer
+from maskfab.camera.frames.stack import photon_transfer
 
 SIDE = 160
 RAMP = np.broadcast_to(np.linspace(200.0, 9000.0, SIDE), (SIDE, SIDE))

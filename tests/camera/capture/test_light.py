@@ -7,7 +7,7 @@ import pytest
 from capture_frames import frame, point_light
 
 from maskfab.base.errors import SourceError
-from maskfab.camera.capture.stack import light_place
+from maskfab.camera.frames.stack import light_place
 
 TIMES = (1e-3, 1.6e-2, 0.256)
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from optics_cases import camera, noise, panel
 from scipy import ndimage
 
-from maskfab.camera.capture.merge import merged
+from maskfab.camera.frames.merge import merged
 from maskfab.camera.inspection.die_image import OVERSAMPLING, DieImage, Setting, gaussian_nodes
 from maskfab.camera.inspection.fit import brightest, expecting, fitted, taken_of
 from maskfab.camera.inspection.identity import FWHM, with_width_and_terms

@@ -11,8 +11,7 @@ from capture_frames import BLACK, GAIN, READ_NOISE, RGGB, WHITE, frame, point_li
 from scipy import ndimage
 
 from maskfab.base.errors import SourceError
-from maskfab.camera.capture.files import write_merged
-from maskfab.camera.capture.merge import merged
+from maskfab.camera.frames.merge import merged, write_merged
 
 TIMES = (1e-3, 4e-3, 1.6e-2, 6.4e-2, 0.256)
 LIGHT = point_light()

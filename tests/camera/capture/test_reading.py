@@ -14,9 +14,9 @@ import tifffile
 from capture_frames import BLACK, GAIN, READ_NOISE, WHITE, frame, point_light
 
 from maskfab.base.errors import SourceError
-from maskfab.camera.capture import files
-from maskfab.camera.capture.files import read_frame, read_frames
-from maskfab.camera.capture.merge import merged
+from maskfab.camera.frames import frame as frame_file
+from maskfab.camera.frames.frame import read_frame, read_frames
+from maskfab.camera.frames.merge import merged
 
 raw_only = pytest.mark.skipif(find_spec("rawpy") is None, reason="RAW files need rawpy, of the extra raw")
 
@@ -122,7 +122,7 @@ def test_raw_files_cut_short_or_of_nonsense_are_refused(tmp_path):
 
 
 def test_raw_without_rawpy_says_what_to_install(tmp_path, monkeypatch):
-    monkeypatch.setattr(files, "find_spec", lambda name: None)
+    monkeypatch.setattr(frame_file, "find_spec", lambda name: None)
     (tmp_path / "a.nef").write_bytes(b"content")
     assert "maskfab[raw]" in refusal("MF431", tmp_path / "a.nef").cure
 

@@ -10,8 +10,8 @@ from small_job import command
 import maskfab as mf
 from maskfab.base.errors import MaskfabError
 from maskfab.base.model import Psf, orient
+from maskfab.camera.blur import STANDS, MeasuredBlur, StandingBlur, read_psf
 from maskfab.camera.die_transfer import die_transfer
-from maskfab.camera.inspection.blur import STANDS, MeasuredBlur, StandingBlur, read_psf
 from maskfab.camera.photo import Photo, Stated, developed, estimated_noise, read_photo
 from maskfab.camera.record import BinnedBlur, Noise, Record, binned, interpolated, sampled
 from maskfab.camera.restorers.choice import restored

@@ -1,12 +1,8 @@
 """A stack: frames of one light by one sensor that differ in their exposure time, judged before they are merged.
 
-Light beside a pixel, which tells its level without its own noise.
-
-Where the one light of a stack lies on the sensor, to crop the frames about it.
-
-Electrons per count by photon transfer, from frames that are equal but for their noise.
-
-The variance of a pixel over equal frames is that of its light and that of the dark,
+Where its one light lies on the sensor is told, to crop the frames about it, and electrons per count by photon transfer,
+from frames that are equal but for their noise. The variance of a pixel over equal frames is that of its light and that
+of the dark,
 
     var = mean / K + var_dark        in counts, K in electrons per count
 
@@ -24,15 +20,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import groupby
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
-from maskfab.base.arrays import Floats, Singles
+from maskfab.base.arrays import Floats, Mask, Singles
 from maskfab.base.errors import SourceError
-from maskfab.camera.capture.frames import Frame, same_sensor
+from maskfab.camera.frames.frame import Frame, same_sensor
 
 _PILED_UP = 8
 _WELL_ABOVE_BLACK = 100
@@ -104,7 +98,7 @@ def _check_white(frames: Sequence[Frame]) -> None:
 _AROUND = np.array([[1.0, 1.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 1.0]])
 
 
-def mean_beside(values: Floats, usable: NDArray[np.bool_]) -> Floats:
+def mean_beside(values: Floats, usable: Mask) -> Floats:
     """Mean of each pixel's eight neighbours of its colour, the pixel itself left out.
 
     Args:
@@ -113,14 +107,14 @@ def mean_beside(values: Floats, usable: NDArray[np.bool_]) -> Floats:
     """
     total = ndimage.convolve(np.where(usable, values, 0.0), _AROUND, mode="constant")
     count = ndimage.convolve(usable.astype(np.float64), _AROUND, mode="constant")
-    found: Floats = np.divide(total, count, out=np.zeros_like(total), where=count > 0.5)
-    return found
+    return np.asarray(np.divide(total, count, out=np.zeros_like(total), where=count > 0.5), dtype=np.float64)
 
 
 _SPOT = 9
 """Pixels along the square whose mean is compared."""
 _SEEN = 8.0
-_MAD = 1.4826
+SIGMA_OF_MAD = 1.4826
+"""Standard deviation of normal numbers, in medians of the modulus of their distance from the median."""
 _SECOND = 0.05
 _PAIRED = 5
 """Pixels within which an order lies where its pair says: their place is that of the light to a pixel or two."""
@@ -141,7 +135,7 @@ def light_place(frames: Sequence[Frame], side: int) -> tuple[int, int]:
     ordered = sorted(frames, key=lambda frame: frame.exposure_s or 0.0)
     shortest = _spots(ordered[0])
     seen = shortest if len(frames) == 1 else np.sum([_spots(frame) for frame in ordered], axis=0)
-    row, column = (int(each) for each in np.unravel_index(int(seen.argmax()), seen.shape))
+    row, column = map(int, np.unravel_index(int(seen.argmax()), seen.shape))
     if not seen[row, column] > _level(seen):
         raise SourceError(
             "MF334",
@@ -149,7 +143,13 @@ def light_place(frames: Sequence[Frame], side: int) -> tuple[int, int]:
             where=frames[0].name,
             cure="Expose longer, or point the camera at the light",
         )
-    outside = _unpaired(shortest, row, column)
+    # Orders of diffraction come in pairs, lamps do not: a spot counts less what lies as far on the other side of the
+    # light. Where that is beyond the frame nothing can be said, and nothing is left.
+    rows, columns = shortest.shape
+    there = np.ix_(2 * row - np.arange(rows), 2 * column - np.arange(columns))
+    inside = [(index >= 0) & (index < length) for index, length in zip(there, shortest.shape, strict=True)]
+    paired = ndimage.maximum_filter(shortest, _PAIRED)[there[0].clip(0, rows - 1), there[1].clip(0, columns - 1)]
+    outside = np.asarray(np.where(inside[0] & inside[1], shortest - paired, -np.inf), dtype=np.float32)
     outside[max(0, row - side // 2) : row + side // 2, max(0, column - side // 2) : column + side // 2] = -np.inf
     other = np.unravel_index(int(outside.argmax()), seen.shape)
     share = float(outside[other] / shortest[row, column])
@@ -164,16 +164,25 @@ def light_place(frames: Sequence[Frame], side: int) -> tuple[int, int]:
     return row, column
 
 
-def _unpaired(spots: Singles, row: int, column: int) -> Singles:
-    """Spots less what lies as far on the other side of a place: orders of diffraction come in pairs, lamps do not.
+def window_middle(place: tuple[int, int], frame: Frame, side: int) -> tuple[int, int]:
+    """Row and column about which a square of ``side`` pixels lies in a frame, a place near its middle.
 
-    Where the other side is beyond the frame nothing can be said, and nothing is left.
+    Where the frame ends the square is moved, by up to a quarter of itself.
+
+    Raises:
+        SourceError: MF337 if the place is nearer to the frame's edge than that allows.
     """
-    rows, columns = spots.shape
-    there = np.ix_(2 * row - np.arange(rows), 2 * column - np.arange(columns))
-    held = [(index >= 0) & (index < length) for index, length in zip(there, spots.shape, strict=True)]
-    paired = ndimage.maximum_filter(spots, _PAIRED)[there[0].clip(0, rows - 1), there[1].clip(0, columns - 1)]
-    return np.asarray(np.where(held[0] & held[1], spots - paired, -np.inf), dtype=np.float32)
+    row, column = (min(max(at, side // 2), length - side // 2) for at, length in zip(place, frame.shape, strict=True))
+    if max(abs(row - place[0]), abs(column - place[1])) > side // 4:
+        nearest = min(min(at, length - at) for at, length in zip(place, frame.shape, strict=True))
+        raise SourceError(
+            "MF337",
+            f"the light lies {nearest} pixels from the edge of {frame.name}, and a window of {side} pixels needs "
+            f"{side // 4}",
+            where=frame.name,
+            cure="Put the light nearer the middle of the picture, or ask for a smaller window",
+        )
+    return row, column
 
 
 def _spots(frame: Frame) -> Singles:
@@ -202,7 +211,7 @@ def _unspiked(values: Singles) -> Singles:
 def _level(spots: Singles) -> float:
     """Above which a spot is no noise."""
     middle = float(np.median(spots))
-    return middle + _SEEN * _MAD * float(np.median(np.abs(spots - middle)))
+    return middle + _SEEN * SIGMA_OF_MAD * float(np.median(np.abs(spots - middle)))
 
 
 _LEVELS = 32
@@ -257,9 +266,9 @@ class _Pixels:
     dark: Floats
     freedom: Floats
 
-    def of(self, kept: NDArray[np.bool_]) -> _Pixels:
-        """Those of them that are kept."""
-        return _Pixels(*(each[kept] for each in self._columns()))
+    def of(self, part: Mask) -> _Pixels:
+        """Part of them."""
+        return _Pixels(*(column[part] for column in self._columns()))
 
     def expected(self, slope: float, floor: float) -> Floats:
         """Variance that the light beside each pixel lets one expect."""
@@ -268,7 +277,7 @@ class _Pixels:
     @classmethod
     def joined(cls, groups: Sequence[_Pixels]) -> _Pixels:
         """All pixels of several groups."""
-        return cls(*(np.concatenate(each) for each in zip(*(group._columns() for group in groups), strict=True)))
+        return cls(*(np.concatenate(columns) for columns in zip(*(group._columns() for group in groups), strict=True)))
 
     def _columns(self) -> tuple[Floats, ...]:
         return self.light, self.beside, self.variance, self.dark, self.freedom
@@ -290,24 +299,16 @@ def photon_transfer(frames: Sequence[Frame], dark: Sequence[Frame] = ()) -> Gain
     same_sensor([*frames, *dark])
     if len(dark) == 1:
         raise _unknown("one dark frame has no variance to tell", "Give two equal dark frames, or none")
-    lit = [pixels for group in _equal(frames) for pixels in _colours(group, dark=False)]
+    times = [-1.0 if frame.exposure_s is None else frame.exposure_s for frame in frames]
+    equal = [[frame for frame, time in zip(frames, times, strict=True) if time == level] for level in sorted({*times})]
+    lit = [pixels for group in equal if len(group) > 1 for pixels in _colours(group, dark=False)]
     if not lit:
         raise _unknown(
             f"no two of {len(frames)} frames have one exposure time",
             "Give two equal frames, taken one after the other",
         )
-    whole = all((frame.counts == np.rint(frame.counts)).all() for frame in frames)
-    return _line(_Pixels.joined([*lit, *(_colours(dark, dark=True) if dark else ())]), steps=1 / 12 if whole else 0.0)
-
-
-def _equal(frames: Sequence[Frame]) -> Iterator[list[Frame]]:
-    def time(frame: Frame) -> float:
-        return -1.0 if frame.exposure_s is None else frame.exposure_s
-
-    for _, group in groupby(sorted(frames, key=time), key=time):
-        equal = list(group)
-        if len(equal) > 1:
-            yield equal
+    steps = 1 / 12 if all(frame.whole for frame in frames) else 0.0
+    return _line(_Pixels.joined([*lit, *(_colours(dark, dark=True) if dark else ())]), steps)
 
 
 def _colours(frames: Sequence[Frame], *, dark: bool) -> Iterator[_Pixels]:
@@ -316,11 +317,14 @@ def _colours(frames: Sequence[Frame], *, dark: bool) -> Iterator[_Pixels]:
     for place, lattice in enumerate(frames[0].lattices):
         usable = ~full[lattice.first[0] :: lattice.step, lattice.first[1] :: lattice.step]
         stack = np.stack([lattice.of(frame.counts).astype(np.float64) - frame.black[place] for frame in frames])
-        if usable.any():
-            yield _in_the_dark(stack[:, usable]) if dark else _in_light(stack, usable)
+        if usable.any() and dark:
+            none, ones = np.zeros(usable.sum()), np.ones(usable.sum())
+            yield _Pixels(none, none, stack[:, usable].var(axis=0, ddof=1), ones, (len(stack) - 1) * ones)
+        elif usable.any():
+            yield _in_light(stack, usable)
 
 
-def _in_light(stack: Floats, usable: NDArray[np.bool_]) -> _Pixels:
+def _in_light(stack: Floats, usable: Mask) -> _Pixels:
     factors = _factors(stack, usable)
     # Pixels that jump, or were hit, would be taken for drift.
     even = stack / factors[:, None, None]
@@ -335,18 +339,12 @@ def _in_light(stack: Floats, usable: NDArray[np.bool_]) -> _Pixels:
     return _Pixels(light, beside, variance, float((1 / factors**2).mean()) * ones, (len(stack) - 1) * ones)
 
 
-def _factors(stack: Floats, usable: NDArray[np.bool_]) -> Floats:
+def _factors(stack: Floats, usable: Mask) -> Floats:
     """Light of each frame in that of their mean."""
     sums = stack[:, usable].sum(axis=1)
     if not (sums > 0).all():
         raise _unknown("a frame has no light above black", "Give frames with light, or state their black level")
     return np.asarray(sums / sums.mean())
-
-
-def _in_the_dark(stack: Floats) -> _Pixels:
-    variance = stack.var(axis=0, ddof=1)
-    none, ones = np.zeros(len(variance)), np.ones(len(variance))
-    return _Pixels(none, none, variance, ones, (len(stack) - 1) * ones)
 
 
 def _line(pixels: _Pixels, steps: float) -> Gain:
@@ -360,18 +358,18 @@ def _line(pixels: _Pixels, steps: float) -> Gain:
             pixels = pixels.of(pixels.variance <= _OUTLYING**2 * expected)
             expected = pixels.expected(slope, floor)
         weights = pixels.freedom / (2 * expected**2)
-        moments, columns = (np.stack([each, pixels.dark]) for each in (pixels.beside, pixels.light))
+        moments, columns = (np.stack([light, pixels.dark]) for light in (pixels.beside, pixels.light))
         normal = (moments * weights) @ columns.T
         if abs(np.linalg.det(normal)) <= _SINGULAR * abs(normal[0, 0] * normal[1, 1]):
             raise _unknown("all pixels have the same light", _FLAT)
         inverse = np.linalg.inv(normal)
-        slope, floor = (float(each) for each in inverse @ ((moments * weights) @ pixels.variance))
+        slope, floor = map(float, inverse @ ((moments * weights) @ pixels.variance))
         if slope <= 0:
             raise _unknown("noise does not grow with light", "Give equal frames with more light")
         floor = max(floor, _LEAST_FLOOR)
     covariance = inverse @ ((moments * weights) @ moments.T) @ inverse.T
     misfit = _misfit(pixels, slope, floor)
-    error_slope, error_floor = (float(each) for each in np.sqrt(np.diag(covariance) * max(misfit, 1.0)))
+    error_slope, error_floor = map(float, np.sqrt(np.diag(covariance) * max(misfit, 1.0)))
     if not error_slope < _WORST * slope:
         raise _unknown(f"its standard error is {100 * error_slope / slope:.0f} %, above {100 * _WORST:.0f} %", _FLAT)
     alone = max(floor - steps, _LEAST_FLOOR)
@@ -388,7 +386,7 @@ def _line(pixels: _Pixels, steps: float) -> Gain:
 
 
 def _misfit(pixels: _Pixels, slope: float, floor: float) -> float:
-    """chi² per degree of freedom of the mean variances of some levels of light."""
+    """Chi² per degree of freedom of the mean variances of some levels of light."""
     expected = pixels.expected(slope, floor)
     parts = np.array_split(np.argsort(expected, kind="stable"), min(_LEVELS, len(expected)))
     off = [

@@ -1,12 +1,4 @@
-"""Pixels that tell something else than the light: hot ones, dust, and those that stand alone among their neighbours.
-
-Light that drifts from one exposure to the next, from the pixels that both of them see.
-
-The ratio of two exposures is that of sums over their common pixels, weighted by the light beside each: weights that
-knew a pixel's own noise would favour what came out bright. Pixels are left out near full by the sum of both exposures:
-given the sum of two Poisson numbers their ratio is what it is without, given one of them it is not.
-
-Exposures of one light merged into one, colour by colour, each pixel where it is.
+"""Exposures of one light merged into one, colour by colour, each pixel where it is.
 
     x = sum of w_k y_k / sum of w_k a_k,       w_k = a_k / v_k(x),       v_k(x) = a_k x + c_k,
 
@@ -19,11 +11,17 @@ one exposure would favour what came out dark. Full pixels and their neighbours h
 
 is linear in the light but for the noise of the flat field; a fit puts the light of its model into it.
 
+Light drifts from one exposure to the next. The ratio of two is that of sums over the pixels that both of them see,
+weighted by the light beside each: weights that knew a pixel's own noise would favour what came out bright. Pixels are
+left out near full by the sum of both exposures: given the sum of two Poisson numbers their ratio is what it is without,
+given one of them it is not.
+
 Notes:
     Of readings within noise of white those below count, so light there is told too dark, by up to 0.4 standard
     deviations of the longer exposure.
     Dark frames tell hot pixels and the level of the dark. They are not taken off pixel by pixel, which would add
     their noise.
+    Pixels that stand alone among their neighbours may be dust, hot, or a fine peak; they stay.
 """
 
 from __future__ import annotations
@@ -32,86 +30,53 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from maskfab.base.arrays import Floats
+from maskfab.base import __version__
+from maskfab.base.arrays import Floats, Mask, Singles
 from maskfab.base.errors import SourceError
-from maskfab.camera.capture.frames import Colour, Frame, Lattice, Pattern, same_sensor
-from maskfab.camera.capture.stack import check_stack, mean_beside
-
-Marks = NDArray[np.bool_]
+from maskfab.camera.frames.frame import PLANE_COLOURS, Colour, Frame, Lattice, Pattern, letters, same_sensor
+from maskfab.camera.frames.stack import SIGMA_OF_MAD, check_stack, mean_beside
+from maskfab.mask.formats.exr import Fact, write_channels
 
 _HOT, _ALONE = 6.0, 8.0
-_MAD = 1.4826
 _DUST, _PROVEN = 0.05, 5.0
 _SURROUNDINGS = 31
 _BLIND = 0.5
 _ALIKE = 2.0
 
 
-@dataclass(frozen=True, eq=False)
-class Dark:
-    """The dark of one colour.
+def _dark(frames: Sequence[Frame], times_s: Sequence[float], place: int, lattice: Lattice) -> tuple[Mask, list[float]]:
+    """Hot pixels of one colour in dark frames, and mean counts above black of the others in exposures of such times.
 
-    Attributes:
-        hot: [rows, columns] pixels far above the others.
-        level: mean counts above black of the others, for each second where ``per_second``.
-        per_second: whether the exposures of the dark frames are known.
-    """
-
-    hot: Marks
-    level: float
-    per_second: bool
-
-    def counts(self, exposure_s: float) -> float:
-        """Level in an exposure."""
-        return self.level * exposure_s if self.per_second else self.level
-
-
-@dataclass(frozen=True, eq=False)
-class Response:
-    """Response of one colour's pixels to even light, from a flat field.
-
-    Attributes:
-        share: [rows, columns] of their mean.
-        error: of the share, as a share of it.
-        dust: pixels that are darker than their surroundings.
-        blind: pixels that are too dark to be divided by their share.
-    """
-
-    share: Floats
-    error: Floats
-    dust: Marks
-    blind: Marks
-
-
-def dark_of(frames: Sequence[Frame], place: int, lattice: Lattice) -> Dark:
-    """Hot pixels and level of one colour in dark frames: six robust standard deviations above the median.
-
-    Args:
-        frames: without light; all with an exposure time, or their level is that of every exposure.
-        place: of the lattice among those of a frame.
-        lattice: of the colour.
+    Hot are six robust standard deviations above the median. Where a dark frame has no time, all have one level.
     """
     stack = np.stack([lattice.of(frame.counts).astype(np.float64) - frame.black[place] for frame in frames])
     middle = np.median(stack, axis=0)
     usual = float(np.median(middle))
-    spread = max(_MAD * float(np.median(np.abs(middle - usual))), 1 / np.sqrt(12))
+    spread = max(SIGMA_OF_MAD * float(np.median(np.abs(middle - usual))), 1 / np.sqrt(12))
     hot = middle > usual + _HOT * spread
     times = [frame.exposure_s for frame in frames if frame.exposure_s is not None]
     levels = stack[:, ~hot].mean(axis=1)
     if len(times) == len(frames):
-        return Dark(hot, float(levels.sum() / sum(times)), per_second=True)
-    return Dark(hot, float(levels.mean()), per_second=False)
+        per_second = float(levels.sum() / sum(times))
+        return hot, [per_second * time for time in times_s]
+    return hot, [float(levels.mean())] * len(times_s)
 
 
-def response_of(
+_Response = tuple[Floats, Floats, Mask, Mask]
+"""Of pixels [rows, columns] to even light: share of their mean, its relative error, those that are darker than their
+surroundings as under dust, and those that are too dark to be divided by their share."""
+
+
+def _response(
     frames: Sequence[Frame], place: int, lattice: Lattice, electrons_per_count: float, dark_e2: float
-) -> Response:
-    """Response of one colour from frames of even light, its mean 1.
+) -> _Response:
+    """Response of one colour's pixels from frames of even light.
 
     Args:
         frames: of the flat field, none of them full.
@@ -141,10 +106,10 @@ def response_of(
     error = np.sqrt(np.maximum(electrons, 0.0) + dark_e2 * len(frames)) / np.maximum(electrons, 1.0)
     around = ndimage.uniform_filter(share, _SURROUNDINGS, mode="nearest")
     dust = share < (1 - _DUST) * around - _PROVEN * error * around
-    return Response(share, error, dust, (share < _BLIND * around) | full)
+    return share, error, dust, (share < _BLIND * around) | full
 
 
-def alone(light: Floats, sigma: Floats, valid: Marks) -> Marks:
+def alone(light: Floats, sigma: Floats, valid: Mask) -> Mask:
     """Pixels eight standard deviations from neighbours that agree among themselves: dust, a hot pixel, or a fine peak.
 
     Args:
@@ -173,13 +138,15 @@ class Exposed:
 
     Attributes:
         electrons: [frames, rows, columns], the level of the dark taken off.
-        usable: of the same shape, what is not full.
+        usable: of the same shape, what is neither full nor hot.
+        hot: [rows, columns] pixels far above the others in dark frames.
         dark: [frames] variance without light, in electrons squared.
         full: [frames] electrons of a full pixel; infinite where white is not known.
     """
 
     electrons: Floats
-    usable: NDArray[np.bool_]
+    usable: Mask
+    hot: Mask
     dark: Floats
     full: Floats
 
@@ -205,13 +172,13 @@ def drifts(colours: Sequence[Exposed], times_s: Sequence[float], names: Sequence
     Raises:
         SourceError: MF332 if the light of two exposures differs by more than a factor of two, which no lamp drifts.
     """
-    order = sorted(range(len(times_s)), key=lambda each: -times_s[each])
-    found = {order[0]: Drift(1.0, 0.0, 1.0)}
+    order = sorted(range(len(times_s)), key=lambda place: -times_s[place])
+    drifted = {order[0]: Drift(1.0, 0.0, 1.0)}
     for longer, shorter in pairwise(order):
         ratio, error = _ratio(colours, times_s, longer, shorter)
-        before = found[longer]
+        before = drifted[longer]
         if not error < _TOLD:
-            found[shorter] = Drift(before.taken_out, math.inf, before.taken_out)
+            drifted[shorter] = Drift(before.taken_out, math.inf, before.taken_out)
             continue
         factor = before.factor * ratio
         total = factor * math.hypot(error, 0.0 if math.isinf(before.error) else before.error / before.factor)
@@ -224,8 +191,8 @@ def drifts(colours: Sequence[Exposed], times_s: Sequence[float], names: Sequence
                 where=names[shorter],
                 cure="State the true times with --times, in the order of the files",
             )
-        found[shorter] = Drift(factor, total, factor if abs(factor - 1) > _DRIFT_PROVEN * total else 1.0)
-    return tuple(found[each] for each in range(len(times_s)))
+        drifted[shorter] = Drift(factor, total, factor if abs(factor - 1) > _DRIFT_PROVEN * total else 1.0)
+    return tuple(drifted[place] for place in range(len(times_s)))
 
 
 def _ratio(colours: Sequence[Exposed], times_s: Sequence[float], longer: int, shorter: int) -> tuple[float, float]:
@@ -257,23 +224,6 @@ _MOST_FULL = 0.9
 
 
 @dataclass(frozen=True, eq=False)
-class Exposure:
-    """One colour of one frame.
-
-    Attributes:
-        electrons: [rows, columns] above the dark.
-        usable: [rows, columns] what is not full, nor hot.
-        scale: its time with drift, 1 where that is not known.
-        dark: variance without light, in electrons squared.
-    """
-
-    electrons: Floats
-    usable: Marks
-    scale: float
-    dark: float
-
-
-@dataclass(frozen=True, eq=False)
 class Plane:
     """Merged light of one colour.
 
@@ -289,7 +239,8 @@ class Plane:
         floor: [rows, columns] variance without light.
         share: [rows, columns] the pixels' response.
         relative: [rows, columns] standard deviation of the response, of itself; 0 without a flat field.
-        exposures: of which it was merged, in the order of the frames.
+        exposed: what it was merged of, in the order of the frames.
+        scales: [frames] times with drift, 1 where they are not known.
     """
 
     colour: Colour
@@ -297,12 +248,13 @@ class Plane:
     step: int
     electrons_per_s: Floats
     sigma: Floats
-    valid: Marks
+    valid: Mask
     shot: Floats
     floor: Floats
     share: Floats
     relative: Floats
-    exposures: tuple[Exposure, ...]
+    exposed: Exposed
+    scales: Floats
 
     def variance(self, light: Floats) -> Floats:
         """Variance of what was measured if ``light`` [rows, columns] is the truth, as of a model."""
@@ -365,17 +317,6 @@ class Merged:
     alone: Places
 
 
-@dataclass(frozen=True, eq=False)
-class _Doubts:
-    """Marks [rows, columns] of one colour."""
-
-    hot: Marks
-    disagreeing: Marks
-    full: Marks
-    dust: Marks
-    alone: Marks
-
-
 def merged(
     frames: Sequence[Frame],
     *,
@@ -408,10 +349,9 @@ def merged(
         )
     times = [1.0 if frame.exposure_s is None else frame.exposure_s for frame in frames]
     lattices = list(enumerate(frames[0].lattices))
-    dark_e2 = read_noise_e**2 + (electrons_per_count**2 / 12 if _whole(frames) else 0.0)
-    darks = [dark_of(dark, place, lattice) if dark else None for place, lattice in lattices]
+    dark_e2 = read_noise_e**2 + (electrons_per_count**2 / 12 if all(frame.whole for frame in frames) else 0.0)
     flats = [
-        response_of(flat, place, lattice, electrons_per_count, dark_e2) if flat else None for place, lattice in lattices
+        _response(flat, place, lattice, electrons_per_count, dark_e2) if flat else None for place, lattice in lattices
     ]
     fulls = np.stack([frame.full for frame in frames])
     if fulls.all(axis=0).mean() > _MOST_FULL:
@@ -422,25 +362,22 @@ def merged(
             cure="Give shorter exposures, or state the white level in the counts of the files",
         )
     exposed = [
-        _exposed(frames, fulls, times, place, lattice, electrons_per_count, dark_e2, darks[place])
+        _exposed(frames, fulls, times, place, lattice, electrons_per_count, dark_e2, dark)
         for place, lattice in lattices
     ]
-    found = drifts(exposed, times, [frame.name for frame in frames])
-    scales = np.array([time * drift.taken_out for time, drift in zip(times, found, strict=True)])
-    made = [
-        _merged(lattice, exposed[place], scales, darks[place], flats[place], frames[0].name)
-        for place, lattice in lattices
-    ]
-    planes = tuple(plane for plane, _ in made)
+    drifted = drifts(exposed, times, [frame.name for frame in frames])
+    scales = np.array([time * drift.taken_out for time, drift in zip(times, drifted, strict=True)])
+    colours = [_merged(lattice, exposed[place], scales, flats[place], frames[0].name) for place, lattice in lattices]
+    planes = tuple(plane for plane, _ in colours)
     _check_light(planes, frames[0].name)
     corner = frames[0].corner
 
     def places(name: str) -> Places:
-        each = [
-            np.argwhere(getattr(doubts, name)) * plane.step + np.array(plane.first) + np.array(corner)
-            for plane, doubts in made
+        found = [
+            np.argwhere(doubts[name]) * plane.step + np.array(plane.first) + np.array(corner)
+            for plane, doubts in colours
         ]
-        return np.unique(np.concatenate(each), axis=0).astype(np.int64)
+        return np.unique(np.concatenate(found), axis=0).astype(np.int64)
 
     return Merged(
         planes=planes,
@@ -449,93 +386,80 @@ def merged(
         pattern=frames[0].pattern,
         used=tuple(
             Used(frame.name, frame.sha256, frame.exposure_s, drift, int(full.sum()))
-            for frame, drift, full in zip(frames, found, fulls, strict=True)
+            for frame, drift, full in zip(frames, drifted, fulls, strict=True)
         ),
         electrons_per_count=electrons_per_count,
         read_noise_e=read_noise_e,
-        hot=places("hot"),
-        disagreeing=places("disagreeing"),
-        full=places("full"),
-        dust=places("dust"),
-        alone=places("alone"),
+        **{name: places(name) for name in colours[0][1]},
     )
-
-
-def _whole(frames: Sequence[Frame]) -> bool:
-    """Whether a converter rounded to whole counts."""
-    return all(bool((frame.counts == np.rint(frame.counts)).all()) for frame in frames)
 
 
 def _exposed(
     frames: Sequence[Frame],
-    fulls: Marks,
+    fulls: Mask,
     times: Sequence[float],
     place: int,
     lattice: Lattice,
     electrons_per_count: float,
     dark_e2: float,
-    dark: Dark | None,
+    dark: Sequence[Frame],
 ) -> Exposed:
-    levels = [0.0 if dark is None else dark.counts(time) for time in times]
+    usable = ~fulls[:, lattice.first[0] :: lattice.step, lattice.first[1] :: lattice.step]
+    hot, levels = _dark(dark, times, place, lattice) if dark else (np.zeros_like(usable[0]), [0.0] * len(times))
     electrons = electrons_per_count * np.stack(
         [
             lattice.of(frame.counts).astype(np.float64) - (frame.black[place] + level)
             for frame, level in zip(frames, levels, strict=True)
         ]
     )
-    usable = ~fulls[:, lattice.first[0] :: lattice.step, lattice.first[1] :: lattice.step]
-    if dark is not None:
-        usable &= ~dark.hot
     shot = np.maximum(levels, 0.0) * electrons_per_count
     full = [
         electrons_per_count * (frame.white - frame.black[place] - level)
         for frame, level in zip(frames, levels, strict=True)
     ]
-    return Exposed(electrons, usable, dark_e2 + shot, np.array(full))
+    return Exposed(electrons, usable & ~hot, hot, dark_e2 + shot, np.array(full))
 
 
 def _merged(
-    lattice: Lattice, exposed: Exposed, scales: Floats, dark: Dark | None, response: Response | None, name: str
-) -> tuple[Plane, _Doubts]:
-    """One colour, and what is wrong with it."""
+    lattice: Lattice, exposed: Exposed, scales: Floats, response: _Response | None, name: str
+) -> tuple[Plane, dict[str, Mask]]:
+    """One colour, and marks [rows, columns] of what is to be doubted of it, by the names of :class:`Merged`."""
     y, usable = exposed.electrons, exposed.usable.astype(np.float64)
-    nowhere = np.zeros(y.shape[1:], dtype=np.bool_)
-    share = np.ones(y.shape[1:]) if response is None else np.maximum(response.share, _least(response.share))
+    nowhere = np.zeros_like(exposed.hot)
+    share, relative, dust, blind = response or (
+        np.ones(y.shape[1:]),
+        np.broadcast_to(0.0, y.shape[1:]),
+        nowhere,
+        nowhere,
+    )
+    share = np.maximum(share, 1e-3 * float(share.max()))  # pixels below are blind
     a = scales[:, None, None] * share
     c = np.broadcast_to(exposed.dark[:, None, None], y.shape)
     w = usable
-    x = _exposure_ratio((w * y).sum(axis=0), (w * a).sum(axis=0))
+    x = _quotient((w * y).sum(axis=0), (w * a).sum(axis=0))
     for _ in range(_ROUNDS):
         w = usable * a / (a * np.maximum(x, 0.0) + c)
         total = (w * a).sum(axis=0)
-        x = _exposure_ratio((w * y).sum(axis=0), total)
+        x = _quotient((w * y).sum(axis=0), total)
     seen = total > 0
-    shot, floor = _exposure_ratio((w**2 * a).sum(axis=0), total**2), _exposure_ratio((w**2 * c).sum(axis=0), total**2)
+    shot, floor = _quotient((w**2 * a).sum(axis=0), total**2), _quotient((w**2 * c).sum(axis=0), total**2)
     disagreeing = _disagreeing(y, a, c, exposed.usable, x)
-    blind = nowhere if response is None else response.blind
-    hot = nowhere if dark is None else dark.hot
-    valid = seen & ~disagreeing & ~blind & ~hot
-    relative = np.broadcast_to(0.0, x.shape) if response is None else response.error
-    exposures = tuple(map(Exposure, y, exposed.usable, map(float, scales), map(float, exposed.dark)))
-    plane = Plane(lattice.colour, lattice.first, lattice.step, x, x, valid, shot, floor, share, relative, exposures)
+    valid = seen & ~disagreeing & ~blind & ~exposed.hot
+    where = lattice.colour, lattice.first, lattice.step
+    plane = Plane(*where, x, x, valid, shot, floor, share, relative, exposed, scales)
     sigma = np.where(valid, np.sqrt(plane.variance(x)), np.inf)
     plane = replace(plane, electrons_per_s=np.where(valid, x, 0.0), sigma=sigma)
     _check_one_light(plane, seen, disagreeing, x, name)
-    full = ~exposed.usable.any(axis=0) & ~hot
-    dust = nowhere if response is None else response.dust
-    return plane, _Doubts(hot, disagreeing, full, dust, alone(plane.electrons_per_s, sigma, valid))
+    full = ~exposed.usable.any(axis=0) & ~exposed.hot
+    lonely = alone(plane.electrons_per_s, sigma, valid)
+    return plane, {"hot": exposed.hot, "disagreeing": disagreeing, "full": full, "dust": dust, "alone": lonely}
 
 
-def _least(share: Floats) -> float:
-    """A response that can be divided by; pixels below it are blind."""
-    return 1e-3 * float(share.max())
-
-
-def _exposure_ratio(one: Floats, other: Floats) -> Floats:
+def _quotient(one: Floats, other: Floats) -> Floats:
     return np.divide(one, other, out=np.zeros_like(one), where=other > 0)
 
 
-def _disagreeing(y: Floats, a: Floats, c: Floats, usable: Marks, x: Floats) -> Marks:
+def _disagreeing(y: Floats, a: Floats, c: Floats, usable: Mask, x: Floats) -> Mask:
     """Pixels where any exposure is off the merged light by six standard deviations.
 
     Shot noise is skewed: of a few electrons six standard deviations are common. The limit is raised by the skewness
@@ -551,7 +475,7 @@ def _disagreeing(y: Floats, a: Floats, c: Floats, usable: Marks, x: Floats) -> M
     return np.asarray((off & usable & (leverage < _LEVERAGE)).any(axis=0))
 
 
-def _check_one_light(plane: Plane, seen: Marks, disagreeing: Marks, x: Floats, name: str) -> None:
+def _check_one_light(plane: Plane, seen: Mask, disagreeing: Mask, x: Floats, name: str) -> None:
     bright = seen & (x > _BRIGHT * np.sqrt(plane.variance(x)))
     off, count = int((bright & disagreeing).sum()), int(bright.sum())
     if off > _ENOUGH and off > _MOST_DISAGREEING * count:
@@ -575,3 +499,53 @@ def _check_light(planes: Sequence[Plane], name: str) -> None:
             where=name,
             cure="Expose longer, or state the true black level",
         )
+
+
+def write_merged(merged: Merged, light: Path, sigma: Path) -> None:
+    """Write two files of float32, [rows, columns] of the frames: one channel ``Y`` (a mosaic stays one), or R, G and B.
+
+    Pixels that are not valid have light 0 and an infinite standard deviation.
+
+    Args:
+        merged: what to write.
+        light: the file of the light, electrons a second.
+        sigma: the file of its standard deviation.
+
+    Raises:
+        OutputError: MF401 if a file cannot be written; nothing is left under its name.
+    """
+    timed = all(used.exposure_s is not None for used in merged.used)
+    facts: dict[str, Fact] = {
+        "maskfab_version": __version__,
+        "unit": "electrons/s" if timed else "electrons",
+        "axes": "the first row of pixels is the uppermost of the sensor, as the files of the camera hold it",
+        "mosaic": letters(merged.pattern) if merged.pattern else "none",
+        "corner": f"row {merged.corner[0]}, column {merged.corner[1]} of the files",
+        "electrons_per_count": merged.electrons_per_count,
+        "read_noise_e": merged.read_noise_e,
+        "frames": ", ".join(used.name for used in merged.used),
+        "frames_sha256": ", ".join(used.sha256 or "none" for used in merged.used),
+        "exposures_s": ", ".join(
+            "unknown" if used.exposure_s is None else repr(used.exposure_s) for used in merged.used
+        ),
+        "drifts": ", ".join(f"{used.drift.taken_out:.9g}" for used in merged.used),
+        "hot_pixels": float(len(merged.hot)),
+        "disagreeing_pixels": float(len(merged.disagreeing)),
+        "full_pixels": float(len(merged.full)),
+        "dusty_pixels": float(len(merged.dust)),
+        "lonely_pixels": float(len(merged.alone)),
+    }
+    for path, name in ((light, "electrons_per_s"), (sigma, "sigma")):
+        pixels = _laid_out(merged, name)
+        channels = PLANE_COLOURS if pixels.shape[2] == 3 else ("Y",)
+        write_channels(pixels, channels, path, {**facts, "holds": name}, f"maskfab {__version__}")
+
+
+def _laid_out(merged: Merged, name: str) -> Singles:
+    """[rows, columns, channels] of the planes."""
+    if all(plane.step == 1 for plane in merged.planes):
+        return np.stack([getattr(plane, name) for plane in merged.planes], axis=2).astype(np.float32)
+    mosaic = np.empty((*merged.shape, 1), dtype=np.float32)
+    for plane in merged.planes:
+        mosaic[plane.first[0] :: plane.step, plane.first[1] :: plane.step, 0] = getattr(plane, name)
+    return mosaic

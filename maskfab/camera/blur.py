@@ -35,7 +35,8 @@ from numpy.typing import NDArray
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError, SourceError
 from maskfab.base.model import Camera, Psf, Stop
-from maskfab.camera.record import Blur, Transfer, of_cells
+from maskfab.camera.imaging import Blur, Transfer
+from maskfab.camera.record import of_cells
 from maskfab.mask.formats.exr import PREFIX, Channels, read_channels
 from maskfab.optics.psf import pixel_psf
 
@@ -70,7 +71,7 @@ class MeasuredBlur:
     _kept: dict[tuple[int, int], Transfer] = field(default_factory=dict, init=False, repr=False)
 
     def on(self, shape: tuple[int, int]) -> Transfer:
-        """See :class:`maskfab.camera.record.Blur`; complex64."""
+        """See :class:`maskfab.camera.imaging.Blur`; complex64."""
         if shape not in self._kept:
             found = self._transfer(shape)
             found.flags.writeable = False
@@ -314,14 +315,14 @@ class StandingBlur:
 
     Attributes:
         drawn: by the die as drawn, y upwards.
-        way_round: one of :data:`maskfab.camera.inspection.blur.STANDS`.
+        way_round: one of :data:`maskfab.camera.blur.STANDS`.
     """
 
     drawn: Blur
     way_round: int = 0
 
     def on(self, shape: tuple[int, int]) -> Transfer:
-        """See :class:`maskfab.camera.record.Blur`."""
+        """See :class:`maskfab.camera.imaging.Blur`."""
         rows, columns = shape
         mirrored = self.way_round >= 4
         if self.way_round % 2 == 0:

@@ -1,20 +1,16 @@
-"""A network that scales with what it is shown: f(a x) = a f(x) for a > 0, as every part of it does.
+"""A network that was trained behind one die as a restorer; without training there is none.
 
-Convolutions have no biases and all that bends is max(x, 0), so there is no light at which it has learned to act (Mohan,
-Kadkhodaie, Simoncelli, Fernandez-Granda, Robust and interpretable blind image denoising via bias-free convolutional
-neural networks, ICLR 2020). It is a U-Net (Ronneberger, Fischer, Brox, MICCAI 2015, 234) of residual dense blocks
-(Zhang, Tian, Kong, Zhong, Fu, CVPR 2018, 2472) on blocks of 2 x 2 pixels, and adds its answer to the first three
-planes.
+Every part of it scales with what it is shown, f(a x) = a f(x) for a > 0: convolutions have no biases and all that bends
+is max(x, 0), so there is no light at which it has learned to act (Mohan, Kadkhodaie, Simoncelli, Fernandez-Granda,
+Robust and interpretable blind image denoising via bias-free convolutional neural networks, ICLR 2020). It is a U-Net
+(Ronneberger, Fischer, Brox, MICCAI 2015, 234) of residual dense blocks (Zhang, Tian, Kong, Zhong, Fu, CVPR 2018, 2472)
+on blocks of 2 x 2 pixels, and adds its answer to the first three planes.
 
-The view that a network has of a record: two restored pictures and the noise, on a scale of even errors.
-
-The first picture, of total variation, is what it mends: it lets edges go on across the gaps of the transfer, and knows
-of light from outside the sensor. The second, of the Wiener filter on calm light, has textures that the first lacks.
-
-Light x is shown as x^(1/2.2), which is nearly its code value, so that errors count as they are scored. A power keeps
-the scale: where f scales, x → f(x^(1/2.2))^2.2 scales too.
-
-A network that was trained behind one die as a restorer; without training there is none.
+Of a record it is shown two restored pictures and the noise, on a scale of even errors. The first picture, of total
+variation, is what it mends: it lets edges go on across the gaps of the transfer, and knows of light from outside the
+sensor. The second, of the Wiener filter on calm light, has textures that the first lacks. Light x is shown as
+x^(1/2.2), which is nearly its code value, so that errors count as they are scored. A power keeps the scale: where f
+scales, x → f(x^(1/2.2))^2.2 scales too.
 
 At the frequencies that the die passes, the record knows better than a network, and the picture of total variation t,
 which the network mends to n, has taken from it all that it knows. So what is restored is
@@ -38,10 +34,10 @@ from torch import nn
 from torch.nn import functional
 
 from maskfab.base.arrays import Singles
-from maskfab.camera.record import Blur, Record
+from maskfab.camera.imaging import Blur, Margin
+from maskfab.camera.record import Record
 from maskfab.camera.restorers.dct import Dct
 from maskfab.camera.restorers.least_squares import TotalVariation
-from maskfab.camera.restorers.wiener import Margin
 
 COLOURS = 3
 _BLOCK = 2
@@ -92,14 +88,14 @@ class Network(nn.Module):
         rows, columns = shown.shape[-2:]
         whole = functional.pad(shown, (0, -columns % self.multiple, 0, -rows % self.multiple))
         values = self.enter(functional.pixel_unshuffle(whole, _BLOCK))
-        kept = []
+        skipped = []
         for k, block in enumerate(self.down):
             values = block(values)
             if k < len(self.shrink):
-                kept.append(values)
+                skipped.append(values)
                 values = self.shrink[k](values)
         for k in reversed(range(len(self.up))):
-            values = self.up[k](kept[k] + self.grow[k](values))
+            values = self.up[k](skipped[k] + self.grow[k](values))
         change = functional.pixel_shuffle(self.leave(values), _BLOCK)[..., :rows, :columns]
         return shown[:, :COLOURS] + change
 
@@ -175,12 +171,12 @@ class Learned:
         rows, columns = mended.shape[1:]
         margin = Margin((rows + 2 * _AROUND, columns + 2 * _AROUND), _AROUND)
         passed = np.square(abs(blur.on(margin.shape)))
-        known = margin.blurred(margin.mirrored(before - mended), passed / (passed + np.float32(_TRUST)))
-        return np.asarray(np.clip(mended + known, 0, 1))
+        change = margin.blurred(margin.mirrored(before - mended), passed / (passed + np.float32(_TRUST)))
+        return np.asarray(np.clip(mended + change, 0, 1))
 
     def mended(self, planes: Singles) -> Singles:
         """Light as the network alone has it, of the same shape."""
         where = next(self.network.parameters()).device
         with torch.inference_mode():
-            found = self.network(torch.from_numpy(planes)[None].to(where, memory_format=torch.channels_last))
-        return np.clip(light_of(found[0].cpu().numpy()), 0, 1)
+            planes_mended = self.network(torch.from_numpy(planes)[None].to(where, memory_format=torch.channels_last))
+        return np.clip(light_of(planes_mended[0].cpu().numpy()), 0, 1)

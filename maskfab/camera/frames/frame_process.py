@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from maskfab.base.errors import SourceError
-from maskfab.camera.capture.frames import PLANE_COLOURS, Colour, Counts, Frame, Pattern
+from maskfab.camera.frames.frame import PICTURES, PLANE_COLOURS, Colour, Frame, Pattern, Singles
 from maskfab.mask.formats.tiff import said_by, shown_alike
 from maskfab.mask.limits import limit_share
 from maskfab.mask.sandbox import answer_message, error_message
@@ -27,7 +27,6 @@ from maskfab.mask.sandbox import answer_message, error_message
 MOST_PIXELS = 120_000_000
 """Of a frame; medium format has a hundred million."""
 
-PICTURES = (".tif", ".tiff", ".png", ".exr")
 _MEMORY, _MEMORY_PER_BYTE = 4 << 30, 8
 _SECONDS, _BYTES_PER_SECOND = 30, 2_000_000
 _LOSSY = {"jpeg", "jpg", "webp", "b44", "b44a", "dwaa", "dwab", "pxr24"}
@@ -89,8 +88,8 @@ def picture_frame(path: Path) -> Frame:
         return _of_picture(path, shown)
 
 
-def _of_sensor(path: Path, raw: Any) -> tuple[Counts, Pattern | None, tuple[int, ...]]:
-    """Counts, their mosaic, and for each of its places which of LibRaw's colours it is."""
+def _of_sensor(path: Path, raw: Any) -> tuple[Singles, Pattern | None, tuple[int, ...]]:
+    """Singles, their mosaic, and for each of its places which of LibRaw's colours it is."""
     seen = raw.raw_image_visible
     names: list[Colour] = [each if each in PLANE_COLOURS else "-" for each in raw.color_desc.decode()]
     if seen.ndim == 3:

@@ -1,1 +1,0 @@
-"""Captures of a camera: read, merged, and held against what was designed."""

@@ -1,0 +1,315 @@
+"""A frame: the counts of one exposure as the converter gave them, what they mean, and how they are read.
+
+RAW is read by LibRaw (extra ``raw``), linear TIFF and PNG of 16 bits and EXR by OpenImageIO, in a process of its own.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+from pathlib import Path
+from types import MappingProxyType
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maskfab.base.arrays import Singles
+from maskfab.base.errors import SourceError
+from maskfab.base.provenance import sha256_of_file
+from maskfab.mask.sandbox import PATIENCE_S, read_apart
+
+Colour: TypeAlias = Literal["R", "G", "B", "-"]
+"""``-`` for a sensor without colours."""
+Pattern: TypeAlias = tuple[tuple[Colour, Colour], tuple[Colour, Colour]]
+
+PIXELS_OF: Mapping[str, str] = MappingProxyType(
+    {"R": "red pixels", "G": "green pixels", "B": "blue pixels", "-": "all pixels"}
+)
+"""Pixels of a colour, in words."""
+
+PLANE_COLOURS: tuple[Colour, Colour, Colour] = ("R", "G", "B")
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Pixels of one colour in a frame.
+
+    Attributes:
+        colour: of them.
+        channel: of a frame of three planes; None of one that is a mosaic or has no colours.
+        first: row and column of the uppermost left one.
+        step: rows and columns from one to the next, 1 or 2.
+    """
+
+    colour: Colour
+    channel: int | None
+    first: tuple[int, int]
+    step: int
+
+    def of(self, values: NDArray[np.generic]) -> NDArray[np.generic]:
+        """Its pixels of an array that is laid out as the frame's counts, as a view."""
+        plane = values if self.channel is None else values[self.channel]
+        return plane[self.first[0] :: self.step, self.first[1] :: self.step]
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One exposure.
+
+    Attributes:
+        name: of its file.
+        counts: float32 [rows, columns], or [3, rows, columns] where all three colours are there at every pixel; row 0
+            the top, as the file holds them, not turned.
+        black: counts of no light, one for each lattice: those of a mosaic's four places row by row, or of R, G, B.
+        white: counts at which a pixel is full; infinite where nothing states it.
+        pattern: colours of the mosaic's places, or None.
+        exposure_s: in seconds; None where it is not known.
+        balance: factors of R, G and B that make white neutral; None where the file has none.
+        colour_matrix: float64 [3, 3], from balanced R, G, B to those of linear sRGB; None where the file has none.
+        camera: maker and model; empty where the file does not tell.
+        sensitivity: ISO speed; None where the file does not tell.
+        sha256: of the file; empty without one.
+        corner: row and column of the file that is pixel (0, 0) here.
+    """
+
+    name: str
+    counts: Singles
+    black: tuple[float, ...]
+    white: float
+    pattern: Pattern | None = None
+    exposure_s: float | None = None
+    balance: tuple[float, float, float] | None = None
+    colour_matrix: NDArray[np.float64] | None = None
+    camera: str = ""
+    sensitivity: float | None = None
+    sha256: str = ""
+    corner: tuple[int, int] = (0, 0)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        rows, columns = self.counts.shape[-2:]
+        return rows, columns
+
+    @property
+    def lattices(self) -> tuple[Lattice, ...]:
+        """Its colours, in the order of :attr:`black`: R, G, G, B of a mosaic in the order of its places."""
+        if self.counts.ndim == 3:
+            return tuple(Lattice(colour, channel, (0, 0), 1) for channel, colour in enumerate(PLANE_COLOURS))
+        if self.pattern is None:
+            return (Lattice("-", None, (0, 0), 1),)
+        return tuple(Lattice(self.pattern[y][x], None, (y, x), 2) for y in (0, 1) for x in (0, 1))
+
+    @property
+    def whole(self) -> bool:
+        """Whether a converter rounded to whole counts."""
+        return bool((self.counts == np.rint(self.counts)).all())
+
+    @property
+    def full(self) -> NDArray[np.bool_]:
+        """Pixels [rows, columns] that are full in any colour, or beside one that is, across the corner too.
+
+        A full pixel spills over to its neighbours, whatever their colour.
+        """
+        at_white = np.asarray(self.counts >= np.float32(self.white))
+        full = np.pad(at_white.reshape(-1, *self.shape).any(axis=0), 1)
+        rows = full[:-2] | full[1:-1] | full[2:]
+        return np.asarray(rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:])
+
+    def cropped(self, middle: tuple[int, int], side: int) -> Frame:
+        """A square of the frame, its corner on an even row and column so that the mosaic stays as it is.
+
+        Args:
+            middle: row and column about which it lies, to within a pixel.
+            side: its pixels.
+
+        Raises:
+            SourceError: MF337 if it does not lie in the frame.
+        """
+        top, left = ((at - side // 2) // 2 * 2 for at in middle)
+        rows, columns = self.shape
+        if side < 1 or top < 0 or left < 0 or top + side > rows or left + side > columns:
+            raise SourceError(
+                "MF337",
+                f"{side} x {side} pixels about row {middle[0]}, column {middle[1]} do not lie in the "
+                f"{columns} x {rows} of {self.name}",
+                where=self.name,
+                cure="Crop fewer pixels, or put the light nearer the middle of the picture",
+            )
+        part = np.ascontiguousarray(self.counts[..., top : top + side, left : left + side])
+        return replace(self, counts=part, corner=(self.corner[0] + top, self.corner[1] + left))
+
+
+def same_sensor(frames: Sequence[Frame]) -> None:
+    """Refuse frames that differ in what their sensor is (MF331).
+
+    Raises:
+        SourceError: MF331 with what differs, and the frames that do.
+    """
+    first = frames[0]
+    for other in frames[1:]:
+        for what, one, two in (
+            ("size", first.counts.shape, other.counts.shape),
+            ("place of the crop", first.corner, other.corner),
+            ("mosaic", first.pattern, other.pattern),
+            ("white level", first.white, other.white),
+            # Files may tell nothing of these.
+            ("camera", first.camera or other.camera, other.camera or first.camera),
+            ("sensitivity (ISO)", first.sensitivity or other.sensitivity, other.sensitivity or first.sensitivity),
+        ):
+            if one != two:
+                raise SourceError(
+                    "MF331",
+                    f"{first.name} and {other.name} differ in their {what}: {one} and {two}",
+                    where=other.name,
+                    cure="Give frames of one camera at one setting, which differ in their exposure time alone",
+                )
+
+
+_CODED = (".jpg", ".jpeg", ".heic", ".heif", ".avif", ".webp", ".gif", ".bmp", ".hdr", ".jxl")
+
+
+_MOSAICS: dict[str, Pattern] = {
+    "rggb": (("R", "G"), ("G", "B")),
+    "bggr": (("B", "G"), ("G", "R")),
+    "grbg": (("G", "R"), ("B", "G")),
+    "gbrg": (("G", "B"), ("R", "G")),
+}
+
+
+PICTURES = (".tif", ".tiff", ".png", ".exr")
+
+
+def read_frame(
+    path: Path,
+    *,
+    exposure_s: float | None = None,
+    black: float | None = None,
+    white: float | None = None,
+    mosaic: str | None = None,
+) -> Frame:
+    """One frame, in a process of its own.
+
+    Args:
+        path: ``.tif .tiff .png .exr``; anything else is taken for RAW.
+        exposure_s: in seconds; what the file states if None.
+        black: counts of no light in every colour; what the file states, or 0, if None.
+        white: counts of a full pixel; what the file states, 65535 of 16 bits or infinite if None.
+        mosaic: ``rggb bggr grbg gbrg`` of a picture that holds a mosaic in grey.
+
+    Raises:
+        SourceError: MF301 missing, MF302 empty, MF303 damaged, MF308 of a kind that is not read, MF313 too large, MF316
+            far slower to read than frames are, MF318 a TIFF that does not say what is white, MF330 not linear, MF333
+            black not below white or an exposure that is not above 0, MF431 RAW without rawpy.
+    """
+    path = Path(path)
+    where = str(path)
+    if not os.path.isfile(path):
+        raise SourceError("MF301", f"there is no file {path.name}", where=where, cure="Give the path of a frame")
+    if path.stat().st_size == 0:
+        raise SourceError("MF302", f"{path.name} holds 0 bytes", where=where, cure="Copy it from the camera again")
+    suffix = path.suffix.lower()
+    if suffix in _CODED:
+        raise SourceError(
+            "MF330",
+            f"{path.name} is a {suffix[1:].upper()} picture, of 8 bits or compressed with loss, not linear counts",
+            where=where,
+            cure="Give the camera's RAW file, or linear TIFF or PNG of 16 bits, or EXR",
+        )
+    if suffix not in PICTURES and find_spec("rawpy") is None:
+        raise SourceError(
+            "MF431",
+            f"{path.name} is read by rawpy, which is not installed",
+            where=where,
+            cure="Run pip install 'maskfab[raw]', or save the frame as linear TIFF of 16 bits",
+        )
+    frame: Frame = read_apart(path, Path(__file__).with_name("frame_process.py"), kind=Frame, seconds=PATIENCE_S)
+    frame = replace(frame, sha256=sha256_of_file(path), pattern=_stated_mosaic(frame, mosaic, where))
+    levels, count = frame.black if black is None else (black,), len(frame.lattices)
+    frame = replace(
+        frame,
+        exposure_s=frame.exposure_s if exposure_s is None else exposure_s,
+        black=levels if len(levels) == count else levels[:1] * count,
+        white=frame.white if white is None else white,
+    )
+    _check_levels(frame, where)
+    return frame
+
+
+def read_frames(
+    paths: Sequence[Path],
+    *,
+    times_s: Sequence[float] | None = None,
+    black: float | None = None,
+    white: float | None = None,
+    mosaic: str | None = None,
+) -> tuple[Frame, ...]:
+    """Frames of one sensor.
+
+    Args:
+        paths: of one or more files.
+        times_s: an exposure for each file, in their order; what the files state if None.
+        black: as :func:`read_frame`.
+        white: as :func:`read_frame`.
+        mosaic: as :func:`read_frame`.
+
+    Raises:
+        SourceError: as :func:`read_frame`; MF331 if they are not of one sensor, MF332 if there are not as many times as
+            files.
+    """
+    if times_s is not None and len(times_s) != len(paths):
+        raise SourceError(
+            "MF332",
+            f"{len(times_s)} exposure times are given for {len(paths)} files",
+            cure="Give one time for each file, in the same order",
+        )
+    times: Sequence[float | None] = [None] * len(paths) if times_s is None else times_s
+    frames = tuple(
+        read_frame(path, exposure_s=time, black=black, white=white, mosaic=mosaic)
+        for path, time in zip(paths, times, strict=True)
+    )
+    same_sensor(frames)
+    return frames
+
+
+def _stated_mosaic(frame: Frame, mosaic: str | None, where: str) -> Pattern | None:
+    if mosaic is None:
+        return frame.pattern
+    pattern = _MOSAICS.get(mosaic.lower())
+    if pattern is None or frame.counts.ndim != 2:
+        what = f"{mosaic!r} is no mosaic" if pattern is None else f"{frame.name} has three planes, which are no mosaic"
+        raise SourceError("MF331", what, where=where, cure=f"State one of {', '.join(_MOSAICS)}, of grey pictures only")
+    if frame.pattern is not None and frame.pattern != pattern:
+        raise SourceError(
+            "MF331",
+            f"{frame.name} says that its mosaic is {letters(frame.pattern).lower()}, not {mosaic.lower()}",
+            where=where,
+            cure="Leave the mosaic out",
+        )
+    return pattern
+
+
+def letters(pattern: Pattern) -> str:
+    """Colours of a mosaic's places row by row, such as ``RGGB``."""
+    return "".join(colour for row in pattern for colour in row)
+
+
+def _check_levels(frame: Frame, where: str) -> None:
+    if not (max(frame.black) < frame.white and all(map(math.isfinite, frame.black))):
+        raise SourceError(
+            "MF333",
+            f"black of {max(frame.black):g} counts is not below white of {frame.white:g}",
+            where=where,
+            cure="State black and white in the counts of the file",
+        )
+    if frame.exposure_s is not None and not (math.isfinite(frame.exposure_s) and frame.exposure_s > 0):
+        raise SourceError(
+            "MF332",
+            f"an exposure of {frame.exposure_s:g} s is not above 0",
+            where=where,
+            cure="Give a positive time for each file",
+        )
