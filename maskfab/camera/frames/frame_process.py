@@ -18,8 +18,9 @@ from typing import Any
 
 import numpy as np
 
+from maskfab.base.arrays import Singles
 from maskfab.base.errors import SourceError
-from maskfab.camera.frames.frame import PICTURES, PLANE_COLOURS, Colour, Frame, Pattern, Singles
+from maskfab.camera.frames.frame import PICTURES, PLANE_COLOURS, Colour, Frame, Pattern
 from maskfab.mask.formats.tiff import said_by, shown_alike
 from maskfab.mask.limits import limit_share
 from maskfab.mask.sandbox import answer_message, error_message

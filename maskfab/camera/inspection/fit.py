@@ -372,7 +372,7 @@ def _solved(
     signal = _weighed(taken, mine, [each.light for each in taken])
     ones = _weighed(taken, mine, [np.ones(each.light.shape) for each in taken])
     base = np.stack([_weighed(taken, mine, pictures), ones], axis=1)
-    return mine, signal, base, np.linalg.lstsq(base, signal, rcond=None)[0]
+    return mine, signal, base, np.asarray(np.linalg.lstsq(base, signal, rcond=None)[0], dtype=np.float64)
 
 
 def _weighed(taken: Sequence[Taken], mine: Sequence[int], pictures: Sequence[Floats]) -> Floats:
