@@ -14,7 +14,7 @@ Form and default are those of the types that check a job; the meaning is the tex
 The JSON Schema of a job file, from which editors complete keys and show their meaning.
 
 It is that of the types that check a job, with values as a job file writes them. An editor may let pass what
-:func:`maskfab.job.read` refuses, and refuses nothing that it takes.
+:func:`maskfab.job.read.read` refuses, and refuses nothing that it takes.
 """
 
 from __future__ import annotations

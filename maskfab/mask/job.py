@@ -8,13 +8,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from maskfab import job
 from maskfab.base import provenance, units
 from maskfab.base.cell_size import CellSize
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
 from maskfab.base.model import UNSTATED, Camera, MaskBlank, Opening, Panel, Plate, Quantity
-from maskfab.job.read import check_seed, check_window, check_windows
+from maskfab.job.read import check_seed, check_window, check_windows, read
 from maskfab.job.sections import DieSection, JobSpec
 from maskfab.job.values import is_table
 from maskfab.mask import opening_file, panels
@@ -109,7 +108,7 @@ def load_job(path: str | Path) -> Job:
     Raises:
         JobError, OpeningError, SourceError, OutputError: for the first thing that is wrong.
     """
-    return resolve(job.read(Path(path)), Path(path))
+    return resolve(read(Path(path)), Path(path))
 
 
 def resolve(stated: JobSpec, path: Path) -> Job:

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 from small_job import command, write_job
 
-from maskfab.job import read
-from maskfab.job.read import validate
+from maskfab.job.read import read, validate
 from maskfab.job.sections import SceneSection
 from maskfab.mask.job import load_job
 from maskfab.optics.response import GENERIC_RGB

@@ -20,7 +20,7 @@ from maskfab.designs.search.result import constraints_of
 from maskfab.display.emitter_rules import Verdict
 from maskfab.display.feasibility import DisplayRules, Feasibility, display_rules, feasibility
 from maskfab.display.wiring import wiring
-from maskfab.job import read
+from maskfab.job.read import read
 from maskfab.mask.job import load_job
 from maskfab.mask.opening_file import opening_text
 from maskfab.mask.panels import CellMap, map_text

@@ -13,7 +13,7 @@ from maskfab.base.model import ORIENTATIONS
 from maskfab.designs.design import check_possible
 from maskfab.designs.model.appraisal import EXACT, Spread, biased_table, robustness
 from maskfab.designs.model.panel_error import PupilError
-from maskfab.job import read
+from maskfab.job.read import read
 
 JOB = """
 [design]

@@ -16,7 +16,7 @@ from maskfab.base.model import EMITTERS, Panel
 from maskfab.designs.design import display_of
 from maskfab.display.emitter_rules import Verdict
 from maskfab.display.feasibility import display_rules, displays, feasibility
-from maskfab.job import read
+from maskfab.job.read import read
 from maskfab.mask.job import Job, load_job
 from maskfab.mask.opening_file import load_opening
 from maskfab.mask.panels import DieSeeds, die_panels, read_map

@@ -12,7 +12,7 @@ from small_job import JOB, LOOK, OPENING, command, write_job
 from sweeps import examples
 
 from maskfab.base.errors import CATALOGUE, MaskfabError
-from maskfab.job import read
+from maskfab.job.read import read
 from maskfab.job.shop import parse_shop
 from maskfab.job.toml import MOST_LEVELS, MOST_PARTS, MOST_VALUES, loads
 from maskfab.mask import opening_file, panels

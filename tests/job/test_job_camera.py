@@ -13,7 +13,7 @@ from maskfab.camera.lens import F1, PhotoCamera, camera_line
 from maskfab.camera.scenes import Photograph
 from maskfab.cli.app import run_command_line
 from maskfab.cli.verbs.design import _targets
-from maskfab.job import read
+from maskfab.job.read import read
 from maskfab.mask import opening_file, panels
 from maskfab.mask.formats.exr import write_png
 from maskfab.mask.job import load_job

@@ -14,8 +14,7 @@ from maskfab.api.lengths import lengths_as_text
 from maskfab.base import resources
 from maskfab.base.errors import JobError, SourceError
 from maskfab.base.model import Camera, Process, Stop, Tiling
-from maskfab.job import read
-from maskfab.job.read import check_optics, even_nm, parse_section, validate
+from maskfab.job.read import check_optics, even_nm, parse_section, read, validate
 from maskfab.job.sections import CameraSection, EmittersSection, SceneSection
 from maskfab.job.values import check_name
 

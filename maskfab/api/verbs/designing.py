@@ -22,8 +22,7 @@ from maskfab.base.work import Clock, Progress, one_thread, silent
 from maskfab.designs.design import design as design_spec
 from maskfab.designs.rules.display_fit import DieFit
 from maskfab.designs.search.result import Designed
-from maskfab.job import read
-from maskfab.job.read import validate
+from maskfab.job.read import read, validate
 from maskfab.job.sections import EmittersSection, WiresSection
 from maskfab.mask import opening_file, panels
 from maskfab.mask.panels import CellMap

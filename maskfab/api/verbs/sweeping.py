@@ -26,7 +26,7 @@ from maskfab.designs.front import (
     rules_of,
     sweep,
 )
-from maskfab.job import read
+from maskfab.job.read import read
 from maskfab.job.reference import USES
 from maskfab.job.sections import SearchSection
 from maskfab.mask.opening_file import load_opening, opening_text

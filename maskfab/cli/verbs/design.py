@@ -51,7 +51,7 @@ def design(
     from maskfab.api.verbs.designing import is_folder
     from maskfab.base.folders import check_file, check_target, write_text
     from maskfab.designs.design import section_of
-    from maskfab.job import read
+    from maskfab.job.read import read
 
     spec = read(job)
     folder = out if out is not None and is_folder(out) else None

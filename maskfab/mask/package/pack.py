@@ -27,7 +27,7 @@ from maskfab.base.folders import JOB_COPY, RESULT_MARK, check_file, write_bytes,
 from maskfab.base.model import Box, Mark, Plate, Quantity, Snapping, WrittenFile
 from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import Progress, silent
-from maskfab.job import read as read_spec
+from maskfab.job.read import read as read_spec
 from maskfab.job.sections import JobSpec
 from maskfab.job.shop import Shop, parse_shop
 from maskfab.job.values import PLATE_BITMAPS, SHOP_FORMATS, ShopFormat, is_table
