@@ -6,10 +6,10 @@ from __future__ import annotations
 from datetime import date
 from typing import Annotated, Literal, TypeAlias
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
 from maskfab.base.errors import JobError
-from maskfab.job.values import Length, Section, refusing
+from maskfab.job.values import Length, Section, parsed
 
 Tone: TypeAlias = Literal["clear", "dark"]
 Reading: TypeAlias = Literal["right reading", "wrong reading"]
@@ -41,7 +41,7 @@ def _line(text: object) -> object:
     return text.strip()
 
 
-Line = Annotated[str, BeforeValidator(lambda v: refusing(_line, v))]
+Line = Annotated[str, parsed(_line)]
 """One printable line of at most 200 characters."""
 
 
@@ -60,7 +60,7 @@ def _email(text: object) -> object:
     return line
 
 
-Email = Annotated[str, BeforeValidator(lambda v: refusing(_email, v))]
+Email = Annotated[str, parsed(_email)]
 """An address of mail, such as ada@example.org."""
 
 
@@ -78,7 +78,7 @@ def _day(value: object) -> object:
         raise JobError("MF105", f"{value!r} is no day: {error}", cure="Write it as 2026-09-30") from error
 
 
-Day = Annotated[date, BeforeValidator(lambda v: refusing(_day, v))]
+Day = Annotated[date, parsed(_day)]
 """A day, such as 2026-09-30."""
 
 

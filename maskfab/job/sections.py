@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
@@ -46,7 +46,7 @@ from maskfab.job.values import (
     Time,
     Wavelength,
     Weight,
-    refusing,
+    checks,
 )
 
 
@@ -75,10 +75,19 @@ class StopSection(Section):
     corners: Corners | None = None
     """Corners of a polygon as pairs of x and y, in either sense of rotation; its sides must not cross."""
 
-    @model_validator(mode="after")
-    def _of_its_shape(self) -> StopSection:
+    @checks
+    def _of_its_shape(self) -> None:
         """The keys of the shape, all of them and no others."""
-        return refusing(_whole, self)  # type: ignore[no-any-return]
+        wanted = _STOP_KEYS[self.shape]
+        stated = {key for key in type(self).model_fields if key != "shape" and getattr(self, key) is not None}
+        missing, spare = [key for key in wanted if key not in stated], sorted(stated.difference(wanted))
+        if missing or spare:
+            problem = f"lacks {' and '.join(missing)}" if missing else f"has {' and '.join(spare)}, which means nothing"
+            cure = f"Give {' and '.join(wanted)}, and nothing else"
+            raise JobError("MF105", f"a stop of the shape {self.shape!r} {problem}", cure=cure)
+        if self.inner is not None and self.diameter is not None and self.inner >= self.diameter:
+            what = f"an annulus of {self.diameter:g} um with a dark middle of {self.inner:g} um passes nothing"
+            raise JobError("MF132", what, cure="Give an inner diameter below the outer one")
 
     def stop(self) -> Stop:
         """The stop of the model."""
@@ -104,20 +113,6 @@ _STOP_KEYS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "polygon": ("corners",),
     }
 )
-
-
-def _whole(section: StopSection) -> StopSection:
-    wanted = _STOP_KEYS[section.shape]
-    stated = {key for key in type(section).model_fields if key != "shape" and getattr(section, key) is not None}
-    missing, spare = [key for key in wanted if key not in stated], sorted(stated.difference(wanted))
-    if missing or spare:
-        problem = f"lacks {' and '.join(missing)}" if missing else f"has {' and '.join(spare)}, which means nothing"
-        cure = f"Give {' and '.join(wanted)}, and nothing else"
-        raise JobError("MF105", f"a stop of the shape {section.shape!r} {problem}", cure=cure)
-    if section.inner is not None and section.diameter is not None and section.inner >= section.diameter:
-        what = f"an annulus of {section.diameter:g} um with a dark middle of {section.inner:g} um passes nothing"
-        raise JobError("MF132", what, cure="Give an inner diameter below the outer one")
-    return section
 
 
 class CameraSection(Section):
@@ -160,21 +155,16 @@ class BlankSection(Section):
     glass: GlassSection | None = None
     """Substrate, a table; without it the model bar assumes 90 mil of silica, chrome away from the lens."""
 
-    @model_validator(mode="after")
-    def _phase_of_something(self) -> Self:
-        return refusing(_with_density, self)  # type: ignore[no-any-return]
+    @checks
+    def _phase_of_something(self) -> None:
+        if self.film_phase is not None and self.optical_density is None:
+            what = "film_phase is given without optical_density"
+            raise JobError("MF105", what, cure="Add optical_density, such as 3, or remove film_phase")
 
     def mask_blank(self) -> MaskBlank:
         """The mask blank, in the model's terms."""
         glass = None if self.glass is None else Glass(self.glass.thickness, self.glass.index, self.glass.chrome)
         return MaskBlank(self.optical_density, self.film_phase, glass)
-
-
-def _with_density(section: BlankSection) -> BlankSection:
-    if section.film_phase is not None and section.optical_density is None:
-        what = "film_phase is given without optical_density"
-        raise JobError("MF105", what, cure="Add optical_density, such as 3, or remove film_phase")
-    return section
 
 
 class PlateSection(BlankSection):
@@ -528,22 +518,17 @@ class ExposureSection(Section):
     brackets: Annotated[tuple[float, ...], Field(min_length=1, max_length=8, strict=False)] | None = None
     """Exposures of every scene that photographs merge: times by which their light is less, such as [1, 4, 16]."""
 
-    @model_validator(mode="after")
-    def _one_way(self) -> Self:
-        return refusing(_stated_once, self)  # type: ignore[no-any-return]
+    @checks
+    def _one_way(self) -> None:
+        given = [key for key in _SCENE_LIGHT if getattr(self, key) is not None]
+        ways = [key for key in ("snr", "white") if getattr(self, key) is not None] + given[:1]
+        if len(ways) > 1 or not (ways or self.brackets) or len(given) not in (0, len(_SCENE_LIGHT)):
+            stated = ", ".join(key for key in ("snr", "white", *_SCENE_LIGHT) if getattr(self, key) is not None)
+            what = f"the exposure states {stated or 'nothing'}"
+            raise JobError("MF105", what, cure=f"Give snr, or white, or {', '.join(_SCENE_LIGHT)} together")
 
 
 _SCENE_LIGHT = ("luminance", "time", "quantum_efficiency")
-
-
-def _stated_once(section: ExposureSection) -> ExposureSection:
-    given = [key for key in _SCENE_LIGHT if getattr(section, key) is not None]
-    ways = [key for key in ("snr", "white") if getattr(section, key) is not None] + given[:1]
-    if len(ways) > 1 or not (ways or section.brackets) or len(given) not in (0, len(_SCENE_LIGHT)):
-        stated = ", ".join(key for key in ("snr", "white", *_SCENE_LIGHT) if getattr(section, key) is not None)
-        what = f"the exposure states {stated or 'nothing'}"
-        raise JobError("MF105", what, cure=f"Give snr, or white, or {', '.join(_SCENE_LIGHT)} together")
-    return section
 
 
 DRAWING_KEYS = ("hierarchy", "max_vertices", "holes", "corners", "max_references")

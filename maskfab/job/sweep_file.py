@@ -5,17 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
-from pydantic import Field, StrictBool, StrictFloat, StrictInt, StrictStr, model_validator
+from pydantic import Field, StrictBool, StrictFloat, StrictInt, StrictStr
 
 from maskfab.base.errors import JobError
 from maskfab.job.read import document, parse_section
-from maskfab.job.values import Counts, Names, Section, refusing
+from maskfab.job.values import Counts, Names, Section, checks
 
 Value: TypeAlias = StrictBool | StrictInt | StrictFloat | StrictStr
 """One value of a key, as a job file writes it."""
 Family = Literal["bars", "discs", "l_shapes", "crosses", "blobs"]
-
-_WAYS = ("values", "from", "uniform", "normal", "shapes")
 
 
 class NormalSection(Section):
@@ -68,24 +66,17 @@ class FieldSection(Section):
         """Whether values are drawn by chance."""
         return self.values is None and self.first is None
 
-    @model_validator(mode="after")
-    def _one_way(self) -> FieldSection:
-        return refusing(_stated_once, self)  # type: ignore[no-any-return]
-
-
-def _stated_once(section: FieldSection) -> FieldSection:
-    stated = [
-        way for way, value in zip(_WAYS, (section.values, section.first, section.uniform, section.normal,
-                                          section.shapes), strict=True) if value is not None
-    ]  # fmt: skip
-    if len(stated) != 1:
-        told = f"states {' and '.join(stated)}" if stated else "states no values"
-        cure = 'Give one of values, from with to and count, uniform, normal, shapes: values = ["0 um", "0.5 um"]'
-        raise JobError("MF160", f"the field {' and '.join(section.key)} {told}", cure=cure)
-    if (section.first is not None) != (section.last is not None) or (section.first is None) != (section.count is None):
-        what = f"the field {' and '.join(section.key)} has not all of from, to and count"
-        raise JobError("MF160", what, cure='Write from = "-0.5 um", to = "0.5 um", count = 11')
-    return section
+    @checks
+    def _one_way(self) -> None:
+        ways = {"from": self.first, **{way: getattr(self, way) for way in ("uniform", "normal", "shapes")}}
+        stated = [way for way, value in {"values": self.values, **ways}.items() if value is not None]
+        if len(stated) != 1:
+            told = f"states {' and '.join(stated)}" if stated else "states no values"
+            cure = 'Give one of values, from with to and count, uniform, normal, shapes: values = ["0 um", "0.5 um"]'
+            raise JobError("MF160", f"the field {' and '.join(self.key)} {told}", cure=cure)
+        if (self.first is not None) != (self.last is not None) or (self.first is None) != (self.count is None):
+            what = f"the field {' and '.join(self.key)} has not all of from, to and count"
+            raise JobError("MF160", what, cure='Write from = "-0.5 um", to = "0.5 um", count = 11')
 
 
 class LimitSection(Section):
@@ -98,15 +89,10 @@ class LimitSection(Section):
     at_most: float | None = Field(default=None, allow_inf_nan=False)
     """Largest value that passes."""
 
-    @model_validator(mode="after")
-    def _some_limit(self) -> LimitSection:
-        return refusing(_limiting, self)  # type: ignore[no-any-return]
-
-
-def _limiting(section: LimitSection) -> LimitSection:
-    if section.at_least is None and section.at_most is None:
-        raise JobError("MF105", f"{section.quantity} has no limit", cure="Add at_least or at_most")
-    return section
+    @checks
+    def _some_limit(self) -> None:
+        if self.at_least is None and self.at_most is None:
+            raise JobError("MF105", f"{self.quantity} has no limit", cure="Add at_least or at_most")
 
 
 class SweepSection(Section):

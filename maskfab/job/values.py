@@ -13,13 +13,23 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal, TypeAlias, get_args
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    ValidationError,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from maskfab.base import units
@@ -43,6 +53,21 @@ def refusing(parse: Any, value: object, **options: object) -> Any:
     except JobError as error:
         # Without a context pydantic takes the text as it is, braces included.
         raise PydanticCustomError(error.code, error.what + _PART + error.cure) from error
+
+
+def parsed(parse: Callable[..., Any], **options: object) -> BeforeValidator:
+    """What makes the value of a key from what a file has there; a refusal gets the place of the value."""
+    return BeforeValidator(lambda value: refusing(parse, value, **options))
+
+
+def checks(method: Callable[[Any], None]) -> Any:
+    """What a section is checked by when all its keys are there: a method that raises errors of ours."""
+
+    def checked(section: Section) -> Section:
+        refusing(method, section)
+        return section
+
+    return model_validator(mode="after")(checked)
 
 
 def _written(loc: tuple[int | str, ...]) -> tuple[int | str, ...]:
@@ -276,44 +301,30 @@ def _listed_counts(value: object) -> object:
     return list(islice(range(asked["from"], asked["to"] + 1, asked["step"]), _MOST_COUNTS + 1))
 
 
-Length = Annotated[float, BeforeValidator(lambda v: refusing(length_um, v)), PlainSerializer(um_text)]
-LengthOrZero = Annotated[
-    float,
-    BeforeValidator(lambda v: refusing(length_um, v, zero_allowed=True)),
-    PlainSerializer(um_text),
-]
-PlateLength = Annotated[float, BeforeValidator(lambda v: refusing(_on_plate, v)), PlainSerializer(um_text)]
-Pitch = Annotated[float, BeforeValidator(lambda v: refusing(_pitch, v)), PlainSerializer(um_text)]
-Wavelength = Annotated[
-    float, BeforeValidator(lambda v: refusing(units.parse_wavelength_nm, v)), PlainSerializer(_nm_text)
-]
-DrawnText = Annotated[str, BeforeValidator(lambda v: refusing(_drawn, v))]
-Frequency = Annotated[
-    float,
-    BeforeValidator(lambda v: refusing(units.parse_frequency_cy_per_mm, v)),
-    PlainSerializer(lambda v: f"{v:.15g} cy/mm"),
-]
+Length = Annotated[float, parsed(length_um), PlainSerializer(um_text)]
+LengthOrZero = Annotated[float, parsed(length_um, zero_allowed=True), PlainSerializer(um_text)]
+PlateLength = Annotated[float, parsed(_on_plate), PlainSerializer(um_text)]
+Pitch = Annotated[float, parsed(_pitch), PlainSerializer(um_text)]
+Wavelength = Annotated[float, parsed(units.parse_wavelength_nm), PlainSerializer(_nm_text)]
+DrawnText = Annotated[str, parsed(_drawn)]
+Frequency = Annotated[float, parsed(units.parse_frequency_cy_per_mm), PlainSerializer(lambda v: f"{v:.15g} cy/mm")]
 """On the sensor, in cycles per millimetre."""
 Names = Annotated[tuple[str, ...], BeforeValidator(_listed), Field(min_length=1, strict=False)]
-Name = Annotated[str, BeforeValidator(lambda v: refusing(check_name, v))]
-Area = Annotated[float, BeforeValidator(lambda v: refusing(_area, v)), PlainSerializer(_area_text)]
-ThreeColours = Annotated[tuple[float, float, float], BeforeValidator(lambda v: refusing(_three, v))]
-SignedLength = Annotated[float, BeforeValidator(lambda v: refusing(signed_length_um, v)), PlainSerializer(um_text)]
-Time = Annotated[
-    float, BeforeValidator(lambda v: refusing(units.parse_time_s, v)), PlainSerializer(lambda v: f"{v:.15g} s")
-]
+Name = Annotated[str, parsed(check_name)]
+Area = Annotated[float, parsed(_area), PlainSerializer(_area_text)]
+ThreeColours = Annotated[tuple[float, float, float], parsed(_three)]
+SignedLength = Annotated[float, parsed(signed_length_um), PlainSerializer(um_text)]
+Time = Annotated[float, parsed(units.parse_time_s), PlainSerializer(lambda v: f"{v:.15g} s")]
 """Seconds."""
-Dpi = Annotated[int, BeforeValidator(lambda v: refusing(units.parse_dpi, v)), PlainSerializer(lambda v: f"{v} dpi")]
+Dpi = Annotated[int, parsed(units.parse_dpi), PlainSerializer(lambda v: f"{v} dpi")]
 """Dots per inch of a plotter."""
 Formats = Annotated[
-    tuple[FileFormat, ...],
-    Field(min_length=1, strict=False),
-    AfterValidator(lambda v: refusing(checked_formats, v)),
+    tuple[FileFormat, ...], Field(min_length=1, strict=False), AfterValidator(partial(refusing, checked_formats))
 ]
 Counts = Annotated[
     tuple[Annotated[int, Field(ge=1)], ...],
     Field(min_length=1, max_length=_MOST_COUNTS, strict=False),
-    BeforeValidator(lambda v: refusing(_listed_counts, v)),
+    parsed(_listed_counts),
 ]
 
 
@@ -422,23 +433,19 @@ def _illuminant(value: object) -> str | float:
     return kelvins
 
 
-Spectrum = Annotated[str, BeforeValidator(lambda v: refusing(_spectrum, v))]
+Spectrum = Annotated[str, parsed(_spectrum)]
 Illuminant = Annotated[
     str | float,
-    BeforeValidator(lambda v: refusing(_illuminant, v)),
+    parsed(_illuminant),
     PlainSerializer(lambda v: f"{v:.15g} K" if isinstance(v, float) else v),
 ]
-Distance = Annotated[float, BeforeValidator(lambda v: refusing(_distance, v)), PlainSerializer(distance_text)]
-Depth = Annotated[
-    tuple[float, float],
-    BeforeValidator(lambda v: refusing(_depth, v)),
-    PlainSerializer(lambda v: [distance_text(each) for each in v]),
-]
-Accuracy = Annotated[float, BeforeValidator(lambda v: refusing(_accuracy, v))]
-Aberrations = Annotated[tuple[tuple[int, float], ...], BeforeValidator(lambda v: refusing(_aberrations, v))]
+Distance = Annotated[float, parsed(_distance), PlainSerializer(distance_text)]
+Depth = Annotated[tuple[float, float], parsed(_depth), PlainSerializer(lambda v: [*map(distance_text, v)])]
+Accuracy = Annotated[float, parsed(_accuracy)]
+Aberrations = Annotated[tuple[tuple[int, float], ...], parsed(_aberrations)]
 LensDistortion = Annotated[
     tuple[float, float],
-    BeforeValidator(lambda v: refusing(_distortion, v)),
+    parsed(_distortion),
     PlainSerializer(lambda v: {"ratio": v[0], "height": um_text(v[1])}),
 ]
 
@@ -522,6 +529,6 @@ def _between(p: Corner, q: Corner, r: Corner) -> bool:
 
 Corners = Annotated[
     tuple[Corner, ...],
-    BeforeValidator(lambda v: refusing(_corners, v)),
+    parsed(_corners),
     PlainSerializer(lambda v: [[um_text(x), um_text(y)] for x, y in v]),
 ]
