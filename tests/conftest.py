@@ -21,7 +21,7 @@ from maskfab.camera import scenes
 from maskfab.designs.model import limits
 from maskfab.designs.model.statistics import SceneStatistics
 from maskfab.mask import sandbox
-from maskfab.mask.formats import reader
+from maskfab.mask.formats import gdsii
 from maskfab.mask.formats.gdsii import write_gdsii
 from maskfab.mask.formats.gdstk_process import content
 from maskfab.mask.job import Job, load_job
@@ -188,7 +188,7 @@ def bound_closely(bound_loosely, monkeypatch) -> Iterator[None]:
 @pytest.fixture
 def read_here(monkeypatch) -> None:
     """For tests of whole files that are about something else than the process that reads them, and its limits."""
-    monkeypatch.setattr(reader, "_read_cells", lambda path, function, _: content(function, str(path)))
+    monkeypatch.setattr(gdsii, "_read_cells", lambda path, function, _: content(function, str(path)))
     monkeypatch.setattr(sandbox, "multiprocessing", SimpleNamespace(get_all_start_methods=list))
 
 

@@ -24,15 +24,14 @@ from klayout import db
 from maskfab.base.folders import REPORT
 from maskfab.base.model import Die, Opening, Panel, Plate, Quantity, Tiling
 from maskfab.base.resources import path
-from maskfab.mask.comparison.files import check_solid
 from maskfab.mask.comparison.roundtrip import compare_layout
 from maskfab.mask.figures import draw
 from maskfab.mask.formats.cif import write_cif
-from maskfab.mask.formats.dxf import write_dxf
+from maskfab.mask.formats.dxf_writer import write_dxf
 from maskfab.mask.formats.gdsii import write_gdsii, write_oasis
-from maskfab.mask.formats.reader import read_layout
-from maskfab.mask.formats.solid import write_3mf, write_glb
-from maskfab.mask.formats.step import write_step
+from maskfab.mask.formats.mesh import check_mesh, write_3mf, write_glb
+from maskfab.mask.formats.step import check_step, write_step
+from maskfab.mask.formats.table import read_layout
 from maskfab.mask.job import load_job
 from maskfab.mask.plate_rules import check_plate
 from maskfab.mask.rule import DesignRules
@@ -117,7 +116,7 @@ def solids(folder: Path) -> Iterator[Row]:
         file, kind = folder / f"worst.{suffix}", suffix.upper()
         yield f"{kind} of {cells} x {cells} cells", best(partial(writer, die, file))[0], limit, "s"
         yield "the same", size(file), most, "kB"
-        found = check_solid(die, file)
+        found = (check_step if suffix == "step" else check_mesh)(die, file)
         flaws = int(_named(found, "solid_flaws"))
         yield f"{kind} read back: shapes that are not valid or not closed", flaws, 0, "shapes"
         broken = sum(row.passed is False for row in found)

@@ -16,7 +16,7 @@ from maskfab.base import resources
 from maskfab.base.model import Plate
 from maskfab.job.sections import ExportSection
 from maskfab.mask.formats.cif import write_cif
-from maskfab.mask.formats.dxf import write_dxf
+from maskfab.mask.formats.dxf_writer import write_dxf
 from maskfab.mask.formats.gdsii import write_gdsii, write_oasis
 from maskfab.mask.houses.files import PlateFiles, files_of_job
 from maskfab.mask.houses.profiles import load_shop

@@ -48,10 +48,10 @@ from maskfab.display.pictures import on_pixels
 from maskfab.mask import opening_file, panels
 from maskfab.mask.comparison.files import read_back
 from maskfab.mask.comparison.roundtrip import compare_layout
-from maskfab.mask.formats import gdstk_process, gerber, gerber_process, solid_reader, step_process
-from maskfab.mask.formats import reader as layout_file
+from maskfab.mask.formats import gdsii, gdstk_process, gerber, gerber_process, step, step_process
+from maskfab.mask.formats.content import find_cell
 from maskfab.mask.formats.picture import read_picture
-from maskfab.mask.formats.reader import find_cell, read_layout
+from maskfab.mask.formats.table import read_layout
 from maskfab.mask.houses.profiles import load_shop
 from maskfab.mask.job import load_job
 from maskfab.mask.marks import load_template
@@ -328,9 +328,9 @@ def work(reader: str) -> None:
 
 def in_one_process() -> None:
     """maskfab reads these in a process of its own for each, which may end; here the copy of the worker is that."""
-    layout_file._read_cells = _gdstk
+    gdsii._read_cells = _gdstk
     gerber.read_apart = _gerber  # type: ignore[assignment]
-    solid_reader.read_apart = _step  # type: ignore[assignment]
+    step.read_apart = _step  # type: ignore[assignment]
 
 
 class _Sayer(pickle.Pickler):

@@ -22,7 +22,7 @@ from maskfab.base.work import Progress, one_thread, silent
 from maskfab.mask import opening as decode
 from maskfab.mask import opening as shapes
 from maskfab.mask import opening_file
-from maskfab.mask.formats.reader import LAYOUT_SUFFIXES
+from maskfab.mask.formats.table import LAYOUT_SUFFIXES
 
 if TYPE_CHECKING:
     from maskfab.api.camera import Camera

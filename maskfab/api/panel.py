@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import cadquery
     import trimesh
 
-    from maskfab.mask.formats.solid import Stack
+    from maskfab.mask.formats.format import Stack
     from maskfab.report.figures.sheet import Drawing
 
 
@@ -195,7 +195,7 @@ class Panel(model.Panel):
 
 
 def _stack(chrome: Length, glass: Length) -> Stack:
-    from maskfab.mask.formats.solid import Stack
+    from maskfab.mask.formats.format import Stack
 
     film_um, glass_um = (
         parse_length_um(length_text(value), where=f"Panel: {name}")

@@ -248,7 +248,7 @@ class LeftOut:
 
 
 def left_out(layout: db.Layout) -> LeftOut:
-    """Notes by :mod:`maskfab.mask.formats.reader` on the file that the layout came from."""
+    """Notes by :mod:`maskfab.mask.formats.table` on the file that the layout came from."""
     stated = layout.meta_info_value(LEFT_OUT_KEY)
     return LeftOut(*stated) if stated else LeftOut()
 
@@ -533,7 +533,7 @@ def region(
 
     Args:
         layout: its database unit is 1 nm.
-        layer: a layer of the plate, or one found by :func:`maskfab.mask.formats.reader.find_layer`; the region of a
+        layer: a layer of the plate, or one found by :func:`maskfab.mask.formats.content.find_layer`; the region of a
             layer that the layout lacks is empty.
         box_nm: x0, y0, x1, y1 to which the region is clipped.
         cell: the cell to flatten, in its own coordinates; the only top cell if None.

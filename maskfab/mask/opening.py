@@ -224,7 +224,7 @@ def from_layout(
     is centred on the origin.
 
     Raises:
-        SourceError: what :mod:`maskfab.mask.formats.reader` and :func:`maskfab.mask.sandbox.bounded` raise,
+        SourceError: what :mod:`maskfab.mask.formats.table` and :func:`maskfab.mask.sandbox.bounded` raise,
             and MF309 where the layer is bare.
         OpeningError: MF205 a polygon is off the dot grid or outside the pixel.
     """
@@ -236,7 +236,8 @@ def from_layout(
 def _of_polygons(
     path: Path, dots: int, dot_nm: int, layer: str | None, cell: str | None, unit_um: float | None
 ) -> Mask:
-    from maskfab.mask.formats.reader import find_cell, find_layer, read_layout, rounding_nm
+    from maskfab.mask.formats.content import find_cell, find_layer, rounding_nm
+    from maskfab.mask.formats.table import read_layout
     from maskfab.mask.layout import region
     from maskfab.mask.raster import coverage
 

@@ -499,7 +499,7 @@ def write_files(
 ) -> tuple[WrittenFile, ...]:
     """Write the files of a plate, and those of :func:`aids`."""
     steps: dict[str, tuple[str, Callable[[Path], object]]] = {
-        **{product.name: (product.title, product.write) for product in made.products},
+        **{product.name: (product.form.title, product.write) for product in made.products},
         **aids(job, made.plate, measured),
     }
     for done, (name, (_, write)) in enumerate(steps.items()):

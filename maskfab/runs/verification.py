@@ -29,7 +29,7 @@ from maskfab.mask.comparison.files import read_back
 from maskfab.mask.comparison.roundtrip import RoundTrip
 from maskfab.mask.formats.exr import check_psf_file
 from maskfab.mask.formats.picture import IMAGE_SUFFIXES
-from maskfab.mask.formats.reader import LAYOUT_SUFFIXES
+from maskfab.mask.formats.table import LAYOUT_SUFFIXES
 from maskfab.mask.houses.profiles import shop_of
 from maskfab.mask.job import Job, load_job
 from maskfab.mask.judge.verdict import asked, judged

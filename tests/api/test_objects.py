@@ -66,7 +66,7 @@ def everything(panel: mf.Panel) -> tuple[mf.Plate, PlateFiles]:
 
 def test_one_table_holds_every_format_that_a_job_can_name() -> None:
     assert set(FORMATS) == set(FORMAT_NAMES)
-    assert [each for each, facts in FORMATS.items() if facts.of_plate is None and facts.of_die is None] == ["exr"]
+    assert [each for each, facts in FORMATS.items() if facts.write_plate is None and facts.write_die is None] == ["exr"]
 
 
 @pytest.mark.parametrize("format_", [each for each in FORMAT_NAMES if each != "exr"])
@@ -74,7 +74,9 @@ def test_python_writes_every_format_as_a_run_does_and_it_is_read_back(everything
     """Byte for byte; formats of one die ask for its name."""
     plate, made = everything
     title = FORMATS[format_].title
-    products = [each for each in made.products if each.title == title and (each.die is None or each.die.name == "TWO")]
+    products = [
+        each for each in made.products if each.form.title == title and (each.die is None or each.die.name == "TWO")
+    ]
     assert products
     for product in products:
         product.write(tmp_path / product.name)

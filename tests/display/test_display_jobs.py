@@ -17,7 +17,7 @@ from maskfab.display.drive import NOT_PLACED
 from maskfab.display.emitter_rules import Proof, Verdict
 from maskfab.display.feasibility import Feasibility, displays
 from maskfab.display.wiring import transparent_tracks
-from maskfab.mask.formats.reader import read_layout
+from maskfab.mask.formats.table import read_layout
 from maskfab.mask.job import load_job
 from maskfab.mask.layout import plate_layout, region
 from maskfab.optics.pupil import veil

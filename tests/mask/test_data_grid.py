@@ -12,7 +12,7 @@ from small_job import finished, write_job
 from maskfab.base.errors import JobError, OutputError
 from maskfab.base.model import CLEAR
 from maskfab.mask.figures import PolygonOptions, draw
-from maskfab.mask.formats.reader import read_layout
+from maskfab.mask.formats.table import read_layout
 from maskfab.mask.houses.adaptation import fitted, kept_grid_nm
 from maskfab.mask.houses.profiles import load_shop
 from maskfab.mask.job import load_job

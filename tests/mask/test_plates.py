@@ -16,7 +16,7 @@ from maskfab.base.errors import JobError
 from maskfab.base.model import CLEAR, Plate
 from maskfab.mask.comparison.roundtrip import roundtrip
 from maskfab.mask.formats.gdsii import write_gdsii
-from maskfab.mask.formats.reader import read_layout
+from maskfab.mask.formats.table import read_layout
 from maskfab.mask.job import load_job
 from maskfab.mask.layout import plate_layout, region
 from maskfab.mask.marks import Setting, bounding_box, load_template, modules, template_names

@@ -21,7 +21,7 @@ from maskfab.base.errors import OutputError
 from maskfab.base.folders import finished as known
 from maskfab.base.model import CLEAR
 from maskfab.base.provenance import sha256_of_file
-from maskfab.mask.formats.reader import read_layout
+from maskfab.mask.formats.table import read_layout
 from maskfab.mask.layout import region
 from maskfab.mask.plate_rules import write_markers
 from maskfab.mask.rule import RuleResult

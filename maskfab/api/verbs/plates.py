@@ -18,7 +18,7 @@ from maskfab.base.units import NM_PER_UM, parse_length_um
 from maskfab.base.work import Progress, silent
 from maskfab.job.reference import USES, unused
 from maskfab.mask.formats.picture import IMAGE_SUFFIXES
-from maskfab.mask.formats.reader import LAYOUT_SUFFIXES
+from maskfab.mask.formats.table import LAYOUT_SUFFIXES
 from maskfab.mask.houses.profiles import load_shop
 from maskfab.mask.job import Job
 from maskfab.mask.package.archive import is_package

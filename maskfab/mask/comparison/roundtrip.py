@@ -34,7 +34,8 @@ from maskfab.base.model import CHROME, CLEAR, LAYERS, NOTE, Box, Die, Gauge, Lay
 from maskfab.base.units import NM_PER_UM
 from maskfab.mask.dots import corner_touches, die_edges_nm, die_raster
 from maskfab.mask.figures import CUT, DRAWN_LAYERS
-from maskfab.mask.formats.reader import find_cell, read_layout, rounding_nm
+from maskfab.mask.formats.content import find_cell, rounding_nm
+from maskfab.mask.formats.table import read_layout
 from maskfab.mask.layout import layer_info, region
 from maskfab.mask.raster import coverage, placed_boxes
 from maskfab.mask.writer import biased_data, written_of
@@ -327,8 +328,8 @@ def roundtrip(
             layers that it left out are not compared.
 
     Raises:
-        SourceError: MF301 to MF308 as :func:`maskfab.mask.formats.reader.read_layout` and
-            :func:`maskfab.mask.formats.reader.find_cell`.
+        SourceError: MF301 to MF308 as :func:`maskfab.mask.formats.table.read_layout` and
+            :func:`maskfab.mask.formats.content.find_cell`.
     """
     read = read_layout(path)
     find_cell(read)

@@ -1,15 +1,15 @@
-"""CIF 2.0 read by its grammar: the content of a file's symbols, in nanometres.
+"""CIF 2.0, the Caltech Intermediate Form: symbols of polygons, and calls that place them.
 
-C. Mead, L. Conway: Introduction to VLSI Systems (1980), section 4.5. Besides it are read the user extension 9 (name of
-a symbol), names of layers longer than four letters, and a file that calls nothing outside of its symbols, as klayout
-and others write them; labels (94) draw nothing. What readers draw differently is refused: wires, round flashes, turns
-by other than quarters, deleted definitions, further user extensions.
+C. Mead, L. Conway: Introduction to VLSI Systems (1980), section 4.5.
 
-CIF 2.0, the Caltech Intermediate Form: symbols of polygons, and calls that place them.
+Written: the unit of 10 nm is scaled by 1/10 in every symbol, so that coordinates are whole nanometres. A layer's name
+has at most four letters and digits: L and its number. Symbols have names by the user extension 9, which every reader of
+today knows. The format has no arrays.
 
-C. Mead, L. Conway: Introduction to VLSI Systems (1980), section 4.5. Its unit of 10 nm is scaled by 1/10 in every
-symbol, so that coordinates are whole nanometres. A layer's name has at most four letters and digits: L and its number.
-Symbols have names by the user extension 9, which every reader of today knows. The format has no arrays.
+Read: twice, by the grammar here and by klayout, which must agree. Besides the grammar are read the user extension 9,
+names of layers longer than four letters, and a file that calls nothing outside of its symbols, as klayout and others
+write them; labels (94) draw nothing. What readers draw differently is refused: wires, round flashes, turns by other
+than quarters, deleted definitions, further user extensions.
 """
 
 from __future__ import annotations
@@ -23,16 +23,23 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from klayout import db
 
 from maskfab.base.errors import SourceError
 from maskfab.base.files import partial
-from maskfab.base.model import Layer, Plate, Point, Polygon
+from maskfab.base.model import LAYERS, Layer, Plate, Point, Polygon
 from maskfab.mask.figures import Figures, Placeholder, Shapes, as_figures, filled, polygon_lines
+from maskfab.mask.formats.content import Conversion, number_layers, read_with_klayout, rounding_nm, wrong_kind
+from maskfab.mask.formats.format import Format
 from maskfab.mask.layout import (
+    DBU_UM,
     MOST_CELLS,
     MOST_LAYERS,
     CellArray,
     check_file_size,
+    check_limits,
+    layer_info,
+    left_out,
     refuse_long,
     too_many_cells,
     too_many_layers,
@@ -62,7 +69,9 @@ _NUMBERED = re.compile(r"L?0*(\d{1,5})(?:D0*(\d{1,5})(?:_.*)?)?")
 _NAME = re.compile(r"9\s+(\S+)\s*")
 LABEL = re.compile(rf"94\s+(?:'[^;]*'|\S+)\s+{_INTEGER}[\s,]+{_INTEGER}(?:\s[^;]*)?")
 """The command of a label: its text, place, and whatever else."""
+_CIF_LABEL = re.compile(rf";\s*{LABEL.pattern};".encode())
 _LARGEST_NUMBER = 65_535
+_SHAPES_ALONE = db.LayoutDiff.BoxesAsPolygons | db.LayoutDiff.NoLayerNames | db.LayoutDiff.NoProperties
 
 _Quarter = tuple[int, int, int, int, int, int]
 """A transformation x' = a x + b y + e, y' = c x + d y + f as a, b, c, d, e, f, in units of its symbol."""
@@ -89,6 +98,42 @@ class CifContent:
     layers: tuple[LayerKey, ...]
 
 
+def read_cif(path: Path) -> db.Layout:
+    """A CIF file as a layout; raises as :func:`maskfab.mask.formats.table.read_layout`."""
+    # klayout passes over what it does not know, over calls of symbols that are not there and over the place of a call
+    # that stands alone; and it ends the process where symbols contain themselves. So the grammar comes first.
+    content = cif_content(path)
+    conversion = Conversion(path, [_cif_layer(key) for key in content.layers])
+    by_grammar = conversion.layout(content.cells)
+    options = db.LoadLayoutOptions()
+    options.cif_dbu = DBU_UM
+    by_klayout = read_with_klayout(path, options, re.sub(_CIF_LABEL, b";", path.read_bytes()))
+    number_layers(by_klayout)
+    for info in by_grammar.layer_infos():
+        by_klayout.layer(info)
+    # Off the grid each rounds in a way of its own, and klayout keeps polygons without area.
+    exact = not rounding_nm(by_grammar) and not left_out(by_grammar).empty_polygons
+    if exact and not db.LayoutDiff().compare(by_grammar, by_klayout, _SHAPES_ALONE):
+        raise SourceError(
+            "MF316",
+            f"{path.name} shows other polygons to klayout than its grammar says",
+            where=str(path),
+            cure="Write it with plain polygons, and call one symbol outside of all others, unmoved",
+        )
+    check_limits(by_grammar, path)
+    return by_grammar
+
+
+def _cif_layer(key: LayerKey) -> db.LayerInfo:
+    ours = (
+        each for each in LAYERS if key.name == each.name or (key.number, key.datatype) == (each.number, each.datatype)
+    )
+    layer = next(ours, None)
+    if layer is not None:
+        return layer_info(layer)
+    return db.LayerInfo(key.name) if key.name else db.LayerInfo(key.number, key.datatype)
+
+
 def cif_content(path: Path) -> CifContent:
     """All symbols of a file; one more for what stands outside of them.
 
@@ -98,7 +143,7 @@ def cif_content(path: Path) -> CifContent:
     """
     text = path.read_bytes().decode("latin-1")
     if "\0" in text or not _START.match(text):
-        raise SourceError("MF304", f"{path.name} is not a CIF file", where=str(path), cure="Give it its true suffix")
+        raise wrong_kind(path, "CIF")
     return _Reading(path, text).content()
 
 
@@ -479,3 +524,15 @@ class _Pen:
 
     def serial(self) -> str:
         raise NotImplementedError("polygons have no numbers")
+
+
+FORMATS = (
+    Format(
+        "cif",
+        "CIF",
+        ".cif",
+        write_plate=lambda of, to: write_cif(of.figures, to, of.comments),
+        read=read_cif,
+        suffixes=(".cif",),
+    ),
+)

@@ -1,14 +1,8 @@
-"""OpenEXR files of numbers: their channels, and the entries of the header that a program of ours wrote.
+"""OpenEXR: PSFs, emitted light and other numbers with what they mean in the header; equal content makes equal bytes.
 
-Numbers as OpenEXR with what they mean in the header; equal content makes equal bytes.
-
-Pictures for people: emitted light as OpenEXR with its scale in the header, and the same as PNG.
-
-PSFs as OpenEXR files: float32, linear, with what a reader needs to use them, and to make them again, in the header.
-
-The finest sampling that a report shows is written: intensity at points, from the polygons read back.
-
-Written PSFs against those that were measured: every sample, and every entry of the header, read by OpenImageIO.
+PSFs are float32, linear, of the finest sampling that a report shows: intensity at points, from the polygons read back.
+The header says what a reader needs to use them, and to make them again. Written ones are held against those that were
+measured: every sample, and every entry of the header, read by OpenImageIO. Light for people comes as 8-bit PNG, too.
 """
 
 from __future__ import annotations
@@ -30,6 +24,7 @@ from maskfab.base.errors import SourceError
 from maskfab.base.model import Camera, Die, DieOptics, Plate, Psf, Quantity, Stop
 from maskfab.base.pictures import write_image
 from maskfab.base.units import NM_PER_UM
+from maskfab.mask.formats.format import Format
 from maskfab.mask.formats.tiff import said_by
 from maskfab.optics.colour import code_of_light
 
@@ -48,7 +43,7 @@ class Channels:
         facts: entries of the header whose name begins with a prefix, without it.
     """
 
-    values: NDArray[np.float64]
+    values: Floats
     names: tuple[str, ...]
     stored: str
     facts: dict[str, Any]
@@ -330,7 +325,7 @@ def check_psf_file(made: PsfFile, folder: Path) -> tuple[Quantity, Quantity]:
     )
 
 
-def read_psf_file(path: Path) -> tuple[NDArray[np.float64], dict[str, Any]]:
+def read_psf_file(path: Path) -> tuple[Floats, dict[str, Any]]:
     """Samples [y, x], row 0 the lowest, and the entries of the header that are ours, by name.
 
     Raises:
@@ -351,3 +346,7 @@ def _differing(expected: Facts, found: dict[str, Any]) -> Iterator[str]:
             same = one == other
         if not same:
             yield f"{name} is {other!r}, not {one!r}"
+
+
+FORMATS = (Format("exr", "OpenEXR, PSF", ".exr"),)
+"""Written by :class:`PsfFile`, for PSFs are of what is measured in the other files."""

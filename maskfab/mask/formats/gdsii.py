@@ -1,9 +1,9 @@
-"""GDSII and OASIS files, byte-identical between runs.
+"""GDSII and OASIS: written by klayout, read by gdstk, each block of GDSII in the order of its name.
 
-Layers and cells counted in the bytes of a file, before a library reads it that takes long for very many of them.
-
-klayout reads 60 000 layers in 40 s. The counts are those of the patterns that records begin with. What draws its
-records in another order is not counted, and is read within the limits of :mod:`maskfab.mask.sandbox`.
+gdstk reads in a process of its own (:mod:`maskfab.mask.formats.gdstk_process`), for damaged files can end it. Layers
+and structures of a GDSII file are counted before, by the patterns that records begin with: klayout reads 60 000 layers
+in 40 s. What draws its records in another order is not counted, and is read within the limits of
+:mod:`maskfab.mask.sandbox`.
 """
 
 from __future__ import annotations
@@ -11,19 +11,45 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from klayout import db
 from numpy.typing import NDArray
 
-from maskfab.base.errors import OutputError
+from maskfab.base.errors import OutputError, SourceError
 from maskfab.base.files import partial
 from maskfab.mask.figures import MAX_VERTICES
-from maskfab.mask.layout import MOST_CELLS, MOST_LAYERS, too_many_cells, too_many_layers
+from maskfab.mask.formats.content import Conversion, damaged, read_with_klayout, wrong_kind
+from maskfab.mask.formats.format import Format, Source
+from maskfab.mask.formats.gdstk_process import CellArrays, cell_content
+from maskfab.mask.layout import (
+    MOST_CELLS,
+    MOST_LAYERS,
+    check_limits,
+    check_size,
+    count_shapes,
+    left_out,
+    too_many_cells,
+    too_many_layers,
+)
+from maskfab.mask.sandbox import PATIENCE_S, read_apart, unusable
 
 _BEGIN, _END, _END_OF_STREAM = b"\x00\x1c\x05\x02", b"\x00\x04\x07\x00", b"\x00\x04\x04\x00"
 """Records of GDSII: length, kind, type of its data. A structure begins with its times and its name."""
 _NAME, _NAME_AT = b"\x06\x06", 28
+
+_GDSII_MAGIC = b"\x00\x06\x00\x02"
+_OASIS_MAGIC = b"%SEMI-OASIS\r\n"
+_BYTES_PER_SECOND = 3e4
+_CYCLE = "topological_sort"
+
+# LAYER, and the DATATYPE, TEXTTYPE or BOXTYPE that has to follow it, by their bytes; -1 where their numbers stand.
+_LAYER = [0, 6, 0x0D, 2, -1, -1, 0, 6, -1, 2, -1, -1]
+_NUMBERS = [4, 5, 10, 11]
+_KIND, _KINDS = 8, [0x0E, 0x16, 0x2E]
+# BGNSTR with its two times, and the STRNAME that has to follow it.
+_STRUCTURE = re.compile(rb"\x00\x1c\x05\x02.{24}[\x00-\x7f].\x06\x06", re.DOTALL)
 
 
 def write_gdsii(layout: db.Layout, path: Path, max_vertices: int = MAX_VERTICES) -> None:
@@ -89,13 +115,71 @@ def _write(content: Sequence[bytes | memoryview], path: Path) -> None:
         file.writelines(content)  # klayout itself would not say that a disk is full
 
 
-# LAYER, and the DATATYPE, TEXTTYPE or BOXTYPE that has to follow it, by their bytes; -1 where their numbers stand.
-_LAYER = [0, 6, 0x0D, 2, -1, -1, 0, 6, -1, 2, -1, -1]
-_NUMBERS = [4, 5, 10, 11]
-_KIND, _KINDS = 8, [0x0E, 0x16, 0x2E]
-# BGNSTR with its two times, and the STRNAME that has to follow it.
-_STRUCTURE = re.compile(rb"\x00\x1c\x05\x02.{24}[\x00-\x7f].\x06\x06", re.DOTALL)
-_BLOCK = re.compile(rb"\n[ \t]*0[ \t]*\r?\n[ \t]*BLOCK[ \t]*\r?\n")
+def read_gdsii(path: Path) -> db.Layout:
+    """A GDSII file as a layout; raises as :func:`maskfab.mask.formats.table.read_layout`."""
+    if not _begins(path, _GDSII_MAGIC):
+        raise wrong_kind(path, "GDSII")
+    refuse_many_in_gdsii(path)
+    return _through_gdstk(path, "read_gds")
+
+
+def read_oasis(path: Path) -> db.Layout:
+    """An OASIS file as a layout; raises as :func:`maskfab.mask.formats.table.read_layout`."""
+    if not _begins(path, _OASIS_MAGIC):
+        raise wrong_kind(path, "OASIS")
+    return _through_gdstk(path, "read_oas")
+
+
+def _through_gdstk(path: Path, function: str) -> db.Layout:
+    # gdstk takes truncated files for whole ones and dies of some damaged ones. So klayout, which raises, looks first,
+    # and gdstk reads in a process of its own, where a warning is a failure too: it means that something is left out.
+    # A few bytes of OASIS can make klayout fill all memory with copies of one shape: there the process looks first.
+    # Which cells contain themselves klayout does not say: there gdstk goes on, and they are found in its answer.
+    first = None
+    if function != "read_oas":
+        try:
+            first = count_shapes(_checked_by_klayout(path))
+        except SourceError as error:
+            if _CYCLE not in error.what:
+                raise
+    seconds = PATIENCE_S + path.stat().st_size / _BYTES_PER_SECOND
+    content = _read_cells(path, function, seconds)
+    try:
+        second = Conversion(path).layout(content)
+    except (TypeError, ValueError, OverflowError, RuntimeError) as error:
+        # Text that is none and numbers that fit no integer pass gdstk.
+        raise damaged(path, f"it holds values that cannot be used ({error})") from error
+    shapes = count_shapes(_checked_by_klayout(path)) if first is None else first, count_shapes(second)
+    # Each reader leaves out records that the other knows, and only klayout drops polygons without area.
+    if shapes[0] != shapes[1] and not left_out(second).empty_polygons:
+        raise SourceError(
+            "MF316",
+            f"{path.name} holds {shapes[0]} shapes for klayout and {shapes[1]} for gdstk",
+            where=str(path),
+            cure="Write it with boundaries and paths only",
+        )
+    check_limits(second, path)
+    return second
+
+
+def _begins(path: Path, magic: bytes) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(magic)) == magic
+
+
+def _read_cells(path: Path, function: str, seconds: float) -> list[dict[str, Any]]:
+    script = Path(__file__).with_name("gdstk_process.py")
+    found = read_apart(path, script, function, kind=tuple[CellArrays, ...], seconds=seconds)
+    try:
+        return [cell_content(each) for each in found]
+    except ValueError as error:
+        raise unusable(path, error) from error
+
+
+def _checked_by_klayout(path: Path) -> db.Layout:
+    layout = read_with_klayout(path, db.LoadLayoutOptions())
+    check_size(layout, path)
+    return layout
 
 
 def refuse_many_in_gdsii(path: Path) -> None:
@@ -107,17 +191,8 @@ def refuse_many_in_gdsii(path: Path) -> None:
     data = path.read_bytes()
     if _layers(np.frombuffer(data, dtype=np.uint8)) > MOST_LAYERS:
         raise too_many_layers(path)
-    if _more(_STRUCTURE, data):
-        raise too_many_cells(path)
-
-
-def refuse_many_blocks(path: Path, data: bytes) -> None:
-    """Refuse a text DXF of too many blocks.
-
-    Raises:
-        SourceError: MF313.
-    """
-    if _more(_BLOCK, data):
+    # Whether cells begin at more places than there may be cells.
+    if any(count > MOST_CELLS for count, _ in enumerate(_STRUCTURE.finditer(data), 1)):
         raise too_many_cells(path)
 
 
@@ -133,6 +208,22 @@ def _layers(data: NDArray[np.uint8]) -> int:
     return int(np.unique(np.ascontiguousarray(pairs).view(np.uint32)).size)
 
 
-def _more(pattern: re.Pattern[bytes], data: bytes) -> bool:
-    """Whether cells begin at more places than there may be cells."""
-    return any(count > MOST_CELLS for count, _ in enumerate(pattern.finditer(data), 1))
+def _gdsii(of: Source, to: Path) -> None:
+    write_gdsii(of.figures.layout(), to, of.figures.options.max_vertices)
+
+
+def _oasis(of: Source, to: Path) -> None:
+    """OASIS with the names of layers of the house's drawings; numbers stay."""
+    layout, names = of.figures.layout(), of.settings.drawing.layer_names or {}
+    for info in layout.layer_infos():
+        if info.name in names:
+            layout.set_info(layout.find_layer(info), db.LayerInfo(info.layer, info.datatype, names[info.name]))
+    write_oasis(layout, to)
+
+
+FORMATS = (
+    Format(
+        "gdsii", "GDSII", ".gds", write_plate=_gdsii, read=read_gdsii, suffixes=(".gds", ".gdsii", ".gds2"), notes=True
+    ),
+    Format("oasis", "OASIS", ".oas", write_plate=_oasis, read=read_oasis, suffixes=(".oas", ".oasis"), notes=True),
+)

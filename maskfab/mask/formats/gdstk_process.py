@@ -6,7 +6,7 @@ Run as a process of its own: reads GDSII or OASIS with gdstk and writes its cont
 
 gdstk trusts its input: a damaged file can end the process that reads it, and may do so only later, when the name of a
 cell is asked for. A few bytes of OASIS can make klayout repeat a shape until memory is full. So both read here first,
-within limits, and :mod:`maskfab.mask.formats.reader` takes what came out whole. Imports little of maskfab, to start
+within limits, and :mod:`maskfab.mask.formats.table` takes what came out whole. Imports little of maskfab, to start
 fast.
 
     python -P -W error gdstk_process.py read_gds|read_oas FILE

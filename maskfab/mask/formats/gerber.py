@@ -1,10 +1,10 @@
-"""Gerber X2 as a layout, from the outlines that gerbonara finds in it, see :mod:`maskfab.mask.formats.gerber_process`.
-
-Gerber X2: every opening a region (G36, G37), so that no aperture and no macro is needed.
+"""Gerber X2: every opening a region (G36, G37), so that no aperture and no macro is needed.
 
 The Gerber layer format specification, revision 2024.05: coordinates of six decimals of a millimetre are whole
 nanometres, a coordinate that does not change is left out (4.2.2), attributes are those of chapter 5 only. They stand
 in comments of the form that the specification gives them (5.1.1), for older viewers warn of what they do not know.
+
+Read from the outlines that gerbonara finds, in a process of its own: :mod:`maskfab.mask.formats.gerber_process`.
 """
 
 from __future__ import annotations
@@ -26,12 +26,14 @@ from maskfab.base.errors import SourceError
 from maskfab.base.files import partial
 from maskfab.base.model import CLEAR, Plate, Polygon
 from maskfab.mask.figures import CUT, Figures, Placeholder, as_figures, polygon_lines
+from maskfab.mask.formats.content import note_rounding, wrong_kind
+from maskfab.mask.formats.format import Format
 from maskfab.mask.formats.gerber_process import Outlines, Run
 from maskfab.mask.layout import (
     DBU_UM,
-    ROUNDING_KEY,
     LeftOut,
     check_file_size,
+    check_limits,
     is_empty,
     layer_info,
     note_left_out,
@@ -54,9 +56,7 @@ def read_gerber(path: Path) -> db.Layout:
     """
     with path.open("rb") as file:
         if not _START.match(file.read(_FIRST_BYTES)):
-            raise SourceError(
-                "MF304", f"{path.name} is not a Gerber file", where=str(path), cure="Give it its true suffix"
-            )
+            raise wrong_kind(path, "Gerber")
     seconds = PATIENCE_S + path.stat().st_size / _BYTES_PER_SECOND
     script = Path(__file__).with_name("gerber_process.py")
     runs, curves = read_apart(path, script, kind=Outlines, seconds=seconds)
@@ -65,7 +65,9 @@ def read_gerber(path: Path) -> db.Layout:
     for _, _, sizes in runs:
         refuse_long(int(sizes.max(initial=0)), path)
     with library_errors(path):
-        return _Drawing(curves).layout(runs)
+        layout = _Drawing(curves).layout(runs)
+    check_limits(layout, path)
+    return layout
 
 
 def require_gerbonara(name: str, *, where: str = "export.formats", cure: str = "leave gerber out") -> None:
@@ -111,8 +113,7 @@ class _Drawing:
                 region = db.Region(list(self._polygons(corners, sizes)))
                 drawn = drawn + region if dark else drawn - region
             shapes.insert(drawn.merged(True, 1))
-        told = "largest rounding to the nanometre grid"
-        layout.add_meta_info(db.LayoutMetaInfo(ROUNDING_KEY, self._rounding, told))
+        note_rounding(layout, self._rounding)
         note_left_out(layout, LeftOut(self._repeated, self._empty, self._curves))
         return layout
 
@@ -239,3 +240,17 @@ class _Pen:
 
     def serial(self) -> str:
         raise NotImplementedError("regions have no numbers")
+
+
+FORMATS = (
+    Format(
+        "gerber",
+        "Gerber X2",
+        ".gbr",
+        write_plate=lambda of, to: write_gerber(of.figures, to, of.comments),
+        read=read_gerber,
+        suffixes=(".gbr", ".ger"),
+        layers="one",
+        reading="thread",
+    ),
+)

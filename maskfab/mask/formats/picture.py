@@ -36,10 +36,11 @@ from maskfab.base.pictures import is_whole
 from maskfab.base.units import NM_PER_UM, UM_PER_INCH, UM_PER_UNIT
 from maskfab.job.values import MOST_DOTS_PER_UM
 from maskfab.mask.dots import die_edges_nm, die_raster, pixel_overlaps, smallest_runs
+from maskfab.mask.formats.content import note_rounding
+from maskfab.mask.formats.format import Drawn, Format
 from maskfab.mask.formats.tiff import said_by, shown_alike
 from maskfab.mask.layout import (
     DBU_UM,
-    ROUNDING_KEY,
     LeftOut,
     check_file_size,
     clear_shapes,
@@ -86,8 +87,7 @@ def read_picture(path: Path, dots_per_um: float | None = None) -> db.Layout:
     shapes = layout.create_cell("PICTURE").shapes(layout.layer(layer_info(CLEAR)))
     for box in _boxes(white[::-1], path):
         shapes.insert(db.Box(x[box[0]], y[box[1]], x[box[2]], y[box[3]]))
-    told = "largest rounding to the nanometre grid"
-    layout.add_meta_info(db.LayoutMetaInfo(ROUNDING_KEY, max(x_off, y_off), told))
+    note_rounding(layout, max(x_off, y_off))
     note_left_out(layout, LeftOut(grey_pixels=int(np.count_nonzero((values > 0) & (values < _WHITE)))))
     return layout
 
@@ -155,7 +155,6 @@ def _pixels(path: Path, shown: Path) -> tuple[NDArray[np.float64] | NDArray[np.u
         path: the file, as it is told.
         shown: the same, or what is read in its place.
     """
-    import OpenImageIO as oiio  # noqa: N813 - its customary name
 
     where = str(path)
     image = oiio.ImageInput.open(str(shown))
@@ -362,6 +361,7 @@ def _write(
     limit_bytes: int,
     bits: int,
 ) -> Bitmap:
+
     width, height = bitmap_size(plate, dots_per_um, die)
     check_file_size(math.ceil(width * bits / 8) * height, limit_bytes, path, "Choose fewer dots per um, or one die")
     header = oiio.ImageSpec(width, height, 1, "uint8")
@@ -610,3 +610,25 @@ def _rounded_up(value: float) -> str:
     text = f"{value:.6g}"
     digits = 5 - int(np.floor(np.log10(value)))
     return text if float(text) >= value else f"{np.ceil(value * 10.0**digits) / 10.0**digits:.6g}"
+
+
+def _compare(made: Drawn, die: Die, path: Path) -> tuple[Quantity, ...]:
+    return check_bitmap(die, made.design, path, made.settings.dots_per_um)
+
+
+FORMATS = (
+    Format(
+        "png",
+        "PNG",
+        ".png",
+        write_die=lambda of, die, to: write_preview(of.plate, to, of.settings.dots_per_um, of.comments, die=die.name),
+        compare_die=_compare,
+    ),
+    Format(
+        "tiff",
+        "TIFF, 1 bit",
+        ".tif",
+        write_die=lambda of, die, to: write_bilevel(of.plate, to, of.settings.dots_per_um, of.comments, die=die.name),
+        compare_die=_compare,
+    ),
+)

@@ -34,6 +34,7 @@ from maskfab.base.units import NM_PER_UM
 from maskfab.job.order import Tone
 from maskfab.job.values import PlateBitmap
 from maskfab.mask.dots import NM_PER_INCH, DotGrid, dot_rows
+from maskfab.mask.formats.format import Drawn, Format
 from maskfab.mask.formats.picture import smallest_nm
 from maskfab.mask.formats.tiff import pack_bits
 from maskfab.mask.layout import check_file_size, clear_shapes, layer_info
@@ -216,8 +217,6 @@ def _tiff_head(grid: DotGrid, offsets: Sequence[int], sizes: Sequence[int], desc
         rows.append(struct.pack("<HHI", tag, kind, count) + place)
     return b"II*\0" + struct.pack("<I", 8) + b"".join(rows) + struct.pack("<I", 0) + beyond
 
-
-PLATE_BITMAP_SUFFIXES = (".tif", ".bmp")
 
 _MOST_SIDE = 10_000_000
 _MOST_STRIP = 64_000_000
@@ -596,3 +595,33 @@ def _triangle_dots(triangle: db.Polygon, centres: Ints, grid: DotGrid) -> Ints:
     first, last = np.searchsorted(centres, left), np.searchsorted(centres, right, side="right")
     kept = first < last
     return np.column_stack([rows, rows + 1, first, last])[kept].astype(np.int64)
+
+
+def check_drawn_dots(made: Drawn, path: Path) -> tuple[Quantity, ...]:
+    """A bitmap of a drawn plate, every dot read back against the design.
+
+    Raises:
+        SourceError: MF308 if nobody says how many dots it should have, else as of :func:`check_plate_dots`.
+    """
+    if made.settings.dpi is None:
+        cure = "State dpi in [export], or leave the file out"
+        raise SourceError("MF308", f"nobody says how many dots to the inch {path.name} has", where=str(path), cure=cure)
+    return (check_plate_dots(made.plate, made.design, path, made.settings.dpi, made.figures.options.tone),)
+
+
+FORMATS = (
+    Format(
+        "plate_tiff",
+        "TIFF of a plotter's dots",
+        ".tif",
+        write_plate=lambda of, to: write_plate_tiff(of.plate, to, of.dpi, of.figures.options.tone, of.comments),
+        compare_plate=check_drawn_dots,
+    ),
+    Format(
+        "plate_bmp",
+        "BMP of a plotter's dots",
+        ".bmp",
+        write_plate=lambda of, to: write_plate_bmp(of.plate, to, of.dpi, of.figures.options.tone, of.comments),
+        compare_plate=check_drawn_dots,
+    ),
+)

@@ -1,49 +1,31 @@
-"""Parts of the solids of a die: thicknesses, the glass, and the rigid placements of its cells.
+"""Parts of the solids of a die: the glass, the rigid placements of its cells, and its chrome as one closed surface.
 
-A film centred on z = 0 is its own mirror image in z, so half a turn about an in-plane axis acts on it as a mirror does:
-all eight orientations of an opening are rigid placements of one tile, and nothing needs a mirrored solid.
+Coordinates are nanometres from the centre of the die's slot; z points away from the glass. A film centred on z = 0 is
+its own mirror image in z, so half a turn about an in-plane axis acts on it as a mirror does: all eight orientations of
+an opening are rigid placements of one tile, and nothing needs a mirrored solid.
 
-Coordinates are nanometres from the centre of the die's slot; z points away from the glass.
-
-The chrome of a die as one closed surface.
-
-The openings of all cells are merged on whole nanometres, so neighbours share no wall, and what is left of the film is
-cut into triangles band by band. Bands part in the middle of dots, where nothing but the sides of openings crosses, so
-both sides of a cut have the same corners.
-
-Corners of dots mostly lie on common lines, and cutting ears off a polygon joins some of them to triangles without area.
-Such a triangle and its neighbour across its longest side have another diagonal, too: the same corners, as many
-triangles and the same outline, so what was closed stays closed, exactly.
-
-Triangle meshes of dies: GLB, 3MF and STL, byte-identical between runs.
-
-All hold the film as :func:`maskfab.mask.formats.solid.film` makes it, one closed surface. They are plain enough to be
-written here, and are read back by a library that did not write them.
+For a closed surface the openings of all cells are merged on whole nanometres, so neighbours share no wall, and what is
+left of the film is cut into triangles band by band. Bands part in the middle of dots, where nothing but the sides of
+openings crosses, so both sides of a cut have the same corners. Corners of dots mostly lie on common lines, and cutting
+ears off a polygon joins some of them to triangles without area. Such a triangle and its neighbour across its longest
+side have another diagonal, too: the same corners, as many triangles and the same outline, so what was closed stays
+closed, exactly.
 """
 
 from __future__ import annotations
 
-import json
 import math
-import struct
-import zipfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
-from typing import Any, Literal
-from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 from klayout import db
-from numpy.typing import NDArray
 
-from maskfab.base import __version__
 from maskfab.base.arrays import Floats, Ints
 from maskfab.base.errors import OutputError
-from maskfab.base.files import partial
 from maskfab.base.model import CLEAR, ORIENTATIONS, Die, Panel, Point, Polygon
-from maskfab.base.units import MM_PER_NM, UM_PER_NM
+from maskfab.mask.formats.format import Stack
 from maskfab.mask.layout import simple_polygon
 from maskfab.mask.outlines import outline, unit_name, unit_shapes
 
@@ -54,64 +36,6 @@ MOST_CAD_VERTICES, MOST_CAD_CELLS = 4_000, 40_000
 """Of exact solids: the cut of an outline takes 0.5 s for 230 vertices, 8 s for 2200; a thousand cells take 0.6 s."""
 MOST_MESH_VERTICES = 1_500_000
 """Of the outlines of all cells: a mesh has four times as many triangles."""
-_NARROWEST_CORNER_NM, _CORNER_SHARE, _WIDEST_CORNER_SHARE = 10.0, 0.1, 2 / 3
-"""Of a gap or neck at a corner: what float32 millimetres keep apart, and shares of a dot, by default and at most."""
-
-
-@dataclass(frozen=True)
-class Stack:
-    """Thicknesses of a mask.
-
-    Attributes:
-        chrome_nm: of the film.
-        glass_nm: of the substrate.
-        exaggeration: factor on the film's thickness, for viewers that cannot show 100 nm; files say so.
-        corners: what openings that touch by a corner get in a mesh: a gap of chrome between them, or a neck that joins
-            them. No closed surface has a corner of no width.
-        corner_nm: width of that; a tenth of a dot if None.
-    """
-
-    chrome_nm: float = 100.0
-    glass_nm: float = 2_300_000.0
-    exaggeration: float = 1.0
-    corners: Literal["gap", "neck"] = "gap"
-    corner_nm: float | None = None
-
-    @property
-    def film_nm(self) -> float:
-        """Thickness of the film as drawn, from -film/2 to film/2; the glass lies below it."""
-        return self.chrome_nm * self.exaggeration
-
-    def corner_leg_nm(self, die: Die) -> int:
-        """Distance from a corner that touches to where its gap or neck ends on the sides of the openings.
-
-        Raises:
-            OutputError: MF436 for a gap or neck below 10 nm, or above two thirds of a dot, which would meet the next.
-        """
-        dot_nm = die.panel.dot_nm
-        width = _CORNER_SHARE * dot_nm if self.corner_nm is None else self.corner_nm
-        widest = math.floor(_WIDEST_CORNER_SHARE * dot_nm)
-        if not _NARROWEST_CORNER_NM <= width <= widest:
-            raise OutputError(
-                "MF436",
-                f"openings touch by a corner, and a {self.corners} of {width:g} nm there is not within "
-                f"{_NARROWEST_CORNER_NM:g} nm and {widest} nm, two thirds of a dot",
-                where=f"die {die.name}",
-                cure="State one that is, or leave glb, 3mf and stl out of export.formats",
-            )
-        return round(width / math.sqrt(2))
-
-    def touching_remark(self, die: Die, touches: int) -> tuple[str, ...]:
-        """Remark of a mesh about so many corners that touched."""
-        if not touches:
-            return ()
-        width_um = self.corner_leg_nm(die) * math.sqrt(2) * UM_PER_NM
-        return (f"{touches} touching corners have a {self.corners} of {width_um:.3g} um",)
-
-    def remarks(self) -> tuple[str, ...]:
-        """Remarks of a file about its thicknesses."""
-        said = f"chrome {self.chrome_nm:g} nm on {self.glass_nm / 1e6:g} mm of glass"
-        return (said,) if self.exaggeration == 1 else (said, f"film drawn {self.exaggeration:g} times too thick")
 
 
 def rotation(orientation: int) -> Floats:
@@ -251,7 +175,7 @@ def film(die: Die, stack: Stack) -> tuple[Mesh, int]:
     altogether is several such surfaces. Where openings touch by a corner they get the gap or neck of the stack.
 
     Raises:
-        OutputError: MF436 as :meth:`maskfab.mask.formats.solid.Stack.corner_leg_nm`.
+        OutputError: MF436 as :meth:`maskfab.mask.formats.format.Stack.corner_leg_nm`.
     """
     clear = _clear(die)
     touches = _touches(clear)
@@ -350,7 +274,7 @@ def _contours(chrome: db.Region) -> Iterator[list[Polygon]]:
         yield [tuple((point.x, point.y) for point in each)[::-1] for each in (piece.each_point_hull(), *holes)]
 
 
-def triangulated(contours: Sequence[Polygon]) -> NDArray[np.int64]:
+def triangulated(contours: Sequence[Polygon]) -> Ints:
     """Triangles between the corners of a polygon: int64 [m, 3], counter-clockwise, counting through all contours.
 
     All have an area, and none is lower than 5 nm where another diagonal helps.
@@ -418,241 +342,3 @@ def _height(points: Sequence[Point], triangle: Triangle) -> float:
     """Over the longest side; 0 exactly on a line, negative clockwise."""
     (xa, ya), (xb, yb), (xc, yc) = (points[n] for n in triangle)
     return ((xb - xa) * (yc - ya) - (yb - ya) * (xc - xa)) / _longest(points, triangle)
-
-
-_STL_LIMIT = 100_000_000
-_STL_HEAD = 84
-_STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-
-_FLOAT, _UNSIGNED = 5126, 5125
-_VERTICES, _INDICES = 34962, 34963
-_Y_UP = (1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1)
-"""glTF's y points up, a die's z; columns of the matrix."""
-_DARK = (0.09, 0.1, 0.11)
-_GLASS_ALPHA = 0.2
-
-_MODEL = "3D/3dmodel.model"
-_CONTENT_TYPES = (
-    '<?xml version="1.0" encoding="UTF-8"?>\n'
-    '<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">'
-    '<Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
-    '<Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/></Types>\n'
-)
-_RELATIONS = (
-    '<?xml version="1.0" encoding="UTF-8"?>\n'
-    '<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
-    f'<Relationship Target="/{_MODEL}" Id="rel0" Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/>'
-    "</Relationships>\n"
-)
-
-
-def write_glb(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack | None = None) -> None:
-    """Write a die as binary glTF 2.0, in metres: a node of glass, and one of chrome.
-
-    The film's vertices are whole nanometres under a node that scales them, so float32 holds them exactly in dies of up
-    to 33.5 mm; beyond, they are rounded to 2 or 4 nm. The root node turns z up into glTF's y up. Comments and
-    thicknesses stand in ``asset.extras``.
-
-    Raises:
-        OutputError: MF401 if the file cannot be written; MF436 as :func:`maskfab.mask.formats.solid.film`; MF410 or
-            MF412 as :func:`maskfab.mask.formats.solid.check_mesh_size`; MF437 if rounding makes one of two vertices.
-    """
-    stack = stack or Stack()
-    check_mesh_size(die, "glb")
-    chrome, touches = film(die, stack)
-    low, high = glass(die, stack)
-    nodes: list[dict[str, Any]] = [{"name": die.name, "matrix": _Y_UP, "children": [1, 2]}]
-    blocks: list[bytes] = []
-    views: list[dict[str, Any]] = []
-    accessors: list[dict[str, Any]] = []
-    meshes: list[dict[str, Any]] = []
-    # A unit cube of glass and a film one unit thick: in both, scales are exact where corners in metres would not be.
-    flat = np.array([1.0, 1.0, stack.film_nm])
-    parts = (
-        ("GLASS", box_mesh(np.zeros(3), np.ones(3)), {"translation": _metres(low), "scale": _metres(high - low)}),
-        ("FILM", Mesh(chrome.vertices_nm / flat, chrome.triangles), {"scale": _metres(flat)}),
-    )
-    for n, (name, mesh, place) in enumerate(parts):
-        points = _float32(die, "glb", mesh.vertices_nm)
-        for block, target in ((points, _VERTICES), (mesh.triangles.astype("<u4"), _INDICES)):
-            start = sum(view["byteLength"] for view in views)
-            views.append({"buffer": 0, "byteOffset": start, "byteLength": block.nbytes, "target": target})
-            blocks.append(block.tobytes())
-        bounds = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
-        accessors.append({"bufferView": 2 * n, "componentType": _FLOAT, "count": len(points), "type": "VEC3", **bounds})
-        indices = {"bufferView": 2 * n + 1, "componentType": _UNSIGNED, "type": "SCALAR"}
-        accessors.append({**indices, "count": mesh.triangles.size})
-        primitive = {"attributes": {"POSITION": 2 * n}, "indices": 2 * n + 1, "material": n}
-        meshes.append({"name": f"{die.name}_{name}", "primitives": [primitive]})
-        nodes.append({"name": name, "mesh": n, **place})
-    said = [*comments, *stack.remarks(), *stack.touching_remark(die, touches)]
-    document = {
-        "asset": {
-            "version": "2.0",
-            "generator": f"maskfab {__version__}",
-            "extras": {"comments": said, "exaggeration": stack.exaggeration},
-        },
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": nodes,
-        "meshes": meshes,
-        "materials": [
-            {"name": "glass", "alphaMode": "BLEND", "pbrMetallicRoughness": _surface(_GLASS_ALPHA)},
-            {"name": "chrome", "pbrMetallicRoughness": _surface(1)},
-        ],
-        "accessors": accessors,
-        "bufferViews": views,
-        "buffers": [{"byteLength": sum(map(len, blocks))}],
-    }
-    text = json.dumps(document, separators=(",", ":")).encode()
-    text += b" " * (-len(text) % 4)
-    data = b"".join(blocks)
-    with partial(path) as place_aside, place_aside.open("wb") as file:
-        file.write(struct.pack("<4sII", b"glTF", 2, 12 + 8 + len(text) + 8 + len(data)))
-        file.write(struct.pack("<I4s", len(text), b"JSON") + text)
-        file.write(struct.pack("<I4s", len(data), b"BIN\0") + data)
-
-
-def write_3mf(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack | None = None) -> None:
-    """Write a die as 3MF, in micrometres: an object of glass, and one of chrome.
-
-    Coordinates are decimals, exact to 1e-4 nm. Comments and thicknesses stand in the metadata ``Description``.
-
-    Raises:
-        OutputError: MF401 if the file cannot be written; MF436 as :func:`maskfab.mask.formats.solid.film`; MF410 or
-            MF412 as :func:`maskfab.mask.formats.solid.check_mesh_size`.
-    """
-    stack = stack or Stack()
-    check_mesh_size(die, "3mf")
-    chrome, touches = film(die, stack)
-    low, high = glass(die, stack)
-    said = (*comments, *stack.remarks(), *stack.touching_remark(die, touches))
-    with partial(path) as place, zipfile.ZipFile(place, "w", zipfile.ZIP_DEFLATED) as package:
-        _store(package, "[Content_Types].xml", _CONTENT_TYPES)
-        _store(package, "_rels/.rels", _RELATIONS)
-        parts = [
-            '<?xml version="1.0" encoding="UTF-8"?>\n<model unit="micron" xml:lang="en-US" '
-            'xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02">\n',
-            f'<metadata name="Title">{escape(die.name)}</metadata>\n',
-            f'<metadata name="Application">maskfab {__version__}</metadata>\n',
-            f'<metadata name="Description">{escape("; ".join(said))}</metadata>\n',
-            "<resources>\n",
-        ]
-        parts += _mesh_xml(1, f"{die.name}_GLASS", box_mesh(np.zeros(3), high - low))
-        parts += _mesh_xml(2, f"{die.name}_FILM", chrome)
-        parts += ["</resources>\n<build>\n", _item(1, *low, name="GLASS"), _item(2, 0.0, 0.0, 0.0, name="FILM")]
-        parts.append("</build>\n</model>\n")
-        _store(package, _MODEL, "".join(parts))
-
-
-def write_stl(
-    die: Die,
-    path: Path,
-    comments: Sequence[str] = (),
-    stack: Stack | None = None,
-    *,
-    limit_bytes: int = _STL_LIMIT,
-    force: bool = False,
-) -> None:
-    """Write the chrome of a die as binary STL, in millimetres; without the glass, which would touch it everywhere.
-
-    Vertices are float32 millimetres from the middle of the die, so they are rounded to 0.5 nm at 8 to 16 mm from it, to
-    1 nm at 16 to 32 mm; those of one place are rounded alike. The head of 80 bytes holds the unit and as much of the
-    remarks and of the first comment as fits.
-
-    Args:
-        die: what to write.
-        path: the file.
-        comments: lines about it.
-        stack: thicknesses; those of the glass do not matter.
-        limit_bytes: the largest file that is written.
-        force: write it nonetheless.
-
-    Raises:
-        OutputError: MF401 if the file cannot be written; MF411 if it would be larger than ``limit_bytes``; MF436 as
-            :func:`maskfab.mask.formats.solid.film`; MF410 or MF412 as
-            :func:`maskfab.mask.formats.solid.check_mesh_size`; MF437 if rounding makes one of two vertices.
-    """
-    stack = stack or Stack()
-    check_mesh_size(die, "stl")
-    chrome, touches = film(die, stack)
-    count = len(chrome.triangles)
-    size = _STL_HEAD + _STL_TRIANGLE.itemsize * count
-    if size > limit_bytes and not force:
-        raise OutputError(
-            "MF411",
-            f"an STL of {die.panel.orientations.size} cells would take {size / 1e6:.1f} MB, "
-            f"more than {limit_bytes / 1e6:g} MB",
-            where=f"die {die.name}",
-            cure="Use glb, which takes half of it, or raise export.stl_limit_mb",
-        )
-    table = np.zeros(count, dtype=_STL_TRIANGLE)
-    table["corners"] = _float32(die, "stl", chrome.vertices_nm * MM_PER_NM)[chrome.triangles]
-    # Of what is exact: a wall is no higher than the rounding of a die's coordinates leaves it.
-    corners = chrome.vertices_nm[chrome.triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    table["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-    said = "; ".join(("unit mm", *stack.remarks()[1:], *stack.touching_remark(die, touches), *comments))
-    head = said.encode("ascii", "replace")[:80].ljust(80)
-    with partial(path) as place, place.open("wb") as file:
-        file.write(head + struct.pack("<I", count))
-        file.write(table.tobytes())
-
-
-def _float32(die: Die, kind: str, vertices: Floats) -> NDArray[np.float32]:
-    """Vertices as a format rounds them, [n, 3].
-
-    Raises:
-        OutputError: MF437 if two become one.
-    """
-    rounded = vertices.astype("<f4")
-    flat, heights = rounded[:, 0] + 1j * rounded[:, 1], rounded[:, 2]
-    if sum(len(np.unique(flat[heights == each])) for each in np.unique(heights)) < len(vertices):
-        raise OutputError(
-            "MF437",
-            f"corners of die {die.name} lie so near to one another that float32 makes one of two in a {kind}",
-            where=f"die {die.name}",
-            cure=f"Use 3mf, whose decimals are exact, and leave {kind} out of export.formats",
-        )
-    return rounded
-
-
-def _surface(alpha: float) -> dict[str, Any]:
-    """Appearance of glass and chrome: the same, so that it does not show which of the two a viewer takes to be nearer.
-
-    They lie 100 nm apart, less than the depth buffer of most viewers resolves for a whole die, which mottles the chrome
-    with any other colour of glass. Matt and without metal they stay dark where a light shines back at the camera.
-    """
-    return {"baseColorFactor": [*_DARK, alpha], "metallicFactor": 0, "roughnessFactor": 0.7}
-
-
-def _metres(point_nm: Sequence[float] | NDArray[np.float64]) -> list[float]:
-    # 13 decimals are 1e-4 nm; rounding takes away the noise of the product.
-    return [round(float(value) * 1e-9, 13) for value in point_nm]
-
-
-def _um(value_nm: float) -> str:
-    """Micrometres to 1e-4 nm, without trailing zeros."""
-    return f"{value_nm * UM_PER_NM:.7f}".rstrip("0").rstrip(".")
-
-
-def _item(number: int, x: float, y: float, z: float, *, name: str) -> str:
-    place = f"1 0 0 0 1 0 0 0 1 {_um(x)} {_um(y)} {_um(z)}"
-    return f'<item objectid="{number}" transform="{place}" partnumber="{name}"/>\n'
-
-
-def _mesh_xml(number: int, name: str, mesh: Mesh) -> Iterator[str]:
-    yield f'<object id="{number}" name={quoteattr(name)} type="model"><mesh><vertices>\n'
-    for x, y, z in mesh.vertices_nm.tolist():
-        yield f'<vertex x="{_um(x)}" y="{_um(y)}" z="{_um(z)}"/>\n'
-    yield "</vertices><triangles>\n"
-    for a, b, c in mesh.triangles.tolist():
-        yield f'<triangle v1="{a}" v2="{b}" v3="{c}"/>\n'
-    yield "</triangles></mesh></object>\n"
-
-
-def _store(package: zipfile.ZipFile, name: str, text: str) -> None:
-    """Add a part without the time of day."""
-    entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
-    entry.compress_type = zipfile.ZIP_DEFLATED
-    package.writestr(entry, text.encode())

@@ -1,36 +1,33 @@
-"""Colours of the parts of a STEP file, added as text.
-
-The library's own writer numbers them in the order of addresses in memory, which differs between runs.
-
-STEP files (AP214, millimetres) of dies and plates, byte-identical between runs.
+"""STEP files (AP214, millimetres) of dies and plates, byte-identical between runs, and dies as objects of modellers.
 
 The film of each opening is one solid, cut out of a box; every orientation in use is an assembly that holds it under a
 rigid placement, and the die holds those, once for each cell. Nothing is copied, and nothing that is not used is
-defined, for a part without a use would become a second root.
+defined, for a part without a use would become a second root. Colours are added as text: the library's own writer
+numbers them in the order of addresses in memory, which differs between runs.
 
-Dies as objects of solid modellers, to go on with: an assembly of cadquery, a scene of trimesh. Both in millimetres.
-
-The file formats have writers of their own, whose bytes are the same in every run.
+Read back by OCP in a process of its own (:mod:`maskfab.mask.formats.step_process`): a file whose references were
+damaged can end the process that reads it, and what OCP took of memory it keeps. An assembly of cadquery and a scene of
+trimesh, both in millimetres, are for those who go on with a die.
 """
 
 from __future__ import annotations
 
 import colorsys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from maskfab.base import __version__
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import OutputError
 from maskfab.base.files import partial
-from maskfab.base.model import ORIENTATIONS, Die, Panel, Plate
+from maskfab.base.model import ORIENTATIONS, Die, Panel, Plate, Quantity
 from maskfab.base.processes import quiet
 from maskfab.base.units import MM_PER_NM
+from maskfab.mask.formats.format import Drawn, Format, Stack
 from maskfab.mask.formats.solid import (
     CHROME_RGB,
     GLASS_ALPHA,
@@ -38,7 +35,6 @@ from maskfab.mask.formats.solid import (
     MOST_CAD_CELLS,
     MOST_CAD_VERTICES,
     Mesh,
-    Stack,
     box_mesh,
     cells,
     check_mesh_size,
@@ -50,6 +46,9 @@ from maskfab.mask.formats.solid import (
     rotation,
     unit_names,
 )
+from maskfab.mask.formats.solid_check import NM, OCP, check_file, check_reach, step_rows
+from maskfab.mask.formats.step_process import Parts
+from maskfab.mask.sandbox import PATIENCE_S, read_apart
 
 if TYPE_CHECKING:
     import cadquery
@@ -58,6 +57,7 @@ if TYPE_CHECKING:
 
 _END = b"ENDSEC;\nEND-ISO-10303-21;"
 _TAIL = 200
+_BYTES_PER_SECOND = 1e5
 
 
 @dataclass(frozen=True)
@@ -238,8 +238,8 @@ class _Assembly:
         parent: Any,
         child: Any,
         name: str,
-        position_nm: NDArray[np.float64],
-        turn: NDArray[np.float64] | None = None,
+        position_nm: Floats,
+        turn: Floats | None = None,
     ) -> None:
         """Put a part or an assembly into an assembly."""
         from OCP.gp import gp_Trsf, gp_Vec
@@ -320,7 +320,7 @@ def _ascii(text: str) -> str:
     return " ".join(text.split()).encode("ascii", "replace").decode()
 
 
-def _box(size_nm: NDArray[np.float64], low_nm: NDArray[np.float64] | None = None) -> Any:
+def _box(size_nm: Floats, low_nm: Floats | None = None) -> Any:
     from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox
     from OCP.gp import gp_Pnt
 
@@ -445,3 +445,75 @@ def _trimesh(mesh: Mesh, colour: tuple[float, float, float, float]) -> trimesh.T
     made = trimesh.Trimesh(mesh.vertices_nm * MM_PER_NM, mesh.triangles, process=False)
     made.visual.face_colors = [round(255 * part) for part in colour]
     return made
+
+
+def read_step(path: Path) -> Parts:
+    """The parts of a file with one root, and where each is placed.
+
+    Raises:
+        SourceError: MF303 if the file cannot be read, has no solids or no root, or is not in millimetres; MF316 if it
+            takes far longer than whole files do.
+    """
+    seconds = PATIENCE_S + path.stat().st_size / _BYTES_PER_SECOND
+    read, placed = read_apart(path, Path(__file__).with_name("step_process.py"), kind=Parts, seconds=seconds)
+    for shape in read.shapes:
+        check_reach(path, shape.vertices_nm)
+    check_reach(path, *(each.matrix for each in placed))
+    return read, placed
+
+
+def check_step(die: Die, path: Path, stack: Stack | None = None) -> tuple[Quantity, ...]:
+    """Read a die's STEP file back and compare it with the design, see :func:`step_rows`.
+
+    Raises:
+        SourceError: MF301 if there is no such file, MF302 if it is empty, MF303 if it cannot be read.
+    """
+    check_file(path)
+    return tuple(step_rows(die, path, stack or Stack(), read_step(path)[0]))
+
+
+def check_plate_step(plate: Plate, path: Path) -> tuple[Quantity, ...]:
+    """Read a plate's STEP file back: as many boxes as dies, under their names, where and as large as the dies are.
+
+    Raises:
+        SourceError: as :func:`check_step`.
+    """
+    check_file(path)
+    read, placed = read_step(path)
+    dies = {die.name: die for die in plate.dies}
+    found = [(name, each) for each in placed if (name := each.name) != "BLANK"]
+    error = 0.0
+    for name, each in found:
+        if name in dies:
+            corners = read.shapes[each.part].vertices_nm @ each.matrix[:3, :3].T + each.matrix[:3, 3]
+            box = np.concatenate([corners.min(axis=0)[:2], corners.max(axis=0)[:2]])
+            error = max(error, float(np.abs(box - dies[name].box_nm).max()))
+    named = len({name for name, _ in found} & dies.keys())
+    method = f"{path.name}, {OCP}"
+    flaws = sum(not shape.sound for shape in read.shapes)
+    counts = (
+        Quantity("solid_dies", named, f"boxes under a die's name in {method}", limit=len(dies)),
+        Quantity("solid_strangers", len(found) - named, f"boxes under no die's name in {method}", limit=0),
+        Quantity("solid_flaws", flaws, f"solids that BRepCheck refuses in {method}", limit=0),
+    )
+    exact = (replace(each, passed=each.value == each.limit) for each in counts)
+    told = f"corners of the dies in {method}"
+    return (*exact, Quantity("solid_position_error", error, told, limit=NM, passed=error <= NM))
+
+
+def _compare(made: Drawn, die: Die, path: Path) -> tuple[Quantity, ...]:
+    return check_step(die, path, made.settings.stack)
+
+
+FORMATS = (
+    Format(
+        "step",
+        "STEP",
+        ".step",
+        write_plate=lambda of, to: write_plate_step(of.plate, to, of.comments, of.settings.stack),
+        write_die=lambda of, die, to: write_step(die, to, of.comments, of.settings.stack),
+        compare_plate=lambda made, path: check_plate_step(made.plate, path),
+        compare_die=_compare,
+        reading="thread",
+    ),
+)

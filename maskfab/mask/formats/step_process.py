@@ -13,15 +13,14 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from maskfab.base.arrays import Floats
+from maskfab.base.arrays import Floats, Ints
 from maskfab.base.processes import quiet
-from maskfab.mask.formats.solid_reader import Parts, Placed, ReadShape, ReadSolid
 from maskfab.mask.limits import limit_share
 from maskfab.mask.sandbox import answer_message
 
@@ -34,7 +33,60 @@ _LARGEST_MEMORY = 4 << 30
 _MEMORY_PER_BYTE = 1024
 
 
-def content(path: Path) -> tuple[ReadSolid, tuple[Placed, ...]]:
+@dataclass(frozen=True, eq=False)
+class ReadShape:
+    """A shape that a file places.
+
+    Attributes:
+        vertices_nm: float64 [n, 3].
+        triangles: int64 [m, 3], counter-clockwise seen from outside.
+        volume_nm3: within it.
+        sound: whether it is closed: as :func:`maskfab.mask.formats.mesh.is_manifold` asks of a mesh, as the reading
+            library asks of a solid.
+    """
+
+    vertices_nm: Floats
+    triangles: Ints
+    volume_nm3: float
+    sound: bool
+
+
+@dataclass(frozen=True, eq=False)
+class ReadSolid:
+    """Content of a solid file, z away from the glass, the middle of the die's slot the origin.
+
+    Attributes:
+        shapes: everything that is placed.
+        index: int64 [n], which shape each placement has.
+        turns: float64 [n, 3, 3]; they may scale, too.
+        places_nm: float64 [n, 3].
+    """
+
+    shapes: tuple[ReadShape, ...]
+    index: Ints
+    turns: Floats
+    places_nm: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A part in its place.
+
+    Attributes:
+        name: of the occurrence in the root.
+        part: number of the part in the order of the file.
+        matrix: float64 [4, 4], from the part to the root, in nanometres.
+    """
+
+    name: str
+    part: int
+    matrix: Floats
+
+
+Parts: TypeAlias = tuple[ReadSolid, tuple[Placed, ...]]
+
+
+def content(path: Path) -> Parts:
     """The parts of a file, and where each is placed; any exception if it cannot be read."""
     from OCP.IFSelect import IFSelect_ReturnStatus
     from OCP.StepBasic import StepBasic_SiPrefix, StepBasic_SiUnitAndLengthUnit
@@ -130,8 +182,8 @@ def _shape(breps: list[Any], model: Any) -> ReadShape:
     from OCP.BRepMesh import BRepMesh_IncrementalMesh
     from OCP.GProp import GProp_GProps
 
-    points: list[NDArray[np.float64]] = []
-    triangles: list[NDArray[np.int64]] = []
+    points: list[Floats] = []
+    triangles: list[Ints] = []
     volume, sound, count = 0.0, True, 0
     for brep in breps:
         solid = _translated(brep, model)
@@ -185,7 +237,7 @@ def _closed(solid: Any) -> bool:
     return True
 
 
-def _faces(solid: Any) -> Iterator[tuple[NDArray[np.float64], NDArray[np.int64]]]:
+def _faces(solid: Any) -> Iterator[tuple[Floats, Ints]]:
     """Points (mm) and triangles of every face, turned outwards."""
     from OCP.BRep import BRep_Tool
     from OCP.TopAbs import TopAbs_Orientation, TopAbs_ShapeEnum

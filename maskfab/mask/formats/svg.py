@@ -1,9 +1,8 @@
-"""An SVG of ours as a layout, by the XML it is made of: symbols become cells, their uses references.
-
-SVG: a picture of a die or a plate that is exact, with one symbol for each unit cell.
+"""SVG: a picture of a die or a plate that is exact, with one symbol for each unit cell.
 
 One unit is one millimetre and six decimals are nanometres. y points up inside one group that is mirrored, so that
-coordinates are those of the plate (W3C, SVG 1.1, chapters 5 and 7).
+coordinates are those of the plate (W3C, SVG 1.1, chapters 5 and 7). Only pictures of
+ours are read back, by the XML that they are made of: symbols become cells, their uses references.
 """
 
 from __future__ import annotations
@@ -24,6 +23,7 @@ from maskfab.base.files import partial
 from maskfab.base.model import CHROME, LAYERS, Box, Layer, Plate, Polygon
 from maskfab.base.units import NM_PER_MM
 from maskfab.mask.figures import CUT, DieFigures, Figures, as_figures
+from maskfab.mask.formats.format import Format
 from maskfab.mask.layout import DBU_UM, CellArray, check_file_size, layer_info
 from maskfab.mask.outlines import hull_points
 
@@ -299,3 +299,15 @@ def _id(name: str, layer: Layer) -> str:
 def _safe(text: str) -> str:
     """The text escaped, without the control characters that XML forbids."""
     return escape("".join(letter if letter.isprintable() or letter == "\n" else " " for letter in text))
+
+
+FORMATS = (
+    Format(
+        "svg",
+        "SVG",
+        ".svg",
+        write_plate=lambda of, to: write_svg(of.figures, to, of.comments),
+        read=read_svg,
+        layers="one",
+    ),
+)

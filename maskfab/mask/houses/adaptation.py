@@ -21,7 +21,7 @@ from maskfab.job.sections import DRAWING_KEYS, ExportSection, JobSpec
 from maskfab.job.shop import Shop
 from maskfab.job.values import MASK_FORMATS, MEASURED_FORMATS, FileFormat
 from maskfab.mask.figures import MAX_VERTICES, Figures, Hierarchy, PolygonOptions, Shapes
-from maskfab.mask.formats.dxf import DrawingStyle
+from maskfab.mask.formats.format import DrawingStyle
 from maskfab.mask.layout import orientations_in_use, simple_polygon
 from maskfab.mask.marks import bounding_box, plate_template
 from maskfab.mask.outlines import Holes, hull_points, simple_pieces

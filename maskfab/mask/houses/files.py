@@ -26,8 +26,8 @@ from maskfab.job.shop import Shop
 from maskfab.job.values import PICTURES, PLATE_BITMAPS, FileFormat, ShopFormat
 from maskfab.mask.dots import NM_PER_INCH, DotGrid, die_edges_nm, die_raster
 from maskfab.mask.figures import Figures, PolygonOptions, draw
-from maskfab.mask.formats.solid import Stack
-from maskfab.mask.formats.table import FileSettings, Product, products
+from maskfab.mask.formats.format import FileSettings, Product, Stack
+from maskfab.mask.formats.table import products
 from maskfab.mask.houses.adaptation import (
     as_ordered,
     blank_of,

@@ -31,12 +31,12 @@ from maskfab.job.read import read as read_spec
 from maskfab.job.sections import JobSpec
 from maskfab.job.shop import Shop, parse_shop
 from maskfab.job.values import PLATE_BITMAPS, SHOP_FORMATS, ShopFormat, is_table
-from maskfab.mask.comparison.files import compare_mask, plate_dots_row, read_mask
+from maskfab.mask.comparison.files import compare_mask, read_mask
 from maskfab.mask.figures import CUT, PolygonOptions
 from maskfab.mask.formats import table
-from maskfab.mask.formats.dxf import DrawingStyle
+from maskfab.mask.formats.format import DrawingStyle
 from maskfab.mask.formats.gerber import require_gerbonara
-from maskfab.mask.formats.plate_bitmap import check_dots
+from maskfab.mask.formats.plate_bitmap import check_dots, check_drawn_dots
 from maskfab.mask.houses.adaptation import drawing_style, extent_nm, fitted, kept_grid_nm
 from maskfab.mask.houses.files import PlateFiles, check_package, files_for_shop, package_options, plotted_dpi
 from maskfab.mask.houses.findings import Finding, PlateFacts, Taken, accepted, answer_of, extent, mail_of
@@ -72,7 +72,7 @@ def file_box(path: Path, read: db.Layout, style: DrawingStyle) -> Box:
 
     Args:
         path: the file.
-        read: its content, as :func:`maskfab.mask.formats.reader.read_layout` gives it.
+        read: its content, as :func:`maskfab.mask.formats.table.read_layout` gives it.
         style: in which a drawing was made; its unit is that of the header's extents.
     """
     box = read.top_cell().bbox()
@@ -442,7 +442,7 @@ def read_written(drawn: PlateFiles, path: Path, *, dots: bool = True) -> tuple[B
     """Extent of everything in a mask file, which a bitmap does not tell, and the file against the design, against what
     the job asks for, and, if ``dots``, the openings dot by dot."""
     if path.suffix in {table.FORMATS[each].tail for each in PLATE_BITMAPS}:
-        return None, (plate_dots_row(drawn, path),)
+        return None, check_drawn_dots(drawn, path)
     read = read_mask(path)
     box = file_box(path, read, drawn.settings.drawing)
     rows = compare_mask(drawn, read, path, dots=dots).quantities()

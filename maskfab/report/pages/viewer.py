@@ -34,7 +34,8 @@ from maskfab.base.model import CHROME, LAYERS
 from maskfab.base.provenance import sha256_of_file
 from maskfab.base.resources import template
 from maskfab.base.units import UM_PER_NM
-from maskfab.mask.formats.reader import LAYOUT_SUFFIXES, layer_label, read_layout
+from maskfab.mask.formats.content import layer_label
+from maskfab.mask.formats.table import LAYOUT_SUFFIXES, read_layout
 from maskfab.mask.layout import DBU_UM, CellNames
 from maskfab.report.pages.finished import read_reports
 from maskfab.report.pages.tables import die_table
@@ -268,7 +269,7 @@ def shown_run(folder: Path) -> ShownRun:
     Raises:
         OutputError: MF403 if it is no finished run, MF407 if a file that would be shown was changed since, MF409 if
             none of its files has polygons.
-        SourceError: as :func:`maskfab.mask.formats.reader.read_layout` raises it.
+        SourceError: as :func:`maskfab.mask.formats.table.read_layout` raises it.
     """
     files = {str(row["path"]): {"format": "", **row} for row in read_manifest(folder)["files"]}
     (report,) = read_reports([folder])

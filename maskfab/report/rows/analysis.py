@@ -37,8 +37,9 @@ from maskfab.job.read import check_lens, check_optics, even_nm
 from maskfab.job.sections import SceneSection
 from maskfab.job.values import is_table
 from maskfab.mask import opening_file
+from maskfab.mask.formats.content import find_cell, find_layer
 from maskfab.mask.formats.gdsii import write_oasis
-from maskfab.mask.formats.reader import find_cell, find_layer, read_layout
+from maskfab.mask.formats.table import read_layout
 from maskfab.mask.layout import plate_layout, region
 from maskfab.mask.limits import allow
 from maskfab.mask.panels import check_light, check_panel_size

@@ -41,8 +41,9 @@ from maskfab.mask.comparison.faults import (
     slanted,
 )
 from maskfab.mask.comparison.roundtrip import CdCheck, RoundTrip, clear_length_nm, compare_layout
+from maskfab.mask.formats.content import rounding_nm
 from maskfab.mask.formats.picture import IMAGE_SUFFIXES, read_picture
-from maskfab.mask.formats.reader import GERBER_SUFFIXES, read_layout, rounding_nm
+from maskfab.mask.formats.table import layout_format, read_layout
 from maskfab.mask.layout import (
     DBU_UM,
     clear_box,
@@ -388,7 +389,8 @@ def _read(path: Path, how: How, ordered: StatedLayers) -> tuple[db.Layout, Layer
         return read_picture(path, how.dots_per_um), LayersRead()
     layout = read_layout(path, how.unit_um)
     layers = clear_only(layout, path, how.layer, how.cell, how.ignored, ordered)
-    return layout, layers if path.suffix.lower() not in GERBER_SUFFIXES else replace(layers, clear="")
+    form = layout_format(path)
+    return layout, replace(layers, clear="") if form is not None and form.layers == "one" else layers
 
 
 def _turn_over(read: db.Layout, alignment: Alignment, path: Path) -> None:

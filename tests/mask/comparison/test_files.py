@@ -25,7 +25,7 @@ from maskfab.mask import layout as shape_limits
 from maskfab.mask import sandbox
 from maskfab.mask.comparison import files
 from maskfab.mask.comparison.files import read_back
-from maskfab.mask.formats.table import Product
+from maskfab.mask.formats.format import Product
 from maskfab.mask.houses.files import PlateFiles, files_of_job
 from maskfab.mask.layout import layer_info, region
 from maskfab.mask.limits import children_seconds
@@ -101,7 +101,7 @@ def test_every_format_of_a_plate_comes_back_as_it_was_drawn(made, folder):
         assert rows, product.name
         if product.die is not None:
             assert {row.die for row in rows} == {product.die.name}
-    assert [trip.path.name for trip in back.trips] == [each.name for each in made.products if each.kind == "mask"]
+    assert [trip.path.name for trip in back.trips] == [each.name for each in made.products if each.polygons]
 
 
 def test_the_first_layout_alone_is_compared_dot_by_dot(made, folder):
@@ -123,11 +123,10 @@ def test_a_die_has_a_file_of_each_solid_and_picture_and_the_plate_one_of_each_la
     assert len({product.name for product in made.products}) == len(made.products)
     for ending in (*MASK_ENDINGS, *DIE_ENDINGS):
         assert any(product.name.endswith(ending) for product in made.products), ending
-    kinds = [(product.kind, None if product.die is None else product.die.name) for product in made.products]
-    assert kinds.count(("plate_solid", None)) == 1
+    kinds = [(product.form.name, None if product.die is None else product.die.name) for product in made.products]
+    assert kinds.count(("step", None)) == 1
     for die in small_plate.dies:
-        assert kinds.count(("solid", die.name)) == len(SOLIDS)
-        assert kinds.count(("bitmap", die.name)) == len(PICTURES)
+        assert sorted(name for name, of in kinds if of == die.name) == sorted((*SOLIDS, *PICTURES))
 
 
 def test_a_job_without_export_becomes_four_layouts(small_plate):
@@ -169,7 +168,9 @@ def test_a_closed_dot_fails_in_every_format(made, small_plate, tmp_path):
     other = files_of_job(without_a_dot(small_plate), spec(), ["job 0123abcd"])
     for product, wrong in zip(made.products, other.products, strict=True):
         assert product.name == wrong.name
-        if product.kind == "plate_solid" or (product.die is not None and product.die.name != "PERIODIC"):
+        if (product.form.name == "step" and product.die is None) or (
+            product.die is not None and product.die.name != "PERIODIC"
+        ):
             continue
         wrong.write(tmp_path / product.name)
         assert failed(made, product, tmp_path), product.name
@@ -179,7 +180,7 @@ def test_a_moved_die_fails_in_the_plate_step(made, small_plate, tmp_path):
     first, *others = small_plate.dies
     x, y = first.centre_nm
     moved = replace(small_plate, dies=(replace(first, centre_nm=(x + 2, y)), *others))
-    product = next(each for each in made.products if each.kind == "plate_solid")
+    product = next(each for each in made.products if each.form.name == "step" and each.die is None)
     named(files_of_job(moved, spec(), []), product.name).write(tmp_path / product.name)
     assert failed(made, product, tmp_path) == {"solid_position_error"}
 
@@ -191,7 +192,7 @@ def test_files_of_two_dies_that_are_swapped_fail_both(made, folder, tmp_path, en
     for one, other in (pair, pair[::-1]):
         shutil.copy(folder / other.name, tmp_path / one.name)
         found = failed(made, one, tmp_path)
-        assert found >= ({"bitmap_xor_area"} if one.kind == "bitmap" else {"solid_wrong_cells"})
+        assert found >= ({"bitmap_xor_area"} if one.form.name in PICTURES else {"solid_wrong_cells"})
 
 
 def test_a_polygon_of_the_svg_that_moved_fails(made, folder, tmp_path):
@@ -233,7 +234,7 @@ def test_one_wrong_pixel_fails(made, folder, tmp_path, ending):
 @pytest.mark.parametrize("content", [b"", b"no such thing", None], ids=["empty", "other", "missing"])
 def test_what_cannot_be_read_is_refused_and_told_by_its_name(made, tmp_path, content):
     products = [named(made, ending) for ending in (*MASK_ENDINGS, *(f"DENSE{each}" for each in DIE_ENDINGS))]
-    products.append(next(each for each in made.products if each.kind == "plate_solid"))
+    products.append(next(each for each in made.products if each.form.name == "step" and each.die is None))
     for product in products:
         if content is not None:
             (tmp_path / product.name).write_bytes(content)

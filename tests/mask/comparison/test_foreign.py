@@ -16,7 +16,8 @@ import maskfab as mf
 from maskfab.base.errors import JobError, SourceError
 from maskfab.base.model import CLEAR, UNSTATED, Mark, MaskBlank
 from maskfab.mask.comparison.alignment import StatedLayers, clear_only
-from maskfab.mask.formats.dxf import DrawingStyle, write_dxf
+from maskfab.mask.formats.dxf_writer import write_dxf
+from maskfab.mask.formats.format import DrawingStyle
 from maskfab.mask.formats.gdsii import write_gdsii
 from maskfab.mask.formats.gerber import write_gerber
 from maskfab.mask.layout import clear_shapes, plate_layout, region

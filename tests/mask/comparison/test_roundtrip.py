@@ -11,7 +11,7 @@ from maskfab.base.errors import SourceError
 from maskfab.base.model import CLEAR, WIRES, Gauge, Mark
 from maskfab.mask.comparison.roundtrip import clear_length_nm, compare_layout, roundtrip
 from maskfab.mask.dots import corner_touches, die_edges_nm, die_raster
-from maskfab.mask.formats.dxf import write_dxf
+from maskfab.mask.formats.dxf_writer import write_dxf
 from maskfab.mask.formats.gdsii import write_gdsii, write_oasis
 from maskfab.mask.layout import plate_layout
 

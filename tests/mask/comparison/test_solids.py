@@ -8,15 +8,22 @@ import numpy as np
 import pytest
 from sweeps import sweep
 
-from maskfab.base.errors import SourceError
+from maskfab.base.errors import OutputError, SourceError
 from maskfab.base.model import Die, Opening, Panel, Tiling
 from maskfab.base.processes import quiet
-from maskfab.mask.comparison.files import check_plate_solid, check_solid
-from maskfab.mask.formats import solid_reader as read_step_module
-from maskfab.mask.formats.solid import Stack, box_mesh, write_3mf, write_glb, write_stl
-from maskfab.mask.formats.solid_reader import is_manifold, read_step
-from maskfab.mask.formats.step import write_plate_step, write_step
+from maskfab.mask.formats import step as read_step_module
+from maskfab.mask.formats.format import Stack
+from maskfab.mask.formats.mesh import check_mesh, is_manifold, write_3mf, write_glb, write_stl
+from maskfab.mask.formats.solid import box_mesh
+from maskfab.mask.formats.step import check_plate_step, check_step, read_step, write_plate_step, write_step
+from maskfab.mask.formats.table import format_of
 from maskfab.mask.panels import hexagonal_sheet
+
+
+def check_solid(die, path, stack=None):
+    """The rows of a die's solid, by its suffix."""
+    return (check_step if path.suffix == ".step" else check_mesh)(die, path, stack)
+
 
 WRITERS = {"step": write_step, "glb": write_glb, "3mf": write_3mf, "stl": write_stl}
 MAY_FOLLOW = {"solid_volume_error", "solid_pieces", "solid_vertex_error"}
@@ -147,11 +154,11 @@ def test_files_that_are_missing_empty_or_cut_are_refused(small_plate, tmp_path, 
         check_solid(die, path)
 
 
-def test_another_suffix_is_refused(small_plate, tmp_path):
+def test_another_suffix_is_refused(tmp_path):
     path = tmp_path / "x.obj"
     path.write_text("o")
-    with pytest.raises(SourceError, match="MF308"):
-        check_solid(small_plate.dies[0], path)
+    with pytest.raises(OutputError, match="MF430"):
+        format_of(path, die=True)
 
 
 def edited(path, pattern, change):
@@ -318,14 +325,14 @@ def test_places_are_those_of_the_librarys_own_assembly(small_plate, tmp_path):
 def test_a_plate_names_its_dies_and_puts_them_in_their_places(small_plate, tmp_path):
     path = tmp_path / "plate.step"
     write_plate_step(small_plate, path)
-    rows = check_plate_solid(small_plate, path)
+    rows = check_plate_step(small_plate, path)
     assert failed(rows) == set()
     assert values(rows)["solid_dies"] == 3
     first, *others = small_plate.dies
     moved = replace(first, centre_nm=(first.centre_nm[0] + 2, first.centre_nm[1]))
-    assert failed(check_plate_solid(replace(small_plate, dies=(moved, *others)), path)) == {"solid_position_error"}
+    assert failed(check_plate_step(replace(small_plate, dies=(moved, *others)), path)) == {"solid_position_error"}
     renamed = replace(first, name="OTHER")
-    assert failed(check_plate_solid(replace(small_plate, dies=(renamed, *others)), path)) == {
+    assert failed(check_plate_step(replace(small_plate, dies=(renamed, *others)), path)) == {
         "solid_dies",
         "solid_strangers",
     }

@@ -15,7 +15,7 @@ import pytest
 
 from maskfab.base.errors import OpeningError, SourceError
 from maskfab.mask import limits, sandbox
-from maskfab.mask.formats.reader import read_layout
+from maskfab.mask.formats.table import read_layout
 from maskfab.mask.sandbox import read_apart
 
 HEAD = """

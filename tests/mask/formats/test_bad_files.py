@@ -13,9 +13,10 @@ from klayout import db
 
 from maskfab.base.errors import SourceError
 from maskfab.base.model import CLEAR
-from maskfab.mask.formats import reader
+from maskfab.mask.formats import content
+from maskfab.mask.formats.content import find_cell, find_layer, rounding_nm
 from maskfab.mask.formats.picture import read_picture
-from maskfab.mask.formats.reader import find_cell, find_layer, read_layout, rounding_nm
+from maskfab.mask.formats.table import read_layout
 from maskfab.mask.layout import count_shapes, left_out, region
 from maskfab.mask.limits import children_seconds
 
@@ -117,14 +118,14 @@ def test_a_polygon_that_crosses_itself_is_refused(tmp_path, suffix, points):
 
 def test_a_shape_that_one_reader_leaves_out_is_told(tmp_path, monkeypatch):
     path = library(tmp_path / "x.gds", SQUARE, [(20, 0), (30, 0), (30, 10)])
-    whole = reader._Conversion.layout
+    whole = content.Conversion.layout
 
     def forgetful(self, content):
         content[0]["polygons"]["sizes"] = content[0]["polygons"]["sizes"][:-1]
         content[0]["polygons"]["layers"] = content[0]["polygons"]["layers"][:-1]
         return whole(self, content)
 
-    monkeypatch.setattr(reader._Conversion, "layout", forgetful)
+    monkeypatch.setattr(content.Conversion, "layout", forgetful)
     with pytest.raises(SourceError, match=r"MF316 x\.gds holds 2 shapes for klayout and 1 for gdstk"):
         read_layout(path)
 

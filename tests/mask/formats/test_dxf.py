@@ -10,8 +10,9 @@ from ezdxf.entitydb import EntityDB
 from klayout import db
 
 from maskfab.base.model import CLEAR, LAYERS, OUTLINE, Note
-from maskfab.mask.formats.dxf import DrawingStyle, write_dxf
-from maskfab.mask.formats.reader import read_layout
+from maskfab.mask.formats.dxf_writer import write_dxf
+from maskfab.mask.formats.format import DrawingStyle
+from maskfab.mask.formats.table import read_layout
 from maskfab.mask.layout import plate_layout, plate_names, region
 
 pytestmark = pytest.mark.parametrize("version", ["R12", "R2010"])

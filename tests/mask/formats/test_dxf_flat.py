@@ -6,8 +6,9 @@ import pytest
 from maskfab.base.errors import OutputError
 from maskfab.base.model import CLEAR, LAYERS, NOTE, OUTLINE
 from maskfab.mask.figures import PolygonOptions, draw
-from maskfab.mask.formats.dxf import DrawingStyle, flat_bytes, write_dxf
-from maskfab.mask.formats.reader import read_layout
+from maskfab.mask.formats.dxf_writer import flat_bytes, write_dxf
+from maskfab.mask.formats.format import DrawingStyle
+from maskfab.mask.formats.table import read_layout
 from maskfab.mask.layout import plate_layout, region
 
 versions = pytest.mark.parametrize("version", ["R12", "R2010"])

@@ -10,9 +10,10 @@ from maskfab.base.errors import OutputError
 from maskfab.base.model import CLEAR, NOTE, OUTLINE, Die, Mark, Note, Opening, Panel, Plate, Tiling
 from maskfab.mask.comparison.roundtrip import roundtrip
 from maskfab.mask.figures import CUT, PolygonOptions, draw
-from maskfab.mask.formats.dxf import DrawingStyle, write_dxf
+from maskfab.mask.formats.dxf_writer import write_dxf
+from maskfab.mask.formats.format import DrawingStyle
 from maskfab.mask.formats.gdsii import write_gdsii, write_oasis
-from maskfab.mask.formats.reader import read_layout
+from maskfab.mask.formats.table import read_layout
 from maskfab.mask.layout import plate_layout, region
 
 pytestmark = pytest.mark.usefixtures("read_here")

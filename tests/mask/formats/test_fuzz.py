@@ -12,8 +12,7 @@ import fuzz_readers
 import pytest
 from small_job import OPENING
 
-from maskfab.mask.formats import gerber, solid_reader
-from maskfab.mask.formats import reader as layout_file
+from maskfab.mask.formats import gdsii, gerber, step
 
 SLICE = 150
 FEWER = {"gdsii": 30, "oasis": 30, "dxf": 15, "gerber": 40, "cif": 60, "step": 6, "package": 40}
@@ -26,7 +25,7 @@ APART = ("gdsii", "oasis", "gerber", "step")
 @pytest.fixture
 def one_process(monkeypatch):
     """The readers as they are in a worker of the fuzzer, for this process to be copied for every file."""
-    for module, name in ((layout_file, "_read_cells"), (gerber, "read_apart"), (solid_reader, "read_apart")):
+    for module, name in ((gdsii, "_read_cells"), (gerber, "read_apart"), (step, "read_apart")):
         monkeypatch.setattr(module, name, getattr(module, name))
     fuzz_readers.in_one_process()
     import_module("gerbonara")

@@ -22,7 +22,8 @@ import pytest
 from browser import dumped, installed
 
 from maskfab.mask.dots import die_edges_nm, die_raster
-from maskfab.mask.formats.solid import Stack, write_glb
+from maskfab.mask.formats.format import Stack
+from maskfab.mask.formats.mesh import write_glb
 
 WEBGL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 SIDE = 512

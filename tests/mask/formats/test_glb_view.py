@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from maskfab.mask.dots import die_edges_nm, die_raster
-from maskfab.mask.formats.solid import Stack, write_glb
+from maskfab.mask.formats.format import Stack
+from maskfab.mask.formats.mesh import write_glb
 
 
 def scene(path):

@@ -22,7 +22,8 @@ from small_job import write_job
 from maskfab.base.errors import SourceError
 from maskfab.base.model import CLEAR
 from maskfab.mask import layout as shape_limits
-from maskfab.mask.formats.reader import find_layer, read_layout
+from maskfab.mask.formats.content import find_layer
+from maskfab.mask.formats.table import read_layout
 from maskfab.mask.layout import count_shapes, region
 
 FEW, VERY_MANY = 2_000, 240_000
@@ -168,7 +169,7 @@ def test_more_shapes_than_can_be_worked_with_are_refused_with_value_limit_and_cu
 
 def test_what_is_read_in_parts_is_whole(tmp_path, monkeypatch):
     """However many polygons are turned at once: repeated vertices and empty ones of every part are counted."""
-    from maskfab.mask.formats import reader as layout_file
+    from maskfab.mask.formats import content
     from maskfab.mask.layout import left_out
 
     corners = steps(100)
@@ -177,7 +178,7 @@ def test_what_is_read_in_parts_is_whole(tmp_path, monkeypatch):
     path = write_gds(tmp_path / "x.gds", corners)
     seen = []
     for at_once in (1, 7, 100, 1000):
-        monkeypatch.setattr(layout_file, "_AT_ONCE", at_once)
+        monkeypatch.setattr(content, "_AT_ONCE", at_once)
         read = read_layout(path)
         seen.append((count_shapes(read), region(read, CLEAR).area(), left_out(read)))
     assert len(set(seen)) == 1

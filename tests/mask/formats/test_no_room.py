@@ -27,12 +27,12 @@ from maskfab.base.errors import OutputError
 from maskfab.base.folders import write_bytes
 from maskfab.mask.figures import draw
 from maskfab.mask.formats.cif import write_cif
-from maskfab.mask.formats.dxf import write_dxf
+from maskfab.mask.formats.dxf_writer import write_dxf
 from maskfab.mask.formats.exr import write_exr, write_png
 from maskfab.mask.formats.gdsii import write_gdsii, write_oasis
 from maskfab.mask.formats.gerber import write_gerber
+from maskfab.mask.formats.mesh import write_3mf, write_glb, write_stl
 from maskfab.mask.formats.picture import write_bilevel, write_preview
-from maskfab.mask.formats.solid import write_3mf, write_glb, write_stl
 from maskfab.mask.formats.step import write_plate_step, write_step
 from maskfab.mask.formats.svg import write_svg
 from maskfab.mask.job import load_job

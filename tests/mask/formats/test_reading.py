@@ -13,9 +13,10 @@ from sweeps import sweep
 from maskfab.base.errors import SourceError
 from maskfab.base.model import CLEAR
 from maskfab.mask.formats.cif import write_cif
-from maskfab.mask.formats.dxf import write_dxf
+from maskfab.mask.formats.content import find_cell, find_layer, rounding_nm
+from maskfab.mask.formats.dxf_writer import write_dxf
 from maskfab.mask.formats.gdsii import write_gdsii, write_oasis
-from maskfab.mask.formats.reader import find_cell, find_layer, read_layout, rounding_nm
+from maskfab.mask.formats.table import read_layout
 from maskfab.mask.layout import plate_layout, region
 
 SUFFIXES = ("gds", "oas", "dxf", "cif")

@@ -10,7 +10,8 @@ from klayout import db
 from maskfab.base.errors import SourceError
 from maskfab.base.model import CLEAR
 from maskfab.mask.formats.cif import cif_content, write_cif
-from maskfab.mask.formats.reader import find_layer, read_layout, rounding_nm
+from maskfab.mask.formats.content import find_layer, rounding_nm
+from maskfab.mask.formats.table import read_layout
 from maskfab.mask.layout import MOST_CELLS, region
 
 SQUARE = "P 0 0 40 0 40 40 0 40"

@@ -9,7 +9,7 @@ import pytest
 
 from maskfab.base.errors import SourceError
 from maskfab.mask.formats import gdsii as record_counts
-from maskfab.mask.formats.reader import read_layout
+from maskfab.mask.formats.table import read_layout
 from maskfab.mask.layout import MOST_CELLS, MOST_LAYERS
 
 

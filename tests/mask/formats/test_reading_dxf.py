@@ -12,7 +12,8 @@ from klayout import db
 
 from maskfab.base.errors import JobError, SourceError
 from maskfab.base.model import CLEAR
-from maskfab.mask.formats.reader import drawn_unit_um, find_layer, read_layout, rounding_nm
+from maskfab.mask.formats.content import drawn_unit_um, find_layer, rounding_nm
+from maskfab.mask.formats.table import read_layout
 from maskfab.mask.layout import count_shapes, count_texts, left_out, region
 
 ON_CLEAR = {"layer": "CLEAR"}

@@ -8,7 +8,7 @@ from klayout import db
 
 from maskfab.base.errors import SourceError
 from maskfab.mask import layout as shape_limits
-from maskfab.mask.formats.reader import read_layout
+from maskfab.mask.formats.table import read_layout
 from maskfab.mask.layout import most_covered, weight
 
 pytestmark = pytest.mark.usefixtures("read_here")

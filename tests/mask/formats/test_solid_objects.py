@@ -9,7 +9,7 @@ import pytest
 
 from maskfab.base.errors import OutputError
 from maskfab.base.model import Die, Opening, Panel, Tiling
-from maskfab.mask.formats.solid import Stack
+from maskfab.mask.formats.format import Stack
 from maskfab.mask.formats.step import cadquery_assembly, trimesh_scene
 
 STACK = Stack(chrome_nm=20_000.0)

@@ -18,8 +18,9 @@ from sweeps import examples
 from maskfab.base.errors import OutputError
 from maskfab.base.model import Die, Opening, Panel, Tiling, orient
 from maskfab.mask.dots import die_edges_nm, die_raster
-from maskfab.mask.formats.solid import Stack, centres_nm, film, rotation, write_3mf, write_glb, write_stl
-from maskfab.mask.formats.solid_reader import is_manifold
+from maskfab.mask.formats.format import Stack
+from maskfab.mask.formats.mesh import is_manifold, write_3mf, write_glb, write_stl
+from maskfab.mask.formats.solid import centres_nm, film, rotation
 from maskfab.mask.formats.step import write_plate_step, write_step
 
 WRITERS = {"step": write_step, "glb": write_glb, "3mf": write_3mf, "stl": write_stl}

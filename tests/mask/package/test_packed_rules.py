@@ -296,14 +296,20 @@ def test_folders_above_a_package_are_made_with_it_and_not_for_a_refusal(capsys, 
 
 
 def test_a_full_temporary_folder_is_told_as_such(monkeypatch, tmp_path):
-    from maskfab.mask.formats import table as outputs
+    from maskfab.mask.formats import cif, dxf_writer, gdsii, gerber
 
     def full(figures, path, *_):
         raise OutputError("MF401", f"{path} cannot be written: No space left on device", cure="Choose another --out")
 
     job = load_job(write_job(tmp_path))
-    for writer in ("write_gdsii", "write_oasis", "write_dxf", "write_gerber", "write_cif"):
-        monkeypatch.setattr(outputs, writer, full)
+    for module, writer in (
+        (gdsii, "write_gdsii"),
+        (gdsii, "write_oasis"),
+        (dxf_writer, "write_dxf"),
+        (gerber, "write_gerber"),
+        (cif, "write_cif"),
+    ):
+        monkeypatch.setattr(module, writer, full)
     with pytest.raises(OutputError, match="temporary folder") as refusal:
         pack(job, load_shop("pog"), tmp_path / "p.zip")
     assert "TMPDIR" in refusal.value.cure

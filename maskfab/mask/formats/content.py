@@ -1,0 +1,336 @@
+"""Content of mask files as layouts: what readers of every format share, and what is asked of a layout that was read.
+
+What is read apart or by grammar comes as cells in arrays, and becomes a layout of klayout here; what klayout itself
+reads is looked through for names that are no text. Refusals that several readers make are worded once. A layout that
+was read is asked for a cell, a layer, its unit and its rounding.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from klayout import db
+
+from maskfab.base.arrays import Floats, Ints
+from maskfab.base.errors import SourceError
+from maskfab.base.model import CLEAR, LAYERS
+from maskfab.mask.layout import (
+    DBU_UM,
+    ROUNDING_KEY,
+    LeftOut,
+    is_empty,
+    is_plain,
+    layer_info,
+    note_left_out,
+    outlines_layout,
+    refuse_long,
+)
+
+_LARGEST_NM = 2**31 - 1
+_MOST_COPIES = 10_000_000
+_MANY_COPIES = 64
+_AT_ONCE = 10_000
+_ON_GRID_NM = 1e-6
+
+UNIT_KEY = "maskfab_unit_um"
+"""Entry of a layout that holds the unit its drawing was read in, in micrometres."""
+
+
+def damaged(path: Path, what: str) -> SourceError:
+    """MF303 for a file that says what cannot be."""
+    return SourceError("MF303", f"{path.name}: {what}", where=str(path), cure="Write or copy it again")
+
+
+def wrong_kind(path: Path, kind: str) -> SourceError:
+    """MF304 for a file whose content is not what its suffix says."""
+    return SourceError("MF304", f"{path.name} is not a {kind} file", where=str(path), cure="Give it its true suffix")
+
+
+def listed(names: Sequence[str], most: int = 12) -> str:
+    """The first names of many."""
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def note_rounding(layout: db.Layout, rounding_nm: float) -> None:
+    """Keep the largest distance by which a coordinate was moved to the nanometre grid for :func:`rounding_nm`."""
+    layout.add_meta_info(db.LayoutMetaInfo(ROUNDING_KEY, rounding_nm, "largest rounding to the nanometre grid"))
+
+
+def rounding_nm(layout: db.Layout) -> float:
+    """The largest distance by which a coordinate was moved to the nanometre grid when the layout was read."""
+    return float(layout.meta_info_value(ROUNDING_KEY) or 0.0)
+
+
+def drawn_unit_um(layout: db.Layout) -> float | None:
+    """The unit that a DXF was read in; None of files of other kinds."""
+    stated = layout.meta_info_value(UNIT_KEY)
+    return None if stated is None else float(stated)
+
+
+def find_cell(layout: db.Layout, cell: str | None = None) -> db.Cell:
+    """The cell of that name, or the only top cell.
+
+    Raises:
+        SourceError: MF305 if no cell is named and there is more than one top cell, MF307 if there is no such cell,
+            MF309 if the layout has no cell at all.
+    """
+    tops = sorted(top.name for top in layout.top_cells())
+    if not tops:
+        raise SourceError("MF309", "the layout has no cell", cure="Export it again with at least one cell")
+    if cell is None:
+        if len(tops) > 1:
+            raise SourceError(
+                "MF305", f"the layout has {len(tops)} top cells: {listed(tops)}", cure="Give --cell one of these"
+            )
+        return layout.top_cell()
+    found = layout.cell(cell)
+    if found is None:
+        raise SourceError("MF307", f"no cell {cell!r}; top cells: {listed(tops)}", cure="Give --cell one of these")
+    return found
+
+
+def find_layer(layout: db.Layout, layer: str | None = None) -> db.LayerInfo:
+    """The layer that is meant by ``"1/0"``, ``"1"`` (datatype 0) or a DXF layer's name.
+
+    None stands for 1/0, or CLEAR in DXF, if that holds shapes, and else for the only layer that does.
+
+    Raises:
+        SourceError: MF306, with the layers that are there, if the layer is not or if None could mean several.
+    """
+    used = [info for info in sorted(layout.layer_infos(), key=layer_label) if _has_shapes(layout, info)]
+    there = listed([layer_label(info) for info in used]) or "none with shapes"
+    if layer is None:
+        clear = layer_info(CLEAR)
+        usual = [info for info in used if info.is_equivalent(clear)]
+        if usual or len(used) == 1:
+            return (usual or used)[0]
+        raise SourceError(
+            "MF306", f"the layout has no layer {layer_label(clear)}; layers: {there}", cure="Give --layer one of these"
+        )
+    for info in layout.layer_infos():
+        if layer in layer_names(info):
+            return info
+    raise SourceError("MF306", f"the layout has no layer {layer!r}; layers: {there}", cure="Give --layer one of these")
+
+
+def layer_names(info: db.LayerInfo) -> set[str]:
+    """All that a layer may be called: its name, its numbers, and its number alone if its datatype is 0."""
+    names = {info.name} if info.name else set()
+    if info.layer >= 0:
+        names.add(f"{info.layer}/{info.datatype}")
+        if info.datatype == 0:
+            names.add(str(info.layer))
+    return names
+
+
+def layer_label(info: db.LayerInfo) -> str:
+    """Numbers and name of a layer, as far as it has them."""
+    numbers = f"{info.layer}/{info.datatype}" if info.layer >= 0 else ""
+    return " ".join(part for part in (numbers, info.name) if part)
+
+
+def _has_shapes(layout: db.Layout, info: db.LayerInfo) -> bool:
+    index = layout.find_layer(info)
+    return any(not cell.shapes(index).is_empty() for cell in layout.each_cell())
+
+
+def read_with_klayout(path: Path, options: db.LoadLayoutOptions, content: bytes | None = None) -> db.Layout:
+    """The file, or in its place the content that is left of it."""
+    options.warn_level = 0
+    layout = db.Layout()
+    try:
+        if content is None:
+            layout.read(str(path), options)
+        else:
+            layout.read_bytes(content, options)
+        # Names that are no text cannot be had, and would stop whoever asks later.
+        for named in (*layout.layer_infos(), *layout.each_cell()):
+            str(named.name)
+    except (RuntimeError, UnicodeDecodeError) as error:
+        no_text = isinstance(error, UnicodeDecodeError) or "UnicodeDecodeError" in str(error)
+        reason = "a name in it is no text" if no_text else str(error).split(", in file")[0]
+        raise damaged(path, reason) from error
+    return layout
+
+
+def number_layers(layout: db.Layout) -> None:
+    """Give layers that have the name of one of the plate's, and no more, its numbers."""
+    for layer in LAYERS:
+        index = layout.find_layer(db.LayerInfo(layer.name))
+        if index is not None:
+            layout.set_info(index, layer_info(layer))
+
+
+class Conversion:
+    """The content of a file (see :mod:`maskfab.mask.formats.gdstk_process`) as a klayout layout."""
+
+    def __init__(self, path: Path, named: Sequence[db.LayerInfo] = ()) -> None:
+        """``named`` are the layers of a format without numbers: the content has their places, and datatypes 0."""
+        self._path = path
+        self._rounding = 0.0
+        self._copies = 0
+        self._repeated_vertices = 0
+        self._empty_polygons = 0
+        self._layout = db.Layout()
+        self._layout.dbu = DBU_UM
+        self._layers: dict[tuple[int, int], int] = {
+            (each.number, each.datatype): self._layout.layer(layer_info(each)) for each in LAYERS
+        }
+        self._layers |= {(place, 0): self._layout.layer(info) for place, info in enumerate(named)}
+        self._cells: dict[str, db.Cell] = {}
+
+    def layout(self, content: list[dict[str, Any]]) -> db.Layout:
+        for cell in content:
+            if cell["name"] in self._cells:
+                raise damaged(self._path, f"it has two cells {cell['name']!r}")
+            self._cells[cell["name"]] = self._layout.create_cell(cell["name"])
+        self._refuse_cycles(content)
+        for cell in content:
+            self._fill(cell, self._cells[cell["name"]])
+        note_rounding(self._layout, self._rounding)
+        note_left_out(self._layout, LeftOut(self._repeated_vertices, self._empty_polygons))
+        return self._layout
+
+    def _refuse_cycles(self, content: list[dict[str, Any]]) -> None:
+        graph = {cell["name"]: {reference[0] for reference in cell["references"]} for cell in content}
+        lacking = sorted(set().union(*graph.values()) - graph.keys())
+        if lacking:
+            raise damaged(self._path, f"it places cells that it lacks: {listed(lacking)}")
+        try:
+            TopologicalSorter(graph).prepare()
+        except CycleError as error:
+            raise damaged(self._path, f"cell {error.args[1][0]!r} contains itself") from error
+
+    def _fill(self, source: dict[str, Any], target: db.Cell) -> None:
+        # Many vertices and all origins in one array each: a flat die has a million polygons, a random one ten thousand
+        # references.
+        polygons = source["polygons"]
+        refuse_long(int(polygons["sizes"].max(initial=0)), self._path)
+        ends = np.cumsum(polygons["sizes"])
+        for start in range(0, len(ends), _AT_ONCE):
+            self._draw(source["name"], polygons, ends, range(start, min(start + _AT_ONCE, len(ends))), target)
+        for text, origin, layer, texttype, repetition in source["labels"]:
+            ((x, y),) = self._integers(np.array([origin]))
+            shapes = target.shapes(self._layer(layer, texttype))
+            for dx, dy in self._offsets(repetition):
+                shapes.insert(db.Text(text, db.Trans(x + dx, y + dy)))
+        references = source["references"]
+        origins = self._integers(np.array([reference[1] for reference in references]).reshape(-1, 2))
+        for reference, (x, y) in zip(references, origins, strict=True):
+            for instance in self._instances(reference, x, y):
+                target.insert(instance)
+
+    def _draw(self, name: str, polygons: dict[str, Any], ends: Ints, which: range, target: db.Cell) -> None:
+        """Draw polygons of those numbers, of which the corners of each end before ``ends`` in the array of all."""
+        sizes = polygons["sizes"][which.start : which.stop]
+        corners = self._on_grid(polygons["corners"][ends[which.start] - sizes[0] : ends[which.stop - 1]])
+        at_once = is_plain(corners, sizes)
+        at_once[[each - which.start for each in polygons["repetitions"] if each in which]] = False
+        number, datatype = polygons["layers"][which.start : which.stop].astype(np.uint64).T
+        layers, owners = np.unique(number << 32 | datatype, return_inverse=True)
+        indices = [self._layer(*divmod(each, 1 << 32)) for each in layers.tolist()]
+        drawing = outlines_layout(corners[np.repeat(at_once, sizes)], sizes[at_once], owners[at_once])
+        for info in drawing.layer_infos():
+            target.shapes(indices[info.layer]).insert(drawing.top_cell().shapes(drawing.find_layer(info)))
+        stops = np.cumsum(sizes)
+        for k in np.flatnonzero(~at_once).tolist():
+            own = corners[stops[k] - sizes[k] : stops[k]]
+            self._draw_one(name, own, indices[owners[k]], polygons["repetitions"].get(which.start + k), target)
+
+    def _draw_one(self, name: str, corners: Ints, layer: int, repetition: Any, target: db.Cell) -> None:
+        shape = db.Polygon([db.Point(x, y) for x, y in corners.tolist()])
+        if shape.num_points() < len(corners):
+            self._repeated_vertices += int((corners == np.roll(corners, 1, axis=0)).all(1).sum())
+        if is_empty(shape):
+            self._empty_polygons += 1
+        elif isinstance(repetition, tuple) and repetition[0] * repetition[1] > _MANY_COPIES:
+            # One placement of a cell of its own instead of as many polygons.
+            repeated = self._layout.create_cell(f"{name}_REPEATED")
+            repeated.shapes(layer).insert(shape)
+            target.insert(self._array(repeated.cell_index(), db.Trans(), repetition))
+        else:
+            for dx, dy in self._offsets(repetition):
+                target.shapes(layer).insert(shape.moved(dx, dy) if dx or dy else shape)
+
+    def _layer(self, number: int, datatype: int) -> int:
+        key = number, datatype
+        if key not in self._layers:
+            self._layers[key] = self._layout.layer(number, datatype)
+        return self._layers[key]
+
+    def _instances(self, reference: tuple[Any, ...], x: int, y: int) -> Iterator[db.CellInstArray]:
+        name, _, radians, magnification, mirrored, repetition = reference
+        index = self._cells[name].cell_index()
+        quarters = radians / (math.pi / 2)
+        straight = magnification == 1.0 and abs(quarters - round(quarters)) < 1e-9
+        if straight:
+            turn: Any = db.Trans(round(quarters) % 4, mirrored, x, y)
+        else:
+            turn = db.ICplxTrans(magnification, math.degrees(radians), mirrored, x, y)
+        if repetition is None:
+            yield db.CellInstArray(index, turn)
+        elif isinstance(repetition, tuple):
+            yield self._array(index, turn, repetition)
+        else:
+            for dx, dy in self._offsets(repetition):
+                yield db.CellInstArray(index, (db.Trans if straight else db.ICplxTrans)(dx, dy) * turn)
+
+    def _array(self, index: int, turn: Any, repetition: tuple[Any, ...]) -> db.CellInstArray:
+        self._refuse_standing(repetition)
+        columns, rows, vectors = repetition
+        a, b = self._integers(vectors)
+        return db.CellInstArray(index, turn, db.Vector(*a), db.Vector(*b), columns, rows)
+
+    def _refuse_standing(self, repetition: tuple[Any, ...]) -> None:
+        """klayout takes copies that lie on each other for one, where there is no step between them."""
+        columns, rows, vectors = repetition
+        moves = np.rint(vectors).any(axis=1)
+        if (columns > 1 and not moves[0]) or (rows > 1 and not moves[1]):
+            raise SourceError(
+                "MF316",
+                f"{self._path.name} has an array of {columns} x {rows} with steps of 0 nm: some readers take its "
+                "copies for one",
+                where=str(self._path),
+                cure="Place each copy once, at its own position",
+            )
+
+    def _offsets(self, repetition: Any) -> list[list[int]]:
+        if repetition is None:
+            return [[0, 0]]
+        if isinstance(repetition, tuple):
+            self._refuse_standing(repetition)
+            columns, rows, vectors = repetition
+            self._count_copies(columns * rows)
+            repetition = np.mgrid[0:columns, 0:rows].reshape(2, -1).T @ vectors
+        else:
+            self._count_copies(len(repetition))
+        return self._integers(repetition)
+
+    def _count_copies(self, count: int) -> None:
+        self._copies += count
+        if self._copies > _MOST_COPIES:
+            raise SourceError(
+                "MF313",
+                f"{self._path.name} repeats single shapes over {_MOST_COPIES} times",
+                where=str(self._path),
+                cure="Repeat cells instead of shapes",
+            )
+
+    def _integers(self, values: Floats) -> list[list[int]]:
+        integers: list[list[int]] = self._on_grid(values).tolist()
+        return integers
+
+    def _on_grid(self, values: Floats) -> Ints:
+        """The values on the nanometre grid."""
+        if not (np.abs(values) <= _LARGEST_NM).all():  # NaN included
+            raise damaged(self._path, "a coordinate lies beyond 2.1 m")
+        nearest = np.rint(values)
+        rounding = float(np.abs(values - nearest).max(initial=0.0))
+        if rounding > _ON_GRID_NM:
+            self._rounding = max(self._rounding, rounding)
+        return nearest.astype(np.int64)

@@ -1,0 +1,427 @@
+"""Triangle meshes of dies: GLB, 3MF and STL, byte-identical between runs, read back by trimesh.
+
+All hold the film as :func:`maskfab.mask.formats.solid.film` makes it, one closed surface, and are plain enough to be
+written here.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+import zipfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import escape, quoteattr
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maskfab.base import __version__
+from maskfab.base.arrays import Floats, Ints
+from maskfab.base.errors import OutputError, SourceError
+from maskfab.base.files import partial
+from maskfab.base.model import Die, Quantity
+from maskfab.base.units import MM_PER_NM, UM_PER_NM
+from maskfab.mask.formats.format import Drawn, Format, Stack
+from maskfab.mask.formats.solid import Mesh, box_mesh, check_mesh_size, film, glass
+from maskfab.mask.formats.solid_check import check_file, check_reach, damaged, mesh_rows
+from maskfab.mask.formats.step_process import ReadShape, ReadSolid
+
+_STL_LIMIT = 100_000_000
+_STL_HEAD = 84
+_STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+
+_FLOAT, _UNSIGNED = 5126, 5125
+_VERTICES, _INDICES = 34962, 34963
+_Y_UP = (1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1)
+"""glTF's y points up, a die's z; columns of the matrix."""
+_DARK = (0.09, 0.1, 0.11)
+_GLASS_ALPHA = 0.2
+
+_MODEL = "3D/3dmodel.model"
+_NM_PER_UNIT = {"meters": 1e9, "millimeters": 1e6, "micron": 1e3, "microns": 1e3}
+_CONTENT_TYPES = (
+    '<?xml version="1.0" encoding="UTF-8"?>\n'
+    '<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">'
+    '<Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
+    '<Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/></Types>\n'
+)
+_RELATIONS = (
+    '<?xml version="1.0" encoding="UTF-8"?>\n'
+    '<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
+    f'<Relationship Target="/{_MODEL}" Id="rel0" Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/>'
+    "</Relationships>\n"
+)
+
+
+def write_glb(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack | None = None) -> None:
+    """Write a die as binary glTF 2.0, in metres: a node of glass, and one of chrome.
+
+    The film's vertices are whole nanometres under a node that scales them, so float32 holds them exactly in dies of up
+    to 33.5 mm; beyond, they are rounded to 2 or 4 nm. The root node turns z up into glTF's y up. Comments and
+    thicknesses stand in ``asset.extras``.
+
+    Raises:
+        OutputError: MF401 if the file cannot be written; MF436 as :func:`maskfab.mask.formats.solid.film`; MF410 or
+            MF412 as :func:`maskfab.mask.formats.solid.check_mesh_size`; MF437 if rounding makes one of two vertices.
+    """
+    stack = stack or Stack()
+    check_mesh_size(die, "glb")
+    chrome, touches = film(die, stack)
+    low, high = glass(die, stack)
+    nodes: list[dict[str, Any]] = [{"name": die.name, "matrix": _Y_UP, "children": [1, 2]}]
+    blocks: list[bytes] = []
+    views: list[dict[str, Any]] = []
+    accessors: list[dict[str, Any]] = []
+    meshes: list[dict[str, Any]] = []
+    # A unit cube of glass and a film one unit thick: in both, scales are exact where corners in metres would not be.
+    flat = np.array([1.0, 1.0, stack.film_nm])
+    parts = (
+        ("GLASS", box_mesh(np.zeros(3), np.ones(3)), {"translation": _metres(low), "scale": _metres(high - low)}),
+        ("FILM", Mesh(chrome.vertices_nm / flat, chrome.triangles), {"scale": _metres(flat)}),
+    )
+    for n, (name, mesh, place) in enumerate(parts):
+        points = _float32(die, "glb", mesh.vertices_nm)
+        for block, target in ((points, _VERTICES), (mesh.triangles.astype("<u4"), _INDICES)):
+            start = sum(view["byteLength"] for view in views)
+            views.append({"buffer": 0, "byteOffset": start, "byteLength": block.nbytes, "target": target})
+            blocks.append(block.tobytes())
+        bounds = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
+        accessors.append({"bufferView": 2 * n, "componentType": _FLOAT, "count": len(points), "type": "VEC3", **bounds})
+        indices = {"bufferView": 2 * n + 1, "componentType": _UNSIGNED, "type": "SCALAR"}
+        accessors.append({**indices, "count": mesh.triangles.size})
+        primitive = {"attributes": {"POSITION": 2 * n}, "indices": 2 * n + 1, "material": n}
+        meshes.append({"name": f"{die.name}_{name}", "primitives": [primitive]})
+        nodes.append({"name": name, "mesh": n, **place})
+    said = [*comments, *stack.remarks(), *stack.touching_remark(die, touches)]
+    document = {
+        "asset": {
+            "version": "2.0",
+            "generator": f"maskfab {__version__}",
+            "extras": {"comments": said, "exaggeration": stack.exaggeration},
+        },
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": nodes,
+        "meshes": meshes,
+        "materials": [
+            {"name": "glass", "alphaMode": "BLEND", "pbrMetallicRoughness": _surface(_GLASS_ALPHA)},
+            {"name": "chrome", "pbrMetallicRoughness": _surface(1)},
+        ],
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": sum(map(len, blocks))}],
+    }
+    text = json.dumps(document, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    data = b"".join(blocks)
+    with partial(path) as place_aside, place_aside.open("wb") as file:
+        file.write(struct.pack("<4sII", b"glTF", 2, 12 + 8 + len(text) + 8 + len(data)))
+        file.write(struct.pack("<I4s", len(text), b"JSON") + text)
+        file.write(struct.pack("<I4s", len(data), b"BIN\0") + data)
+
+
+def write_3mf(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack | None = None) -> None:
+    """Write a die as 3MF, in micrometres: an object of glass, and one of chrome.
+
+    Coordinates are decimals, exact to 1e-4 nm. Comments and thicknesses stand in the metadata ``Description``.
+
+    Raises:
+        OutputError: MF401 if the file cannot be written; MF436 as :func:`maskfab.mask.formats.solid.film`; MF410 or
+            MF412 as :func:`maskfab.mask.formats.solid.check_mesh_size`.
+    """
+    stack = stack or Stack()
+    check_mesh_size(die, "3mf")
+    chrome, touches = film(die, stack)
+    low, high = glass(die, stack)
+    said = (*comments, *stack.remarks(), *stack.touching_remark(die, touches))
+    with partial(path) as place, zipfile.ZipFile(place, "w", zipfile.ZIP_DEFLATED) as package:
+        _store(package, "[Content_Types].xml", _CONTENT_TYPES)
+        _store(package, "_rels/.rels", _RELATIONS)
+        parts = [
+            '<?xml version="1.0" encoding="UTF-8"?>\n<model unit="micron" xml:lang="en-US" '
+            'xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02">\n',
+            f'<metadata name="Title">{escape(die.name)}</metadata>\n',
+            f'<metadata name="Application">maskfab {__version__}</metadata>\n',
+            f'<metadata name="Description">{escape("; ".join(said))}</metadata>\n',
+            "<resources>\n",
+        ]
+        parts += _mesh_xml(1, f"{die.name}_GLASS", box_mesh(np.zeros(3), high - low))
+        parts += _mesh_xml(2, f"{die.name}_FILM", chrome)
+        parts += ["</resources>\n<build>\n", _item(1, *low, name="GLASS"), _item(2, 0.0, 0.0, 0.0, name="FILM")]
+        parts.append("</build>\n</model>\n")
+        _store(package, _MODEL, "".join(parts))
+
+
+def write_stl(
+    die: Die,
+    path: Path,
+    comments: Sequence[str] = (),
+    stack: Stack | None = None,
+    *,
+    limit_bytes: int = _STL_LIMIT,
+    force: bool = False,
+) -> None:
+    """Write the chrome of a die as binary STL, in millimetres; without the glass, which would touch it everywhere.
+
+    Vertices are float32 millimetres from the middle of the die, so they are rounded to 0.5 nm at 8 to 16 mm from it, to
+    1 nm at 16 to 32 mm; those of one place are rounded alike. The head of 80 bytes holds the unit and as much of the
+    remarks and of the first comment as fits.
+
+    Args:
+        die: what to write.
+        path: the file.
+        comments: lines about it.
+        stack: thicknesses; those of the glass do not matter.
+        limit_bytes: the largest file that is written.
+        force: write it nonetheless.
+
+    Raises:
+        OutputError: MF401 if the file cannot be written; MF411 if it would be larger than ``limit_bytes``; MF436 as
+            :func:`maskfab.mask.formats.solid.film`; MF410 or MF412 as
+            :func:`maskfab.mask.formats.solid.check_mesh_size`; MF437 if rounding makes one of two vertices.
+    """
+    stack = stack or Stack()
+    check_mesh_size(die, "stl")
+    chrome, touches = film(die, stack)
+    count = len(chrome.triangles)
+    size = _STL_HEAD + _STL_TRIANGLE.itemsize * count
+    if size > limit_bytes and not force:
+        raise OutputError(
+            "MF411",
+            f"an STL of {die.panel.orientations.size} cells would take {size / 1e6:.1f} MB, "
+            f"more than {limit_bytes / 1e6:g} MB",
+            where=f"die {die.name}",
+            cure="Use glb, which takes half of it, or raise export.stl_limit_mb",
+        )
+    table = np.zeros(count, dtype=_STL_TRIANGLE)
+    table["corners"] = _float32(die, "stl", chrome.vertices_nm * MM_PER_NM)[chrome.triangles]
+    # Of what is exact: a wall is no higher than the rounding of a die's coordinates leaves it.
+    corners = chrome.vertices_nm[chrome.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    table["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    said = "; ".join(("unit mm", *stack.remarks()[1:], *stack.touching_remark(die, touches), *comments))
+    head = said.encode("ascii", "replace")[:80].ljust(80)
+    with partial(path) as place, place.open("wb") as file:
+        file.write(head + struct.pack("<I", count))
+        file.write(table.tobytes())
+
+
+def _float32(die: Die, kind: str, vertices: Floats) -> NDArray[np.float32]:
+    """Vertices as a format rounds them, [n, 3].
+
+    Raises:
+        OutputError: MF437 if two become one.
+    """
+    rounded = vertices.astype("<f4")
+    flat, heights = rounded[:, 0] + 1j * rounded[:, 1], rounded[:, 2]
+    if sum(len(np.unique(flat[heights == each])) for each in np.unique(heights)) < len(vertices):
+        raise OutputError(
+            "MF437",
+            f"corners of die {die.name} lie so near to one another that float32 makes one of two in a {kind}",
+            where=f"die {die.name}",
+            cure=f"Use 3mf, whose decimals are exact, and leave {kind} out of export.formats",
+        )
+    return rounded
+
+
+def _surface(alpha: float) -> dict[str, Any]:
+    """Appearance of glass and chrome: the same, so that it does not show which of the two a viewer takes to be nearer.
+
+    They lie 100 nm apart, less than the depth buffer of most viewers resolves for a whole die, which mottles the chrome
+    with any other colour of glass. Matt and without metal they stay dark where a light shines back at the camera.
+    """
+    return {"baseColorFactor": [*_DARK, alpha], "metallicFactor": 0, "roughnessFactor": 0.7}
+
+
+def _metres(point_nm: Sequence[float] | NDArray[np.float64]) -> list[float]:
+    # 13 decimals are 1e-4 nm; rounding takes away the noise of the product.
+    return [round(float(value) * 1e-9, 13) for value in point_nm]
+
+
+def _um(value_nm: float) -> str:
+    """Micrometres to 1e-4 nm, without trailing zeros."""
+    return f"{value_nm * UM_PER_NM:.7f}".rstrip("0").rstrip(".")
+
+
+def _item(number: int, x: float, y: float, z: float, *, name: str) -> str:
+    place = f"1 0 0 0 1 0 0 0 1 {_um(x)} {_um(y)} {_um(z)}"
+    return f'<item objectid="{number}" transform="{place}" partnumber="{name}"/>\n'
+
+
+def _mesh_xml(number: int, name: str, mesh: Mesh) -> Iterator[str]:
+    yield f'<object id="{number}" name={quoteattr(name)} type="model"><mesh><vertices>\n'
+    for x, y, z in mesh.vertices_nm.tolist():
+        yield f'<vertex x="{_um(x)}" y="{_um(y)}" z="{_um(z)}"/>\n'
+    yield "</vertices><triangles>\n"
+    for a, b, c in mesh.triangles.tolist():
+        yield f'<triangle v1="{a}" v2="{b}" v3="{c}"/>\n'
+    yield "</triangles></mesh></object>\n"
+
+
+def _store(package: zipfile.ZipFile, name: str, text: str) -> None:
+    """Add a part without the time of day."""
+    entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
+    entry.compress_type = zipfile.ZIP_DEFLATED
+    package.writestr(entry, text.encode())
+
+
+def read_scene(path: Path) -> ReadSolid:
+    """A GLB or 3MF file.
+
+    Raises:
+        SourceError: MF303 if trimesh cannot read it.
+    """
+    import trimesh
+
+    try:
+        scene = trimesh.load_scene(path, process=False)
+        scale = _NM_PER_UNIT[scene.units]
+        names = list(scene.geometry)
+        shapes = tuple(_shape(scene.geometry[name], scale, path) for name in names)
+        found = [scene.graph.get(node) for node in scene.graph.nodes_geometry]
+        matrices = np.array([matrix for matrix, _ in found]).reshape(-1, 4, 4)
+        index = np.array([names.index(name) for _, name in found], dtype=np.int64)
+        check_reach(path, matrices[:, :3, 3] * scale)
+        check_reach(path, matrices[:, :3, :3])
+        for number, matrix in zip(index, matrices, strict=True):
+            check_reach(path, np.abs(shapes[number].vertices_nm).max(axis=0) @ np.abs(matrix[:3, :3]).T)
+    except SourceError:
+        raise
+    except Exception as error:
+        # A parser meets a damaged file with whatever exception it happens to run into.
+        raise damaged(path, error) from error
+    turns, places = matrices[:, :3, :3], matrices[:, :3, 3] * scale
+    if path.suffix == ".glb":
+        z_up = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+        turns, places = z_up @ turns, places @ z_up.T
+    return ReadSolid(shapes, index, turns, places)
+
+
+def read_stl(path: Path) -> ReadSolid:
+    """A binary STL file in millimetres: one shape.
+
+    Raises:
+        SourceError: MF303 if it is not as long as its triangles, or trimesh cannot read it.
+    """
+    _check_stl_size(path)
+    # The whole library keeps ten times the file in memory: its parser alone is asked.
+    from trimesh.exchange.stl import load_stl
+
+    try:
+        with path.open("rb") as file:
+            found = load_stl(file)
+        vertices, faces = np.asarray(found["vertices"], dtype=np.float64) * 1e6, np.asarray(found["faces"], np.int64)
+        del found
+    except Exception as error:
+        raise damaged(path, error) from error
+    if not len(faces):
+        raise damaged(path, "it has no triangles")
+    check_reach(path, vertices)
+    # Every triangle has corners of its own: those of one place are one, as for whoever makes a solid of it.
+    return ReadSolid((_welded(vertices, faces),), np.zeros(1, dtype=np.int64), np.eye(3)[None], np.zeros((1, 3)))
+
+
+def _check_stl_size(path: Path) -> None:
+    """Refuse a file whose length is not that of its triangles: parsers take it for text then, and say so oddly."""
+    try:
+        size = path.stat().st_size
+        with path.open("rb") as file:
+            head = file.read(_STL_HEAD)
+    except OSError as error:
+        raise damaged(path, error) from error
+    if len(head) < _STL_HEAD:
+        raise damaged(path, f"it has {size} bytes; a binary STL has {_STL_HEAD} at least")
+    triangles = int.from_bytes(head[-4:], "little")
+    expected = _STL_HEAD + _STL_TRIANGLE.itemsize * triangles
+    if size != expected:
+        raise damaged(path, f"it has {size} bytes; the {triangles} triangles that it states take {expected}")
+
+
+def _shape(mesh: Any, scale: float, path: Path) -> ReadShape:
+    vertices = np.asarray(mesh.vertices, dtype=np.float64)
+    # As numbers: what they are in nanometres, a matrix may say.
+    check_reach(path, vertices)
+    return _welded(vertices * scale, np.asarray(mesh.faces, dtype=np.int64))
+
+
+def _welded(vertices: Floats, triangles: Ints) -> ReadShape:
+    """A shape whose vertices of one place are one."""
+    levels, height = np.unique(vertices[:, 2], return_inverse=True)
+    flat, place = np.unique(vertices[:, 0] + 1j * vertices[:, 1], return_inverse=True)
+    key, number = np.unique(place * len(levels) + height, return_inverse=True)
+    one = np.column_stack([flat.real, flat.imag])[key // len(levels)]
+    welded, faces = np.column_stack([one, levels[key % len(levels)]]), number[triangles]
+    a, b, c = (welded[faces[:, n]] for n in range(3))
+    volume = float(np.einsum("ni,ni->", a, np.cross(b, c)) / 6)
+    return ReadShape(welded, faces, volume, is_manifold(faces))
+
+
+def is_manifold(triangles: Ints) -> bool:
+    """Whether triangles are closed surfaces and nothing else.
+
+    Every side runs once each way, so it has two faces, wound alike; the faces round every vertex are one fan; no corner
+    comes twice in a triangle. That is what solid modellers ask of a mesh before they make a solid of it.
+    """
+    from scipy import sparse
+    from scipy.sparse import csgraph
+
+    count = int(triangles.max()) + 1
+    start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    there, back = start * count + end, end * count + start
+    order = np.argsort(there)
+    ordered = there[order]
+    if (start == end).any() or (ordered[1:] == ordered[:-1]).any():
+        return False
+    at = np.minimum(np.searchsorted(ordered, back), len(ordered) - 1)
+    if not np.array_equal(ordered[at], back):
+        return False
+    # Where corner n starts a side, the neighbour across it ends that side: both corners are of one fan.
+    across = order[at]
+    following = across - across % 3 + (across + 1) % 3
+    links = sparse.coo_array((np.ones(len(start), np.bool_), (np.arange(len(start)), following)), (len(start),) * 2)
+    fans = csgraph.connected_components(links, directed=False, return_labels=False)
+    return int(fans) == len(np.unique(start))
+
+
+def check_mesh(die: Die, path: Path, stack: Stack | None = None) -> tuple[Quantity, ...]:
+    """Read a die's GLB, 3MF or STL file back and compare it with the design, see :func:`mesh_rows`.
+
+    Raises:
+        SourceError: MF301 if there is no such file, MF302 if it is empty, MF303 if it cannot be read.
+    """
+    check_file(path)
+    read = read_stl(path) if path.suffix == ".stl" else read_scene(path)
+    return tuple(mesh_rows(die, path, stack or Stack(), read))
+
+
+def _compare(made: Drawn, die: Die, path: Path) -> tuple[Quantity, ...]:
+    return check_mesh(die, path, made.settings.stack)
+
+
+FORMATS = (
+    Format(
+        "glb",
+        "GLB",
+        ".glb",
+        write_die=lambda of, die, to: write_glb(die, to, of.comments, of.settings.stack),
+        compare_die=_compare,
+    ),
+    Format(
+        "3mf",
+        "3MF",
+        ".3mf",
+        write_die=lambda of, die, to: write_3mf(die, to, of.comments, of.settings.stack),
+        compare_die=_compare,
+    ),
+    Format(
+        "stl",
+        "STL",
+        ".stl",
+        write_die=lambda of, die, to: write_stl(
+            die, to, of.comments, of.settings.stack, limit_bytes=of.settings.stl_limit_bytes
+        ),
+        compare_die=_compare,
+    ),
+)
