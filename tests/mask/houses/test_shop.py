@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from house_plates import FILM, FIVE_INCH, checked
+from house_plates import DOTS, FINE, FIVE_INCH, SQUARE, checked, opening_for, refusals, taken_as
 from small_job import command, listing, write_job
 
 from maskfab.base.model import CLEAR, Plate
@@ -19,62 +19,8 @@ from maskfab.mask.houses.profiles import load_shop, shop_names
 from maskfab.mask.job import load_job
 from maskfab.mask.layout import plate_layout, region
 
-SQUARE = (
-    'name = "square"\npitch = "56 um"\ndots = 7\ngrid = """\n'
-    + (".......\n" * 2)
-    + ("..###..\n" * 3)
-    + (".......\n" * 2)
-    + '"""\n'
-)
-DOTS = tuple(
-    edit for _ in range(2) for edit in (('dot = "8 um"', 'dot = "0.8 um"'), ('pitch = "56 um"', 'pitch = "5.6 um"'))
-)
-# Dies are no larger than it takes to have nothing finer on their labels.
-FINE = (*DOTS, ('diameter = "400 um"', 'diameter = "150 um"'), ('die_size = "560 um"', 'die_size = "168 um"'))
-LARGE = (('die_size = "560 um"', 'die_size = "8.4 mm"'), ('die_pitch = "2 mm"', 'die_pitch = "10 mm"'))
-TEN_INCH = (('blank = "27 mm"', 'blank = "10 in"'),)
 GUTTER = tuple(('pitch = "56 um"', 'pitch = "64 um"\ngutter = "8 um"') for _ in range(2))
-
-# What the house takes: formats, edits of the small job, and its opening if that is another.
-TAKEN = {
-    "compugraphics": (("oasis",), (), None),
-    "jd_photo_data_film": (("dxf_r12",), FILM, None),
-    "nippon_filcon": ((), (), None),
-    "topro_emulsion": ((), FILM, None),
-    "topro_film": ((), FILM, None),
-    "ualberta_dwl200": (("gdsii",), FIVE_INCH, None),
-    "generic-chrome": (("gdsii", "oasis", "dxf_r12", "dxf_r2010"), (), None),
-    "gesim": (("dxf_r12",), FIVE_INCH, None),
-    "heidelberg_dwl66": (("gdsii", "gerber"), (), None),
-    "jd_photo_data": (("dxf_r12",), (), None),
-    "mems_exchange_gca3600": ((), FIVE_INCH, None),
-    "mr_nanotec": (("dxf_r12",), (), SQUARE),
-    "photomask_portal": (("gdsii",), (), None),
-    "photoplotstore": (("gdsii",), (), None),
-    "pog": (("gdsii", "dxf_r12"), (), None),
-    "topro_chrome": ((), (), None),
-    "ualberta_mla150": (("dxf_r12", "gdsii"), (), None),
-}
-# What it refuses, and the rules that it names.
-REFUSED = {
-    "compugraphics": (("gerber",), (), None, {"format"}),
-    "jd_photo_data_film": ((), FINE, None, {"min_feature", "min_space"}),
-    "nippon_filcon": ((), TEN_INCH, None, {"blank"}),
-    "topro_emulsion": ((), FINE, None, {"min_feature", "min_space"}),
-    "topro_film": ((), FINE, None, {"min_feature", "min_space"}),
-    "ualberta_dwl200": (("dxf_r12",), FIVE_INCH, None, {"format"}),
-    "generic-chrome": ((), FINE, None, {"min_feature", "min_space"}),
-    "gesim": ((), (), None, {"blank"}),
-    "heidelberg_dwl66": (("oasis",), (), None, {"format"}),
-    "jd_photo_data": ((), FINE, None, {"min_feature", "min_space"}),
-    "mems_exchange_gca3600": ((), (*FIVE_INCH, *LARGE), None, {"flashes"}),
-    "mr_nanotec": (("dxf_r12",), (('name = "PLAIN"', 'name = "CLEAR"'),), SQUARE, {"block_name"}),
-    "photomask_portal": (("dxf_r12",), (), None, {"format"}),
-    "photoplotstore": ((), FINE, None, {"min_feature", "min_space"}),
-    "pog": (("oasis",), (), None, {"format"}),
-    "topro_chrome": ((), FINE, None, {"min_feature", "min_space"}),
-    "ualberta_mla150": (("oasis",), (), None, {"format"}),
-}
+REFUSALS = [(name, *refusal) for name in shop_names() for refusal in refusals(load_shop(name))]
 
 
 def laid_out(folder, edits=(), opening=None) -> Plate:
@@ -98,22 +44,22 @@ def the(rule, findings) -> Finding:
 
 
 def test_every_profile_is_tried_both_ways():
-    assert set(TAKEN) == set(REFUSED) == set(shop_names())
+    assert {name for name, *_ in REFUSALS} == set(shop_names())
 
 
 @pytest.mark.parametrize("name", shop_names())
 def test_every_shop_takes_a_plate_that_keeps_its_rules(tmp_path, name):
-    formats, edits, opening = TAKEN[name]
-    findings = judged(laid_out(tmp_path, edits, opening), load_shop(name), formats)
+    shop = load_shop(name)
+    formats = shop.accepts.formats or shop.accepts.ruled
+    findings = judged(laid_out(tmp_path, taken_as(shop), opening_for(shop)), shop, formats)
     assert accepted(findings), [str(each) for each in findings if each.passed is False]
 
 
-@pytest.mark.parametrize("name", shop_names())
-def test_every_shop_refuses_a_plate_for_the_rule_that_it_breaks(tmp_path, name):
-    formats, edits, opening, rules = REFUSED[name]
+@pytest.mark.parametrize(("name", "rules", "formats", "edits"), REFUSALS, ids=[f"{n}-{r}" for n, r, *_ in REFUSALS])
+def test_every_shop_refuses_a_plate_for_the_rule_that_it_breaks(tmp_path, name, rules, formats, edits):
     shop = load_shop(name)
-    findings = judged(laid_out(tmp_path, edits, opening), shop, formats)
-    assert broken(findings) == rules
+    findings = judged(laid_out(tmp_path, edits, opening_for(shop)), shop, formats)
+    assert broken(findings) == set(rules.split())
     for finding in findings:
         if finding.passed is False:
             assert finding.cure

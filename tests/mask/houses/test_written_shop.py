@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from house_plates import FIVE_INCH, TAKEN_AS
+from house_plates import FIVE_INCH, taken_as
 from small_job import command, write_job
 
 from maskfab.base.model import NOTE
@@ -57,10 +57,11 @@ def test_every_layout_that_is_written_is_judged_and_what_is_for_people_is_not(tm
 @pytest.mark.parametrize("name", shop_names())
 def test_a_job_that_leaves_all_to_its_house_is_taken_as_its_package_would_be(tmp_path, name):
     """But for corners that the house marks, which only a package adds."""
-    made, findings = judged(tmp_path, f'shop = "{name}"', HOUSE, *TAKEN_AS.get(name, FIVE_INCH))
-    assert made.formats == load_shop(name).formats[:1]
-    assert refused(findings) == ({"extent"} if name == "gesim" else set())
-    if name == "gesim":
+    shop = load_shop(name)
+    made, findings = judged(tmp_path, f'shop = "{name}"', HOUSE, *(taken_as(shop) or FIVE_INCH))
+    assert made.formats == shop.formats[:1]
+    assert refused(findings) == (set() if shop.plate.extent_mm is None else {"extent"})
+    if shop.plate.extent_mm is not None:
         assert "maskfab package" in the("extent", findings).cure
         assert the("extent", findings).value == "127 x 127"  # what shows the blank is in the file too
 

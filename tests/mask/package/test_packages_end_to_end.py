@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from house_plates import TAKEN_AS
+from house_plates import taken_as
 from klayout import db
 from once import figures_in_words
 from small_job import command, listing, with_the_die, write_job
@@ -140,7 +140,7 @@ def test_what_reads_packages_here_reads_what_is_known():
 @pytest.mark.parametrize("name", sweep(shop_names(), 1))
 def test_what_a_house_gets_is_the_plate_in_every_format(capsys, tmp_path, name):
     formats = sent_to(name)
-    edits = TAKEN_AS.get(name, ())
+    edits = taken_as(load_shop(name))
     job, package = packed(capsys, tmp_path, name, formats, edits)
     answer = command(capsys, "verify", package, "--against", job, "--shop", name, "--json", "--quiet")
     assert (answer.code, answer.document["verdict"]) == (0, "pass")
