@@ -1,10 +1,6 @@
-"""The emissive side of a pixel: room for emitters and wires beside the opening, and the light it gives.
+"""The emissive side of a pixel: emitters, circuits and wires beside the opening, the light they give, and the eye.
 
-The camera's side is in :mod:`maskfab.optics`.
-
-Placement of red, green and blue emitters in the opaque area around an opening, for every orientation.
-
-Wiring of the pixels: lines through the closed area, lines in the gutter, ports that fit in every orientation.
-
-The eye: how a display looks whose pixels make room for a camera.
+Placement and wiring come with proofs where they cannot be, in every orientation. The room imports mask, optics, job and
+base; photographs through the display are in :mod:`maskfab.camera`, searches for openings that it fits in
+:mod:`maskfab.designs`.
 """

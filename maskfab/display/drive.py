@@ -1,8 +1,7 @@
-"""Room for the drive circuits. A panel that emits upwards hides them under its emitters and closed area.
+"""Drive of emitters: room for the circuits, and the cost of an emitter's area in current density and life.
 
-What counts is area at least ``min_width`` wide: the union of squares of that side that hold no opening.
-
-Cost of an emitter's area: current density, and the life that goes with it.
+A panel that emits upwards hides its circuits under its emitters and closed area. What counts is area at least
+``min_width`` wide: the union of squares of that side that hold no opening.
 
     J_k = L s_k / (η_k a_k),   life ~ J^-n,
 

@@ -1,8 +1,6 @@
-"""From where a display is looked at.
+"""Light that leaves a display: every pixel's red, green and blue from where its emitters really are.
 
-The light that leaves a display: every pixel's red, green and blue from where its emitters really are.
-
-The light of a display as the eye's optics and nerves take it: a Fourier series up to what they pass.
+The eye's optics and nerves take it as a Fourier series up to what they pass, from where the display is looked at.
 """
 
 from __future__ import annotations
@@ -54,7 +52,7 @@ class Viewing:
 
     @property
     def pixels_per_degree(self) -> float:
-        """On the axis, where one degree is the distance times pi / 180."""
+        """Pixels per degree on the axis, where one degree is the distance times pi / 180."""
         return math.radians(self.distance_um) / self.pitch_um
 
 

@@ -1,6 +1,6 @@
-"""Emitter rules of a display maker, and the square grid on which these rules are whole numbers.
+"""Emitter rules of a display maker, the square grid on which they are whole numbers, and the answer about a pixel.
 
-Answer about a pixel: a placement, a proof that there is none, or the bracket between the best known of both.
+An answer is a placement, a proof that there is none, or the bracket between the best known of both.
 """
 
 from __future__ import annotations

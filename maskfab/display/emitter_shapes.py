@@ -1,16 +1,16 @@
-"""The three largest rectangles, a gap apart, in a region: exact.
+"""Shapes of three emitters in a region: rectangles, shapes between straight cuts, and crooked borders.
 
-Any three axis-parallel rectangles that are pairwise a gap apart have a straight cut of that width between one and the
-other two: if no vertical cut existed, at least two of the three pairs would overlap in x; if no horizontal one, at
-least two in y; so some pair would overlap in both. The two that are left have a cut of their own. So the optimum is
-the best choice of two straight cuts, and the only windows that a rectangle must be known for are strips across the
-pixel and windows in its four corners: tables of (n + 1)^2 entries, made in n^3 steps.
+**Rectangles** are exact. Any three axis-parallel rectangles that are pairwise a gap apart have a straight cut of that
+width between one and the other two: if no vertical cut existed, at least two of the three pairs would overlap in x; if
+no horizontal one, at least two in y; so some pair would overlap in both. The two that are left have a cut of their own.
+So the optimum is the best choice of two straight cuts, and the only windows that a rectangle must be known for are
+strips across the pixel and windows in its four corners: tables of (n + 1)^2 entries, made in n^3 steps.
 
-Three emitters of any shape: the best that two straight cuts leave, then moves of crooked borders.
+**Straight cuts** leave shapes of any form. The first cut leaves one part for one emitter, the second divides the rest;
+each part takes its largest connected shape of the least width. A part that grows cannot lose area, so the best place of
+a cut is where the two sides balance, and it is found by halving.
 
-The first cut leaves one part for one emitter, the second divides the rest; each part takes its largest connected shape
-of the least width. A part that grows cannot lose area, so the best place of a cut is where the two sides balance, and
-it is found by halving. A search over crooked borders then starts from several such cuts.
+**Crooked borders** are searched for by moves that start from several such cuts.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats, Labels, Mask
 from maskfab.display.emitter_rules import EmitterGrid
 from maskfab.display.free_area import EVERY, Squares, border_margin, facing_squares, free_region
 
@@ -52,7 +53,7 @@ class WindowTable:
     corners: NDArray[np.int16]
 
 
-def window_table(regions: NDArray[np.bool_], min_width: int, max_aspect: float = math.inf) -> WindowTable:
+def window_table(regions: Mask, min_width: int, max_aspect: float = math.inf) -> WindowTable:
     """The largest rectangle in every strip and every corner window.
 
     Args:
@@ -76,8 +77,8 @@ def window_table(regions: NDArray[np.bool_], min_width: int, max_aspect: float =
 
 
 def three_rectangles(
-    region: NDArray[np.bool_], grid: EmitterGrid, ratio: Ratio, *, max_aspect: float = math.inf
-) -> tuple[float, NDArray[np.int8]]:
+    region: Mask, grid: EmitterGrid, ratio: Ratio, *, max_aspect: float = math.inf
+) -> tuple[float, Labels]:
     """The three rectangles with the largest smallest area relative to the ratio; exact.
 
     At minimum width w, 0 proves that no three emitters of any shape fit: each would hold a w x w square.
@@ -111,14 +112,14 @@ def three_rectangles(
 
 
 def rectangle_footprints(
-    masks: NDArray[np.bool_],
+    masks: Mask,
     grid: EmitterGrid,
     ratio: Ratio,
     *,
     orientations: Iterable[int] = EVERY,
     margin: int = 0,
     max_aspect: float = math.inf,
-) -> NDArray[np.float64]:
+) -> Floats:
     """The footprint of the three largest rectangles behind each of many openings, for optimisers.
 
     Args:
@@ -154,7 +155,7 @@ def orders(ratio: Ratio) -> list[tuple[int, ...]]:
 
 def _cuts(
     table: WindowTable, n: int, gap: int, ratio: tuple[float, ...]
-) -> Iterator[tuple[NDArray[np.float64], Callable[[int, int], tuple[Window, Window, Window]]]]:
+) -> Iterator[tuple[Floats, Callable[[int, int], tuple[Window, Window, Window]]]]:
     """Every pair of cuts: [k, i, j] smallest of three areas relative to the ratio, and the windows of cuts i, j."""
     left = n - gap + 1
     if left <= 0:
@@ -162,7 +163,7 @@ def _cuts(
     a, b, c = ratio
     columns, rows = table.columns, table.rows
 
-    def least(first: NDArray[np.int16], second: NDArray[np.int16], third: NDArray[np.int16]) -> NDArray[np.float64]:
+    def least(first: NDArray[np.int16], second: NDArray[np.int16], third: NDArray[np.int16]) -> Floats:
         return np.minimum(np.minimum(first / a, second / b), third / c)
 
     def turned(window: Window, across: bool) -> Window:
@@ -205,7 +206,7 @@ def _sides(length: int, n: int, min_width: int, max_aspect: float) -> tuple[int,
     return max(min_width, shortest), longest if length >= min_width else -1
 
 
-def _runs(regions: NDArray[np.bool_], axis: int) -> NDArray[np.int16]:
+def _runs(regions: Mask, axis: int) -> NDArray[np.int16]:
     """Number of free cells in a row that end at each cell, along an axis."""
     runs = np.moveaxis(regions.astype(np.int16), axis, 0)
     for i in range(1, len(runs)):
@@ -213,7 +214,7 @@ def _runs(regions: NDArray[np.bool_], axis: int) -> NDArray[np.int16]:
     return np.moveaxis(runs, 0, axis)
 
 
-def _strips(regions: NDArray[np.bool_], min_width: int, max_aspect: float) -> NDArray[np.int16]:
+def _strips(regions: Mask, min_width: int, max_aspect: float) -> NDArray[np.int16]:
     """[..., x0, x1] area of the largest rectangle between columns x0 and x1."""
     n = regions.shape[-1]
     # Columns first: the minimum over neighbouring columns then runs along whole rows of memory.
@@ -234,7 +235,7 @@ def _strips(regions: NDArray[np.bool_], min_width: int, max_aspect: float) -> ND
     return areas
 
 
-def _rectangles_ending(regions: NDArray[np.bool_], min_width: int, max_aspect: float) -> NDArray[np.int16]:
+def _rectangles_ending(regions: Mask, min_width: int, max_aspect: float) -> NDArray[np.int16]:
     """[..., y, x] area of the largest rectangle whose upper right cell this is."""
     n = regions.shape[-1]
     runs = np.ascontiguousarray(np.moveaxis(_runs(regions, -1), -2, 0))
@@ -252,7 +253,7 @@ def _rectangles_ending(regions: NDArray[np.bool_], min_width: int, max_aspect: f
     return np.moveaxis(areas, 0, -2)
 
 
-def _largest_in(region: NDArray[np.bool_], window: Window, min_width: int, max_aspect: float) -> Window:
+def _largest_in(region: Mask, window: Window, min_width: int, max_aspect: float) -> Window:
     y0, y1, x0, x1 = window
     inside = np.zeros_like(region)
     inside[y0:y1, x0:x1] = region[y0:y1, x0:x1]
@@ -287,7 +288,7 @@ _SHAPES_AT_HAND = 32
 """Shapes whose areas a search remembers: most moves leave one shape as it was."""
 
 
-def guillotine(region: NDArray[np.bool_], grid: EmitterGrid, ratio: Ratio) -> tuple[float, NDArray[np.int8]]:
+def guillotine(region: Mask, grid: EmitterGrid, ratio: Ratio) -> tuple[float, Labels]:
     """The best emitters of any shape with straight cuts between them.
 
     Args:
@@ -300,20 +301,20 @@ def guillotine(region: NDArray[np.bool_], grid: EmitterGrid, ratio: Ratio) -> tu
     """
     squares = Squares.of(region, grid.min_width, grid.colour_gap)
     best, shapes = _Cuts(squares, ratio).best()
-    return best, _labels(squares, trim(squares, shapes, ratio, best))
+    return best, labelled(squares, trim(squares, shapes, ratio, best))
 
 
 def polish(
-    region: NDArray[np.bool_],
+    region: Mask,
     grid: EmitterGrid,
     ratio: Ratio,
-    start: NDArray[np.int8] | None = None,
+    start: Labels | None = None,
     *,
     orientations: Iterable[int] | None = None,
     moves: int = 10_000,
     seed: int = 0,
     enough: float = math.inf,
-) -> tuple[float, NDArray[np.int8]]:
+) -> tuple[float, Labels]:
     """Emitters with crooked borders: one grows by a patch, the others give way and then grow wherever they can.
 
     Starts from the best cuts of each kind, and from ``start``. The same seed gives the same answer; the answer is never
@@ -354,7 +355,7 @@ def polish(
         value, candidate = _anneal(squares, ratio, first, share, random.Random(seed + i), enough)
         if value > best:
             best, shapes = value, candidate
-    return best, _labels(squares, trim(squares, shapes, ratio, best))
+    return best, labelled(squares, trim(squares, shapes, ratio, best))
 
 
 def cut_triples(squares: Squares, least: float, most: int) -> Iterator[Shapes]:
@@ -396,7 +397,8 @@ def _least(squares: Squares, shapes: Shapes, ratio: Ratio) -> float:
     return min(squares.area(shape) / part for shape, part in zip(shapes, ratio, strict=True))
 
 
-def _labels(squares: Squares, shapes: Shapes) -> NDArray[np.int8]:
+def labelled(squares: Squares, shapes: Shapes) -> Labels:
+    """Colours 1 to 3 of the cells that three shapes cover, int8 [n, n]; 0 for none."""
     labels = np.zeros((squares.cells, squares.cells), dtype=np.int8)
     for k, shape in enumerate(shapes):
         labels[squares.picture(shape)] = k + 1
@@ -435,7 +437,7 @@ class _Cuts:
         return list(by_windows.values())
 
     def every(self, least: float, most: int) -> Iterator[Shapes]:
-        """All pairs of cuts whose three shapes have the least area each, thinned out to so many places per cut."""
+        """Pairs of cuts whose three shapes have the least area each, thinned out to so many places per cut."""
         n = self.squares.cells
         seen: dict[Window, int] = {}
 

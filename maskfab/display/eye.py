@@ -1,21 +1,20 @@
-"""S-CIELAB: how different two pictures look from where they are looked at.
+"""The eye in front of a display: S-CIELAB, appearance, grain, and ColorVideoVDP for whoever has it.
 
-Zhang and Wandell, "A spatial extension of CIELAB for digital color-image reproduction", SID Symposium Digest 27 (1996)
-and Journal of the SID 5 (1997): the light is split into a luminance and two opponent-colour channels (Poirson and
-Wandell), each is blurred by a sum of Gaussians k exp(-(r/s)^2) whose spreads s are degrees of visual angle, and the
-result is compared in CIELAB. The weights k are scaled to sum to 1 in each channel, so an even field keeps its colour.
+**S-CIELAB**, how different two pictures look from where they are looked at: Zhang and Wandell, "A spatial extension of
+CIELAB for digital color-image reproduction", SID Symposium Digest 27 (1996) and Journal of the SID 5 (1997). The light
+is split into a luminance and two opponent-colour channels (Poirson and Wandell), each is blurred by a sum of Gaussians
+k exp(-(r/s)^2) whose spreads s are degrees of visual angle, and the result is compared in CIELAB. The weights k are
+scaled to sum to 1 in each channel, so an even field keeps its colour. The Fourier transform of exp(-(r/s)^2) / (pi s^2)
+is exp(-(pi s f)^2): here the blur is that product, exact, and no kernel is cut off. The picture repeats beyond its
+edges.
 
-The Fourier transform of exp(-(r/s)^2) / (pi s^2) is exp(-(pi s f)^2): here the blur is that product, exact, and no
-kernel is cut off. The picture repeats beyond its edges.
+**Appearance**, to be shown magnified to a reader. S-CIELAB's own filtered picture is a step of a calculation: its
+luminance channel takes away a part of the surround, and grey is not zero in its opponent channels, so that black and
+white edges come out tinted. Here the luminance passes the two narrow Gaussians of that model's luminance channel, and
+what a colour has beyond grey passes its red-green channel: greys stay grey, and colour is blurred more than lightness,
+as the eye blurs them.
 
-Appearance of a display from a distance, to be shown magnified to a reader.
-
-S-CIELAB's own filtered picture is a step of a calculation: its luminance channel takes away a part of the surround, and
-grey is not zero in its opponent channels, so that black and white edges come out tinted. Here the luminance passes the
-two narrow Gaussians of that model's luminance channel, and what a colour has beyond grey passes its red-green channel:
-greys stay grey, and colour is blurred more than lightness, as the eye blurs them.
-
-Grain: the unevenness of an even field when neighbouring pixels are turned differently.
+**Grain**, the unevenness of an even field when neighbouring pixels are turned differently.
 
 Derivation of the formula. Let every pixel send its luminance, on average over the wavelength of slow grain, from one
 point: the luminance-weighted centroid of its emitters, off the pixel's centre by c_j (in pixels) for pixel j. To first
@@ -34,12 +33,9 @@ length, and mean luminance 1,
 for F cycles per degree and ppd pixels per degree. Next come terms of order (f c)^2 and the emitters' own extent: below
 about |c| = 0.02 pixel they are as large as the first.
 
-ColorVideoVDP's judgement of two pictures, for whoever has it: ``pip install 'maskfab[eye]'``.
-
-Mantiuk, Hanji, Ashraf, Asano and Chapiro, "ColorVideoVDP: a visual difference predictor for image, video and display
-distortions", ACM Trans. Graph. 43 (2024). 10 JOD is no difference; 1 JOD less is seen by three of four observers.
-
-Panels side by side: what each picture looks like on each of them, and how far that is from an ideal display.
+**ColorVideoVDP** (``pip install 'maskfab[eye]'``): Mantiuk, Hanji, Ashraf, Asano and Chapiro, "ColorVideoVDP: a visual
+difference predictor for image, video and display distortions", ACM Trans. Graph. 43 (2024). 10 JOD is no difference; 1
+JOD less is seen by three of four observers.
 """
 
 from __future__ import annotations
@@ -127,13 +123,7 @@ def colour_difference(first: Floats, second: Floats) -> ColourDifference:
 
 def gains(radius_cpd: Floats) -> Floats:
     """Transmission of each channel, [3, ...] of cycles per degree [...]; 1 at 0."""
-    return np.stack(
-        [
-            sum(weight * np.exp(-((np.pi * spread * radius_cpd) ** 2)) for weight, spread in channel)
-            / sum(weight for weight, _ in channel)
-            for channel in GAUSSIANS
-        ]
-    )
+    return np.stack([_gain(channel, radius_cpd) for channel in GAUSSIANS])
 
 
 def carrying(highest_cpd: float, viewing: Viewing) -> int:

@@ -1,6 +1,6 @@
 """Feasibility of a display around an opening: emitters, their borders, circuits, wires and light, in one answer.
 
-The dies of a plate with the emitters and wires of its job, and the obstacles to either.
+Dies of a plate get the emitters and wires of their job, or the obstacles to either.
 """
 
 from __future__ import annotations

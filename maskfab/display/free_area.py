@@ -1,21 +1,19 @@
-"""Free area for emitters in a pixel: closed, and far enough from this pixel's opening and from its neighbours'.
+"""Free area for emitters in a pixel, shapes in it as sets of squares, and gaps to the emitters of neighbouring pixels.
 
-Shapes of a least width, as sets of squares: one bit for every place in which a square fits.
+An emitter may lie where the pixel is closed, and far enough from its opening and from its neighbours'.
 
 A connected shape of width w is a union of w x w squares of which each can be shifted to the next by one cell along x
-or y without leaving the shape. Such a set is one whole number, so that growing, cutting and counting are single
-operations on it, whatever the number of squares.
+or y without leaving the shape. Such a set is one whole number, one bit for every place in which a square fits, so that
+growing, cutting and counting are single operations on it, whatever the number of squares.
 
-Squares that keep the colours' gap across the pixel's borders too, from neighbours in every orientation: exact.
+Squares can keep the colours' gap across the pixel's borders too, from neighbours in every orientation, exactly. A
+margin along the borders is enough but not needed: one colour may have the border to itself. All rules are between two
+squares, so it is enough to know which places each square near a border forbids to the other colours.
 
-A margin along the borders is enough but not needed: one colour may have the border to itself. All rules are between
-two squares, so it is enough to know which places each square near a border forbids to the other colours.
-
-Gaps across the borders of pixels, for every pair of orientations that meet in a panel.
-
-Clearance is pairwise, so pairs that share a side and pairs that share a corner are all there is to look at. A pair one
-above the other is a pair side by side after a quarter turn, and a corner pair of one diagonal one of the other, so two
-kinds of neighbours are enough: to the right, and up to the right.
+A placement is checked for every pair of orientations that meet in a panel. Clearance is pairwise, so pairs that share a
+side and pairs that share a corner are all there is to look at. A pair one above the other is a pair side by side after
+a quarter turn, and a corner pair of one diagonal one of the other, so two kinds of neighbours are enough: to the right,
+and up to the right.
 """
 
 from __future__ import annotations
@@ -117,7 +115,7 @@ def _with_neighbours(
 
 
 def _grown(clear: NDArray[np.bool_], gap: int) -> NDArray[np.bool_]:
-    """All cells within ``gap`` cells of a clear one along both axes."""
+    """Cells within ``gap`` cells of a clear one along both axes."""
     grown = clear.copy()
     for axis in (-2, -1):
         source = np.moveaxis(grown.copy(), axis, 0)
@@ -179,7 +177,7 @@ class Squares:
 
     @classmethod
     def of(cls, region: NDArray[np.bool_], width: int, gap: int) -> Squares:
-        """All squares of a bool [n, n] region."""
+        """Squares of a bool [n, n] region."""
         n = region.shape[0]
         stride = n + gap + 1
         empty = cls(n, width, gap, stride, 0)
@@ -226,7 +224,7 @@ class Squares:
         return squares | squares << 1 | squares >> 1 | squares << self.stride | squares >> self.stride
 
     def reach(self, seeds: int, within: int, goal: int = 0) -> int:
-        """All squares that can be reached from the seeds by steps of one cell along x or y; some, once a goal is."""
+        """Squares that can be reached from the seeds by steps of one cell along x or y; some, once a goal is."""
         reached = seeds & within
         stride = self.stride
         while True:

@@ -1,4 +1,4 @@
-"""Lines across a whole panel, each within a pixel of its own: drawn through its cells as they lie, or not at all.
+"""Lines across a whole panel, each within a pixel of its own: drawn through its cells, or proved not to pass.
 
 The middle of a line keeps half a line and the clearance from every opening, a line and a space from the next line, in
 the Chebyshev sense. Lines of one metal do not cross, so they keep their order, and one that lies as far to one side as
@@ -9,12 +9,10 @@ If all are found, each is then laid as straight as it goes between the line befo
 Lines run on from row to row and never turn back. Across, they may lie at any nanometre; along, the panel is cut into
 slabs at every edge that matters and no thicker than a third of a lane, within which a line is straight.
 
-Proof that lines cannot cross a panel: a chain of openings from flank to flank that lets too few of them pass.
-
-Lines of one metal keep a line and a space apart in the Chebyshev sense, so that between two openings a gap d holds at
-most (d + space - 2 clearance) / (line + space) of them. Lines that keep to some pixels across all pass every chain of
-openings from one side of these to the other, wherever it runs (a cut of a single-layer routing: F. M. Maley,
-Single-Layer Wire Routing and Compaction, 1990).
+A proof that lines cannot cross is a chain of openings from flank to flank that lets too few of them pass: between two
+openings a gap d holds at most (d + space - 2 clearance) / (line + space) of them, and lines that keep to some pixels
+across all pass every chain of openings from one side of these to the other, wherever it runs (a cut of a single-layer
+routing, Maley).
 """
 
 from __future__ import annotations
@@ -32,15 +30,20 @@ from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 
 from maskfab.base.arrays import Ints
-from maskfab.base.model import Panel, Point
+from maskfab.base.model import Panel, Point, side_by_side
 from maskfab.base.units import NM_PER_UM
 from maskfab.display.emitter_rules import Certificate, Proof
 from maskfab.display.pixel_lines import WireRules
 
 Axis = Literal["x", "y"]
+
+
 AXES: tuple[Axis, Axis] = ("x", "y")
 
+
 _SLABS_PER_LANE = 3
+
+
 _AT_ONCE = 512
 """Slabs at most that are looked at together; a line turns more often than that."""
 
@@ -277,7 +280,7 @@ class _Field:
 
     @classmethod
     def of(cls, panel: Panel, rules: WireRules, axis: Axis) -> _Field:
-        clear = _clear_dots(panel)
+        clear = side_by_side(panel.patterns[panel.orientations])
         upright = clear if axis == "y" else clear.T
         along, across = (_dot_edges(panel, side) for side in upright.shape)
         ends_nm = [side // panel.opening.dots * panel.pitch_nm for side in upright.shape]
@@ -345,13 +348,6 @@ class _Field:
         return np.stack((first, after), axis=1).ravel()
 
 
-def _clear_dots(panel: Panel) -> NDArray[np.bool_]:
-    """Every dot of a panel, bool, lowest row first."""
-    rows, columns = panel.orientations.shape
-    cells = panel.patterns[panel.orientations]
-    return np.ascontiguousarray(cells.transpose(0, 2, 1, 3)).reshape(rows * cells.shape[2], columns * cells.shape[3])
-
-
 def _dot_edges(panel: Panel, count: int) -> Ints:
     """Lower edges of dots along a side of a panel."""
     cell, dot = np.divmod(np.arange(count, dtype=np.int64), panel.opening.dots)
@@ -379,6 +375,8 @@ def _corners(across: Ints, cuts: Ints, axis: Axis) -> tuple[Point, ...]:
 
 _BESIDE = ((0, 0), (0, 1), (1, 0), (1, 1), (1, -1))
 """Rows and columns on to the cells in which a chain goes on; those before are met from the other end."""
+
+
 _TOUCHING = np.ones((3, 3), dtype=np.int8)
 
 
@@ -473,7 +471,7 @@ class _Chains:
         )
 
     def beside(self, count: int, side: Literal[1, -1]) -> Ints:
-        """For every opening, how many of all lines can pass on one side of it, int64 [n].
+        """Lines of all that can pass on one side of every opening, int64 [n].
 
         Those of pixels farther to that side have room; of any pixel and those before it, as many as lie between the
         opening and where the pixel's lines end.

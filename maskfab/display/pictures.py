@@ -1,6 +1,6 @@
-"""Photographs as linear light, and their exact mean over the pixels of a display.
+"""Pictures on the pixels of a display, linear light: photographs, and targets that show its faults.
 
-Pictures that show what a display does: one value per pixel, linear light, [rows, columns, 3], row 0 the lowest.
+Targets have one value per pixel, [rows, columns, 3], row 0 the lowest.
 """
 
 from __future__ import annotations

@@ -1,17 +1,13 @@
-"""Capacity of a gutter for lines, and the width needed for them.
-
-The most opaque lines that cross a pixel through closed dots, and the lines.
+"""Lines through one pixel: how many a gutter holds, how many cross the closed dots, and ports that fit every neighbour.
 
 A dot carries one line; lines step between dots that share a side, since corners do not conduct. The count is a maximum
-flow with capacities on the dots, and by Menger's theorem the fewest dots that cut one side off from the other.
+flow with capacities on the dots, and by Menger's theorem the fewest dots that cut one side off from the other. At fixed
+ports lines meet those of any neighbour, however both pixels are turned.
 
-Fixed ports at which lines meet those of any neighbour, however both pixels are turned.
-
-A grid of their own on which lines run through the closed area of a pixel.
-
-Lines run on square nodes one line and one space apart. A node is free where the square round it, wide enough for half a
-line and the clearance to openings (or half a space), holds no opening; neighbours' squares cover what lies between, so
-any path over free nodes keeps every rule. Lines along x and along y are on different metals and cross freely.
+Lines are drawn on a grid of their own, whose nodes lie one line and one space apart. A node is free where the square
+round it, wide enough for half a line and the clearance to openings (or half a space), holds no opening; neighbours'
+squares cover what lies between, so any path over free nodes keeps every rule. Lines along x and along y are on
+different metals and cross freely.
 """
 
 from __future__ import annotations

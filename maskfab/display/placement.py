@@ -1,9 +1,8 @@
-"""Whether three emitters fit behind an opening: what was found, what is proved impossible, and what is not known.
+"""Whether three emitters fit behind an opening, and which colour goes where so that random orientations show least.
 
-Where a pixel's light comes from, and which colour goes where so that random orientations show least.
-
-An emitter pattern whose luminance centroid lies off the pixel's centre moves the light about when pixels are turned at
-random, which the eye sees as grain; its contrast grows with the centroid's distance from its mean over orientations.
+Answers are what was found, what is proved impossible, and what is not known. An emitter pattern whose luminance
+centroid lies off the pixel's centre moves the light about when pixels are turned at random, which the eye sees as
+grain; its contrast grows with the centroid's distance from its mean over orientations.
 """
 
 from __future__ import annotations
@@ -17,11 +16,19 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.base.arrays import Labels
 from maskfab.base.model import ORIENTATIONS, Emitters, Opening, orient
 from maskfab.base.units import NM_PER_UM
 from maskfab.display.emitter_rules import Certificate, EmitterGrid, EmitterRules, Footprint, Proof, Verdict, grid_of
-from maskfab.display.emitter_shapes import Ratio, Shapes, cut_triples, guillotine, polish, shaved, three_rectangles
+from maskfab.display.emitter_shapes import (
+    Ratio,
+    Shapes,
+    cut_triples,
+    guillotine,
+    labelled,
+    polish,
+    shaved,
+    three_rectangles,
+)
 from maskfab.display.footprint_bound import upper_bound
 from maskfab.display.free_area import Squares, border_margin, borders, facing_squares, free_region, three_facing_squares
 from maskfab.optics.colour import LUMINANCE, luminance_centroid
@@ -187,14 +194,10 @@ def _across_borders(
     region: NDArray[np.bool_], grid: EmitterGrid, orientations: tuple[int, ...]
 ) -> tuple[Certificate | None, NDArray[np.int8]]:
     """Three squares that keep the gap to all neighbours without a margin, or a proof that there are none."""
-    labels = np.zeros(region.shape, dtype=np.int8)
     squares = facing_squares(region, grid, orientations)
     placed = three_facing_squares(squares)
-    if placed is None:
-        return None, labels
-    if any(placed):
-        for k, square in enumerate(placed):
-            labels[squares.picture(square)] = k + 1
+    labels = labelled(squares, placed or (0, 0, 0))
+    if placed is None or any(placed):
         return None, labels
     w, gap = (cells * grid.cell_nm / NM_PER_UM for cells in (grid.min_width, grid.colour_gap))
     gutter = grid.gutter_nm / NM_PER_UM
@@ -300,7 +303,7 @@ def centred(
     for distance, area, shapes in sorted(keyed, key=lambda candidate: candidate[:2]):
         if (distance, area) >= (offset, -best):
             break
-        labels = light.labels(shapes)
+        labels = labelled(light.squares, shapes)
         if borders(labels, clear, grid, orientations).legal:
             return Emitters(labels, grid.cell_nm)
     return largest
@@ -343,12 +346,6 @@ class _Light:
         """Lower is better."""
         return round(math.hypot(*self.centroid(shapes)), _DIGITS), -self.footprint(shapes)
 
-    def labels(self, shapes: Shapes) -> Labels:
-        labels = np.zeros((self.grid.cells, self.grid.cells), dtype=np.int8)
-        for k, shape in enumerate(shapes):
-            labels[self.squares.picture(shape)] = k + 1
-        return labels
-
     def most_promising(self, triples: list[Shapes], least: float) -> list[Shapes]:
         """The best few triples, in any colour order, by how near to the centre trimming could bring the light."""
         unique = list(dict.fromkeys(triples))
@@ -390,5 +387,5 @@ class _Light:
 
     @staticmethod
     def _other(y: float, x: float) -> tuple[float, float]:
-        """Of the sides across, the one that the light leans to."""
+        """The one of the sides across that the light leans to."""
         return math.copysign(abs(x), y), math.copysign(abs(y), x)

@@ -1,6 +1,6 @@
-"""A placement measured again from its polygons, by KLayout's own geometry, on a tile in which every pair meets.
+"""Emitters and lines measured again from their polygons, by KLayout's own geometry.
 
-Lines laid across a panel measured again from their polygons, by KLayout's own geometry, on the whole panel.
+A placement is measured on a tile in which every pair of neighbours meets, lines across a panel on the whole panel.
 """
 
 from __future__ import annotations

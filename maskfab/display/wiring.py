@@ -1,11 +1,8 @@
-"""Path of each emitter to a gutter through closed dots, or the reason why there is none.
+"""Wiring of a panel's pixels: lines in gutters, through closed area and across it, or a proof that there is none.
 
-Wires as polygons: straight ones in the gutters, crooked ones through closed area, transparent ones across.
-
-Everything along x lies on the lower metal and everything along y on the upper, in every orientation, so pixels meet
-without vias.
-
-Can a panel's pixels be wired: lines in gutters, through closed area and across the panel, or a proof that not.
+Wires are polygons: straight ones in the gutters, crooked ones through closed area, transparent ones across. Everything
+along x lies on the lower metal and everything along y on the upper, in every orientation, so pixels meet without vias.
+Each emitter also needs a path to a gutter through closed dots.
 """
 
 from __future__ import annotations
@@ -95,6 +92,8 @@ def _reach(closed: NDArray[np.bool_], start: NDArray[np.bool_], colour: int, dot
 
 
 Axis = Literal["x", "y"]
+
+
 _AXES: dict[Direction, Axis] = {"vertical": "y", "horizontal": "x"}
 
 
@@ -268,7 +267,9 @@ def most_lines(panel: Panel, opening: Opening, demand: WireDemand) -> int:
 def _alike(panel: Panel, opening: Opening, demand: WireDemand, wanted: int) -> Wiring:
     """Opaque wires that every pixel is drawn with, as many as can be."""
     rules = demand.rules
-    in_gutter = min(wanted, _gutter_lines(panel.gutter_nm, rules))
+    # Lines of a gutter also keep half a space from those in the closed area beside it.
+    beside = replace(rules, clearance_nm=max(rules.clearance_nm, -(-rules.space_nm // 2)))
+    in_gutter = min(wanted, lines_per_layer(panel.gutter_nm, beside))
     used = np.unique(panel.orientations % ORIENTATIONS)
     turned, mirrored = bool((used % 2 != used[0] % 2).any()), used.size > 1
     needed = wanted - in_gutter
@@ -284,12 +285,6 @@ def _alike(panel: Panel, opening: Opening, demand: WireDemand, wanted: int) -> W
                 tracks.append(routed_track(grid, direction, places, panel.pitch_nm, rules))
     both = through["horizontal"], through["vertical"]
     return Wiring(demand.lines, in_gutter, both, 0, None, None, tuple(track for track in tracks if track.polygons))
-
-
-def _gutter_lines(gutter_nm: int, rules: WireRules) -> int:
-    """Lines of a gutter that also keep half a space from those in the closed area beside it."""
-    margin = max(rules.clearance_nm, -(-rules.space_nm // 2))
-    return lines_per_layer(gutter_nm, WireRules(rules.line_nm, rules.space_nm, margin))
 
 
 def _best(

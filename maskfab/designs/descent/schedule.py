@@ -138,7 +138,7 @@ class Descent:
     precision: Precision = "float32"
 
     def gain(self, iteration: int) -> float:
-        """Of the sigmoid at a step: 1 until settled, then growing by an even factor."""
+        """Gain of the sigmoid at a step: 1 until settled, then growing by an even factor."""
         done = iteration / max(self.iterations - 1, 1)
         if self.settled >= 1:
             return 1.0

@@ -81,7 +81,7 @@ class Graded:
 
     @property
     def gain_db(self) -> tuple[float, ...]:
-        """Over the uniform unit's random map of equal light, at each level."""
+        """Gain over the uniform unit's random map of equal light, at each level."""
         return tuple(a - b for a, b in zip(self.designed.psnr, self.uniform_psnr, strict=True))
 
 

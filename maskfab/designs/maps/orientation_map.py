@@ -1,10 +1,4 @@
-"""Places inside the cell to which an orientation map may move an opening, and a good choice of few among many.
-
-Places that differ by an element of D4 are one: the map turns the cell anyway. Few are kept, because what a cell holds
-is one signed byte; they are chosen one after the other, each for what it adds when every cell takes the best of those
-chosen.
-
-Which way every cell of the panel is turned, chosen all at once by the adjoint field.
+"""Orientation maps: which way every cell of the panel is turned, chosen all at once by the adjoint field.
 
 With p the pupil, g the slope of the loss by its autocorrelation and f its slope by the pupil
 (:mod:`maskfab.designs.model.panel_error`), turning one cell, so that its dots change by δ, changes the loss by
@@ -21,8 +15,10 @@ the random map that it starts from; turns are compared at the price of light at 
 starts with the cut cells turned so that most of their opening is inside, and leaves the light free: more of it is
 worth decibels that are no merit of the map.
 
-With ``positions`` the map also moves its one opening inside the cells: to some of the places that it can have there,
-chosen by the field of the first map (:mod:`maskfab.designs.maps.orientation_map`).
+With ``positions`` the map also moves its one opening inside the cells, to few of the places that it can have there,
+because what a cell holds is one signed byte. Places that differ by an element of D4 are one: the map turns the cell
+anyway. They are chosen by the field of the first map one after the other, each for what it adds when every cell takes
+the best of those chosen.
 """
 
 from __future__ import annotations
@@ -46,83 +42,41 @@ from maskfab.mask.opening import closed
 from maskfab.mask.panels import Shift, shifted
 from maskfab.optics.tiling import MOST_OPENINGS
 
-_MOST_CANDIDATES = 48
-
-
-def places(unit: NDArray[np.bool_], most: int = _MOST_CANDIDATES) -> tuple[Shift, ...]:
-    """Shifts (right, up) in dots that keep all clear dots in the cell and are not alike under D4; (0, 0) is the first.
-
-    Args:
-        unit: bool [dots, dots].
-        most: at least 1; where there are more places, they are thinned evenly, in steps along both axes.
-
-    Raises:
-        OpeningError: MF203 for a unit without clear dots.
-    """
-    mask = np.asarray(unit, dtype=np.bool_)
-    if not mask.any():
-        raise closed(0, mask.size, where="positions", cure="Give an opening with at least 1 clear dot")
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    step = 1
-    while True:
-        ups = _steps(-int(rows[0]), len(mask) - 1 - int(rows[-1]), step)
-        rights = _steps(-int(columns[0]), len(mask) - 1 - int(columns[-1]), step)
-        distinct: dict[bytes, Shift] = {turned_key(mask): (0, 0)}
-        for up in ups:
-            for right in rights:
-                distinct.setdefault(turned_key(shifted(mask, (right, up))), (right, up))
-        # With the widest step the corners are left, which may be too many still.
-        if len(distinct) <= most or step >= len(mask):
-            return tuple(distinct.values())[:most]
-        step += 1
-
-
-def best_places(worth: Floats, count: int) -> tuple[int, ...]:
-    """Which of the places to keep, the first always.
-
-    Args:
-        worth: [cells, places], what the best turn of a cell at a place changes, dB; less is better.
-        count: how many, at most.
-
-    Raises:
-        JobError: MF104 for a count below 1.
-    """
-    if count < 1:
-        raise JobError("MF104", f"{count} positions are less than 1", where="positions", cure="Use 1 or more")
-    chosen = [0]
-    held = np.minimum(worth[:, 0], 0)
-    while len(chosen) < min(count, worth.shape[1]):
-        total = np.minimum(worth, held[:, None]).sum(axis=0)
-        total[chosen] = np.inf
-        best = int(total.argmin())
-        chosen.append(best)
-        held = np.minimum(held, worth[:, best])
-    return tuple(chosen)
-
-
-def _steps(low: int, high: int, step: int) -> list[int]:
-    """From low to high, both ends and 0 included, about ``step`` apart."""
-    if step == 1:
-        return list(range(low, high + 1))
-    spread = np.linspace(low, high, 1 + -(-(high - low) // step))
-    return sorted({0, *(round(float(value)) for value in spread)})
-
-
 LIGHT_TOLERANCE = 1e-3
 """Largest relative difference in clear dots that counts as equal light."""
 
+
+_MOST_CANDIDATES = 48
+
+
 _FIRST_SHARE, _LARGEST_SHARE = 0.1, 0.5
+
+
 _GROWTH, _SHRINKAGE = 1.6, 0.3
+
+
 _REFUSALS = 3
+
+
 _MOST_DOTS = 85
 """Along a cell; all pairs of them take 1.5 GB."""
+
+
 _MOST_CELLS = 1000
 """Along the panel, as of every map's file."""
+
+
 _KICKED_SHARE = 0.04
+
+
 # At first one turn is worth some 2e-3 dB.
 FIRST_STEPS = 16
 """Fields of a descent that bring most of the gain."""
+
+
 _ENOUGH_DB = 2e-5
+
+
 _WORTH_ANOTHER_DB = 1e-3
 
 
@@ -165,7 +119,7 @@ class DesignedMap:
 
     @property
     def gain_db(self) -> tuple[float, ...]:
-        """Over the random map, at each level."""
+        """Gain over the random map, at each level."""
         return tuple(a - b for a, b in zip(self.psnr, self.start_psnr, strict=True))
 
 
@@ -328,6 +282,65 @@ def _placed(
     worth = state.turns + search.price(state) * search.change(state.chosen)
     best = worth.reshape(len(worth), len(candidates), ORIENTATIONS).min(axis=2)
     return tuple(candidates[k] for k in best_places(best, count))
+
+
+def places(unit: NDArray[np.bool_], most: int = _MOST_CANDIDATES) -> tuple[Shift, ...]:
+    """Shifts (right, up) in dots that keep all clear dots in the cell and are not alike under D4; (0, 0) is the first.
+
+    Args:
+        unit: bool [dots, dots].
+        most: at least 1; where there are more places, they are thinned evenly, in steps along both axes.
+
+    Raises:
+        OpeningError: MF203 for a unit without clear dots.
+    """
+    mask = np.asarray(unit, dtype=np.bool_)
+    if not mask.any():
+        raise closed(0, mask.size, where="positions", cure="Give an opening with at least 1 clear dot")
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    step = 1
+    while True:
+        ups = _steps(-int(rows[0]), len(mask) - 1 - int(rows[-1]), step)
+        rights = _steps(-int(columns[0]), len(mask) - 1 - int(columns[-1]), step)
+        distinct: dict[bytes, Shift] = {turned_key(mask): (0, 0)}
+        for up in ups:
+            for right in rights:
+                distinct.setdefault(turned_key(shifted(mask, (right, up))), (right, up))
+        # With the widest step the corners are left, which may be too many still.
+        if len(distinct) <= most or step >= len(mask):
+            return tuple(distinct.values())[:most]
+        step += 1
+
+
+def _steps(low: int, high: int, step: int) -> list[int]:
+    """From low to high, both ends and 0 included, about ``step`` apart."""
+    if step == 1:
+        return list(range(low, high + 1))
+    spread = np.linspace(low, high, 1 + -(-(high - low) // step))
+    return sorted({0, *(round(float(value)) for value in spread)})
+
+
+def best_places(worth: Floats, count: int) -> tuple[int, ...]:
+    """Which of the places to keep, the first always.
+
+    Args:
+        worth: [cells, places], what the best turn of a cell at a place changes, dB; less is better.
+        count: how many, at most.
+
+    Raises:
+        JobError: MF104 for a count below 1.
+    """
+    if count < 1:
+        raise JobError("MF104", f"{count} positions are less than 1", where="positions", cure="Use 1 or more")
+    chosen = [0]
+    held = np.minimum(worth[:, 0], 0)
+    while len(chosen) < min(count, worth.shape[1]):
+        total = np.minimum(worth, held[:, None]).sum(axis=0)
+        total[chosen] = np.inf
+        best = int(total.argmin())
+        chosen.append(best)
+        held = np.minimum(held, worth[:, best])
+    return tuple(chosen)
 
 
 @dataclass(frozen=True, eq=False)

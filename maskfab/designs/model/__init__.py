@@ -1,1 +1,1 @@
-"""The expected error of restored photographs behind an opening or a panel, without photographing anything."""
+"""The expected error of photographs behind an opening or a panel, without taking any, and proven limits of it."""

@@ -208,7 +208,7 @@ def blocks(inner: Interior, ratio: float, *, cut_cells: bool = False, open_share
 
 
 def _stop_sums(inner: Interior, pairs: list[tuple[int, int]]) -> Floats:
-    """Of the open stop's autocorrelation over each block, weighted by the triangle."""
+    """Sums of the open stop's autocorrelation over each block, weighted by the triangle."""
     n, middle = inner.dots, len(inner.stop_table) // 2
     hat = 1 - abs(np.arange(1 - n, n)) / n
     sums = []

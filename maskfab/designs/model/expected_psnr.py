@@ -30,9 +30,8 @@ Notes:
     restored pictures are better than is expected, and openings rank less surely.
     Full wells, mosaics and brackets are left out. Highlights are white.
 
-The expected error of a restored picture far from the sensor's edge: the surrogate's formula without the leak.
-
-For a transfer H real and at least 0, a scene of power P = c f^-p and the filter H/(H² + R), R = ε (f/0.1)²,
+Far from the sensor's edge the error is the surrogate's formula without the leak, at every lag. For a transfer H real
+and at least 0, a scene of power P = c f^-p and the filter H/(H² + R), R = ε (f/0.1)²,
 
     E = mean over frequencies of  σ² H²/(H² + R)² + P R²/(H² + R)²
 
@@ -53,7 +52,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from maskfab.base.arrays import Complexes, Floats
+from maskfab.base.arrays import Complexes, Floats, Indices, Ints, Mask, Singles
 from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, orient
 from maskfab.camera.imaging import Transfer
@@ -78,11 +77,19 @@ from maskfab.optics.restoration import squared_modulus
 from maskfab.optics.stop import Waves
 
 _LONG_LAGS = 3000
+
+
 _LEAK_EVERY = 5
 """For other photographs than protocol F1's: their ε lie wider apart, and with them what leaks."""
+
+
 _AROUND = 3
 """Steps of ε below and above the best of all levels behind a square opening that are tried behind others."""
+
+
 _NORMAL_NODES = 15
+
+
 _NEAR = 168 / 165.625
 """Share of the lag of the highest low frequency up to which lags are held: just beyond it."""
 
@@ -104,7 +111,7 @@ class Errors:
     leak: Floats
 
     def __call__(self, level: float, open_share: float) -> Floats:
-        """All together at a level of light."""
+        """Error of all three together at a level of light."""
         return self.pixels.variance(level, open_share) * self.noise + self.bias + self.leak
 
 
@@ -132,7 +139,7 @@ class Surrogate:
     """
 
     lattice: CellGrid
-    lags: NDArray[np.int64]
+    lags: Ints
     clear: Lagged
     folded: Lagged
     weight: Floats
@@ -141,8 +148,8 @@ class Surrogate:
     near: Lagged
     along: tuple[Floats, Floats]
     low: NDArray[np.complex64]
-    low_truth: NDArray[np.float32]
-    low_prior: NDArray[np.float32]
+    low_truth: Singles
+    low_prior: Singles
     noise: PixelNoise
     strengths: tuple[float, ...]
     leak_every: int = 7
@@ -150,7 +157,7 @@ class Surrogate:
 
     @property
     def levels(self) -> tuple[float, ...]:
-        """Of light, dB."""
+        """Levels of light, dB."""
         return self.noise.settings.levels
 
     @property
@@ -159,7 +166,7 @@ class Surrogate:
         return self.lattice.dots
 
     def __call__(
-        self, unit: NDArray[np.bool_], *, periodic: bool = False, levels: Sequence[float] | None = None
+        self, unit: Mask, *, periodic: bool = False, levels: Sequence[float] | None = None
     ) -> tuple[float, ...]:
         """Expected restored PSNR in dB at each level, each with its best ε.
 
@@ -181,16 +188,16 @@ class Surrogate:
         """The PSNR that a mean squared error stands for at a level of light."""
         return float(-10 * np.log10(error)) + self.noise.added_db(level)
 
-    def errors(self, unit: NDArray[np.bool_], *, periodic: bool = False) -> tuple[Errors, float]:
-        """Of a unit by ε, and its clear share."""
-        circular, linear = self._correlations(np.asarray(unit, dtype=np.float64), periodic)
+    def errors(self, unit: Mask, *, periodic: bool = False) -> tuple[Errors, float]:
+        """Errors of a unit by ε, and its clear share."""
+        circular, linear = _correlations(unit, periodic)
         leak = self._leak(circular, linear, np.array(self.strengths))
         share = float(unit.mean())
         return self._of_lags(circular, linear, share, leak), share
 
-    def leakless_errors(self, unit: NDArray[np.bool_], *, periodic: bool = False) -> Errors:
-        """Of a unit by ε, as if nothing leaked: the part that is quickly found, and no larger than the whole."""
-        circular, linear = self._correlations(np.asarray(unit, dtype=np.float64), periodic)
+    def leakless_errors(self, unit: Mask, *, periodic: bool = False) -> Errors:
+        """Errors of a unit by ε as if nothing leaked: the part that is quickly found, no larger than the whole."""
+        circular, linear = _correlations(unit, periodic)
         return self._of_lags(circular, linear, float(unit.mean()), np.zeros(len(self.strengths)))
 
     def _of_lags(self, circular: Floats, linear: Floats, share: float, leak: Floats) -> Errors:
@@ -207,7 +214,7 @@ class Surrogate:
         return Errors(self.noise, noise, bias, leak)
 
     @cached_property
-    def _places(self) -> tuple[NDArray[np.int64], NDArray[np.intp], NDArray[np.int64]]:
+    def _places(self) -> tuple[Ints, Indices, Ints]:
         """The lags as flat indices into circular correlations; which are short, and these into linear ones."""
         n, (y, x) = self.dots, self.lags
         short = np.flatnonzero((abs(y) < n) & (abs(x) < n))
@@ -219,7 +226,7 @@ class Surrogate:
         epsilons = np.array(self.strengths)
         return epsilons, epsilons[:, None] * self.inverse_prior
 
-    def _require(self, unit: NDArray[np.bool_], levels: Sequence[float]) -> None:
+    def _require(self, unit: Mask, levels: Sequence[float]) -> None:
         if unit.shape != (self.dots, self.dots):
             raise JobError(
                 "MF105",
@@ -230,16 +237,6 @@ class Surrogate:
         if not unit.any():
             raise closed(0, unit.size)
         self.noise.settings.require(levels)
-
-    def _correlations(self, unit: Floats, periodic: bool) -> tuple[Floats, Floats]:
-        """C [dots, dots] and V [2 dots, 2 dots], negative lags wrapped round, divided by the clear dots."""
-        n, total = self.dots, unit.sum()
-        turned = unit[None] if periodic else np.stack([orient(unit, k) for k in range(ORIENTATIONS)])
-        mean = turned.mean(axis=0)
-        circular = scipy.fft.irfft2(abs(scipy.fft.rfft2(mean)) ** 2, (n, n)) / total
-        wide = scipy.fft.rfft2(turned, (2 * n, 2 * n))
-        spread = (abs(wide) ** 2).mean(axis=0) - abs(wide.mean(axis=0)) ** 2
-        return circular, scipy.fft.irfft2(spread, (2 * n, 2 * n)) / total
 
     def _leak(self, circular: Floats, linear: Floats, epsilons: Floats) -> Floats:
         """Mean squared error of the low-passed scenes at every ε, interpolated between every few."""
@@ -259,13 +256,13 @@ class Surrogate:
         return np.asarray(np.exp(np.interp(np.log(epsilons), np.log(computed), np.log(np.maximum(errors, 1e-12)))))
 
 
-def _on_sensor(spectra: NDArray[np.complex64]) -> NDArray[np.float32]:
+def _on_sensor(spectra: NDArray[np.complex64]) -> Singles:
     """The sensor's part of pictures of spectra [.., 128, 97], overwritten; rows beyond it are not transformed."""
     rows = scipy.fft.ifft(spectra, axis=-2, overwrite_x=True, workers=1)[..., WIDTH:-WIDTH, :]
     return np.asarray(scipy.fft.irfft(rows, COLUMNS, axis=-1, workers=1)[..., WIDTH:-WIDTH])
 
 
-def _mirrored(record: NDArray[np.float32]) -> NDArray[np.complex64]:
+def _mirrored(record: Singles) -> NDArray[np.complex64]:
     """Spectrum of records mirrored at their edges, whose pixels are doubled; mirrored rows are transformed once."""
     rows = scipy.fft.rfft(np.pad(record, [(0, 0), (0, 0), (WIDTH, WIDTH)], mode="symmetric"), axis=2, workers=1)
     tall = np.pad(rows, [(0, 0), (WIDTH, WIDTH), (0, 0)], mode="symmetric")
@@ -386,7 +383,7 @@ def _coded(estimate: Surrogate, scenes: Sequence[tuple[Floats, float]]) -> Surro
     return replace(estimate, noise=replace(estimate.noise, coded_db=MappingProxyType(added)))
 
 
-def _square(dots: int) -> NDArray[np.bool_]:
+def _square(dots: int) -> Mask:
     """A unit with a square opening of about the published display's light."""
     unit = np.zeros((dots, dots), dtype=np.bool_)
     side = max(1, round(dots * REFERENCE_TRANSMISSION**0.5))
@@ -394,7 +391,7 @@ def _square(dots: int) -> NDArray[np.bool_]:
     return unit
 
 
-def _choose_lags(dots: int, longest: int) -> tuple[NDArray[np.int64], Floats]:
+def _choose_lags(dots: int, longest: int) -> tuple[Ints, Floats]:
     """Lags [2, m] of the upper half plane, and how many each stands for: short ones all, long ones by chance."""
     y, x = (v.ravel() for v in np.mgrid[0 : longest + 1, -longest : longest + 1])
     upper = (y > 0) | (x >= 0)
@@ -438,7 +435,7 @@ class Interior:
     """
 
     lattice: CellGrid
-    lags: NDArray[np.int64]
+    lags: Ints
     count: Floats
     weight: Floats
     stop: Floats
@@ -459,7 +456,7 @@ class Interior:
 
     @property
     def levels(self) -> tuple[float, ...]:
-        """Of light, dB."""
+        """Levels of light, dB."""
         return self.noise.settings.levels
 
     def decibels(self, level: float, error: float) -> float:
@@ -492,7 +489,7 @@ class Interior:
         return tuple(self.decibels(level, error) for level, error in zip(asked, np.min(errors, axis=0), strict=True))
 
     def of_unit(
-        self, unit: NDArray[np.bool_], *, periodic: bool = False, levels: Sequence[float] | None = None
+        self, unit: Mask, *, periodic: bool = False, levels: Sequence[float] | None = None
     ) -> tuple[float, ...]:
         """Expected PSNR in dB of a unit [dots, dots] turned at random, or as it is in every cell."""
         y, x = self.lags
@@ -505,22 +502,6 @@ class Interior:
             near = table[1][v % size, u % size]
             rows.append(self.stop * np.where(far, table[0][v % self.dots, u % self.dots], near))
         return self.psnr(np.stack(rows), float(unit.mean()), float(unit.mean()), levels)
-
-
-def unit_modulation(unit: NDArray[np.bool_], *, periodic: bool = False) -> tuple[Floats, Floats]:
-    """Mean autocorrelation of the tiled unit over that of the stop, cut cells left out.
-
-    Returns:
-        [n, n] at lags of n dots and more along an axis, by lag modulo n; [2n, 2n] at shorter lags, modulo 2n.
-    """
-    n = len(unit)
-    turned = np.stack([orient(unit, k) for k in range(1 if periodic else ORIENTATIONS)]).astype(np.float64)
-    wide = scipy.fft.rfft2(turned, (2 * n, 2 * n))
-    spread = (abs(wide) ** 2).mean(axis=0) - abs(wide.mean(axis=0)) ** 2
-    mean = scipy.fft.rfft2(turned.mean(axis=0))
-    circular = scipy.fft.irfft2(abs(mean) ** 2, (n, n)) / unit.sum()
-    linear = scipy.fft.irfft2(spread, (2 * n, 2 * n)) / unit.sum()
-    return circular, np.tile(circular, (2, 2)) + linear
 
 
 def interior(estimate: Surrogate) -> Interior:
@@ -558,3 +539,23 @@ def interior(estimate: Surrogate) -> Interior:
         open_stop.dots,
         open_stop.table,
     )
+
+
+def unit_modulation(unit: Mask, *, periodic: bool = False) -> tuple[Floats, Floats]:
+    """Mean autocorrelation of the tiled unit over that of the stop, cut cells left out.
+
+    Returns:
+        [n, n] at lags of n dots and more along an axis, by lag modulo n; [2n, 2n] at shorter lags, modulo 2n.
+    """
+    circular, linear = _correlations(unit, periodic)
+    return circular, np.tile(circular, (2, 2)) + linear
+
+
+def _correlations(unit: Mask, periodic: bool) -> tuple[Floats, Floats]:
+    """C [dots, dots] and V [2 dots, 2 dots], negative lags wrapped round, divided by the clear dots."""
+    n, total = len(unit), unit.sum()
+    turned = np.stack([orient(unit, k) for k in range(1 if periodic else ORIENTATIONS)]).astype(np.float64)
+    circular = scipy.fft.irfft2(abs(scipy.fft.rfft2(turned.mean(axis=0))) ** 2, (n, n)) / total
+    wide = scipy.fft.rfft2(turned, (2 * n, 2 * n))
+    spread = (abs(wide) ** 2).mean(axis=0) - abs(wide.mean(axis=0)) ** 2
+    return circular, scipy.fft.irfft2(spread, (2 * n, 2 * n)) / total

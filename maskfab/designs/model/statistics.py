@@ -1,13 +1,12 @@
-"""Photographs that openings are compared by, and the noise of their pixels.
+"""Photographs that openings are compared by, and the statistics of them that a surrogate is made of.
 
 By protocol F1 code values are taken for light, and a pixel's noise is that of the scenes' mean. By protocol ``camera``
 light is linear, and its scenes differ so much in brightness that each one's noise is scaled as its contrast is where
 they are brought to one contrast: dim pictures have little of both.
 
-Statistics of scenes that a surrogate is made of: noise, mean spectrum, and low-passed pictures of them.
-
-The statistics of the bundled scenes for protocol F1 are kept beside this module, since to draw those scenes takes most
-of a second for each: ``python -m maskfab.designs.model.statistics`` writes that file anew.
+The statistics, noise, mean spectrum and low-passed pictures, of the bundled scenes for protocol F1 are kept beside this
+module, since to draw those scenes takes most of a second for each:
+``python -m maskfab.designs.model.statistics`` writes that file anew.
 """
 
 from __future__ import annotations
@@ -61,7 +60,7 @@ class CaptureSettings:
 
     @cached_property
     def electrons(self) -> Mapping[float, float]:
-        """Of white behind the published display, by level; of protocol F1 at all of its levels."""
+        """Electrons of white behind the published display, by level; of protocol F1 at all of its levels."""
         if self.is_f1:
             return MappingProxyType({float(level): float(count) for level, count in ELECTRONS.items()})
         return MappingProxyType({level: self.protocol.exposure(level).electrons for level in self.levels})
@@ -134,12 +133,20 @@ class PixelNoise:
 
 ROWS, COLUMNS, FACTOR = 128, 192, 8
 """Of low-passed pictures, and how many pixels of a scene one of theirs is wide."""
+
+
 WIDTH = 32
 """Of the margin round the sensor in low-passed pictures."""
+
+
 LEAST_CONTRAST = 1e-4
 """A tenth of what the smallest step of eight bits is, evenly spread."""
+
+
 KEPT = ((4, 2), (16, 2), (16, 8))
 """Numbers of bundled scenes, and of pictures that leak as much as they do, whose statistics are kept."""
+
+
 _FILE = Path(__file__).with_name("bundled_scenes.npz")
 
 
@@ -165,7 +172,7 @@ class SceneStatistics:
     def of(
         cls, scenes: Sequence[Photograph], *, leak_scenes: int = 2, settings: CaptureSettings = F1_SETTINGS
     ) -> SceneStatistics:
-        """Of scenes as :func:`scene_statistics` takes them; errors likewise."""
+        """Statistics of scenes as :func:`scene_statistics` takes them; errors likewise."""
         pictures = _of_use(scenes)
         if settings.protocol.linear:
             pictures = [Photograph(s.name, s.number, np.minimum(s.light, 1)) for s in pictures]
@@ -174,9 +181,12 @@ class SceneStatistics:
             noise = PixelNoise(settings, float(np.mean(scales**2 * means)), float(np.mean(scales**2)))
         else:
             noise = PixelNoise(settings, float(np.mean([s.values.mean() for s in pictures])))
-        own = (
-            () if settings.is_f1 else tuple((_inner_pixels(s), float(k)) for s, k in zip(pictures, scales, strict=True))
-        )
+        own: tuple[tuple[Floats, float], ...] = ()
+        if not settings.is_f1:
+            # Some of the green pixels on the sensor.
+            edge = WIDTH * FACTOR
+            inner = (s.values[1, edge:-edge:FACTOR, edge:-edge:FACTOR].astype(np.float64) for s in pictures)
+            own = tuple((pixels, float(k)) for pixels, k in zip(inner, scales, strict=True))
         pictures = [
             Photograph(s.name, s.number, s.values * np.float32(k)) for s, k in zip(pictures, scales, strict=True)
         ]
@@ -199,7 +209,7 @@ class SceneStatistics:
 def scene_statistics(
     scenes: Sequence[Photograph], *, leak_scenes: int = 2, settings: CaptureSettings = F1_SETTINGS
 ) -> SceneStatistics:
-    """Of scenes of 1024 x 1536 pixels (others are left out); of bundled ones as they are kept.
+    """Statistics of scenes of 1024 x 1536 pixels (others are left out); of bundled ones as they are kept.
 
     Args:
         scenes: photographs, or drawn ones.
@@ -228,12 +238,6 @@ def _kept(count: int, leak_scenes: int, settings: CaptureSettings) -> SceneStati
     with np.load(_FILE) as arrays:
         shot, factor, power = (float(number) for number in arrays[f"{count}_numbers"])
         return SceneStatistics(PixelNoise(settings, shot), factor, power, arrays[f"{count}_{leak_scenes}"], ())
-
-
-def _inner_pixels(scene: Photograph) -> Floats:
-    """Some of the green pixels on the sensor."""
-    edge = WIDTH * FACTOR
-    return scene.values[1, edge:-edge:FACTOR, edge:-edge:FACTOR].astype(np.float64)
 
 
 def _of_use(scenes: Sequence[Photograph]) -> list[Photograph]:

@@ -296,7 +296,7 @@ def _by_closed_area(constraints: Constrained) -> Conflict | None:
 
 
 def _crowd(constraints: Constrained, need_um2: float, what: str) -> str | None:
-    """By how much the closed area is too small for something; None if it is not."""
+    """Words on how much the closed area is too small for something; None if it is not."""
     closed = (constraints.dots**2 - constraints.clear_dots) * (constraints.dot_nm / NM_PER_UM) ** 2
     if need_um2 <= closed * (1 + _ROUNDING):
         return None

@@ -1,9 +1,8 @@
-"""Dots that a symmetry maps onto each other, and the counts that whole sets of them make.
-
-Families of compact openings with an exact number of clear dots: bars, discs, L-shapes, crosses, several blobs.
+"""Families of compact openings with an exact number of clear dots: bars, discs, L-shapes, crosses, several blobs.
 
 Small openings make wide halos, so good ones are compact and few families hold them all. A shape of a few dots too many
-is trimmed at the end of its last column. Every shape is laid at every place of the cell, row by row.
+is trimmed at the end of its last column. Every shape is laid at every place of the cell, row by row. Dots that a
+symmetry maps onto each other come as whole sets, whose sums say which counts there are.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ A budget is a number of evaluations, so that the same seed gives the same openin
 limit in seconds is there too; it stops at whole batches, and the result says how many evaluations were made, which as
 a budget gives the same opening again.
 
-From an opening that breaks the rules to the nearest one found that keeps them.
+Annealing also leads from an opening that breaks the rules to the nearest one found that keeps them.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import chain, pairwise
 from typing import Any, Literal, get_args
@@ -34,18 +35,35 @@ from maskfab.designs.rules.families import FAMILIES, Candidate, kind, turned_key
 Objective = Callable[[Mask], float]
 """Value of an opening, bool [dots, dots]; higher is better. In dB where it is an expected PSNR."""
 
+
 Bettered = tuple[tuple[int, float], ...]
 """Evaluations made when a best value was bettered, and that value, each time."""
 
+
 Move = Literal["swap", "border", "segment", "shift"]
+
+
 MOVES: tuple[Move, ...] = get_args(Move)
 """Exchange any clear dot with any closed one; the same at the edge of what is clear; a straight run of dots with one
 as long; push the whole opening by a dot."""
 
+
 _BATCH = 64
+
+
 _STUCK = 5000
+
+
 _LONGEST_SEGMENT = 12
+
+
 _AROUND = ndimage.generate_binary_structure(2, 1)
+
+
+_EVALUATIONS = 400
+
+
+_TRIED = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -418,7 +436,9 @@ class _Proposals:
     def propose(self, move: Move, unit: Mask, rng: np.random.Generator) -> Mask | None:
         """Another opening of the same count; None where the draw gave none."""
         if move == "shift":
-            return _shifted(unit, rng)
+            axis, step = int(rng.integers(2)), int(rng.integers(2)) * 2 - 1
+            leaving = unit.take(-1 if step > 0 else 0, axis=axis)
+            return None if leaving.any() else np.roll(unit, step, axis)
         closable, openable = unit, ~unit & self._free
         if move != "swap":
             openable = openable & ndimage.binary_dilation(unit, _AROUND)
@@ -438,12 +458,6 @@ class _Proposals:
 
     def _whole(self, places: NDArray[np.intp]) -> NDArray[np.intp]:
         return np.concatenate([self._orbits[k] for k in np.unique(self._orbit_of[places])])
-
-
-def _shifted(unit: Mask, rng: np.random.Generator) -> Mask | None:
-    axis, step = int(rng.integers(2)), int(rng.integers(2)) * 2 - 1
-    leaving = unit.take(-1 if step > 0 else 0, axis=axis)
-    return None if leaving.any() else np.roll(unit, step, axis)
 
 
 def _run(starts: Mask, within: Mask, length: int, rng: np.random.Generator) -> NDArray[np.intp] | None:
@@ -484,10 +498,6 @@ def _check(moves: Sequence[Move], temperature: tuple[float, float], evaluations:
         )
 
 
-_EVALUATIONS = 400
-_TRIED = 200
-
-
 def nearest(unit: Mask, constraints: Constraints, *, seed: int = 0) -> Mask:
     """An opening that keeps the constraints and has as many dots as possible in common with this one.
 
@@ -510,7 +520,9 @@ def nearest(unit: Mask, constraints: Constraints, *, seed: int = 0) -> Mask:
         return float(np.count_nonzero(unit & other))
 
     shapes = sorted(_shapes(constraints), key=lambda shape: -shared(shape.unit))
-    start = next((shape.unit for shape in _few_first(shapes) if constraints.allows(shape.unit)), None)
+    # The closest ones, then a few of all the others: rules on emitters take their time.
+    few = chain(shapes[:_TRIED], shapes[_TRIED :: max(1, len(shapes) // _TRIED)])
+    start = next((shape.unit for shape in few if constraints.allows(shape.unit)), None)
     if start is None:
         raise JobError(
             "MF123",
@@ -522,18 +534,6 @@ def nearest(unit: Mask, constraints: Constraints, *, seed: int = 0) -> Mask:
 
 
 def _shapes(constraints: Constraints) -> Iterator[Candidate]:
-    families = ("bars", "discs", "l_shapes", "crosses")
-    return chain.from_iterable(_of_family(name, constraints) for name in families)
-
-
-def _of_family(name: str, constraints: Constraints) -> Iterator[Candidate]:
-    try:
-        yield from FAMILIES[name](constraints.dots, constraints.clear_dots)
-    except OpeningError:
-        return
-
-
-def _few_first(shapes: list[Candidate]) -> Iterator[Candidate]:
-    """The closest ones, then a few of all the others: rules on emitters take their time."""
-    yield from shapes[:_TRIED]
-    yield from shapes[_TRIED :: max(1, len(shapes) // _TRIED)]
+    for name in ("bars", "discs", "l_shapes", "crosses"):
+        with suppress(OpeningError):
+            yield from FAMILIES[name](constraints.dots, constraints.clear_dots)

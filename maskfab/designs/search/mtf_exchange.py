@@ -118,7 +118,7 @@ class DotPairs:
 
     @classmethod
     def of(cls, around: Rings) -> DotPairs:
-        """For the rings of a camera."""
+        """Pairs for the rings of a camera."""
         n = around.dots
         y, x = np.divmod(np.arange(n * n), n)
         opposite = (-y % n) * n + -x % n
@@ -217,7 +217,7 @@ class Smoothed:
 
     @classmethod
     def of(cls, around: Rings, scatter: float, room: CellGrid | None = None) -> Smoothed:
-        """For the rings of a camera, behind the same cells as these; None for cells of 168 um."""
+        """The area for the rings of a camera, behind the same cells as these; None for cells of 168 um."""
         n = around.dots
         room = room or lattice(n)
         index = np.arange(n * n).reshape(n, n)
@@ -256,7 +256,7 @@ class Smoothed:
             return float(self(torch.from_numpy(unit.astype(np.float64)), temperature))
 
     def slope(self, unit: Mask) -> Floats:
-        """Of the smoothed area, by every dot, [n²]."""
+        """Slope of the smoothed area by every dot, [n²]."""
         leaf = torch.from_numpy(unit.astype(np.float64)).requires_grad_()
         (slope,) = torch.autograd.grad(self(leaf, _TEMPERATURE), leaf)
         return np.asarray(slope.numpy().ravel())

@@ -1,13 +1,10 @@
 """The best compact opening of some families, then annealed: the two stages of a search that take budget and checkpoint.
 
-Both are pure in the section, the objective and the rules; only a budget lets the clock in.
+Both are pure in the section, the objective and the rules; only a budget lets the clock in. A scan judges shapes whether
+or not they keep the rules, so that it prices them by the way. An annealing keeps every rule from its first step to its
+last, and is repeated without each rule where their prices are asked for.
 
-Searches once more without each rule: what an annealing gains that need not keep it.
-
-A scan judges shapes whether or not they keep the rules, so that it prices them by the way. An annealing keeps every
-rule from its first step to its last, and has to be repeated for that.
-
-A given opening with fewer clear dots: for comparing designs at equal light with one that was drawn for more.
+A given opening can be reduced to fewer clear dots, for comparing designs at equal light.
 """
 
 from __future__ import annotations
