@@ -400,6 +400,8 @@ WIRES = _FIT("wires", check=_unwired, quick=_unwired_quickly, proof=_by_nothing,
 
 
 CENTROID = Rule("centroid_px", "pixels", _off_centre, one_place=lambda _: True, slow=True)
+DISPLAY_RULES = CIRCUITS, EMITTERS, WIRES, CENTROID
+"""In the order in which they are judged."""
 
 
 def most_beside(units: Mask, cells: Labels, dot_nm: int, rules: WireRules) -> Ints:
