@@ -1,4 +1,4 @@
-"""Point spread functions from EXR files as the blur of a photograph.
+"""The blur of a real photograph: point spread functions from EXR files, and a die as it stands before the camera.
 
 A file holds a PSF of our own writing (one line of light, samples finer than a pixel), a merged capture of a point light
 (light of every pixel, also of a mosaic), or any linear picture of a point light. With the values p_n of pixels about a
@@ -6,18 +6,14 @@ centre c, the light of the background taken off,
 
     H(ν) = sum of p_n exp(-2πi ν (n - c)) / sum of p_n.
 
+A die's own transfer H has y upwards, as its drawing has. A picture shows at (x, y) what the die as drawn has at
+R⁻¹(x, y), so that with rows downwards H'(ν_x, ν_y) = H(R⁻¹(ν_x, -ν_y)), and H(-ν) is the conjugate of H(ν).
+
 Notes:
     All colours share one centre, so that where they lie apart in the capture the restored picture puts them together.
     Light outside the file is not known: H lacks the halo there, and says that the light is nearer.
     A mosaic's capture tells the spread of each colour at its own pixels, which is that of cells of 2 x 2 pixels and no
     finer: interpolated, it lost 10 to 16 dB of a restored scene. So such a PSF restores cells.
-
-Stand of a die before the camera, as options and verdicts name it.
-
-The blur by a die as it stands before the camera, for pictures whose first row is the top.
-
-A die's own transfer H has y upwards, as its drawing has. A picture shows at (x, y) what the die as drawn has at
-R⁻¹(x, y), so that with rows downwards H'(ν_x, ν_y) = H(R⁻¹(ν_x, -ν_y)), and H(-ν) is the conjugate of H(ν).
 """
 
 from __future__ import annotations
@@ -154,7 +150,7 @@ def _check(found: Channels, path: Path) -> None:
 
 
 def _of_design(files: Sequence[Channels], paths: Sequence[Path]) -> MeasuredBlur:
-    """Of files that hold intensity at points, of light of the longest wavelength for red."""
+    """The blur of files that hold intensity at points, of light of the longest wavelength for red."""
     pixels = sorted({float(found.facts["sensor_pixel_um"]) for found in files})
     if len(pixels) > 1:
         raise SourceError(
@@ -169,7 +165,8 @@ def _of_design(files: Sequence[Channels], paths: Sequence[Path]) -> MeasuredBlur
     )
     means = [_pixels(found, path) for _, found, path in lines]
     side = min(len(each.values) for each in means)
-    kernels = np.stack([_middle(each.values, side) for each in means])
+    surplus = [(len(mean.values) - side) // 2 for mean in means]
+    kernels = np.stack([m.values[k : k + side, k : k + side] for m, k in zip(means, surplus, strict=True)])
     outside = 1 - kernels.sum(axis=(1, 2)) * pixels[0] ** 2
     colours = ", ".join(f"{nm:g}" for nm, *_ in lines)
     told = [
@@ -201,7 +198,7 @@ def _pixels(found: Channels, path: Path) -> Psf:
 
 
 def _of_fit(found: Channels, path: Path) -> MeasuredBlur:
-    """Of the die that was fitted to a capture: the light is in the middle pixel, and nothing lies beneath it."""
+    """The blur of a die that was fitted to a capture: the light is in the middle pixel, and nothing lies beneath it."""
     order = [found.names.index(name) for name in "RGB"] if len(found.names) == _COLOURS else [0]
     kernels = found.values[order]
     outside = 1 - kernels.sum(axis=(1, 2))
@@ -214,27 +211,28 @@ def _of_fit(found: Channels, path: Path) -> MeasuredBlur:
 
 
 def _of_capture(found: Channels, path: Path) -> MeasuredBlur:
-    """Of the light of pixels about one point light."""
+    """The blur of the light of pixels about one point light."""
     mosaic = str(found.facts.get("mosaic", "none"))
     order = [found.names.index(name) for name in "RGB"] if len(found.names) == _COLOURS else [0]
     planes = found.values[order]
     told = [f"PSF measured, {planes.shape[2]} x {planes.shape[1]} pixels of {path.name}"]
     if mosaic == "none":
         light, ground = zip(*(_above_ground(plane, path) for plane in planes), strict=True)
-        kernels, grounds = np.stack(light), list(ground)
+        kernels = np.stack(light)
     else:
-        kernels, grounds = _of_mosaic(planes[0], mosaic, path)
-    told.append(f"background taken off: {', '.join(f'{each:.4g}' for each in grounds)}; halo as faint goes with it")
-    centre = _centre(kernels)
+        # Every colour of each cell of 2 x 2 pixels, and the backgrounds of the four places.
+        rows, columns = (side // 2 * 2 for side in planes[0].shape)
+        light, ground = zip(
+            *(_above_ground(planes[0][y:rows:2, x:columns:2], path) for y in (0, 1) for x in (0, 1)), strict=True
+        )
+        kernels = of_cells(np.stack(light), mosaic.upper())
+    told.append(f"background taken off: {', '.join(f'{level:.4g}' for level in ground)}; halo as faint goes with it")
+    # The centre is the centroid of what is bright in all colours together.
+    together = np.sum([kernel / kernel.max() for kernel in kernels], axis=0)
+    bright = np.where(together >= _BRIGHT * together.max(), together, 0.0)
+    y, x = np.indices(bright.shape)
+    centre = float((y * bright).sum() / bright.sum()), float((x * bright).sum() / bright.sum())
     return _made(kernels, centre, told, of_cells=mosaic != "none")
-
-
-def _of_mosaic(plane: Floats, mosaic: str, path: Path) -> tuple[Floats, list[float]]:
-    """Every colour of each cell of 2 x 2 pixels, and the backgrounds of the four places."""
-    rows, columns = (side // 2 * 2 for side in plane.shape)
-    places = [_above_ground(plane[y:rows:2, x:columns:2], path) for y in (0, 1) for x in (0, 1)]
-    lights = np.stack([light for light, _ in places])
-    return of_cells(lights, mosaic.upper()), [ground for _, ground in places]
 
 
 def _above_ground(plane: Floats, path: Path) -> tuple[Floats, float]:
@@ -251,20 +249,6 @@ def _above_ground(plane: Floats, path: Path) -> tuple[Floats, float]:
             cure="Give the capture of a point light",
         )
     return light, ground
-
-
-def _centre(kernels: Floats) -> tuple[float, float]:
-    """Centroid of what is bright in all colours together."""
-    together = np.sum([each / each.max() for each in kernels], axis=0)
-    bright = np.where(together >= _BRIGHT * together.max(), together, 0.0)
-    y, x = np.indices(bright.shape)
-    whole = bright.sum()
-    return float((y * bright).sum() / whole), float((x * bright).sum() / whole)
-
-
-def _middle(values: Floats, side: int) -> Floats:
-    surplus = (len(values) - side) // 2
-    return values[surplus : surplus + side, surplus : surplus + side]
 
 
 def _made(

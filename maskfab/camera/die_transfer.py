@@ -182,7 +182,7 @@ class StopView:
 
     @cached_property
     def _plain(self) -> AmplitudeLags:
-        """Of every line without a phase."""
+        """Lags of every line without a phase."""
         return AmplitudeLags.of(self._shadow(None, 1))
 
     @property
@@ -374,7 +374,7 @@ def _bands(camera: Camera, scene: Scene, name: str) -> list[Band | float]:
 
 
 def _everything(scene: Scene) -> Choice:
-    """All of a scene that a transfer can hold."""
+    """Everything of a scene that a transfer can hold."""
     diffracts = scene.gap_um > 0
     return Choice(
         path=SPECTRUM if diffracts else PHASED,

@@ -74,7 +74,7 @@ class FieldNodes:
 
     @property
     def places(self) -> list[Place]:
-        """Of all nodes, (x, y), those of a row side by side."""
+        """Places of all nodes, (x, y), those of a row side by side."""
         return [(float(x), float(y)) for y, x in product(self.y_um, self.x_um)]
 
     def corners(self, inwards: int) -> list[Place]:
@@ -83,7 +83,7 @@ class FieldNodes:
         return [(float(self.x_um[i]), float(self.y_um[j])) for j, i in product(ends, ends)]
 
     def weights(self) -> tuple[Singles, Singles]:
-        """Of every row in every node along y, [nodes, rows], and of every column; each sums to 1 over nodes."""
+        """Weights of every row in every node along y, [nodes, rows], and of every column; each sums to 1 over nodes."""
         up, across = (
             _hats(nodes, (np.arange(count, dtype=np.float64) - (count - 1) / 2) * self.pixel_um)
             for nodes, count in zip((self.y_um, self.x_um), self.shape, strict=True)
@@ -170,7 +170,7 @@ class FieldChange:
             there += change[:, : there.shape[1], : there.shape[2]]
 
     def _transfers(self, sizes: tuple[int, ...]) -> NDArray[np.complex64]:
-        """Of every component, at the frequencies of ``rfft2`` of parts of that size, [components, 3, ...]."""
+        """Transfers of every component, at the frequencies of ``rfft2`` of parts of that size, [components, 3, ...]."""
         transfers = np.empty((*self.spreads.shape[:2], sizes[0], sizes[1] // 2 + 1), dtype=np.complex64)
         place = np.arange(-REACH, REACH + 1)
         for spread, transfer in zip(self.spreads, transfers, strict=True):
@@ -194,12 +194,12 @@ class OverField:
     _kept: dict[tuple[int, int], FieldChange] = field(default_factory=dict, init=False, repr=False)
 
     def through(self, openings: Aperture, finer: int) -> OverField:
-        """As :meth:`maskfab.camera.die_transfer.DieTransfer.through`."""
+        """Other openings, see :meth:`maskfab.camera.die_transfer.DieTransfer.through`."""
         return OverField(self.transfer.through(openings, finer), self.plan)
 
     @property
     def name(self) -> str:
-        """Of the die."""
+        """Name of the die."""
         return self.transfer.name
 
     @property
@@ -326,7 +326,7 @@ def _components(changes: Singles, most: float) -> tuple[Singles, Floats]:
 
 
 def _size(count: int) -> int:
-    """Of parts into which so many pixels go evenly, with what reaches in from beyond them."""
+    """Side of parts into which so many pixels go evenly, with what reaches in from beyond them."""
     parts = math.ceil(count / MOST_ACROSS)
     return int(scipy.fft.next_fast_len(math.ceil(count / parts) + 2 * REACH, real=True))
 

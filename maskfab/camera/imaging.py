@@ -175,21 +175,21 @@ class RestoredBy:
 
     @property
     def name(self) -> str:
-        """Of what is photographed."""
+        """See :class:`Design`, of what is photographed."""
         return self.seen.name
 
     @property
     def transmission(self) -> float:
-        """Of what is photographed."""
+        """See :class:`Design`, of what is photographed."""
         return self.seen.transmission
 
     @property
     def told(self) -> tuple[str, ...]:
-        """Of what is photographed."""
+        """See :class:`Design`, of what is photographed."""
         return self.seen.told
 
     def blurred(self, light: Singles, margin: Margin) -> Singles:
-        """As what is photographed does."""
+        """See :class:`Design`, of what is photographed."""
         return self.seen.blurred(light, margin)
 
     def on(self, shape: tuple[int, int]) -> Transfer:

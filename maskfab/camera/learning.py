@@ -405,7 +405,7 @@ class Checkpoint:
         return Learned(network.eval(), self.view)
 
     def about(self) -> dict[str, Any]:
-        """All but weights and transfer, as data."""
+        """Everything but weights and transfer, as data."""
         told = asdict(self.trade)
         del told["transfer"]
         return {

@@ -442,7 +442,7 @@ class OpenStop:
         per_cycle: float | None = None,
         amplitude: Complexes | None = None,
     ) -> OpenStop:
-        """Of a camera at one wavelength; the ``amplitude`` of :meth:`CellGrid.turned` where light has a phase."""
+        """The open stop at one wavelength; the ``amplitude`` of :meth:`CellGrid.turned` where light has a phase."""
         table: Lagged
         if amplitude is None:
             table = pupil_autocorrelation(room.stop.astype(np.float64))

@@ -88,7 +88,7 @@ def estimated_noise(planes: Sequence[Singles], ceiling: float = np.inf) -> Noise
 
 
 def _blocks(plane: Singles, ceiling: float) -> tuple[Floats, Floats, Floats]:
-    """Of blocks without full pixels: mean light, its unevenness, and the median modulus of second differences [n]."""
+    """Blocks without full pixels: mean light, its unevenness, and the median modulus of second differences [n]."""
     rows, columns = (side // _BLOCK * _BLOCK for side in plane.shape)
     second = np.array([1.0, -2.0, 1.0], dtype=np.float32)
     fine = ndimage.correlate1d(ndimage.correlate1d(plane, second, axis=0), second, axis=1) / 6
@@ -419,7 +419,7 @@ class ChartMatrix:
     left_out: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """For a document."""
+        """Numbers for a document."""
         return {
             "matrix": self.matrix.tolist(),
             "patches": len(self.delta_e),

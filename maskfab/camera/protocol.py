@@ -355,7 +355,7 @@ class _Case:
 
 
 def _means(values: NDArray[np.floating[Any]], trim: int) -> tuple[float, float]:
-    """Over all of a map [..., rows, columns], and without ``trim`` elements at each edge."""
+    """Means over a map [..., rows, columns], and without ``trim`` elements at each edge."""
     return (
         float(values.mean(dtype=np.float64)),
         float(values[..., trim:-trim, trim:-trim].mean(dtype=np.float64)),

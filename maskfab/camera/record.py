@@ -117,7 +117,7 @@ class Noise:
         return (self.read_noise**2 + self.step**2 / 12) / self.electrons**2
 
     def variance(self, light: Singles) -> Singles:
-        """Of every pixel, for the light that falls on it."""
+        """Variance of every pixel, for the light that falls on it."""
         return np.asarray(np.maximum(light, 0) / np.float32(self.electrons) + np.float32(self.floor))
 
     def times(self, factor: float) -> Noise:
@@ -142,18 +142,18 @@ class MergedNoise:
 
     @property
     def electrons(self) -> float:
-        """Of white, in all exposures that hold it; the shortest's where none does."""
+        """Electrons of white, in all exposures that hold it; the shortest's where none does."""
         return next(noise.electrons for top, noise in self.zones if top > 1)
 
     def variance(self, light: Singles) -> Singles:
-        """Of every pixel; where all are at their full wells, the shortest's."""
+        """Variance of every pixel; where all are at their full wells, the shortest's."""
         precision = np.zeros_like(light)
         for noise, ceiling in self.exposures[:-1]:
             precision += (light < np.float32(ceiling)) / noise.variance(light)
         return np.asarray(1 / (precision + 1 / self.exposures[-1][0].variance(light)))
 
     def times(self, factor: float) -> MergedNoise:
-        """As :meth:`Noise.times`."""
+        """See :meth:`Noise.times`."""
         return MergedNoise(tuple((noise.times(factor), ceiling) for noise, ceiling in self.exposures))
 
     @property
@@ -192,7 +192,7 @@ class Record:
 
     @property
     def variance(self) -> Singles:
-        """Of every pixel, [3, rows, columns]."""
+        """Variance of every pixel, [3, rows, columns]."""
         return self.noise.variance(self.values)
 
     @property

@@ -71,7 +71,7 @@ class Similarity:
         return math.degrees(math.atan2(self.v, 1 + self.u))
 
     def grown(self, times: float) -> Similarity:
-        """Of the same pictures with so many times as many pixels along a side."""
+        """The similarity of the same pictures with so many times as many pixels along a side."""
         return Similarity(self.u, self.v, self.shift_x * times, self.shift_y * times)
 
     def taken(self, second: Singles, shape: tuple[int, int], *, order: int, fill: float = 0.0) -> Singles:
@@ -265,7 +265,7 @@ def _level(first: Singles, first_full: Mask, second: Singles, second_full: Mask,
 
 
 def _band(picture: Singles, scale: float) -> Singles:
-    """Of the last two axes, what is between two Gaussians, of pixels so many times as fine as the first picture's."""
+    """What is between two Gaussians along the last two axes, of pixels so many times as fine as the first picture's."""
     fine = np.empty_like(picture)
     planes, bands = (each.reshape(-1, *picture.shape[-2:]) for each in (picture, fine))
     for plane, band in zip(planes, bands, strict=True):
@@ -377,7 +377,7 @@ class RegisteredPhoto:
     difference: float
 
     def to_dict(self) -> dict[str, Any]:
-        """All but the picture."""
+        """Everything but the picture."""
         return {
             "name": self.name,
             "onto": self.onto,

@@ -244,7 +244,7 @@ class Gain:
 
 @dataclass(frozen=True)
 class ScoreTable:
-    """All scores, by design, level, restorer and scene."""
+    """Scores by design, level, restorer and scene."""
 
     scores: tuple[Score, ...]
 

@@ -276,7 +276,7 @@ class _Pixels:
 
     @classmethod
     def joined(cls, groups: Sequence[_Pixels]) -> _Pixels:
-        """All pixels of several groups."""
+        """Pixels of several groups."""
         return cls(*(np.concatenate(columns) for columns in zip(*(group._columns() for group in groups), strict=True)))
 
     def _columns(self) -> tuple[Floats, ...]:

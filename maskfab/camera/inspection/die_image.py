@@ -206,7 +206,7 @@ class DieField:
         return np.asarray(np.exp(2j * np.pi * path))
 
     def of_dots(self, terms: _Terms) -> Complexes:
-        """Of clear features as they are drawn, [2 n - 1, 2 n - 1]."""
+        """Field of clear features as they are drawn, [2 n - 1, 2 n - 1]."""
         x, y, along_x, along_y = self._rim
         field = self._sum(self._phasor(self._x, self._y[:, None], terms))
         cut = along_y * self._phasor(x, y, terms)[:, None]
@@ -223,7 +223,7 @@ class DieField:
         return _transform(self._dots * phasor, along_x, along_y)
 
     def of_edges(self, terms: _Terms) -> Complexes:
-        """Of lines along the edges between clear and closed, [2 n - 1, 2 n - 1]."""
+        """Field of lines along the edges between clear and closed, [2 n - 1, 2 n - 1]."""
         along_x, along_y, lines_x, lines_y = self._waves
         upright, level, _ = self._outline
         field = _transform(upright * self._phasor(self._edges_x, self._y[:, None], terms), lines_x, along_y)
@@ -231,7 +231,7 @@ class DieField:
         return field
 
     def of_corners(self, terms: _Terms) -> Complexes:
-        """Of points at the corners, [2 n - 1, 2 n - 1]."""
+        """Field of points at the corners, [2 n - 1, 2 n - 1]."""
         _, _, lines_x, lines_y = self._waves
         _, _, corners = self._outline
         return _transform(corners * self._phasor(self._edges_x, self._edges_y[:, None], terms), lines_x, lines_y)
@@ -330,7 +330,7 @@ class Setting:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of all that is not known, in the order of :attr:`values`."""
+        """Names of all that is not known, in the order of :attr:`values`."""
         return (*GEOMETRY, BIAS, *(f"z{term}" for term, _ in self.terms))
 
     @property

@@ -1,22 +1,17 @@
-"""An MTF that was measured elsewhere, as a table of comma-separated values.
+"""Every slanted edge of a picture or frame measured, beside the MTF that was designed along the same normal.
 
-The designed die's presampled MTF across an edge, as it is and as the edge's window shows it.
+A frame is measured colour by colour on the places of its own pixels, nothing interpolated. An MTF may also have been
+measured elsewhere, and come as a table of comma-separated values.
 
-A window of finite reach blurs the transfer function along the frequency by its own transform. A display's is a comb
-(its orders lie beside each other on the sensor), so a measured and a designed curve can only be held against each other
-through one window.
-
-Every slanted edge of a picture measured, beside the MTF that was designed along the same normal.
-
-The slanted edges of one frame, colour by colour on the places of its own pixels, nothing interpolated.
-
-Measured edges in sentences: how fine they show detail, and up to where the design does the same.
+The designed die's presampled MTF is told as it is and as the edge's window shows it. A window of finite reach blurs the
+transfer function along the frequency by its own transform. A display's is a comb (its orders lie beside each other on
+the sensor), so a measured and a designed curve can only be held against each other through one window.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -196,6 +191,7 @@ def designed_mtf(
     direction = math.cos(along), math.sin(along)
     spectrum = _lines(light, table, camera, direction, ends)
     mtf, error = _transfer(table, camera, spectrum, direction, frequency)
+    count = spectrum.wavelengths_nm.size
     return DesignedMtf(
         light.name if isinstance(light, Band) else f"{light:g} nm",
         None if isinstance(light, Band) else light,
@@ -204,13 +200,9 @@ def designed_mtf(
         abs(mtf),
         abs(mtf if half_px is None else _seen(table, camera, spectrum, direction, frequency, half_px, ends)),
         error,
-        f"autocorrelation of the designed pupil in focus at {_count(spectrum.wavelengths_nm.size)}, times the pixel's "
-        "transfer",
+        f"autocorrelation of the designed pupil in focus at {count} wavelength{'' if count == 1 else 's'}, times the "
+        "pixel's transfer",
     )
-
-
-def _count(lines: int) -> str:
-    return "1 wavelength" if lines == 1 else f"{lines} wavelengths"
 
 
 def normal_in_die(normal_deg: float, orientation: int) -> float:
@@ -375,20 +367,30 @@ def measured_edges(
             first one's reason; MF342 for a region outside the picture.
         JobError: as :func:`maskfab.camera.inspection.edge_mtf.designed_mtf` does.
     """
-    known = np.isfinite(values) if valid is None else valid & np.isfinite(values)
-    values, known, grid = _within(np.where(known, values, 0.0), known, grid, region, where)
-    found, refused = found_edges(values, known)
+    counts = np.isfinite(values) if valid is None else valid & np.isfinite(values)
+    values, counts, grid = _within(np.where(counts, values, 0.0), counts, grid, region, where)
+    straight, refused = found_edges(values, counts)
     edges: list[EdgeMtf] = []
-    for each in found:
-        seen = replace(each, reach=min(each.reach, window_px / grid.step))
+    for line in straight:
+        seen = replace(line, reach=min(line.reach, window_px / grid.step))
         try:
-            edge = edge_mtf(values, known, seen, pixel_um, grid=grid, order=order, clipped_at=clipped_at, seed=seed)
+            edge = edge_mtf(values, counts, seen, pixel_um, grid=grid, order=order, clipped_at=clipped_at, seed=seed)
         except SourceError as error:
             refused.append(error)
         else:
             edges.append(edge)
+    if not edges and refused:
+        first = refused[0]
+        place = ": ".join(part for part in (where, first.where) if part)
+        raise SourceError(first.code, first.what, where=place, cure=first.cure)
     if not edges:
-        raise _none(refused, values.shape, where)
+        rows, columns = values.shape
+        raise SourceError(
+            "MF340",
+            f"no straight edge that is steeper than the noise was found in {rows} x {columns} samples",
+            where=where,
+            cure="Photograph a slanted edge between a bright and a dark field, and give its region",
+        )
     return MeasuredEdges(
         tuple(_beside(edge, design, colour) for edge in edges),
         tuple(str(error) for error in refused),
@@ -396,10 +398,10 @@ def measured_edges(
     )
 
 
-def _within(values: Floats, known: Mask, grid: Grid, region: Region | None, where: str) -> tuple[Floats, Mask, Grid]:
+def _within(values: Floats, counts: Mask, grid: Grid, region: Region | None, where: str) -> tuple[Floats, Mask, Grid]:
     """The samples within a region, and where they lie."""
     if region is None:
-        return values, known, grid
+        return values, counts, grid
     box = grid.of_samples(region)
     part = np.s_[box.top : box.bottom, box.left : box.right]
     if not values[part].size:
@@ -410,28 +412,11 @@ def _within(values: Floats, known: Mask, grid: Grid, region: Region | None, wher
             where=where,
             cure="Give top, bottom, left and right in pixels from the picture's top left corner",
         )
-    return values[part], known[part], grid.part(box)
-
-
-def _none(refused: Sequence[SourceError], shape: tuple[int, ...], where: str) -> SourceError:
-    if refused:
-        first = refused[0]
-        place = ": ".join(each for each in (where, first.where) if each)
-        return SourceError(first.code, first.what, where=place, cure=first.cure)
-    return SourceError(
-        "MF340",
-        f"no straight edge that is steeper than the noise was found in {shape[0]} x {shape[1]} samples",
-        where=where,
-        cure="Photograph a slanted edge between a bright and a dark field, and give its region",
-    )
+    return values[part], counts[part], grid.part(box)
 
 
 def compared_curve(curve: MtfCurve, design: EdgeDesign) -> MeasuredEdges:
-    """A curve that was measured elsewhere beside the design's, which no window blurs.
-
-    Raises:
-        JobError: as :func:`maskfab.camera.inspection.edge_mtf.designed_mtf` does.
-    """
+    """A curve measured elsewhere beside the design's, which no window blurs; errors as of :func:`designed_mtf`."""
     return MeasuredEdges((_beside(curve, design, "-"),), (), design.die)
 
 
@@ -456,17 +441,17 @@ def mtf50(curve: EdgeMtf | MtfCurve, die: str | None = None) -> list[Quantity]:
     In cycles per pixel, and in cycles per millimetre where the pixel is known.
     """
     frequency = curve.frequency_cy_per_px
-    found = first_below(frequency, curve.mtf, 0.5)
+    half = first_below(frequency, curve.mtf, 0.5)
     error = None
-    if found is not None and curve.low is not None and curve.high is not None:
+    if half is not None and curve.low is not None and curve.high is not None:
         least, most = (first_below(frequency, ends, 0.5) for ends in (curve.low, curve.high))
-        error = max(found - (least or 0.0), (float(frequency[-1]) if most is None else most) - found)
-    per_pixel = Quantity("edge_mtf50_per_pixel", found, _method(curve), uncertainty=error, die=die)
+        error = max(half - (least or 0.0), (float(frequency[-1]) if most is None else most) - half)
+    per_pixel = Quantity("edge_mtf50_per_pixel", half, _method(curve), uncertainty=error, die=die)
     if curve.pixel_um is None:
         return [per_pixel]
     per_mm = UM_PER_MM / curve.pixel_um
-    value, half = (None if each is None else each * per_mm for each in (found, error))
-    return [replace(per_pixel, name="edge_mtf50", value=value, uncertainty=half), per_pixel]
+    value, error = (None if number is None else number * per_mm for number in (half, error))
+    return [replace(per_pixel, name="edge_mtf50", value=value, uncertainty=error), per_pixel]
 
 
 def _at_shown(curve: EdgeMtf | MtfCurve, die: str | None) -> list[Quantity]:
@@ -496,9 +481,9 @@ def differences(curve: EdgeMtf | MtfCurve, designed: DesignedMtf, die: str | Non
         designed: at the same frequencies.
         die: whose it is.
     """
-    told = (curve.frequency_cy_per_px > 0) & (curve.frequency_cy_per_px <= _LIMIT_CY_PER_PX)
+    resolved = (curve.frequency_cy_per_px > 0) & (curve.frequency_cy_per_px <= _LIMIT_CY_PER_PX)
     gap = curve.mtf - designed.seen
-    size = np.where(told, abs(gap), -1.0)
+    size = np.where(resolved, abs(gap), -1.0)
     at = int(np.argmax(size))
     light = f"{designed.light}: {designed.method}"
     error = None
@@ -507,21 +492,17 @@ def differences(curve: EdgeMtf | MtfCurve, designed: DesignedMtf, die: str | Non
         # From the curve to the end of its band on the design's side.
         beside = np.where(gap < 0, curve.high - curve.mtf, curve.mtf - curve.low) + designed.uncertainty
         error = float(beside[at])
-        parted = np.flatnonzero(told & (abs(gap) > np.maximum(_PARTED * beside, _LEAST_PARTED)))
+        parted = np.flatnonzero(resolved & (abs(gap) > np.maximum(_PARTED * beside, _LEAST_PARTED)))
         first = float(designed.frequency_cy_per_px[parted[0]] / designed.pixel_um * UM_PER_MM) if parted.size else None
         method = f"first frequency at which the design lies {_PARTED:g} half bands and {_LEAST_PARTED:g} off; {light}"
         found.append(Quantity("edge_mtf_parting", first, method, die=die, wavelength_nm=designed.wavelength_nm))
     place = curve.frequency_cy_per_px[at]
     method = f"at {place:.3g} cycles per pixel, both through one window; {light}"
-    difference = Quantity(
-        "edge_mtf_difference",
-        float(size[at]),
-        method,
-        uncertainty=error,
-        die=die,
-        wavelength_nm=designed.wavelength_nm,
+    line_nm = designed.wavelength_nm
+    largest = Quantity(
+        "edge_mtf_difference", float(size[at]), method, uncertainty=error, die=die, wavelength_nm=line_nm
     )
-    return [difference, *found]
+    return [largest, *found]
 
 
 def frame_edges(
@@ -600,19 +581,16 @@ def edge_verdict(found: MeasuredEdges) -> tuple[str, ...]:
 def _sentences(measured: MeasuredEdge, die: str | None) -> list[str]:
     of = {name: [each for each in measured.quantities if each.name == name] for name in _TOLD}
     half = [str(each) for name in ("edge_mtf50_per_pixel", "edge_mtf50") for each in of[name] if each.value is not None]
-    told = f"is one half at {', '.join(half)}" if half else "does not fall below one half"
-    said = [f"{measured.title[0].upper()}{measured.title[1:]}: the MTF {told}."]
+    fall = f"is one half at {', '.join(half)}" if half else "does not fall below one half"
+    sentences = [f"{measured.title[0].upper()}{measured.title[1:]}: the MTF {fall}."]
     partings: list[Quantity | None] = [*of["edge_mtf_parting"]] or [None] * len(measured.designed)
     for designed, difference, parting in zip(measured.designed, of["edge_mtf_difference"], partings, strict=True):
-        said.append(
-            f"{_beside_design(f'the design of {die} in {designed.light}', parting)}; largest difference {difference}."
-        )
-    return said
-
-
-def _beside_design(design: str, parting: Quantity | None) -> str:
-    if parting is None:
-        return f"Without a band nothing tells from where on it parts from {design}"
-    if parting.value is None:
-        return f"It agrees with {design} up to half a cycle per pixel"
-    return f"It parts from {design} at {float(parting):.1f} cycles per mm"
+        design = f"the design of {die} in {designed.light}"
+        if parting is None:
+            place = f"Without a band nothing tells from where on it parts from {design}"
+        elif parting.value is None:
+            place = f"It agrees with {design} up to half a cycle per pixel"
+        else:
+            place = f"It parts from {design} at {float(parting):.1f} cycles per mm"
+        sentences.append(f"{place}; largest difference {difference}.")
+    return sentences

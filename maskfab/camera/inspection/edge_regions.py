@@ -1,13 +1,12 @@
-"""Places where a picture has straight edges between two even fields, and how far each may be looked at.
+"""Straight edges of a picture between two even fields: where they are, how far each may be looked at, and its line.
 
 A chart's slanted square has four, each the neighbour of two others. Behind a display an edge is a stair, for every
 diffraction order shows it again: steps of one sign belong to one edge, and another edge begins where the sign turns.
 
-The place of an edge on every line across it, and the polynomial that they lie on.
-
-Steps 3 and 4 of the slanted-edge method of ISO 12233: the centroid of each line's derivative, and a polynomial through
-them, here of first to third order and robust. The centroids only begin it: the shift that best maps a line onto the
-common edge spread has less noise, as it weighs the derivative's tails by what they say.
+The place of an edge on every line across it, and the polynomial that they lie on, are steps 3 and 4 of the slanted-edge
+method of ISO 12233: the centroid of each line's derivative, and a polynomial through them, here of first to third order
+and robust. The centroids only begin it: the shift that best maps a line onto the common edge spread has less noise, as
+it weighs the derivative's tails by what they say.
 """
 
 from __future__ import annotations
@@ -22,10 +21,10 @@ import numpy as np
 import scipy.ndimage
 from numpy.polynomial import Polynomial
 from numpy.polynomial.polynomial import polyder, polyval
-from numpy.typing import NDArray
 
-from maskfab.base.arrays import Floats, Mask
+from maskfab.base.arrays import Floats, Indices, Mask
 from maskfab.base.errors import SourceError
+from maskfab.camera.frames.stack import SIGMA_OF_MAD
 
 Direction = Literal["horizontal", "vertical"]
 
@@ -160,17 +159,14 @@ def filled(values: Floats, valid: Mask) -> Floats:
 def noise_of(values: Floats, valid: Mask) -> float:
     """One standard deviation of independent noise, from differences that even light and slopes do not have."""
     for step in (1, 2):  # of the green pixels of a mosaic no four are neighbours
-        corners = [(rows, columns) for rows in _ends(step) for columns in _ends(step)]
-        known = np.logical_and.reduce([valid[corner] for corner in corners])
+        ends = slice(None, -step), slice(step, None)
+        corners = [(rows, columns) for rows in ends for columns in ends]
+        counts = np.logical_and.reduce([valid[corner] for corner in corners])
         first, second, third, fourth = (values[corner] for corner in corners)
-        twist = (first - second - third + fourth)[known]
+        twist = (first - second - third + fourth)[counts]
         if twist.size:
-            return float(1.4826 * np.median(abs(twist)) / 2)
+            return float(SIGMA_OF_MAD * np.median(abs(twist)) / 2)
     return 0.0
-
-
-def _ends(step: int) -> tuple[slice, slice]:
-    return slice(None, -step), slice(step, None)
 
 
 def _of_sign(direction: Direction, chosen: Mask, over: Floats, along: Floats) -> Iterator[tuple[float, FoundEdge]]:
@@ -197,7 +193,7 @@ def _of_sign(direction: Direction, chosen: Mask, over: Floats, along: Floats) ->
         yield float(sums.sum()), FoundEdge(direction, (box[0].start + first, box[0].start + last), offset, slope, reach)
 
 
-def _free(other: Mask, lines: NDArray[np.intp], place: Floats) -> Floats:
+def _free(other: Mask, lines: Indices, place: Floats) -> Floats:
     """Samples to either side of an edge, on every line, that are free of other edges and of the picture's border."""
     width = other.shape[1]
     free = np.asarray(np.minimum(place, width - 1 - place))
@@ -222,18 +218,18 @@ def _widest(free: Floats) -> tuple[int, int, float]:
 
 def _strongest(seen: list[tuple[float, FoundEdge]]) -> list[FoundEdge]:
     """Edges that are large enough, without steps beside a stronger step of the same stair."""
-    kept: list[FoundEdge] = []
-    for _, edge in sorted(seen, key=lambda each: -each[0]):
+    strongest: list[FoundEdge] = []
+    for _, edge in sorted(seen, key=lambda weighed: -weighed[0]):
         if edge.lines[1] - edge.lines[0] < FEWEST_LINES or edge.reach < NARROWEST_PX:
             continue
         middle = sum(edge.lines) / 2
         place = edge.offset + edge.slope * middle
         if not any(
             each.lines[0] <= middle < each.lines[1] and abs(each.offset + each.slope * middle - place) <= each.reach
-            for each in kept
+            for each in strongest
         ):
-            kept.append(edge)
-    return kept
+            strongest.append(edge)
+    return strongest
 
 
 Order = Literal[1, 2, 3]
@@ -269,8 +265,8 @@ class EdgeLine:
 
     def slopes(self, lines: Floats) -> Floats:
         """Samples per line."""
-        found = polyval((lines - self.middle) / self.half, polyder(self.coefficients))
-        return np.asarray(found / self.half, np.float64)
+        slopes = polyval((lines - self.middle) / self.half, polyder(self.coefficients))
+        return np.asarray(slopes / self.half, np.float64)
 
 
 def fitted_line(lines: Floats, places: Floats, order: Order | None = None) -> EdgeLine:
@@ -281,8 +277,8 @@ def fitted_line(lines: Floats, places: Floats, order: Order | None = None) -> Ed
         places: NaN where a line has none.
         order: 1 to 3; None for the one with the least Bayesian information criterion.
     """
-    known = np.isfinite(places)
-    lines, places = lines[known], places[known]
+    placed = np.isfinite(places)
+    lines, places = lines[placed], places[placed]
     middle, half = (float(lines[0] + lines[-1])) / 2, max(float(lines[-1] - lines[0]) / 2, 1.0)
     scaled = (lines - middle) / half
     best: tuple[float, Floats] | None = None
@@ -302,7 +298,7 @@ def _huber(scaled: Floats, places: Floats, order: int) -> tuple[Floats, float]:
     for _ in range(_HUBER_ROUNDS):
         fit = Polynomial.fit(scaled, places, order, domain=(-1, 1), window=(-1, 1), w=np.sqrt(weights))
         residual = abs(places - fit(scaled))
-        spread = 1.4826 * float(np.median(residual))
+        spread = SIGMA_OF_MAD * float(np.median(residual))
         if spread <= 1e-9:
             break
         weights = np.minimum(1.0, _HUBER * spread / np.maximum(residual, 1e-300))

@@ -268,7 +268,7 @@ def _drop_insignificant(image: DieImage, taken: Sequence[Taken], fit: Fit, progr
 
 
 def gain_of_terms(image: DieImage, taken: Sequence[Taken], fit: Fit) -> float:
-    """By how much chi² would fall at most if all of the lens's errors were fitted that a fit lacks."""
+    """The most that chi² would fall if all of the lens's errors were fitted that a fit lacks."""
     now, asked = _with_all(image, taken, fit)
     fitted_values = range(fit.setting.values.size)
     return now.gain(range(len(fitted_values) + len(asked))) - now.gain(fitted_values)
@@ -316,7 +316,7 @@ class NormalEquations:
         return np.asarray(np.linalg.pinv(self.information, hermitian=True), dtype=np.float64)
 
     def gain(self, values: Sequence[int]) -> float:
-        """By how much chi² falls if only these values are moved."""
+        """Fall of chi² if only these values are moved."""
         part = np.ix_(values, values)
         gradient = self.gradient[np.asarray(values)]
         return float(gradient @ np.linalg.pinv(self.information[part], hermitian=True) @ gradient)

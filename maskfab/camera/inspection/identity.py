@@ -1,13 +1,11 @@
-"""Which die a camera looked through, and which way round it stood, by likelihood.
+"""Which die a camera looked through, and which way round it stood, by likelihood, in light of what width.
 
 In focus a die and the same die turned by 180 degrees make one picture, for the transmission of a mask is real; out of
 focus one makes the other's picture on the other side of the focus. So of eight ways round four are told apart.
 
-Width of the light that a plate was captured with: told by what residuals ask for, and taken into the fit.
-
-Such a light makes the picture of a point, smoothed. Errors of the lens widen a picture, too; left out, a wide light
-comes out as many errors that the lens does not have, and as a CD bias. So a width is taken in before further terms if
-it explains more than all of those together, and after them if residuals ask for it still.
+A light that is no point makes the picture of a point, smoothed. Errors of the lens widen a picture, too; left out, a
+wide light comes out as many errors that the lens does not have, and as a CD bias. So a width is taken in before further
+terms if it explains more than all of those together, and after them if residuals ask for it still.
 """
 
 from __future__ import annotations
@@ -105,11 +103,18 @@ def identified(
         taken: what it took, the light near the middle of the pixels.
         progress: told for every die, and every fit.
     """
-    taken = _of_one_colour(taken)
+
+    def seen(colour: str) -> float:
+        mine = [each for each in taken if each.pixels.colour == colour]
+        return sum(float(np.sum((each.light[each.valid] / each.sigma[each.valid]) ** 2)) for each in mine)
+
+    # The colour that has taken most light over its noise: one line tells dies apart as well as three.
+    chosen = max(colours_of(taken), key=seen)
+    taken = [each for each in taken if each.pixels.colour == chosen]
     middle = [each.within(_REACH_UM) for each in taken]
     mine = {colour: light[colour] for colour in colours_of(taken)}
     few = {colour: gathered(lines, camera, _REACH_UM) for colour, lines in mine.items()}
-    found: list[tuple[float, Hypothesis, Setting]] = []
+    placed: list[tuple[float, Hypothesis, Setting]] = []
     noise = math.inf
     for done, (name, panel) in enumerate(panels.items(), start=1):
         square = panel.orientations.shape[0] == panel.orientations.shape[1]
@@ -119,13 +124,13 @@ def identified(
             image = DieImage.of(panel, way, camera, few, [each.pixels for each in middle])
             setting, chi2, freedom = _placed(image, middle)
             noise = min(noise, chi2 / freedom)
-            found.append((chi2, Hypothesis(name, way), setting))
+            placed.append((chi2, Hypothesis(name, way), setting))
         progress("dies", done, len(panels))
-    found.sort(key=lambda each: each[0])
+    placed.sort(key=lambda case: case[0])
     noise = max(1.0, noise)
     whole: list[tuple[Hypothesis, Fit]] = []
-    for first, (_, each, setting) in enumerate(found[:_FITTED]):
-        if first and found[first][0] - found[0][0] > _HOPELESS * noise:
+    for first, (_, each, setting) in enumerate(placed[:_FITTED]):
+        if first and placed[first][0] - placed[0][0] > _HOPELESS * noise:
             break
         image = DieImage.of(panels[each.die], each.way_round, camera, mine, [t.pixels for t in taken])
         start = replace(setting, terms=tuple((term, 0.0) for term in FIRST_TERMS))
@@ -135,23 +140,9 @@ def identified(
     left = fit.inflation**2
     ahead = [(each, (other.chi2 - fit.chi2) / left) for each, other in whole[1:]]
     tried = {each for each, _ in whole}
-    own = next(chi2 for chi2, each, _ in found if each == best)
-    ahead += [(each, max(0.0, chi2 - own) / noise) for chi2, each, _ in found if each not in tried]
+    own = next(chi2 for chi2, each, _ in placed if each == best)
+    ahead += [(each, max(0.0, chi2 - own) / noise) for chi2, each, _ in placed if each not in tried]
     return Identified(best, fit, tuple(sorted(ahead, key=lambda each: each[1])))
-
-
-def _of_one_colour(taken: Sequence[Taken]) -> list[Taken]:
-    """Pixels of the colour that has taken most light over its noise: one line tells dies apart as well as three."""
-
-    def seen(colour: str) -> float:
-        return sum(
-            float(np.sum((each.light[each.valid] / each.sigma[each.valid]) ** 2))
-            for each in taken
-            if each.pixels.colour == colour
-        )
-
-    chosen = max(colours_of(taken), key=seen)
-    return [each for each in taken if each.pixels.colour == chosen]
 
 
 def _placed(image: DieImage, taken: Sequence[Taken]) -> tuple[Setting, float, int]:
@@ -161,18 +152,23 @@ def _placed(image: DieImage, taken: Sequence[Taken]) -> tuple[Setting, float, in
         pictures = image.pictures(setting)
         across, up = _shift(taken, pictures)
         setting = replace(setting, x_um=setting.x_um + across, y_um=setting.y_um + up)
-    found = judged(taken, image.pictures(setting), setting)
-    return setting, found.chi2, found.freedom
+    fit = judged(taken, image.pictures(setting), setting)
+    return setting, fit.chi2, fit.freedom
 
 
 def _shift(taken: Sequence[Taken], pictures: Sequence[Floats]) -> tuple[float, float]:
-    """By how much pictures are to be moved in x and y for the best correlation with what was taken, micrometres."""
+    """Shift of pictures in x and y for the best correlation with what was taken, micrometres."""
     totals = []
     for each, picture in zip(taken, pictures, strict=True):
         # The root evens out the noise, so that the peak does not drown what tells dies apart.
         seen = np.sqrt(np.clip(np.where(each.valid, each.light, 0.0), 0, None))
-        known = np.sqrt(np.clip(picture, 0, None))
-        correlation = _correlated(seen - seen.mean(), known - known.mean())
+        expected = np.sqrt(np.clip(picture, 0, None))
+        # The full cross-correlation has no move at [rows - 1, columns - 1].
+        rows, columns = (2 * length - 1 for length in seen.shape)
+        size = tuple(scipy.fft.next_fast_len(length, real=True) for length in (rows, columns))
+        mirrored = (expected - expected.mean())[::-1, ::-1]
+        product = scipy.fft.rfft2(seen - seen.mean(), size) * scipy.fft.rfft2(mirrored, size)
+        correlation = np.asarray(scipy.fft.irfft2(product, size)[:rows, :columns])
         y, x = np.unravel_index(int(correlation.argmax()), correlation.shape)
         step_x = float(each.pixels.x_um[1] - each.pixels.x_um[0])
         step_y = float(each.pixels.y_um[1] - each.pixels.y_um[0])
@@ -181,14 +177,6 @@ def _shift(taken: Sequence[Taken], pictures: Sequence[Floats]) -> tuple[float, f
         totals.append((float(correlation.max()), across, up))
     weights = np.array([weight for weight, _, _ in totals])
     return tuple(float(weights @ np.array([each[k] for each in totals]) / weights.sum()) for k in (1, 2))  # type: ignore[return-value]
-
-
-def _correlated(seen: Floats, known: Floats) -> Floats:
-    """Full cross-correlation, no move at [rows - 1, columns - 1]."""
-    rows, columns = (2 * length - 1 for length in seen.shape)
-    size = tuple(scipy.fft.next_fast_len(length, real=True) for length in (rows, columns))
-    product = scipy.fft.rfft2(seen, size) * scipy.fft.rfft2(known[::-1, ::-1], size)
-    return np.asarray(scipy.fft.irfft2(product, size)[:rows, :columns])
 
 
 def _summit(values: Floats) -> float:
@@ -209,19 +197,6 @@ _EXPLAINED = 0.25
 """Share of what is left over that a width must explain: of a model that is wrong otherwise it explains little."""
 _APART_PX = 0.25
 _TURNS, _ROUNDS, _SETTLED = 3, 4, 0.3
-
-
-@dataclass(frozen=True)
-class LightWidth:
-    """Full width at half maximum of a light, as its picture without a plate would have it on the sensor.
-
-    Attributes:
-        um: the width.
-        error_um: its standard error, inflated as the fit's.
-    """
-
-    um: float
-    error_um: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,7 +232,7 @@ class _Step:
 
 def with_width_and_terms(
     image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progress = silent
-) -> tuple[DieImage, Fit, LightWidth | None]:
+) -> tuple[DieImage, Fit, tuple[float, float] | None]:
     """The image in light as wide as residuals ask for, the fit of it with further terms, and that width.
 
     Args:
@@ -267,7 +242,9 @@ def with_width_and_terms(
         progress: told after every step of a fit.
 
     Returns:
-        The width is None of a point as far as residuals tell, and below half a pixel.
+        The width is the full one at half maximum, as the light's picture without a plate would have it on the sensor,
+        with its standard error inflated as the fit's, um; None of a point as far as residuals tell, and below half a
+        pixel.
     """
     step = _step(image, taken, fit)
     if step.demanded and step.gain > gain_of_terms(image, taken, fit):
@@ -285,7 +262,7 @@ def with_width_and_terms(
     fit, width = replace(fit, covariance=step.covariance), FWHM * image.light_um
     if width < _LEAST_PX * image.camera.pixel_um:
         return image, fit, None
-    return image, fit, LightWidth(width, FWHM * step.error / (2 * image.light_um))
+    return image, fit, (width, FWHM * step.error / (2 * image.light_um))
 
 
 def _widened(
@@ -307,9 +284,9 @@ def _step(image: DieImage, taken: Sequence[Taken], fit: Fit) -> _Step:
     farther = replace(image, light_um=math.sqrt(image.light_um**2 + apart)).pictures(fit.setting)
     by_square = [(a - b) / apart for a, b in zip(farther, pictures, strict=True)]
     now = normal_equations(taken, pictures, [*slopes, by_square])
-    known = range(len(slopes))
+    fitted_values = range(len(slopes))
     change = float((now.covariance @ now.gradient)[-1])
     error = fit.inflation * math.sqrt(float(now.covariance[-1, -1]))
-    gain = now.gain(range(len(slopes) + 1)) - now.gain(known)
+    gain = now.gain(range(len(slopes) + 1)) - now.gain(fitted_values)
     noise, left_over = max(1.0, fit.chi2 / fit.freedom), fit.chi2 - fit.freedom
     return _Step(change, error, gain, noise, left_over, now.covariance[:-1, :-1])

@@ -1,42 +1,33 @@
-"""The edge spread on a grid finer than the pixels, from all lines across an edge at once.
+"""The presampled MTF of a camera from one slanted edge, step by step after ISO 12233.
 
-Step 5 of the slanted-edge method of ISO 12233, with one change. There every sample falls into the bin of a quarter of a
-pixel that holds its distance from the edge, and bins are means. Here the edge spread is the piecewise linear function,
-with knots a quarter of a pixel apart, that is nearest to the samples: where they lie unevenly within a bin, its mean is
-off, a line's slope is not. Least squares add up line by line, so a resample of lines is a sum with other weights.
+Each line's centroid and a polynomial through them are :mod:`maskfab.camera.inspection.edge_regions`. Distances are
+measured along the edge's normal, so frequencies are those of a wave across the edge.
 
-    Projected onto such functions, a wave of ν cycles per knot is passed by sinc²(ν) / ((2 + cos 2πν) / 3); differences
-    of neighbouring knots in place of the derivative pass sinc(ν) of it.
+Step 5, the edge spread on a grid finer than the pixels, from all lines across an edge at once, with one change. There
+every sample falls into the bin of a quarter of a pixel that holds its distance from the edge, and bins are means. Here
+the edge spread is the piecewise linear function, with knots a quarter of a pixel apart, that is nearest to the samples:
+where they lie unevenly within a bin, its mean is off, a line's slope is not. Least squares add up line by line, so a
+resample of lines is a sum with other weights. Projected onto such functions, a wave of ν cycles per knot is passed by
+sinc²(ν) / ((2 + cos 2πν) / 3); differences of neighbouring knots in place of the derivative pass sinc(ν) of it. The
+window about an edge is as wide as the edge spread changes, and no wider, for beyond it there is only noise.
 
-The window about an edge: as wide as the edge spread changes, and no wider, for beyond it there is only noise.
-
-An MTF from an oversampled edge spread, and the band about it that resampled lines give.
-
-    MTF(ν) = |F(ν)| / F(0),    F(ν) = Σ_k w(x_k) (e_{k+1} - e_k) exp(-2πi ν x_k) / passed(ν)
-
-Steps 6 to 9 of the slanted-edge method of ISO 12233: differences, window, transform, correction for the differences.
-
-Noise adds its own power to |F|²; the variance over resampled lines (Efron's bootstrap of pairs) is subtracted. That
-variance along the phase of F also gives the band: the moduli under which the observed one is neither among the
-smallest nor the largest 2.5 %, which is Rice's law, and holds where the MTF is as small as the noise, too.
-
-Light that is not quite even across an edge: told apart from light that the optics spreads, and taken out.
-
-Light that grows by a share g per pixel tilts either field in proportion to its own level. Light that an optic spreads
-falls alike on both sides of an edge, for its point spread is alike on opposite sides, and tilts both fields equally. Of
-the slopes s of the two fields
+Light that is not quite even across an edge is told apart from light that the optics spreads, and taken out. Light that
+grows by a share g per pixel tilts either field in proportion to its own level. Light that an optic spreads falls alike
+on both sides of an edge, for its point spread is alike on opposite sides, and tilts both fields equally. Of the slopes
+s of the two fields
 
     g = (s_bright - s_dark) / (e_bright - e_dark)
 
 is therefore the light's alone. Here e is the slope of x times the edge spread, by which growing light changes it: the
 field's level and, where the field itself is tilted, its slope times its distance.
 
-The presampled MTF of a camera from one slanted edge.
+Steps 6 to 9, differences, window, transform, and correction for the differences:
 
-The slanted-edge method of ISO 12233, step by step: each line's centroid and a polynomial through them
-(:mod:`.edge_line`), the oversampled edge spread (:mod:`.oversampled`), a window (:mod:`.edge_window`), its differences'
-transform and a band (:mod:`.edge_band`). Distances are measured along the edge's normal, so frequencies are those of a
-wave across the edge.
+    MTF(ν) = |F(ν)| / F(0),    F(ν) = Σ_k w(x_k) (e_{k+1} - e_k) exp(-2πi ν x_k) / passed(ν)
+
+Noise adds its own power to |F|²; the variance over resampled lines (Efron's bootstrap of pairs) is subtracted. That
+variance along the phase of F also gives the band: the moduli under which the observed one is neither among the
+smallest nor the largest 2.5 %, which is Rice's law, and holds where the MTF is as small as the noise, too.
 """
 
 from __future__ import annotations
@@ -46,13 +37,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 from scipy import special
 
-from maskfab.base.arrays import Floats, Mask
+from maskfab.base.arrays import Complexes, Floats, Indices, Mask
 from maskfab.base.errors import SourceError
 from maskfab.base.model import frozen
 from maskfab.base.units import UM_PER_MM
+from maskfab.camera.frames.stack import SIGMA_OF_MAD
 from maskfab.camera.inspection.edge_regions import (
     FEWEST_LINES,
     NARROWEST_PX,
@@ -102,11 +93,11 @@ class NormalSums:
         diagonal[:, :-1] += tie
         diagonal[:, 1:] += tie
         beside -= tie
-        found = np.empty_like(right)
+        spreads = np.empty_like(right)
         for k, band in enumerate(zip(diagonal, beside, right, strict=True)):
             packed = np.stack([np.concatenate([[0.0], band[1]]), band[0]])
-            found[k] = scipy.linalg.solveh_banded(packed, band[2], check_finite=False)
-        return found
+            spreads[k] = scipy.linalg.solveh_banded(packed, band[2], check_finite=False)
+        return spreads
 
 
 def normal_sums(distance_px: Floats, values: Floats, counts: Mask, half_px: float, step_px: float) -> NormalSums:
@@ -129,7 +120,7 @@ def normal_sums(distance_px: Floats, values: Floats, counts: Mask, half_px: floa
     flat = line * size + below[used].astype(np.intp)
     lines = len(values)
 
-    def summed(at: NDArray[np.intp], weight: Floats) -> Floats:
+    def summed(at: Indices, weight: Floats) -> Floats:
         return np.asarray(np.bincount(at, weight, lines * size), np.float64).reshape(lines, size)
 
     diagonal = summed(flat, (1 - share) ** 2) + summed(flat + 1, share**2)
@@ -204,9 +195,9 @@ def mtf_with_band(
     waves = np.exp(-2j * np.pi * frequency_cy_per_px[:, None] * between) * window(between, half_px)
     waves /= passed(frequency_cy_per_px, sums.step_px)[:, None]
 
-    def transfer(spreads: Floats) -> NDArray[np.complex128]:
-        found = np.diff(spreads) @ waves.T
-        return np.asarray(found / found[:, :1].real)
+    def transfer(spreads: Floats) -> Complexes:
+        transforms = np.diff(spreads) @ waves.T
+        return np.asarray(transforms / transforms[:, :1].real)
 
     lines = len(sums.diagonal)
     drawn = np.random.default_rng(seed).multinomial(lines, np.full(lines, 1 / lines), RESAMPLES)
@@ -243,8 +234,8 @@ def rice_interval(size: Floats, deviation: Floats) -> tuple[Floats, Floats]:
         possible = special.chdtr(2.0, beside) > share
         near = np.sqrt(special.chndtrinc(np.where(possible, beside, np.nan), 2.0, share))
         near = np.where(possible, near, 0.0)
-        found = np.where(sigmas < _NORMAL, near, far + sign * special.ndtri(1 - tail)) * deviation
-        ends.append(np.where(deviation > 0, found, size))
+        end = np.where(sigmas < _NORMAL, near, far + sign * special.ndtri(1 - tail)) * deviation
+        ends.append(np.where(deviation > 0, end, size))
     return ends[0], ends[1]
 
 
@@ -260,7 +251,7 @@ def noise_about(sums: NormalSums, spread: Floats, distance_px: Floats, values: F
         distance_px, values, used: of the samples, [lines, samples].
     """
     rest = values[used] - np.interp(distance_px[used], sums.knots_px, spread)
-    return 1.4826 * float(np.median(abs(rest)))
+    return SIGMA_OF_MAD * float(np.median(abs(rest)))
 
 
 def light_slope(sums: NormalSums, spread: Floats, distance_px: Floats, values: Floats, used: Mask) -> float:
@@ -507,12 +498,12 @@ def _refuse_few(within: Mask, valid: Mask, where: str) -> None:
     share = float(valid[within].mean()) if within.any() else 0.0
     whole = int((within & valid).any(axis=1).sum())
     if whole < FEWEST_LINES or share < _FEWEST_VALID:
-        told = f"{whole} lines cross the edge and {share:.0%} of their pixels count"
-        raise _too_small(told, f"{FEWEST_LINES} lines and {_FEWEST_VALID:.0%}", where)
+        seen = f"{whole} lines cross the edge and {share:.0%} of their pixels count"
+        raise _too_small(seen, f"{FEWEST_LINES} lines and {_FEWEST_VALID:.0%}", where)
 
 
-def _too_small(told: str, needed: str, where: str) -> SourceError:
-    return SourceError("MF342", f"{told}; {needed} are needed", where=where, cure="Frame more of the edge")
+def _too_small(seen: str, needed: str, where: str) -> SourceError:
+    return SourceError("MF342", f"{seen}; {needed} are needed", where=where, cure="Frame more of the edge")
 
 
 def _refuse_gaps(distance: Floats, line: EdgeLine, numbers: Floats, where: str) -> None:

@@ -1,22 +1,18 @@
-"""Widths that a mask house promised, and whether what was measured keeps to them.
+"""A die as a camera saw it beside the die as designed: which it is, how it stands, how it was written, what that costs.
 
-Price, in restored photographs, of a die that is not as it was designed: of each disagreement alone, and of all.
+Each disagreement is priced in restored photographs, alone and all together. Photographs of drawn scenes are taken
+through the die as it was fitted and restored by the Wiener filter, once by the PSF of the die as drawn and once by its
+own; the difference is what nobody loses who restores by the fitted PSF. What is left against a die as drawn, restored
+by its own, is lost for good (or won: a wider opening has more light).
 
-Photographs of drawn scenes are taken through the die as it was fitted and restored by the Wiener filter, once by the
-PSF of the die as drawn and once by its own; the difference is what nobody loses who restores by the fitted PSF. What
-is left against a die as drawn, restored by its own, is lost for good (or won: a wider opening has more light).
-
-Sentences on a measured die, the most important first.
-
-A die as a camera saw it beside the die as designed: which it is, how it stands, how it was written.
-
-The PSF of a fitted die: what a capture tells of die and lens, without the capture's noise and beyond its window.
+Widths are held against what the job's mask house promises. The PSF of the fitted die is written: what a capture tells
+of die and lens, without the capture's noise and beyond its window.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -45,7 +41,7 @@ from maskfab.camera.inspection.fit import (
     taken_of,
     with_frames,
 )
-from maskfab.camera.inspection.identity import Hypothesis, Identified, LightWidth, identified, with_width_and_terms
+from maskfab.camera.inspection.identity import Hypothesis, Identified, identified, with_width_and_terms
 from maskfab.camera.protocol import STRENGTHS, Protocol, evaluate
 from maskfab.camera.scenes import NARROW, SMALLEST, Photograph, dead_leaves
 from maskfab.camera.scores import NORMAL_95, MeanDifference, Score
@@ -85,7 +81,7 @@ class Promise:
             return None
         return abs(bias_um) < most
 
-    def told(self, width_um: float, bias_um: float, half_um: float) -> str:
+    def account(self, width_um: float, bias_um: float, half_um: float) -> str:
         """A sentence on whether a measured bias is within the promise.
 
         Args:
@@ -97,10 +93,10 @@ class Promise:
         if most is None:
             return f"{self.shop.title} publishes no CD tolerance that it could be held against."
         promised = f"the ±{most:g} um that {self.shop.title} promises of features of {width_um:g} um"
-        kept = self.kept(width_um, bias_um, half_um)
-        if kept is None:
+        within = self.kept(width_um, bias_um, half_um)
+        if within is None:
             return f"Whether that is within {promised} cannot be told: the interval holds the limit."
-        return f"That is within {promised}." if kept else f"That is beyond {promised}."
+        return f"That is within {promised}." if within else f"That is beyond {promised}."
 
 
 LEVEL_DB = 40.0
@@ -149,44 +145,6 @@ class _Seen(Isoplanatic):
         return self.blur.on(shape)
 
 
-@dataclass(frozen=True, eq=False)
-class _Dies:
-    """The die, one way round or another, in one line of light for each colour.
-
-    Attributes:
-        standing: images of it, by way round.
-        window_share: of the light of a die as drawn that their pictures hold.
-    """
-
-    standing: dict[int, DieImage]
-    window_share: float
-
-    @classmethod
-    def of(cls, image: DieImage, ways_round: Collection[int]) -> _Dies:
-        axis = image.camera.pixel_um * (np.arange(_SIDE, dtype=np.float64) - _SIDE // 2)
-        light = {
-            colour: line_spectrum([float(lines.weights @ lines.wavelengths_nm)])
-            for colour, lines in image.light.items()
-        }
-        pixels = tuple(Pixels(colour, axis, -axis) for colour in light)
-        standing = {way: DieImage.of(image.panel, way, image.camera, light, pixels) for way in ways_round}
-        return cls(standing, _held(standing[image.way_round].pictures(Setting())))
-
-    def seen(self, name: str, way_round: int, setting: Setting) -> _Seen:
-        image = self.standing[way_round]
-        pictures = image.pictures(setting)
-        # Pictures are in units of the light of a die as drawn; a wider one has more.
-        share = min(1.0, image.transmission * _held(pictures) / self.window_share)
-        kernels = np.stack([picture / picture.sum() for picture in pictures])
-        whole = np.broadcast_to(kernels, (_COLOURS, _SIDE, _SIDE)) if len(kernels) == 1 else kernels
-        middle = float(_SIDE // 2)
-        return _Seen(name, MeasuredBlur(whole, (middle, middle), ()), share)
-
-
-def _held(pictures: Sequence[Floats]) -> float:
-    return float(np.mean([picture.sum() for picture in pictures]))
-
-
 def costs(image: DieImage, setting: Setting, seen: Sequence[str], drawn_way_round: int, sensor: Sensor) -> list[Cost]:
     """Costs of every disagreement between a die as fitted and as drawn, and of all together.
 
@@ -202,41 +160,58 @@ def costs(image: DieImage, setting: Setting, seen: Sequence[str], drawn_way_roun
     if image.way_round != drawn_way_round:
         alone.append((ORIENTATION, Setting(), image.way_round))
     parts = [*alone, (ALL, centred, image.way_round)]
-    dies = _Dies.of(image, {image.way_round, drawn_way_round})
-    drawn = dies.seen("drawn", drawn_way_round, Setting())
-    right = [_score(sensor, scene, drawn, drawn, STRENGTHS) for scene in _scenes()]
+    # The die, one way round or another, in one line of light for each colour.
+    axis = image.camera.pixel_um * (np.arange(_SIDE, dtype=np.float64) - _SIDE // 2)
+    light = {
+        colour: line_spectrum([float(lines.weights @ lines.wavelengths_nm)]) for colour, lines in image.light.items()
+    }
+    pixels = tuple(Pixels(colour, axis, -axis) for colour in light)
+    ways = {image.way_round, drawn_way_round}
+    standing = {way: DieImage.of(image.panel, way, image.camera, light, pixels) for way in ways}
 
-    def psnr(seen: _Seen, known: _Seen) -> list[float]:
-        pairs = zip(_scenes(), right, strict=True)
-        return [_score(sensor, scene, seen, known, (best.epsilon,)).psnr_inner for scene, best in pairs]
+    def window_light(pictures: Sequence[Floats]) -> float:
+        return float(np.mean([picture.sum() for picture in pictures]))
 
-    found = []
+    window_share = window_light(standing[image.way_round].pictures(Setting()))
+
+    def standing_at(name: str, way_round: int, setting: Setting) -> _Seen:
+        pictures = standing[way_round].pictures(setting)
+        # Pictures are in units of the light of a die as drawn; a wider one has more.
+        share = min(1.0, standing[way_round].transmission * window_light(pictures) / window_share)
+        kernels = np.stack([picture / picture.sum() for picture in pictures])
+        whole = np.broadcast_to(kernels, (_COLOURS, _SIDE, _SIDE)) if len(kernels) == 1 else kernels
+        middle = float(_SIDE // 2)
+        return _Seen(name, MeasuredBlur(whole, (middle, middle), ()), share)
+
+    level_db = min(LEVEL_DB, Exposure.of_white(_FULL * sensor.full_well, sensor).level_db)
+
+    def scores(die: _Seen, restored_by: _Seen, strengths: Sequence[tuple[float, ...]]) -> list[Score]:
+        """Score of every scene, restored by the blur of another die at the best of some strengths."""
+        design, found = RestoredBy(die, restored_by), []
+        for scene, epsilons in zip(_scenes(), strengths, strict=True):
+            protocol = Protocol("camera", sensor, strengths=epsilons)
+            found += evaluate([design], [scene], [scene], [level_db], protocol=protocol, details=False).scores
+        return found
+
+    def lost(before: Sequence[Score], after: Sequence[Score]) -> MeanDifference:
+        pairs = zip(before, after, strict=True)
+        return MeanDifference.of([one.psnr_inner - other.psnr_inner for one, other in pairs])
+
+    drawn = standing_at("drawn", drawn_way_round, Setting())
+    right = scores(drawn, drawn, [STRENGTHS] * len(_scenes()))
+    best = [(score.epsilon,) for score in right]
+    prices = []
     for name, at, way in parts:
-        die = dies.seen(name, way, at)
-        own, by_design = psnr(die, die), psnr(die, drawn)
-        found.append(Cost(name, _lost(own, by_design), _lost([best.psnr_inner for best in right], own)))
-    return found
+        die = standing_at(name, way, at)
+        own = scores(die, die, best)
+        prices.append(Cost(name, lost(own, scores(die, drawn, best)), lost(right, own)))
+    return prices
 
 
 def _only(setting: Setting, name: str) -> Setting:
     """A die as drawn but for one value of a setting."""
     terms = tuple(each for each in setting.terms if f"z{each[0]}" == name)
     return Setting(terms=terms) if terms else replace(Setting(), **{name: getattr(setting, name)})
-
-
-def _score(sensor: Sensor, scene: Photograph, seen: _Seen, known: _Seen, strengths: tuple[float, ...]) -> Score:
-    """Of one scene through one die, restored by the blur of another at the best of some strengths."""
-    protocol = Protocol("camera", sensor, strengths=strengths)
-    table = evaluate([RestoredBy(seen, known)], [scene], [scene], [_level_db(sensor)], protocol=protocol, details=False)
-    return table.scores[0]
-
-
-def _lost(before: Sequence[float], after: Sequence[float]) -> MeanDifference:
-    return MeanDifference.of([one - other for one, other in zip(before, after, strict=True)])
-
-
-def _level_db(sensor: Sensor) -> float:
-    return min(LEVEL_DB, Exposure.of_white(_FULL * sensor.full_well, sensor).level_db)
 
 
 @cache
@@ -260,7 +235,7 @@ def verdict(
     bands: tuple[MtfBand, ...],
     costs: Sequence[Cost],
     promise: Promise,
-    width: LightWidth | None,
+    width: tuple[float, float] | None,
     *,
     mirrored: bool,
     width_um: float,
@@ -273,54 +248,59 @@ def verdict(
         bands: its MTF.
         costs: of what is not as drawn.
         promise: of the job and its mask house.
-        width: of the light, where it is no point.
+        width: of the light and its standard error, um, where it is no point.
         mirrored: whether the plate stands the other way round than the job says.
         width_um: of the die's narrowest features.
     """
     best = found.best
-    said = []
+    sentences = []
     if found.certain:
         over = ": turn the plate over" if mirrored else ""
-        said.append(f"This is die {best.die}, {stands(best)}{over}.")
+        sentences.append(f"This is die {best.die}, {stands(best)}{over}.")
     else:
         others = " or ".join(f"{each.die}, {stands(each)}" for each in (best, *found.rivals[:3]))
-        said.append(f"Cannot tell which die this is: {others}.")
-    said.append(
+        sentences.append(f"Cannot tell which die this is: {others}.")
+    sentences.append(
         "Whether it is turned by 180 degrees beyond that cannot be told: the picture of a mask in focus is point-"
         "symmetric, and out of focus that of the other side."
     )
-    said += [_told_width(fit, promise, width_um), _told_mtf(bands), _told_lens(fit), *_told_costs(costs)]
+    sentences += [
+        _width_sentence(fit, promise, width_um),
+        _mtf_sentence(bands),
+        _lens_sentence(fit),
+        *_cost_sentences(costs),
+    ]
     if width is not None:
-        said.append(
-            f"The light is no point: on the sensor it is {width.um:.2f} ± {NORMAL_95 * width.error_um:.2f} um wide "
+        sentences.append(
+            f"The light is no point: on the sensor it is {width[0]:.2f} ± {NORMAL_95 * width[1]:.2f} um wide "
             "(full width at half maximum of a Gaussian), or the pixels spread what they take. The fit allows for it; a "
             "smaller pinhole, or one farther away, tells more."
         )
     if fit.inflation**2 > 1 + 4 * math.sqrt(2 / fit.freedom):
-        said.append(
+        sentences.append(
             f"The model leaves residuals of {fit.inflation:.2f} standard deviations of the noise: something is not in "
             "it, such as another light, dust or a light that is wider than a point. Errors are enlarged by as much."
         )
-    said.append(
+    sentences.append(
         "Scale is that of pitch x pixel / (wavelength x focal length): one die tells "
         f"{fit.setting.scale:+.2e}, and not which of them is off."
     )
     if found.certain and (mirrored or best.way_round % 2):
         named = next(name for name, way in STANDS.items() if way == best.way_round)
-        said.append(f"As it stands, photographs and edges are held against it with --stands {named}.")
-    return tuple(said)
+        sentences.append(f"As it stands, photographs and edges are held against it with --stands {named}.")
+    return tuple(sentences)
 
 
-def _told_width(fit: Fit, promise: Promise, width_um: float) -> str:
+def _width_sentence(fit: Fit, promise: Promise, width_um: float) -> str:
     """The CD bias beside what the job states, and what the house promises."""
     bias, half = fit.setting.bias_um, NORMAL_95 * fit.errors[BIAS]
     off = bias - promise.bias_um
     seen = f"off by {off:+.3f} um." if abs(off) > half else "no difference is seen."
-    told = f"CD {bias:+.3f} ± {half:.3f} um, where the job states {promise.bias_um:+.3f} um: {seen}"
-    return f"{told} {promise.told(width_um, bias, half)}"
+    measured = f"CD {bias:+.3f} ± {half:.3f} um, where the job states {promise.bias_um:+.3f} um: {seen}"
+    return f"{measured} {promise.account(width_um, bias, half)}"
 
 
-def _told_costs(costs: Sequence[Cost]) -> list[str]:
+def _cost_sentences(costs: Sequence[Cost]) -> list[str]:
     """Loss of restoring by the design, where it is more than its error."""
     whole = next(each.by_design for each in costs if each.of == ALL)
     if whole.tie or whole.mean < 0:
@@ -341,7 +321,7 @@ def cause(name: str) -> str:
     return TERM_NAMES.get(int(name[1:]), f"Zernike {name[1:]}")
 
 
-def _told_mtf(bands: tuple[MtfBand, ...]) -> str:
+def _mtf_sentence(bands: tuple[MtfBand, ...]) -> str:
     """Frequencies up to which the captured MTF is that of the fitted die, of the colour that parts first."""
     parted = {band.colour: band.parted_per_mm for band in bands if band.parted_per_mm is not None}
     if not parted:
@@ -352,7 +332,7 @@ def _told_mtf(bands: tuple[MtfBand, ...]) -> str:
     return f"MTF as designed up to {first:.0f} cycles per mm{seen}."
 
 
-def _told_lens(fit: Fit) -> str:
+def _lens_sentence(fit: Fit) -> str:
     """Errors of the lens that are above their own error bars."""
     half = {term: NORMAL_95 * fit.errors[f"z{term}"] for term, _ in fit.setting.terms}
     seen = [
@@ -450,17 +430,18 @@ def measured(
     bands = mtf_bands(taken, fit, seed)
     width_um = panels[best.die].dot_nm * UM_PER_NM
     drawn = 4 if seen_mirrored else 0
-    prices = costs(image, fit.setting, _seen(fit), drawn if found.certain else best.way_round, sensor)
-    numbers = _quantities(best, fit, _outside(merged, image, fit.setting), promise, width_um)
-    numbers += (*_priced(best, prices), *([] if width is None else [_wide(best, width)]))
-    said = verdict(found, fit, bands, prices, promise, width, mirrored=mirrored, width_um=width_um)
-    return Measured(merged, taken, found, image, fit, bands, tuple(prices), numbers, said, mirrored)
-
-
-def _seen(fit: Fit) -> list[str]:
-    """Names of the values that are above their errors."""
     values = dict(zip(fit.setting.names, fit.setting.values.tolist(), strict=True))
-    return [name for name, error in fit.errors.items() if abs(values[name]) > NORMAL_95 * error]
+    seen = [name for name, error in fit.errors.items() if abs(values[name]) > NORMAL_95 * error]
+    prices = costs(image, fit.setting, seen, drawn if found.certain else best.way_round, sensor)
+    numbers = _quantities(best, fit, _outside(merged, image, fit.setting), promise, width_um)
+    numbers += (*_priced(best, prices),)
+    if width is not None:
+        method = (
+            "Gauss-Newton steps of a Gaussian's variance beside all that the fit holds; 95 % by Fisher's information"
+        )
+        numbers += (Quantity("captured_light_width", width[0], method, NORMAL_95 * width[1], die=best.die),)
+    sentences = verdict(found, fit, bands, prices, promise, width, mirrored=mirrored, width_um=width_um)
+    return Measured(merged, taken, found, image, fit, bands, tuple(prices), numbers, sentences, mirrored)
 
 
 def _priced(best: Hypothesis, prices: Sequence[Cost]) -> Iterator[Quantity]:
@@ -471,11 +452,6 @@ def _priced(best: Hypothesis, prices: Sequence[Cost]) -> Iterator[Quantity]:
             ("captured_loss", each.for_good, "by the PSF of that die, against a die as drawn restored as drawn"),
         ):
             yield Quantity(name, lost.mean, f"{COST_METHOD}; {against}", lost.half_width, die=best.die, detail=detail)
-
-
-def _wide(best: Hypothesis, width: LightWidth) -> Quantity:
-    told = "Gauss-Newton steps of a Gaussian's variance beside all that the fit holds; 95 % by Fisher's information"
-    return Quantity("captured_light_width", width.um, told, NORMAL_95 * width.error_um, die=best.die)
 
 
 def _check_like(setting: Setting, die: str, panel: Panel) -> None:
@@ -527,16 +503,16 @@ def seen_light(
     """
     if line_nm is not None:
         return dict.fromkeys(colours, line_nm)
-    known: tuple[Light, ...] = bands or camera.wavelengths_nm
+    light: tuple[Light, ...] = bands or camera.wavelengths_nm
     wanted = ("-",) if colours == ("-",) else ("R", "G", "B")
-    if len(known) != len(wanted):
+    if len(light) != len(wanted):
         raise JobError(
             "MF105",
-            f"the job has light of {len(known)} colours, and the sensor has {len(wanted)}",
+            f"the job has light of {len(light)} colours, and the sensor has {len(wanted)}",
             where="camera.wavelengths",
             cure="State the line of the light, such as --line '530 nm', or the scene's spectrum",
         )
-    return {colour: light for colour, light in zip(wanted, known, strict=True) if colour in colours}
+    return {colour: line for colour, line in zip(wanted, light, strict=True) if colour in colours}
 
 
 def _lines(band: Band, camera: Camera, half_um: float) -> Spectrum:
@@ -576,38 +552,28 @@ def _quantities(
     degrees = math.degrees(setting.turn_rad), method["turn_rad"], math.degrees(half["turn_rad"])
     turn = Quantity("captured_turn", *degrees, die=die)
     scale = Quantity("captured_scale", setting.scale, method["scale"], half["scale"], die=die)
-    found = [bias, turn, scale]
+    quantities = [bias, turn, scale]
     for term, waves in setting.terms:
-        told = f"{term}, {TERM_NAMES.get(term, 'Zernike')}"
+        detail = f"{term}, {TERM_NAMES.get(term, 'Zernike')}"
         name = f"z{term}"
-        found.append(Quantity("captured_term", waves, method[name], half[name], die=die, detail=told))
-    told = "1 less the sum of the fitted die's picture over all pixels of the window, the light in its middle"
-    found += [Quantity("captured_outside", each, told, die=die, detail=colour) for colour, each in outside.items()]
-    found.append(
-        Quantity(
-            "captured_misfit", fit.chi2 / fit.freedom, "squared residuals over variance, mean over pixels", die=die
-        )
-    )
-    return (*found,)
+        quantities.append(Quantity("captured_term", waves, method[name], half[name], die=die, detail=detail))
+    how = "1 less the sum of the fitted die's picture over all pixels of the window, the light in its middle"
+    quantities += [
+        Quantity("captured_outside", share, how, die=die, detail=colour) for colour, share in outside.items()
+    ]
+    how = "squared residuals over variance, mean over pixels"
+    return (*quantities, Quantity("captured_misfit", fit.chi2 / fit.freedom, how, die=die))
 
 
 def _method(fit: Fit, name: str) -> str:
     """Method by which a value and its error were found."""
-    told = "weighted least squares on the pixels, 95 % by Fisher's information"
-    told += " x root of chi² per pixel" if fit.inflation > 1 else ""
-    return told + (" and the scatter between exposures" if fit.scatters(name) else "")
+    method = "weighted least squares on the pixels, 95 % by Fisher's information"
+    method += " x root of chi² per pixel" if fit.inflation > 1 else ""
+    return method + (" and the scatter between exposures" if fit.scatters(name) else "")
 
 
 SIDE = 601
 """Pixels along a side of the PSF that is written, the light in the middle one."""
-
-
-def fitted_psf(found: Measured, side: int = SIDE) -> dict[str, Floats]:
-    """Share of a light in every pixel, of each colour as if all pixels were its, [side, side], row 0 the top."""
-    axis = found.image.camera.pixel_um * (np.arange(side, dtype=np.float64) - side // 2)
-    wide = found.image.on([Pixels(colour, axis, -axis) for colour in found.image.light])
-    pictures = wide.pictures(replace(found.fit.setting, x_um=0.0, y_um=0.0))
-    return {each.colour: picture for each, picture in zip(wide.pixels, pictures, strict=True)}
 
 
 def write_fitted_psf(found: Measured, path: Path) -> None:
@@ -616,7 +582,11 @@ def write_fitted_psf(found: Measured, path: Path) -> None:
     Raises:
         OutputError: MF401 if the file cannot be written; nothing is left under its name.
     """
-    psf = fitted_psf(found)
+    # Of each colour as if all pixels were its, row 0 the top.
+    axis = found.image.camera.pixel_um * (np.arange(SIDE, dtype=np.float64) - SIDE // 2)
+    wide = found.image.on([Pixels(colour, axis, -axis) for colour in found.image.light])
+    pictures = wide.pictures(replace(found.fit.setting, x_um=0.0, y_um=0.0))
+    psf = {each.colour: picture for each, picture in zip(wide.pixels, pictures, strict=True)}
     names = tuple("RGB" if len(psf) > 1 else "Y")
     pixels = np.stack([psf[name if len(psf) > 1 else next(iter(psf))] for name in names], axis=2).astype(np.float32)
     facts: dict[str, Fact] = {

@@ -171,7 +171,7 @@ class Judge:
         return float((weight * seen * (seen - 2 * _inner(self.evidence, self.left))).mean(dtype=np.float64))
 
     def covariance(self, seen: Sequence[Singles], weight: Weight) -> NDArray[np.float64]:
-        """Of the noise in the errors of several pictures, apart from a number that is the same for all."""
+        """Covariance of the noise in the errors of several pictures, apart from a number that is the same for all."""
         middle = sum(seen) / np.float32(len(seen))
         deviation = np.sqrt(_inner(self.variance, self.left))
         weighed = (self._filtered(weight * (picture - middle), self.inverse.conj()) * deviation for picture in seen)
@@ -310,7 +310,7 @@ def _restored(record: Record, blur: Blur, tried: Sequence[Tried]) -> list[Single
 
 
 def _least(tried: Sequence[Tried], errors: Floats) -> dict[str, float]:
-    """For every restorer's name, the least of its strengths' errors."""
+    """The least of its strengths' errors, for every restorer's name."""
     least: dict[str, float] = {}
     for (restorer, _), error in zip(tried, errors.tolist(), strict=True):
         least[restorer.name] = min(error, least.get(restorer.name, error))

@@ -204,7 +204,7 @@ class Gradient:
     name: str = "gradient"
 
     def prepare(self, record: Record, blur: Blur) -> Callable[[float], Singles]:
-        """As every restorer, :meth:`maskfab.camera.record.Restorer.prepare`."""
+        """See :class:`maskfab.camera.record.Restorer`."""
         problem = Smooth.of(record, blur, self.width)
         return lambda epsilon: np.clip(on_sensor(problem.seen.margin, problem.solve(epsilon)), 0.0, 1.0)
 
@@ -277,7 +277,7 @@ class TotalVariation:
     name: str = "tv"
 
     def prepare(self, record: Record, blur: Blur) -> Callable[[float], Singles]:
-        """As every restorer, :meth:`maskfab.camera.record.Restorer.prepare`."""
+        """See :class:`maskfab.camera.record.Restorer`."""
         problem = Smooth.of(record, blur, self.width)
         start = problem.solve(_START)
         shown = np.minimum(record.values, 1)  # of merged exposures highlights have most of the noise
