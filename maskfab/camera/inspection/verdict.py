@@ -187,7 +187,7 @@ def costs(image: DieImage, setting: Setting, seen: Sequence[str], drawn_way_roun
 
     def scores(die: _Seen, restored_by: _Seen, strengths: Sequence[tuple[float, ...]]) -> list[Score]:
         """Score of every scene, restored by the blur of another die at the best of some strengths."""
-        design, found = RestoredBy(die, restored_by), []
+        design, found = RestoredBy(die, restored_by), list[Score]()
         for scene, epsilons in zip(_scenes(), strengths, strict=True):
             protocol = Protocol("camera", sensor, strengths=epsilons)
             found += evaluate([design], [scene], [scene], [level_db], protocol=protocol, details=False).scores

@@ -123,7 +123,7 @@ class View:
     strengths: Mapping[float, float]
 
     def planes(self, record: Record, blur: Blur) -> Singles:
-        """Everything that is shown of a record, float32 [7, rows, columns]: two pictures, and the noise of mean light."""
+        """Planes that are shown of a record, float32 [7, rows, columns]: two pictures, and the noise of mean light."""
         nearest = min(self.strengths, key=lambda electrons: abs(math.log(electrons / record.noise.electrons)))
         edges = TotalVariation().prepare(record, blur)(_VARIATION)
         textures = Dct().prepare(record, blur)(self.strengths[nearest])

@@ -97,7 +97,7 @@ def test_slits_that_stand_otherwise_are_lost_only_to_who_does_not_know():
 def test_an_interval_is_held_against_what_the_house_promises(shop, bias, half, kept, told):
     promise = Promise(0.0, None if shop is None else load_shop(shop))
     assert promise.kept(8.0, bias, half) is kept
-    assert told in promise.told(8.0, bias, half)
+    assert told in promise.account(8.0, bias, half)
 
 
 def test_wider_features_are_promised_less():
