@@ -23,6 +23,7 @@ from maskfab.base.model import CLEAR, Plate, Quantity
 from maskfab.base.units import NM_PER_MM, NM_PER_UM
 from maskfab.job.sections import LimitsSection
 from maskfab.mask.comparison.roundtrip import sift
+from maskfab.mask.formats.table import FORMATS
 from maskfab.mask.layout import (
     NAME_LENGTH,
     clear_box,
@@ -39,7 +40,6 @@ from maskfab.mask.rule import DesignRules, distance_checks, facing_edges, flat_r
 GDSII_VERTICES = 8190
 """Most vertices of a GDSII polygon that every reader takes: a record has room for 8191, the first said twice."""
 
-_GDSII_SUFFIXES = frozenset({".gds", ".gdsii", ".gds2"})
 _NAMES = DesignRules(name_pattern="[A-Za-z0-9_?$]+", max_name_length=NAME_LENGTH)
 _NM2_PER_UM2 = NM_PER_UM**2
 _TOLD = 4
@@ -107,7 +107,7 @@ def drawn_figures(
     """
     yield _overlaps(layout, path, known)
     most = max_vertices if max_vertices is not None else GDSII_VERTICES
-    judged = max_vertices is not None or path.suffix.lower() in _GDSII_SUFFIXES
+    judged = max_vertices is not None or path.suffix.lower() in FORMATS["gdsii"].suffixes
     long = list(_long_outlines(layout, most))
     by = "the job's max_vertices" if max_vertices is not None else "what GDSII takes"
     told = "".join(f": {count} in cell {cell!r}" for cell, count in long[:1])

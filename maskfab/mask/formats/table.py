@@ -20,7 +20,7 @@ from typing import get_args
 from klayout import db
 
 from maskfab.base.errors import JobError, OutputError, SourceError
-from maskfab.job.values import FileFormat
+from maskfab.job.values import MEASURED_FORMATS, FileFormat
 from maskfab.mask import formats as folder
 from maskfab.mask.figures import Figures
 from maskfab.mask.formats.format import FileSettings, Format, Product, Source
@@ -44,6 +44,10 @@ _READ = {suffix: form for form in FORMATS.values() for suffix in form.suffixes}
 
 LAYOUT_SUFFIXES = frozenset(_READ)
 """Suffixes of the files that :func:`read_layout` reads."""
+
+
+MEASURED_SUFFIXES = frozenset(suffix for name in MEASURED_FORMATS for suffix in FORMATS[name].suffixes)
+"""Suffixes of layouts whose optics can be measured."""
 
 
 def products(

@@ -22,6 +22,7 @@ from maskfab.job.shop import Shop
 from maskfab.job.values import MASK_FORMATS, MEASURED_FORMATS, FileFormat
 from maskfab.mask.figures import MAX_VERTICES, Figures, Hierarchy, PolygonOptions, Shapes
 from maskfab.mask.formats.format import DrawingStyle
+from maskfab.mask.formats.table import FORMATS
 from maskfab.mask.layout import orientations_in_use, simple_polygon
 from maskfab.mask.marks import bounding_box, plate_template
 from maskfab.mask.outlines import Holes, hull_points, simple_pieces
@@ -222,10 +223,6 @@ def _share_edges(drawn: db.Region) -> bool:
     return bool(drawn.perimeter() > merged)
 
 
-_WITH_TEXT: tuple[FileFormat, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010")
-"""Formats whose notes are text that a reader can see as such."""
-
-
 def fitted(plate: Plate, shop: Shop, tone: Tone = "clear") -> Plate:
     """The plate with nothing that is not written, and with the corner squares that the shop asks for.
 
@@ -400,7 +397,7 @@ def written_options(plate: Plate, section: ExportSection, shop: Shop | None, ton
 
 
 def _lettered(formats: Sequence[FileFormat]) -> tuple[FileFormat, ...]:
-    return tuple(each for each in formats if each in _WITH_TEXT)
+    return tuple(each for each in formats if FORMATS[each].notes)
 
 
 def _file_references(plate: Plate, *, paired: bool) -> int:

@@ -315,7 +315,7 @@ def _of_files(
 
 def _of_texts(shop: Shop, plate: Plate, sent: Sequence[ShopFormat], *, noted: bool) -> Iterator[Finding]:
     lines = _unit_texts(plate, shop, sent)
-    texted = [each for each in sent if each in lines or (noted and each not in ("gerber", "cif"))]
+    texted = [each for each in sent if each in lines or (noted and table.FORMATS[each].notes)]
     rules, known = shop.text, shop.accepts.formats
     if rules.allowed_in is not None:
         lettered = [each for each in texted if each not in rules.allowed_in]

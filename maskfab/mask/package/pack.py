@@ -441,12 +441,13 @@ def _read_back_bounded(drawn: PlateFiles, path: Path) -> tuple[Box | None, tuple
 def read_written(drawn: PlateFiles, path: Path, *, dots: bool = True) -> tuple[Box | None, tuple[Quantity, ...]]:
     """Extent of everything in a mask file, which a bitmap does not tell, and the file against the design, against what
     the job asks for, and, if ``dots``, the openings dot by dot."""
-    if path.suffix in {table.FORMATS[each].tail for each in PLATE_BITMAPS}:
+    form = table.layout_format(path)
+    if form is None:
         return None, check_drawn_dots(drawn, path)
     read = read_mask(path)
     box = file_box(path, read, drawn.settings.drawing)
     rows = compare_mask(drawn, read, path, dots=dots).quantities()
-    if CUT in drawn.figures.layers and path.suffix == table.FORMATS["gerber"].tail:
+    if CUT in drawn.figures.layers and form.layers == "one":
         # Its reader takes the holes away, so that polygons are no longer those that were drawn.
         return box, tuple(each for each in rows if each.name != "polygons")
     return box, rows

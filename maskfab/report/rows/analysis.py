@@ -39,7 +39,7 @@ from maskfab.job.values import is_table
 from maskfab.mask import opening_file
 from maskfab.mask.formats.content import find_cell, find_layer
 from maskfab.mask.formats.gdsii import write_oasis
-from maskfab.mask.formats.table import read_layout
+from maskfab.mask.formats.table import MEASURED_SUFFIXES, read_layout
 from maskfab.mask.layout import plate_layout, region
 from maskfab.mask.limits import allow
 from maskfab.mask.panels import check_light, check_panel_size
@@ -65,8 +65,6 @@ from maskfab.report.rows.optics import (
     stop_boundary,
 )
 from maskfab.report.rows.scene import SceneOptics, measure_scene, scene_plan, scene_reach_um
-
-LAYOUT_SUFFIXES = frozenset({".gds", ".gds2", ".gdsii", ".oas", ".oasis", ".cif", ".dxf"})
 
 _FINEST_GRID = 4000
 _LARGEST_DOT_NM = 8000
@@ -146,14 +144,14 @@ def analyse(path: str | Path, request: Request, progress: Progress = silent) -> 
     """
     check_lens(request.camera, where="--stop")
     path = Path(path)
-    if request.unit_um is not None and path.suffix.lower() not in LAYOUT_SUFFIXES:
+    if request.unit_um is not None and path.suffix.lower() not in MEASURED_SUFFIXES:
         raise JobError(
             "MF105",
             f"{path.name} has no unit that could be stated",
             where="--unit",
             cure="Leave out --unit: only a DXF has a drawing unit to state",
         )
-    if path.suffix.lower() in LAYOUT_SUFFIXES and request.tiling is None:
+    if path.suffix.lower() in MEASURED_SUFFIXES and request.tiling is None:
         if request.scene is not None:
             raise JobError(
                 "MF105",
@@ -244,7 +242,7 @@ def _load(path: Path, request: Request) -> Opening:
             unit_um=request.unit_um,
             name=_name(path),
         )
-    if path.suffix.lower() not in LAYOUT_SUFFIXES:
+    if path.suffix.lower() not in MEASURED_SUFFIXES:
         opening = opening_file.load_opening(
             path, dot_nm=1, name=_name(path)
         )  # what is wrong with the file itself comes first
