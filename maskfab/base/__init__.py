@@ -1,8 +1,6 @@
-"""Ground of every room: vocabulary, units, errors, quantities, files written whole, processes.
+"""Ground of every room: vocabulary, units, errors, quantities, processes, and files written whole or not at all.
 
-Files and folders that appear whole or not at all, and what a finished folder is known to hold.
-
-No format is known here.
+No format of a mask and no key of a job is known here, and no other room is imported.
 """
 
 __version__ = "0.1.0"

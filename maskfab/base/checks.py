@@ -1,11 +1,10 @@
-"""Refusals of values that a model type cannot hold, whoever builds it: the right kind, finite, and in range.
+"""Refusals of values that a type or a public function cannot take.
 
-Every check reads one field of a frozen dataclass and returns at once where it is sound; texts are made only for a
-refusal, for some types are built thousands of times in a search.
+A check of a field reads one field of a frozen dataclass and returns at once where it is sound: the right kind, finite,
+in range. Texts are made only for a refusal, for some types are built thousands of times in a search.
 
-Arguments of public functions, held against their annotations before any work.
-
-What a value means is judged where it is used; here only its type is, and that a plain number is finite.
+Arguments of public functions are held against their annotations before any work: only their type is looked at, and that
+a plain number is finite. What a value means is judged where it is used.
 """
 
 from __future__ import annotations
@@ -71,14 +70,14 @@ def number(
 def _range(low: float, high: float, *, open_low: bool) -> str:
     from_below = "" if low == -_LARGEST else f"above {low:g}" if open_low else f"{low:g} or more"
     to_above = "finite" if high == _LARGEST else "" if high == math.inf else f"at most {high:g}"
-    return " and ".join(each for each in (to_above, from_below) if each)
+    return " and ".join(limit for limit in (to_above, from_below) if limit)
 
 
 def choice(owner: object, name: str, allowed: Collection[Any]) -> None:
     """Require a field to be one of some values (MF105)."""
     value = getattr(owner, name)
     if value not in allowed:
-        listed = ", ".join(str(each) for each in allowed)
+        listed = ", ".join(str(option) for option in allowed)
         raise _refusal("MF105", owner, name, f"{value!r} is none of {listed}", "Use one of the values listed")
 
 
@@ -156,7 +155,7 @@ def checked_arguments(function: Callable[Given, Result]) -> Callable[Given, Resu
     @cache
     def expected() -> tuple[inspect.Signature, Mapping[str, Any]]:
         stated, names = inspect.signature(function), inspect.unwrap(function).__globals__
-        return stated, {name: _evaluated(each.annotation, names) for name, each in stated.parameters.items()}
+        return stated, {name: _evaluated(parameter.annotation, names) for name, parameter in stated.parameters.items()}
 
     @wraps(function)
     def checked(*args: Given.args, **kwargs: Given.kwargs) -> Result:
@@ -164,17 +163,17 @@ def checked_arguments(function: Callable[Given, Result]) -> Callable[Given, Resu
         try:
             bound = stated.bind(*args, **kwargs)
         except TypeError as error:
-            known = ", ".join(name for name in stated.parameters if name not in ("self", "cls"))
-            raise JobError("MF105", str(error), where=called, cure=f"The arguments are {known}") from None
+            names = ", ".join(name for name in stated.parameters if name not in ("self", "cls"))
+            raise JobError("MF105", str(error), where=called, cure=f"The arguments are {names}") from None
         for name, value in bound.arguments.items():
             kind = stated.parameters[name].kind
             if kind is inspect.Parameter.VAR_POSITIONAL:
-                each = {f"{name}[{i}]": held for i, held in enumerate(value)}
+                values = {f"{name}[{i}]": held for i, held in enumerate(value)}
             elif kind is inspect.Parameter.VAR_KEYWORD:
-                each = value
+                values = value
             else:
-                each = {name: value}
-            for key, held in each.items():
+                values = {name: value}
+            for key, held in values.items():
                 _require(held, hints[name], f"{called}: {key}")
         return function(*args, **kwargs)
 
@@ -184,11 +183,11 @@ def checked_arguments(function: Callable[Given, Result]) -> Callable[Given, Resu
 def _require(value: object, hint: Any, where: str) -> None:
     if _fits(value, hint):
         return
-    told = repr(value)
-    told = told if len(told) <= _SHOWN else f"{type(value).__name__} {told[:_SHOWN]}..."
+    shown = repr(value)
+    shown = shown if len(shown) <= _SHOWN else f"{type(value).__name__} {shown[:_SHOWN]}..."
     if isinstance(value, Real) and not _finite(value) and _fits(1.0, hint):
-        raise JobError("MF104", f"{told} is not finite", where=where, cure="Give a finite number")
-    raise JobError("MF105", f"{told} is not {_words(hint)}", where=where, cure=f"Give {_words(hint)}")
+        raise JobError("MF104", f"{shown} is not finite", where=where, cure="Give a finite number")
+    raise JobError("MF105", f"{shown} is not {_words(hint)}", where=where, cure=f"Give {_words(hint)}")
 
 
 def _evaluated(annotation: Any, names: Mapping[str, Any]) -> Any:
@@ -209,18 +208,18 @@ class _Names(dict[str, Any]):
     """Names of a module and of Python; any other stands for anything."""
 
     def __getitem__(self, key: str) -> Any:
-        found = self.get(key, getattr(builtins, key, _Anything))
+        value = self.get(key, getattr(builtins, key, _Anything))
         # An alias may be text itself.
-        return _evaluated(found, self) if isinstance(found, str) else found
+        return _evaluated(value, self) if isinstance(value, str) else value
 
 
 def _fits(value: object, hint: Any) -> bool:
     origin, inner = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
-        return any(_fits(value, each) for each in inner)
+        return any(_fits(value, kind) for kind in inner)
     if origin is Literal:
         # What the words mean, and which there are, is told where they are used.
-        return any(type(value) is type(each) for each in inner)
+        return any(type(value) is type(kind) for kind in inner)
     if isinstance(origin, type) and issubclass(origin, Mapping | Sequence):
         return _each_fits(value, origin, inner)
     if origin is Callable:
@@ -247,11 +246,11 @@ def _each_fits(value: object, origin: type, inner: tuple[Any, ...]) -> bool:
             _fits(key, inner[0]) and _fits(held, inner[1]) for key, held in value.items()
         )
     if isinstance(value, np.ndarray):
-        return inner[0] in (int, float) and all(_fits(each, inner[0]) for each in value)
+        return inner[0] in (int, float) and all(_fits(item, inner[0]) for item in value)
     if not isinstance(value, Sequence) or isinstance(value, str | bytes):
         return False
     # What a pair holds is told where it is used.
-    return origin is tuple or all(_fits(each, inner[0]) for each in value)
+    return origin is tuple or all(_fits(item, inner[0]) for item in value)
 
 
 def _finite(value: Real) -> bool:
@@ -266,10 +265,10 @@ def _words(hint: Any) -> str:
     """A type in words."""
     origin, inner = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
-        words = list(dict.fromkeys(_words(each) for each in inner))
+        words = list(dict.fromkeys(_words(kind) for kind in inner))
         return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}"
     if origin is Literal:
-        return ", ".join(repr(each) for each in inner)
+        return ", ".join(repr(word) for word in inner)
     if isinstance(origin, type) and issubclass(origin, Mapping):
         return "a mapping by name"
     if isinstance(origin, type) and issubclass(origin, Sequence):

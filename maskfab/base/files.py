@@ -3,9 +3,8 @@
 What is made aside is locked by the process that makes it; the system ends the lock with the process, however that
 ends. Whatever has no lock is thus a dead process's, and the next that writes under the same name takes it away.
 
-A run's state on disk, so that it can be cut off anywhere and go on to the same result.
-
-The state is written aside and renamed, so a file of that name is always whole. It holds plain arrays, no code.
+A run that may be cut off anywhere keeps its state in such a file, plain arrays without code, and goes on from it to the
+same result.
 """
 
 from __future__ import annotations
@@ -132,8 +131,8 @@ def _changed_at(path: Path) -> int:
 def free_name(target: Path, word: str) -> Iterator[Path]:
     """Names beside ``target`` for what nobody may lose: ``NAME.word``, and with a number if that is taken."""
     for number in count(1):
-        told = word if number == 1 else f"{word}-{number}"
-        yield target.with_name(f"{target.stem}.{told}{target.suffix}")
+        ending = word if number == 1 else f"{word}-{number}"
+        yield target.with_name(f"{target.stem}.{ending}{target.suffix}")
 
 
 def not_writable(target: Path, error: OSError) -> OutputError:
@@ -182,9 +181,9 @@ def _add(aside: Path, target: Path) -> None:
     """Give a finished file its name, or if that is taken by now, another that is told."""
     if _linked(aside, target):
         return
-    kept = next(name for name in free_name(target, "new") if _linked(aside, name))
+    place = next(name for name in free_name(target, "new") if _linked(aside, name))
     raise OutputError(
-        "MF404", f"{target} was written by another program meanwhile and is kept; the new result lies in {kept}",
+        "MF404", f"{target} was written by another program meanwhile and is kept; the new result lies in {place}",
         cure="Keep the one that you want",
     )  # fmt: skip
 
@@ -246,11 +245,11 @@ def load_state(path: Path, run: str) -> dict[str, NDArray[np.generic]] | None:
     """
     if not os.path.exists(path):
         return None
-    found = read_state(path)
-    if RUN not in found or str(found.pop(RUN)) != run:
+    state = read_state(path)
+    if RUN not in state or str(state.pop(RUN)) != run:
         what = "the checkpoint belongs to another run"
         raise SourceError("MF304", what, where=str(path), cure="Give the settings it was made with, or delete it")
-    return found
+    return state
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,8 +1,8 @@
-"""Two folders exchange their names: at once where the system can, through a third name elsewhere.
+"""Output directories that appear whole or not at all, and take the place of nothing but an earlier result.
 
-Finished output directories: their known files by name and SHA-256, and removal of nothing else.
-
-Output directories that appear whole or not at all, and take the place of nothing but an earlier result.
+An earlier result is known by its manifest, which has every file's name and SHA-256; only what the manifest knows is
+removed. New and old exchange their names: at once where the system can, through a third name elsewhere, from which a
+result is put back if a process was killed meanwhile.
 """
 
 from __future__ import annotations
@@ -182,7 +182,7 @@ def read_manifest(folder: Path) -> Mapping[str, Any]:
 
 def times_text(job_hash: str, seconds: Mapping[str, float], accounts: Iterable[Account] = ()) -> str:
     """The content of :data:`TIMES`."""
-    findings = [asdict(each) for each in accounts]
+    findings = [asdict(account) for account in accounts]
     document = {"job_hash": job_hash, "seconds": dict(seconds), "findings": findings}
     return json.dumps(document, indent=1) + "\n"
 
@@ -192,20 +192,22 @@ def finished(folder: Path) -> Finished | None:
     try:
         content = (folder / RESULT_MARK).read_bytes()
         manifest = json.loads(content)
-        known = {row["path"]: row.get("sha256") for row in manifest["files"]} if "maskfab_version" in manifest else None
+        hashes = (
+            {row["path"]: row.get("sha256") for row in manifest["files"]} if "maskfab_version" in manifest else None
+        )
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
-    if known is None:
+    if hashes is None:
         return None
     digest = hashlib.sha256(content).hexdigest()
-    known[RESULT_MARK] = digest
+    hashes[RESULT_MARK] = digest
     own: dict[str, _Trace] = {}
     strange = []
-    for path in sorted(folder.iterdir(), key=lambda each: (each.name == RESULT_MARK, each.name)):
+    for path in sorted(folder.iterdir(), key=lambda path: (path.name == RESULT_MARK, path.name)):
         trace = _trace(path)
         if path.is_symlink() or not path.is_file():
             strange.append(path.name)
-        elif known.get(path.name) == sha256_of_file(path) or (path.name == TIMES and _is_times(path, manifest)):
+        elif hashes.get(path.name) == sha256_of_file(path) or (path.name == TIMES and _is_times(path, manifest)):
             own[path.name] = trace
         else:
             strange.append(path.name)
@@ -233,13 +235,13 @@ def _is_times(path: Path, manifest: Mapping[str, object]) -> bool:
     return text == times_text(job_hash, seconds, accounts)
 
 
-def discard(folder: Path, target: Path, found: Finished | None) -> Path | None:
+def discard(folder: Path, target: Path, result: Finished | None) -> Path | None:
     """Remove a result that another has replaced, and nothing else.
 
     Args:
         folder: where it lies now.
         target: the name that it had.
-        found: what is in it; None if it is none, or no longer.
+        result: what is in it; None if it is none, or no longer.
 
     Returns:
         Where the rest lies, beside ``target``; None if there is none.
@@ -247,7 +249,7 @@ def discard(folder: Path, target: Path, found: Finished | None) -> Path | None:
     Raises:
         OSError: if the rest cannot be moved.
     """
-    for name, trace in () if found is None or found.strange else found.own.items():
+    for name, trace in () if result is None or result.strange else result.own.items():
         with suppress(OSError):
             # The manifest is last, and stays with whatever has come meanwhile.
             if _trace(folder / name) == trace and (name != RESULT_MARK or os.listdir(folder) == [name]):
@@ -325,17 +327,17 @@ def _checked(target: Path, path: Path, *, force: bool) -> Place:
     return Place(target, path, digest)
 
 
-def _replaceable(target: Path, found: Finished | None, *, force: bool) -> Finished:
-    if found is None:
+def _replaceable(target: Path, result: Finished | None, *, force: bool) -> Finished:
+    if result is None:
         what = f"the directory {target} is not empty and holds no maskfab result"
         raise OutputError("MF402", what, cure="Name a new or empty folder")
     if not force:
         what = f"the output directory {target} is not empty"
         raise OutputError("MF402", what, cure="Add --force to replace it, or choose another")
-    if found.strange:
-        what = f"the output directory {target} holds {found.strange[0]!r}, which maskfab did not write, or not so"
+    if result.strange:
+        what = f"the output directory {target} holds {result.strange[0]!r}, which maskfab did not write, or not so"
         raise OutputError("MF402", what, cure="Move it elsewhere, or choose another --out")
-    return found
+    return result
 
 
 @contextmanager
@@ -415,13 +417,13 @@ def _replace(aside: Aside, place: Place) -> None:
         new, aside = aside, _in_turn(aside)
         os.rename(new.path, aside.path)
         exchange(aside.path, place.path)
-        found = _unchanged(aside.path, place)
-        if found is not None:
-            kept = discard(aside.path, place.path, found)
-            if kept is not None:
+        result = _unchanged(aside.path, place)
+        if result is not None:
+            rest = discard(aside.path, place.path, result)
+            if rest is not None:
                 what = (
                     f"the new result lies in {place.asked}; the old one was changed while it was replaced, and the "
-                    f"rest of it lies in {kept}"
+                    f"rest of it lies in {rest}"
                 )
                 raise OutputError("MF405", what, cure="Keep what you need of it, and delete the rest")
             return
@@ -430,15 +432,15 @@ def _replace(aside: Aside, place: Place) -> None:
 
 
 def _unchanged(folder: Path, place: Place) -> Finished | None:
-    """The result that was found before, if it is that one and all that there is."""
-    found = None if folder.is_symlink() else finished(folder)
-    return None if found is None or found.strange or found.digest != place.digest else found
+    """The result that was result before, if it is that one and all that there is."""
+    result = None if folder.is_symlink() else finished(folder)
+    return None if result is None or result.strange or result.digest != place.digest else result
 
 
 def _stop(aside: Aside, place: Place, why: str) -> NoReturn:
-    kept = move(aside.path, place.path, "new")
+    beside = move(aside.path, place.path, "new")
     raise OutputError(
-        "MF404", f"{place.asked} {why}: it stays as it is, and the new result lies in {kept}",
+        "MF404", f"{place.asked} {why}: it stays as it is, and the new result lies in {beside}",
         cure="Move one of them to where you want it",
     )  # fmt: skip
 

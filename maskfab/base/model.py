@@ -233,8 +233,8 @@ class Panel:
         elif self.tiling.seeded:
             what = f"the {self.tiling} tiling draws its orientations"
             require.refuse("MF111", self, "seed", what, "Give seed = 1, or any other whole number")
-        if any(each.dots != self.opening.dots for each in self.others):
-            what = f"openings of {', '.join(str(each.dots) for each in self.openings)} dots in one panel"
+        if any(opening.dots != self.opening.dots for opening in self.others):
+            what = f"openings of {', '.join(str(opening.dots) for opening in self.openings)} dots in one panel"
             require.refuse("MF122", self, "others", what, "Give openings of as many dots as the first")
         entries = ORIENTATIONS * len(self.openings)
         cure = "A cell holds 8 u + k: opening u under element k of D4"
@@ -279,7 +279,7 @@ class Panel:
         if not self.others:
             return self.opening.clear_dots * self.dot_nm**2 / self.pitch_nm**2
         held = np.bincount(self.orientations.ravel() // ORIENTATIONS, minlength=len(self.openings))
-        clear = sum(float(n) * each.clear_dots for n, each in zip(held, self.openings, strict=True))
+        clear = sum(float(n) * opening.clear_dots for n, opening in zip(held, self.openings, strict=True))
         return clear / self.orientations.size * self.dot_nm**2 / self.pitch_nm**2
 
 
@@ -459,7 +459,7 @@ class Plate:
         require.whole(self, "writable_nm", 1)
         names = [die.name for die in self.dies]
         if len(set(names)) < len(names):
-            what = f"two dies are called {next(each for each in names if names.count(each) > 1)!r}"
+            what = f"two dies are called {next(name for name in names if names.count(name) > 1)!r}"
             require.refuse("MF109", self, "dies", what, "Give each die a name of its own")
 
 

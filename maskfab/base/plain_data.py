@@ -109,12 +109,12 @@ def _form(kind: Any) -> _Form:
 
 
 def _leaf(kind: type) -> _Form:
-    known = _LEAVES[kind]
+    classes = _LEAVES[kind]
 
     def holds(value: object) -> bool:
         if isinstance(value, np.generic):
-            return isinstance(value, known)
-        return type(value) in known
+            return isinstance(value, classes)
+        return type(value) in classes
 
     def down(value: Any, _: list[_Array]) -> Any:
         _require(holds(value), value, kind)
@@ -125,19 +125,18 @@ def _leaf(kind: type) -> _Form:
         return value
 
     def up(plain: Any, _: Sequence[_Array]) -> Any:
-        found = plain
+        value = plain
         if isinstance(plain, dict):
-            found = np.dtype(plain["of"]).type(plain["is"])
-        _require(holds(found), found, kind, ValueError)
-        return found
+            value = np.dtype(plain["of"]).type(plain["is"])
+        _require(holds(value), value, kind, ValueError)
+        return value
 
     return _Form(holds, down, up)
 
 
 def _bytes() -> _Form:
     def up(place: Any, arrays: Sequence[_Array]) -> bytes:
-        found = _placed(place, arrays, np.uint8)
-        return found.tobytes()
+        return _placed(place, arrays, np.uint8).tobytes()
 
     def down(value: Any, arrays: list[_Array]) -> dict[str, int]:
         _require(type(value) is bytes, value, bytes)
@@ -195,12 +194,12 @@ def _tuple(kinds: tuple[Any, ...]) -> _Form:
 
     def down(value: Any, arrays: list[_Array]) -> list[Any]:
         _require(type(value) is tuple, value, tuple)
-        return [form.down(each, arrays) for form, each in zip(of(len(value), value), value, strict=True)]
+        return [form.down(item, arrays) for form, item in zip(of(len(value), value), value, strict=True)]
 
     def up(plain: Any, arrays: Sequence[_Array]) -> tuple[Any, ...]:
         _require(type(plain) is list, plain, tuple, ValueError)
         every = of(len(plain), plain, ValueError)
-        return tuple([form.up(each, arrays) for form, each in zip(every, plain, strict=True)])
+        return tuple([form.up(item, arrays) for form, item in zip(every, plain, strict=True)])
 
     return _Form(lambda value: type(value) is tuple, down, up)
 
@@ -254,9 +253,9 @@ def _put(array: _Array, arrays: list[_Array]) -> dict[str, int]:
 
 def _placed(place: Any, arrays: Sequence[_Array], scalar: type[np.generic]) -> _Array:
     _require(isinstance(place, dict) and place.keys() == {_PLACE}, place, scalar, ValueError)
-    found = arrays[_index(place[_PLACE], arrays)]
-    _require(issubclass(found.dtype.type, scalar), found.dtype, scalar, ValueError)
-    return found
+    array = arrays[_index(place[_PLACE], arrays)]
+    _require(issubclass(array.dtype.type, scalar), array.dtype, scalar, ValueError)
+    return array
 
 
 def _index(number: Any, among: Sequence[Any]) -> int:

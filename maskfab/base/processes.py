@@ -1,13 +1,4 @@
-"""Pickles of what passes from one process to another, read-only views included.
-
-Memory that is free again, given back to the system.
-
-The allocator of Linux keeps what large arrays and many small objects leave behind, in pieces that the next stage of a
-run cannot use, so that a plate of many dies grows with every one of them. Elsewhere nothing need be done.
-
-Silence for a library that reports on standard output, where one JSON document belongs.
-
-Tasks that this process shares with a second one, or several, so that all processors are kept busy.
+"""Tasks that this process shares with a second one, or several, so that all processors are kept busy.
 
     with ProcessExecutor() as executor:
         photographs = executor.submit(restore_photographs, lambda: (plate, camera))
@@ -17,6 +8,9 @@ Tasks that this process shares with a second one, or several, so that all proces
 Most of the work holds the interpreter, so that threads would only take turns. A task is a function of a module; it, its
 arguments and what it finds are pickled. What it finds depends on its arguments alone, so that which process did it does
 not show. The second process reads tasks from stdin and answers on stdout until there are no more.
+
+The allocator of Linux keeps what large arrays and many small objects leave behind, in pieces that the next stage of a
+run cannot use, so that a plate of many dies grows with every one of them; :func:`release_memory` gives them back.
 """
 
 from __future__ import annotations
@@ -149,8 +143,8 @@ class Task(Generic[Found]):
             if kind == "kept":
                 self._work()
             elif kind == "found":
-                found, self.seconds = content
-                self._outcome = kind, found
+                finding, self.seconds = content
+                self._outcome = kind, finding
             else:
                 self._outcome = kind, content
         assert self._outcome is not None
@@ -213,10 +207,10 @@ class SerialExecutor(AbstractContextManager["SerialExecutor"]):
         # The second process begins with the first, this one with the last: they meet where little is left.
         for task in reversed(tasks):
             task.attempt()
-            done(sum(each.ended for each in tasks))
+            done(sum(task.ended for task in tasks))
         for task in tasks:
             task.result()
-            done(sum(each.ended for each in tasks))
+            done(sum(task.ended for task in tasks))
         return tasks
 
     def _offered(self, task: Task[Found]) -> Task[Found]:
@@ -372,11 +366,11 @@ def work() -> None:
             function, given = pickle.load(sys.stdin.buffer)
             start = time.perf_counter()
             try:
-                found = function(*given)
+                finding = function(*given)
             except Exception as error:
                 error.add_note(traceback.format_exc())
                 say("raised", error)
             else:
-                say("found", (found, time.perf_counter() - start))
-                del found
+                say("found", (finding, time.perf_counter() - start))
+                del finding
             release_memory()

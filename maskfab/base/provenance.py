@@ -44,14 +44,14 @@ def versions(*, extras: bool = False) -> dict[str, str]:
 @cache
 def _libraries(extras: bool) -> Mapping[str, str]:
     """Looked up once, for their metadata are long texts."""
-    found: dict[str, str] = {}
+    numbers: dict[str, str] = {}
     for line in metadata.requires("maskfab") or ():
         asked = _REQUIREMENT.match(line)
         if asked is None or (asked["extra"] and not extras):
             continue
         with suppress(metadata.PackageNotFoundError):
-            found.setdefault(asked["name"], metadata.version(asked["name"]))
-    return found
+            numbers.setdefault(asked["name"], metadata.version(asked["name"]))
+    return numbers
 
 
 def signature(job_digest: str, seeds: Mapping[str, int]) -> str:

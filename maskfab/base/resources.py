@@ -1,9 +1,7 @@
-"""Bundled data: layouts/ and export_templates/, in a checkout and in an installed wheel alike.
+"""Bundled data, in a checkout and in an installed wheel alike: layouts, templates, and explanations of the error codes.
 
-Explanations of the error codes: meaning, example, usual cause and cure.
-
-The meanings stand in :data:`maskfab.base.errors.CATALOGUE`, the rest in ``error_codes.toml`` beside this file, which is
-read only when somebody asks.
+The meanings of codes stand in :data:`maskfab.base.errors.CATALOGUE`; example, usual cause and cure are in
+``error_codes.toml`` beside this file, which is read only when somebody asks.
 """
 
 from __future__ import annotations
@@ -76,10 +74,10 @@ def explained(code: str) -> Explanation:
     Raises:
         JobError: MF105 for an unknown code, with those that look like it.
     """
-    known = code.strip().upper()
-    if known not in CATALOGUE:
-        raise JobError("MF105", f"there is no error code {code!r}", where="CODE", cure=_near(known))
-    return Explanation(known, CATALOGUE[known], **_written()[known])
+    name = code.strip().upper()
+    if name not in CATALOGUE:
+        raise JobError("MF105", f"there is no error code {code!r}", where="CODE", cure=_near(name))
+    return Explanation(name, CATALOGUE[name], **_written()[name])
 
 
 def grouped() -> Mapping[str, tuple[str, ...]]:
@@ -92,7 +90,7 @@ def grouped() -> Mapping[str, tuple[str, ...]]:
 
 def _near(code: str) -> str:
     number = code.removeprefix("MF")
-    swapped = [known for known in CATALOGUE if sorted(known) == sorted(f"MF{number}")]
+    swapped = [name for name in CATALOGUE if sorted(name) == sorted(f"MF{number}")]
     likely = swapped or get_close_matches(f"MF{number}", CATALOGUE, n=3, cutoff=0.6)
     listed = "maskfab explain lists all codes"
     return f"Did you mean {' or '.join(likely)}? {listed}" if likely else f"Codes are MF and three digits; {listed}"

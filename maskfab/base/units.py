@@ -47,9 +47,9 @@ def parse_length_um(text: object, *, where: str = "", zero_allowed: bool = False
     """
     number, unit = _split(text, where)
     if unit not in UM_PER_UNIT:
-        known = ", ".join(dict.fromkeys(u for u in UM_PER_UNIT if u.isascii()))
+        listed = ", ".join(dict.fromkeys(u for u in UM_PER_UNIT if u.isascii()))
         problem = f"{text!r} has no unit" if not unit else f"{text!r} has the unit {unit!r}, which is no unit of length"
-        raise JobError("MF103", problem, where=where, cure=f'Write it as "168 um"; units: {known}')
+        raise JobError("MF103", problem, where=where, cure=f'Write it as "168 um"; units: {listed}')
     value = _decimal_scale(number, UM_PER_UNIT[unit])
     if not math.isfinite(value) or value < 0 or (value == 0 and not zero_allowed):
         limit = "at least 0" if zero_allowed else "positive"

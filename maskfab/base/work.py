@@ -1,13 +1,7 @@
-"""Progress of long work, reported to its caller.
-
-Time left of a budget, counted from the beginning of a command's work.
-
-One thread for each call of a numerical library.
+"""Long work: progress that is told to its caller, time left of a budget, and one thread for each call of a library.
 
 Our products are small: a second thread saves little on a quiet machine, and on a busy one its waiting costs more than
 the product. Cores are kept busy by working on several dies at once instead.
-
-Settings of a process that maskfab has to itself, as a command or as the second of two.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Checks of a job file that involve more than one section.
+"""A valid job from a file or parsed data, or the first thing that is wrong with it.
 
-From a file or parsed data to a valid spec, or to the first thing that is wrong with it.
+Every section is checked by its own type; here are the checks that involve more than one.
 """
 
 from __future__ import annotations
@@ -158,10 +158,10 @@ def _check_search(design: SearchSection, where: str) -> None:
         "density": design.density is not None,
         "cluster": design.cluster is not None,
     }
-    for key, each in pairs:
-        if idle[key] and each in stated:
-            what = f"{key} = {getattr(design, key)!r} makes {each} useless"
-            raise JobError("MF105", what, where=f"{where}.{each}", cure=f"Remove {each}, or {key}")
+    for key, needless in pairs:
+        if idle[key] and needless in stated:
+            what = f"{key} = {getattr(design, key)!r} makes {needless} useless"
+            raise JobError("MF105", what, where=f"{where}.{needless}", cure=f"Remove {needless}, or {key}")
 
 
 def _asked(design: DesignSection) -> set[str]:
@@ -174,7 +174,7 @@ def _check_relax(design: RelaxSection, where: str) -> None:
     # that is there.
     if design.tiling in {Tiling.HEXAGONAL, Tiling.MAP}:
         what = f"no opening can be designed for the {design.tiling} tiling"
-        cure = f"Use {', '.join(each for each in Tiling if each not in {Tiling.HEXAGONAL, Tiling.MAP})}"
+        cure = f"Use {', '.join(tiling for tiling in Tiling if tiling not in {Tiling.HEXAGONAL, Tiling.MAP})}"
         raise JobError("MF122", what, where=f"{where}.tiling", cure=cure)
     if design.tiling.seeded and design.tiling_seed is None:
         what = f"the {design.tiling} tiling has no seed"
@@ -319,13 +319,13 @@ def check_order(spec: JobSpec, where: str) -> None:
         what = f"{parity}, chrome {chrome}, would show the design mirrored to a lens that looks at {side}"
         cure = f'Set parity = "right reading" and chrome = "{"up" if glass.chrome == "lens" else "down"}" in [order]'
         raise JobError("MF128", what, where=f"{where}: order.parity", cure=cure)
-    for key, wish, known, of in (
+    for key, wish, stated, of in (
         ("thickness", order.thickness, None if glass is None else glass.thickness, "plate.glass.thickness"),
         ("optical_density", order.optical_density, None if plate is None else plate.optical_density,
          "plate.optical_density"),
     ):  # fmt: skip
-        if wish is not None and known is not None and wish != known:
-            what = f"{key} is {wish:g} in [order], and {of} is {known:g}"
+        if wish is not None and stated is not None and wish != stated:
+            what = f"{key} is {wish:g} in [order], and {of} is {stated:g}"
             raise JobError("MF128", what, where=f"{where}: order.{key}", cure="State it once: leave it out of [order]")
     if order.bias in ("house", "data") and (spec.process is None or not spec.process.cd_bias):
         by = "the house is" if order.bias == "house" else "the data are"
@@ -468,7 +468,7 @@ def _toml(text: str, where: str) -> dict[str, Any]:
     try:
         return loads(text)
     except (ValueError, RecursionError) as error:
-        found = re.search(r"line (\d+), column (\d+)", str(error))
-        place = f"{where}:{found[1]}:{found[2]}" if found else f"{where}, at the end"
+        match = re.search(r"line (\d+), column (\d+)", str(error))
+        place = f"{where}:{match[1]}:{match[2]}" if match else f"{where}, at the end"
         cure = "Correct the TOML there: close quotes and brackets, give every key one value"
         raise JobError("MF101", f"TOML syntax: {error}", where=place, cure=cure) from error

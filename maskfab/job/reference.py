@@ -1,20 +1,13 @@
-"""Uses: keys of a job that each verb depends on, and the names of all others that a job states.
-
-A verb declares what it uses; whatever else a job states is named in the verb's answer, or refused. So a key that is new
-in the schema is named by every verb until one says that it uses it.
-
-A table stands for all its keys; where a verb uses some of a table, or where keys are still to come, keys are listed one
-by one. Names and titles ask for nothing, and every verb goes by them.
-
-The keys of a job file: form, default and meaning of each, as ``maskfab explain`` and the documentation give them.
+"""Keys of a job: their form, default and meaning, the JSON Schema, and which verb depends on which of them.
 
 Form and default are those of the types that check a job; the meaning is the text that stands below each key in
-:mod:`maskfab.job.sections` and :mod:`maskfab.job.order`.
+:mod:`maskfab.job.sections` and :mod:`maskfab.job.order`. The schema is that of the same types, with values as a job
+file writes them: an editor may let pass what :func:`maskfab.job.read.read` refuses, and refuses nothing that it takes.
 
-The JSON Schema of a job file, from which editors complete keys and show their meaning.
-
-It is that of the types that check a job, with values as a job file writes them. An editor may let pass what
-:func:`maskfab.job.read.read` refuses, and refuses nothing that it takes.
+A verb declares what it uses; whatever else a job states is named in the verb's answer, or refused. So a key that is new
+in the schema is named by every verb until one says that it uses it. A table stands for all its keys; where a verb uses
+some of a table, or where keys are still to come, keys are listed one by one. Names and titles ask for nothing, and
+every verb goes by them.
 """
 
 from __future__ import annotations
@@ -157,16 +150,16 @@ def _unused(section: Section, path: str, used: frozenset[str]) -> Iterator[str]:
         here, value = f"{path}.{key}".lstrip("."), getattr(section, key)
         if here in used or here in INNER or value is None:
             continue
-        tables = [each for each in (value if isinstance(value, tuple) else (value,)) if isinstance(each, Section)]
+        tables = [table for table in (value if isinstance(value, tuple) else (value,)) if isinstance(table, Section)]
         if not field.is_required() and value == field.default:
             continue
         if not tables:
             yield named(here)
-        elif not any(each.startswith(f"{here}.") for each in used - frozenset(_NAMES)):
+        elif not any(key.startswith(f"{here}.") for key in used - frozenset(_NAMES)):
             yield named(here, table=True)
         else:
-            for each in tables:
-                yield from _unused(each, here, used)
+            for table in tables:
+                yield from _unused(table, here, used)
 
 
 FORMS: Mapping[str, str] = MappingProxyType(
@@ -283,9 +276,9 @@ def _alike(wanted: str, paths: Set[str]) -> list[str]:
         held = _PART_OF_A_WORD if word in last.split("_") else SequenceMatcher(None, word, last).ratio()
         return 1.0 if word == last else held, SequenceMatcher(None, table, before).ratio()
 
-    known = {path: likeness(path) for path in paths if wanted}
-    near = sorted(path for path, (last, _) in known.items() if last >= _LIKE)
-    return sorted(near, key=lambda path: sum(known[path]), reverse=True)[:3]
+    likely = {path: likeness(path) for path in paths if wanted}
+    near = sorted(path for path, (last, _) in likely.items() if last >= _LIKE)
+    return sorted(near, key=lambda path: sum(likely[path]), reverse=True)[:3]
 
 
 def _tables(model: type[Section], name: str) -> Iterator[Table]:
@@ -315,11 +308,11 @@ def _models(field: FieldInfo) -> Iterator[type[Section]]:
     """The sections that a field holds."""
     stack: list[Any] = [field.annotation]
     while stack:
-        each = stack.pop(0)
-        if isinstance(each, type) and issubclass(each, Section):
-            yield each
+        kind = stack.pop(0)
+        if isinstance(kind, type) and issubclass(kind, Section):
+            yield kind
         else:
-            stack[:0] = get_args(each)
+            stack[:0] = get_args(kind)
 
 
 def _key(model: type[Section], section: str, name: str) -> Key:
@@ -365,7 +358,7 @@ def _form(model: type[Section], name: str, written: str) -> str:
             return FORMS[word]
     stated = _schema(model)
     schema = stated["properties"][name]
-    choices = [each for each in schema.get("anyOf", [schema]) if each.get("type") != "null"]
+    choices = [choice for choice in schema.get("anyOf", [schema]) if choice.get("type") != "null"]
     schema = choices[0]
     if "$ref" in schema:
         schema = stated["$defs"][schema["$ref"].rpartition("/")[2]]
@@ -377,7 +370,7 @@ def _form(model: type[Section], name: str, written: str) -> str:
 
 def _words(schema: Mapping[str, Any]) -> str:
     if "enum" in schema:
-        return ", ".join(json.dumps(each) for each in schema["enum"])
+        return ", ".join(json.dumps(choice) for choice in schema["enum"])
     limits = [f"{sign} {schema[key]:,.15g}".replace(",", " ") for key, sign in _LIMITS.items() if key in schema]
     return ", ".join([_PLAIN[schema["type"]], *limits])
 
@@ -400,14 +393,14 @@ def job_schema() -> dict[str, Any]:
     kinds = {kind.__name__: kind for kind in _sections(Section)}
     for name, rules in {JobSpec.__name__: stated, **stated["$defs"]}.items():
         if name in kinds:
-            written = {key: each for key, each in rules["properties"].items() if key not in INNER}
-            rules["properties"] = {key: _as_written(kinds[name], key, each) for key, each in written.items()}
+            written = {key: rule for key, rule in rules["properties"].items() if key not in INNER}
+            rules["properties"] = {key: _as_written(kinds[name], key, rule) for key, rule in written.items()}
             rules.pop("title", None)
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "maskfab job", **stated}
 
 
 def _sections(kind: type[Section]) -> list[type[Section]]:
-    return [each for below in kind.__subclasses__() for each in (below, *_sections(below))]
+    return [kind for below in kind.__subclasses__() for kind in (below, *_sections(below))]
 
 
 def _as_written(kind: type[Section], key: str, rules: dict[str, Any]) -> dict[str, Any]:
@@ -416,7 +409,7 @@ def _as_written(kind: type[Section], key: str, rules: dict[str, Any]) -> dict[st
         return rules
     annotation, meaning = written_key(kind, key)
     form = next((word for word in re.findall(r"\w+", annotation) if word in FORMS), None)
-    told = {"description": meaning if form is None else f"{meaning} Form: {FORMS[form]}."}
+    stated = {"description": meaning if form is None else f"{meaning} Form: {FORMS[form]}."}
     if form is None:
-        return {name: each for name, each in rules.items() if name != "title"} | told
-    return told | ({"type": "string"} if form in _TEXTS else {})
+        return {name: rule for name, rule in rules.items() if name != "title"} | stated
+    return stated | ({"type": "string"} if form in _TEXTS else {})

@@ -71,9 +71,9 @@ class FieldSection(Section):
         ways = {"from": self.first, **{way: getattr(self, way) for way in ("uniform", "normal", "shapes")}}
         stated = [way for way, value in {"values": self.values, **ways}.items() if value is not None]
         if len(stated) != 1:
-            told = f"states {' and '.join(stated)}" if stated else "states no values"
+            account = f"states {' and '.join(stated)}" if stated else "states no values"
             cure = 'Give one of values, from with to and count, uniform, normal, shapes: values = ["0 um", "0.5 um"]'
-            raise JobError("MF160", f"the field {' and '.join(self.key)} {told}", cure=cure)
+            raise JobError("MF160", f"the field {' and '.join(self.key)} {account}", cure=cure)
         if (self.first is not None) != (self.last is not None) or (self.first is None) != (self.count is None):
             what = f"the field {' and '.join(self.key)} has not all of from, to and count"
             raise JobError("MF160", what, cure='Write from = "-0.5 um", to = "0.5 um", count = 11')

@@ -1,9 +1,8 @@
-"""TOML: plain data as text, and text within limits; what takes Python's reader more than linear time is refused.
+"""TOML: text read within limits, plain data as text, and one more value put into the text of a file.
 
-A value put into the text of a TOML file, of which nothing else changes.
-
-Text is inserted and nothing is taken away, so comments and the order of lines stay. Where it may go is guessed from how
-tables are usually written; a guess counts only if the text with it reads as the values before and the new one.
+Text that takes Python's reader more than linear time is refused. A value is inserted and nothing is taken away, so
+comments and the order of lines stay. Where it may go is guessed from how tables are usually written; a guess counts
+only if the text with it reads as the values before and the new one.
 """
 
 from __future__ import annotations
@@ -52,27 +51,27 @@ def loads(text: str, parse_float: Callable[[str], Any] = float) -> dict[str, Any
     for character, most in _MOST_OF.items():
         _limit(f"times {character!r}", text.count(character), most)
     # A string in a key is a part of it, and one anywhere else a word.
-    bare = _SPOKEN.sub(lambda found: "" if found[0].startswith("#") else "s", text)
+    bare = _SPOKEN.sub(lambda match: "" if match[0].startswith("#") else "s", text)
     _limit("characters besides strings and comments", len(bare), _MOST_BARE)
     _limit("keys and values", bare.count("=") + bare.count(",") + bare.count("\n["), MOST_VALUES)
-    if (found := _DOTTED.search(bare)) is not None:
-        line = bare.count("\n", 0, found.start()) + 1
+    if (match := _DOTTED.search(bare)) is not None:
+        line = bare.count("\n", 0, match.start()) + 1
         raise tomllib.TOMLDecodeError(f"a key of more than {MOST_PARTS} parts, near line {line}")
     _limit("arrays or tables in each other", _depth(bare), MOST_LEVELS)
     return tomllib.loads(text, parse_float=parse_float)
 
 
-def _limit(what: str, found: int, most: int) -> None:
-    if found > most:
-        raise tomllib.TOMLDecodeError(f"{found} {what}; at most {most} are read")
+def _limit(what: str, number: int, most: int) -> None:
+    if number > most:
+        raise tomllib.TOMLDecodeError(f"{number} {what}; at most {most} are read")
 
 
 def _depth(bare: str) -> int:
     """Largest number of brackets that are open at once."""
     depth = most = 0
-    for found in _BRACKETS.finditer(bare):
-        opens = found[0][0] in "[{"
-        depth = depth + len(found[0]) if opens else max(0, depth - len(found[0]))
+    for run in _BRACKETS.finditer(bare):
+        opens = run[0][0] in "[{"
+        depth = depth + len(run[0]) if opens else max(0, depth - len(run[0]))
         most = max(most, depth)
     return most
 
@@ -98,7 +97,7 @@ def value_text(value: object) -> str:
     if isinstance(value, tuple | list):
         return f"[{', '.join(map(value_text, value))}]"
     if isinstance(value, Mapping):
-        return f"{{ {', '.join(f'{value_text(key)} = {value_text(each)}' for key, each in value.items())} }}"
+        return f"{{ {', '.join(f'{value_text(key)} = {value_text(item)}' for key, item in value.items())} }}"
     if isinstance(value, str):
         # TOML escapes what JSON does, and the one control character that JSON leaves as it is.
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
@@ -167,18 +166,18 @@ def _guesses(text: str, path: list[str], value: str) -> Iterator[tuple[int, str]
     for depth in range(len(path) - 1, 0, -1):
         name, rest = path[depth - 1], f"{'.'.join(path[depth:])} = {value}"
         header = r"[ \t]*\.[ \t]*".join(map(re.escape, path[:depth]))
-        for found in re.finditer(rf"^\ufeff?[ \t]*\[[ \t]*{header}[ \t]*\][^\n]*(?:\n|\Z)", text, re.MULTILINE):
-            following = _NEXT_HEADER.search(text, found.end())
+        for match in re.finditer(rf"^\ufeff?[ \t]*\[[ \t]*{header}[ \t]*\][^\n]*(?:\n|\Z)", text, re.MULTILINE):
+            following = _NEXT_HEADER.search(text, match.end())
             last = len(text) if following is None else following.start()
-            for place in (_last_value(text, found.end(), last), found.end()):
+            for place in (_last_value(text, match.end(), last), match.end()):
                 before = "" if text[:place].endswith("\n") else end
                 yield place, f"{before}{rest}{end}"
-        for found in re.finditer(rf"\b{re.escape(name)}[ \t]*=[ \t]*\{{", text):
-            yield found.end(), f" {rest},"
-            yield found.end(), f" {rest} "
+        for match in re.finditer(rf"\b{re.escape(name)}[ \t]*=[ \t]*\{{", text):
+            yield match.end(), f" {rest},"
+            yield match.end(), f" {rest} "
     # Beside a key such as order.glass, which stands before all tables.
-    for found in re.finditer(rf"^[ \t]*{re.escape(path[0])}[ \t]*\.", text, re.MULTILINE):
-        yield found.start(), f"{'.'.join(path)} = {value}{end}"
+    for match in re.finditer(rf"^[ \t]*{re.escape(path[0])}[ \t]*\.", text, re.MULTILINE):
+        yield match.start(), f"{'.'.join(path)} = {value}{end}"
     gap = "" if not text else end if text.endswith("\n") else end + end
     yield len(text), f"{gap}[{path[0]}]{end}{'.'.join(path[1:])} = {value}{end}"
 

@@ -1,12 +1,7 @@
-"""A table of a job file or of a profile.
+"""Values of a job file and their types: lengths and areas with their units, names, formats, spectra, corners.
 
-Our errors on their way through pydantic, and pydantic's own as errors of ours that name the key.
-
-Values of a job file and their types: lengths and areas with their units, names, text, formats, counts, colours.
-
-Values of [scene] and their types: distances, accuracies, aberrations, spectra and illuminants.
-
-The corners of a lens stop of straight sides.
+A type is made of one of our parsers, whose errors pass through pydantic and come out as errors of ours that name the
+key, and of the text that writes its values into a job file again.
 """
 
 from __future__ import annotations
@@ -81,8 +76,8 @@ def first_problem(error: ValidationError, where: str) -> JobError:
     An unknown key comes first of all: a misspelt one is also missing under its true name.
     """
     problems = sorted(error.errors(include_url=False), key=lambda p: p["type"] != "extra_forbidden")
-    for each in problems:
-        each["loc"] = _written(each["loc"])
+    for problem in problems:
+        problem["loc"] = _written(problem["loc"])
     problem = problems[0]
     # A list of which one item is wrong may also count as too short; that is no problem of its own.
     more = sum(p["loc"] != problem["loc"][: len(p["loc"])] for p in problems)
@@ -254,8 +249,8 @@ def length_keys(section: type[BaseModel]) -> frozenset[str]:
     return frozenset(
         key
         for key, field in section.model_fields.items()
-        for each in (*field.metadata, *(mark for kind in get_args(field.annotation) for mark in get_args(kind)[1:]))
-        if isinstance(each, PlainSerializer) and each.func in (um_text, distance_text)
+        for mark in (*field.metadata, *(mark for kind in get_args(field.annotation) for mark in get_args(kind)[1:]))
+        if isinstance(mark, PlainSerializer) and mark.func in (um_text, distance_text)
     )
 
 
@@ -291,7 +286,7 @@ def _listed_counts(value: object) -> object:
     asked = {"step": 1, **value}
     if (
         asked.keys() != {"from", "to", "step"}
-        or not all(type(each) is int for each in asked.values())
+        or not all(type(number) is int for number in asked.values())
         or not 1 <= asked["from"] <= asked["to"]
         or asked["step"] < 1
     ):
@@ -349,7 +344,7 @@ def _distance(value: object) -> float:
 def _depth(value: object) -> tuple[float, float]:
     if not isinstance(value, list | tuple) or len(value) != 2:
         raise JobError("MF105", f"{value!r} is not a pair of distances", cure='Write it as ["1 m", "inf"]')
-    nearest, farthest = (_distance(each) for each in value)
+    nearest, farthest = (_distance(distance) for distance in value)
     if nearest > farthest:
         what = f"{value!r} has the nearest object beyond the farthest"
         raise JobError("MF104", what, cure="Swap them: the nearest comes first")
@@ -372,7 +367,7 @@ def _aberrations(value: object) -> tuple[tuple[int, float], ...]:
     cure = "Write pairs of Noll's number and waves: [[4, 0.05], [11, 0.02]]"
     if not isinstance(value, list | tuple):
         raise JobError("MF105", f"{value!r} is not a list of pairs", cure=cure)
-    found: list[tuple[int, float]] = []
+    terms: list[tuple[int, float]] = []
     for pair in value:
         if not isinstance(pair, list | tuple) or len(pair) != 2:
             raise JobError("MF105", f"{pair!r} is not a pair", cure=cure)
@@ -383,10 +378,10 @@ def _aberrations(value: object) -> tuple[tuple[int, float], ...]:
             raise JobError("MF104", f"{pair!r} has a Noll index outside 1 to {_HIGHEST_NOLL}", cure=cure)
         if not math.isfinite(waves):
             raise JobError("MF104", f"{pair!r} has a coefficient that is not finite", cure=cure)
-        if term in (known for known, _ in found):
+        if term in (number for number, _ in terms):
             raise JobError("MF105", f"{pair!r} repeats Noll's term {term}", cure="Give every term once")
-        found.append((term, float(waves)))
-    return tuple(found)
+        terms.append((term, float(waves)))
+    return tuple(terms)
 
 
 def _distortion(value: object) -> tuple[float, float]:
@@ -419,14 +414,14 @@ def _illuminant(value: object) -> str | float:
     if isinstance(value, str) and (value == "equal" or is_table(value)):
         return value
     cure = 'Use "equal", a temperature such as "6500 K" or a file such as "light.csv"'
-    found = None if isinstance(value, bool) else _TEMPERATURE.fullmatch(str(value))
-    if found is None:
+    match = None if isinstance(value, bool) else _TEMPERATURE.fullmatch(str(value))
+    if match is None:
         raise JobError("MF105", f"{value!r} is not an illuminant", cure=cure)
-    if found[2] != "K":
-        problem = "no unit" if not found[2] else f"the unit {found[2]!r}, which is no kelvin"
+    if match[2] != "K":
+        problem = "no unit" if not match[2] else f"the unit {match[2]!r}, which is no kelvin"
         raise JobError("MF103", f"{value!r} has {problem}", cure=cure)
     # As with lengths: 15 digits, which are written out and read again as they are.
-    kelvins = float(f"{float(found[1]):.15g}")
+    kelvins = float(f"{float(match[1]):.15g}")
     if not COLDEST_K <= kelvins <= HOTTEST_K:
         what = f"{value!r} is outside {COLDEST_K:g} K to {HOTTEST_K:g} K"
         raise JobError("MF104", what, cure="Daylight is about 6500 K")
@@ -478,9 +473,9 @@ def _corners(value: object) -> tuple[Corner, ...]:
     if len(value) > _MOST_CORNERS:
         what = f"{len(value)} corners are more than {_MOST_CORNERS}"
         raise JobError("MF115", what, cure="Draw the stop with fewer corners")
-    found = tuple((_coordinate(x), _coordinate(y)) for x, y in value)
-    _refuse_crossing(found)
-    return found
+    corners = tuple((_coordinate(x), _coordinate(y)) for x, y in value)
+    _refuse_crossing(corners)
+    return corners
 
 
 def _refuse_crossing(corners: Sequence[Corner]) -> None:
