@@ -9,11 +9,10 @@ import tomllib
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-import typer
-
-from maskfab.base.quantities import quantities
+from maskfab.base.quantities import QUANTITIES
 from maskfab.base.resources import explained, grouped
-from maskfab.cli.app import app
+from maskfab.cli.command import Parameter, command_of, summary_of
+from maskfab.cli.program import GROUPS
 from maskfab.designs.rules.constraints import RULES
 from maskfab.job.reference import keys_of, tables
 from maskfab.report.documents.check import check_schema
@@ -64,12 +63,28 @@ def _codes() -> Iterator[str]:
 
 
 def _verbs() -> Iterator[str]:
-    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
-    yield from _table(
-        ("command", "purpose"),
-        ((f"`maskfab {name}`", _plain((verb.help or "").splitlines()[0])) for name, verb in commands.items()),
-    )
+    """Every verb by its group, in one line."""
+    for group, names in GROUPS.items():
+        rows = ((f"[`maskfab {name}`](verbs.md#maskfab-{name.replace(' ', '-')})", summary_of(name)) for name in names)
+        yield f"**{group}**"
+        yield from _table(("command", "purpose"), ((link, _plain(text)) for link, text in rows))
     yield "Each has `--help` with examples; `--json` prints one JSON document on stdout, progress goes to stderr."
+
+
+def _reference() -> Iterator[str]:
+    """Every verb with its arguments, options and examples, as ``--help`` has them."""
+    for group, names in GROUPS.items():
+        yield f"## {group}\n"
+        for name in names:
+            command = command_of(name)
+            yield f"### maskfab {name}\n\n{_plain(command.summary)}\n\n{_plain(command.text)}\n"
+            yield "\n".join(("```sh", *command.examples, "```"))
+            rows = ((f"`{each.shown}`", _plain(each.help + _default(each))) for each in command.parameters)
+            yield from _table(("word", "meaning"), rows)
+
+
+def _default(parameter: Parameter) -> str:
+    return " Required." if parameter.required else f" Default: {parameter.default}." if parameter.default else ""
 
 
 def _quantities() -> Iterator[str]:
@@ -77,7 +92,7 @@ def _quantities() -> Iterator[str]:
         ("name", "title", "unit", "meaning", "if its check fails"),
         (
             (f"`{each.name}`", each.title, each.unit, _plain(each.meaning), _plain(each.cure))
-            for each in quantities().values()
+            for each in QUANTITIES.values()
         ),
     )
 
@@ -116,6 +131,7 @@ _MADE: dict[str, Callable[[], Iterator[str]]] = {
     "keys": _keys,
     "codes": _codes,
     "verbs": _verbs,
+    "reference": _reference,
     "rules": _rules,
     "quantities": _quantities,
     "schemas": _schemas,

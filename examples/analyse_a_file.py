@@ -4,7 +4,7 @@ from pathlib import Path
 
 import maskfab as mf
 
-stripe = mf.shape("stripe", dots=7, pitch="56 um", width_dots=3)
+stripe = mf.Opening.shape("stripe", dots=7, pitch="56 um", width_dots=3)
 camera = mf.Camera("5 mm", stop="400 um", pixel="2 um", wavelengths="530 nm", window="64 um")
 found = mf.analyse(stripe, camera)
 print(found)

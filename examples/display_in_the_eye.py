@@ -10,6 +10,6 @@ camera = mf.Camera("5 mm", stop="400 um", pixel="2 um", wavelengths="530 nm", wi
 panel = mf.Panel.tile(bar, "random", seed=1, size="1.2 mm")
 plate = mf.Plate.of(BAR=panel, camera=camera, sections={"emitters": rules})
 print(mf.check(plate))
-seen = mf.render(plate, pixels=10, samples=7)
+seen = mf.check(plate, look=True, pixels=10, samples=7)
 print(seen)
 Path("display.png").write_bytes(seen.picture())

@@ -19,144 +19,82 @@ from typing import TYPE_CHECKING, Any
 from maskfab.base import __version__
 
 if TYPE_CHECKING:
-    from maskfab.api.camera import Camera
-    from maskfab.api.curves import Mtf, Psf
-    from maskfab.api.opening import Opening, read_opening
-    from maskfab.api.panel import Panel
-    from maskfab.api.plate import Plate
-    from maskfab.api.verbs.analysing import analyse
-    from maskfab.api.verbs.beginning import new, schema
-    from maskfab.api.verbs.benchmarking import bench
-    from maskfab.api.verbs.citing import cite
-    from maskfab.api.verbs.comparing import compare
-    from maskfab.api.verbs.designing import Design, design
-    from maskfab.api.verbs.displays import check, render
-    from maskfab.api.verbs.examining import doctor
-    from maskfab.api.verbs.explaining import explain
-    from maskfab.api.verbs.forecasting import forecast
-    from maskfab.api.verbs.job_sweeps import sweep
-    from maskfab.api.verbs.keeping import cache
-    from maskfab.api.verbs.learning import learn
-    from maskfab.api.verbs.measuring import measure
-    from maskfab.api.verbs.measuring_edges import measure_edge, measure_mtf
-    from maskfab.api.verbs.photographs import simulate
-    from maskfab.api.verbs.planning import plan
-    from maskfab.api.verbs.plates import run, verify
-    from maskfab.api.verbs.restoring import restore
-    from maskfab.api.verbs.shapes import shape, shapes
-    from maskfab.api.verbs.shops import order, package, shops
-    from maskfab.api.verbs.studying import study
-    from maskfab.api.verbs.sweeping import pareto
-    from maskfab.api.verbs.viewing import view
-    from maskfab.base.errors import MaskfabError
-    from maskfab.mask.job import load_job
-    from maskfab.mask.panels import read_map
-    from maskfab.report.rows.text import Quantities
-    from maskfab.runs.verification import reproduce
+    from maskfab.api import order as order
+    from maskfab.api.about import bench as bench
+    from maskfab.api.about import cache as cache
+    from maskfab.api.about import cite as cite
+    from maskfab.api.about import doctor as doctor
+    from maskfab.api.about import explain as explain
+    from maskfab.api.analysing import analyse as analyse
+    from maskfab.api.beginning import new as new
+    from maskfab.api.beginning import shapes as shapes
+    from maskfab.api.camera import Camera as Camera
+    from maskfab.api.camera import Mtf as Mtf
+    from maskfab.api.camera import Psf as Psf
+    from maskfab.api.checking import check as check
+    from maskfab.api.checking import compare as compare
+    from maskfab.api.designing import Design as Design
+    from maskfab.api.designing import design as design
+    from maskfab.api.making import forecast as forecast
+    from maskfab.api.making import run as run
+    from maskfab.api.making import verify as verify
+    from maskfab.api.making import view as view
+    from maskfab.api.measuring import edge as edge
+    from maskfab.api.measuring import measure as measure
+    from maskfab.api.opening import Opening as Opening
+    from maskfab.api.opening import read_opening as read_opening
+    from maskfab.api.panel import Panel as Panel
+    from maskfab.api.photographs import learn as learn
+    from maskfab.api.photographs import simulate as simulate
+    from maskfab.api.plate import Plate as Plate
+    from maskfab.api.restoring import restore as restore
+    from maskfab.api.studying import study as study
+    from maskfab.api.sweeping import sweep as sweep
+    from maskfab.base.errors import MaskfabError as MaskfabError
+    from maskfab.mask.job import load_job as load_job
+    from maskfab.mask.panels import read_map as read_map
+    from maskfab.report.rows.text import Quantities as Quantities
 
 
-_WHERE = {
-    "Camera": "maskfab.api.camera",
-    "Design": "maskfab.api.verbs.designing",
-    "MaskfabError": "maskfab.base.errors",
-    "Mtf": "maskfab.api.curves",
-    "Opening": "maskfab.api.opening",
-    "Panel": "maskfab.api.panel",
-    "Plate": "maskfab.api.plate",
-    "Psf": "maskfab.api.curves",
-    "Quantities": "maskfab.report.rows.text",
-    "analyse": "maskfab.api.verbs.analysing",
-    "bench": "maskfab.api.verbs.benchmarking",
-    "cache": "maskfab.api.verbs.keeping",
-    "forecast": "maskfab.api.verbs.forecasting",
-    "check": "maskfab.api.verbs.displays",
-    "cite": "maskfab.api.verbs.citing",
-    "compare": "maskfab.api.verbs.comparing",
-    "design": "maskfab.api.verbs.designing",
-    "doctor": "maskfab.api.verbs.examining",
-    "explain": "maskfab.api.verbs.explaining",
-    "learn": "maskfab.api.verbs.learning",
-    "load_job": "maskfab.mask.job",
-    "measure": "maskfab.api.verbs.measuring",
-    "measure_edge": "maskfab.api.verbs.measuring_edges",
-    "measure_mtf": "maskfab.api.verbs.measuring_edges",
-    "new": "maskfab.api.verbs.beginning",
-    "order": "maskfab.api.verbs.shops",
-    "package": "maskfab.api.verbs.shops",
-    "pareto": "maskfab.api.verbs.sweeping",
-    "plan": "maskfab.api.verbs.planning",
-    "read_map": "maskfab.mask.panels",
-    "read_opening": "maskfab.api.opening",
-    "render": "maskfab.api.verbs.displays",
-    "reproduce": "maskfab.runs.verification",
-    "restore": "maskfab.api.verbs.restoring",
-    "run": "maskfab.api.verbs.plates",
-    "schema": "maskfab.api.verbs.beginning",
-    "shape": "maskfab.api.verbs.shapes",
-    "shapes": "maskfab.api.verbs.shapes",
-    "shops": "maskfab.api.verbs.shops",
-    "simulate": "maskfab.api.verbs.photographs",
-    "study": "maskfab.api.verbs.studying",
-    "sweep": "maskfab.api.verbs.job_sweeps",
-    "verify": "maskfab.api.verbs.plates",
-    "view": "maskfab.api.verbs.viewing",
-}
+# The one list of public names: type checkers read it as imports, and everything below reads its text.
+
+with open(__file__, encoding="utf-8") as _text:
+    WHERE = {line.split()[3]: line.split()[1] for line in _text if line.startswith("    from ")}
 """Module of every public name."""
 
-__all__ = [
-    "Camera",
-    "Design",
-    "MaskfabError",
-    "Mtf",
-    "Opening",
-    "Panel",
-    "Plate",
-    "Psf",
-    "Quantities",
-    "__version__",
-    "analyse",
-    "bench",
-    "cache",
-    "check",
-    "cite",
-    "compare",
-    "design",
-    "doctor",
-    "explain",
-    "forecast",
-    "learn",
-    "load_job",
-    "measure",
-    "measure_edge",
-    "measure_mtf",
-    "new",
-    "order",
-    "package",
-    "pareto",
-    "plan",
-    "read_map",
-    "read_opening",
-    "render",
-    "reproduce",
-    "restore",
-    "run",
-    "schema",
-    "shape",
-    "shapes",
-    "shops",
-    "simulate",
-    "study",
-    "sweep",
-    "verify",
-    "view",
-]
+OLD_NAMES = {
+    "pareto": "design --front",
+    "render": "check --look",
+    "plan": "check --optics",
+    "shape": "new --shape",
+    "reproduce": "verify --again",
+    "shops": "order list",
+    "package": "order pack",
+    "measure_edge": "edge",
+    "measure_mtf": "edge",
+    "schema": "explain --schema",
+    "doctor": "self doctor",
+    "cache": "self cache",
+    "bench": "self bench",
+    "cite": "self cite",
+}
+"""Verbs of the last release, and what they are now."""
+
+__all__ = ["__version__", *WHERE]  # noqa: PLE0604 - names of the list above
 
 
 def __getattr__(name: str) -> Any:
     """Import a room only when one of its names is asked for."""
-    if name not in _WHERE:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(_WHERE[name]), name)
+    if name in WHERE:
+        room = import_module(WHERE[name])
+        return vars(room).get(name) or import_module(f"{WHERE[name]}.{name}")
+    message = f"module {__name__!r} has no attribute {name!r}"
+    if name in OLD_NAMES:
+        verb, _, more = OLD_NAMES[name].partition(" ")
+        message += f": it is now {__name__}.{verb}" + (
+            f"({more[2:]}=...)" if more[:2] == "--" else f".{more}" * bool(more)
+        )
+    raise AttributeError(message)
 
 
 def __dir__() -> list[str]:

@@ -13,7 +13,7 @@ def main() -> None:
         print(f"maskfab {__version__}")
         return
     from maskfab.base.work import settle
-    from maskfab.cli.app import run_command_line
+    from maskfab.cli.program import run_command_line
 
     settle()
     sys.exit(run_command_line(sys.argv[1:]))

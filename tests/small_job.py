@@ -12,7 +12,7 @@ import pytest
 from klayout import db
 from once import figures_in_words
 
-from maskfab.cli.app import run_command_line
+from maskfab.cli.program import run_command_line
 
 DRAWING = """\
 .......
@@ -63,7 +63,23 @@ tiling = "random"
 seed = 3
 """
 
-LOOK = ("--stop", "400 um", "--focal", "5 mm", "--wavelengths", "530 nm", "--window", "64 um", "--quiet")
+
+def look(**keys: object) -> tuple[str, ...]:
+    """Options of `maskfab analyse` with the camera of the job, some of its keys otherwise."""
+    return ("--camera", table({**CAMERA, **keys}), "--quiet")
+
+
+def table(value: object) -> str:
+    """A value of a job as TOML."""
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{key} = {table(held)}' for key, held in value.items())} }}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(table, value))}]"
+    return str(value) if isinstance(value, float) else json.dumps(value)
+
+
+CAMERA = {"stop": {"diameter": "400 um"}, "focal": "5 mm", "wavelengths": ["530 nm"], "window": "64 um"}
+LOOK = look()
 """The camera of the job, for `maskfab analyse`."""
 
 

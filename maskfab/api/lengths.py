@@ -1,4 +1,4 @@
-"""Lengths as a notebook states them: text with a unit, or a number of micrometres; of wavelengths, nanometres."""
+"""Lengths, wavelengths and units of drawings of callers, as a job file has them."""
 
 from __future__ import annotations
 
@@ -7,12 +7,19 @@ from numbers import Real
 
 from pydantic import BaseModel
 
+from maskfab.base.errors import JobError
+from maskfab.base.units import UM_PER_UNIT
 from maskfab.job.values import length_keys, um_text
 
 Length = str | float
 """``"168 um"``, ``"0.168 mm"``, or 168.0 micrometres."""
+
+
 Wavelength = str | float
 """``"530 nm"``, or 530.0 nanometres."""
+
+
+_DRAWING_UNITS = ("nm", "um", "mm", "mil", "in")
 
 
 def length_text(value: object) -> object:
@@ -33,3 +40,17 @@ def wavelength_text(value: object) -> object:
 
 def _is_number(value: object) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def drawing_unit_um(unit: str | float | None) -> float | None:
+    """Micrometres of a drawing's unit, which is stated by its name or by them.
+
+    Raises:
+        JobError: MF105 for a name that none has.
+    """
+    if not isinstance(unit, str):
+        return unit
+    if unit not in _DRAWING_UNITS:
+        cure = f"Use one of {', '.join(_DRAWING_UNITS)}"
+        raise JobError("MF105", f"there is no unit {unit!r}", where="unit_um", cure=cure)
+    return UM_PER_UNIT[unit]

@@ -19,7 +19,7 @@ from functools import cache, wraps
 from numbers import Integral, Real
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -215,6 +215,8 @@ class _Names(dict[str, Any]):
 
 def _fits(value: object, hint: Any) -> bool:
     origin, inner = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        return _fits(value, inner[0])
     if origin in (Union, types.UnionType):
         return any(_fits(value, kind) for kind in inner)
     if origin is Literal:
@@ -264,6 +266,8 @@ def _finite(value: Real) -> bool:
 def _words(hint: Any) -> str:
     """A type in words."""
     origin, inner = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        return _words(inner[0])
     if origin in (Union, types.UnionType):
         words = list(dict.fromkeys(_words(kind) for kind in inner))
         return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}"

@@ -1,9 +1,8 @@
-"""The command line: one file for each verb.
+"""The command line: commands derived from the functions of :mod:`maskfab.api`.
 
-Results go to stdout, progress and errors to stderr. Every verb imports what it needs when it is called.
+Results go to stdout, progress and errors to stderr. A command imports what it needs when it is called.
 """
 
-from maskfab.cli.app import run_command_line
-from maskfab.cli.verbs.shape import SHAPES as _SHAPES
+from maskfab.cli.program import run_command_line
 
-__all__ = ["_SHAPES", "run_command_line"]
+__all__ = ["run_command_line"]

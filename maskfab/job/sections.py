@@ -482,8 +482,8 @@ class SceneSection(Section):
 class SensorSection(Section):
     """[sensor]: what turns light into numbers; the defaults are those of protocol F1.
 
-    ``simulate`` and ``run`` take photographs with it, and a ``design`` that searches is for it; ``pareto`` compares
-    openings by F1's sensor.
+    ``simulate`` and ``run`` take photographs with it, and a ``design`` that searches is for it; a front of designs
+    compares openings by F1's sensor.
     """
 
     full_well: float = Field(default=15506.0, gt=0, le=1e9, allow_inf_nan=False)
@@ -539,7 +539,7 @@ class ExportSection(Section):
     """[export]: the files of a plate, and how their polygons are drawn.
 
     Formats and drawing options that the job states are honoured and checked against the shop's rules. Those it omits
-    are None with a shop and default to the shop's: its first format, and polygons as ``maskfab package`` would draw
+    are None with a shop and default to the shop's: its first format, and polygons as ``maskfab order pack`` would draw
     them, except that holes never get a layer of their own. The format ``exr`` is of the PSFs that are measured in the
     files before it.
     """

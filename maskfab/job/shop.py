@@ -341,7 +341,7 @@ def read_shop(path: Path, where: str = "") -> Shop:
         OutputError: MF420 if there is no such file; MF421 if it is malformed.
     """
     if not os.path.isfile(path):
-        cure = "Give the path of a profile (.toml), or a name that maskfab shops lists"
+        cure = "Give the path of a profile (.toml), or a name that maskfab order list lists"
         raise OutputError("MF420", f"there is no profile {path}", where=where, cure=cure)
     try:
         text = path.read_bytes().decode("utf-8-sig")

@@ -1,6 +1,6 @@
 """Small panels, pupils and cameras with nothing left to chance, which the hard cases and the tests share.
 
-Hard cases of the optics, each with an answer that is known and the error that may remain: ``maskfab bench --hard``.
+Hard cases of the optics, each with a known answer and the error that may remain: ``maskfab self bench --hard``.
 
 The cases are those that break transforms in practice: nulls, cancellation, incommensurate lengths, replicas, far
 origins, tiny stops, and the symmetries that every correct result must have.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import re
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -52,6 +53,7 @@ def calls(job: Path, out: Path) -> dict[str, tuple[Callable[..., Any], dict[str,
         "Camera.mtf": (camera.mtf, {"panel": panel, "wavelength": 530}),
         "Mtf.frequency_at": (camera.mtf(panel, 530).frequency_at, {"level": 0.5}),
         "Opening.bar": (mf.Opening.bar, {"dots": 7, "size": (3, 5), "pitch": "56 um"}),
+        "Opening.shape": (mf.Opening.shape, {"kind": "disc", "dots": 7, "pitch": "56 um", "clear_dots": 9}),
         "Opening.of": (mf.Opening.of, {"mask": np.ones((2, 2)), "pitch": "16 um"}),
         "Opening.reduced": (bar.reduced, {"clear_dots": 99}),
         "Opening.save": (bar.save, {"path": out / "a.toml"}),
@@ -66,34 +68,34 @@ def calls(job: Path, out: Path) -> dict[str, tuple[Callable[..., Any], dict[str,
         "bench": (mf.bench, behind),
         "cache": (mf.cache, {}),
         "check": (mf.check, behind),
+        "check --look": (mf.check, behind | {"look": True}),
+        "check --optics": (mf.check, behind | {"optics": True}),
         "cite": (mf.cite, {"directory": out}),
         "compare": (mf.compare, {"reports": out}),
         "design": (mf.design, {"dots": 7, "pitch": "56 um", "clear_dots": 99}),
+        "design --front": (mf.design, {"job": none, "front": True}),
+        "edge": (mf.edge, behind | {"picture": none}),
+        "edge of a curve": (mf.edge, behind | {"picture": none.with_suffix(".csv")}),
         "explain": (mf.explain, {"code": "MF101"}),
         "forecast": (mf.forecast, {"job": none, "out": out}),
         "learn": (mf.learn, behind | {"out": out / "a.pt"}),
         "load_job": (mf.load_job, {"path": none}),
         "measure": (mf.measure, behind | {"captures": none}),
-        "measure_edge": (mf.measure_edge, behind | {"picture": none}),
-        "measure_mtf": (mf.measure_mtf, behind | {"curve": none}),
-        "new": (mf.new, {"folder": out, "source": "none"}),
-        "order": (mf.order, of_job | {"shop": "none"}),
-        "package": (mf.package, of_job | {"shop": "none"}),
-        "pareto": (mf.pareto, {"job": none}),
-        "plan": (mf.plan, behind),
+        "new": (mf.new, {"place": out, "source": "none"}),
+        "new --shape": (mf.new, {"place": out / "a.toml", "shape": "disc", "dots": 7, "clear_dots": 9}),
+        "order.compare": (mf.order.compare, of_job | {"shop": "none"}),
+        "order.fill": (mf.order.fill, of_job | {"shop": "none"}),
+        "order.list": (mf.order.list, {}),
+        "order.pack": (mf.order.pack, of_job | {"shop": "none"}),
         "read_map": (mf.read_map, {"path": none}),
         "read_opening": (mf.read_opening, {"source": np.ones((2, 2)), "pitch": "16 um"}),
-        "render": (mf.render, behind),
-        "reproduce": (mf.reproduce, {"directory": out}),
         "restore": (mf.restore, behind | {"photos": none}),
         "run": (mf.run, {"job": none, "out": out}),
-        "schema": (mf.schema, {}),
-        "shape": (mf.shape, {"kind": "disc", "dots": 7, "pitch": "56 um", "clear_dots": 9}),
-        "shops": (mf.shops, {}),
         "simulate": (mf.simulate, behind | {"reference": "NONE"}),
         "study": (mf.study, of_job),
         "sweep": (mf.sweep, {"study": none, "out": out}),
         "verify": (mf.verify, {"subject": none, "against": none}),
+        "verify --again": (mf.verify, {"subject": out, "again": True}),
         "view": (mf.view, {"directory": out}),
     }  # fmt: skip
 
@@ -116,7 +118,7 @@ def test_wrong_types_and_extreme_values_are_refused_by_an_error_of_maskfabs_own(
     monkeypatch.chdir(tmp_path)
     job = write_job(tmp_path, ('["530 nm"]', '["610 nm", "530 nm", "470 nm"]'))
     every = calls(job, tmp_path / "nowhere" / "out")
-    assert {name.partition(".")[0] for name in every} == PUBLIC
+    assert {re.split("[. ]", name)[0] for name in every} == PUBLIC
     raw, count = [], 0
     for name, (function, arguments) in every.items():
         for said, call in given(function, arguments):
@@ -166,8 +168,8 @@ def test_what_a_user_would_expect_of_the_door_works(tmp_path: Path) -> None:
     assert np.array_equal(drawn.held[0].mask, bar.mask)
     assert (drawn.held[0].dot_nm, drawn.pitch_nm) == (panel.held[0].dot_nm, panel.pitch_nm)
     camera = mf.Camera(**LOOK)
-    alone = mf.plan(panel, camera)
-    assert alone.to_dict() == mf.plan(mf.Plate.of(PANEL=panel), camera).to_dict()
+    alone = mf.check(panel, optics=True, camera=camera)
+    assert alone.to_dict() == mf.check(mf.Plate.of(PANEL=panel), optics=True, camera=camera).to_dict()
     with pytest.raises(InputError) as one:
         mf.compare(tmp_path / "a", tmp_path / "b")
     with pytest.raises(InputError) as listed:

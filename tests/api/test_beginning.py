@@ -11,15 +11,15 @@ from jsonschema import Draft202012Validator
 from small_job import command, listing
 
 import maskfab as mf
-from maskfab.api.verbs.beginning import templates
+from maskfab.api.beginning import templates
 
 LAYOUTS = Path(mf.__file__).parents[1] / "layouts"
 
 
 @pytest.fixture(scope="module")
 def rules() -> Draft202012Validator:
-    Draft202012Validator.check_schema(mf.schema("job"))
-    return Draft202012Validator(mf.schema("job"))
+    Draft202012Validator.check_schema(mf.explain(schema="job").to_dict())
+    return Draft202012Validator(mf.explain(schema="job").to_dict())
 
 
 @pytest.mark.parametrize("name", templates())
@@ -61,8 +61,8 @@ def test_the_schema_refuses_what_no_job_may_hold(rules, wrong):
 
 def test_the_command_prints_it(capsys):
     for of in ("job", "report", "check"):
-        Draft202012Validator.check_schema(json.loads(command(capsys, "schema", of).stdout))
-    told = command(capsys, "schema", "plate")
+        Draft202012Validator.check_schema(json.loads(command(capsys, "explain", "--schema", of).stdout))
+    told = command(capsys, "explain", "--schema", "plate")
     assert (told.code, "MF105" in told.stderr) == (2, True)
-    described = mf.schema("job")["$defs"]["StopSection"]["properties"]["diameter"]["description"]
+    described = mf.explain(schema="job").to_dict()["$defs"]["StopSection"]["properties"]["diameter"]["description"]
     assert described.startswith(mf.explain("camera.stop.diameter").to_dict()["keys"][0]["meaning"])

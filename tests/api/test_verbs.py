@@ -15,7 +15,8 @@ from small_job import OPENING, command, write_job
 import maskfab as mf
 from maskfab.api.camera import F1
 from maskfab.base.errors import JobError, OutputError
-from maskfab.cli.app import app
+from maskfab.cli.command import place_of
+from maskfab.cli.program import VERBS
 from maskfab.mask.formats.exr import write_png
 
 EMITTERS = """
@@ -52,33 +53,35 @@ def plate(ring) -> mf.Plate:
 
 
 def test_every_verb_of_the_command_line_is_a_function():
-    verbs = {each.callback.__name__ for each in app.registered_commands}
-    assert verbs <= set(mf.__all__)
-    for verb in verbs:
-        assert inspect.signature(getattr(mf, verb)).parameters
+    for verb in VERBS:
+        module, name = place_of(verb)
+        function = getattr(mf.order if verb.startswith("order ") else mf, name)
+        assert (function.__module__, function.__name__) == (module, name)
+        assert inspect.signature(function).parameters
 
 
 def test_public_names_are_few_and_documented():
-    verbs = {each.callback.__name__ for each in app.registered_commands}
+    verbs = {verb.removeprefix("self ").partition(" ")[0] for verb in VERBS}
     assert len(set(mf.__all__) - verbs) <= 17
     for name in mf.__all__:
         if name != "__version__":
             assert inspect.getdoc(getattr(mf, name)), name
 
 
-@pytest.mark.parametrize("verb", ["plan", "check"])
-def test_a_verb_of_a_plate_says_what_the_command_says_of_its_job(plate, tmp_path, capsys, verb):
+@pytest.mark.parametrize("optics", [True, False])
+def test_a_verb_of_a_plate_says_what_the_command_says_of_its_job(plate, tmp_path, capsys, optics):
     """The plate's job, written out, goes through the command."""
     job = tmp_path / "job.json"
     job.write_text(json.dumps(plate.job().spec.dump()))
-    found = getattr(mf, verb)(plate, die="TURNED")
-    assert command(capsys, verb, job, "--die", "TURNED", "--json").document == json.loads(json.dumps(found.to_dict()))
-    assert command(capsys, verb, job, "--die", "TURNED").stdout.rstrip("\n") == str(found)
+    found = mf.check(plate, die="TURNED", **({"optics": True} if optics else {}))
+    words = ("check", job, "--die", "TURNED", *(["--optics"] if optics else []))
+    assert command(capsys, *words, "--json").document == json.loads(json.dumps(found.to_dict()))
+    assert command(capsys, *words).stdout.rstrip("\n") == str(found)
     assert found["TURNED"] is not None
 
 
 def test_a_rendering_has_numbers_by_die_and_a_picture(plate):
-    found = mf.render(plate, die="PLAIN", pixels=8, samples=3)
+    found = mf.check(plate, look=True, die="PLAIN", pixels=8, samples=3)
     assert list(found.panels) == ["PLAIN"]
     assert found["PLAIN"].names == tuple(dict.fromkeys(row["name"] for row in found.to_dict()["dies"][0]["quantities"]))
     assert found.picture().startswith(b"\x89PNG")
@@ -106,28 +109,28 @@ def test_an_analysis_of_an_opening_is_that_of_its_file(ring, tmp_path, capsys):
     camera = mf.Camera("5 mm", wavelengths=530, **LOOK)
     found = mf.analyse(ring, camera, tiling="random", seed=3)
     file = ring.save(tmp_path / "ring.toml")
-    look = ("--stop", "400 um", "--focal", "5 mm", "--wavelengths", "530 nm", "--window", "64 um", "--quiet", "--json")
-    said = command(capsys, "analyse", file, "--tiling", "random", "--seed", 3, *look)
+    look = '{ stop = { diameter = "400 um" }, focal = "5 mm", wavelengths = ["530 nm"], window = "64 um" }'
+    said = command(capsys, "analyse", file, "--tiling", "random", "--seed", 3, "--camera", look, "--quiet", "--json")
     assert said.document == json.loads(json.dumps(found.to_dict()))
     assert found["auc_radial_min", 530].value == found.numbers["auc_radial_min"].value
     assert found.passed
 
 
 def test_shapes_have_the_names_that_the_command_knows(tmp_path, capsys):
-    own = mf.shape("rgb-stripe", name="drawn")
+    own = mf.Opening.shape("rgb-stripe", name="drawn")
     assert own.emitters is not None
-    assert command(capsys, "shape", "rgb-stripe", "--out", tmp_path / "drawn.toml").code == 0
+    assert command(capsys, "new", tmp_path / "drawn.toml", "--shape", "rgb-stripe").code == 0
     assert np.array_equal(mf.read_opening(tmp_path / "drawn.toml").mask, own.mask)
     assert {"stripe", "blobs", "diamond-discs", "rgb-stripe"} <= set(mf.shapes())
 
 
 def test_shops_judge_a_plate_and_a_package_is_sent_only_if_they_take_it(plate, tmp_path):
-    assert {shop.name for shop in mf.shops()} >= {"generic-chrome", "gesim"}
+    assert {shop.name for shop in mf.order.list()} >= {"generic-chrome", "gesim"}
     for shop, taken in (("generic-chrome", True), ("gesim", False)):
-        judged = mf.check(plate, shop=shop)
+        judged = mf.order.pack(plate, dry_run=True, shop=shop)
         assert judged.passed == taken
         assert taken == all(rule["passed"] is not False for rule in judged.to_dict()["rules"])
-    sent = mf.package(plate, "gesim", tmp_path / "plate.zip")
+    sent = mf.order.pack(plate, "gesim", tmp_path / "plate.zip")
     assert sent.path is None
     assert [rule.rule for rule in sent.findings if rule.passed is False] == ["blank"]
     assert not (tmp_path / "plate.zip").exists()
@@ -143,21 +146,24 @@ def test_explanations_are_those_of_the_command(capsys):
 @pytest.mark.parametrize(
     ("error", "code", "call"),
     [
-        (JobError, "MF105", lambda plate: mf.plan(plate, die="NONE")),
+        (JobError, "MF105", lambda plate: mf.check(plate, optics=True, die="NONE")),
         (JobError, "MF105", lambda plate: mf.check(mf.Plate.of(plate.panels), die="PLAIN")),
-        (JobError, "MF105", lambda plate: mf.check(plate, shop="gesim", formats=["psd"])),
-        (OutputError, "MF420", lambda plate: mf.check(plate, shop="nobody")),
+        (JobError, "MF105", lambda plate: mf.order.pack(plate, dry_run=True, shop="gesim", formats=["psd"])),
+        (OutputError, "MF420", lambda plate: mf.order.pack(plate, dry_run=True, shop="nobody")),
         (JobError, "MF105", lambda plate: mf.check(plate, formats=["gdsii"])),
-        (JobError, "MF105", lambda plate: mf.check(plate, shop="gesim", die="PLAIN")),
+        (JobError, "MF105", lambda plate: mf.check(plate, look=True, optics=True)),
+        (JobError, "MF105", lambda plate: mf.check(plate, samples=7)),
+        (JobError, "MF105", lambda plate: mf.check(plate, look=True, largest_gap=True)),
+        (JobError, "MF105", lambda plate: mf.order.pack(plate, dry_run=True, shop="gesim", die="PLAIN")),
         (JobError, "MF105", lambda plate: mf.simulate(plate, protocol="f2")),
         (JobError, "MF134", mf.simulate),
-        (JobError, "MF103", lambda plate: mf.render(plate, distance="300")),
+        (JobError, "MF103", lambda plate: mf.check(plate, look=True, distance="300")),
         (JobError, "MF105", lambda plate: mf.analyse(plate["PLAIN"].opening, tiling="spiral")),
         (JobError, "MF102", lambda plate: mf.analyse(plate["PLAIN"].opening, scene={"gape": "1 mm"})),
         (JobError, "MF111", lambda plate: mf.analyse(plate["PLAIN"].opening, plate["PLAIN"] and None, tiling="random")),
-        (JobError, "MF105", lambda plate: mf.shape("hexagon")),
-        (JobError, "MF105", lambda plate: mf.shape("blobs")),
-        (JobError, "MF102", lambda plate: mf.shape("stripe", lengths={"a": 1})),
+        (JobError, "MF105", lambda plate: mf.Opening.shape("hexagon")),
+        (JobError, "MF105", lambda plate: mf.Opening.shape("blobs")),
+        (JobError, "MF102", lambda plate: mf.Opening.shape("stripe", lengths={"a": 1})),
         (JobError, "MF105", lambda plate: mf.explain("nonsense")),
         (JobError, "MF105", lambda plate: mf.bench(plate, die="NONE")),
     ],
@@ -299,4 +305,4 @@ def test_a_checkpoint_without_its_directory_is_refused_before_any_work(tmp_path)
 
 def test_a_pareto_front_needs_its_section(tmp_path):
     with pytest.raises(JobError, match=r"MF105 the job has no \[pareto\] section"):
-        mf.pareto(write_job(tmp_path))
+        mf.design(write_job(tmp_path), front=True)

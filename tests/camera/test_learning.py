@@ -12,7 +12,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from maskfab.api.verbs.learning import learn
+from maskfab.api.photographs import learn
 from maskfab.base.errors import JobError, MaskfabError, OutputError, SourceError
 from maskfab.base.files import save_state
 from maskfab.camera import learning

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy.fft
 
-from maskfab.api.verbs.photographs import simulate
+from maskfab.api.photographs import simulate
 from maskfab.base.errors import JobError
 from maskfab.camera.imaging import Isoplanatic, Margin, RestoredBy
 from maskfab.camera.learning import mirrored

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from klayout import db
-from small_job import DRAWING, JOB, LOOK, OPENING, Answer, command, listing, write_job
+from small_job import DRAWING, JOB, LOOK, OPENING, Answer, command, listing, look, write_job
 
 from maskfab.base.errors import CATALOGUE
 from maskfab.mask.opening_file import load_opening
@@ -177,7 +177,7 @@ def test_the_window_that_the_cure_names_is_accepted(capsys, tmp_path):
     job = write_job(tmp_path, ('"64 um"', '"340 um"'))
     cure = refused_run(capsys, tmp_path, job, "MF113")["cure"]
     width = cure.split("at most ")[1]
-    assert command(capsys, "analyse", tmp_path / "ring.toml", *LOOK[:-3], "--window", width, "--quiet").code == 0
+    assert command(capsys, "analyse", tmp_path / "ring.toml", *look(window=width)).code == 0
 
 
 WIDE = (('"64 um"', '"300 um"'), ('["530 nm"]', '["610 nm", "530 nm", "470 nm"]'))
@@ -186,8 +186,8 @@ WIDE = (('"64 um"', '"300 um"'), ('["530 nm"]', '["610 nm", "530 nm", "470 nm"]'
 
 @pytest.mark.parametrize(
     "words",
-    [["run", "JOB", "--out", "OUT"], ["run", "JOB", "--out", "OUT", "--dry-run"], ["plan", "JOB"],
-     ["verify", "MASK", "--against", "JOB"], ["bench", "JOB"]],
+    [["run", "JOB", "--out", "OUT"], ["run", "JOB", "--out", "OUT", "--dry-run"], ["check", "--optics", "JOB"],
+     ["verify", "MASK", "--against", "JOB"], ["self", "bench", "JOB"]],
     ids=" ".join,
 )  # fmt: skip
 def test_what_shows_a_psf_refuses_a_window_with_replicas_in_it(capsys, tmp_path, words):
@@ -321,7 +321,7 @@ def test_a_cell_that_is_clear_all_over_is_a_reference(capsys, tmp_path):
     ],
 )
 def test_a_shape_that_cannot_be_drawn_is_refused(capsys, tmp_path, arguments, code, said):
-    answer = command(capsys, "shape", *arguments, "--out", tmp_path / "drawn.toml")
+    answer = command(capsys, "new", tmp_path / "drawn.toml", "--shape", *arguments)
     assert answer.code == 2
     assert answer.stderr.startswith(f"error: {code} ")
     for part in said:
@@ -517,16 +517,19 @@ ANALYSES = {
     "no seed": (["ring.toml", "--tiling", "random"], "MF111", ["random", "--seed"]),
     "negative seed": (["ring.toml", "--tiling", "random", "--seed", "-1"], "MF104", ["-1", "--seed"]),
     "no such tiling": (["ring.toml", "--tiling", "spiral"], "MF105", ["'spiral'", "paper4"]),
-    "no such stop": (["ring.toml", "--stop-shape", "hexagon"], "MF105", ["'hexagon'"]),
-    "stop that sees nothing": (["ring.toml", "--stop", "20 um"], "MF309", ["20 um"]),
-    "no unit": (["ring.toml", "--stop", "4"], "MF103", ["'4' has no unit", "stop.diameter"]),
+    "no such stop": (["ring.toml", *look(stop={"shape": "hexagon", "diameter": "4 mm"})], "MF105", ["'hexagon'"]),
+    "stop that sees nothing": (["ring.toml", *look(stop={"diameter": "20 um"})], "MF309", ["20 um"]),
+    "no unit": (["ring.toml", *look(stop={"diameter": "4"})], "MF103", ["'4' has no unit", "stop.diameter"]),
     "no unit of the dot": (["o.txt", "--dot", "8"], "MF103", ["'8' has no unit", "--dot"]),
     "negative pitch": (["o.txt", "--pitch", "-8 um"], "MF104", ["'-8 um'", "--pitch"]),
-    "wavelength": (["ring.toml", "--wavelengths", "530 nm, 100 nm"], "MF112", ["100 nm", "200 nm"]),
-    "window": (["ring.toml", "--window", "400 um"], "MF113", ["400 um", "331.2 um"]),
-    "too many dots": (["ring.toml", "--stop", "50 mm", "--focal", "50 mm"], "MF115", ["6250 dots", "6000"]),
+    "wavelength": (["ring.toml", *look(wavelengths=["530 nm", "100 nm"])], "MF112", ["100 nm", "200 nm"]),
+    "window": (["ring.toml", *look(window="400 um")], "MF113", ["400 um", "331.2 um"]),
+    "too many dots": (
+        ["ring.toml", *look(stop={"diameter": "50 mm"}, focal="50 mm")], "MF115", ["6250 dots", "6000"],
+    ),
     "too many cells": (
-        ["dot.txt", "--dot", "8 um", "--stop", "40 mm", "--focal", "5 cm"], "MF115", ["5000 cells", "1000"],
+        ["dot.txt", "--dot", "8 um", *look(stop={"diameter": "40 mm"}, focal="5 cm")], "MF115",
+        ["5000 cells", "1000"],
     ),
 }  # fmt: skip
 
@@ -613,12 +616,12 @@ def test_the_job_s_own_directory_is_not_replaced(capsys, tmp_path):
 
 def test_an_opening_is_not_overwritten_without_force(capsys, tmp_path):
     target = tmp_path / "o.toml"
-    assert command(capsys, "shape", "stripe", "--out", target).code == 0
+    assert command(capsys, "new", target, "--shape", "stripe").code == 0
     first = target.read_bytes()
-    answer = command(capsys, "shape", "stripe", "--width-dots", "7", "--out", target)
+    answer = command(capsys, "new", target, "--shape", "stripe", "--width-dots", "7")
     assert answer.code == 2
     assert answer.stderr.startswith("error: MF402 ")
     assert target.read_bytes() == first
-    assert command(capsys, "shape", "stripe", "--width-dots", "7", "--out", target, "--force").code == 0
+    assert command(capsys, "new", target, "--shape", "stripe", "--width-dots", "7", "--force").code == 0
     assert load_opening(target).clear_dots == 7 * 21
     assert listing(tmp_path).keys() == {"o.toml"}

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 from small_job import listing, write_job
 
-from maskfab.api.verbs.plates import run
+from maskfab.api.making import run
 from maskfab.base.errors import OutputError
 from maskfab.base.folders import check_target, staged
-from maskfab.cli import app
+from maskfab.cli import program
 
 
 def started(*words: object) -> subprocess.Popen[bytes]:
@@ -69,14 +69,14 @@ def test_every_signal_that_ends_a_process_ends_a_command_in_order(tmp_path, monk
     """A staged folder is removed, handlers are put back, and the exit code names the signal."""
     place, before = check_target(tmp_path / "out", force=False), signal.getsignal(number)
 
-    def cited(arguments, **_):
+    def cited(*_):
         with staged(place) as folder:
             (folder / "half").write_text("half", encoding="utf-8")
             signal.raise_signal(number)
             raise AssertionError("it goes on")
 
-    monkeypatch.setattr(app._program, "main", cited)
-    assert app.run_command_line(["cite"]) == 128 + number
+    monkeypatch.setattr(program, "_run", cited)
+    assert program.run_command_line(["self", "cite"]) == 128 + number
     assert list(tmp_path.iterdir()) == []
     assert signal.getsignal(number) == before
 

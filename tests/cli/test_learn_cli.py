@@ -11,26 +11,22 @@ import numpy as np
 import pytest
 from once import leaves
 
-from maskfab.api.verbs import learning
-from maskfab.api.verbs import photographs as verb
-from maskfab.api.verbs.learning import learn, learned_restorers, trade_of
-from maskfab.api.verbs.photographs import simulate
+from maskfab.api import photographs as verb
+from maskfab.api.photographs import learn, learned_restorers, simulate, trade_of
 from maskfab.base.errors import JobError
 from maskfab.base.work import Clock, silent
-from maskfab.camera import learning as lessons
-from maskfab.camera import learning as training
-from maskfab.camera.imaging import Blur
+from maskfab.camera import learning
 from maskfab.camera.learning import Checkpoint, Course, Run, Training
-from maskfab.camera.record import Record
+from maskfab.camera.record import Blur, Record
 from maskfab.camera.restorers.network import View, shown
 from maskfab.camera.restorers.wiener import Wiener
 from maskfab.camera.scenes import Photograph
-from maskfab.cli.app import run_command_line
+from maskfab.cli.program import run_command_line
 from maskfab.mask.formats.exr import write_png
 from maskfab.mask.job import load_job
 from maskfab.report.rows.photographs import Conditions, Surroundings
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[1]
 JOB = ROOT / "layouts" / "toled_against_ours.toml"
 EPSILON = 0.2
 
@@ -154,10 +150,10 @@ def test_a_network_is_trained_and_trained_on(
     def drawn(seed: int, turn: int, shape: tuple[int, int] = (0, 0), *, lamps: bool) -> Photograph:
         return replace(leaves(1, 832, 832), name=f"leaves{seed}", number=seed)
 
-    monkeypatch.setattr(lessons, "drawn", drawn)
-    monkeypatch.setattr(training, "Course", lambda seed, **_: replace(SMALL, seed=seed))
+    monkeypatch.setattr(learning, "drawn", drawn)
+    monkeypatch.setattr(learning, "Course", lambda seed: replace(SMALL, seed=seed))
     # A training of one step, which no budget of the command line allows.
-    monkeypatch.setattr(learning, "Clock", lambda budget_s, refuses: Clock(budget_s))
+    monkeypatch.setattr(verb, "Clock", lambda budget_s, refuses: Clock(budget_s))
     path = tmp_path / "toled.npz"
     arguments = ["learn", str(JOB), "--die", "TOLED", "--level", "32", "--minutes", "1e-6", "-o", str(path)]
     told = []

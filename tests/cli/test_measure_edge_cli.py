@@ -1,4 +1,4 @@
-"""``maskfab measure --edge`` and ``--mtf``: what they answer, write and refuse."""
+"""``maskfab edge`` and ``--mtf``: what they answer, write and refuse."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ LEVELS = ("--black", BLACK, "--white", WHITE, "--mosaic", "rggb")
 
 def test_each_colour_of_a_mosaic_is_measured_by_its_own_pixels(capsys, mosaic, tmp_path):
     out = tmp_path / "out"
-    answer = command(capsys, "measure", "--edge", mosaic, *LEVELS, "--pixel", "2 um", "-o", out, "--json")
+    answer = command(capsys, "edge", mosaic, *LEVELS, "--pixel", "2 um", "-o", out, "--json")
     assert answer.code == 0, answer
     edges = answer.document["edges"]
     assert [each["colour"] for each in edges] == ["R", "G", "B"]
@@ -54,7 +54,7 @@ def test_each_colour_of_a_mosaic_is_measured_by_its_own_pixels(capsys, mosaic, t
     assert "Green pixels, horizontal, edge −5.0" in page
     assert json.loads((out / "measure.json").read_text())["edges"] == edges
     assert {each.name for each in out.iterdir()} == {"measure.html", "measure.json", "manifest.json"}
-    again = command(capsys, "measure", "--edge", mosaic, *LEVELS, "-o", out, "--force")
+    again = command(capsys, "edge", mosaic, *LEVELS, "-o", out, "--force")
     assert again.code == 0, again
     assert "cy/pixel." in again.stdout
     assert "cy/mm" not in again.stdout
@@ -64,7 +64,7 @@ def test_each_colour_of_a_mosaic_is_measured_by_its_own_pixels(capsys, mosaic, t
 def test_a_picture_is_held_against_the_die_that_is_named(mosaic, tmp_path):
     job = write_job(tmp_path)
     levels = {"black": BLACK, "white": WHITE, "mosaic": "rggb"}
-    found = maskfab.measure_edge(mosaic, job, die="PLAIN", line="530 nm", region=(20, 0, 240, 120), **levels)
+    found = maskfab.edge(mosaic, job, die="PLAIN", line="530 nm", region=(20, 0, 240, 120), **levels)
     edge = found.found.edges[1]
     known = load_job(job)
     own = designed_mtf(
@@ -92,7 +92,7 @@ def test_a_curve_from_elsewhere_is_that_of_its_die_along_its_own_direction(capsy
     curve.write_text("\n".join(["cycles/pixel,mtf,low,high", *rows]), encoding="utf-8")
 
     def compared(*stated):
-        answer = command(capsys, "measure", "--mtf", curve, "--job", job, *stated, "--json")
+        answer = command(capsys, "edge", curve, "--job", job, *stated, "--json")
         assert answer.code == 0, answer
         (edge,) = answer.document["edges"]
         return {row["name"]: row["value"] for row in edge["quantities"]}
@@ -106,44 +106,42 @@ def test_a_curve_from_elsewhere_is_that_of_its_die_along_its_own_direction(capsy
     assert compared("--die", "TURNED", "--angle", 90, "--stands", "mirrored")["edge_mtf_difference"] < 1e-5
     for wrong in (("--die", "TURNED"), ("--die", "PLAIN", "--angle", 90)):
         assert compared(*wrong)["edge_mtf_parting"] > 0
-    answer = command(
-        capsys, "measure", "--mtf", curve, "--job", job, "--die", "TURNED", "--angle", 90, "-o", tmp_path / "o"
-    )
+    answer = command(capsys, "edge", curve, "--job", job, "--die", "TURNED", "--angle", 90, "-o", tmp_path / "o")
     assert "It agrees with the design of TURNED in 530 nm up to half a cycle per pixel" in answer.stdout
     assert "Waves at 90° of curve.csv" in (tmp_path / "o" / "measure.html").read_text()
 
 
 REFUSED = {
-    "two forms": (("a.tif", "--edge", "b.tif"), "MF105", "FILE and --edge do not go together"),
-    "three forms": (("--edge", "b.tif", "--mtf", "c.csv"), "MF105", "--edge and --mtf do not go together"),
-    "nothing": ((), "MF105", "FILE is missing"),
-    "point light without a job": (("a.tif",), "MF105", "--job is missing"),
-    "pair beside an edge": (("--edge", "b.tif", "--pair", "a.tif"), "MF105", "--pair has no use beside --edge"),
-    "gain beside a curve": (("--mtf", "c.csv", "--gain", "1"), "MF105", "--gain has no use beside --mtf"),
-    "region beside captures": (("a.tif", "--region", "0,0,9,9"), "MF105", "it goes with --edge"),
-    "angle beside an edge": (("--edge", "b.tif", "--angle", "0"), "MF105", "it goes with --mtf"),
-    "die without a job": (("--edge", "b.tif", "--die", "PLAIN"), "MF105", "--die"),
-    "line without a job": (("--edge", "b.tif", "--line", "530 nm"), "MF105", "--line"),
-    "line without a die": (("--edge", "b.tif", "--job", "{job}", "--line", "530 nm"), "MF105", "--line"),
-    "stand without a die": (("--edge", "b.tif", "--job", "{job}", "--stands", "mirrored"), "MF105", "--stands"),
+    "nothing": (("edge",), "MF105", "PICTURE"),
+    "no captures": (("measure",), "MF105", "FILE"),
+    "point light without a job": (("measure", "a.tif"), "MF105", "--job"),
+    "pair beside an edge": (("edge", "b.tif", "--pair", "a.tif"), "MF105", "--pair"),
+    "gain beside a curve": (("edge", "c.csv", "--gain", "1"), "MF105", "--gain"),
+    "region beside captures": (("measure", "a.tif", "--region", "0,0,9,9"), "MF105", "--region"),
+    "mosaic beside a curve": (("edge", "c.csv", "--mosaic", "rggb"), "MF105", "mosaic goes with a picture of edges"),
+    "angle beside an edge": (("edge", "b.tif", "--angle", "0"), "MF105", "angle goes with a table (.csv) of an MTF"),
+    "die without a job": (("edge", "b.tif", "--die", "PLAIN"), "MF105", "--die"),
+    "line without a job": (("edge", "b.tif", "--line", "530 nm"), "MF105", "--line"),
+    "line without a die": (("edge", "b.tif", "--job", "{job}", "--line", "530 nm"), "MF105", "--line"),
+    "stand without a die": (("edge", "b.tif", "--job", "{job}", "--stands", "mirrored"), "MF105", "--stands"),
     "no such stand": (
-        ("--edge", "b.tif", "--job", "{job}", "--die", "PLAIN", "--stands", "up"),
+        ("edge", "b.tif", "--job", "{job}", "--die", "PLAIN", "--stands", "up"),
         "MF105",
         "'up' is no stand",
     ),
-    "pixel beside a job": (("--edge", "b.tif", "--job", "{job}", "--pixel", "2 um"), "MF105", "--pixel"),
-    "two dies": (("--edge", "b.tif", "--job", "{job}", "--die", "PLAIN", "--die", "TURNED"), "MF105", "2 dies"),
-    "no such die": (("--edge", "b.tif", "--job", "{job}", "--die", "OTHER"), "MF105", "'OTHER'"),
-    "curve without a job": (("--mtf", "c.csv"), "MF105", "--job is missing"),
-    "curve without a die": (("--mtf", "c.csv", "--job", "{job}"), "MF105", "--die is missing"),
-    "three numbers": (("--edge", "b.tif", "--region", "1,2,3"), "MF105", "--region"),
-    "words": (("--edge", "b.tif", "--region", "a,b,c,d"), "MF105", "--region"),
-    "no pixels": (("--edge", "b.tif", "--region", "9,0,9,5"), "MF104", "--region"),
-    "narrow": (("--edge", "b.tif", "--window", "5"), "MF104", "--window"),
-    "no unit": (("--edge", "b.tif", "--pixel", "2"), "MF103", "--pixel"),
-    "steep": (("--mtf", "c.csv", "--job", "{job}", "--die", "PLAIN", "--angle", "nan"), "MF104", "--angle"),
-    "no file": (("--edge", "b.tif"), "MF301", "b.tif"),
-    "no curve": (("--mtf", "c.csv", "--job", "{job}", "--die", "PLAIN"), "MF301", "c.csv"),
+    "pixel beside a job": (("edge", "b.tif", "--job", "{job}", "--pixel", "2 um"), "MF105", "--pixel"),
+    "two dies": (("edge", "b.tif", "--job", "{job}", "--die", "PLAIN", "--die", "TURNED"), "MF105", "2 dies"),
+    "no such die": (("edge", "b.tif", "--job", "{job}", "--die", "OTHER"), "MF105", "'OTHER'"),
+    "curve without a job": (("edge", "c.csv"), "MF105", "job is missing"),
+    "curve without a die": (("edge", "c.csv", "--job", "{job}"), "MF105", "die is missing"),
+    "three numbers": (("edge", "b.tif", "--region", "1,2,3"), "MF105", "--region"),
+    "words": (("edge", "b.tif", "--region", "a,b,c,d"), "MF105", "--region"),
+    "no pixels": (("edge", "b.tif", "--region", "9,0,9,5"), "MF104", "--region"),
+    "narrow": (("edge", "b.tif", "--window", "5"), "MF104", "--window"),
+    "no unit": (("edge", "b.tif", "--pixel", "2"), "MF103", "--pixel"),
+    "steep": (("edge", "c.csv", "--job", "{job}", "--die", "PLAIN", "--angle", "nan"), "MF104", "--angle"),
+    "no file": (("edge", "b.tif"), "MF301", "b.tif"),
+    "no curve": (("edge", "c.csv", "--job", "{job}", "--die", "PLAIN"), "MF301", "c.csv"),
 }
 
 
@@ -151,7 +149,7 @@ REFUSED = {
 def test_bad_input_is_refused_by_its_option(capsys, tmp_path, stated, code, said):
     job = write_job(tmp_path)
     out = tmp_path / "out"
-    answer = command(capsys, "measure", *(each.format(job=job) for each in stated), "-o", out, "--json")
+    answer = command(capsys, *(each.format(job=job) for each in stated), "-o", out, "--json")
     assert answer.code == 2, answer
     error = answer.document["error"]
     assert error["code"] == code, error
@@ -168,6 +166,6 @@ def test_pictures_without_an_edge_or_beyond_white_or_of_other_colours_are_refuse
         ((*LEVELS, "--region", "9000,0,9100,90"), "MF342"),
         ((*LEVELS, "--job", job, "--die", "PLAIN"), "MF105"),
     ):
-        answer = command(capsys, "measure", "--edge", mosaic, *stated, "--json")
+        answer = command(capsys, "edge", mosaic, *stated, "--json")
         assert answer.code == 2
         assert answer.document["error"]["code"] == code, answer.document

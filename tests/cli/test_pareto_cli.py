@@ -1,4 +1,4 @@
-"""maskfab pareto: from a job to numbers, openings and figures, and what is refused before any work."""
+"""maskfab design --front: from a job to numbers, openings and figures, and what is refused before any work."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import pytest
 from once import leaves
 
 from maskfab.camera import scenes
-from maskfab.cli.app import run_command_line
-from maskfab.job.read import read
+from maskfab.cli.program import run_command_line
+from maskfab.job import read
 from maskfab.mask.opening_file import load_opening
 from maskfab.mask.panels import read_map
 
@@ -69,7 +69,7 @@ def job(tmp_path: Path) -> Path:
 
 def test_a_sweep_is_written_whole_and_alike_each_time(job: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = job.parent / "out"
-    assert run_command_line(["pareto", str(job), "--out", str(out), "--json", "--quiet"]) == 0
+    assert run_command_line(["design", "--front", str(job), "--out", str(out), "--json", "--quiet"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert [curve["clear_dots"] for curve in told["curves"]] == [9, 12]
     assert {**json.loads((out / "pareto.json").read_text()), "path": str(out)} == told
@@ -103,9 +103,9 @@ def test_a_sweep_is_written_whole_and_alike_each_time(job: Path, capsys: pytest.
     listed = {file["path"] for file in json.loads((out / "manifest.json").read_text())["files"]}
     assert listed | {"manifest.json"} == {path.name for path in out.iterdir()}
     before = {path.name: path.read_bytes() for path in out.iterdir()}
-    assert run_command_line(["pareto", str(job), "--out", str(out), "--quiet"]) == 2
+    assert run_command_line(["design", "--front", str(job), "--out", str(out), "--quiet"]) == 2
     assert "MF402" in capsys.readouterr().err
-    assert run_command_line(["pareto", str(job), "--out", str(out), "--force", "--quiet"]) == 0
+    assert run_command_line(["design", "--front", str(job), "--out", str(out), "--force", "--quiet"]) == 0
     assert "9 clear dots (14.1% open)" in capsys.readouterr().out
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
 
@@ -139,7 +139,7 @@ def test_bad_jobs_leave_nothing(job: Path, capsys: pytest.CaptureFixture[str], o
     assert old in JOB
     job.write_text(JOB.replace(old, new, 1))
     out = job.parent / "out"
-    assert run_command_line(["pareto", str(job), "--out", str(out), "--quiet"]) == 2
+    assert run_command_line(["design", "--front", str(job), "--out", str(out), "--quiet"]) == 2
     assert code in capsys.readouterr().err
     assert {path.name for path in job.parent.iterdir()} == {"job.toml", "given.toml"}
 
@@ -162,7 +162,7 @@ def test_bad_requests_are_refused(job: Path, capsys: pytest.CaptureFixture[str])
         ([str(job), "--out", str(job)], "MF401"),
         ([str(job.parent / "absent.toml"), "--out", out], "MF301"),
     ):
-        assert run_command_line(["pareto", *arguments, "--quiet"]) == 2
+        assert run_command_line(["design", "--front", *arguments, "--quiet"]) == 2
         assert code in capsys.readouterr().err
     assert not Path(out).exists()
 
@@ -172,7 +172,7 @@ def test_a_budget_is_told(job: Path, capsys: pytest.CaptureFixture[str]) -> None
     shapes = JOB.replace("clear_dots = 12", 'clear_dots = 12\nfamilies = ["bars", "discs"]', 1)
     job.write_text(shapes.replace("lines = [0, 1]", "lines = [0]"))
     out = job.parent / "out"
-    assert run_command_line(["pareto", str(job), "--out", str(out), "--budget", "0.001 s"]) == 0
+    assert run_command_line(["design", "--front", str(job), "--out", str(out), "--budget", "0.001 s"]) == 0
     said = capsys.readouterr()
     assert "the budget ended it" in said.out
     assert "clear dots: shapes" in said.err

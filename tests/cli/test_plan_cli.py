@@ -1,4 +1,4 @@
-"""`maskfab plan`, and the [scene] of a job: what it takes, what it refuses, and that it keeps what it took."""
+"""`maskfab check --optics`, and the [scene] of a job: what it takes and refuses, and that it keeps what it took."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def test_accuracies(tmp_path: Path, stated: str, value: float) -> None:
     ],
 )
 def test_bad_scenes_are_refused(capsys, tmp_path: Path, line: str, code: str, said: str) -> None:
-    answer = command(capsys, "plan", scene(tmp_path, line), "--json")
+    answer = command(capsys, "check", "--optics", scene(tmp_path, line), "--json")
     assert answer.code == 2
     error = answer.document["error"]
     assert error["code"] == code, error
@@ -114,7 +114,9 @@ def test_bad_scenes_are_refused(capsys, tmp_path: Path, line: str, code: str, sa
 
 
 def test_the_table_names_every_ingredient_and_the_predictions(capsys, tmp_path: Path) -> None:
-    answer = command(capsys, "plan", scene(tmp_path, 'accuracy = "draft"', 'depth = ["10 m", "inf"]'), "--die", "PLAIN")
+    answer = command(
+        capsys, "check", "--optics", scene(tmp_path, 'accuracy = "draft"', 'depth = ["10 m", "inf"]'), "--die", "PLAIN"
+    )
     assert answer.code == 0
     assert answer.stderr == ""
     for word in ("PLAIN", "defocus over the depth", "left out", "path ", "samples", "wavelengths", " s, ", " MB"):
@@ -124,7 +126,7 @@ def test_the_table_names_every_ingredient_and_the_predictions(capsys, tmp_path: 
 
 def test_the_document_adds_up(capsys, tmp_path: Path) -> None:
     job = scene(tmp_path, 'accuracy = "draft"', 'depth = ["10 m", "inf"]', "aberrations = [[7, 0.05]]")
-    answer = command(capsys, "plan", job, "--json")
+    answer = command(capsys, "check", "--optics", job, "--json")
     assert answer.code == 0
     assert [die["die"] for die in answer.document["dies"]] == ["PLAIN", "TURNED"]
     for die in answer.document["dies"]:
@@ -145,12 +147,12 @@ def test_a_camera_of_ones_own_under_its_light(capsys, tmp_path: Path) -> None:
     found = {}
     for lit in ("rgb", "camera.csv"):
         job = scene(tmp_path, "accuracy = 0.3", f'spectrum = "{lit}"', 'illuminant = "5000 K"')
-        answer = command(capsys, "plan", job, "--die", "PLAIN", "--json")
+        answer = command(capsys, "check", "--optics", job, "--die", "PLAIN", "--json")
         assert answer.code == 0
         (found[lit],) = answer.document["dies"]
     assert found["rgb"] == found["camera.csv"]
     job = scene(tmp_path, 'accuracy = "draft"', 'spectrum = "camera.csv"', 'illuminant = "line.csv"')
-    (lit,) = command(capsys, "plan", job, "--die", "PLAIN", "--json").document["dies"]
+    (lit,) = command(capsys, "check", "--optics", job, "--die", "PLAIN", "--json").document["dies"]
     rows = {row["name"]: row for row in lit["ingredients"]}
     assert rows["width of the bands"]["error_if_left_out"] < 1e-4
     assert lit["wavelengths"] == 3
@@ -159,21 +161,21 @@ def test_a_camera_of_ones_own_under_its_light(capsys, tmp_path: Path) -> None:
 def test_errors_are_said_to_be_bounds(capsys, tmp_path: Path) -> None:
     """They carry safety factors and may lie far above the truth; what is exactly nothing is no bound."""
     job = scene(tmp_path, 'accuracy = "draft"', "aberrations = [[4, 0.0001]]")
-    text = command(capsys, "plan", job, "--die", "PLAIN").stdout
+    text = command(capsys, "check", "--optics", job, "--die", "PLAIN").stdout
     assert "estimated error ≤ " in text
     left_out = [line for line in text.splitlines() if "  left out  " in line]
     assert any(line.startswith("lens aberrations") and line.count("≤") == 2 for line in left_out)
     assert any(line.startswith("defocus over the depth") and "≤" not in line for line in left_out)
-    (die,) = command(capsys, "plan", job, "--die", "PLAIN", "--json").document["dies"]
+    (die,) = command(capsys, "check", "--optics", job, "--die", "PLAIN", "--json").document["dies"]
     assert die["errors"] == "at most"
 
 
 def test_a_scene_beyond_every_model_and_an_unknown_die(capsys, tmp_path: Path) -> None:
     job = scene(tmp_path, 'accuracy = "certify"', 'gap = "100 um"')
-    answer = command(capsys, "plan", job, "--die", "PLAIN", "--json")
+    answer = command(capsys, "check", "--optics", job, "--die", "PLAIN", "--json")
     assert (answer.code, answer.document["error"]["code"]) == (2, "MF115")
     assert "no model" in answer.stderr
-    answer = command(capsys, "plan", job, "--die", "NONE", "--json")
+    answer = command(capsys, "check", "--optics", job, "--die", "NONE", "--json")
     assert (answer.code, answer.document["error"]["code"]) == (2, "MF105")
     assert "PLAIN, TURNED" in answer.stderr
 
@@ -192,7 +194,7 @@ def test_what_no_plan_models_is_weighed_against_the_accuracy(
     for folder, density in (("thin", 3), ("thick", 9)):
         (tmp_path / folder).mkdir()
         job = plated(tmp_path / folder, f"optical_density = {density}")
-        answer = command(capsys, "plan", job, "--die", "TURNED", "--json")
+        answer = command(capsys, "check", "--optics", job, "--die", "TURNED", "--json")
         assert answer.code == 0
         (die,) = answer.document["dies"]
         rows = die["not_modelled"]
@@ -203,7 +205,7 @@ def test_what_no_plan_models_is_weighed_against_the_accuracy(
     assert not seen[1]["chrome leak"]["above_accuracy"]
     assert seen[0]["chrome leak"]["error"] > 500 * seen[1]["chrome leak"]["error"]
     assert "foreshortening" in seen[0]
-    text = command(capsys, "plan", tmp_path / "thick" / "job.toml", "--die", "TURNED").stdout
+    text = command(capsys, "check", "--optics", tmp_path / "thick" / "job.toml", "--die", "TURNED").stdout
     assert re.search("^chrome leak +within ", text, re.MULTILINE)
 
 
@@ -217,5 +219,5 @@ def test_glass_away_from_the_lens_is_planned_as_a_gap(tmp_path: Path) -> None:
 def test_without_a_scene_and_with_nothing_said_of_the_plate_no_bar_is_computed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    answer = command(capsys, "plan", write_job(tmp_path), "--json")
+    answer = command(capsys, "check", "--optics", write_job(tmp_path), "--json")
     assert [die["not_modelled"] for die in answer.document["dies"]] == [[], []]

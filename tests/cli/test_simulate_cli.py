@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from once import leaves
 
-from maskfab.api.verbs.photographs import simulate
+from maskfab.api.photographs import simulate
 from maskfab.base.errors import JobError, SourceError
 from maskfab.base.model import Panel
 from maskfab.camera.imaging import Design
 from maskfab.camera.lens import laid_panel, lay
 from maskfab.camera.protocol import ASSUMED
-from maskfab.cli.app import run_command_line
+from maskfab.cli.program import run_command_line
 from maskfab.mask.formats.exr import write_png
 from maskfab.mask.job import Job, load_job
 from maskfab.report.rows.photographs import Conditions
@@ -167,7 +167,7 @@ def test_a_whole_photograph_is_scored_and_too_large_a_one_by_one_restorer_alone(
         assert run_command_line([*arguments, *more, "--json"]) == 0
         scores.append(json.loads(capsys.readouterr().out)["scores"])
     assert scores[0] == scores[1]  # there is nothing beyond their middle
-    monkeypatch.setattr("maskfab.api.verbs.photographs.LARGE", 1)
+    monkeypatch.setattr("maskfab.api.photographs.LARGE", 1)
     assert run_command_line([*arguments, "--whole", "--restore", "gradient"]) == 2
     assert "MF142" in capsys.readouterr().err
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from once import leaves
 
-from maskfab.cli.app import run_command_line
+from maskfab.cli.program import run_command_line
 from maskfab.mask.formats.exr import write_png
 
 JOB = Path(__file__).parents[2] / "layouts" / "toled_against_ours.toml"
@@ -17,7 +17,7 @@ def test_a_sheet_is_written_once_and_replaced_only_if_asked(tmp_path: Path, caps
     scenes, sheet = tmp_path / "scenes", tmp_path / "sheet.png"
     scenes.mkdir()
     write_png(leaves(3, 832, 832).values, scenes / "leaves.png", white=1.0)
-    arguments = ["simulate", str(JOB), "--die", "OURS", "--images", str(scenes), "--picture", str(sheet), "--quiet"]
+    arguments = ["simulate", str(JOB), "--die", "OURS", "--images", str(scenes), "-o", str(sheet), "--quiet"]
     arguments += ["--level", "32"]
     assert run_command_line(arguments) == 0
     first = sheet.read_bytes()
@@ -33,5 +33,5 @@ def test_a_picture_that_cannot_be_written_is_refused_before_any_work(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for place in (tmp_path, tmp_path / "nowhere" / "sheet.png"):
-        assert run_command_line(["simulate", "no_job.toml", "--picture", str(place), "--quiet"]) == 2
+        assert run_command_line(["simulate", "no_job.toml", "-o", str(place), "--quiet"]) == 2
         assert "MF401" in capsys.readouterr().err

@@ -154,7 +154,7 @@ def test_every_design_fits_its_display_and_its_job_asks_for_it(scenes: tuple[Pho
     assert isinstance(of, SearchSection)
     stated = stated_display(spec, of, "job", key="pareto")
     found = sweep(asked(12, lines=LINES, points=1), of, scenes, stated)
-    made = designs(found, spec, "maskfab pareto x.toml --out y")
+    made = designs(found, spec, "maskfab design x.toml --front --out y")
     assert len(made) == len(found.points) > 0
     for each in made:
         again = validate(loads(each.job), where="job")
@@ -315,13 +315,13 @@ def test_a_given_opening_is_judged_as_those_found(scenes: tuple[Photograph, ...]
 
 def test_openings_say_where_they_come_from(scenes: tuple[Photograph, ...]) -> None:
     found = swept(asked(9, 12, lines=[1], points=2), section(), scenes)
-    named: tuple[FrontDesign, ...] = designs(found, job(), "maskfab pareto x.toml --out y")
+    named: tuple[FrontDesign, ...] = designs(found, job(), "maskfab design x.toml --front --out y")
     assert len(named) == len(found.points)
     for each in named:
         back = parse_opening(opening_text(each.opening))
         assert back.name == each.name
         assert np.array_equal(back.mask, each.point.judged.unit)
-        assert back.provenance["command"] == "maskfab pareto x.toml --out y"
+        assert back.provenance["command"] == "maskfab design x.toml --front --out y"
         assert back.provenance["shape"] == each.point.judged.shape
         assert back.provenance["lines"] == 1
         assert back.provenance["footprint"] == pytest.approx(each.point.judged.footprint, abs=1e-6)

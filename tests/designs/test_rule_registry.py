@@ -10,7 +10,7 @@ import pytest
 from asked_displays import asked_display
 from pydantic import Field
 
-from maskfab.api.verbs.explaining import explain
+from maskfab.api.about import explain
 from maskfab.base.arrays import Mask
 from maskfab.base.errors import InputError, JobError
 from maskfab.base.model import Opening

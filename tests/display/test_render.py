@@ -1,4 +1,4 @@
-"""`maskfab render`: pictures, numbers, and refusals, over a job of two small dies whose emitters are drawn by hand."""
+"""`maskfab check --look`: pictures, numbers, refusals, of a job of two small dies with emitters drawn by hand."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def job(tmp_path, monkeypatch) -> Path:
 
 def test_pictures_and_numbers_come_out_whole(job, tmp_path, capsys):
     out = tmp_path / "seen"
-    done = command(capsys, "render", job, "--out", out, "--samples", 7, "--json")
+    done = command(capsys, "check", "--look", job, "--out", out, "--samples", 7, "--json")
     assert done.code == 0, done.stderr
     told = done.document
     saved = json.loads((out / DOCUMENT).read_text(encoding="utf-8"))
@@ -59,7 +59,9 @@ def test_pictures_and_numbers_come_out_whole(job, tmp_path, capsys):
 
 def test_the_light_of_a_file_is_linear_upright_and_says_its_scale(job, tmp_path, capsys):
     out = tmp_path / "seen"
-    assert command(capsys, "render", job, "--die", "TURNED", "--out", out, "--samples", 7, "--dpi", 200).code == 0
+    assert (
+        command(capsys, "check", "--look", job, "--die", "TURNED", "--out", out, "--samples", 7, "--dpi", 200).code == 0
+    )
     image = oiio.ImageInput.open(str(out / "TURNED_zone_plate.exr"))
     header = image.spec()
     pixels = np.asarray(image.read_image(oiio.FLOAT)).reshape(header.height, header.width, 3)
@@ -78,14 +80,17 @@ def test_the_light_of_a_file_is_linear_upright_and_says_its_scale(job, tmp_path,
 
 def test_equal_jobs_make_equal_files(job, tmp_path, capsys):
     for name in ("one", "two"):
-        assert command(capsys, "render", job, "--die", "TURNED", "--out", tmp_path / name, "--samples", 3).code == 0
+        assert (
+            command(capsys, "check", "--look", job, "--die", "TURNED", "--out", tmp_path / name, "--samples", 3).code
+            == 0
+        )
     assert listing(tmp_path / "one") == listing(tmp_path / "two")
 
 
 def test_a_photograph_takes_the_place_of_the_leaves(job, tmp_path, capsys):
     photo = tmp_path / "photo.png"
     write_png(np.random.default_rng(0).random((3, 30, 40)), photo)
-    done = command(capsys, "render", job, photo, "--die", "PLAIN", "--samples", 3)
+    done = command(capsys, "check", "--look", job, photo, "--die", "PLAIN", "--samples", 3)
     assert done.code == 0, done.stderr
     assert "picture_delta_e_mean" in done.stdout
     assert "leaves" not in done.stdout
@@ -108,7 +113,7 @@ def test_a_photograph_takes_the_place_of_the_leaves(job, tmp_path, capsys):
 )
 def test_what_cannot_be_seen_is_refused_and_leaves_nothing(job, tmp_path, capsys, arguments, code):
     out = tmp_path / "seen"
-    done = command(capsys, "render", job, "--out", out, "--quiet", *arguments)
+    done = command(capsys, "check", "--look", job, "--out", out, "--quiet", *arguments)
     assert done.code == 2
     assert code in done.stderr
     assert not out.exists()
@@ -116,11 +121,11 @@ def test_what_cannot_be_seen_is_refused_and_leaves_nothing(job, tmp_path, capsys
 
 
 def test_a_missing_photograph_is_refused(job, tmp_path, capsys):
-    assert "MF301" in command(capsys, "render", job, tmp_path / "none.jpg").stderr
+    assert "MF301" in command(capsys, "check", "--look", job, tmp_path / "none.jpg").stderr
 
 
 def test_a_job_without_emitters_is_told_the_cure(tmp_path, capsys):
-    done = command(capsys, "render", write_job(tmp_path), "--json", "--quiet")
+    done = command(capsys, "check", "--look", write_job(tmp_path), "--json", "--quiet")
     assert done.code == 2
     assert done.document["error"]["code"] == "MF121"
     assert "emit" in done.document["error"]["cure"]

@@ -11,7 +11,7 @@ import pytest
 from klayout import db
 from small_job import command
 
-from maskfab.api.verbs.displays import check
+from maskfab.api.checking import check
 from maskfab.base.model import EMITTERS, Panel
 from maskfab.designs.design import display_of
 from maskfab.display.emitter_rules import Verdict

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from maskfab.api.designing import _targets
 from maskfab.base.model import Tiling
 from maskfab.camera.lens import F1, PhotoCamera, camera_line
 from maskfab.camera.scenes import Photograph
-from maskfab.cli.app import run_command_line
-from maskfab.cli.verbs.design import _targets
-from maskfab.job.read import read
+from maskfab.cli.program import run_command_line
+from maskfab.job import read
 from maskfab.mask import opening_file, panels
 from maskfab.mask.formats.exr import write_png
 from maskfab.mask.job import load_job
@@ -21,7 +21,7 @@ from maskfab.report.documents.die import camera_notes
 
 pytestmark = pytest.mark.usefixtures("bound_loosely", "drawn_in_words", "read_here")
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[1]
 PHONE = 'focal = "5.56 mm"\nstop = { shape = "circle", diameter = "1 mm" }\npixel = "5 um"\n'
 FAST = 'focal = "3.7 mm"\nstop = { shape = "circle", diameter = "1.85 mm" }\npixel = "3.8 um"\n'
 JOB = """\
@@ -184,7 +184,7 @@ def test_a_sweep_judges_behind_the_jobs_camera_and_in_its_light(folder, capsys):
     for name in ("phone", "fast"):
         job, out = folder / f"{name}_display.toml", folder / f"pareto_{name}"
         job.write_text((folder / f"{name}.toml").read_text() + EMITTERS)
-        notes = told(capsys, "pareto", job, "--out", out, *images)["notes"]
+        notes = told(capsys, "design", "--front", job, "--out", out, *images)["notes"]
         unused, skipped = notes
         assert skipped == "Skipped, as no photographs: by_whom.txt."
         assert unused.startswith("Openings are compared by the job's camera, sensor and light; not used of the job: ")

@@ -145,7 +145,7 @@ def test_what_a_scene_cannot_use_is_refused_before_any_work(
 def test_two_tables_of_one_name_are_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     path = job(tmp_path, 'spectrum = "tables/one.csv"', 'illuminant = "one.csv"', one=LAMP)
     (tmp_path / "one.csv").write_text(CAMERA, encoding="utf-8")
-    error = command(capsys, "plan", path, "--json").document["error"]
+    error = command(capsys, "check", "--optics", path, "--json").document["error"]
     assert (error["code"], error["where"]) == ("MF109", f"{path}: scene.illuminant")
     (tmp_path / "one.csv").write_text(LAMP, encoding="utf-8")
     assert dict(load_job(path).spec.curves) == {"one.csv": LAMP}
@@ -160,7 +160,7 @@ def test_the_window_has_no_replicas_at_the_shortest_wavelength_of_a_band(
     load_job(path)
     text = path.read_text(encoding="utf-8").replace('window = "64 um"', 'window = "126 um"')
     path.write_text(text, encoding="utf-8")
-    error = command(capsys, "plan", path, "--json").document["error"]
+    error = command(capsys, "check", "--optics", path, "--json").document["error"]
     assert error["code"] == "MF113"
     assert error["where"].startswith(f"{path}: scene.spectrum")
     assert "125.0 um at 200 nm" in error["what"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import json
 import tomllib
 from collections.abc import Callable, Iterator
@@ -13,11 +12,11 @@ import pytest
 from pydantic_core import PydanticUndefined
 from small_job import OPENING, command, write_job
 
-from maskfab.api.verbs.displays import check, render
-from maskfab.api.verbs.measuring_edges import measure_mtf
-from maskfab.api.verbs.planning import plan
+from maskfab.api.checking import check
+from maskfab.api.measuring import edge
 from maskfab.base.errors import InputError
-from maskfab.cli.app import app
+from maskfab.cli.command import command_of
+from maskfab.cli.program import VERBS
 from maskfab.job.reference import INNER, USES, covered, in_words, named, unused
 from maskfab.job.sections import JobSpec
 from maskfab.job.values import Section
@@ -88,12 +87,11 @@ def test_declarations_are_keys_of_the_schema():
 def test_every_command_that_takes_a_job_declares_what_it_uses():
     # reproduce and verify without a job make what run made, whose report names the rest; bench needs no job.
     taking = set()
-    for each in app.registered_commands:
-        arguments = inspect.signature(each.callback).parameters
-        if {"job", "compare", "against"} & set(arguments):
-            taking.add(each.name or each.callback.__name__)
+    for verb in VERBS:
+        if {"job", "compare", "against"} & {each.name for each in command_of(verb).parameters}:
+            taking.add(verb)
     study = {"study", "sweep"}
-    assert taking | study <= {use.partition(" ")[0] for use in USES}
+    assert taking | study <= {use.partition(" --")[0] for use in USES}
     assert {f"sweep {work}" for work in WORKS.values()} <= set(USES)
 
 
@@ -194,14 +192,17 @@ def answer(verb: Callable[[Path], dict[str, Any]], path: Path) -> str:
 def mtf(path: Path) -> dict[str, Any]:
     curve = path.with_name("curve.csv")
     curve.write_text("cycles/pixel,mtf\n0,1\n0.1,0.8\n0.2,0.6\n0.3,0.4\n0.4,0.2\n0.5,0.1\n", encoding="utf-8")
-    return measure_mtf(curve, path, die="PLAIN").to_dict()
+    return edge(curve, path, die="PLAIN").to_dict()
 
 
 QUICK = {
-    "plan": (lambda path: plan(path, die="PLAIN").to_dict(), USES["plan"]),
+    "check --optics": (lambda path: check(path, die="PLAIN", optics=True).to_dict(), USES["check --optics"]),
     "check": (lambda path: check(path, die="PLAIN").to_dict(), USES["check"]),
-    "render": (lambda path: render(path, die="PLAIN", pixels=8, samples=7).to_dict(), USES["render"]),
-    "measure --edge": (mtf, USES["measure --edge"] + USES["measure without --line"]),
+    "check --look": (
+        lambda path: check(path, look=True, die="PLAIN", pixels=8, samples=7).to_dict(),
+        USES["check --look"],
+    ),
+    "edge": (mtf, USES["edge"] + USES["measure without --line"]),
 }
 
 
@@ -224,10 +225,10 @@ def test_what_a_verb_declares_changes_its_answer_and_what_it_names_does_not(tmp_
     ("words", "names"),
     [
         (("check",), ("[camera]", "[scene]", "[sensor]", "[process]")),
-        (("plan",), ("[emitters]", "[sensor]", "[process]")),
-        (("render", "--pixels", "8", "--samples", "7", "--out", "OUT"), ("[camera]", "[scene]", "[process]")),
+        (("check", "--optics"), ("[emitters]", "[sensor]", "[process]")),
+        (("check", "--look", "--pixels", "8", "--samples", "7", "--out", "OUT"), ("[camera]", "[scene]", "[process]")),
     ],
-    ids=lambda each: each[0] if isinstance(each[0], str) else "",
+    ids=lambda each: each[-1] if isinstance(each[0], str) else "",
 )
 def test_what_is_not_used_stands_in_text_and_json(capsys, tmp_path: Path, words, names) -> None:
     path = job(tmp_path)

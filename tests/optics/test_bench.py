@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from small_job import write_job
 
-from maskfab.cli.app import run_command_line
+from maskfab.cli.program import run_command_line
 from maskfab.optics.benchmark import (
     PEERS,
     Peer,
@@ -87,7 +87,7 @@ def test_the_figure_is_a_picture(timings: list[Timing]) -> None:
 
 
 def test_bench_of_a_job_prints_one_json_document(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    arguments = ["bench", str(write_job(tmp_path)), "--die", "PLAIN", "--rounds", "2", "--json", "--quiet"]
+    arguments = ["self", "bench", str(write_job(tmp_path)), "--die", "PLAIN", "--rounds", "2", "--json", "--quiet"]
     assert run_command_line(arguments) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["gemm_bound_ms"]["double"] > 0
@@ -105,7 +105,7 @@ def test_bench_refuses_what_it_cannot_race(capsys: pytest.CaptureFixture[str], t
     parted = tmp_path / "parted.toml"
     parted.write_text(job.replace('pitch = "168 um"', 'pitch = "176 um"\ngutter = "8 um"', 1))
     for path, die in ((str(parted), "TOLED"), ("layouts/upc12.toml", "NOBODY")):
-        assert run_command_line(["bench", path, "--die", die, "--quiet"]) == 2
+        assert run_command_line(["self", "bench", path, "--die", die, "--quiet"]) == 2
         assert "MF105" in capsys.readouterr().err
 
 

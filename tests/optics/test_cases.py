@@ -1,4 +1,4 @@
-"""Every hard case that ``maskfab bench --hard`` prints, held to its limit."""
+"""Every hard case that ``maskfab self bench --hard`` prints, held to its limit."""
 
 from __future__ import annotations
 

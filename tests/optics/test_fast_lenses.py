@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
-from small_job import JOB, LOOK, OPENING, command
+from small_job import JOB, OPENING, command, look
 
 from maskfab.base.errors import JobError
 from maskfab.base.model import Camera, Stop
@@ -35,8 +35,8 @@ def test_no_lens_has_a_numerical_aperture_above_one() -> None:
 def test_an_impossible_lens_is_refused_before_the_file_is_looked_at(capsys, tmp_path):
     (tmp_path / "job.toml").write_text(JOB.replace('"400 um" }', '"10.1 mm" }'))
     for words in (
-        ("analyse", tmp_path / "none.oas", *LOOK, "--focal", "3 mm", "--stop", "8 mm"),
-        ("analyse", tmp_path / "none.toml", *LOOK, "--focal", "3 mm", "--stop", "8 mm"),
+        ("analyse", tmp_path / "none.oas", *look(focal="3 mm", stop={"diameter": "8 mm"})),
+        ("analyse", tmp_path / "none.toml", *look(focal="3 mm", stop={"diameter": "8 mm"})),
         ("run", tmp_path / "job.toml", "--out", tmp_path / "out"),
     ):
         answer = command(capsys, *words, "--json")
@@ -60,8 +60,8 @@ def test_a_fast_lens_is_told_once_and_its_size_by_the_bar_alone(capsys, tmp_path
     assert (verified.code, told in verified.stderr) == (0, True)
     # Of the mask the die alone, whose middle is that of its dots: about any other a grid is fine.
     for file in ((tmp_path / "ring.toml",), (tmp_path / "out/SMALL.gds", "--cell", "PLAIN")):
-        small = ("--focal", "0.125 mm", "--stop", "100 um", "--window", "8 um")
-        analysed = command(capsys, "analyse", *file, *LOOK, *small)
+        small = look(focal="0.125 mm", stop={"diameter": "100 um"}, window="8 um")
+        analysed = command(capsys, "analyse", *file, *small)
         assert told in analysed.stderr
         assert "paraxial_model_error" not in analysed.stdout
         assert "vector_field" in analysed.stdout

@@ -13,7 +13,7 @@ from optics_cases import clear_region, noise, panel
 from sweeps import in_turns, sweep
 
 from maskfab.base.model import UNSTATED, Camera, Die, MaskBlank, Stop
-from maskfab.cli.app import run_command_line
+from maskfab.cli.program import run_command_line
 from maskfab.optics.lags import lag_table
 from maskfab.optics.psf import Leak, point_psf, point_psfs
 from maskfab.optics.pupil import Aperture, cut, panel_aperture
@@ -180,12 +180,8 @@ def test_analyse_counts_a_stated_leak_in_every_number(capsys):
     command = [
         "analyse",
         str(TOLED),
-        "--stop",
-        "300 um",
-        "--window",
-        "32 um",
-        "--wavelengths",
-        "530 nm",
+        "--camera",
+        '{ stop = { diameter = "300 um" }, window = "32 um", wavelengths = ["530 nm"] }',
         "--quiet",
         "--json",
     ]

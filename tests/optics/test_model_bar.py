@@ -11,7 +11,7 @@ from klayout import db
 from optics_cases import clear_region, noise, panel
 
 from maskfab.base.model import UNSTATED, Camera, Glass, MaskBlank, Panel, Stop, Tiling
-from maskfab.cli.app import run_command_line
+from maskfab.cli.program import run_command_line
 from maskfab.mask.opening_file import load_opening
 from maskfab.optics.field.matrix import parity_field
 from maskfab.optics.field.polygons import boundary
@@ -276,7 +276,8 @@ def test_rows_say_what_was_assumed_and_come_by_size():
 
 
 def test_analyse_prints_the_bar_as_text_and_json(capsys):
-    command = ["analyse", str(TOLED), "--stop", "400 um", "--window", "32 um", "--wavelengths", "530 nm", "--quiet"]
+    camera = '{ stop = { diameter = "400 um" }, window = "32 um", wavelengths = ["530 nm"] }'
+    command = ["analyse", str(TOLED), "--camera", camera, "--quiet"]
     plate = '{ optical_density = 5, glass = { thickness = "1 mm", index = 1.5, chrome = "lens" } }'
     assert run_command_line([*command, "--plate", plate, "--json"]) == 0
     found = {each["name"]: each for each in json.loads(capsys.readouterr().out)["quantities"]}

@@ -18,7 +18,7 @@ from sweeps import examples
 
 from maskfab.base.errors import JobError
 from maskfab.base.model import Camera, Stop
-from maskfab.cli.app import run_command_line
+from maskfab.cli.program import run_command_line
 from maskfab.designs.descent.objective import tiled_stop
 from maskfab.job.read import parse_section
 from maskfab.job.sections import CameraSection
@@ -304,12 +304,8 @@ def test_an_opening_is_analysed_behind_it_with_all_checks(stop, capsys):
     command = [
         "analyse",
         str(path),
-        "--stop",
-        stop,
-        "--window",
-        "64 um",
-        "--wavelengths",
-        "530 nm",
+        "--camera",
+        f'{{ stop = {stop}, window = "64 um", wavelengths = ["530 nm"] }}',
         "--json",
         "--quiet",
     ]
@@ -322,7 +318,7 @@ def test_an_opening_is_analysed_behind_it_with_all_checks(stop, capsys):
 
 def test_a_stop_that_is_no_table_is_refused(capsys):
     path = Path(__file__).parents[2] / "layouts" / "openings" / "toled.toml"
-    assert run_command_line(["analyse", str(path), "--stop", "{ shape = ", "--quiet"]) == 2
+    assert run_command_line(["analyse", str(path), "--camera", "{ stop = ", "--quiet"]) == 2
     assert "MF101" in capsys.readouterr().err
 
 

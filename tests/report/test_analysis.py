@@ -12,7 +12,7 @@ import OpenImageIO as oiio  # noqa: N813 - its customary name
 import pytest
 from klayout import db
 from scipy.special import j1
-from small_job import DRAWING, LOOK, MASK, OPENING, command, write_job
+from small_job import DRAWING, LOOK, MASK, OPENING, command, look, write_job
 
 import maskfab
 from maskfab.base.errors import JobError, SourceError
@@ -380,8 +380,7 @@ def read_exr(path: Path) -> tuple[oiio.ImageSpec, np.ndarray]:
 def test_psfs_are_written_with_their_step_and_wavelength(capsys, tmp_path):
     path = tmp_path / "lopsided.toml"
     path.write_text(OPENING)
-    look = [word if word != "530 nm" else "530 nm, 610 nm" for word in LOOK]
-    answer = command(capsys, "analyse", path, *look, "--out", tmp_path / "out")
+    answer = command(capsys, "analyse", path, *look(wavelengths=["530 nm", "610 nm"]), "--out", tmp_path / "out")
     assert answer.code == 0
     camera = Camera(5000.0, Stop("circle", 400.0), (530.0, 610.0), 2.0, 64.0)
     psfs = analyse(path, Request(camera=camera)).psfs
@@ -421,7 +420,7 @@ def test_a_check_that_fails_is_exit_1_and_its_files_are_there(capsys, tmp_path, 
     assert (tmp_path / "out" / "optics.png").is_file()
 
 
-SCENE = ("--gap", "60 um", "--field", "3 mm", "--depth", "100 mm, inf", "--accuracy", "0.4")
+SCENE = ("--scene", '{ gap = "60 um", field = "3 mm", depth = ["100 mm", "inf"], accuracy = 0.4 }')
 
 
 def test_a_scene_is_analysed_and_drawn(capsys, tmp_path):
@@ -441,37 +440,37 @@ def test_a_scene_is_analysed_and_drawn(capsys, tmp_path):
 
 def test_aberrations_are_taken_one_by_one(capsys, tmp_path):
     opening = write_job(tmp_path).parent / "ring.toml"
-    asked = ("--aberration", "4:0.05", "--aberration", "11:-0.02", "--accuracy", "draft")
+    asked = ("--scene", '{ aberrations = [[4, 0.05], [11, -0.02]], accuracy = "draft" }')
     rows = command(capsys, "analyse", opening, *LOOK, *asked, "--json").document["quantities"]
     assert next(row["value"] for row in rows if row["name"] == "scene_psf_change") > 0.01
 
 
 @pytest.mark.parametrize(
-    ("options", "code"),
+    ("scene", "code"),
     [
-        (("--aberration", "4"), "MF105"),
-        (("--aberration", "4:x"), "MF105"),
-        (("--aberration", "0:0.1"), "MF104"),
-        (("--accuracy", "2"), "MF104"),
-        (("--accuracy", "nan"), "MF104"),
-        (("--depth", "1 m"), "MF105"),
-        (("--depth", "2 m, 1 m"), "MF104"),
-        (("--depth", "1 mm, inf"), "MF104"),
-        (("--gap", "1"), "MF103"),
-        (("--spectrum", "none.csv"), "MF301"),
-        (("--spectrum", "uv"), "MF105"),
-        (("--illuminant", "6500"), "MF103"),
+        ("aberrations = [[4]]", "MF105"),
+        ('aberrations = [[4, "x"]]', "MF105"),
+        ("aberrations = [[0, 0.1]]", "MF104"),
+        ("accuracy = 2", "MF104"),
+        ("accuracy = nan", "MF104"),
+        ('depth = ["1 m"]', "MF105"),
+        ('depth = ["2 m", "1 m"]', "MF104"),
+        ('depth = ["1 mm", "inf"]', "MF104"),
+        ('gap = "1"', "MF103"),
+        ('spectrum = "none.csv"', "MF301"),
+        ('spectrum = "uv"', "MF105"),
+        ('illuminant = "6500"', "MF103"),
     ],
 )
-def test_bad_scenes_are_refused(capsys, tmp_path, options, code):
+def test_bad_scenes_are_refused(capsys, tmp_path, scene, code):
     opening = write_job(tmp_path).parent / "ring.toml"
-    answer = command(capsys, "analyse", opening, *LOOK, *options, "--json")
+    answer = command(capsys, "analyse", opening, *LOOK, "--scene", f"{{ {scene} }}", "--json")
     assert answer.code == 2
     assert answer.document["error"]["code"] == code
     assert answer.document["error"]["cure"]
 
 
 def test_a_mask_of_unknown_tiling_is_refused_a_scene(capsys, out):
-    answer = command(capsys, "analyse", out / "SMALL.gds", *LOOK, "--gap", "60 um", "--json")
+    answer = command(capsys, "analyse", out / "SMALL.gds", *LOOK, "--scene", '{ gap = "60 um" }', "--json")
     assert (answer.code, answer.document["error"]["code"]) == (2, "MF105")
     assert "--tiling" in answer.document["error"]["cure"]

@@ -10,7 +10,7 @@ import pytest
 from jsonschema import Draft202012Validator
 from once import leaves, small_scenes
 
-from maskfab.api.verbs.photographs import simulate
+from maskfab.api.photographs import simulate
 from maskfab.base.errors import JobError
 from maskfab.base.processes import SerialExecutor
 from maskfab.camera import scenes as scene_sets

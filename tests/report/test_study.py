@@ -22,7 +22,7 @@ from maskfab.camera import scenes
 from maskfab.camera.imaging import Margin
 from maskfab.camera.restorers.wiener import Wiener
 from maskfab.camera.scores import MeanDifference, Score
-from maskfab.cli.app import run_command_line
+from maskfab.cli.program import run_command_line
 from maskfab.mask.formats.exr import write_png
 from maskfab.mask.job import load_job
 from maskfab.report.pages.study import brightening, photograph_tiles, scores_figure, study_page

@@ -18,7 +18,7 @@ from shared_tasks import printed
 from small_job import listing, write_job
 
 from maskfab.base.folders import TIMES
-from maskfab.cli.app import run_command_line
+from maskfab.cli.program import run_command_line
 from maskfab.mask.job import load_job
 from maskfab.runs import pipeline
 from maskfab.runs.recall import origin_of, recalled
@@ -177,13 +177,13 @@ def test_the_command_shows_and_prunes(tmp_path, monkeypatch, capsys):
     own = Store.of_user()
     assert own is not None
     own.put(Origin("number", ()), 3, int)
-    assert run_command_line(["cache"]) == 0
+    assert run_command_line(["self", "cache"]) == 0
     assert "number" in capsys.readouterr().out
-    assert run_command_line(["cache", "--limit", "0", "--json"]) == 0
+    assert run_command_line(["self", "cache", "--limit", "0", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert (told["kept"], told["removed"]["entries"]) == ({}, 1)
     for wrong in ("a lot", "1", "-1 GB", "nan GB", "1 TB"):
-        assert run_command_line(["cache", f"--limit={wrong}"]) == 2
+        assert run_command_line(["self", "cache", f"--limit={wrong}"]) == 2
         assert "MF105" in capsys.readouterr().err
 
 

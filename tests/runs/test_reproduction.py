@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 from small_job import command, listing
 
-from maskfab.api.camera import Camera
-from maskfab.api.curves import Psf
+from maskfab.api.camera import Camera, Psf
 from maskfab.base import provenance
 from maskfab.runs import pipeline
 
@@ -26,7 +25,7 @@ def copy(small_result: Path, tmp_path: Path) -> Path:
 
 def test_a_directory_is_made_again_byte_for_byte_and_left_alone(capsys, copy):
     before = listing(copy)
-    told = command(capsys, "reproduce", copy, "--quiet")
+    told = command(capsys, "verify", "--again", copy, "--quiet")
     assert told.code == 0
     assert told.stdout.endswith("files: every byte is the same\n")
     assert listing(copy) == before
@@ -41,7 +40,7 @@ def test_what_differs_is_told_with_place_stage_and_version(capsys, copy, monkeyp
     body[100] ^= 1
     (copy / "SMALL.gds").write_bytes(body)
     monkeypatch.setattr(provenance, "versions", lambda: {"maskfab": "0.1.0", "numpy": "9.9"})
-    told = command(capsys, "reproduce", copy, "--quiet", "--json")
+    told = command(capsys, "verify", "--again", copy, "--quiet", "--json")
     assert told.code == 1
     files = {file["name"]: file for file in told.document["files"]}
     assert {name for name, file in files.items() if file["difference"]} == {
@@ -58,13 +57,13 @@ def test_what_differs_is_told_with_place_stage_and_version(capsys, copy, monkeyp
 def test_what_no_run_has_finished_is_refused(capsys, tmp_path, manifest):
     if manifest is not None:
         (tmp_path / "manifest.json").write_text(manifest)
-    told = command(capsys, "reproduce", tmp_path)
+    told = command(capsys, "verify", "--again", tmp_path)
     assert told.code == 2
     assert "MF403" in told.stderr
 
 
 def test_the_installation_is_examined_and_what_it_computes_wrong_is_told(capsys, monkeypatch):
-    told = command(capsys, "doctor", "--quiet", "--json")
+    told = command(capsys, "self", "doctor", "--quiet", "--json")
     assert told.code == 0
     assert told.document["facts"]["numpy"] == np.__version__
     names = {check["name"] for check in told.document["checks"]}
@@ -77,14 +76,14 @@ def test_the_installation_is_examined_and_what_it_computes_wrong_is_told(capsys,
         return replace(psf, values=psf.values * (1 + 1e-6))
 
     monkeypatch.setattr(Camera, "psf", wrong)
-    told = command(capsys, "doctor", "--quiet")
+    told = command(capsys, "self", "doctor", "--quiet")
     assert told.code == 1
     assert "clear_stop_psf_error" in told.stdout
 
 
 def test_the_version_and_job_of_a_run_are_cited(capsys, small_result):
     manifest = json.loads((small_result / "manifest.json").read_text())
-    program = command(capsys, "cite", small_result, "--json").document["program"]
+    program = command(capsys, "self", "cite", small_result, "--json").document["program"]
     assert f"version = {{{manifest['maskfab_version']}}}" in program
     assert f"job {manifest['job_hash'][:16]}" in program
     told = command(capsys, "cite").stdout
@@ -96,5 +95,5 @@ def test_nothing_is_taken_from_the_cache(capsys, copy, tmp_path, monkeypatch):
     """A kept result would hide what this installation makes otherwise."""
     monkeypatch.setenv("MASKFAB_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(pipeline, "give_result", lambda *_: pytest.fail("taken from the cache"))
-    assert command(capsys, "reproduce", copy, "--quiet").code == 0
+    assert command(capsys, "verify", "--again", copy, "--quiet").code == 0
     assert not (tmp_path / "cache").exists()

@@ -14,7 +14,7 @@ import pytest
 from small_job import command, write_job
 
 import maskfab as mf
-from maskfab.api.verbs.job_sweeps import Sweep
+from maskfab.api.sweeping import Sweep
 from maskfab.base import resources
 from maskfab.base.errors import JobError, OutputError
 from maskfab.base.processes import ProcessExecutor

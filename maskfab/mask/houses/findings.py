@@ -35,7 +35,7 @@ _KISSING = DesignRules(no_corner_touch=True)
 _LEVELS = 3
 """Plate, die, unit cell: references are never nested deeper."""
 _UNBIASED = 'Set order.bias = "house" or "none", or use coarser dots, whose biased data keep the rule'
-_PACKAGE = "send what maskfab package makes for the house"
+_PACKAGE = "send what maskfab order pack makes for the house"
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Finding:
 
     def quantity(self, shop: str) -> Quantity:
         """The finding as a row of a report; the shop by its name, whose pages would fill a table."""
-        published = f"A rule of {shop}, whose pages `maskfab shops {shop}` names"
+        published = f"A rule of {shop}, whose pages `maskfab order list {shop}` names"
         method = ". ".join(
             text for text in (self.place and f"at {self.place}", self.cure, self.question, published) if text
         )

@@ -91,7 +91,7 @@ def unpack(package: Path, folder: Path) -> tuple[str, ...]:
     """
     if not os.path.isfile(package):
         raise SourceError(
-            "MF301", f"there is no package {package}", cure="Give the path of a .zip that maskfab package wrote"
+            "MF301", f"there is no package {package}", cure="Give the path of a .zip that maskfab order pack wrote"
         )
     with _opened(package) as archive:
         members = _checked(archive.infolist(), package)
@@ -183,7 +183,9 @@ def _blocks(archive: zipfile.ZipFile, member: zipfile.ZipInfo, package: Path) ->
 
 def _damaged(package: Path, error: Exception) -> SourceError:
     code = "MF303" if zipfile.is_zipfile(package) else "MF422"
-    return SourceError(code, f"{package} cannot be unpacked: {error}", cure="Pack the job again with maskfab package")
+    return SourceError(
+        code, f"{package} cannot be unpacked: {error}", cure="Pack the job again with maskfab order pack"
+    )
 
 
 def _checked(members: Sequence[zipfile.ZipInfo], package: Path) -> dict[str, zipfile.ZipInfo]:
@@ -217,7 +219,7 @@ def _checked(members: Sequence[zipfile.ZipInfo], package: Path) -> dict[str, zip
         named[path.name] = member
     if len(folders) != 1 or RESULT_MARK not in named:
         raise SourceError(
-            "MF422", f"{package} has no folder with a {RESULT_MARK}", cure="Name a zip that maskfab package wrote"
+            "MF422", f"{package} has no folder with a {RESULT_MARK}", cure="Name a zip that maskfab order pack wrote"
         )
     return named
 

@@ -394,7 +394,7 @@ def _packed_job(folder: Path, package: Path) -> Job:
                 "MF105",
                 f"its job names {name!r}, which it does not hold",
                 where=JOB_COPY,
-                cure="Pack the job again with maskfab package",
+                cure="Pack the job again with maskfab order pack",
             )
     return load_job(path)
 
@@ -463,7 +463,7 @@ def _manifest(path: Path) -> Mapping[str, Any]:
             raise ValueError("it lists a file twice")
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise SourceError(
-            "MF422", f"its {RESULT_MARK} cannot be used: {error!r}", cure="Name a zip that maskfab package wrote"
+            "MF422", f"its {RESULT_MARK} cannot be used: {error!r}", cure="Name a zip that maskfab order pack wrote"
         ) from error
     return dict(manifest)
 

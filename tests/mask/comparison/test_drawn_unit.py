@@ -5,7 +5,7 @@ from __future__ import annotations
 import ezdxf
 import pytest
 from klayout import db
-from small_job import command, with_the_die, write_job
+from small_job import command, look, with_the_die, write_job
 from sweeps import sweep
 
 from maskfab.base.errors import JobError
@@ -150,7 +150,7 @@ def test_the_commands_refuse_units_that_cannot_be(capsys, polygons, tmp_path, ar
 
 def test_analyse_takes_a_unit(capsys, polygons, tmp_path):
     shapes = [[(x + dx, y) for x, y in ((0, 0), (8, 0), (8, 8), (0, 8))] for dx in range(0, 80, 16)]
-    optics = ("--stop", "60 um", "--focal", "5 mm", "--wavelengths", "530 nm", "--window", "64 um", "--quiet", "--json")
+    optics = (*look(stop={"diameter": "60 um"}), "--json")
     ratios = []
     for scale, unit in ((1.0, "um"), (25400.0, "in")):
         path = drawn(tmp_path / f"{unit}.dxf", shapes, scale, None)

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
-from small_job import command, listing, with_the_die, write_job
+from small_job import LOOK, command, listing, with_the_die, write_job
 from sweeps import sweep
 
 from maskfab.base.errors import OutputError
@@ -176,15 +176,14 @@ def test_a_writer_that_is_killed_half_way_leaves_the_old_file(writers, tmp_path,
 
 COMMANDS = {
     "run": (("run", "JOB", "--out", "OUT", "--quiet"), "OUT"),
-    "package": (("package", "JOB", "--shop", "generic-chrome", "--out", "OUT.zip", "--quiet"), "OUT.zip"),
+    "package": (("order", "pack", "JOB", "--shop", "generic-chrome", "--out", "OUT.zip", "--quiet"), "OUT.zip"),
     "analyse": (
-        ("analyse", "RING", "--stop", "400 um", "--focal", "5 mm", "--wavelengths", "530 nm", "--window", "64 um",
-         "--out", "OUT", "--quiet"),
+        ("analyse", "RING", *LOOK, "--out", "OUT"),
         "OUT",
     ),
     "shape": (
-        ("shape", "stripe", "--dots", "21", "--pitch", "168 um", "--width-dots", "5", "--clear-dots", "90", "--out",
-         "OUT.toml"),
+        ("new", "OUT.toml", "--shape", "stripe", "--dots", "21", "--pitch", "168 um", "--width-dots", "5",
+         "--clear-dots", "90"),
         "OUT.toml",
     ),
 }  # fmt: skip

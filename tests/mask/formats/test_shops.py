@@ -108,14 +108,14 @@ def test_shops_are_listed(capsys):
     answer = command(capsys, "shops")
     assert answer.code == 0
     assert [row.split()[0] for row in answer.stdout.splitlines()[1:]] == list(shop_names())
-    document = command(capsys, "shops", "--json").document
+    document = command(capsys, "order", "list", "--json").document
     assert [shop["name"] for shop in document["shops"]] == list(shop_names())
 
 
 def test_one_shop_is_shown_with_its_sources(capsys):
-    shown = command(capsys, "shops", "photoplotstore").stdout
+    shown = command(capsys, "order", "list", "photoplotstore").stdout
     assert all(source in shown for source in load_shop("photoplotstore").sources)
-    document = command(capsys, "shops", "photoplotstore", "--json").document
+    document = command(capsys, "order", "list", "photoplotstore", "--json").document
     assert document["limits"]["min_feature_um"] == 6
     assert document["limits"]["max_vertices"] is None
     assert document["tolerance"]["cd_um"][-1] == [None, 2.54]
@@ -123,6 +123,6 @@ def test_one_shop_is_shown_with_its_sources(capsys):
 
 
 def test_an_unknown_shop_ends_the_command(capsys):
-    answer = command(capsys, "shops", "nobody", "--json")
+    answer = command(capsys, "order", "list", "nobody", "--json")
     assert (answer.code, answer.document["error"]["code"]) == (2, "MF420")
     assert "generic-chrome" in answer.document["error"]["cure"]

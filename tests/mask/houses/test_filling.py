@@ -36,7 +36,7 @@ def test_on_a_terminal_each_blank_is_asked_for_until_its_answer_holds(monkeypatc
     before = job.read_bytes()
     # Out of range, then right; of no kind, then right; too thick for the house, then right; the rest left blank.
     typed(monkeypatch, "0", "3", "plastic", "quartz", "9 mm", "2.3 mm", "", "", "", "", "", "", "")
-    answer = command(capsys, "order", job, "--shop", "topro_chrome")
+    answer = command(capsys, "order", "fill", job, "--shop", "topro_chrome")
     assert answer.code == 1
     assert "1 to 5 mm" in answer.stderr
     assert "quartz" in answer.stderr
@@ -46,14 +46,14 @@ def test_on_a_terminal_each_blank_is_asked_for_until_its_answer_holds(monkeypatc
     assert (spec.order.quantity, spec.order.glass, spec.order.thickness) == (3, "quartz", 2300.0)
     assert spec.export.shop == "topro_chrome"
     assert "order.contact.name" in answer.stdout
-    assert "maskfab package" in answer.stdout
+    assert "maskfab order pack" in answer.stdout
 
 
 def test_a_terminal_that_ends_leaves_the_job_as_it_was(monkeypatch, capsys, tmp_path):
     job = write_job(tmp_path)
     before = job.read_bytes()
     typed(monkeypatch, "3", "quartz")
-    assert command(capsys, "order", job, "--shop", "topro_chrome").code == 130
+    assert command(capsys, "order", "fill", job, "--shop", "topro_chrome").code == 130
     assert job.read_bytes() == before
 
     assert not list(tmp_path.glob(".*"))
@@ -61,18 +61,20 @@ def test_a_terminal_that_ends_leaves_the_job_as_it_was(monkeypatch, capsys, tmp_
 
 def test_without_a_terminal_blanks_are_named_and_answers_taken_from_options(capsys, tmp_path):
     job = write_job(tmp_path)
-    named = command(capsys, "order", job, "--shop", "compugraphics", "--json")
+    named = command(capsys, "order", "fill", job, "--shop", "compugraphics", "--json")
     keys = [each.partition("=")[0] for each in SAID]
     assert named.code == 1
     assert [each["key"] for each in named.document["missing"]] == keys
-    told = command(capsys, "order", job, "--shop", "compugraphics", *(f"--set={each}" for each in SAID), "--json")
+    told = command(
+        capsys, "order", "fill", job, "--shop", "compugraphics", *(f"--set={each}" for each in SAID), "--json"
+    )
     assert told.code == 0
     assert told.document["complete"]
     assert told.document["written"] == [*(f"order.{key}" for key in keys), "order.date", "export.shop"]
     assert mf.load_job(job).spec.order.contact.name == 'A. "Reader"'
-    package = ["package", job, "--shop", "compugraphics", "--out", tmp_path / "p.zip", "--quiet", "--json"]
+    package = ["order", "pack", job, "--shop", "compugraphics", "--out", tmp_path / "p.zip", "--quiet", "--json"]
     assert command(capsys, *package).document["blanks"] == []
-    again = command(capsys, "order", job, "--shop", "compugraphics", "--set", "quantity=3")
+    again = command(capsys, "order", "fill", job, "--shop", "compugraphics", "--set", "quantity=3")
     assert again.code == 2
     assert "stated already" in again.stderr
 
@@ -98,7 +100,9 @@ def test_without_a_terminal_blanks_are_named_and_answers_taken_from_options(caps
 def test_an_answer_that_cannot_be_is_refused_and_nothing_written(capsys, tmp_path, said, code):
     job = write_job(tmp_path, ("[camera]", '[order]\nrevision = "A"\nprotection = "none"\n[camera]'))
     before = job.read_bytes()
-    answer = command(capsys, "order", job, "--shop", "topro_chrome", "--set", "film=chrome", "--set", said, "--json")
+    answer = command(
+        capsys, "order", "fill", job, "--shop", "topro_chrome", "--set", "film=chrome", "--set", said, "--json"
+    )
     assert answer.code == 2
     assert answer.document["error"]["code"] == code
     assert answer.document["error"]["cure"]
@@ -107,17 +111,17 @@ def test_an_answer_that_cannot_be_is_refused_and_nothing_written(capsys, tmp_pat
 
 def test_tone_that_a_house_does_not_write_is_refused(tmp_path):
     with pytest.raises(JobError, match=r"MF128 .*dark"):
-        mf.order(write_job(tmp_path), "mems_exchange_gca3600", {"tone": "clear"})
+        mf.order.fill(write_job(tmp_path), "mems_exchange_gca3600", {"tone": "clear"})
 
 
 def test_only_a_file_of_toml_is_written_to(tmp_path):
     job = mf.load_job(write_job(tmp_path))
     with pytest.raises(JobError, match="MF105"):
-        mf.order(job, "compugraphics", {"quantity": "1"})
+        mf.order.fill(job, "compugraphics", {"quantity": "1"})
     path = tmp_path / "job.json"
     path.write_text(json.dumps(job.spec.dump()))
     with pytest.raises(SourceError, match="MF308"):
-        mf.order(path, "compugraphics", {"quantity": "1"})
+        mf.order.fill(path, "compugraphics", {"quantity": "1"})
 
 
 LINES = (

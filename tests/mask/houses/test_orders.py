@@ -174,7 +174,7 @@ def test_a_filled_order_has_no_blank_for_any_house(tmp_path, name):
 
 def test_what_nobody_states_is_blank_and_told(capsys, tmp_path):
     answer = command(
-        capsys, "package", write_job(tmp_path), "--shop", "generic-chrome", "--out", tmp_path / "p.zip", "--quiet"
+        capsys, "order", "pack", write_job(tmp_path), "--shop", "generic-chrome", "--out", tmp_path / "p.zip", "--quiet"
     )
     assert answer.code == 0
     assert "blank on the order sheet" in answer.stdout
@@ -241,7 +241,7 @@ def test_the_sheet_states_what_is_smallest_of_openings_and_of_marks_apart(tmp_pa
 def test_papers_say_one_thing_and_prove_it(capsys, tmp_path):
     path = write_job(tmp_path)
     path.write_text(path.read_text() + FILLED.replace("[order]\n", '[order]\ntone = "dark"\nchrome = "down"\n'))
-    answer = command(capsys, "package", path, "--shop", "compugraphics", "--out", tmp_path / "p.zip", "--quiet")
+    answer = command(capsys, "order", "pack", path, "--shop", "compugraphics", "--out", tmp_path / "p.zip", "--quiet")
     assert answer.code == 0, answer.stdout
     assert "blank on the order sheet" not in answer.stdout
     assert "By the order they must stay apart" in answer.stdout
@@ -375,7 +375,7 @@ def test_a_terminal_is_told_of_rules_that_were_read_long_ago(capsys, tmp_path):
     profile = tmp_path / "old.toml"
     for year, old in ((2019, True), (2999, False)):
         profile.write_text(f'title = "House"\nsources = ["https://example.org/rules"]\nread_on = {year}-01-01\n')
-        assert ("two years ago" in command(capsys, "shops", profile).stderr) is old
+        assert ("two years ago" in command(capsys, "order", "list", profile).stderr) is old
 
 
 @pytest.mark.parametrize("name", shop_names())
@@ -387,7 +387,7 @@ def test_each_revision_has_a_package_of_its_own_and_none_is_overwritten(capsys, 
     job = write_job(tmp_path)
     plain = job.read_text()
     job.write_text(plain + '\n[order]\nrevision = "A"\n')
-    words = ["package", job, "--shop", "generic-chrome", "--quiet", "--out"]
+    words = ["order", "pack", job, "--shop", "generic-chrome", "--quiet", "--out"]
     assert command(capsys, *words, tmp_path).code == 0
     first = tmp_path / "SMALL_generic-chrome_revA.zip"
     content = first.read_bytes()

@@ -199,7 +199,7 @@ def test_an_opening_that_reaches_the_next_cell_is_merged_or_given_a_gutter(tmp_p
 def test_check_says_pass_and_writes_nothing(capsys, tmp_path):
     job = write_job(tmp_path)
     before = listing(tmp_path)
-    answer = command(capsys, "check", job, "--shop", "generic-chrome", "--quiet")
+    answer = command(capsys, "order", "pack", job, "--shop", "generic-chrome", "--dry-run", "--quiet")
     assert answer.code == 0
     assert "PASS min_feature" in answer.stdout
     assert answer.stderr.startswith("PASS")
@@ -208,13 +208,13 @@ def test_check_says_pass_and_writes_nothing(capsys, tmp_path):
 
 def test_check_says_what_is_refused_with_rule_source_and_cure(capsys, tmp_path):
     job = write_job(tmp_path)
-    answer = command(capsys, "check", job, "--shop", "gesim", "--json", "--quiet")
+    answer = command(capsys, "order", "pack", job, "--shop", "gesim", "--dry-run", "--json", "--quiet")
     assert (answer.code, answer.document["verdict"]) == (1, "fail")
     (rule,) = (rule for rule in answer.document["rules"] if rule["passed"] is False)
     assert (rule["rule"], rule["value"], rule["limit"]) == ("blank", 27.0, "127")
     assert rule["source"].startswith("https://gesim")
     assert "plate.blank" in rule["cure"]
-    text = command(capsys, "check", job, "--shop", "gesim", "--quiet")
+    text = command(capsys, "order", "pack", job, "--shop", "gesim", "--dry-run", "--quiet")
     assert text.code == 1
     assert "REFUSED blank: 27 mm" in text.stdout
     assert "gesim" in text.stderr

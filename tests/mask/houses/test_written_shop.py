@@ -51,7 +51,7 @@ def test_every_layout_that_is_written_is_judged_and_what_is_for_people_is_not(tm
         if finding.rule == "format" and not finding.passed:
             assert finding.limit == "gdsii oasis"
             assert "Keep to gdsii oasis" in finding.cure
-            assert "maskfab package" in finding.cure
+            assert "maskfab order pack" in finding.cure
 
 
 @pytest.mark.parametrize("name", shop_names())
@@ -62,7 +62,7 @@ def test_a_job_that_leaves_all_to_its_house_is_taken_as_its_package_would_be(tmp
     assert made.formats == shop.formats[:1]
     assert refused(findings) == (set() if shop.plate.extent_mm is None else {"extent"})
     if shop.plate.extent_mm is not None:
-        assert "maskfab package" in the("extent", findings).cure
+        assert "maskfab order pack" in the("extent", findings).cure
         assert the("extent", findings).value == "127 x 127"  # what shows the blank is in the file too
 
 
@@ -114,7 +114,7 @@ def test_a_house_that_wants_holes_on_a_layer_of_their_own_gets_them_from_package
     assert made.figures.options.holes == "bisect"
     finding = the("shared_boundaries", check_written(made.figures, load_shop("mr_nanotec"), made.formats))
     assert finding.passed is False
-    assert "maskfab package" in finding.cure
+    assert "maskfab order pack" in finding.cure
 
 
 def test_notes_are_polygons_where_the_house_takes_no_text(tmp_path):
@@ -178,7 +178,7 @@ def test_a_run_fails_for_the_format_that_its_house_does_not_take(capsys, tmp_pat
     assert answer.code == 1
     (failed,) = (check for check in answer.document["checks"] if not check["passed"])
     assert (failed["name"], failed["value"], failed["limit"]) == ("shop_format", "dxf_r12", "gdsii oasis")
-    assert "maskfab package" in failed["method"]
+    assert "maskfab order pack" in failed["method"]
     again = command(capsys, "verify", tmp_path / "out", "--quiet")
     assert again.code == 1
     assert "FAIL shop_format = dxf_r12" in again.stderr

@@ -25,7 +25,7 @@ from once import FIGURES, once
 from small_job import OPENING, command, with_the_die, write_job
 from sweeps import in_turns, sweep
 
-from maskfab.cli.common.printing import one_line
+from maskfab.cli.printing import one_line
 from maskfab.mask.houses.profiles import load_shop
 from maskfab.mask.job import load_job
 from maskfab.mask.package.pack import pack
@@ -165,7 +165,7 @@ def spoken_job(folder: Path, title: str, label: str, facts: str) -> Path:
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory) -> tuple[Path, Path]:
     """Two results of one job: with texts that attack, and with harmless ones of the same kinds."""
-    from maskfab.cli.app import run_command_line
+    from maskfab.cli.program import run_command_line
 
     results = []
     for name, title, label, facts in (
@@ -280,7 +280,7 @@ def test_the_papers_of_a_package_are_inert_whatever_its_profile_says(capsys, tmp
     assert pages[0].elements == pages[1].elements
     assert not obeyed(orders[0])
     assert orders[0].count("\n") == orders[1].count("\n")
-    shown = command(capsys, "shops", tmp_path / "hostile" / "house.toml")
+    shown = command(capsys, "order", "list", tmp_path / "hostile" / "house.toml")
     assert shown.code == 0
     assert not obeyed(shown.stdout)
 
@@ -380,7 +380,7 @@ def test_texts_of_a_job_are_drawn_or_refused_in_one_line(capsys, tmp_path, key, 
     """Those that the plate's font has are text; all others are refused, and nothing is written."""
     text = EVERY[named]
     job = write_job(tmp_path, (key, f"{key.split()[0]} = {quoted(text)}"))
-    answer = command(capsys, "check", job, "--shop", "generic-chrome", "--quiet")
+    answer = command(capsys, "order", "pack", job, "--shop", "generic-chrome", "--dry-run", "--quiet")
     assert obeyed(answer.stdout + answer.stderr) == []
     drawn = key.startswith(("title", "label")) and text in MARKUP.values() and len(text) <= 40
     assert answer.code == (0 if drawn else 2), answer.stderr

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from small_job import LOOK, OPENING, command, listing, with_the_die, write_job
+from small_job import OPENING, command, listing, look, with_the_die, write_job
 from sweeps import in_turns, sweep
 
 from maskfab.job.values import check_name
@@ -82,8 +82,8 @@ def test_names_of_other_things_give_each_file_and_cell_a_name_of_its_own(capsys,
 
 def test_wavelengths_that_are_nearly_alike_have_files_of_their_own(capsys, tmp_path):
     (tmp_path / "ring.toml").write_text(OPENING, encoding="utf-8")
-    look = [word if word != "530 nm" else "530.0001 nm, 530.0002 nm" for word in LOOK]
-    answer = command(capsys, "analyse", tmp_path / "ring.toml", *look, "--out", tmp_path / "out")
+    lines = look(wavelengths=["530.0001 nm", "530.0002 nm"])
+    answer = command(capsys, "analyse", tmp_path / "ring.toml", *lines, "--out", tmp_path / "out")
     assert answer.code == 0, answer.stderr
     written = sorted(path.name for path in (tmp_path / "out").glob("*.exr"))
     assert len(written) == 4

@@ -30,12 +30,12 @@ def small(kind: str, folder: Path) -> Path:
 
 def broken_promises(job: Path, folder: Path, few: set[str] | None = None) -> tuple[tuple[Bid, ...], list[str]]:
     """The answers of all houses to a job, and those of them, or of a few, of which no package is made that verifies."""
-    bids, broken = mf.shops(compare=job), []
+    bids, broken = mf.order.compare(job), []
     for bid in bids:
         if few is not None and bid.shop not in few:
             continue
         target = folder / f"{bid.shop}.zip"
-        made = mf.package(job, bid.shop, target)
+        made = mf.order.pack(job, bid.shop, target)
         if (made.path is None) != (bid.answer == "does not"):
             broken.append(f"{bid.shop}: {bid.answer}, refused by {made.refused_by}")
         elif made.path is not None and any(each.passed is False for each in verify_package(made.path)):

@@ -70,7 +70,7 @@ def packed(capsys, folder: Path, shop: object, formats, edits=()) -> tuple[Path,
     """A job of one die, and the package that the command makes of it."""
     job, out = with_the_die("TURNED", write_job(folder, *edits, opening=OPENING)), folder / "p.zip"
     answer = command(
-        capsys, "package", job, "--shop", shop, "--out", out, *as_options(formats), "--json", "--quiet", "--force"
+        capsys, "order", "pack", job, "--shop", shop, "--out", out, *as_options(formats), "--json", "--quiet", "--force"
     )
     assert answer.code == 0, answer.stdout
     assert {file["format"] for file in answer.document["files"]} - {"paper"} == set(formats)

@@ -201,7 +201,7 @@ def test_a_run_for_a_house_with_its_own_names_of_layers(capsys, tmp_path):
 )
 def test_chrome_and_glass_are_held_against_the_house(capsys, tmp_path, chrome, edits, refused):
     job = write_job(tmp_path, *edits, ("[plate]", f"[export]\nchrome = {chrome}\n\n[plate]"))
-    answer = command(capsys, "check", job, "--shop", "topro_chrome", "--json", "--quiet")
+    answer = command(capsys, "order", "pack", job, "--shop", "topro_chrome", "--dry-run", "--json", "--quiet")
     rules = {rule["rule"]: rule for rule in answer.document["rules"]}
     assert {name for name, rule in rules.items() if rule["passed"] is False} == refused
     assert rules["chrome"]["limit"] == "100 to 125"
@@ -220,11 +220,11 @@ def test_glass_of_another_thickness_is_refused_with_templates_that_have_it(tmp_p
 
 def test_a_blank_of_the_wrong_size_is_cured_by_a_template(capsys, tmp_path):
     job = write_job(tmp_path, (TEMPLATE[0][0], 'template = "6in"'), TEMPLATE[1])
-    answer = command(capsys, "check", job, "--shop", "gesim", "--json", "--quiet")
+    answer = command(capsys, "order", "pack", job, "--shop", "gesim", "--dry-run", "--json", "--quiet")
     cure = the("blank", [Finding(**rule) for rule in answer.document["rules"]]).cure
     assert 'plate.template to "5in"' in cure
     cured = write_job(tmp_path, *TEMPLATE)
-    assert command(capsys, "check", cured, "--shop", "gesim", "--quiet").code == 0
+    assert command(capsys, "order", "pack", cured, "--shop", "gesim", "--dry-run", "--quiet").code == 0
 
 
 def test_marks_lie_on_the_grid_of_the_house_and_dies_that_do_not_are_told(tmp_path):
@@ -289,9 +289,9 @@ def test_a_package_holds_its_job_and_nothing_else_is_read(capsys, tmp_path):
 
 def test_folders_above_a_package_are_made_with_it_and_not_for_a_refusal(capsys, tmp_path):
     job, out = write_job(tmp_path), tmp_path / "a" / "b" / "p.zip"
-    assert command(capsys, "package", job, "--shop", "gesim", "--out", out, "--quiet").code == 1
+    assert command(capsys, "order", "pack", job, "--shop", "gesim", "--out", out, "--quiet").code == 1
     assert not (tmp_path / "a").exists()
-    assert command(capsys, "package", job, "--shop", "pog", "--out", out, "--quiet").code == 0
+    assert command(capsys, "order", "pack", job, "--shop", "pog", "--out", out, "--quiet").code == 0
     assert zipfile.is_zipfile(out)
 
 

@@ -44,7 +44,7 @@ def test_equal_jobs_make_equal_packages_that_prove_themselves(tmp_path):
 
 def test_a_refused_plate_leaves_no_package(capsys, tmp_path):
     job = write_job(tmp_path)
-    answer = command(capsys, "package", job, "--shop", "gesim", "--out", tmp_path / "p.zip", "--quiet")
+    answer = command(capsys, "order", "pack", job, "--shop", "gesim", "--out", tmp_path / "p.zip", "--quiet")
     assert answer.code == 1
     assert "REFUSED blank" in answer.stdout
     assert not list(tmp_path.glob("*.zip"))
@@ -331,7 +331,7 @@ def test_a_shop_is_for_packages(capsys, packed):
 def test_a_package_is_called_zip(capsys, packed, tmp_path):
     job, _ = packed
     out = tmp_path / "p.txt"
-    answer = command(capsys, "package", job, "--shop", "generic-chrome", "--out", out, "--json", "--quiet")
+    answer = command(capsys, "order", "pack", job, "--shop", "generic-chrome", "--out", out, "--json", "--quiet")
     assert (answer.code, answer.document["error"]["code"], answer.document["error"]["where"]) == (2, "MF105", "--out")
     assert not out.exists()
 
@@ -371,7 +371,7 @@ def test_a_tolerance_without_an_end_and_a_thickness_that_nobody_states_are_told_
         encoding="utf-8",
     )
     job, path = write_job(tmp_path), tmp_path / "p.zip"
-    answer = command(capsys, "package", job, "--shop", shop, "--out", path, "--quiet")
+    answer = command(capsys, "order", "pack", job, "--shop", shop, "--out", path, "--quiet")
     assert "glass: not stated by the job, 1 to 2 mm taken" in answer.stdout
     with zipfile.ZipFile(path) as archive:
         sheets = [archive.read(name).decode() for name in archive.namelist() if "/order." in name]

@@ -1,0 +1,557 @@
+"""About the program itself: errors and keys in words, the installation, what runs have kept, entries to cite."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+import re
+import tempfile
+import textwrap
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from maskfab.api.results import Result
+from maskfab.base import __version__, provenance
+from maskfab.base import resources as error_codes
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import CATALOGUE, JobError
+from maskfab.base.work import Progress, silent
+
+if TYPE_CHECKING:
+    from maskfab.api.asked import AnyJob
+    from maskfab.api.plate import Plate
+    from maskfab.base.model import Quantity
+    from maskfab.optics.benchmark import Timing
+    from maskfab.optics.hard_cases import CaseResult
+    from maskfab.report.rows.text import Quantities
+    from maskfab.runs.store import Entry
+
+
+# Each answer imports what it needs: an error is explained in less time than any of it takes to load.
+
+_WIDTH = 100
+_CODE = re.compile(r"(?i)\s*(mf.?\d|\d)")
+_INDENT = " " * len("Usual cause: ")
+
+
+@dataclass(frozen=True, repr=False)
+class Answer(Result):
+    """An explanation, as text for people and as plain data."""
+
+    text: str
+    document: Mapping[str, Any]
+
+    def __str__(self) -> str:
+        return self.text
+
+    def to_dict(self) -> dict[str, Any]:
+        """The parts by their names."""
+        return dict(self.document)
+
+
+@checked_arguments
+def explain(
+    code: Annotated[str | None, "CODE|KEY"] = None, *, schema: Literal["job", "report", "check"] | None = None
+) -> Answer:
+    """Explain an error code (meaning, example, usual cause, cure) or a key of a job (form, default, meaning).
+
+    Examples:
+        $ maskfab explain MF106
+        $ maskfab explain camera.stop
+        $ maskfab explain --schema job > job.schema.json
+        >>> import maskfab as mf
+        >>> print(mf.explain("MF111").text.splitlines()[0])
+        MF111  A random tiling needs a seed.
+
+    Args:
+        code: code such as ``"MF106"``, or a key or table of a job such as ``"camera.stop"``, or its last word; left
+            out, all codes are listed.
+        schema: print the JSON Schema (draft 2020-12) of a job file, of report.json or of maskfab check --json.
+
+    Raises:
+        JobError: MF105 for what is neither, or both.
+    """
+
+    if schema is not None:
+        if code is not None:
+            raise JobError("MF105", f"{code} is not of a schema", where="code", cure="Ask for one after the other")
+        document = _schema(schema)
+        return Answer(json.dumps(document, indent=1, ensure_ascii=False), document)
+    if code is None:
+        groups = error_codes.grouped()
+        lists = ("\n".join([heading, *(f"  {e}  {CATALOGUE[e]}" for e in codes)]) for heading, codes in groups.items())
+        return Answer("\n\n".join(lists), {h: {e: CATALOGUE[e] for e in codes} for h, codes in groups.items()})
+    if not _CODE.match(code):
+        return _of_keys(code)
+    found = error_codes.explained(code)
+    parts = _parts(("Example", found.example), ("Usual cause", found.cause), ("Cure", found.cure))
+    return Answer(f"{found.code}  {found.meaning}\n\n{parts}", asdict(found))
+
+
+def _schema(of: str) -> dict[str, Any]:
+    if of == "job":
+        from maskfab.job.reference import job_schema
+
+        return job_schema()
+    if of == "report":
+        from maskfab.report.documents.report import schema as report_schema
+
+        return report_schema()
+    if of == "check":
+        from maskfab.report.documents.check import check_schema
+
+        return check_schema()
+    raise JobError("MF105", f"there is no schema of {of!r}", where="schema", cure="Name job, report or check")
+
+
+def _of_keys(path: str) -> Answer:
+    from maskfab.job.reference import keys_of
+
+    keys = keys_of(path, or_word=True)
+    document = {"keys": [asdict(key) for key in keys]}
+    if len({key.section for key in keys}) > 1 and all(key.name == path.strip().lower() for key in keys):
+        # A word that ends several keys: which is meant, their first sentences tell.
+        width = max(len(key.path) for key in keys)
+        lines = [f"{key.path:<{width}}  {key.meaning.partition('. ')[0].rstrip('.')}." for key in keys]
+        return Answer("\n".join([*lines, f"maskfab explain {keys[0].path} tells more"]), document)
+    refused = _refused_if() if any(key.section == "design.rules" for key in keys) else {}
+    told = []
+    for key in keys:
+        default = "required" if key.default is None else key.default or "none"
+        parts = _parts(("Meaning", key.meaning), ("Form", key.form), ("Default", default), *refused.get(key.path, ()))
+        told.append(key.path + key.section.partition(" ")[1] + key.section.partition(" ")[2] + "\n" + parts)
+    return Answer("\n\n".join(told), document)
+
+
+def _refused_if() -> dict[str, tuple[tuple[str, str]]]:
+    """By the keys of design rules, when a design is refused for them before it is searched for."""
+    from maskfab.designs.rules.constraints import RULES
+
+    return {rule.where: (("Refused if", rule.refused_if),) for rule in RULES if rule.refused_if}
+
+
+def _parts(*parts: tuple[str, str]) -> str:
+    told = []
+    for title, text in parts:
+        lines = (line for each in text.splitlines() for line in textwrap.wrap(each, _WIDTH - len(_INDENT)))
+        told.append(f"{title + ':':<{len(_INDENT)}}" + f"\n{_INDENT}".join(lines))
+    return "\n".join(told)
+
+
+_OPTIONAL = {
+    "pandas": ("tables for to_dataframe()", "pandas"),
+    "rawpy": ("captures as RAW files", "raw"),
+    "gerbonara": ("Gerber read back", "gerber"),
+    "pycvvdp": ("ColorVideoVDP in maskfab check --look", "eye"),
+    "distributed": ("sweeps on a cluster", "cluster"),
+}
+_FORMATS = ("gds", "oas", "dxf")
+_LIMIT = 1e-9
+_CAMERA = {"pixel": "2 um", "wavelengths": "530 nm", "window": "128 um"}
+_CONTAINER_LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
+
+
+@dataclass(frozen=True, repr=False)
+class Examination(Result):
+    """An installation.
+
+    Attributes:
+        facts: in words, by their names.
+        checks: of the self-test, each judged.
+        seconds: that the self-test took.
+    """
+
+    facts: dict[str, str]
+    checks: Quantities = field(hash=False)
+    seconds: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether the self-test found every number right."""
+        return self.checks.passed
+
+    def to_dict(self) -> dict[str, Any]:
+        """Facts and checks."""
+        return {"facts": self.facts, "passed": self.passed, "seconds": self.seconds, "checks": self.checks.to_dict()}
+
+    def __str__(self) -> str:
+        width = max(map(len, self.facts))
+        lines = [f"{name.ljust(width)}  {told}" for name, told in self.facts.items()]
+        shown = self.checks if self.passed else self.checks.failed
+        right = sum(each.passed is True for each in self.checks)
+        told = f"self-test: {right} of {len(self.checks)} checks pass, {self.seconds:.1f} s"
+        return "\n".join([*lines, told] if self.passed else [*lines, told, str(shown)])
+
+
+@checked_arguments
+def doctor(*, progress: Progress = silent) -> Examination:
+    """Examine this installation: versions, threads, memory, optional parts, and a self-test that takes seconds.
+
+    The self-test holds the PSF of a clear square stop against its formula, and writes a small plate in three formats,
+    reads each back and repeats its checks.
+
+    Examples:
+        $ maskfab self doctor
+
+    Args:
+        progress: told where the work stands.
+    """
+    from maskfab.api.making import verify
+    from maskfab.report.rows.text import Quantities
+
+    begun = time.perf_counter()
+    checks = [_clear_stop()]
+    with tempfile.TemporaryDirectory(prefix="maskfab-") as scratch:
+        for done, name in enumerate(_FORMATS):
+            progress("self-test", done, len(_FORMATS))
+            path = Path(scratch) / f"plate.{name}"
+            plate = _plate()
+            plate.write(path)
+            checks += [each for each in verify(path, against=plate) if each.passed is not None]
+    progress("self-test", len(_FORMATS), len(_FORMATS))
+    return Examination(dict(_facts()), Quantities(checks), round(time.perf_counter() - begun, 2))
+
+
+def _clear_stop() -> Quantity:
+    """A clear square stop of side D: (D / λf)² sinc²(D x / λf) sinc²(D y / λf), Goodman, Fourier Optics, 4.4.1."""
+    import numpy as np
+
+    from maskfab.api.camera import Camera
+    from maskfab.api.opening import Opening
+    from maskfab.api.panel import Panel
+    from maskfab.base.model import Quantity
+
+    side_um, focal_um, line_um = 800.0, 10_000.0, 0.53
+    camera = Camera(focal_um, stop={"shape": "square", "diameter": side_um}, **_CAMERA)
+    opening = Opening.of(np.ones((4, 4), dtype=np.bool_), pitch="20 um", name="clear")
+    psf = camera.psf(Panel.tile(opening, "periodic", size="1 mm"), 1000 * line_um)
+    across = (side_um / (line_um * focal_um)) * np.sinc(side_um * psf.x_um / (line_um * focal_um)) ** 2
+    exact = np.outer(across, across)
+    error = float(abs(psf.samples - exact).max() / exact.max())
+    method = "PSF of a clear square stop against its formula, largest difference over the peak"
+    return Quantity("clear_stop_psf_error", error, method, limit=_LIMIT, passed=error <= _LIMIT)
+
+
+def _plate() -> Plate:
+    from maskfab.api.camera import Camera
+    from maskfab.api.opening import Opening
+    from maskfab.api.panel import Panel
+    from maskfab.api.plate import Plate
+
+    bar = Opening.bar(dots=21, size=(15, 7), pitch="168 um")
+    panel = Panel.tile(bar, "random", seed=1, size="1.68 mm")
+    return Plate.of(BAR=panel, blank="27 mm", writable="22 mm", camera=Camera("10 mm", stop="1 mm", **_CAMERA))
+
+
+def _facts() -> Iterator[tuple[str, str]]:
+    from threadpoolctl import threadpool_info
+
+    from maskfab.runs.store import VARIABLE, Store
+
+    yield from provenance.versions().items()
+    yield "system", f"{platform.system()} {platform.machine()}"
+    yield "processors", str(os.cpu_count() or 1)
+    pools = [f"{pool['internal_api']} {pool['num_threads']}" for pool in threadpool_info()]
+    yield "threads", ", ".join(pools) or "no numerical library is loaded"
+    yield "memory", _memory()
+    store = Store.of_user()
+    yield "cache", f"off; {VARIABLE} names a folder" if store is None else str(store.folder)
+    for module, (use, extra) in _OPTIONAL.items():
+        there = find_spec(module) is not None
+        yield module, use if there else f"not installed: {use} needs pip install 'maskfab[{extra}]'"
+
+
+def _memory() -> str:
+    """Of the machine, and of the container where that allows less."""
+    try:
+        total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (ValueError, OSError, AttributeError):
+        return "unknown"
+    limits = [int(text) for path in _CONTAINER_LIMITS if (text := _text(path)).isdigit()]
+    return f"{min([total, *limits]) / 1e9:.1f} GB"
+
+
+def _text(path: str) -> str:
+    try:
+        return Path(path).read_text(encoding="ascii").strip()
+    except OSError:
+        return ""
+
+
+_UNITS = {"kB": 1e3, "MB": 1e6, "GB": 1e9}
+_DAY_S = 86400
+
+
+@dataclass(frozen=True, repr=False)
+class Kept(Result):
+    """Findings of earlier runs, which later ones take from there.
+
+    Attributes:
+        folder: that holds it; None where the cache is off, or has no place that only its owner may write.
+        entries: everything that is kept.
+        removed: just now; None if nothing was to be.
+    """
+
+    folder: Path | None
+    entries: tuple[Entry, ...]
+    removed: tuple[Entry, ...] | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Numbers and bytes, by kind."""
+        kinds = {what: _sums(each) for what, each in sorted(_by_kind(self.entries).items())}
+        folder = None if self.folder is None else str(self.folder)
+        return {"folder": folder, "kept": kinds, "removed": None if self.removed is None else _sums(self.removed)}
+
+    def __str__(self) -> str:
+        if self.folder is None:
+            from maskfab.runs.store import VARIABLE
+
+            return f"The cache is off, or has no place that only you may write; {VARIABLE} names another folder."
+        now = time.time()
+        lines = [str(self.folder)]
+        for what, each in sorted(_by_kind(self.entries).items(), key=lambda item: -_sums(item[1])["bytes"]):
+            days = (now - max(entry.used for entry in each)) / _DAY_S
+            lines.append(_line(each, f"{what}, used {days:.1f} days ago"))
+        lines.append(_line(self.entries, "in all"))
+        return "\n".join(lines if self.removed is None else [*lines, _line(self.removed, "removed")])
+
+
+@checked_arguments
+def cache(limit: Annotated[str | None, "--limit SIZE"] = None) -> Kept:
+    """Tell what earlier runs have found, which later ones take from there, and remove what was used longest ago.
+
+    Examples:
+        $ maskfab self cache
+        $ maskfab self cache --limit '1 GB'
+        >>> import maskfab as mf
+        >>> print(mf.cache(limit="1 GB"))                                              # doctest: +SKIP
+
+    Args:
+        limit: remove what was used longest ago until the rest takes no more, such as ``"1 GB"``, 0.
+
+    Raises:
+        JobError: MF105 for what is no size.
+    """
+    from maskfab.runs.store import Store
+
+    most, store = None if limit is None else _bytes(limit), Store.of_user()
+    if store is None:
+        return Kept(None, ())
+    removed = None if most is None else store.prune(most)
+    return Kept(store.folder, tuple(store.entries()), removed)
+
+
+def _by_kind(entries: Iterable[Entry]) -> dict[str, list[Entry]]:
+    kinds: dict[str, list[Entry]] = {}
+    for entry in entries:
+        kinds.setdefault(entry.what, []).append(entry)
+    return kinds
+
+
+def _sums(entries: Iterable[Entry]) -> dict[str, int]:
+    sizes = [entry.bytes for entry in entries]
+    return {"entries": len(sizes), "bytes": sum(sizes)}
+
+
+def _line(entries: Iterable[Entry], words: str) -> str:
+    sums = _sums(entries)
+    return f"{sums['bytes'] / 1e6:9.1f} MB  {sums['entries']:6}  {words}"
+
+
+def _bytes(text: str) -> int:
+    number, _, unit = text.strip().partition(" ")
+    try:
+        value = float(number)
+        value *= 1.0 if value == 0 and not unit else _UNITS[unit.strip()]
+    except (ValueError, KeyError):
+        value = math.nan
+    if not (math.isfinite(value) and value >= 0):
+        raise JobError("MF105", f"{text!r} is no size", where="limit", cure="Give a number and kB, MB or GB: '1 GB'")
+    return int(value)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Benchmark(Result):
+    """Time and error of every method.
+
+    Attributes:
+        timings: by contestant.
+        bound_ms: processor time of the matrix products alone, by precision.
+        absent: libraries that are not installed, and why.
+        unused: keys and tables that the job states and the race does not depend on.
+    """
+
+    timings: Sequence[Timing]
+    bound_ms: Mapping[str, float]
+    absent: Mapping[str, str]
+    unused: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything that was measured."""
+        from maskfab.optics import benchmark as accuracy_page
+
+        return {
+            **accuracy_page.race_document(self.timings, self.bound_ms, self.absent),
+            "unused": list(self.unused),
+        }
+
+    def picture(self) -> bytes:
+        """A PNG of error against time."""
+        from maskfab.optics import benchmark as accuracy_page
+
+        return accuracy_page.race_figure(self.timings)
+
+    def save(self, out: Annotated[str | Path, "FOLDER"]) -> list[Path]:
+        """Write figure and results into a new directory.
+
+        Args:
+            out: new folder for the figure and the results.
+
+        Raises:
+            OutputError: MF401 or MF402 for a place that cannot be written.
+        """
+        from maskfab.optics import benchmark as accuracy_page
+
+        return accuracy_page.write_accuracy(Path(out), self.to_dict(), self.picture())
+
+    def __str__(self) -> str:
+        from maskfab.job.reference import in_words
+        from maskfab.optics import benchmark as accuracy_page
+
+        return "\n".join([*accuracy_page.race_table(self.timings, self.bound_ms, self.absent), *in_words(self.unused)])
+
+    def _repr_png_(self) -> bytes:
+        return self.picture()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class HardCases(Result):
+    """Outcomes of the hard cases."""
+
+    outcomes: Sequence[CaseResult]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every case keeps its bound."""
+        return all(outcome.passed for outcome in self.outcomes)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Every case."""
+        from maskfab.optics import benchmark as accuracy_page
+
+        return accuracy_page.case_document(self.outcomes)
+
+    def __str__(self) -> str:
+        from maskfab.optics import benchmark as accuracy_page
+
+        return "\n".join(accuracy_page.case_table(self.outcomes))
+
+
+@checked_arguments
+def bench(
+    job: AnyJob | None = None,
+    *,
+    die: str | None = None,
+    rounds: Annotated[int, "2..1000"] = 9,
+    hard: bool = False,
+    progress: Progress = silent,
+) -> Benchmark | HardCases:
+    """Time every PSF method and compare each with the exact one, or run the hard cases.
+
+    Examples:
+        $ maskfab self bench --out bench
+        $ maskfab self bench layouts/upc12.toml --die TOLED_R150
+        $ maskfab self bench --hard
+
+    Args:
+        job: job file (.toml); by default a standard panel.
+        die: die of the job; by default the first.
+        rounds: number of timed rounds.
+        hard: run the hard cases instead.
+        progress: told where the work stands.
+
+    Raises:
+        JobError: MF105 for a die that the job does not have.
+    """
+    from maskfab.api.asked import dies_of, job_of
+    from maskfab.job.reference import USES, unused
+    from maskfab.optics import benchmark as accuracy
+
+    if hard:
+        from maskfab.optics.hard_cases import CASES, run_cases
+
+        return HardCases(tuple(run_cases(CASES)))
+    left: tuple[str, ...] = ()
+    if job is None:
+        workload = accuracy.standard_workload()
+    else:
+        loaded = job_of(job)
+        loaded.check_window()
+        left = unused(loaded.spec, *USES["self bench"])
+        panels = {each.name: each.panel for each in loaded.plate().dies}
+        workload = accuracy.workload_of(panels[dies_of(die, panels)[0]], loaded.camera)
+    timings = accuracy.race(workload, rounds, progress)
+    return Benchmark(timings, accuracy.gemm_bound_ms(workload), accuracy.absent(), left)
+
+
+_PROGRAM = """\
+@software{{maskfab,
+  title   = {{maskfab: photomask plates for under-panel cameras}},
+  version = {{{version}}},{note}
+}}"""
+_PAPER = """\
+@article{yang2021display,
+  author  = {Yang, Anqi and Sankaranarayanan, Aswin C.},
+  title   = {Designing Display Pixel Layouts for Under-Panel Cameras},
+  journal = {IEEE Transactions on Pattern Analysis and Machine Intelligence},
+  year    = {2021}
+}"""
+
+
+@dataclass(frozen=True, repr=False)
+class Citation(Result):
+    """Entries for a bibliography.
+
+    Attributes:
+        program: of maskfab in the version that is cited.
+        paper: of the work whose experiment it is for.
+    """
+
+    program: str
+    paper: str
+
+    def __str__(self) -> str:
+        return f"{self.program}\n\n{self.paper}"
+
+    def to_dict(self) -> dict[str, str]:
+        """The entries."""
+        return {"program": self.program, "paper": self.paper}
+
+
+@checked_arguments
+def cite(directory: str | Path | None = None) -> Citation:
+    """Print BibTeX entries of maskfab, and of the paper whose experiment it is for.
+
+    Examples:
+        $ maskfab self cite
+        $ maskfab self cite build/upc12
+
+    Args:
+        directory: a finished run, whose version and job are cited; by default this installation.
+
+    Raises:
+        OutputError: MF403 if it is none.
+    """
+    if directory is None:
+        return Citation(_PROGRAM.format(version=__version__, note=""), _PAPER)
+    from maskfab.base.folders import read_manifest
+
+    manifest = read_manifest(Path(directory))
+    note = f"\n  note    = {{job {str(manifest.get('job_hash'))[:16]}}},"
+    return Citation(_PROGRAM.format(version=manifest["maskfab_version"], note=note), _PAPER)

@@ -1,0 +1,189 @@
+"""A job of one's own to begin with, or an opening drawn from numbers."""
+
+from __future__ import annotations
+
+import shlex
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from maskfab.api.results import Asked, InPython, Result, Told, answers
+from maskfab.base import resources
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError
+from maskfab.base.folders import check_file, check_target, staged, write_text
+
+if TYPE_CHECKING:
+    from maskfab.api.lengths import Length
+    from maskfab.api.opening import Opening
+
+
+# A job is begun in less time than openings take to load.
+
+FIRST = "first_plate"
+"""Shipped job that one begins with unless another is named."""
+JOB = "job.toml"
+_LAYOUTS = "layouts"
+
+
+@dataclass(frozen=True)
+class Begun(Result):
+    """A folder with a job and everything that it names.
+
+    Attributes:
+        job: the job file.
+        files: all files, the job first.
+    """
+
+    job: Path
+    files: tuple[Path, ...]
+
+    def __str__(self) -> str:
+        named = "\n".join(str(path) for path in self.files)
+        return f"{named}\nNext: maskfab check {self.job}, then maskfab run {self.job} --out {self.job.parent / 'plate'}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The paths."""
+        return {"job": str(self.job), "files": [str(path) for path in self.files]}
+
+
+@dataclass(frozen=True, repr=False)
+class Drawn(Result):
+    """An opening that was drawn and written.
+
+    Attributes:
+        path: of its file.
+        opening: what is in it.
+    """
+
+    path: Path
+    opening: Opening
+
+    def to_dict(self) -> dict[str, Any]:
+        """Facts of the opening, and where it is."""
+        facts = {"name": self.opening.name, "path": str(self.path), "clear_dots": self.opening.clear_dots}
+        return {**facts, "open_ratio": self.opening.open_ratio, "provenance": dict(self.opening.provenance)}
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+
+def templates() -> tuple[str, ...]:
+    """Names of the shipped jobs that lay out a plate, sorted."""
+    every = sorted(resources.path(_LAYOUTS).glob("*.toml"))
+    return tuple(path.stem for path in every if "die" in tomllib.loads(path.read_text(encoding="utf-8")))
+
+
+@checked_arguments
+def new(
+    place: Annotated[str | Path, "FOLDER|FILE.toml"],
+    source: Annotated[str | None, "--from NAME"] = None,
+    *,
+    shape: str | None = None,
+    dots: int | None = None,
+    pitch: Length | None = None,
+    clear_dots: int | None = None,
+    width_dots: int | None = None,
+    size_ratio: float | None = None,
+    aspect: float | None = None,
+    exponent: float | None = None,
+    lengths: Annotated[Mapping[str, int] | None, "--length KEY=DOTS"] = None,
+    name: str | None = None,
+    command: InPython[str | None] = None,
+    force: bool = False,
+) -> Begun | Drawn:
+    """Begin a job of your own: a folder with a commented job, and the openings and maps that it names.
+
+    With --shape, draw a parametric opening instead, or the opening of a display with its emitters.
+
+    Examples:
+        $ maskfab new mine
+        $ maskfab new mine --from display_that_fits
+        $ maskfab new s.toml --shape stripe --dots 21 --pitch '168 um' --width-dots 5 --clear-dots 90
+        $ maskfab new ring.toml --shape circular --length diameter=18
+
+    Args:
+        place: folder to make, new or empty; with shape the file for the opening.
+        source: a shipped job, such as upc12 or display_that_fits; by default first_plate.
+        shape: kind of opening: stripe, blobs or diamond-discs; with emitters rgb-stripe, pentile-diamond, delta,
+            circular or window.
+        dots: dots along the side of a cell; by default 21, or a display's own.
+        pitch: side of a cell; by default ``"168 um"``, or a display's own.
+        clear_dots: number of clear dots; blobs and discs need it.
+        width_dots: width of a stripe in dots; by default 5.
+        size_ratio: size of small blobs relative to large ones; by default 0.7.
+        aspect: aspect ratio of blobs, length over width; by default 1.25.
+        exponent: superellipse exponent of blobs: 2 is an ellipse, larger is squarer; by default 4.
+        lengths: length of a display, in dots.
+        name: name of the opening; by default the file's stem.
+        command: what reproduces an opening, for its provenance; by default this call.
+        force: replace an existing file of an opening.
+
+    Raises:
+        JobError: MF105 for another name, or what goes with another form; of a shape as :meth:`maskfab.Opening.shape`.
+        OutputError: MF401 or MF402 if the place cannot be written, or is not empty.
+    """
+    from maskfab.api.asked import require_form
+
+    sizes = {"size_ratio": size_ratio, "aspect": aspect, "exponent": exponent, "width_dots": width_dots}
+    drawn = {"dots": dots, "pitch": pitch, "clear_dots": clear_dots, "lengths": lengths, "name": name, "force": force}
+    require_form("shape", {**drawn, **sizes}, of=shape is not None)
+    if shape is None:
+        return _job(Path(place), FIRST if source is None else source)
+    if source is not None:
+        raise JobError("MF105", "a shape is drawn from numbers", where="source", cure="Leave source out, or shape")
+    from maskfab.api.opening import Opening
+    from maskfab.mask.opening_file import opening_text
+
+    target = Path(place)
+    check_file(target, force=force)
+    stated: dict[str, Any] = {key: value for key, value in sizes.items() if value is not None}
+    opening = Opening.shape(
+        shape, dots=dots, pitch=pitch, clear_dots=clear_dots, lengths=lengths, name=name or target.stem,
+        command=command or f"maskfab.new({str(place)!r}, shape={shape!r})", **stated,
+    )  # fmt: skip
+    write_text(target, opening_text(opening), replace=force)
+    return Drawn(target, opening)
+
+
+def _job(folder: Path, source: str) -> Begun:
+    if source not in templates():
+        cure = f"Begin with {', '.join(templates())}"
+        raise JobError("MF105", f"there is no shipped job {source!r}", where="source", cure=cure)
+    place, layouts = check_target(folder, force=False), resources.path(_LAYOUTS)
+    text = (layouts / f"{source}.toml").read_text(encoding="utf-8")
+    named = sorted({name for name in _texts(tomllib.loads(text)) if name and (layouts / name).is_file()})
+    with staged(place) as made:
+        (made / JOB).write_text(text, encoding="utf-8")
+        for name in named:
+            (made / name).parent.mkdir(parents=True, exist_ok=True)
+            (made / name).write_bytes((layouts / name).read_bytes())
+    return Begun(folder / JOB, tuple(folder / name for name in (JOB, *named)))
+
+
+def _texts(value: object) -> Iterator[str]:
+    """Every text in a document."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict | list):
+        for each in value.values() if isinstance(value, dict) else value:
+            yield from _texts(each)
+
+
+@answers(new)
+def _new(asked: Asked) -> Told:
+    """A drawn opening names the command that draws it, as it was typed."""
+    if "shape" in asked.stated:
+        words = (word for word in asked.words if word not in {"--force", "--json"})
+        return Told.of(asked.found(command=shlex.join(["maskfab", *words])))
+    return Told.of(asked.found())
+
+
+@checked_arguments
+def shapes() -> tuple[str, ...]:
+    """Every kind that :meth:`maskfab.Opening.shape` draws."""
+    from maskfab.api.opening import SHAPES
+
+    return SHAPES

@@ -1,0 +1,464 @@
+"""Decisions: whether a display fits, how it looks, what must be modelled of its optics; and which of runs is best."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, overload
+
+from maskfab.api.asked import AnyJob, dies_of, job_of, require_form
+from maskfab.api.lengths import Length, length_text
+from maskfab.api.results import Asked, InPython, Result, Told, answers
+from maskfab.base import units
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError
+from maskfab.base.folders import check_target, staged, write_mark
+from maskfab.base.model import UNSTATED, Quantity
+from maskfab.base.work import Progress, one_thread, silent
+from maskfab.display.feasibility import display_rules, displays
+from maskfab.job.reference import USES, in_words, unused
+from maskfab.job.sections import SceneSection
+
+if TYPE_CHECKING:
+    from maskfab.api.camera import Camera
+    from maskfab.display.eye import SeenPanel
+    from maskfab.display.feasibility import Feasibility, PlateWithDisplays
+    from maskfab.display.placement import LargestGap
+    from maskfab.mask.job import Job
+    from maskfab.optics.scene.model_bar import Omission
+    from maskfab.optics.scene.plan import Plan
+    from maskfab.report.pages.compared import Compared
+    from maskfab.report.rows.text import Quantities
+    from maskfab.runs.pipeline import Result as Run
+
+
+# Each question imports what answers it: a scene is planned in less time than all of it takes to load.
+
+PAGE = "compare.html"
+_RULES = """State the rules of the display maker, such as
+
+[emitters]
+gap_to_opening = "4 um"
+colour_gap = "8 um"
+min_width = "8 um"
+"""
+_USUAL_PIXELS, _USUAL_SAMPLES, _USUAL_DISTANCE = 100, 21, "300 mm"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DisplayCheck(Result):
+    """Feasibility of the displays of a job.
+
+    Attributes:
+        built: the plate with emitters and wires, and what was found of each die.
+        gaps: widest gap between colours, by die, where it was asked for.
+        digest: of the job.
+        unused: keys and tables that the job states and the answer does not depend on.
+        notes: by die, that its seed is none of those that its display is known to fit.
+    """
+
+    built: PlateWithDisplays
+    gaps: Mapping[str, LargestGap]
+    digest: str
+    unused: tuple[str, ...] = ()
+    notes: Mapping[str, Quantity] = field(default_factory=dict)
+
+    @property
+    def passed(self) -> bool:
+        """Whether every display fits, or nothing is required of it and no rule is broken."""
+        return all(found.passed for found in self.built.displays.values())
+
+    def __getitem__(self, die: str) -> Feasibility:
+        return self.built.displays[die]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Every die with the answer about it."""
+        from maskfab.report.documents import check as check_data
+
+        return check_data.check_document(
+            self.built, self.gaps, self.digest, self.unused, self.notes, passed=self.passed
+        )
+
+    def __str__(self) -> str:
+        from maskfab.report.documents import check as display_text
+
+        lines = [
+            line
+            for each in self.built.plate.dies
+            for line in display_text.display_lines(
+                each.name, self.built.displays.get(each.name), self.gaps.get(each.name), self.notes.get(each.name)
+            )
+        ]
+        return "\n".join([*lines, *in_words(self.unused)])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Rendering(Result):
+    """Pictures on panels, as the eye sees them.
+
+    Attributes:
+        panels: by die.
+        samples: along the side of a display pixel.
+        digest: of the job.
+        unused: keys and tables that the job states and the pictures do not depend on.
+    """
+
+    panels: Mapping[str, SeenPanel]
+    samples: int
+    digest: str
+    unused: tuple[str, ...] = ()
+
+    def __getitem__(self, die: str) -> Quantities:
+        from maskfab.report.rows.text import Quantities
+
+        return Quantities(self.panels[die].quantities)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything that was measured."""
+        from maskfab.report.pages import pictures as render_files
+
+        return render_files.render_document(list(self.panels.values()), self.samples, self.digest, self.unused)
+
+    def save(self, out: Annotated[str | Path, "FOLDER"], progress: InPython[Progress] = silent) -> list[Path]:
+        """Write emitted light, the image that the eye sees, a comparison and the results into a new directory.
+
+        Args:
+            out: new folder for emitted light, the image that the eye sees, a comparison and the results.
+            progress: told where the work stands.
+
+        Raises:
+            OutputError: MF401 or MF402 for a place that cannot be written.
+        """
+        from maskfab.report.pages import pictures as render_files
+
+        panels = list(self.panels.values())
+        return render_files.write_rendering(Path(out), panels, self.samples, self.digest, progress, self.unused)
+
+    def picture(self) -> bytes:
+        """A PNG of the panels side by side."""
+        from maskfab.report.pages.pictures import comparison
+
+        return comparison(list(self.panels.values()))
+
+    def __str__(self) -> str:
+        from maskfab.report.rows.text import table_lines
+
+        lines = [line for name, each in self.panels.items() for line in (name, *table_lines(each.quantities))]
+        return "\n".join([*lines, *in_words(self.unused)])
+
+    def _repr_html_(self) -> str:
+        from maskfab.report.rows.text import html_table
+
+        return "".join(f"<h4>{name}</h4>{html_table(each.quantities)}" for name, each in self.panels.items())
+
+    def _repr_png_(self) -> bytes:
+        return self.picture()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Plans(Result):
+    """The model of every die, and what is left out whatever is asked for.
+
+    Attributes:
+        accuracy: admissible relative L2 error of the PSF.
+        plans: by die.
+        omissions: by die; none where neither scene nor blank is stated.
+        unused: keys and tables that the job states and the plan does not depend on.
+    """
+
+    accuracy: float
+    plans: Mapping[str, Plan]
+    omissions: Mapping[str, Sequence[Omission]]
+    unused: tuple[str, ...] = ()
+
+    def __getitem__(self, die: str) -> Plan:
+        return self.plans[die]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data; lengths in micrometres, times in seconds."""
+        from maskfab.optics.scene import plan as plans
+        from maskfab.optics.scene.model_bar import weighed
+
+        dies = [
+            {**plans.plan_document(name, found), "not_modelled": weighed(self.omissions[name], self.accuracy)}
+            for name, found in self.plans.items()
+        ]
+        return {"accuracy": self.accuracy, "dies": dies, "unused": list(self.unused)}
+
+    def __str__(self) -> str:
+        from maskfab.optics.scene import plan as plans
+        from maskfab.optics.scene.model_bar import weighed_table
+
+        lines = [
+            line
+            for name, found in self.plans.items()
+            for line in [*plans.plan_table(name, found), *weighed_table(self.omissions[name], self.accuracy)]
+        ]
+        return "\n".join([*lines, *in_words(self.unused)])
+
+
+@overload
+def check(
+    job: AnyJob, image: str | Path | None = ..., *, look: Literal[True], die: str | Sequence[str] | None = ...,
+    dpi: float | None = ..., distance: Length | None = ..., pixels: int | None = ..., samples: int | None = ...,
+    jod: bool = ..., progress: Progress = ...
+) -> Rendering: ...  # fmt: skip
+@overload
+def check(
+    job: AnyJob, *, optics: Literal[True], camera: Camera | None = ..., die: str | Sequence[str] | None = ...,
+    progress: Progress = ...
+) -> Plans: ...  # fmt: skip
+@overload
+def check(
+    job: AnyJob, *, die: str | Sequence[str] | None = ..., largest_gap: bool = ..., progress: Progress = ...
+) -> DisplayCheck: ...
+@checked_arguments
+@one_thread
+def check(
+    job: AnyJob,
+    image: Annotated[str | Path | None, "<IMAGE>"] = None,
+    *,
+    die: str | Sequence[str] | None = None,
+    largest_gap: bool = False,
+    look: bool = False,
+    dpi: float | None = None,
+    distance: Length | None = None,
+    pixels: int | None = None,
+    samples: int | None = None,
+    jod: bool = False,
+    optics: bool = False,
+    camera: Camera | None = None,
+    progress: Progress = silent,
+) -> DisplayCheck | Rendering | Plans:
+    """Check whether emitters, circuits and wires fit in the opaque area around the openings; prove it where not.
+
+    With --look, render pictures on the panels as the eye sees them: S-CIELAB difference, grain, colour fringes. With
+    --optics, plan the model of the job's [scene]: effects to include, error of those omitted, time and memory.
+
+    Examples:
+        $ maskfab check job.toml
+        $ maskfab check job.toml --die TOLED_R150 --largest-gap --json
+        $ maskfab check job.toml photo.jpg --look --die TOLED_R300 -o seen
+        $ maskfab check job.toml --optics
+
+    Args:
+        job: job file (.toml), with [emitters] unless for optics; in Python also a plate or a loaded job.
+        image: photograph to show as well, with look.
+        die: die of the job; by default all, with look all with emitters.
+        largest_gap: also find the widest possible gap between colours.
+        look: show how the display looks.
+        dpi: dots per inch to scale the panels to, with look; by default their own.
+        distance: viewing distance, with look; by default ``"300 mm"``.
+        pixels: display pixels along a side, with look; by default 100, or as many as the panel has.
+        samples: samples along the side of a display pixel, with look; by default 21.
+        jod: also score with ColorVideoVDP, with look; needs maskfab[eye].
+        optics: plan what the optics of each die have to model.
+        camera: camera of a plate, with optics; by default its own.
+        progress: told where the work stands.
+
+    Raises:
+        JobError: MF105 for a job without [emitters], a die that there is not, or what goes with another form; of look
+            also MF121 for what cannot be shown, of optics MF114 or MF115 if a scene cannot be modelled.
+    """
+    seen = {"image": image, "dpi": dpi, "distance": distance, "pixels": pixels, "samples": samples, "jod": jod}
+    require_form("look", seen, of=look)
+    require_form("optics", {"camera": camera}, of=optics)
+    asked = [name for name, held in {"optics": optics, "look": look, "largest_gap": largest_gap}.items() if held]
+    if len(asked) > 1:
+        cure = f"Leave {asked[0]} out, or {asked[1]}"
+        raise JobError("MF105", f"{asked[0]} and {asked[1]} do not go together", where=asked[1], cure=cure)
+    if optics:
+        return _plans(job_of(job, camera), die)
+    loaded = job_of(job)
+    if look:
+        return _rendering(
+            loaded, image, die, dpi=dpi, distance=_USUAL_DISTANCE if distance is None else distance, pixels=pixels,
+            samples=_USUAL_SAMPLES if samples is None else samples, with_jod=jod, progress=progress,
+        )  # fmt: skip
+    return _fit(loaded, die, largest_gap=largest_gap, progress=progress)
+
+
+def _fit(loaded: Job, die: str | Sequence[str] | None, *, largest_gap: bool, progress: Progress) -> DisplayCheck:
+    from maskfab.display.feasibility import widest_gaps
+    from maskfab.runs.pipeline import executor_of
+
+    rules = display_rules(loaded)
+    if rules is None:
+        raise JobError("MF105", "the job asks for no emitters", where=f"{loaded.where}: emitters", cure=_RULES)
+    plate = loaded.plate()
+    asked = dies_of(die, [each.name for each in plate.dies])
+    plate = replace(plate, dies=tuple(each for each in plate.dies if each.name in asked))
+    with executor_of(loaded) as executor:
+        built = displays(loaded, plate, progress, executor=executor)
+    gaps = widest_gaps(plate, rules, progress) if largest_gap else {}
+    return DisplayCheck(built, gaps, loaded.digest, unused(loaded.spec, *USES["check"]), loaded.seed_notes)
+
+
+def _rendering(
+    loaded: Job,
+    image: str | Path | None,
+    die: str | Sequence[str] | None,
+    *,
+    dpi: float | None,
+    distance: Length,
+    pixels: int | None,
+    samples: int,
+    with_jod: bool,
+    progress: Progress,
+) -> Rendering:
+    from maskfab.display.emitted_light import Viewing, emitters_of, has_emitters
+    from maskfab.display.eye import judge, target_pictures
+    from maskfab.display.pictures import read_picture
+
+    distance_um = units.parse_length_um(length_text(distance), where="distance", zero_allowed=True)
+    pitch_um = None if dpi is None else units.parse_pitch_um(f"{dpi!r} dpi", where="dpi")
+    panels = {each.name: each.panel for each in displays(loaded).plate.dies}
+    chosen = dies_of(die, panels)
+    photograph = None if image is None else read_picture(Path(image))
+    lit = [name for name in chosen if has_emitters(panels[name])]
+    shown = chosen if die else tuple(lit or panels)
+    for name in shown:
+        emitters_of(panels[name])
+    judged = {}
+    for done, name in enumerate(shown):
+        progress("panels", done, len(shown))
+        panel = panels[name]
+        viewing = Viewing(pitch_um or panel.cell_size.pitch_um, distance_um)
+        side = min(_USUAL_PIXELS, *panel.orientations.shape) if pixels is None else pixels
+        judged[name] = judge(name, panel, target_pictures(side, photograph), samples, viewing, with_jod=with_jod)
+    progress("panels", len(shown), len(shown))
+    return Rendering(judged, samples, loaded.digest, unused(loaded.spec, *USES["check --look"]))
+
+
+def _plans(loaded: Job, die: str | Sequence[str] | None) -> Plans:
+    from maskfab.optics.scene import plan as plans
+    from maskfab.optics.scene.model_bar import bar_of_scene
+    from maskfab.optics.scene.scene import Scene
+
+    loaded.check_window()
+    section = loaded.spec.scene or SceneSection()
+    panels = loaded.panels()
+    panels = {name: panels[name] for name in dies_of(die, panels)}
+    found = {
+        name: plans.plan(panel, loaded.camera, loaded.scene or Scene(), section.accuracy)
+        for name, panel in panels.items()
+    }
+    # A job that asks for no scene and says nothing of its plate has its bars in the report.
+    asked = loaded.scene is not None or loaded.blank != UNSTATED
+    field_um = 0.0 if loaded.scene is None else loaded.scene.field_um
+    bars = {
+        name: bar_of_scene(panel, loaded.camera, loaded.blank, field_um) if asked else ()
+        for name, panel in panels.items()
+    }
+    return Plans(section.accuracy, found, bars, unused(loaded.spec, *USES["check --optics"]))
+
+
+PAGE = "compare.html"
+
+
+@answers(check)
+def _check(asked: Asked) -> Told:
+    """Pictures are saved while progress is watched, and only a look has any."""
+    if asked.out is None:
+        return Told.of(asked.found())
+    require_form("look", {"out": asked.out}, of=bool(asked.stated.get("look")))
+    check_target(asked.out, force=False)
+    rendering = asked.found()
+    return Told.of(rendering, rendering.save(asked.out, asked.progress))
+
+
+@dataclass(frozen=True, repr=False)
+class Comparison(Result):
+    """Dies of finished reports side by side.
+
+    Attributes:
+        compared: everything that was found.
+    """
+
+    compared: Compared
+
+    def to_dict(self) -> dict[str, Any]:
+        """Rankings, numbers, what cannot be compared, and where the jobs differ."""
+        return self.compared.to_dict()
+
+    def save(self, out: Annotated[str | Path, "FOLDER"]) -> Path:
+        """Write the page into a folder that appears whole, and return its path.
+
+        Args:
+            out: new folder for a page with the figure.
+
+        Raises:
+            OutputError: MF401 or MF402 if the folder cannot be written, or is not empty.
+        """
+        from maskfab.report.pages.compared import compare_page
+
+        place = check_target(Path(out), force=False)
+        with staged(place) as made:
+            (made / PAGE).write_text(compare_page(self.compared), encoding="utf-8")
+            write_mark(made, None)
+        return Path(out) / PAGE
+
+    def __str__(self) -> str:
+        from maskfab.report.pages.compared import compare_text
+
+        return "\n".join(compare_text(self.compared))
+
+
+@checked_arguments
+def compare(
+    *reports: Annotated[str | Path | Run | Sequence[str | Path | Run], "REPORT..."],
+    dies: Annotated[Sequence[str], "[RUN:]DIE"] = (),
+    reference: str | None = None,
+) -> Comparison:
+    """Put the dies of finished runs side by side: paired differences over the same photographs, numbers, jobs.
+
+    Who is best and how sure, what cannot be compared, and how the jobs differ.
+
+    Examples:
+        $ maskfab compare build/upc12
+        $ maskfab compare build/upc12 build/mine --reference upc12:TOLED_P150 --out build/side_by_side
+
+    Args:
+        reports: finished runs, or report.json files; of one, its dies are compared. In Python also results of
+            :func:`maskfab.run`, one by one or in a list.
+        dies: die to compare, of several reports ``RUN:DIE``; by default all.
+        reference: die that gains are over; by default that of the first report.
+
+    Raises:
+        JobError: MF105 for a die that is not there, for nothing to compare, and for what is no report.
+        OutputError: MF403 for a place without a report; MF407 for one that was edited, is damaged, or of another
+            version.
+    """
+    every = [each for given in reports for each in (given if isinstance(given, list | tuple) else [given])]
+    if not every:
+        cure = "Give the directories of finished runs"
+        raise JobError("MF105", "there is no report to compare", where="compare: reports", cure=cure)
+    from maskfab.report.pages.compared import compare_reports
+    from maskfab.report.pages.finished import read_reports
+
+    read = read_reports([_place(each) for each in every])
+    return Comparison(compare_reports(read, dies, reference))
+
+
+@answers(compare)
+def _compare(asked: Asked) -> Told:
+    if asked.out is not None:
+        check_target(asked.out, force=False)
+    stated = dict(asked.stated)
+    comparison = compare(*stated.pop("reports"), **stated)
+    paths = [] if asked.out is None else [str(comparison.save(asked.out))]
+    if asked.as_json:
+        return Told(comparison.to_dict(), (), asides=paths)
+    return Told(comparison.to_dict(), [*str(comparison).split("\n"), *paths])
+
+
+def _place(report: object) -> Path:
+    if isinstance(report, str | Path):
+        return Path(report)
+    from maskfab.runs.pipeline import Result as Run  # which brings along all that runs
+
+    if not isinstance(report, Run):
+        cure = "Give the directory of a finished run, or the result of run()"
+        raise JobError("MF105", f"a {type(report).__name__} is no report", where="compare: reports", cure=cure)
+    return report.directory

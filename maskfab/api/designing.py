@@ -1,0 +1,580 @@
+"""Openings that are found for a display, and the front of those that none betters."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, overload
+
+from pydantic import BaseModel
+
+from maskfab.api.camera import F1, Camera
+from maskfab.api.lengths import Length, length_text, lengths_as_text
+from maskfab.api.opening import Opening
+from maskfab.api.results import Asked, FolderResult, InPython, Result, Told, answers
+from maskfab.base import provenance
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError, OutputError
+from maskfab.base.folders import Place, check_file, check_target, write_text
+from maskfab.base.units import parse_time_s
+from maskfab.base.work import Clock, Progress, one_thread, silent
+from maskfab.camera.lens import PhotoCamera, lattice
+from maskfab.designs.design import (
+    capture_settings,
+    notes_of,
+    require_weights,
+    scenes_line,
+    scenes_of,
+    section_of,
+    stated_display,
+)
+from maskfab.designs.design import design as design_spec
+from maskfab.designs.front import (
+    FrontDesign,
+    FrontPoint,
+    JudgedOpening,
+    Pareto,
+    designs,
+    lines_of,
+    require_uneven,
+    rules_of,
+    sweep,
+)
+from maskfab.designs.rules.display_fit import DieFit
+from maskfab.designs.search.result import Designed
+from maskfab.job.read import read, validate
+from maskfab.job.reference import USES
+from maskfab.job.sections import EmittersSection, JobSpec, SearchSection, WiresSection
+from maskfab.mask import opening_file, panels
+from maskfab.mask.opening_file import load_opening, opening_text
+from maskfab.mask.panels import CellMap
+from maskfab.report.documents.design import Made, designed_document
+from maskfab.report.pages import pareto
+from maskfab.report.pages.design import write_design
+from maskfab.report.rows.text import designed_lines
+
+if TYPE_CHECKING:
+    from maskfab.report.figures.sheet import Drawing
+
+
+_FURTHER = ("light", "plate", "process", "sensor", "exposure", "scene")
+"""Sections of a job that a design uses beside those that are arguments."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Design(Result):
+    """An opening that was found, and its map.
+
+    Attributes:
+        found: everything that is known of it: proven headroom, cost of rules, notes.
+        made: the job and the time that it took.
+    """
+
+    found: Designed
+    made: Made
+
+    @property
+    def opening(self) -> Opening:
+        return Opening.of_model(self.found.opening)
+
+    @property
+    def outer(self) -> Opening | None:
+        """The opening of the outer half of the stop, where the density was asked to differ."""
+        return None if self.found.outer is None else Opening.of_model(self.found.outer)
+
+    @property
+    def map(self) -> CellMap | None:
+        """Which way the cells are turned; None for a design without a map."""
+        return self.found.cells
+
+    @property
+    def psnr(self) -> dict[float, float]:
+        """Expected PSNR of restored photographs in dB, by the light: the signal-to-noise ratio of white in dB."""
+        return dict(zip(self.found.levels, self.found.psnr, strict=True))
+
+    @property
+    def headroom(self) -> dict[float, float] | None:
+        """Proven bound in dB of what any other opening with as many clear dots could gain, by the light."""
+        return None if self.found.head_room is None else dict(zip(self.found.levels, self.found.head_room, strict=True))
+
+    def texts(self) -> dict[str, str]:
+        """Contents of the files of the opening, and of the outer opening and the map where there are any."""
+        written = {"opening": opening_file.opening_text(self.found.opening)}
+        if self.found.outer is not None:
+            written["outer"] = opening_file.opening_text(self.found.outer)
+        if self.found.cells is not None:
+            written["map"] = panels.map_text(self.found.cells)
+        return written
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Notes for a user, as sentences."""
+        cut = ("A run that its budget cut short is not repeated bit for bit.",) if self.found.cut else ()
+        return (*self.found.notes, *cut)
+
+    def to_dict(self, paths: Mapping[str, Path] | None = None) -> dict[str, Any]:
+        """Everything that was found.
+
+        Args:
+            paths: of its files, by part; those of a folder if None.
+        """
+        return designed_document(self.found, paths or self.names, self.notes, self.made)
+
+    @property
+    def names(self) -> dict[str, Path]:
+        """Names of its files in a folder, by part."""
+        return beside(Path(f"{self.found.opening.name}.toml"))
+
+    @checked_arguments
+    def save(self, out: Annotated[str | Path, "FOLDER|FILE.toml"], *, force: bool = False) -> list[Path]:
+        """Write the opening (.toml), its map beside it as X_map.toml; or a folder with these, a page and its numbers.
+
+        Args:
+            out: folder for page, numbers, opening and map; or file (.toml) for the opening, its map beside it. By
+                default the file that the job names.
+            force: replace existing files.
+
+        Raises:
+            OutputError: MF430 for another suffix, MF401 or MF402 for a place that cannot be written.
+        """
+        target = Path(out)
+        if is_folder(target):
+            files = {self.names[part].name: text for part, text in self.texts().items()}
+            return write_design(check_target(target, force=force), self.to_dict(), files)
+        paths, texts = beside(target), self.texts()
+        for part in texts:
+            check_file(paths[part], force=force)
+        for part, text in texts.items():
+            write_text(paths[part], text, replace=force)
+        return [paths[part] for part in texts]
+
+    @property
+    def fit(self) -> DieFit | None:
+        """The die on which the display was found to fit; None where none had to."""
+        return self.found.fit
+
+    def plot(self) -> Drawing:
+        """The opening."""
+        return self.opening.plot()
+
+    def __repr__(self) -> str:
+        told = ", ".join(f"{value:.2f} dB at {level:g} dB" for level, value in self.psnr.items())
+        return f"<Design {self.found.opening.name}: {self.found.shape}; restored {told}>"
+
+
+def is_folder(target: Path) -> bool:
+    """Whether a design goes to a folder with its page, and not to the file of its opening.
+
+    Raises:
+        OutputError: MF430 for a file that is no TOML.
+    """
+    if target.suffix.lower() not in ("", ".toml"):
+        problem = f"no opening is written with the suffix {target.suffix!r}"
+        raise OutputError("MF430", problem, where=str(target), cure="Use .toml, or name a folder without a suffix")
+    return not target.suffix
+
+
+def beside(target: Path) -> dict[str, Path]:
+    """Where the parts of a design go whose opening goes to ``target``."""
+    return {
+        "opening": target,
+        "outer": target.with_name(f"{target.stem}_outer{target.suffix}"),
+        "map": target.with_name(f"{target.stem}_map.toml"),
+    }
+
+
+@overload
+def design(
+    job: str | Path, *, front: Literal[True], images: str | Path | None = ..., budget: str | None = ...,
+    command: str | None = ..., progress: Progress = ...
+) -> ParetoFront: ...  # fmt: skip
+@overload
+def design(
+    job: str | Path | None = ..., *, dots: int | None = ..., pitch: Length | None = ..., clear_dots: int | None = ...,
+    camera: Camera | None = ..., name: str | None = ..., method: Literal["search", "relax"] | None = ...,
+    tiling: str | None = ..., map: Literal["equal_light", "edge_packing", "none"] | None = ...,
+    rules: Mapping[str, Any] | None = ..., emitters: Mapping[str, Any] | None = ...,
+    wires: Mapping[str, Any] | None = ..., sections: Mapping[str, Any] | None = ...,
+    images: str | Path | None = ..., budget: str | None = ..., checkpoint: str | Path | None = ...,
+    price_rules: bool = ..., progress: Progress = ..., **keys: Any,
+) -> Design: ...  # fmt: skip
+@checked_arguments
+@one_thread
+def design(
+    job: Annotated[str | Path | None, "JOB"] = None,
+    *,
+    dots: InPython[int | None] = None,
+    pitch: InPython[Length | None] = None,
+    clear_dots: InPython[int | None] = None,
+    camera: Camera | None = None,
+    name: InPython[str | None] = None,
+    method: InPython[Literal["search", "relax"] | None] = None,
+    tiling: InPython[str | None] = None,
+    map: InPython[Literal["equal_light", "edge_packing", "none"] | None] = None,
+    rules: InPython[Mapping[str, Any] | None] = None,
+    emitters: InPython[Mapping[str, Any] | None] = None,
+    wires: InPython[Mapping[str, Any] | None] = None,
+    sections: InPython[Mapping[str, Any] | None] = None,
+    front: bool = False,
+    images: str | Path | None = None,
+    budget: Annotated[str | None, "TIME"] = None,
+    checkpoint: str | Path | None = None,
+    price_rules: bool = False,
+    command: InPython[str | None] = None,
+    progress: Progress = silent,
+    **keys: Any,
+) -> Design | ParetoFront:
+    """Find the opening through which photographs restore best, and its map; or the front of designs for a display.
+
+    Examples:
+        $ maskfab design layouts/design_bar.toml -o bar.toml --force
+        $ maskfab design job.toml --budget '60 s' --checkpoint state.npz
+        $ maskfab design layouts/pareto.toml --front -o build/pareto
+
+    Args:
+        job: job file (.toml) with [design].
+        dots: along the side of a pixel.
+        pitch: side of the pixel.
+        clear_dots: met exactly.
+        camera: designed for; by default that of protocol F1.
+        name: of the opening; "found" by default.
+        method: search among compact shapes, which is the default, or gradient descent.
+        tiling: how pixels are turned; "random" by default.
+        map: which orientations of the pixels before the stop are designed too; "equal_light" by default where a search
+            is for a random tiling, where alone there can be one.
+        rules: hard constraints, as design.rules of a job file has them.
+        emitters: of the display, as [emitters] of a job file states them, lengths as here; with ``fit=True`` the
+            display must fit round the opening, by the checks of :func:`maskfab.check`.
+        wires: of the display likewise, as [wires].
+        sections: further sections as a job file has them, of those that a design uses: light, plate (for its
+            ``die_size``), process (for its ``spread``), sensor, exposure and scene.
+        front: find the designs for the display that none betters in photographs, emitters, wires and grain; the job
+            has [pareto], [emitters], and a [design] that searches.
+        images: folder of photographs to design for; by default synthetic scenes.
+        budget: time from the call on, such as ``"60 s"``, within a fifth: take the best that was found by then. Bounds
+            and the like are left out where they would take most of it.
+        checkpoint: file that saves the state of the search, from which it goes on if it exists.
+        price_rules: anneal once more without each rule, beyond the budget, to tell what each costs.
+        command: what reproduces a front, for the openings' provenance; by default this call.
+        progress: told where the work stands.
+        keys: any other key of [design], such as ``anneal=2000`` or ``families=["bars", "discs"]``.
+
+    Raises:
+        JobError: as for a job file with such a [design]; MF102 for a section that a design does not use; MF105 for what
+            is stated beside a job; MF123 for rules that contradict each other, and for a display that does not fit;
+            MF150 for a budget that the first openings exceed; of a front also MF105 for a job without its sections and
+            MF109 for two openings of one name.
+        OutputError: MF401 for a checkpoint in a directory that does not exist.
+    """
+    if front:
+        idle = {"checkpoint": checkpoint, "price_rules": price_rules or None}
+        for key, value in idle.items():
+            if value is not None:
+                cure = f"Leave {key} out, or front"
+                raise JobError("MF105", f"{key} does not apply to a front", where=key, cure=cure)
+        if job is None:
+            raise JobError("MF105", "a front is of a job", where="job", cure="Give a job file with [pareto]")
+        return _front(Path(job), images=images, budget=budget, command=command, progress=progress)
+    clock = Clock(None if budget is None else parse_time_s(budget, where="budget"), refuses=True)
+    stated: dict[str, Any] = {
+        "name": name,
+        "method": method,
+        "dots": dots,
+        "pitch": length_text(pitch),
+        "clear_dots": clear_dots,
+        "tiling": tiling,
+        "map": map,
+        "rules": None if rules is None else dict(rules),
+        **keys,
+    }
+    given = {key: value for key, value in stated.items() if value is not None}
+    if job is not None:
+        others = {"camera": camera, "emitters": emitters, "wires": wires, "sections": sections}
+        _refuse_beside_job([*given, *(key for key, value in others.items() if value is not None)])
+        spec, where = read(Path(job)), str(job)
+        command = f"maskfab design {Path(job).as_posix()}"
+        command += "" if images is None else f" --images {Path(images).as_posix()}"
+    else:
+        where = "design()"
+        lens = (camera or F1).section.model_dump(mode="json", exclude_none=True)
+        section = _with_defaults(given)
+        display = _display(emitters, wires)
+        more = _further(sections or {})
+        spec = validate({"camera": lens, "design": section, **display, **more}, where=where)
+        stated = {**section, **display, **({"sections": more} if more else {})}
+        command = _call(stated, camera=None if camera is None else lens, images=images)
+    began, processor = time.monotonic(), time.process_time()
+    found = design_spec(
+        spec,
+        command,
+        where=where,
+        images=None if images is None else Path(images),
+        progress=progress,
+        clock=clock,
+        checkpoint=None if checkpoint is None else Path(checkpoint),
+        price_rules=price_rules,
+    )
+    taken = time.monotonic() - began, time.process_time() - processor
+    return Design(found, Made(provenance.job_hash(spec.dump()), *taken))
+
+
+@answers(design)
+def _design(asked: Asked) -> Told:
+    """Files are those of the job, or of ``-o``: places are looked at before any work."""
+    job, out = Path(asked.stated["job"]), asked.out
+    if asked.stated.get("front"):
+        return _design_front(asked, job)
+    spec = read(job)
+    folder = out if out is not None and is_folder(out) else None
+    if folder is not None:
+        section_of(spec, str(job))
+        check_target(folder, force=asked.force)
+    targets = {} if folder is not None else _targets(spec, job, out)
+    for target in targets.values():
+        check_file(target, force=asked.force)
+    designed = asked.found()
+    if folder is not None:
+        written = designed.save(folder, force=asked.force)
+        paths = {part: folder / name for part, name in designed.names.items()}
+    else:
+        paths = {part: targets[part] for part in designed.texts()}
+        for part, text in designed.texts().items():
+            write_text(paths[part], text, replace=asked.force)
+        written = list(paths.values())
+    return Told(designed.to_dict(paths), [*designed_lines(designed.found, designed.notes), *map(str, written)])
+
+
+def _design_front(asked: Asked, job: Path) -> Told:
+    if asked.out is None:
+        cure = "Add -o with a folder for the page, the designs with their jobs, and the figure"
+        raise JobError("MF105", "a front has no output folder", where="--out", cure=cure)
+    command = f"maskfab design {job.as_posix()} --front --out {asked.out.as_posix()}"
+    for option in ("images", "budget"):
+        value = asked.stated.get(option)
+        told = value.as_posix() if isinstance(value, Path) else f"'{value}'"
+        command += "" if value is None else f" --{option} {told}"
+    check_target(asked.out, force=asked.force)
+    front = asked.found(command=command)
+    asked.progress("files", 0, 1)
+    paths = front.save(asked.out, force=asked.force)
+    asked.progress("files", 1, 1)
+    return Told.of(front, paths, path=str(asked.out))
+
+
+def _targets(spec: JobSpec, job: Path, out: Path | None) -> dict[str, Path]:
+    """Where the opening goes, and the outer one and the map where there will be any."""
+    section = section_of(spec, str(job))
+    target = out or (None if section.output is None else job.parent / section.output)
+    if target is None:
+        raise JobError(
+            "MF105",
+            "the design has no output file",
+            where=f"{job}: design.output",
+            cure='Add output = "openings/x.toml" to [design], or give --out x.toml',
+        )
+    targets = {"opening": target}
+    if isinstance(section, SearchSection) and section.map is not None:
+        if section.map_output is None and out is None:
+            raise JobError(
+                "MF105",
+                "the map has no output file",
+                where=f"{job}: design.map_output",
+                cure='Add map_output = "maps/x.toml" to [design]',
+            )
+        # The job's own map belongs to the opening that it names.
+        own = section.map_output is not None and out is None
+        targets["map"] = job.parent / str(section.map_output) if own else beside(target)["map"]
+        if section.density is not None or section.cluster is not None:
+            targets["outer"] = beside(target)["outer"]
+    return targets
+
+
+def _refuse_beside_job(given: Sequence[str]) -> None:
+    if given:
+        raise JobError(
+            "MF105",
+            f"{', '.join(given)} cannot be stated beside a job, which says what is designed",
+            where=given[0],
+            cure="State it in the job, or leave the job out",
+        )
+
+
+def _display(emitters: Mapping[str, Any] | None, wires: Mapping[str, Any] | None) -> dict[str, Any]:
+    """[emitters] and [wires] as a job file has them, of those that are stated."""
+    stated: dict[str, tuple[Mapping[str, Any] | None, type[BaseModel]]] = {
+        "emitters": (emitters, EmittersSection),
+        "wires": (wires, WiresSection),
+    }
+    # What is no mapping is left to the job file's own checks.
+    return {
+        key: lengths_as_text(held, kind) if isinstance(held, Mapping) else held
+        for key, (held, kind) in stated.items()
+        if held is not None
+    }
+
+
+def _further(sections: Mapping[str, Any]) -> dict[str, Any]:
+    """Sections that are not stated otherwise.
+
+    Raises:
+        JobError: MF102 for those that no design uses.
+    """
+    for key in sections:
+        if key not in _FURTHER:
+            raise JobError(
+                "MF102",
+                f"a design has no use for a section {key!r}",
+                where="design(): sections",
+                cure=f"Use {', '.join(_FURTHER)}; emitters, wires and camera are arguments of their own",
+            )
+    return dict(sections)
+
+
+def _with_defaults(given: Mapping[str, Any]) -> dict[str, Any]:
+    """[design] as a job file has it; a map is designed unless there can be none, or none is wanted."""
+    section = {"name": "found", "method": "search", "tiling": "random", **given}
+    if section["method"] == "search" and section["tiling"] == "random":
+        section.setdefault("map", "equal_light")
+    if section.get("map") == "none":
+        del section["map"]
+    return section
+
+
+def _call(section: Mapping[str, Any], *, camera: Mapping[str, Any] | None, images: object) -> str:
+    """The call that repeats a design, for its provenance."""
+    arguments = [f"{key}={value!r}" for key, value in section.items()]
+    if "map" not in section:
+        arguments.append("map='none'")
+    if camera is not None:
+        arguments.append(f"camera=maskfab.Camera({', '.join(f'{key}={value!r}' for key, value in camera.items())})")
+    if images is not None:
+        arguments.append(f"images={str(images)!r}")
+    return f"maskfab.design({', '.join(arguments)})"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ParetoFront(FolderResult):
+    """A Pareto front of designs for a display.
+
+    Attributes:
+        found: curves, the best of all, and what they are compared with.
+        designs: those of the curves with their names, openings, maps and jobs.
+        digest: of the job.
+        scenes: that openings were judged by, in words.
+        notes: what a user should know, as sentences.
+    """
+
+    found: Pareto
+    designs: tuple[FrontDesign, ...]
+    digest: str
+    scenes: str
+    notes: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything that was found."""
+        return pareto.pareto_document(self.found, self.designs, self.digest, self.notes, self.scenes)
+
+    def _write(self, place: Place) -> list[Path]:
+        """Numbers, openings and figure."""
+        return pareto.write_pareto(place, self.found, self.to_dict(), self.designs)
+
+    def plot(self) -> Drawing:
+        """The curves, and what they are compared with."""
+        from maskfab.report.pages.pareto import pareto_drawing
+
+        return pareto_drawing(self.found)
+
+    def __str__(self) -> str:
+        return "\n".join([*_lines(self.found, self.designs), *(f"note: {note}" for note in self.notes)])
+
+
+def _front(
+    path: Path, *, images: str | Path | None, budget: str | None, command: str | None, progress: Progress
+) -> ParetoFront:
+    spec = read(path)
+    if spec.pareto is None:
+        raise JobError(
+            "MF105",
+            "the job has no [pareto] section",
+            where=str(path),
+            cure="Add a [pareto] section with clear_dots = [88, 100]",
+        )
+    section = spec.design
+    if not isinstance(section, SearchSection):
+        raise JobError(
+            "MF105",
+            "a sweep is among compact shapes, and the job has no [design] that searches them",
+            where=f"{path}: design",
+            cure='Add [design] with method = "search"',
+        )
+    camera = PhotoCamera.of(spec.camera.camera(), where=str(path))
+    settings = capture_settings(spec)
+    require_weights(section, settings, str(path))
+    limit_s = None if budget is None else parse_time_s(budget, where="budget")
+    compared = [load_opening(path.parent / each) for each in spec.pareto.compare]
+    texts = {opening.name: opening_text(opening) for opening in compared}
+    if len(texts) < len(compared):
+        raise JobError(
+            "MF109",
+            "two openings have one name",
+            where=f"{path}: pareto.compare",
+            cure="Give one of the openings another name in its file",
+        )
+    display = stated_display(spec, section, str(path), key="pareto")
+    lines_of(spec.pareto, display, where=f"{path}: pareto.lines")
+    require_uneven(spec.pareto, section, display, where=f"{path}: pareto")
+    rules = rules_of(section, display, compared)
+    lattice(section.dots, rules.dot_nm, camera=camera, where=f"{path}: design.dots")
+    scenes = scenes_of(None if images is None else Path(images), section)
+    found = sweep(
+        spec.pareto,
+        section,
+        scenes.photographs,
+        display,
+        compared=compared,
+        camera=camera,
+        settings=settings,
+        budget_s=limit_s,
+        progress=progress,
+    )
+    made = designs(found, spec, command or f"maskfab.design({path.as_posix()!r}, front=True)", camera, settings)
+    digest = provenance.job_hash(spec.model_copy(update={"openings": {**spec.openings, **texts}}).dump())
+    told = scenes_line(scenes, None if images is None else Path(images))
+    return ParetoFront(found, made, digest, told, notes_of(spec, scenes, USES["design --front"], settings))
+
+
+def _lines(found: Pareto, designs: Sequence[FrontDesign]) -> list[str]:
+    best = set(map(id, found.best))
+    names = {id(each.point): each.name for each in designs}
+    lines = []
+    for curve in found.curves:
+        if curve.refusal is not None:
+            lines.append(f"{curve.clear_dots} clear dots: {curve.refusal}")
+            continue
+        cut = "; the budget ended it" if not curve.complete else ""
+        between = f", {curve.left_out} designs between these left out" if curve.left_out else ""
+        lines.append(
+            f"{curve.clear_dots} clear dots ({curve.front[0].judged.open_ratio:.1%} open): {curve.evaluated} openings "
+            f"evaluated, emitters and wires of {curve.measured} measured{between}{cut}"
+        )
+        lines += [
+            f"  {'*' if id(each) in best else ' '} {_told(each.value, each)}, grain {each.grain:.5f}  "
+            f"{names[id(each)]}: {each.shape}"
+            for each in curve.points
+        ]
+        lines += [f"    does not fit on a die: {each}" for each in curve.misfits]
+    for given in found.compared:
+        gain = found.gain_db(given)
+        more = (
+            "nothing found has so much of both at no more clear dots"
+            if gain is None
+            else f"the best design found, neither mapped, is {gain:+.2f} dB better"
+        )
+        lines.append(f"    {_told(given.value, given)}  {given.shape}, {given.open_ratio:.1%} open; {more}")
+    return lines
+
+
+def _told(value: float, each: JudgedOpening | FrontPoint) -> str:
+    return f"{value:.2f} dB  emitters {each.footprint:.2%}  {each.lines} lines"

@@ -1,0 +1,497 @@
+"""Dies as a camera saw them: by exposures of a point light, across slanted edges, and by a curve from elsewhere."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from maskfab.api.asked import AnyJob, dies_of, job_of, require_form, way_round
+from maskfab.api.lengths import Length, Wavelength, length_text, wavelength_text
+from maskfab.api.results import FolderResult, answers, saved_at
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError
+from maskfab.base.folders import Place
+from maskfab.base.model import Panel, Quantity
+from maskfab.base.provenance import sha256_of_file
+from maskfab.base.units import parse_length_um, parse_time_s, parse_wavelength_nm
+from maskfab.base.work import Progress, one_thread, silent
+from maskfab.camera.blur import stand_named, stand_words
+from maskfab.camera.frames.frame import Frame, read_frame, read_frames
+from maskfab.camera.frames.merge import merged
+from maskfab.camera.frames.stack import Gain, light_place, photon_transfer, window_middle
+from maskfab.camera.inspection.edge_mtf import (
+    EdgeDesign,
+    Light,
+    MeasuredEdges,
+    compared_curve,
+    edge_verdict,
+    frame_edges,
+    read_mtf,
+)
+from maskfab.camera.inspection.edge_regions import NARROWEST_PX, Region
+from maskfab.camera.inspection.verdict import Measured, Promise, light_of, measured, seen_light
+from maskfab.camera.sensor import stated_sensor
+from maskfab.job.reference import USES, Keys, in_words, unused
+from maskfab.mask.houses.profiles import shop_of
+from maskfab.mask.job import Job
+from maskfab.report.documents.measured import edge_document, write_measured
+from maskfab.report.pages.measured import capture_document, captured_drawing, edge_page, edges_drawing, write_capture
+from maskfab.report.rows.optics import sees_mirrored
+from maskfab.report.rows.text import Quantities
+
+if TYPE_CHECKING:
+    from maskfab.report.figures.sheet import Drawing
+
+
+_LEAST_WINDOW, _MOST_WINDOW = 32, 400
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Measurement(FolderResult):
+    """A capture and what it tells of the plate.
+
+    Attributes:
+        found: everything.
+        digest: of the job.
+        notes: what a user should know, as sentences.
+    """
+
+    found: Measured
+    digest: str
+    notes: tuple[str, ...] = ()
+
+    @property
+    def numbers(self) -> Quantities:
+        """Every reported number."""
+        return Quantities(self.found.quantities)
+
+    def __getitem__(self, key: str) -> Quantity:
+        return self.numbers[key]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything that measure.json says."""
+        return capture_document(self.found, self.digest, self.notes)
+
+    def _write(self, place: Place) -> list[Path]:
+        """Page, numbers and the merged capture."""
+        return write_capture(place, self.found, self.to_dict(), self.notes)
+
+    def plot(self) -> Drawing:
+        """Captured, expected, and their difference."""
+
+        return captured_drawing(self.found)
+
+    def __str__(self) -> str:
+        return "\n".join([*self.found.verdict, str(self.numbers), *(f"note: {note}" for note in self.notes)])
+
+
+@checked_arguments
+@one_thread
+def measure(
+    captures: Annotated[str | Path | Sequence[str | Path], "FILE"],
+    job: AnyJob,
+    *,
+    die: str | Sequence[str] | None = None,
+    times: Annotated[Sequence[str] | None, "--times TIME"] = None,
+    gain: float | None = None,
+    read_noise: float | None = None,
+    pair: Sequence[str | Path] = (),
+    dark: Sequence[str | Path] = (),
+    flat: Sequence[str | Path] = (),
+    window: int = 150,
+    line: Wavelength | None = None,
+    black: float | None = None,
+    white: float | None = None,
+    mosaic: str | None = None,
+    progress: Progress = silent,
+) -> Measurement:
+    """Tell which die a camera saw, how it stands and how it was written, from exposures of a point light.
+
+    Examples:
+        $ maskfab measure 1ms.dng 4ms.dng 16ms.dng --job layouts/upc12.toml --gain 1.3 --read-noise 4.9 -o build/led
+        $ maskfab measure led.tif --job job.toml --line '530 nm' --pair a.tif --pair b.tif
+
+    Args:
+        captures: one frame or a stack of exposures: RAW, linear TIFF or PNG of 16 bits, EXR.
+        job: job file (.toml) of the plate, with the camera.
+        die: die that it may be; by default all of the job.
+        times: exposure, such as ``"4 ms"``, in the order of the files; by default as the files state them.
+        gain: electrons for each count; by default told from pair.
+        read_noise: read noise in electrons; by default told from pair.
+        pair: frame of two or more equal ones with light, from which gain and read noise are told.
+        dark: frame without light.
+        flat: frame of even light.
+        window: pixels along a side of what is looked at.
+        line: wavelength of a light of one line, such as ``"530 nm"``; by default the job's light.
+        black: counts of no light; by default as the files state it.
+        white: counts of a full pixel; by default as the files state it.
+        mosaic: mosaic that grey pictures hold: rggb, bggr, grbg or gbrg.
+        progress: told where the work stands.
+
+    Raises:
+        SourceError: for frames that cannot be read or merged, MF339 for light that is like no die of the job.
+        JobError: MF105 for a die that the job does not have, or a gain that nothing states; else as for the job.
+        OutputError: MF420, MF421 for a mask house of the job that has no profile, or a malformed one.
+    """
+    known = job_of(job)
+    if not _LEAST_WINDOW <= window <= _MOST_WINDOW:
+        raise JobError(
+            "MF104",
+            f"a window of {window} pixels is not from {_LEAST_WINDOW} to {_MOST_WINDOW}",
+            where="window",
+            cure="Use 150, or up to 400 for wide pictures",
+        )
+    panels = known.panels()
+    wanted = dies_of(die, panels)
+    stated = None if times is None else [parse_time_s(each, where="times") for each in times]
+    line_nm = None if line is None else parse_wavelength_nm(wavelength_text(line), where="line")
+    written = known.spec.written
+    promise = Promise(0.0 if written is None else written.cd_bias_um, shop_of(known.spec, known.where))
+    sensor = stated_sensor(known.spec.sensor)
+    if not pair:
+        _noise(gain, read_noise, None)
+
+    def read(paths: Sequence[str | Path], times_s: Sequence[float] | None = None) -> tuple[Frame, ...]:
+        files = [Path(each) for each in paths]
+        return read_frames(files, times_s=times_s, black=black, white=white, mosaic=mosaic) if files else ()
+
+    given = [captures] if isinstance(captures, str | Path) else captures
+    progress("captures", 0, 1)
+    frames, darks, flats = read(given, stated), read(dark), read(flat)
+    gained = None if not pair else photon_transfer(read(pair), darks if len(darks) > 1 else ())
+    side = min(window, *frames[0].shape) // 2 * 2
+    middle = window_middle(light_place(frames, side), frames[0], side)
+    electrons_per_count, read_noise_e = _noise(gain, read_noise, gained)
+    merging = merged(
+        [each.cropped(middle, side) for each in frames],
+        electrons_per_count=electrons_per_count,
+        read_noise_e=read_noise_e,
+        dark=[each.cropped(middle, side) for each in darks],
+        flat=[each.cropped(middle, side) for each in flats],
+    )
+    progress("captures", 1, 1)
+    colours = tuple(sorted({plane.colour for plane in merging.planes}))
+    bands = () if known.scene is None else known.scene.bands
+    light = light_of(colours, known.camera, bands, side / 2 * known.camera.pixel_um, line_nm)
+    found = measured(
+        merging,
+        {name: panels[name] for name in wanted},
+        known.camera,
+        light,
+        seen_mirrored=sees_mirrored(known),
+        promise=promise,
+        sensor=sensor,
+        progress=progress,
+    )
+    return Measurement(found, known.digest, _notes(known, line_nm, gained))
+
+
+answers(measure)(saved_at)
+
+
+def _noise(gain: float | None, read_noise: float | None, told: Gain | None) -> tuple[float, float]:
+    """Electrons for each count, and the read noise in electrons: as stated, else as a pair of frames told.
+
+    Raises:
+        JobError: MF105 if neither does.
+    """
+    if told is not None:
+        gain = told.electrons_per_count if gain is None else gain
+        read_noise = told.read_noise_e if read_noise is None else read_noise
+    if gain is None or read_noise is None:
+        raise JobError(
+            "MF105",
+            "nothing states the sensor's gain and read noise",
+            where="gain",
+            cure="Give gain and read_noise in electrons, or a pair of equal frames that they are told from",
+        )
+    return gain, read_noise
+
+
+def _notes(job: Job, line_nm: float | None, gain: Gain | None) -> tuple[str, ...]:
+    """Sentences on what was assumed, what was told from a pair, and what of the job was not used."""
+    notes = [f"Assumed: the job's camera, a light that is a point, and {light_words(job, line_nm)}."]
+    if gain is not None:
+        notes.append(
+            f"Told from the pair by photon transfer: {gain.electrons_per_count:.3f} ± {gain.error:.3f} electrons for "
+            f"each count, read noise {gain.read_noise_e:.2f} ± {gain.read_noise_error_e:.2f} electrons (one standard "
+            "error); what is stated counts instead."
+        )
+    notes += unused_notes(job, "measure", line_nm)
+    if job.spec.scene is not None:
+        notes.append("Of the scene, the fit finds what it sees of gap, depth and lens as Zernike terms.")
+    if job.spec.process is not None or job.blank.optical_density is not None:
+        notes.append("The die is fitted with sharp corners, smooth edges and no leak.")
+    return tuple(notes)
+
+
+def light_words(job: Job, line_nm: float | None) -> str:
+    """The light that is assumed, in words: one line, or that of the job."""
+    if line_nm is not None:
+        return f"one line of {line_nm:g} nm"
+    if job.scene is not None and job.scene.bands:
+        return f"bands of [scene] {', '.join(band.name for band in job.scene.bands)}"
+    lines = [f"{each:g} nm" for each in job.camera.wavelengths_nm]
+    return f"one line of {lines[0]}" if len(lines) == 1 else f"lines of {', '.join(lines)}, one for each colour"
+
+
+def unused_notes(job: Job, use: str, line_nm: float | None) -> tuple[str, ...]:
+    """Sentence that names what a measurement leaves of the job; the light counts where no line is stated."""
+    light: Keys = ()
+    if line_nm is None:
+        lines = job.scene is None or not job.scene.bands
+        light = USES["measure without --line"] + (USES["measure by lines"] if lines else ())
+    return in_words(unused(job.spec, *USES[use], *light))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class EdgeMeasurement(FolderResult):
+    """MTFs across the edges of a picture, or one that was measured elsewhere, beside the design's.
+
+    Attributes:
+        found: everything.
+        name: of the file.
+        sha256: of the file.
+        digest: of the job; None without one.
+        notes: what a user should know, as sentences.
+    """
+
+    found: MeasuredEdges
+    name: str
+    sha256: str
+    digest: str | None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def edges(self) -> tuple[Quantities, ...]:
+        """The numbers of every edge."""
+        return tuple(Quantities(each.quantities) for each in self.found.edges)
+
+    @property
+    def verdict(self) -> tuple[str, ...]:
+        """Sentences, two for each edge that is held against a design."""
+        return edge_verdict(self.found)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything that measure.json says."""
+        return edge_document(self.found, self.name, self.sha256, self.digest, self.notes)
+
+    def _write(self, place: Place) -> list[Path]:
+        """Page and numbers."""
+        document = self.to_dict()
+        return write_measured(place, document, edge_page(self.found, document))
+
+    def plot(self) -> Drawing:
+        """Every MTF with its band, and the designed ones."""
+
+        return edges_drawing(self.found)
+
+    def __str__(self) -> str:
+        tables = [f"{each.title}\n{Quantities(each.quantities)}" for each in self.found.edges]
+        left_out = [f"not measured: {each}" for each in self.found.left_out]
+        return "\n".join([*self.verdict, *tables, *left_out, *(f"note: {note}" for note in self.notes)])
+
+
+@checked_arguments
+@one_thread
+def edge(
+    picture: Annotated[str | Path, "PICTURE|CURVE.csv"],
+    job: AnyJob | None = None,
+    *,
+    die: str | Sequence[str] | None = None,
+    stands: str | None = None,
+    pixel: Length | None = None,
+    region: Annotated[str | Sequence[int] | None, "ROW,COLUMN,ROW,COLUMN"] = None,
+    window: int | None = None,
+    line: Wavelength | None = None,
+    black: float | None = None,
+    white: float | None = None,
+    mosaic: str | None = None,
+    angle: float | None = None,
+) -> EdgeMeasurement:
+    """Measure the presampled MTF across the slanted edges of a picture, and hold it against a die's.
+
+    Or hold an MTF that was measured elsewhere against a die's: a table (.csv) in place of the picture.
+
+    Examples:
+        $ maskfab edge chart.dng --job layouts/upc12.toml --die TOLED_P150 -o build/edge
+        $ maskfab edge curve.csv --job job.toml --die TOLED_P150 --angle 90
+
+    Args:
+        picture: RAW, linear TIFF or PNG of 16 bits, EXR, every colour measured by its own pixels; or a table (.csv) of
+            cycles/pixel or cycles/mm, mtf, and perhaps low and high.
+        job: job file (.toml) of the plate, with the camera.
+        die: die of the job that was before the camera; without one nothing is held against a design.
+        stands: how the die stood: drawn, turned (by 90 degrees), mirrored or mirrored-turned; by default what the job
+            says, mirrored if the plate's chrome is away from the lens.
+        pixel: side of the sensor's pixel of a picture without a job, such as ``"2 um"``; without either, frequencies
+            are per pixel alone.
+        region: box of pixels of a picture to look in, its last row and column not in it.
+        window: pixels of a picture across an edge that are looked at; by default as far as its blur reaches.
+        line: wavelength of a light of one line, such as ``"530 nm"``; by default the job's light.
+        black: counts of no light in a picture; by default as the file states it.
+        white: counts of a full pixel in a picture; by default as the file states it.
+        mosaic: mosaic that a grey picture holds: rggb, bggr, grbg or gbrg.
+        angle: direction of a table's waves in the picture, degrees from right towards up; by default 0.
+
+    Raises:
+        SourceError: for a picture that cannot be read; MF340 without an edge, MF341 to MF343 for edges that cannot be
+            measured; MF301 to MF308 for a table that cannot be read.
+        JobError: MF104 for values that no MTF has, or an angle beyond 180 degrees; MF105 for a die that the job does
+            not have, or an argument that others leave without use.
+    """
+    die = _only(die)
+    if Path(picture).suffix.lower() == ".csv":
+        of_picture = {"pixel": pixel, "region": region, "window": window, "black": black, "white": white}
+        require_form("a picture of edges", {**of_picture, "mosaic": mosaic}, of=False)
+        for name, stated in {"job": job, "die": die}.items():
+            if stated is None:
+                why = f"{name} is missing: a curve is held against the die of a job"
+                raise JobError("MF105", why, where=name, cure=f"Add {name}")
+        assert job is not None
+        assert die is not None
+        return _curve(picture, job, die=die, stands=stands, angle=0.0 if angle is None else angle, line=line)
+    require_form("a table (.csv) of an MTF", {"angle": angle}, of=False)
+    box = _region(region)
+    if window is not None and window < 2 * NARROWEST_PX:
+        raise JobError(
+            "MF104",
+            f"a window of {window} pixels is below {2 * NARROWEST_PX:g}",
+            where="window",
+            cure="State no window, or one of 50 or more",
+        )
+    _refuse_idle(job, die, pixel, {"stands": stands, "line": line})
+    if stands is not None:
+        stand_named(stands)
+    pixel_um = None if pixel is None else parse_length_um(length_text(pixel), where="pixel")
+    line_nm = _line_nm(line)
+    known = None if job is None else job_of(job)
+    panels = {} if known is None or die is None else known.panels()
+    if die is not None:
+        dies_of(die, panels)
+    frame = read_frame(Path(picture), black=black, white=white, mosaic=mosaic)
+    colours = tuple(dict.fromkeys(each.colour for each in frame.lattices))
+    designs = None
+    if known is not None:
+        pixel_um = known.camera.pixel_um
+        if die is not None:
+            bands = () if known.scene is None else known.scene.bands
+            light = seen_light(colours, known.camera, bands, line_nm)
+            designs = {colour: _design(known, panels, die, (light[colour],), stands) for colour in colours}
+    reach = math.inf if window is None else window / 2
+    found = frame_edges(frame, pixel_um, region=box, window_px=reach, designs=designs)
+    notes = ["Assumed: counts above black are linear in the light, and both fields beside the edge are evenly lit."]
+    if frame.black == (0.0,) * len(frame.black) and black is None:
+        notes.append("The file states no black level: it was taken to be 0, which matters where light is uneven.")
+    if known is None and pixel is None:
+        notes.append("The pixel is not known, so frequencies are told per pixel alone.")
+    if known is not None:
+        notes += _design_notes(known, die, line_nm, stands)
+    return EdgeMeasurement(found, frame.name, frame.sha256, None if known is None else known.digest, tuple(notes))
+
+
+answers(edge)(saved_at)
+
+
+def _curve(
+    curve: str | Path, job: AnyJob, *, die: str, stands: str | None, angle: float, line: Wavelength | None
+) -> EdgeMeasurement:
+    """An MTF that was measured elsewhere, held against a die's; every colour of the job's light without a line."""
+    if not abs(angle) <= 180:
+        raise JobError(
+            "MF104", f"an angle of {angle:g} deg is not -180 to 180 deg", where="angle", cure="Use 0 or 90, say"
+        )
+    line_nm = _line_nm(line)
+    known = job_of(job)
+    panels = known.panels()
+    dies_of(die, panels)
+    path = Path(curve)
+    read = read_mtf(path, known.camera.pixel_um, float(angle))
+    bands = () if known.scene is None else known.scene.bands
+    lights: tuple[Light, ...] = (line_nm,) if line_nm is not None else bands or known.camera.wavelengths_nm
+    found = compared_curve(read, _design(known, panels, die, lights, stands))
+    notes = [
+        "Nothing tells the window of the curve: the design is shown without one.",
+        *_design_notes(known, die, line_nm, stands),
+    ]
+    return EdgeMeasurement(found, read.name, sha256_of_file(path), known.digest, tuple(notes))
+
+
+def _only(die: str | Sequence[str] | None) -> str | None:
+    if die is None or isinstance(die, str):
+        return die
+    if len(die) > 1:
+        raise JobError(
+            "MF105",
+            f"{len(die)} dies are given, and an MTF is held against one",
+            where="die",
+            cure=f"Give one of them, such as {die[0]}",
+        )
+    return die[0] if die else None
+
+
+def _design(
+    job: Job, panels: Mapping[str, Panel], die: str, lights: tuple[Light, ...], stands: str | None
+) -> EdgeDesign:
+    (name,) = dies_of(die, panels)
+    return EdgeDesign(name, panels[name], job.camera, lights, way_round(stands, job))
+
+
+def _design_notes(job: Job, die: str | None, line_nm: float | None, stands: str | None) -> list[str]:
+    """Sentences on what the design was assumed to stand in, and on what of the job was not used."""
+    if die is None:
+        rest = in_words(unused(job.spec, *USES["measure without a die"]))
+        return ["No die was named: of the job its camera's pixel alone was used.", *rest]
+    stood = stand_words(way_round(stands, job))
+    if stands is None:
+        stood += ", by the side of its chrome" if sees_mirrored(job) else ""
+    notes = [f"Assumed: the job's camera in focus, the die {stood}, and {light_words(job, line_nm)}."]
+    return [*notes, *unused_notes(job, "edge", line_nm)]
+
+
+def _line_nm(line: Wavelength | None) -> float | None:
+    return None if line is None else parse_wavelength_nm(wavelength_text(line), where="line")
+
+
+def _region(stated: str | Sequence[int] | None) -> Region | None:
+    if stated is None:
+        return None
+    parts = re.split(r"\s*,\s*", stated.strip()) if isinstance(stated, str) else list(stated)
+    try:
+        top, left, bottom, right = (int(each) for each in parts)
+    except (TypeError, ValueError) as error:
+        raise JobError(
+            "MF105",
+            f"{stated!r} is no region of four whole numbers",
+            where="region",
+            cure="Write first row, first column, end row, end column: 100,200,500,300",
+        ) from error
+    if not (0 <= top < bottom and 0 <= left < right):
+        raise JobError(
+            "MF104",
+            f"the region from row {top} to {bottom} and column {left} to {right} holds no pixel",
+            where="region",
+            cure="Write first row, first column, end row, end column: 100,200,500,300",
+        )
+    return Region(top, bottom, left, right)
+
+
+def _refuse_idle(
+    job: AnyJob | None, die: str | None, pixel: Length | None, of_design: Mapping[str, object | None]
+) -> None:
+    """Refuse what others leave without use; ``of_design`` goes with a job and a die."""
+    if job is not None and pixel is not None:
+        raise _without("pixel", "the job states its camera's pixel", "Leave the pixel out, or the job")
+    if job is None and die is not None:
+        raise _without("die", "there is no job that it refers to", "Give the job too")
+    for name, value in of_design.items():
+        if value is not None and die is None:
+            raise _without(name, "nothing is held against a design without a job and a die", "Give these too")
+
+
+def _without(name: str, why: str, cure: str) -> JobError:
+    return JobError("MF105", f"{name} has no use: {why}", where=name, cure=cure)

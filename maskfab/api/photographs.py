@@ -1,0 +1,566 @@
+"""Photographs through the dies of a plate, restored and scored, and restorers that are learned from them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maskfab.api.asked import AnyJob, dies_of, given_folder, job_of
+from maskfab.api.camera import Camera
+from maskfab.api.results import Asked, InPython, Result, Told, answers
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError
+from maskfab.base.folders import check_file, write_bytes
+from maskfab.base.model import Panel
+from maskfab.base.work import Clock, Progress, one_thread, silent
+from maskfab.camera import scenes as scene_sets
+from maskfab.camera import scenes as surroundings
+from maskfab.camera.die_transfer import by_sentence
+from maskfab.camera.imaging import LARGE, Design
+from maskfab.camera.lens import camera_line
+from maskfab.camera.protocol import AUTO, evaluate
+from maskfab.camera.record import Restorer
+from maskfab.camera.restorers.wiener import Wiener
+from maskfab.camera.scenes import Folder, Photograph
+from maskfab.camera.scores import CONFIDENCE, Crop, Gain, Score, ScoreTable, Shot, truth_of
+from maskfab.job.reference import USES, in_words, unused
+from maskfab.mask.job import Job
+from maskfab.report.rows.photographs import Conditions, Light, ProtocolName, Surroundings, uses_of
+
+if TYPE_CHECKING:
+    from maskfab.camera.learning import Checkpoint, Trade
+    from maskfab.camera.restorers.network import Learned
+
+
+_CROP = Crop(160, 200)
+"""Part of the sensor that a picture shows of every photograph."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Simulation(Result):
+    """Restored photographs through every die.
+
+    Attributes:
+        table: all scores.
+        reference: the die that gains are over.
+        conditions: that they were taken under.
+        left_out: sentences on what the photographs of every die leave out.
+        refused: why dies that nobody named could not be photographed, by name.
+        scenes: that were photographed.
+        skipped: files of the folder that are no photographs.
+        shown: part of the first scene by die, one shot for each level of light; empty unless they were kept.
+    """
+
+    table: ScoreTable
+    reference: str
+    conditions: Conditions
+    left_out: Mapping[str, tuple[str, ...]]
+    refused: Mapping[str, str]
+    scenes: Sequence[Photograph]
+    skipped: tuple[str, ...]
+    shown: Mapping[str, Sequence[Shot]]
+
+    def picture(self) -> bytes:
+        """A PNG of the truth and each die, one row for each level of light.
+
+        Raises:
+            JobError: MF105 if no pictures were kept.
+        """
+        from maskfab.report.figures.scene import sheet
+
+        if not self.shown:
+            raise JobError("MF105", "no pictures were kept", where="simulate", cure="Call it with pictures=True")
+        kind = self.conditions.protocol
+        how = f"protocol {kind.name} {'in linear light' if kind.linear else 'in code values'}"
+        return sheet(truth_of(self.scenes[0], _CROP), self.scenes[0].name, self.shown, how)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Scores, gains over the reference, and what they were taken with."""
+        return {
+            "left_out": {name: list(told) for name, told in self.left_out.items()},
+            "refused": dict(self.refused),
+            **self.conditions.to_dict(),
+            "reference": self.reference,
+            "scenes": [scene.name for scene in self.scenes],
+            "skipped": list(self.skipped),
+            "scores": [_scored(self.table, score) for score in self.table.scores],
+            "gains": [_document(gain) for gain in self.table.gains(self.reference)],
+        }
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Rows: one for each die, level of light, restorer and scene."""
+        return [vars(score) for score in self.table.scores]
+
+    def save(self, out: Annotated[str | Path, "PICTURE.png"], *, force: bool = False) -> list[Path]:
+        """Write a PNG of the truth and each die, one row for each level of light.
+
+        Args:
+            out: PNG to write of the truth and each die, one row for each level of light.
+            force: replace an existing picture.
+
+        Raises:
+            JobError: MF105 if no pictures were kept.
+            OutputError: MF401 or MF402 for a place that cannot be written.
+        """
+        write_bytes(Path(out), self.picture(), replace=force)
+        return [Path(out)]
+
+    def __str__(self) -> str:
+        many = len(self.scenes) > 1
+        interval = f"± is the {CONFIDENCE:.0%} interval of the mean over {len(self.scenes)} scenes, by Student's t"
+        below = [f"{interval}; a tie is one that holds 0." if many else "One scene: differences have no interval."]
+        if self.skipped:
+            below.append(f"Skipped, as no photographs: {', '.join(self.skipped)}.")
+        below += [f"Not photographed: {name}, {reason}." for name, reason in self.refused.items()]
+        table = _lines(self.table, self.reference)
+        return "\n".join([*self.conditions.lines, *table, *below, *by_sentence(self.left_out)])
+
+    def _repr_png_(self) -> bytes | None:
+        return self.picture() if self.shown else None
+
+
+@checked_arguments
+@one_thread
+def simulate(
+    job: AnyJob,
+    camera: Camera | None = None,
+    *,
+    die: str | Sequence[str] | None = None,
+    reference: str | None = None,
+    images: str | Path | None = None,
+    white: float | None = None,
+    whole: bool = False,
+    protocol: ProtocolName = "camera",
+    light: Light | None = None,
+    levels: Annotated[Sequence[float] | None, "DB"] = None,
+    brackets: Sequence[float] | None = None,
+    restore: str | Sequence[str] | None = None,
+    checkpoints: Sequence[str | Path] = (),
+    pictures: InPython[bool] = False,
+    progress: Progress = silent,
+) -> Simulation:
+    """Simulate noisy photographs through each die, restore and score them: PSNR, SSIM, gain over a reference.
+
+    Examples:
+        $ maskfab simulate layouts/upc12.toml --die TOLED_P150 --die PINV_R150
+        $ maskfab simulate job.toml --images photographs --reference TOLED_P150 --json
+
+    Args:
+        job: job file (.toml).
+        camera: of a plate; by default its own. It has three wavelengths.
+        die: die of the job; by default all that can be judged.
+        reference: die to compare with; by default the first.
+        images: folder of photographs; by default synthetic scenes.
+        white: light that is white in photographs that hold light, EXR and HDR; it must be stated if they hold more
+            than 1.
+        whole: photograph whole pictures, 60 million pixels together at most, rather than their middle, on which
+            restorers are tuned in either case; those of more than 8 million pixels are restored by the Wiener filter.
+        protocol: conditions: camera for the job's camera, sensor, exposure and light, f1 or paper for that protocol's.
+        light: linear, or code for code values taken for light; by default the protocol's own, linear for the camera.
+        levels: signal-to-noise ratio of white behind the published display, dB; by default the job's, or 24, 32 and 40.
+        brackets: exposure that is taken of every scene and merged, as the times by which its light is less than the
+            level's, such as 1, 4 and 16; by default those of the job. The photographs are EXR or HDR with light above
+            white; drawn scenes get lamps.
+        restore: restorer: wiener, dct+wiener, gradient, dct+gradient or tv; by default wiener or the protocol's own.
+            With auto the one for each photograph that its record speaks for, of those named beside it or of all.
+        checkpoints: file of maskfab learn, one for each die: one more restorer, learned, beside those named.
+        pictures: keep part of the photographs of the first scene, by the last restorer.
+        progress: told where the work stands.
+
+    Raises:
+        JobError: MF105 for an unknown die or protocol, MF142 for pictures that take more memory than there should be,
+            MF122 if no die can be judged, MF134 without three colours,
+            MF140 or MF141 for a sensor or a light that cannot be, MF143 for brackets of scenes without highlights,
+            MF148 for a checkpoint of another die, camera, sensor or light, or a die without one where some have.
+        SourceError: MF301, MF303, MF304 for a checkpoint that is missing, damaged or none.
+    """
+    loaded = job_of(job, camera)
+    asked = Conditions.of(loaded, protocol, levels, light, brackets)
+    trained = read_checkpoints(checkpoints)
+    restorers, choose = _restorers(asked, restore, learned=bool(trained))
+    given = given_folder(images, white, whole=whole)
+    if given is not None:
+        kinds = [*(each.name for each in restorers), *([LEARNED] if trained else [])]
+        _require_memory(given.photographs, kinds, brackets=bool(asked.protocol.brackets))
+    for scene in given.photographs if given else ():
+        asked.protocol.check(scene)
+    panels = loaded.panels()
+    wanted = dies_of(die, panels)
+    if reference is not None:
+        dies_of(reference, wanted)
+    # The dies are looked at last, for that takes longest.
+    found, refused = _designs(loaded, asked, {name: panels[name] for name in wanted}, named=bool(die))
+    designs = [design for design, _ in found]
+    dies = [each.name for each in designs]
+    learned = learned_restorers(trained, loaded, asked, designs)
+    base = dies[0] if reference is None else dies_of(reference, dies)[0]
+    source = Folder(scene_sets.drawn(highlights=bool(asked.protocol.brackets)), ()) if given is None else given
+    scenes = source.photographs
+    middles = tuple(each.middle for each in scenes) if whole else scenes
+    last = AUTO if choose else LEARNED if learned else restorers[-1].name
+    shown: dict[str, list[Shot]] = {name: [] for name in dies} if pictures else {}
+
+    def show(score: Score, whole: NDArray[np.float32]) -> None:
+        if pictures and score.scene == scenes[0].name and score.restorer == last:
+            shown[score.design].append(Shot(score, _CROP.of(whole)))
+
+    scores: list[Score] = []
+    assumed = {design.name: (*told, *surroundings.messages(design, scenes)) for design, told in found}
+    del found
+    for done in range(len(dies)):
+        progress("photographs", done, len(dies))
+        # Transfers over the field take half a gigabyte, and go with their die.
+        each = designs.pop(0)
+        scores += evaluate(
+            [each], scenes, middles, asked.levels,
+            protocol=asked.protocol, restorers=(*restorers, *learned.get(each.name, ())), choose=choose, show=show,
+        ).scores  # fmt: skip
+        assumed[each.name] += each.told
+    progress("photographs", len(dies), len(dies))
+    table = ScoreTable(tuple(scores))
+    reasons = {name: f"{refusal.code} {refusal.what}" for name, refusal in refused.items()}
+    asked = replace(asked, unused=unused(loaded.spec, *uses_of(loaded, protocol)))
+    return Simulation(table, base, asked, assumed, reasons, scenes, source.skipped, shown)
+
+
+@answers(simulate)
+def _simulate(asked: Asked) -> Told:
+    """Pictures are kept where they are saved."""
+    if asked.out is None:
+        return Told.of(asked.found())
+    check_file(asked.out, force=asked.force)
+    found = asked.found(pictures=True)
+    found.save(asked.out, force=asked.force)
+    return Told.of(found)
+
+
+def _require_memory(scenes: Sequence[Photograph], restorers: Sequence[str], *, brackets: bool) -> None:
+    """Refuse what takes more memory than a large picture leaves."""
+    others = [f"restorer {name} keeps" for name in restorers if name != Wiener().name]
+    others += ["brackets keep"] if brackets else []
+    for scene in scenes:
+        if others and scene.values[0].size > LARGE:
+            raise JobError(
+                "MF142",
+                f"{others[0]} too much of {scene.values[0].size / 1e6:.3g} million pixels; the limit is "
+                f"{LARGE / 1e6:g} million",
+                where=scene.name,
+                cure="Take one exposure and restore it by wiener alone, or photograph the middle",
+            )
+
+
+def _restorers(
+    asked: Conditions, names: str | Sequence[str] | None, *, learned: bool
+) -> tuple[tuple[Restorer, ...], bool]:
+    """Those that are named but learned ones, as :meth:`maskfab.report.rows.photographs.Conditions.restorers`.
+
+    Raises:
+        JobError: MF105 for a learned one that nothing holds, or as there.
+    """
+    given = (names,) if isinstance(names, str) else names
+    if given is None or LEARNED not in given:
+        return asked.restorers(given)
+    if not learned:
+        raise JobError(
+            "MF105",
+            "no checkpoint holds the restorer learned",
+            where="restore",
+            cure="Train one with maskfab learn, and give it with --checkpoint FILE",
+        )
+    others = tuple(name for name in given if name != LEARNED)
+    return asked.restorers(others) if others else ((), False)
+
+
+def _designs(
+    job: Job, asked: Conditions, panels: Mapping[str, Panel], *, named: bool
+) -> tuple[list[tuple[Design, tuple[str, ...]]], dict[str, JobError]]:
+    """Dies as they are photographed, with sentences on what is left out; and why others cannot be.
+
+    Raises:
+        JobError: for the first that cannot be where dies are ``named``; where none can, as the first if all are refused
+            for one reason, MF122 for several.
+    """
+    found, refused = [], dict[str, JobError]()
+    for name, panel in panels.items():
+        try:
+            found.append(asked.design(name, panel, Surroundings.of(job)))
+        except JobError as refusal:
+            refused[name] = refusal
+            if named:
+                raise
+    if not found:
+        if len({refusal.code for refusal in refused.values()}) == 1:
+            raise next(iter(refused.values()))
+        raise JobError(
+            "MF122",
+            f"no die can be judged behind a camera of {camera_line(asked.camera)}",
+            where=job.where,
+            cure="Name one die to see why",
+        )
+    return found, refused
+
+
+def _scored(table: ScoreTable, score: Score) -> dict[str, Any]:
+    """A score as data, with its regret where a restorer was chosen."""
+    return vars(score) | ({"regret": table.regret(score)} if score.chosen else {})
+
+
+def _document(gain: Gain) -> dict[str, Any]:
+    """A gain as data; a single photograph has no interval."""
+    means = {key: getattr(gain, key) for key in ("psnr", "psnr_inner", "ssim", "delta_e")}
+    return {
+        "design": gain.design,
+        "level_db": gain.level_db,
+        "restorer": gain.restorer,
+        "scenes": gain.psnr.count,
+        **{
+            key: {
+                "mean": found.mean,
+                "half_width_95": None if math.isnan(found.half_width) else found.half_width,
+                "tie": found.tie,
+            }
+            for key, found in means.items()
+        },
+    }
+
+
+def _lines(table: ScoreTable, reference: str) -> list[str]:
+    rows = [("die", "level", "restorer", "PSNR", "inner", "SSIM", "S-CIELAB", f"gain over {reference}", "inner")]
+    gains = {(gain.design, gain.level_db, gain.restorer): gain for gain in table.gains(reference)}
+    for case in dict.fromkeys((score.design, score.level_db, score.restorer) for score in table.scores):
+        own = [score for score in table.scores if (score.design, score.level_db, score.restorer) == case]
+        mean = [
+            sum(getattr(score, key) for score in own) / len(own) for key in ("psnr", "psnr_inner", "ssim", "delta_e")
+        ]
+        gain = gains.get(case)
+        told = ("", "") if gain is None else (gain.psnr.told(), gain.psnr_inner.told())
+        design, level, _ = case
+        rows.append(
+            (
+                design,
+                f"{level:.4g} dB",
+                table.winners(own),
+                f"{mean[0]:.2f} dB",
+                f"{mean[1]:.2f} dB",
+                f"{mean[2]:.3f}",
+                f"{mean[3]:.2f}",
+                *told,
+            )
+        )
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
+LEARNED = "learned"
+"""Name of the restorer that a checkpoint holds."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Learning(Result):
+    """A trained restorer.
+
+    Attributes:
+        path: of its checkpoint.
+        checkpoint: what is in it.
+        skipped: files of the folder that are no photographs.
+        unused: keys and tables that the job states and the training does not depend on.
+    """
+
+    path: Path
+    checkpoint: Checkpoint
+    skipped: tuple[str, ...]
+    unused: tuple[str, ...] = ()
+
+    @property
+    def gain(self) -> float:
+        """Mean gain over total variation on scenes kept for validation, dB."""
+        return float(self.checkpoint.history[-1]["gain"])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Settings of the training, and its course."""
+        return {
+            "path": str(self.path),
+            "skipped": list(self.skipped),
+            "unused": list(self.unused),
+            **self.checkpoint.about(),
+        }
+
+    def __str__(self) -> str:
+        from maskfab.camera.learning import told
+
+        found = self.checkpoint
+        rows = [f"{each['minutes']:6.1f} min: {told(each)}" for each in found.history]
+        skipped = [f"Skipped, as no photographs: {', '.join(self.skipped)}."] if self.skipped else []
+        return "\n".join(
+            [f"die {found.trade.die}: {found.trade.camera}", *rows, *skipped, *in_words(self.unused), str(self.path)]
+        )
+
+
+@checked_arguments
+def learn(
+    job: AnyJob,
+    camera: Camera | None = None,
+    *,
+    out: Annotated[str | Path, "FILE.npz"],
+    die: str | None = None,
+    images: str | Path | None = None,
+    white: float | None = None,
+    levels: Annotated[Sequence[float] | None, "DB"] = None,
+    minutes: float = 15.0,
+    seed: int = 0,
+    device: str = "auto",
+    force: bool = False,
+    progress: Progress = silent,
+) -> Learning:
+    """Train a network that restores photographs through one die; simulate --checkpoint uses it.
+
+    Photographs are those of the job's camera, sensor, exposure and light.
+
+    Examples:
+        $ maskfab learn job.toml --die TOLED --level 32 -o toled.npz
+        $ maskfab learn job.toml --die TOLED --images photographs --minutes 60 -o toled.npz
+
+    Args:
+        job: job file (.toml).
+        camera: of a plate; by default its own. It has three wavelengths.
+        out: file of the checkpoint; if it exists, its training goes on.
+        die: die of the job; by default its only one.
+        images: folder of photographs to learn from, besides drawn scenes.
+        white: light that is white in photographs that hold light, EXR and HDR; it must be stated if they hold more
+            than 1.
+        levels: signal-to-noise ratio of white behind the published display, dB; by default the job's, or 24, 32 and 40.
+        minutes: time to train, kept within a fifth, on all cores.
+        seed: seed of weights, scenes and noise.
+        device: where to train: cpu, cuda, or auto for CUDA where there is any.
+        force: train anew, and replace an existing file.
+        progress: told where the work stands.
+
+    Raises:
+        JobError: MF105 for a die or device that is not there, or minutes that are none; MF150 for fewer minutes than
+            setting up and a step take; MF148 for a checkpoint of
+            another die, camera, sensor or light; as :func:`maskfab.api.photographs.simulate` for the others.
+        SourceError: MF301 without photographs in the folder; MF303, MF304 for a file that is no checkpoint.
+        OutputError: MF401 where ``out`` cannot be written.
+    """
+    clock = Clock(60 * minutes, refuses=True)
+    from maskfab.camera.learning import Checkpoint, Course, Run, device_of
+
+    if not (math.isfinite(minutes) and minutes > 0):
+        raise JobError("MF105", f"{minutes:g} minutes train nothing", where="minutes", cure="Give a number above 0")
+    path, chosen = Path(out), device_of(device)
+    check_file(path, force=True)
+    before = Checkpoint.read(path) if path.exists() and not force else None
+    loaded = job_of(job, camera)
+    asked = Conditions.of(loaded, "camera", levels)
+    panels = loaded.panels()
+    name = _one(die, tuple(panels))
+    given = given_folder(images, white) or Folder((), ())
+    for scene in given.photographs:
+        asked.protocol.check(scene)
+    design, _ = asked.design(name, panels[name], Surroundings.of(loaded))
+    uses = (*USES["learn"], *(() if loaded.scene is None else USES["simulate a scene"]))
+    trade = trade_of(loaded, asked, design, tuple(each.name for each in given.photographs))
+    if before is not None:
+        before.require(trade, seed, str(path))
+    run = Run.of(
+        path,
+        trade,
+        asked.protocol,
+        design,
+        given.photographs,
+        course=before.course if before else Course(seed=seed),
+        device=chosen,
+        before=before,
+        clock=clock,
+        progress=progress,
+    )
+    return Learning(path, run.trained(progress), given.skipped, unused(loaded.spec, *uses))
+
+
+def read_checkpoints(paths: Sequence[str | Path]) -> list[tuple[Path, Checkpoint]]:
+    """Files of :func:`learn`, in the order that they are named.
+
+    Raises:
+        SourceError: MF301, MF303, MF304 for one that is missing, damaged or none.
+    """
+    if not paths:
+        return []
+    # torch takes a second to load.
+    from maskfab.camera.learning import Checkpoint
+
+    return [(Path(path), Checkpoint.read(Path(path))) for path in paths]
+
+
+def learned_restorers(
+    trained: Sequence[tuple[Path, Checkpoint]], job: Job, asked: Conditions, designs: Sequence[Design]
+) -> dict[str, tuple[Learned]]:
+    """The restorer of every die, by its name; none where nothing is trained.
+
+    Raises:
+        JobError: MF105 for two of one die; MF148 for one of another die, camera, sensor or light, or a die without.
+    """
+    if not trained:
+        return {}
+    # torch takes a second to load, and a fifth of a gigabyte.
+    from maskfab.camera.learning import another
+
+    names = [design.name for design in designs]
+    by_die: dict[str, tuple[Path, Checkpoint]] = {}
+    for path, found in trained:
+        if found.trade.die in by_die:
+            raise JobError(
+                "MF105",
+                f"{by_die[found.trade.die][0]} and {path} are both of die {found.trade.die}",
+                where="checkpoint",
+                cure="Give one of them",
+            )
+        by_die[found.trade.die] = path, found
+    for die, (path, _) in by_die.items():
+        if die not in names:
+            raise another(f"die {die}", ", ".join(names), str(path))
+    restorers: dict[str, tuple[Learned]] = {}
+    for design in designs:
+        if design.name not in by_die:
+            raise another(f"die {', '.join(by_die)}", design.name, "checkpoint")
+        path, found = by_die[design.name]
+        found.trade.require(trade_of(job, asked, design), str(path))
+        restorers[design.name] = (found.restorer(),)
+    return restorers
+
+
+def trade_of(job: Job, asked: Conditions, design: Design, images: tuple[str, ...] = ()) -> Trade:
+    """Everything that photographs of a die depend on, by which checkpoints are told apart."""
+    from maskfab.camera.learning import Trade, probe
+
+    light = "linear light" if asked.protocol.linear else "code values taken for light"
+    if asked.protocol.brackets:
+        light += f", brackets of {', '.join(f'{cut:g}' for cut in asked.protocol.brackets)}"
+    sensor = ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in asdict(asked.protocol.sensor).items())
+    return Trade(
+        job.where,
+        job.digest,
+        design.name,
+        camera_line(asked.camera),
+        sensor,
+        light,
+        asked.levels,
+        images,
+        probe(design),
+    )
+
+
+def _one(die: str | None, names: tuple[str, ...]) -> str:
+    if die is None and len(names) > 1:
+        raise JobError(
+            "MF105",
+            f"the job has {len(names)} dies, and a network is trained behind one",
+            where="die",
+            cure=f"Name one of {', '.join(names)}",
+        )
+    return dies_of(die, names)[0]

@@ -1,0 +1,480 @@
+"""Photographs that were really taken behind a die, restored: in memory, as files, in words."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maskfab.api.asked import AnyJob, dies_of, job_of, way_round
+from maskfab.api.camera import Camera
+from maskfab.api.lengths import Length, length_text
+from maskfab.api.results import Asked, FolderResult, Told, answers, saved
+from maskfab.base import __version__
+from maskfab.base.arrays import Singles
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError, SourceError
+from maskfab.base.folders import Place, staged, write_mark
+from maskfab.base.units import parse_length_um
+from maskfab.base.work import Progress, one_thread, silent
+from maskfab.camera.blur import MeasuredBlur, StandingBlur, read_psfs, stand_words
+from maskfab.camera.imaging import LARGE, Blur
+from maskfab.camera.photo import (
+    ChartMatrix,
+    Photo,
+    Stated,
+    balanced,
+    chart_matrix,
+    developed,
+    read_patches,
+    read_photo,
+    require_stops,
+)
+from maskfab.camera.protocol import AUTO
+from maskfab.camera.record import BinnedBlur, Record, Restorer, binned
+from maskfab.camera.registration import RegisteredPhoto, brought
+from maskfab.camera.restorers import named
+from maskfab.camera.restorers.choice import Chosen, restored
+from maskfab.camera.restorers.wiener import Wiener
+from maskfab.job.reference import USES, in_words, unused
+from maskfab.mask.formats.exr import Fact, write_exr, write_png
+from maskfab.report.rows.photographs import Conditions, Surroundings
+
+
+@dataclass(frozen=True, eq=False)
+class _Light:
+    """A photograph's restored light, in units of each colour's own white, before its colours are made.
+
+    Attributes:
+        photo: as it was read.
+        record: that was restored.
+        won: by the restorer that was chosen.
+        told: sentences.
+    """
+
+    photo: Photo
+    record: Record
+    won: Chosen
+    told: tuple[str, ...]
+
+
+@checked_arguments
+@one_thread
+def restore(
+    photos: Annotated[str | Path | Sequence[str | Path], "PHOTO"],
+    *,
+    job: AnyJob | None = None,
+    die: str | Sequence[str] | None = None,
+    stands: str | None = None,
+    camera: Camera | None = None,
+    psf: str | Path | Sequence[str | Path] | None = None,
+    restore: str | Sequence[str] = AUTO,
+    epsilon: float | None = None,
+    bin: bool = False,
+    pixel: Length | None = None,
+    black: float | None = None,
+    white: float | None = None,
+    mosaic: str | None = None,
+    gain: float | None = None,
+    read_noise: float | None = None,
+    stops: float = 0.0,
+    chart: str | Path | None = None,
+    register: bool = False,
+    progress: Progress = silent,
+) -> Restoration:
+    """Restore photographs taken behind a die, by its PSF as designed or as measured: PNG and linear EXR of each.
+
+    Examples:
+        $ maskfab restore photo.dng --job job.toml --die TOLED_R150 --out restored
+        $ maskfab restore *.dng --psf light.exr --gain 1.7 --read-noise 4.9 --bin --out restored
+        $ maskfab restore photo.jpg --psf red.exr --psf green.exr --psf blue.exr --restore wiener --out restored
+
+    Args:
+        photos: RAW, linear TIFF or PNG of 16 bits, EXR; any other picture is taken for code values of sRGB.
+        job: job file (.toml) whose camera took them; its pixel is the photographs'.
+        die: die of the job that they were taken through, or one for each photograph; by default its only one.
+        stands: how the dies stood before the camera: drawn, turned (by 90 degrees), mirrored or mirrored-turned; by
+            default what the job says, mirrored if the plate's chrome is away from the lens.
+        camera: of a plate; by default its own.
+        psf: in place of job and die: an EXR of a point light's capture, or one or three that ``maskfab run`` wrote; or
+            as many captures as photographs, one for each.
+        restore: restorer: wiener, dct+wiener, gradient, dct+gradient or tv; of several the best, by default of all.
+        epsilon: strength of the restorer's prior; by default what each record speaks for.
+        bin: restore means over 2 x 2 pixels.
+        pixel: side of the photographs' pixels, held against that of the PSF's file or of the job.
+        black: counts of no light; by default what the file states.
+        white: counts of a full pixel; by default what the file states.
+        mosaic: mosaic that a picture in grey holds: rggb, bggr, grbg or gbrg.
+        gain: electrons per count; by default the noise is estimated from the photograph.
+        read_noise: read noise in electrons, goes with the gain.
+        stops: stops to brighten the pictures by.
+        chart: table (.csv) of a colour chart's patches in the first photograph, by which the colours of all are made.
+        register: bring every further photograph onto the first, which shows the same scene.
+        progress: told where the work stands.
+
+    Raises:
+        JobError: MF105 for an unknown die, stand or restorer, both a job and a PSF or neither, photographs of one name,
+            or one photograph to register; MF104 for stops or a pixel that cannot be; MF121, MF142 for photographs that
+            are too small or too large; else as :func:`maskfab.camera.die_transfer.die_transfer`.
+        SourceError: MF351 for a PSF that is wider than a photograph, MF352 of another pixel, MF354 for photographs that
+            do not show one scene, MF355 for a chart that cannot tell colours; as
+            :func:`maskfab.camera.blur.read_psf`,
+            :func:`maskfab.camera.photo.read_patches` and
+            :func:`maskfab.camera.photo.read_photo`.
+    """
+    require_stops(stops)
+    if epsilon is not None and not 0 < epsilon < np.inf:
+        raise JobError(
+            "MF104", f"a strength of {epsilon:g} is not above 0", where="epsilon", cure="Give a number such as 0.03"
+        )
+    paths = [Path(photos)] if isinstance(photos, str | Path) else [Path(each) for each in photos]
+    _require_names(paths)
+    names = (restore,) if isinstance(restore, str) else tuple(restore)
+    restorers = named([name for name in names if name != AUTO])
+    stated = Stated(black, white, mosaic, gain, read_noise)
+    if register and len(paths) == 1:
+        raise JobError(
+            "MF105", "there is one photograph", where="register", cure="Give two or more photographs of one scene"
+        )
+    patches = None if chart is None else read_patches(Path(chart))
+    undone = blurs_of(len(paths), job=job, die=die, camera=camera, psf=psf, pixel=pixel, stands=stands)
+    if not bin and any(each.of_cells for each in undone):
+        raise SourceError(
+            "MF353",
+            "the PSF was captured with a mosaic, which tells it for cells of 2 x 2 pixels alone",
+            where="psf",
+            cure="Add --bin (bin=True), or give the PSF of the job's die",
+        )
+    found: list[RestoredPhoto] = []
+    colours: ChartMatrix | None = None
+    for done, (path, each) in enumerate(zip(paths, undone, strict=True)):
+        progress("photographs", done, len(paths))
+        photo = read_photo(path, stated, cells=each.of_cells)
+        _require_fit(each.blur, photo)
+        light = _restored(
+            photo, each.blur, restorers, chosen=AUTO in names, epsilon=epsilon, bin=bin and not each.of_cells
+        )
+        if patches is not None and colours is None:
+            neutral = balanced(photo, light.won.picture)
+            colours = chart_matrix(patches, neutral, light.record, photo.balance, 2 if bin else 1)
+        found.append(_developed(light, each, colours, stops))
+    progress("photographs", len(paths), len(paths))
+    first, *others = found
+    onto = [
+        brought((first.name, each.name), first.picture, first.full, each.picture, each.full)
+        for each in (others if register else [])
+    ]
+    return Restoration(tuple(found), tuple(onto), colours)
+
+
+@answers(restore)
+def _restore(asked: Asked) -> Told:
+    told = saved(asked)
+    assert asked.out is not None
+    return replace(told, document={**told.document, "files": [str(each) for each in sorted(asked.out.iterdir())]})
+
+
+def _restored(
+    photo: Photo,
+    blur: Blur,
+    restorers: Sequence[Restorer],
+    *,
+    chosen: bool,
+    epsilon: float | None,
+    bin: bool,
+) -> _Light:
+    record, seen, told = photo.record, blur, photo.told
+    if bin:
+        record, seen, told = binned(record), BinnedBlur(blur), (*told, "means over 2 x 2 pixels")
+    if record.values[0].size > LARGE:
+        if not chosen and [each.name for each in restorers] != [Wiener().name]:
+            raise JobError(
+                "MF142",
+                f"{restorers[-1].name} keeps too much of {record.values[0].size / 1e6:.3g} million pixels; the limit "
+                f"is {LARGE / 1e6:g} million",
+                where=photo.name,
+                cure="Restore it by wiener, or add --bin for a quarter of the pixels",
+            )
+        restorers, told = (Wiener(),), (*told, f"of more than {LARGE / 1e6:g} million pixels, so restored by wiener")
+    return _Light(photo, record, restored(record, seen, restorers, epsilon), told)
+
+
+def _developed(light: _Light, undone: Undone, colours: ChartMatrix | None, stops: float) -> RestoredPhoto:
+    photo, told = light.photo, light.told
+    if colours is not None:
+        photo = replace(photo, matrix=colours.matrix)
+        told = (*(each for each in told if "colour matrix" not in each), "colours by the chart")
+    noise, dark = light.record.noise, np.zeros(1, dtype=np.float32)
+    picture = developed(photo, light.won.picture, stops)
+    return RestoredPhoto(
+        photo.name,
+        photo.sha256,
+        picture,
+        np.asarray(light.record.clipped.any(axis=0) | (picture >= 1).any(axis=0)),
+        undone.told,
+        light.won.name,
+        light.won.epsilon,
+        noise.electrons,
+        float(noise.variance(dark)[0]) ** 0.5 * noise.electrons,
+        float(photo.record.clipped.mean()),
+        told,
+    )
+
+
+def _require_names(paths: Sequence[Path]) -> None:
+    names = [path.stem for path in paths]
+    if not names or len(set(names)) < len(names):
+        twice = next((name for name in names if names.count(name) > 1), "")
+        raise JobError(
+            "MF105",
+            f"two photographs have the name {twice}" if names else "there is no photograph",
+            where="photos",
+            cure="Give one or more, each with a name of its own",
+        )
+
+
+def _require_fit(blur: Blur, photo: Photo) -> None:
+    if not isinstance(blur, MeasuredBlur):
+        return
+    (high, wide), (rows, columns) = blur.kernels.shape[1:], photo.record.values.shape[1:]
+    if high > rows or wide > columns:
+        raise SourceError(
+            "MF351",
+            f"the PSF has {wide} x {high} pixels, and the photograph {columns} x {rows}",
+            where=photo.name,
+            cure="Crop the PSF's capture closer about the light, or give a larger photograph",
+        )
+
+
+DOCUMENT = "restore.json"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RestoredPhoto:
+    """One photograph, restored.
+
+    Attributes:
+        name: of its file, without suffix.
+        sha256: of its file.
+        picture: float32 [3, rows, columns] linear sRGB within 0 to 1, row 0 on top.
+        full: bool [rows, columns], where a colour of the photograph was full.
+        blur: sentences on the blur that was undone.
+        restorer: that was used.
+        epsilon: strength of its prior.
+        electrons: of white, by which its noise is known.
+        read_noise: in electrons.
+        clipped: share of its values that were full.
+        told: sentences on how it was read.
+    """
+
+    name: str
+    sha256: str
+    picture: Singles
+    full: NDArray[np.bool_]
+    blur: tuple[str, ...]
+    restorer: str
+    epsilon: float
+    electrons: float
+    read_noise: float
+    clipped: float
+    told: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """All but the picture."""
+        _, rows, columns = self.picture.shape
+        return {
+            "name": self.name,
+            "sha256": self.sha256,
+            "rows": rows,
+            "columns": columns,
+            "blur": list(self.blur),
+            "restorer": self.restorer,
+            "epsilon": self.epsilon,
+            "electrons_of_white": self.electrons,
+            "read_noise_e": self.read_noise,
+            "clipped": self.clipped,
+            "told": list(self.told),
+        }
+
+    @property
+    def facts(self) -> dict[str, Fact]:
+        """For the header of a picture."""
+        return {
+            "restorer": self.restorer,
+            "epsilon": self.epsilon,
+            "photo_sha256": self.sha256,
+            "blur": "; ".join(self.blur),
+        }
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Restoration(FolderResult):
+    """Restored photographs.
+
+    Attributes:
+        photos: in the order of their files.
+        brought: each but the first as it lies on the first, if that was asked for.
+        chart: colours by a chart in the first, if one was stated.
+    """
+
+    photos: tuple[RestoredPhoto, ...]
+    brought: tuple[RegisteredPhoto, ...] = field(default=())
+    chart: ChartMatrix | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """All but the pictures."""
+        return {
+            "maskfab_version": __version__,
+            "photos": [each.to_dict() for each in self.photos],
+            **({"registered": [each.to_dict() for each in self.brought]} if self.brought else {}),
+            **({} if self.chart is None else {"chart": self.chart.to_dict()}),
+        }
+
+    def _write(self, place: Annotated[Place, "FOLDER!"]) -> list[Path]:
+        """``NAME.png`` (8-bit sRGB) and ``NAME.exr`` (linear sRGB, half) of each, and ``restore.json``.
+
+        Pictures that were brought onto the first are ``NAME_on_FIRST.png`` and ``.exr``.
+        """
+        known = {each.name: each.facts for each in self.photos}
+        pictures = [(each.name, each.picture, each.facts) for each in self.photos]
+        pictures += [(f"{each.name}_on_{each.onto}", each.picture, known[each.name]) for each in self.brought]
+        with staged(place) as folder:
+            for name, picture, facts in pictures:
+                light = picture[:, ::-1].astype(np.float64)
+                write_png(light, folder / f"{name}.png")
+                write_exr(light, folder / f"{name}.exr", facts)
+            document = json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False)
+            (folder / DOCUMENT).write_text(document + "\n", encoding="utf-8")
+            write_mark(folder, None)
+            names = sorted(each.name for each in folder.iterdir())
+        return [place.asked / name for name in names]
+
+    def __str__(self) -> str:
+        lines = []
+        for each in self.photos:
+            _, rows, columns = each.picture.shape
+            lines.append(
+                f"{each.name}: {columns} x {rows}, restored by {each.restorer}, epsilon {each.epsilon:.3g}; "
+                f"{100 * each.clipped:.2g} % full"
+            )
+            lines += [f"  blur: {sentence}" for sentence in each.blur]
+            lines += [f"  {sentence}" for sentence in each.told]
+        if self.chart is not None:
+            lines += [str(self.chart), *(f"  {sentence}" for sentence in self.chart.left_out)]
+        return "\n".join([*lines, *map(str, self.brought)])
+
+
+_PIXEL_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Undone:
+    """A blur that is to be undone.
+
+    Attributes:
+        blur: of pictures whose first row is the top.
+        told: sentences on it.
+        of_cells: whether it is of cells of a mosaic alone.
+    """
+
+    blur: Blur
+    told: tuple[str, ...]
+    of_cells: bool = False
+
+
+def blurs_of(
+    photos: int,
+    *,
+    job: AnyJob | None,
+    die: str | Sequence[str] | None,
+    camera: Camera | None,
+    psf: str | Path | Sequence[str | Path] | None,
+    pixel: Length | None,
+    stands: str | None,
+) -> tuple[Undone, ...]:
+    """The blur of each of so many photographs.
+
+    Args:
+        photos: how many there are.
+        job, camera, pixel, stands: as of :func:`maskfab.api.restoring.restore`.
+        die: of all, or of each photograph.
+        psf: of all, in one file or three; or one file for each photograph.
+
+    Raises:
+        JobError: MF105 for both a job and a PSF or neither, another number of dies, or what goes with a job beside a
+            PSF; else as :func:`maskfab.camera.die_transfer.die_transfer`.
+        SourceError: MF352 of another pixel; as :func:`maskfab.camera.blur.read_psf`.
+    """
+    if (job is None) == (psf is None):
+        raise JobError(
+            "MF105",
+            "the blur is that of a job's die or of a PSF, and " + ("neither" if job is None else "both") + " is given",
+            where="psf",
+            cure="Give a job and a die, or the EXR file of a PSF",
+        )
+    pixel_um = None if pixel is None else parse_length_um(length_text(pixel), where="pixel")
+    if psf is not None:
+        for key, value in (("die", die), ("camera", camera), ("stands", stands)):
+            if value is not None:
+                raise JobError(
+                    "MF105", f"{key} goes with a job, and a PSF is given", where=key, cure=f"Remove {key}, or the PSF"
+                )
+        files = [Path(psf)] if isinstance(psf, str | Path) else [Path(each) for each in psf]
+        return _of_files(files, photos, pixel_um)
+    assert job is not None
+    return _of_dies(job, die, camera, photos, pixel_um, stands)
+
+
+def _of_files(files: Sequence[Path], photos: int, pixel_um: float | None) -> tuple[Undone, ...]:
+    found = read_psfs(files, photos)
+    for each in found:
+        _require_pixel(pixel_um, each.pixel_um, "the PSF")
+    return tuple(Undone(each, each.told, each.of_cells) for each in found)
+
+
+def _of_dies(
+    job: AnyJob,
+    die: str | Sequence[str] | None,
+    camera: Camera | None,
+    photos: int,
+    pixel_um: float | None,
+    stands: str | None,
+) -> tuple[Undone, ...]:
+    loaded = job_of(job, camera)
+    panels = loaded.panels()
+    asked = dies_of(die, panels) if die is None or isinstance(die, str) else tuple(die)
+    dies_of(asked, panels)
+    if len(asked) not in (1, photos):
+        raise JobError(
+            "MF105",
+            f"{len(asked)} dies for {photos} photographs" if die else f"the job has {len(asked)} dies",
+            where="die",
+            cure=f"Name the one in use, or one for each photograph: {', '.join(panels)}",
+        )
+    way = way_round(stands, loaded)
+    _require_pixel(pixel_um, loaded.camera.pixel_um, "the job")
+    conditions = Conditions.of(loaded, "camera")
+    of_scene = () if loaded.scene is None else USES["simulate a scene"]
+    rest = in_words(unused(loaded.spec, *USES["restore"], *of_scene))
+    found = {}
+    for name in dict.fromkeys(asked):
+        design, left_out = conditions.design(name, panels[name], Surroundings.of(loaded))
+        said = f"die {name} as designed, {stand_words(way)}, pixels of {loaded.camera.pixel_um:g} um"
+        found[name] = Undone(StandingBlur(design, way), (said, *left_out, *rest))
+    return tuple(found[name] for name in (asked if len(asked) == photos else asked * photos))
+
+
+def _require_pixel(stated_um: float | None, known_um: float | None, whose: str) -> None:
+    if stated_um is None or known_um is None or abs(stated_um - known_um) <= _PIXEL_TOLERANCE * known_um:
+        return
+    raise SourceError(
+        "MF352",
+        f"the photographs have pixels of {stated_um:g} um, and {whose} has pixels of {known_um:g} um",
+        where="pixel",
+        cure="Give a PSF, or a job, of the camera that took them",
+    )

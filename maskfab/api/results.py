@@ -1,0 +1,207 @@
+"""Results of verbs, and the answers that their commands print of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, TypeVar
+
+from maskfab.base.folders import Place, check_target
+from maskfab.base.work import Progress, silent
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from maskfab.base.model import Quantity
+    from maskfab.report.figures.sheet import Drawing
+    from maskfab.report.rows.text import Quantities
+    from maskfab.report.rows.verdicts import Verdicts
+
+
+Hint = TypeVar("Hint")
+InPython: TypeAlias = Annotated[Hint, ""]
+"""A parameter of a verb that its command has not."""
+Hook = TypeVar("Hook", bound="Callable[[Asked], Told]")
+
+
+class Result:
+    """A finding: ``print`` says it, ``to_dict`` is its JSON, ``save`` writes its files, notebooks show it."""
+
+    @property
+    def passed(self) -> bool:
+        """Whether no check failed."""
+        return True
+
+    @property
+    def numbers(self) -> Quantities:
+        """Every reported number."""
+        from maskfab.report.rows.text import Quantities
+
+        return Quantities(())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, as ``--json`` prints it."""
+        raise NotImplementedError
+
+    def rows(self) -> Iterable[Mapping[str, Any]]:
+        """Rows of :meth:`to_dataframe`: one for each number."""
+        return self.numbers.to_dict()
+
+    def to_dataframe(self) -> DataFrame:
+        """The rows as a table.
+
+        Raises:
+            OutputError: MF431 without pandas.
+        """
+        from maskfab.report.rows.text import dataframe
+
+        return dataframe([dict(row) for row in self.rows()])
+
+    def plot(self) -> Drawing | None:
+        """A drawing, where there is one."""
+        return None
+
+    def __repr__(self) -> str:
+        return str(self)
+
+    def _repr_html_(self) -> str | None:
+        return self.numbers._repr_html_() if len(self.numbers) else None
+
+    def _repr_svg_(self) -> str | None:
+        drawing = self.plot()
+        return None if drawing is None else drawing.svg()
+
+
+class FolderResult(Result):
+    """A finding whose files fill a directory."""
+
+    def save(self, out: str | Path, *, force: bool = False) -> list[Path]:
+        """Write the files of the result into a directory that appears whole.
+
+        Args:
+            out: the directory.
+            force: replace an earlier result.
+
+        Raises:
+            OutputError: MF401 or MF402 for a place that cannot be written.
+        """
+        return self._write(check_target(Path(out), force=force))
+
+    def _write(self, place: Place) -> list[Path]:
+        raise NotImplementedError
+
+
+@dataclass
+class Asked:
+    """A command as it was typed.
+
+    Attributes:
+        function: that does the work.
+        stated: its arguments, but for those that were left out.
+        words: of the command line, after ``maskfab``.
+        out: where the result is saved; None for nowhere.
+        force: whether an earlier result may be replaced.
+        as_json: whether a document is wanted.
+        quiet: whether progress is not.
+        attended: whether a person sits at the terminal.
+        progress: told where the work stands.
+        tell: says a line on stderr at once.
+        prompt: asks a person for a line of text.
+    """
+
+    function: Callable[..., Any]
+    stated: dict[str, Any]
+    words: Sequence[str] = ()
+    out: Path | None = None
+    force: bool = False
+    as_json: bool = False
+    quiet: bool = False
+    attended: bool = False
+    progress: Progress = silent
+    tell: Callable[[str], None] = print
+    prompt: Callable[[str], str] = input
+
+    def found(self, **more: Any) -> Any:
+        """The result of the function; arguments in ``more`` come first."""
+        return self.function(**{**self.stated, **more})
+
+
+@dataclass
+class Told:
+    """An answer of the command line.
+
+    Attributes:
+        document: for ``--json``.
+        lines: for people, on stdout.
+        passed: whether the exit code is 0, and not 1.
+        asides: lines for stderr.
+        remarks: lines for stderr beside the text, not beside a document.
+    """
+
+    document: Mapping[str, Any]
+    lines: Iterable[str]
+    passed: bool = True
+    asides: Sequence[str] = ()
+    remarks: Sequence[str] = field(default=())
+
+    @classmethod
+    def of(cls, result: Any, paths: Iterable[Path] = (), **more: Any) -> Told:
+        """The answer of a result, with the files that hold it and what its document says ``more``."""
+        lines = [*str(result).split("\n"), *map(str, paths)]
+        return cls({**result.to_dict(), **more}, lines, getattr(result, "passed", True))
+
+
+_ANSWERS: dict[str, Callable[[Asked], Told]] = {}
+
+
+def answers(function: Callable[..., Any]) -> Callable[[Hook], Hook]:
+    """Mark what answers a command where :func:`answer` would not do."""
+
+    def marked(hook: Hook) -> Hook:
+        _ANSWERS[f"{function.__module__}.{function.__name__}"] = hook
+        return hook
+
+    return marked
+
+
+def answer(asked: Asked) -> Told:
+    """Do what is asked for, save it if that was asked for too, and say it."""
+    function = asked.function
+    hook = _ANSWERS.get(f"{function.__module__}.{function.__name__}", saved)
+    return hook(asked)
+
+
+def saved(asked: Asked, **more: Any) -> Told:
+    """The usual answer: the place is looked at before any work, and ``path`` in ``more`` is where the files are."""
+    if asked.out is None:
+        return Told.of(asked.found())
+    check_target(asked.out, force=asked.force)
+    result = asked.found()
+    return Told.of(result, result.save(asked.out, force=asked.force), **more)
+
+
+def saved_at(asked: Asked) -> Told:
+    """The usual answer, whose document names the place of the files."""
+    return saved(asked, **({} if asked.out is None else {"path": str(asked.out)}))
+
+
+def note_lines(notes: Iterable[Quantity]) -> list[str]:
+    """Quantities without a verdict that a user must see."""
+    return [f"NOTE {note.name}{_place(note)} = {f'{note.value} {note.unit}'.rstrip()}: {note.method}" for note in notes]
+
+
+def verdict_lines(checks: Iterable[Quantity], verdicts: Verdicts) -> list[str]:
+    """Every failed check, every note, which has no verdict, and the three verdicts."""
+    lines = []
+    for check in checks:
+        if check.passed is None:
+            lines += note_lines([check])
+        elif not check.passed:
+            told = f"{check.name}{_place(check)} = {check.value} {check.unit} (limit {check.limit}): {check.method}"
+            lines.append(f"FAIL {told}")
+    return [*lines, *verdicts.lines]
+
+
+def _place(quantity: Quantity) -> str:
+    return f" [{quantity.die}]" if quantity.die else ""

@@ -1,0 +1,164 @@
+"""Studies: figures of a job's dies, and claims held against their numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from maskfab.api.asked import AnyJob, dies_of, given_folder, job_of
+from maskfab.api.photographs import learned_restorers, read_checkpoints
+from maskfab.api.results import Asked, FolderResult, Told, answers
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError
+from maskfab.base.folders import Place, check_target
+from maskfab.base.work import Progress, silent
+from maskfab.job.reference import in_words
+from maskfab.report.pages.study import blocks, finding_text, limits_text, study_document, write_study
+from maskfab.report.rows import study as studies
+from maskfab.report.rows.study import Claim
+
+if TYPE_CHECKING:
+    pass
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Study(FolderResult):
+    """A study that was made.
+
+    Attributes:
+        found: scores, optics, and what they are of.
+    """
+
+    found: studies.Study
+
+    @property
+    def claims(self) -> tuple[Claim, ...]:
+        """Claims with their numbers and verdicts."""
+        return self.found.claims
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything that was found."""
+        return study_document(self.found)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Rows: one for each protocol, case, die, level of light, restorer and scene."""
+        scores = self.found.scores.items()
+        return [
+            {"protocol": take.protocol, "case": take.case, **vars(score)} for take, all_ in scores for score in all_
+        ]
+
+    def _write(self, place: Annotated[Place, "FOLDER!"]) -> list[Path]:
+        """Page, numbers and figures; of several jobs, one folder in it each."""
+        return write_study(place, self.found)
+
+    def __str__(self) -> str:
+        stated = self.found.plan.study
+        return "\n".join(
+            [f"{stated.figure}: {stated.title}", *self._tables(), *self._claims(), *in_words(self.found.plan.unused)]
+        )
+
+    def _tables(self) -> list[str]:
+        lines = []
+        for block in blocks(self.found):
+            lines += ["", block.setting.case, *block.setting.conditions.lines]
+            rows = [("die", "restorer", *(f"{level:.4g} dB" for level in block.levels))]
+            rows += [
+                (
+                    die,
+                    restorer,
+                    *(f"{cell.psnr:.2f}" + (f" ({cell.gain.psnr.told('')})" if cell.gain else "") for cell in cells),
+                )
+                for die, restorer, cells in block.rows
+            ]
+            widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+            lines += [
+                "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
+            ]
+        return lines
+
+    def _claims(self) -> list[str]:
+        lines = []
+        for claim in self.claims:
+            lines += ["", f"{claim.stated.says} ({claim.stated.measure}, {limits_text(claim)})"]
+            for each in claim.findings:
+                told, value, many = finding_text(claim, each)
+                lines.append(f"  {each.of.protocol or 'optics'}: {told}: {value}, {many}: {each.verdict}")
+            lines += [f"  {protocol or 'optics'}: {verdict.upper()}" for protocol, verdict in claim.verdicts.items()]
+        return lines
+
+
+def plan(
+    job: AnyJob,
+    *,
+    images: str | Path | None = None,
+    white: float | None = None,
+    checkpoints: Sequence[str | Path] = (),
+) -> studies.Plan:
+    """Check all of a study before any work; arguments and errors as for :func:`study`."""
+    loaded, trained = job_of(job), read_checkpoints(checkpoints)
+    given = given_folder(images, white)
+    if not trained:
+        return studies.planned(loaded, given)
+    panels = loaded.panels()
+    behind = dies_of([found.trade.die for _, found in trained], panels)
+
+    def learned(setting: studies.Setting) -> studies.Learned:
+        designs = [setting.design(name, panels[name])[0] for name in behind]
+        return learned_restorers(trained, setting.job, setting.conditions, designs)
+
+    return studies.planned(loaded, given, learned)
+
+
+@checked_arguments
+def study(
+    job: Annotated[AnyJob, "JOB..."],
+    *,
+    images: str | Path | None = None,
+    white: float | None = None,
+    checkpoints: Sequence[str | Path] = (),
+    progress: Progress = silent,
+) -> Study:
+    """Make figures of a job's dies, with tables and intervals, and tell which claims agree with the numbers.
+
+    Examples:
+        $ maskfab study layouts/studies/fig7.toml -o build/fig7
+        $ maskfab study layouts/studies/*.toml --images photographs -o build/studies
+
+    Args:
+        job: job file (.toml) with [study]; of several, each is made.
+        images: folder of photographs, beside the study's drawn scenes.
+        white: light that is white in photographs that hold light, EXR and HDR; it must be stated if they hold more
+            than 1.
+        checkpoints: file of maskfab learn, for one of the dies: one more restorer, learned.
+        progress: told where the work stands.
+
+    Raises:
+        JobError: MF105 for a white without photographs, MF145 for a claim about what the study does not have, MF146
+            for a job without a study, or for one that shows nothing; else as for ``simulate``.
+    """
+    return Study(studies.made(plan(job, images=images, white=white, checkpoints=checkpoints), progress))
+
+
+@answers(study)
+def _study(asked: Asked) -> Told:
+    """One folder for each job; all of them are looked at before any is made."""
+    jobs, out = asked.stated["job"], asked.out
+    assert out is not None
+    stated = {key: asked.stated[key] for key in ("images", "white", "checkpoints") if key in asked.stated}
+    plans = {}
+    for job in jobs:
+        place = out / job.stem if len(jobs) > 1 else out
+        if place in plans:
+            problem = f"two of the jobs are called {job.stem}, and would be written to {place}"
+            raise JobError("MF105", problem, where="JOB", cure="Make them one after the other, or rename one")
+        plans[place] = plan(job, **stated)
+        check_target(place, force=asked.force)
+    documents, lines = [], []
+    for place, planned in plans.items():
+        found = Study(studies.made(planned, asked.progress))
+        paths = found.save(place, force=asked.force)
+        documents.append({**found.to_dict(), "path": str(place)})
+        lines += [*str(found).split("\n"), "", *map(str, paths)]
+    return Told({"studies": documents}, lines)

@@ -1,1 +1,0 @@
-"""The functions of the Python door: what each verb of the command line does, and what it returns."""

@@ -1,0 +1,195 @@
+"""Commands are derived from functions: their words, their help, names of the last release, and completion in shells."""
+
+from __future__ import annotations
+
+import inspect
+import os
+import shutil
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+from small_job import OPENING, command, write_job
+
+import maskfab as mf
+from maskfab.cli import old_names
+from maskfab.cli.command import Command, command_of, summary_of
+from maskfab.cli.program import GROUPS, VERBS
+
+SHARED = {"--out", "--force", "--json", "--quiet"}
+"""Options that mean the same everywhere, and are said once by ``maskfab --help``."""
+
+
+def function_of(found: Command):
+    return getattr(import_module(found.module), found.function)
+
+
+def names(found: Command) -> set[str]:
+    return {each.spelling[0] for each in found.options}
+
+
+def test_verbs_and_options_are_few():
+    assert len(VERBS) == len(set(VERBS))
+    assert len({verb.partition(" ")[0] for verb in VERBS}) == 18
+    assert len(GROUPS) == 6
+    own = [option for verb in VERBS for option in names(command_of(verb)) - SHARED]
+    assert len(own) + len(SHARED) <= 150
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_word_of_a_command_is_a_parameter_of_its_function_or_of_what_saves_its_result(verb):
+    found = command_of(verb)
+    function = function_of(found)
+    known = {*inspect.signature(function).parameters, "as_json", "quiet"}
+    if found.saves:
+        returned = str(inspect.signature(function).return_annotation).split(" | ")
+        kinds = [getattr(sys.modules[found.module], name) for name in returned]
+        known |= {name for kind in kinds if hasattr(kind, "save") for name in inspect.signature(kind.save).parameters}
+    assert {each.name for each in found.parameters} <= known
+    assert ("quiet" in {each.name for each in found.parameters}) == ("progress" in known)
+    assert "--json" in names(found)
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_word_of_a_command_is_explained(verb):
+    found = command_of(verb)
+    assert summary_of(verb) == found.summary
+    assert found.examples
+    for example in found.examples:
+        assert example.startswith(f"maskfab {verb}")
+    for each in found.parameters:
+        assert each.help.endswith("."), each.name
+        assert not {"`", "None"} & set(each.help.replace("'", " ").split()), each.help
+
+
+def test_the_help_of_the_program_lists_every_verb_in_its_group(capsys):
+    told = command(capsys, "--help").stdout
+    for group, verbs in GROUPS.items():
+        below = told.split(f"\n{group}:\n")[1].split("\n\n")[0]
+        assert [line[2:].split("  ")[0] for line in below.splitlines() if line[2] != " "] == list(verbs)
+    for option in (*SHARED, "--help", "--version", "--install-completion"):
+        assert option in told
+
+
+RENEWED = [
+    ("pareto job.toml --out front", "design --front job.toml --out front"),
+    ("render job.toml photo.png --die A", "check --look job.toml photo.png --die A"),
+    ("plan job.toml --json", "check --optics job.toml --json"),
+    ("shape stripe --dots 21 --out s.toml", "new s.toml --shape stripe --dots 21"),
+    ("reproduce build", "verify --again build"),
+    ("shops", "order list"),
+    ("shops pog --json", "order list pog --json"),
+    ("shops --compare=job.toml", "order compare job.toml"),
+    ("package job.toml --shop pog", "order pack job.toml --shop pog"),
+    ("order job.toml --shop pog", "order fill job.toml --shop pog"),
+    ("check job.toml --shop pog --json", "order pack job.toml --shop pog --json --dry-run"),
+    ("measure --edge a.tif --mosaic rggb", "edge a.tif --mosaic rggb"),
+    ("measure --mtf a.csv --job j.toml --die A", "edge a.csv --job j.toml --die A"),
+    ("schema", "explain --schema job"),
+    ("schema report --json", "explain --schema report --json"),
+    ("doctor", "self doctor"),
+    ("cache --limit 0", "self cache --limit 0"),
+    ("bench --hard", "self bench --hard"),
+    ("cite build", "self cite build"),
+    ("simulate job.toml --picture a.png", "simulate job.toml --out a.png"),
+]
+
+
+@pytest.mark.parametrize(("old", "new"), RENEWED, ids=[old for old, _ in RENEWED])
+def test_names_of_the_last_release_are_renewed(old, new):
+    assert old_names.renewed(old.split()) == new.split()
+    assert old_names.renewed(new.split()) is None
+
+
+def test_every_old_verb_is_renewed():
+    assert {old.split()[0] for old, _ in RENEWED} >= {name for name in mf.OLD_NAMES if "_" not in name}
+
+
+def test_an_old_verb_is_run_by_its_new_name_after_a_word_on_stderr(capsys, tmp_path):
+    job = write_job(tmp_path)
+    old, new = (command(capsys, *words, job, "--json") for words in (["plan"], ["check", "--optics"]))
+    assert (old.code, old.document) == (0, new.document)
+    assert old.stderr.startswith("note: maskfab plan ")
+    assert f"is now maskfab check --optics {job} --json" in old.stderr
+    assert new.stderr == ""
+
+
+def test_an_old_command_stands_as_it_was_typed_in_the_opening_that_it_draws(capsys, tmp_path):
+    target = tmp_path / "s.toml"
+    assert command(capsys, "shape", "stripe", "--out", target).code == 0
+    assert mf.read_opening(target).provenance["command"] == f"maskfab shape stripe --out {target}"
+
+
+def test_camera_and_scene_of_the_last_release_are_tables_now(capsys, tmp_path):
+    (tmp_path / "ring.toml").write_text(OPENING)
+    old = ("--stop", "0.4 mm", "--stop-shape", "square", "--focal", "5 mm", "--wavelengths", "530 nm, 610 nm")
+    scene = ("--gap", "60 um", "--depth", "100 mm, inf", "--aberration", "4:0.05", "--aberration=11:-0.02")
+    more = ("--distortion", "0.02:2 mm", "--accuracy", "0.4", "--spectrum", "rgb")
+    renewed = old_names.renewed(["analyse", "ring.toml", *old, *scene, *more, "--json"])
+    assert renewed == [
+        "analyse", "ring.toml", "--json", "--camera",
+        '{ stop = { shape = "square", diameter = "0.4 mm" }, focal = "5 mm", wavelengths = ["530 nm", "610 nm"] }',
+        "--scene",
+        '{ gap = "60 um", depth = ["100 mm", "inf"], aberrations = [[4, 0.05], [11, -0.02]], '
+        'distortion = { ratio = 0.02, height = "2 mm" }, accuracy = 0.4, spectrum = "rgb" }',
+    ]  # fmt: skip
+    words = ("analyse", tmp_path / "ring.toml", "--stop", "0.4 mm", "--focal", "5 mm", "--window", "64 um", "--json")
+    told = command(capsys, *words, "--quiet")
+    assert told.code == 0
+    assert told.document["name"] == "ring"
+
+
+@pytest.mark.parametrize("name", [name for name in mf.OLD_NAMES if name not in mf.__all__])
+def test_an_old_name_of_python_tells_the_new_one(name):
+    verb, _, more = mf.OLD_NAMES[name].partition(" ")
+    with pytest.raises(AttributeError, match=rf"it is now maskfab\.{verb}.*{more.lstrip('-')}"):
+        getattr(mf, name)
+
+
+def test_public_names_are_listed_once():
+    text = Path(mf.__file__).read_text(encoding="utf-8")
+    for name in set(mf.__all__) - {"__version__"}:
+        assert text.count(f"import {name} as {name}\n") == 1
+        assert name in dir(mf)
+    starred: dict[str, object] = {}
+    exec("from maskfab import *", starred)
+    assert set(mf.__all__) <= set(starred)
+
+
+def completed(shell: str, *words: str, **more: str) -> str:
+    """What the program answers a shell that completes ``words``, the last of them half typed."""
+    line = " ".join(("maskfab", *words))
+    asked = {"COMP_WORDS": line, "COMP_CWORD": str(len(words)), "_TYPER_COMPLETE_ARGS": line, **more}
+    environment = {**os.environ, **asked, "_MASKFAB_COMPLETE": f"complete_{shell}"}
+    done = subprocess.run(
+        [sys.executable, "-m", "maskfab"], env=environment, capture_output=True, text=True, check=True
+    )
+    return done.stdout
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_a_shell_completes_verbs_and_options(shell):
+    more = {"_TYPER_COMPLETE_FISH_ACTION": "get-args"} if shell == "fish" else {}
+    assert "restore" in completed(shell, "res", **more)
+    assert "compare" in completed(shell, "order", "comp", **more)
+    assert "--budget" in completed(shell, "design", "--bud", **more)
+
+
+@pytest.mark.parametrize(
+    ("shell", "written"),
+    [
+        ("bash", ".bash_completions/maskfab.sh"),
+        ("zsh", ".zfunc/_maskfab"),
+        ("fish", ".config/fish/completions/maskfab.fish"),
+    ],
+)
+def test_completion_is_installed_for_a_shell(shell, written, tmp_path):
+    environment = {**os.environ, "HOME": str(tmp_path), "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
+    words = [sys.executable, "-m", "maskfab", "--install-completion", shell]
+    subprocess.run(words, env=environment, capture_output=True, check=True)
+    script = (tmp_path / written).read_text()
+    assert "_MASKFAB_COMPLETE" in script
+    if shutil.which(shell):
+        subprocess.run([shell, "-n", tmp_path / written], check=True)
