@@ -69,9 +69,9 @@ class MeasuredBlur:
     def on(self, shape: tuple[int, int]) -> Transfer:
         """See :class:`maskfab.camera.imaging.Blur`; complex64."""
         if shape not in self._kept:
-            found = self._transfer(shape)
-            found.flags.writeable = False
-            self._kept[shape] = found
+            transfer = self._transfer(shape)
+            transfer.flags.writeable = False
+            self._kept[shape] = transfer
         return self._kept[shape]
 
     def _transfer(self, shape: tuple[int, int]) -> NDArray[np.complex64]:

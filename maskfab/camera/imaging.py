@@ -146,9 +146,9 @@ class Isoplanatic(ABC):
         kept for every shape.
         """
         if shape not in self._kept:
-            found = self._transfer(shape)
-            found.flags.writeable = False
-            self._kept[shape] = found
+            transfer = self._transfer(shape)
+            transfer.flags.writeable = False
+            self._kept[shape] = transfer
         return self._kept[shape]
 
     def blurred(self, light: Singles, margin: Margin) -> Singles:

@@ -17,7 +17,6 @@ from functools import cached_property
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats, Singles
 from maskfab.base.errors import JobError
@@ -57,14 +56,14 @@ class Truth:
         return bool(self.values[0].size > LARGE)
 
     @cached_property
-    def _kept_lab(self) -> NDArray[np.float64]:
+    def _kept_lab(self) -> Floats:
         return seen(self.values)
 
     def ssim(self, restored: Singles) -> Singles:
         """The map of SSIM, [3, rows - 10, columns - 10]."""
         planes, rows, columns = restored.shape
-        found = np.empty((planes, rows - 2 * _REACH, columns - 2 * _REACH), dtype=np.float32)
-        for strip in _strips(found.shape):
+        similarity = np.empty((planes, rows - 2 * _REACH, columns - 2 * _REACH), dtype=np.float32)
+        for strip in _strips(similarity.shape):
             lines = slice(strip.start, strip.stop + 2 * _REACH)
             true, picture = self.values[:, lines], restored[:, lines]
             true_mean, true_variance = self._moments(lines)
@@ -75,32 +74,32 @@ class Truth:
             variance = _blur(picture * picture) - square
             luminance = (2 * product + _C1) / (square + true_mean * true_mean + _C1)
             contrast = (2 * covariance + _C2) / (variance + true_variance + _C2)
-            found[:, strip] = (luminance * contrast)[:, _REACH:-_REACH, _REACH:-_REACH]
-        return found
+            similarity[:, strip] = (luminance * contrast)[:, _REACH:-_REACH, _REACH:-_REACH]
+        return similarity
 
     def delta_e(self, restored: Singles) -> Floats | Singles:
         """The colour difference of S-CIELAB at every pixel, [rows, columns]; about 2.3 is just noticeable."""
         if not self._large:
             return delta_e_1976(seen(restored), self._kept_lab)
-        found = np.empty(restored.shape[1:], dtype=np.float32)
-        pictures = [_opponents(each) for each in (restored, self.values)]
+        difference = np.empty(restored.shape[1:], dtype=np.float32)
+        pictures = [_opponents(picture) for picture in (restored, self.values)]
         for strip in _strips(restored.shape):
-            found[strip] = delta_e_1976(*(_lab(each[:, strip]) for each in pictures))
-        return found
+            difference[strip] = delta_e_1976(*(_lab(picture[:, strip]) for picture in pictures))
+        return difference
 
     def _moments(self, lines: slice) -> tuple[Singles, Singles]:
         """Local mean and variance of some rows."""
-        known = self._local.get(lines.start)
-        if known is None:
+        moments = self._local.get(lines.start)
+        if moments is None:
             true = self.values[:, lines]
             mean = _blur(true)
-            known = mean, _blur(true * true) - mean * mean
+            moments = mean, _blur(true * true) - mean * mean
             if not self._large:
-                self._local[lines.start] = known
-        return known
+                self._local[lines.start] = moments
+        return moments
 
 
-def seen(values: Singles) -> NDArray[np.float64]:
+def seen(values: Singles) -> Floats:
     """CIE L*a*b* of code values [3, rows, columns] after the eye's blur, [rows, columns, 3]."""
     return _lab(_opponents(values))
 
@@ -108,22 +107,22 @@ def seen(values: Singles) -> NDArray[np.float64]:
 def _opponents(values: Singles) -> Singles:
     """Luminance, red-green and blue-yellow of code values after the eye's blur, [3, rows, columns]."""
     _, rows, columns = values.shape
-    found = np.empty(values.shape, dtype=np.float32)
+    opponents = np.empty(values.shape, dtype=np.float32)
     weights = OPPONENT_OF_RGB.astype(np.float32)
     for strip in _strips(values.shape):
-        found[:, strip] = np.tensordot(weights, light_of_code(values[:, strip]), axes=1)
+        opponents[:, strip] = np.tensordot(weights, light_of_code(values[:, strip]), axes=1)
     # A cosine transform mirrors the picture; its k-th term has k / 2n cycles per pixel.
     y, x = np.arange(rows)[:, None] / (2 * rows), np.arange(columns) / (2 * columns)
-    for plane in found:
+    for plane in opponents:
         plane[:] = scipy.fft.dctn(plane, workers=1)
     for strip in _strips(values.shape):
-        found[:, strip] *= gains(PIXELS_PER_DEGREE * np.hypot(y[strip], x))
-    for plane in found:
+        opponents[:, strip] *= gains(PIXELS_PER_DEGREE * np.hypot(y[strip], x))
+    for plane in opponents:
         plane[:] = scipy.fft.idctn(plane, workers=1)
-    return found
+    return opponents
 
 
-def _lab(opponents: Singles) -> NDArray[np.float64]:
+def _lab(opponents: Singles) -> Floats:
     return lab_of_linear_srgb(np.tensordot(opponents.astype(np.float64), np.linalg.inv(OPPONENT_OF_RGB), axes=(0, 1)))
 
 
@@ -179,7 +178,7 @@ class MeanDifference:
             return cls(mean, math.nan, count)
         from scipy.special import stdtrit  # slow to load, for pages that only name the confidence
 
-        variance = math.fsum((each - mean) ** 2 for each in differences) / (count - 1)
+        variance = math.fsum((difference - mean) ** 2 for difference in differences) / (count - 1)
         quantile = float(stdtrit(count - 1, (1 + CONFIDENCE) / 2))
         return cls(mean, quantile * math.sqrt(variance / count), count)
 
@@ -250,12 +249,12 @@ class ScoreTable:
 
     @cached_property
     def _by_case(self) -> dict[tuple[str, float, str, str], Score]:
-        return {(each.design, each.level_db, each.restorer, each.scene): each for each in self.scores}
+        return {(score.design, score.level_db, score.restorer, score.scene): score for score in self.scores}
 
     def regret(self, chosen: Score) -> float:
         """Decibels by which the best restorer of the same photograph is better than the one that was chosen."""
         case = chosen.design, chosen.level_db, chosen.scene
-        others = [each.psnr for each in self.scores if (each.design, each.level_db, each.scene) == case]
+        others = [score.psnr for score in self.scores if (score.design, score.level_db, score.scene) == case]
         return max(others) - chosen.psnr
 
     def winners(self, scores: Sequence[Score]) -> str:
@@ -273,7 +272,7 @@ class ScoreTable:
         Raises:
             JobError: MF105 if there is no such design.
         """
-        if not any(each.design == reference for each in self.scores):
+        if not any(score.design == reference for score in self.scores):
             raise JobError(
                 "MF105",
                 f"no design is called {reference}",
@@ -281,10 +280,10 @@ class ScoreTable:
                 cure="Give as reference the name of one of the designs",
             )
         cases: dict[tuple[str, float, str], list[tuple[Score, Score]]] = {}
-        for each in self.scores:
-            if each.design != reference:
-                pair = each, self._by_case[reference, each.level_db, each.restorer, each.scene]
-                cases.setdefault((each.design, each.level_db, each.restorer), []).append(pair)
+        for score in self.scores:
+            if score.design != reference:
+                pair = score, self._by_case[reference, score.level_db, score.restorer, score.scene]
+                cases.setdefault((score.design, score.level_db, score.restorer), []).append(pair)
         return tuple(
             Gain(
                 *case,

@@ -175,9 +175,9 @@ class Exposure:
             )
         square = 10 ** (min(level_db, _MOST_DB) / 10)
         electrons = (square + math.sqrt(square**2 + 4 * square * sensor.read_noise**2)) / 2
-        found = cls(round(electrons) if whole else electrons, level_db, f"{level_db:g} dB")
-        found.check(sensor)
-        return found
+        exposure = cls(round(electrons) if whole else electrons, level_db, f"{level_db:g} dB")
+        exposure.check(sensor)
+        return exposure
 
     @classmethod
     def of_white(cls, electrons: float, sensor: Sensor) -> Exposure:
@@ -207,9 +207,9 @@ class Exposure:
         if not (math.isfinite(electrons) and electrons > 0):
             raise JobError("MF141", f"{stated} is no light", where="exposure", cure="Give the scene more light")
         ratio = electrons / math.sqrt(electrons + sensor.read_noise**2)
-        found = cls(electrons, 20 * math.log10(ratio), stated)
-        found.check(sensor)
-        return found
+        exposure = cls(electrons, 20 * math.log10(ratio), stated)
+        exposure.check(sensor)
+        return exposure
 
     def check(self, sensor: Sensor) -> None:
         """Refuse white that overflows a full well behind the published display.
@@ -266,12 +266,12 @@ def stated_light(section: ExposureSection | None, sensor: Sensor, camera: Camera
     if section.snr is not None:
         return section.snr, in_decibels(section.snr)
     if section.white is not None:
-        found = Exposure.of_white(section.white, sensor)
+        light = Exposure.of_white(section.white, sensor)
     else:
         assert section.luminance is not None
         assert section.time is not None
         assert section.quantum_efficiency is not None
-        found = Exposure.of_scene(
+        light = Exposure.of_scene(
             section.luminance,
             section.time,
             section.quantum_efficiency,
@@ -279,12 +279,14 @@ def stated_light(section: ExposureSection | None, sensor: Sensor, camera: Camera
             pixel_um=camera.pixel_um,
             sensor=sensor,
         )
-    return (found.level_db,), f"{found.stated}, {found.electrons:.0f} electrons behind the published display"
+    return (light.level_db,), f"{light.stated}, {light.electrons:.0f} electrons behind the published display"
 
 
 def in_decibels(levels: Sequence[float]) -> str:
     """Levels of light in words."""
-    return f"signal-to-noise ratio of white behind the published display {', '.join(f'{each:g}' for each in levels)} dB"
+    return (
+        f"signal-to-noise ratio of white behind the published display {', '.join(f'{level:g}' for level in levels)} dB"
+    )
 
 
 def told(sensor: Sensor) -> str:

@@ -252,8 +252,8 @@ def _seen(
     place = (np.arange(line.size, dtype=np.float64) - side) / _PER_PX
     inside = abs(place) < half_px
     cut_off = line[inside] * window(place[inside], half_px)
-    found = np.cos(2 * np.pi * frequency[:, None] * place[inside]) @ cut_off
-    return np.asarray(found / found[0])
+    transfer_seen = np.cos(2 * np.pi * frequency[:, None] * place[inside]) @ cut_off
+    return np.asarray(transfer_seen / transfer_seen[0])
 
 
 _LIMIT_CY_PER_PX = 0.5
@@ -456,7 +456,7 @@ def mtf50(curve: EdgeMtf | MtfCurve, die: str | None = None) -> list[Quantity]:
 
 def _at_shown(curve: EdgeMtf | MtfCurve, die: str | None) -> list[Quantity]:
     """The measured MTF at a few frequencies, those that the curve holds."""
-    frequency, found = curve.frequency_cy_per_px, []
+    frequency, numbers = curve.frequency_cy_per_px, []
     for at in _SHOWN_CY_PER_PX:
         if not frequency[0] <= at <= frequency[-1]:
             continue
@@ -465,8 +465,8 @@ def _at_shown(curve: EdgeMtf | MtfCurve, die: str | None) -> list[Quantity]:
             low, high = (float(np.interp(at, frequency, ends)) for ends in (curve.low, curve.high))
             error = max(value - low, high - value)
         detail = f"{at:g} cy/pixel"
-        found.append(Quantity("edge_mtf", value, _method(curve), uncertainty=error, die=die, detail=detail))
-    return found
+        numbers.append(Quantity("edge_mtf", value, _method(curve), uncertainty=error, die=die, detail=detail))
+    return numbers
 
 
 def _method(curve: EdgeMtf | MtfCurve) -> str:
@@ -487,7 +487,7 @@ def differences(curve: EdgeMtf | MtfCurve, designed: DesignedMtf, die: str | Non
     at = int(np.argmax(size))
     light = f"{designed.light}: {designed.method}"
     error = None
-    found = []
+    parting = []
     if curve.low is not None and curve.high is not None:
         # From the curve to the end of its band on the design's side.
         beside = np.where(gap < 0, curve.high - curve.mtf, curve.mtf - curve.low) + designed.uncertainty
@@ -495,14 +495,14 @@ def differences(curve: EdgeMtf | MtfCurve, designed: DesignedMtf, die: str | Non
         parted = np.flatnonzero(resolved & (abs(gap) > np.maximum(_PARTED * beside, _LEAST_PARTED)))
         first = float(designed.frequency_cy_per_px[parted[0]] / designed.pixel_um * UM_PER_MM) if parted.size else None
         method = f"first frequency at which the design lies {_PARTED:g} half bands and {_LEAST_PARTED:g} off; {light}"
-        found.append(Quantity("edge_mtf_parting", first, method, die=die, wavelength_nm=designed.wavelength_nm))
+        parting.append(Quantity("edge_mtf_parting", first, method, die=die, wavelength_nm=designed.wavelength_nm))
     place = curve.frequency_cy_per_px[at]
     method = f"at {place:.3g} cycles per pixel, both through one window; {light}"
     line_nm = designed.wavelength_nm
     largest = Quantity(
         "edge_mtf_difference", float(size[at]), method, uncertainty=error, die=die, wavelength_nm=line_nm
     )
-    return [largest, *found]
+    return [largest, *parting]
 
 
 def frame_edges(
