@@ -16,7 +16,6 @@ from maskfab.base.errors import JobError
 from maskfab.base.folders import check_target, staged, write_mark
 from maskfab.base.model import UNSTATED, Quantity
 from maskfab.base.work import Progress, one_thread, silent
-from maskfab.display.feasibility import display_rules, displays
 from maskfab.job.reference import USES, in_words, unused
 from maskfab.job.sections import SceneSection
 
@@ -280,7 +279,7 @@ def check(
 
 
 def _fit(loaded: Job, die: str | Sequence[str] | None, *, largest_gap: bool, progress: Progress) -> DisplayCheck:
-    from maskfab.display.feasibility import widest_gaps
+    from maskfab.display.feasibility import display_rules, displays, widest_gaps
     from maskfab.runs.pipeline import executor_of
 
     rules = display_rules(loaded)
@@ -309,6 +308,7 @@ def _rendering(
 ) -> Rendering:
     from maskfab.display.emitted_light import Viewing, emitters_of, has_emitters
     from maskfab.display.eye import judge, target_pictures
+    from maskfab.display.feasibility import displays
     from maskfab.display.pictures import read_picture
 
     distance_um = units.parse_length_um(length_text(distance), where="distance", zero_allowed=True)

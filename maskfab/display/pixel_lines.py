@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 from scipy.sparse import csgraph
 
 from maskfab.base.arrays import Indices, Mask
@@ -128,7 +128,7 @@ class Net:
         heads = (2 * dots + 1, 2 * self._head, 2 * starts, np.full(stops.size, sink))
         tail, head = np.concatenate(tails), np.concatenate(heads)
         data = np.ones(tail.size, dtype=np.int32)
-        graph = sparse.csr_matrix((data, (tail, head)), shape=(2 * size + 2, 2 * size + 2))
+        graph = scipy.sparse.csr_matrix((data, (tail, head)), shape=(2 * size + 2, 2 * size + 2))
         return csgraph.maximum_flow(graph, source, sink)
 
     def _walk(self, start: int, onward: dict[int, list[int]]) -> list[int]:

@@ -1,4 +1,4 @@
-"""What a user asks for: the sections of a job file, an order and a sweep, their checks, and profiles of mask houses.
+"""Demands of a user: the sections of a job file, an order and a sweep, their checks, and profiles of mask houses.
 
 A job is validated completely before any work starts. Every length is written with its unit (``"168 um"``); a validated
 spec holds micrometres, nanometres and kelvins, and dumps back to text that loads to the same spec. Keys are named as a

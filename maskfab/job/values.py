@@ -51,12 +51,12 @@ def refusing(parse: Any, value: object, **options: object) -> Any:
 
 
 def parsed(parse: Callable[..., Any], **options: object) -> BeforeValidator:
-    """What makes the value of a key from what a file has there; a refusal gets the place of the value."""
+    """Reader of the value of a key from what a file has there; a refusal gets the place of the value."""
     return BeforeValidator(lambda value: refusing(parse, value, **options))
 
 
 def checks(method: Callable[[Any], None]) -> Any:
-    """What a section is checked by when all its keys are there: a method that raises errors of ours."""
+    """Check of a section when all its keys are there: a method that raises errors of ours."""
 
     def checked(section: Section) -> Section:
         refusing(method, section)
