@@ -15,7 +15,7 @@ from maskfab.cli.command import Parameter, command_of, summary_of
 from maskfab.cli.program import GROUPS
 from maskfab.designs.rules.constraints import RULES
 from maskfab.job.reference import keys_of, tables
-from maskfab.report.documents.check import check_schema
+from maskfab.report.documents.display import check_schema
 from maskfab.report.documents.report import schema
 
 _ROOT = Path(__file__).parents[1]

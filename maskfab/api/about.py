@@ -104,7 +104,7 @@ def _schema(of: str) -> dict[str, Any]:
 
         return report_schema()
     if of == "check":
-        from maskfab.report.documents.check import check_schema
+        from maskfab.report.documents.display import check_schema
 
         return check_schema()
     raise JobError("MF105", f"there is no schema of {of!r}", where="schema", cure="Name job, report or check")

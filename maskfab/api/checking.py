@@ -73,14 +73,14 @@ class DisplayCheck(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Every die with the answer about it."""
-        from maskfab.report.documents import check as check_data
+        from maskfab.report.documents import display as check_data
 
         return check_data.check_document(
             self.built, self.gaps, self.digest, self.unused, self.notes, passed=self.passed
         )
 
     def __str__(self) -> str:
-        from maskfab.report.documents import check as display_text
+        from maskfab.report.documents import display as display_text
 
         lines = [
             line
@@ -434,8 +434,8 @@ def compare(
     if not every:
         cure = "Give the directories of finished runs"
         raise JobError("MF105", "there is no report to compare", where="compare: reports", cure=cure)
+    from maskfab.report.documents.report import read_reports
     from maskfab.report.pages.compared import compare_reports
-    from maskfab.report.pages.finished import read_reports
 
     read = read_reports([_place(each) for each in every])
     return Comparison(compare_reports(read, dies, reference))

@@ -46,11 +46,11 @@ from maskfab.mask.rule import RuleResult
 from maskfab.mask.writer import check_bias, check_process
 from maskfab.optics.mtf import area_under_radial_min, worst_directions
 from maskfab.optics.scene.plan import Plan
-from maskfab.report.documents import die as design_data
-from maskfab.report.documents import die as photograph_data
+from maskfab.report.documents import die as die_data
 from maskfab.report.documents import report as report_data
 from maskfab.report.documents.measured import DOCUMENT as MEASURED
 from maskfab.report.documents.measured import Beside, measured_beside
+from maskfab.report.documents.shape import Document
 from maskfab.report.figures import die as die_figures
 from maskfab.report.figures import die as written_figures
 from maskfab.report.figures import display
@@ -423,7 +423,7 @@ class Findings:
             for name in self.changes:
                 of_process = job.spec.written, process_spread(job)
                 of_dies[name] += tuple(restored_bands(self.restored, name, self.changes, *of_process))
-        for notes in (design_data.camera_notes(job), job.seed_notes):
+        for notes in (die_data.camera_notes(job), job.seed_notes):
             for name, note in notes.items():
                 if name in of_dies:
                     of_dies[name] += (note,)
@@ -448,13 +448,13 @@ class Findings:
         """On the plate."""
         return Verdicts.of(report.checks, self.built.displays, len(self.plate.dies))
 
-    def document(self, report: Report) -> report_data.Document:
+    def document(self, report: Report) -> Document:
         """The content of report.json."""
         designs = {
-            name: design_data.design_document(said, self.restored.conditions.levels, self.restored.dies.get(name))
-            for name, said in design_data.stated(self.job).items()
+            name: die_data.stated_design(said, self.restored.conditions.levels, self.restored.dies.get(name))
+            for name, said in die_data.stated(self.job).items()
         }
-        photographs = photograph_data.photographs_document(self.restored)
+        photographs = die_data.photographs_document(self.restored)
         return report_data.to_document(
             report, self.plate, self.job.camera, self.scenes, self.built.displays, designs, photographs,
             self._of_dies(), self._expected_s(), process_spread(self.job), self.job.spec.written,
@@ -474,7 +474,7 @@ class Findings:
             known[die.name] = {name: seconds for name, seconds in models.items() if seconds}
         return known
 
-    def _of_dies(self) -> dict[str, report_data.Document]:
+    def _of_dies(self) -> dict[str, Document]:
         """The measurement, by the die that it is of."""
         names = () if self.measured is None else [die.name for die in self.plate.dies]
         told = {name: self.measured.of_die(name, self.job.digest) for name in names if self.measured is not None}
@@ -818,7 +818,7 @@ def begin_photographs(job: Job, plate: Plate, executor: SerialExecutor) -> Begun
     Raises:
         JobError: MF140 or MF141 for a sensor or a light that cannot be.
     """
-    conditions, around, shown = Conditions.of(job, "camera"), Surroundings.of(job), design_data.stated(job)
+    conditions, around, shown = Conditions.of(job, "camera"), Surroundings.of(job), die_data.stated(job)
 
     def given(die: Die) -> ArgumentsFactory:
         return lambda: (conditions, around, die.name, die.panel, die.name in shown)
@@ -870,7 +870,7 @@ def _each(
 
 
 def draw_pictures(
-    found: Findings, document: report_data.Document, executor: SerialExecutor
+    found: Findings, document: Document, executor: SerialExecutor
 ) -> tuple[bytes, Mapping[str, Mapping[str, str]]]:
     """The picture of the whole plate, as PNG, and every figure of the report, by die and figure, of the dies that it
     shows."""
@@ -898,7 +898,7 @@ def draw_pictures(
     return overview.result(), pictures
 
 
-def _front_figures(restored: Photographs, document: report_data.Document) -> Iterator[die_figures.Figures]:
+def _front_figures(restored: Photographs, document: Document) -> Iterator[die_figures.Figures]:
     """The truth, and what the reference and the best die make of it."""
     best = front.best(document)
     if isinstance(best, str):

@@ -38,9 +38,9 @@ from maskfab.mask.plate import compose
 from maskfab.mask.raster import light_box, sees_light
 from maskfab.mask.sandbox import bounded
 from maskfab.optics.metrics import fast_lens
-from maskfab.report.documents import report
 from maskfab.report.documents.measured import DOCUMENT as MEASURED
 from maskfab.report.documents.measured import measured_beside
+from maskfab.report.documents.shape import Document
 from maskfab.report.pages import page as differences
 from maskfab.report.pages import page as html
 from maskfab.report.rows.foreign import Foreign, How, check_foreign, only_die
@@ -246,7 +246,7 @@ def _aids_differ(folder: Path, found: Findings) -> Iterator[tuple[str, str]]:
 
 
 def _page_differs(
-    folder: Path, now: report.Document, pictures: Mapping[str, Mapping[str, str]], *, held: bool
+    folder: Path, now: Document, pictures: Mapping[str, Mapping[str, str]], *, held: bool
 ) -> Iterator[tuple[str, str]]:
     """The page against the one of the pictures made again, and of the report, to its last digit if that held."""
     try:
@@ -314,7 +314,7 @@ def _listed(manifest: Mapping[str, Any]) -> tuple[WrittenFile, ...]:
     return tuple(WrittenFile(row["path"], row.get("format", ""), row["bytes"], row["sha256"]) for row in rows)
 
 
-def _reported(folder: Path, now: report.Document) -> Iterator[Quantity]:
+def _reported(folder: Path, now: Document) -> Iterator[Quantity]:
     """Everything that report.json says against what is measured now; notes first on an earlier schema or unit."""
     try:
         then = json.loads((folder / REPORT).read_text(encoding="utf-8"))

@@ -15,7 +15,7 @@ from small_job import Answer, command, finished, listing, write_job
 from maskfab.display import feasibility
 from maskfab.display.drive import NOT_PLACED
 from maskfab.display.emitter_rules import Verdict
-from maskfab.report.documents.check import check_schema
+from maskfab.report.documents.display import check_schema
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words")
 

@@ -25,7 +25,7 @@ from maskfab.job.read import parse_section
 from maskfab.job.reference import keys_of
 from maskfab.job.sections import RulesSection, SearchSection
 from maskfab.mask.opening_file import opening_text, parse_opening
-from maskfab.report.documents.die import Stated, design_document
+from maskfab.report.documents.die import Stated, stated_design
 from maskfab.report.rows.text import designed_lines
 
 CELL = 3
@@ -109,7 +109,7 @@ def test_a_rule_that_is_registered_is_searched_for_priced_and_reported() -> None
     assert [(each.rule, each.alone, each.last) for each in paid.each] == [("rim_dots", 0, 0), ("open_rows", 2, 2)]
     facts = {"shape": best.name, **of_prices(paid)}
     found = Designed(Opening("x", best.unit, 28_000, facts), best.name, (20.0, 21.0, 22.0), None, 9, paid)
-    stated = design_document(Stated(parse_opening(opening_text(found.opening)).provenance, 28.0), (24, 32, 40))
+    stated = stated_design(Stated(parse_opening(opening_text(found.opening)).provenance, 28.0), (24, 32, 40))
     assert stated["prices"] == [{"rule": "rim dots", "price": 0}, {"rule": "open rows", "price": 2}]
     assert "  open_rows: 2.000 dB if it is the only rule, 2.000 dB on top of the others" in designed_lines(found, ())
     bounded = designed_lines(replace(found, head_room=(0.5, 3.0, 287.0)), ())

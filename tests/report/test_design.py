@@ -18,7 +18,7 @@ from sweeps import examples
 
 from maskfab.camera.scores import Score, Shot
 from maskfab.mask.job import load_job
-from maskfab.report.documents.die import Stated, design_document, stated
+from maskfab.report.documents.die import Stated, stated, stated_design
 from maskfab.report.documents.report import report_text, schema, to_document
 from maskfab.report.figures import scene as design_figures
 from maskfab.report.pages import page as html
@@ -53,7 +53,7 @@ def restored(scene="leaves1"):
 
 
 def page_of(run, said, seen=None):
-    document = to_document(run.report, run.plate, run.camera, designs={"TURNED": design_document(said, LEVELS, seen)})
+    document = to_document(run.report, run.plate, run.camera, designs={"TURNED": stated_design(said, LEVELS, seen)})
     Draft202012Validator(schema()).validate(json.loads(report_text(document)))
     pictures = {"TURNED": {} if seen is None else design_figures.photograph_pictures(seen)}
     return html.html_page(document, pictures)
@@ -102,7 +102,7 @@ def test_a_design_for_other_dots_is_said_to_be_one(run):
 def test_numbers_that_are_none_are_missing():
     for bad in (True, "0.3", math.nan, math.inf, None, [1], {"a": 1}):
         facts = dict.fromkeys(FULL, bad) | {"price_x_db": bad}
-        document = design_document(Stated(facts, 8.0, dict.fromkeys(CELLS, bad), "m"), LEVELS)
+        document = stated_design(Stated(facts, 8.0, dict.fromkeys(CELLS, bad), "m"), LEVELS)
         assert document["rules_cost"] is None
         assert document["evaluated"] is None
         assert document["prices"] == []
@@ -110,7 +110,7 @@ def test_numbers_that_are_none_are_missing():
 
 
 def test_long_and_unprintable_text_becomes_one_short_line():
-    said = design_document(
+    said = stated_design(
         Stated({"shape": "a\nb\x00c\u202e" + "x" * 10_000, "command": "\n\t", "seed": False}, 8.0), LEVELS
     )
     assert said["shape"].startswith("a b c xxx")
@@ -133,7 +133,7 @@ rubbish = st.dictionaries(
 @examples(60)
 @given(rubbish, rubbish)
 def test_any_provenance_is_told_as_the_schema_says(opening, cells):
-    document = json.loads(json.dumps(design_document(Stated(opening, 8.0, cells, "m"), LEVELS), allow_nan=False))
+    document = json.loads(json.dumps(stated_design(Stated(opening, 8.0, cells, "m"), LEVELS), allow_nan=False))
     rules = schema()["properties"]["dies"]["items"]["properties"]["design"]
     Draft202012Validator(rules).validate(document)
 

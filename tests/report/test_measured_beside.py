@@ -12,7 +12,7 @@ from small_job import command, write_job
 
 from maskfab.base.errors import SourceError
 from maskfab.mask.job import load_job
-from maskfab.report.documents.measured import measured_beside, measured_schema
+from maskfab.report.documents.measured import MeasuredPart, measured_beside
 
 RINGS = np.linspace(5.0, 245.0, 49)
 MARKUP = "<script>alert('x')</script>"
@@ -55,7 +55,7 @@ def test_a_measurement_stands_in_the_report_of_its_die_and_is_verified(capsys, p
         document = json.loads((tmp_path / "out" / "report.json").read_text(encoding="utf-8"))
         plain, turned = document["dies"]
         assert "measured" not in plain
-        Draft202012Validator(measured_schema()).validate(turned["measured"])
+        Draft202012Validator(MeasuredPart.schema_document()).validate(turned["measured"])
         rows = {row["frequency_cy_per_mm"]: row for row in turned["measured"]["mtf"]}
         assert list(rows) == [25.0, 62.5, 125.0]
         assert rows[25.0]["captured"] == pytest.approx(np.exp(-25 / 60), rel=1e-3)

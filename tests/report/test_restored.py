@@ -17,7 +17,7 @@ from maskfab.camera import scenes as scene_sets
 from maskfab.camera.imaging import Isoplanatic
 from maskfab.camera.scores import MeanDifference, Score
 from maskfab.mask.job import load_job
-from maskfab.report.documents.die import photographs_document, photographs_schema
+from maskfab.report.documents.die import PhotographsPart, photographs_document
 from maskfab.report.pages.tables import best_photographed, photograph_table
 from maskfab.report.rows import photographs
 from maskfab.report.rows.photographs import (
@@ -123,7 +123,7 @@ def test_brackets_of_a_job_are_taken_of_scenes_with_highlights(tmp_path):
     assert document["scenes"] == [f"{scene.name}_lit" for scene in small_scenes()]
     assert document["brackets"] == [1, 16]
     assert "exposures of 1, 1/16 of it, merged" in taken_of.quantities("OURS")[0].method
-    Draft202012Validator(photographs_schema()).validate(document)
+    Draft202012Validator(PhotographsPart.schema_document()).validate(document)
 
 
 def test_rows_say_what_they_assume(found):
@@ -201,6 +201,6 @@ def test_dies_that_cannot_be_told_from_the_best_are_marked_with_it(job):
 
 def test_the_document_is_as_its_schema_says(found):
     document = photographs_document(found)
-    Draft202012Validator(photographs_schema()).validate(document)
+    Draft202012Validator(PhotographsPart.schema_document()).validate(document)
     assert document["scenes"] == [scene.name for scene in small_scenes()]
     assert leaves(1).name in document["scenes"]

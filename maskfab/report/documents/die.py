@@ -1,13 +1,7 @@
-"""Terms of the JSON Schemas of documents.
-
-A die's display in report.json: verdict, proofs, placement, borders and wires.
-
-The design of a die's opening in report.json: as stated in its provenance, beside what was computed here.
+"""Parts of a die in report.json: its design as files state it, and photographs through it.
 
 Provenance is somebody else's text. What is missing or is no number is told as missing; numbers are never recomputed
 from it, and nothing that is measured here depends on it.
-
-Photographs through the dies of a plate in report.json: how they were taken, every score, and what they leave out.
 """
 
 from __future__ import annotations
@@ -15,159 +9,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from maskfab.base.model import COLOURS, Opening, Quantity
+from pydantic import Field, model_validator
+
+from maskfab.base.model import Opening, Quantity
 from maskfab.base.units import NM_PER_UM
 from maskfab.camera.lens import F1, camera_line
 from maskfab.designs.rules.rule import priced_rule
-from maskfab.display.drive import NOT_PLACED
-from maskfab.display.emitter_rules import Certificate, Verdict
-from maskfab.display.feasibility import Feasibility
 from maskfab.mask import panels
 from maskfab.mask.job import Job
+from maskfab.report.documents.shape import DieName, Document, Part, Text, written
 from maskfab.report.rows.photographs import Photographs, Restored
-
-Document = dict[str, Any]
-
-
-def closed_object(properties: Mapping[str, Any], optional: Sequence[str] = ()) -> Document:
-    """An object of these properties alone, all required but the ``optional`` ones."""
-    return {
-        "type": "object",
-        "properties": dict(properties),
-        "required": [name for name in properties if name not in optional],
-        "additionalProperties": False,
-    }
-
-
-def or_null(schema: Document) -> Document:
-    """The schema, or null in its place."""
-    return {"anyOf": [schema, {"type": "null"}]}
-
-
-def display_document(found: Feasibility) -> Document:
-    """The answer about one panel; lengths in micrometres, areas in square micrometres, shares of a pixel."""
-    footprint, borders = found.footprint, found.borders
-    emitters = found.emitters
-    return {
-        "verdict": found.verdict.value,
-        "required": found.required,
-        "share": found.share,
-        "found_share": footprint.found_share,
-        "bound_share": footprint.bound_share,
-        "rectangles_share": footprint.rectangles_share,
-        "method": footprint.method,
-        "emitters": None
-        if emitters is None
-        else {
-            "cell_um": emitters.cell_nm / NM_PER_UM,
-            "areas_um2": dict(zip(COLOURS, emitters.areas_um2, strict=True)),
-            "centroid_px": found.centroid_px,
-            "wander_px": found.wander_px,
-            "circuit_rooms_um2": [room.area_um2 for room in found.own_rooms],
-            "pieces": len(found.reaches),
-            "stranded": len(found.stranded),
-        },
-        "circuits": {"room_um2": found.room.area_um2, "need_um2": found.room.need_um2, "not_modelled": NOT_PLACED},
-        "borders": None
-        if borders is None
-        else {
-            "side_pairs": borders.side_pairs,
-            "side_violations": borders.side_violations,
-            "diagonal_pairs": borders.diagonal_pairs,
-            "diagonal_violations": borders.diagonal_violations,
-            "worst_pair": None if borders.worst is None else borders.worst.pair,
-            "sufficient_margin_um": borders.margin_nm / NM_PER_UM,
-        },
-        "wires": None
-        if found.wiring is None
-        else {
-            "verdict": found.wiring.verdict.value,
-            "wanted": found.wiring.wanted,
-            "in_gutter": found.wiring.in_gutter,
-            "through": found.wiring.through,
-            "transparent": found.wiring.transparent,
-            "laid": found.wiring.laid is not None,
-            "lines": found.wiring.lines,
-            "broken": [each.rule for each in found.wiring.broken],
-        },
-        "proofs": [_proof(certificate) for certificate in found.certificates],
-        "bound_proof": None if footprint.certificate is None else _proof(footprint.certificate),
-    }
-
-
-def _proof(certificate: Certificate) -> Document:
-    return {
-        "proof": certificate.proof.value,
-        "statement": certificate.statement,
-        "numbers": dict(certificate.numbers),
-    }
-
-
-def display_schema() -> Document:
-    """JSON Schema of :func:`display_document`."""
-    number, integer, text = {"type": "number"}, {"type": "integer"}, {"type": "string"}
-    pair = {"type": "array", "items": number, "minItems": 2, "maxItems": 2}
-    proof = closed_object(
-        {"proof": text, "statement": text, "numbers": {"type": "object", "additionalProperties": number}}
-    )
-    return closed_object(
-        {
-            "verdict": {"enum": [verdict.value for verdict in Verdict]},
-            "required": number,
-            "share": number,
-            "found_share": number,
-            "bound_share": number,
-            "rectangles_share": number,
-            "method": text,
-            "emitters": or_null(
-                closed_object(
-                    {
-                        "cell_um": number,
-                        "areas_um2": closed_object(dict.fromkeys(COLOURS, number)),
-                        "centroid_px": pair,
-                        "wander_px": number,
-                        "circuit_rooms_um2": {"type": "array", "items": number},
-                        "pieces": integer,
-                        "stranded": integer,
-                    }
-                )
-            ),
-            "circuits": closed_object(
-                {"room_um2": number, "need_um2": number, "not_modelled": text}, optional=("not_modelled",)
-            ),
-            "borders": or_null(
-                closed_object(
-                    {
-                        "side_pairs": integer,
-                        "side_violations": integer,
-                        "diagonal_pairs": integer,
-                        "diagonal_violations": integer,
-                        "worst_pair": or_null({"type": "array", "items": integer, "minItems": 2, "maxItems": 2}),
-                        "sufficient_margin_um": number,
-                    }
-                )
-            ),
-            "wires": or_null(
-                closed_object(
-                    {
-                        "verdict": {"enum": [verdict.value for verdict in Verdict]},
-                        "wanted": integer,
-                        "in_gutter": integer,
-                        "through": pair,
-                        "transparent": integer,
-                        "laid": {"type": "boolean"},
-                        "lines": pair,
-                        "broken": {"type": "array", "items": text},
-                    }
-                )
-            ),
-            "proofs": {"type": "array", "items": proof},
-            "bound_proof": or_null(proof),
-        }
-    )
-
 
 Facts = Mapping[str, object]
 
@@ -226,7 +79,54 @@ def _camera(facts: Facts) -> object:
     return camera_line(F1) if facts.get("author") == "maskfab" and "loss" not in facts else None
 
 
-def design_document(said: Stated, levels_db: Sequence[float], restored: Restored | None = None) -> Document:
+class _Price(Part):
+    rule: str
+    price: float
+
+
+class _Map(Part):
+    name: str | None
+    mode: str | None
+    command: str | None
+    version: str | None
+    seed: str | None
+    light: float | None
+
+
+class _Shot(Part):
+    psnr: float
+    psnr_inner: float
+    epsilon: float
+
+
+class _DesignLevel(Part):
+    level_db: float
+    stated_psnr: float | None
+    head_room: float | None
+    head_room_frame: float | None
+    map_gain: float | None
+    restored_psnr: float | None
+    photograph: _Shot | None
+
+
+class DesignPart(Part):
+    """One die's design; all PSNRs and their differences in dB."""
+
+    shape: str | None
+    command: str | None
+    version: str | None
+    seed: str | None
+    protocol: str | None
+    evaluated: float | None
+    dot_um: float
+    rules_cost: float | None
+    prices: list[_Price]
+    map: _Map | None
+    levels: list[_DesignLevel]
+    scene: str | None
+
+
+def stated_design(said: Stated, levels_db: Sequence[float], restored: Restored | None = None) -> Document:
     """One die's design; all PSNRs and their differences in dB.
 
     Args:
@@ -236,69 +136,34 @@ def design_document(said: Stated, levels_db: Sequence[float], restored: Restored
     """
     opening, cells = said.opening, said.cells or {}
     shots = {} if restored is None else {shot.score.level_db: shot.score for shot in restored.shots}
-    levels = []
-    for level in levels_db:
-        score = shots.get(level)
-        levels.append(
-            {
-                "level_db": level,
-                "stated_psnr": _number(opening, f"expected_psnr_{level:g}"),
-                "head_room": _number(opening, f"head_room_{level:g}"),
-                "head_room_frame": _number(opening, f"head_room_frame_{level:g}"),
-                "map_gain": _number(cells, f"gain_db_{level:g}"),
-                "restored_psnr": restored.psnr(level) if restored is not None and restored.scores else None,
-                "photograph": None
-                if score is None
-                else {"psnr": score.psnr, "psnr_inner": score.psnr_inner, "epsilon": score.epsilon},
-            }
-        )
-    return {
-        "shape": _text(opening, "shape"),
-        "command": _text(opening, "command"),
-        "version": _text(opening, "version"),
-        "seed": _text(opening, "seed"),
-        "protocol": _text(opening, "protocol"),
-        "evaluated": _number(opening, "evaluated"),
-        "dot_um": said.dot_um,
-        "rules_cost": _number(opening, "rules_cost_db"),
-        "prices": _prices(opening),
-        "map": None
+    photographed = restored is not None and bool(restored.scores)
+    texts = ("command", "version", "seed")
+    return DesignPart.document(
+        restored,
+        **{key: _text(opening, key) for key in ("shape", *texts, "protocol")},
+        evaluated=_number(opening, "evaluated"),
+        dot_um=said.dot_um,
+        rules_cost=_number(opening, "rules_cost_db"),
+        prices=_prices(opening),
+        map=None
         if said.cells is None
-        else {
-            "name": said.cells_name,
-            **{key: _text(cells, key) for key in ("mode", "command", "version", "seed")},
-            "light": _number(cells, "light"),
-        },
-        "levels": levels,
-        "scene": None if restored is None else restored.scene,
-    }
-
-
-def design_schema() -> Document:
-    """JSON Schema of :func:`design_document`."""
-    text = {"type": ["string", "null"]}
-    number = {"type": ["number", "null"]}
-    photograph = closed_object({key: {"type": "number"} for key in ("psnr", "psnr_inner", "epsilon")})
-    level = {
-        "level_db": {"type": "number"},
-        **dict.fromkeys(("stated_psnr", "head_room", "head_room_frame", "map_gain", "restored_psnr"), number),
-        "photograph": or_null(photograph),
-    }
-    cells = {"name": text, **dict.fromkeys(("mode", "command", "version", "seed"), text), "light": number}
-    return closed_object(
-        {
-            **dict.fromkeys(("shape", "command", "version", "seed", "protocol"), text),
-            "evaluated": number,
-            "dot_um": {"type": "number"},
-            "rules_cost": number,
-            "prices": {
-                "type": "array",
-                "items": closed_object({"rule": {"type": "string"}, "price": {"type": "number"}}),
-            },
-            "map": or_null(closed_object(cells)),
-            "levels": {"type": "array", "items": closed_object(level)},
-            "scene": text,
-        }
+        else _Map.document(
+            name=said.cells_name,
+            **{key: _text(cells, key) for key in ("mode", *texts)},
+            light=_number(cells, "light"),
+        ),
+        levels=[
+            _DesignLevel.document(
+                level_db=level,
+                stated_psnr=_number(opening, f"expected_psnr_{level:g}"),
+                head_room=_number(opening, f"head_room_{level:g}"),
+                head_room_frame=_number(opening, f"head_room_frame_{level:g}"),
+                map_gain=_number(cells, f"gain_db_{level:g}"),
+                restored_psnr=restored.psnr(level) if restored is not None and photographed else None,
+                photograph=_Shot.document(shots[level]) if level in shots else None,
+            )
+            for level in levels_db
+        ],
     )
 
 
@@ -331,69 +196,84 @@ def _plain(text: str) -> str:
     return line if len(line) <= _MOST_CHARACTERS else line[: _MOST_CHARACTERS - 1] + "…"
 
 
+class _Level(Part):
+    level_db: float
+    epsilon: float = written()
+    psnr: list[float]
+    psnr_inner: list[float] = written()
+
+
+class _PhotographedDie(Part):
+    name: DieName
+    refused: Text | None
+    left_out: list[str] = written()
+    levels: list[_Level]
+
+
+class _Sensor(Part):
+    full_well: float
+    read_noise: float
+    bits: int | None
+    black_level: int
+    mosaic: Literal["none", "rggb"]
+
+
+class PhotographsPart(Part):
+    """Photographs through all dies; PSNRs in dB, one for each scene in the order of ``scenes``."""
+
+    protocol: str = written()
+    camera: str = written()
+    sensor: _Sensor = written()
+    light: str = written()
+    brackets: list[float] = written()
+    linear: bool = written()
+    levels_db: Annotated[list[float], Field(min_length=1)]
+    scene: dict[str, Any] = written()
+    unused: list[str] = written()
+    told: list[str] = written()
+    reference: DieName | None = Field(description="die that gains are over")
+    reference_stated: str | None = written("the one that the job names")
+    scenes: list[Text]
+    dies: list[_PhotographedDie]
+
+    @model_validator(mode="after")
+    def _of_the_same_scenes(self) -> PhotographsPart:
+        for die in self.dies:
+            if die.refused is None and [level.level_db for level in die.levels] != self.levels_db:
+                raise ValueError(f"die {die.name} has not the levels of light that the report has")
+            if any(len(level.psnr) != len(self.scenes) for level in die.levels):
+                raise ValueError(f"die {die.name} has not one number for each scene")
+        if self.reference is not None and self.reference not in {die.name for die in self.dies}:
+            raise ValueError(f"the reference {self.reference} has no photographs")
+        return self
+
+
 def photographs_document(taken: Photographs) -> Document:
-    """Of all dies; PSNRs in dB, one for each scene in the order of ``scenes``."""
-    scores = taken.table.scores
+    """How photographs were taken, every score, and what they leave out."""
+
+    def levels(die: Restored) -> list[Document]:
+        rows = [
+            (level, [score for score in die.scores if score.level_db == level]) for level in taken.conditions.levels
+        ]
+        return [
+            _Level.document(
+                level_db=level,
+                epsilon=scores[0].epsilon,
+                psnr=[score.psnr for score in scores],
+                psnr_inner=[score.psnr_inner for score in scores],
+            )
+            for level, scores in rows
+            if scores
+        ]
+
     return {
         **taken.conditions.to_dict(),
         "told": list(taken.conditions.lines),
         "reference": taken.reference,
         "reference_stated": taken.stated,
-        "scenes": list(dict.fromkeys(score.scene for score in scores)),
+        "scenes": list(dict.fromkeys(score.scene for score in taken.table.scores)),
         "dies": [
-            {
-                "name": name,
-                "refused": die.refused,
-                "left_out": list(die.left_out),
-                "levels": [
-                    {
-                        "level_db": level,
-                        "epsilon": own[0].epsilon,
-                        "psnr": [score.psnr for score in own],
-                        "psnr_inner": [score.psnr_inner for score in own],
-                    }
-                    for level in taken.conditions.levels
-                    if (own := [score for score in die.scores if score.level_db == level])
-                ],
-            }
+            _PhotographedDie.document(die, name=name, left_out=list(die.left_out), levels=levels(die))
             for name, die in taken.dies.items()
         ],
     }
-
-
-def photographs_schema() -> Document:
-    """JSON Schema of :func:`photographs_document`."""
-    text, number, flag = {"type": "string"}, {"type": "number"}, {"type": "boolean"}
-    texts, numbers = {"type": "array", "items": text}, {"type": "array", "items": number}
-    level = {"level_db": number, "epsilon": number, "psnr": numbers, "psnr_inner": numbers}
-    die = {
-        "name": text,
-        "refused": {"type": ["string", "null"]},
-        "left_out": texts,
-        "levels": {"type": "array", "items": closed_object(level)},
-    }
-    sensor = {
-        "full_well": number,
-        "read_noise": number,
-        "bits": {"type": ["integer", "null"]},
-        "black_level": {"type": "integer"},
-        "mosaic": {"enum": ["none", "rggb"]},
-    }
-    return closed_object(
-        {
-            "protocol": text,
-            "camera": text,
-            "sensor": closed_object(sensor),
-            "light": text,
-            "brackets": numbers,
-            "linear": flag,
-            "levels_db": numbers,
-            "scene": {"type": "object", "additionalProperties": {}},
-            "unused": texts,
-            "told": texts,
-            "reference": {"type": ["string", "null"], "description": "die that gains are over"},
-            "reference_stated": {"type": ["string", "null"], "description": "the one that the job names"},
-            "scenes": texts,
-            "dies": {"type": "array", "items": closed_object(die)},
-        }
-    )

@@ -18,7 +18,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from maskfab.base import __version__
 from maskfab.base.errors import SourceError
@@ -27,7 +27,7 @@ from maskfab.base.model import Quantity
 from maskfab.camera.inspection.edge_mtf import DesignedMtf, MeasuredEdge, MeasuredEdges, MtfCurve, edge_verdict
 from maskfab.camera.inspection.slanted_edge import EdgeMtf
 from maskfab.mask.job import Job
-from maskfab.report.documents.die import Document, closed_object
+from maskfab.report.documents.shape import Document, Part
 from maskfab.report.rows.text import quantity_document
 
 SCHEMA_VERSION = 1
@@ -61,23 +61,33 @@ def _json(told: Mapping[str, Any]) -> str:
     return json.dumps(told, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-MeasuredDocument = dict[str, Any]
-
 _MOST_BYTES = 50_000_000
 _CURVES = ("captured", "expected", "low", "high")
 _OF_A_DIE = "hypotheses"
 """Key that measurements of a die have, and those of an edge do not."""
 
 
-class _Told(BaseModel):
-    model_config = ConfigDict(allow_inf_nan=False, strict=True)
+class _MtfRow(Part):
+    colour: str
+    frequency_cy_per_mm: float
+    captured: float
+    expected: float
+    low: float
+    high: float
 
 
-class _Curve(_Told):
+class MeasuredPart(Part):
+    """The measurement of a die in report.json."""
+
+    verdict: list[str]
+    mtf: list[_MtfRow]
+
+
+class _Curve(Part):
     minimum: list[float]
 
 
-class _Band(_Told):
+class _Band(Part):
     colour: Annotated[str, Field(max_length=40)]
     frequency_per_mm: Annotated[list[float], Field(min_length=2)]
     captured: _Curve
@@ -93,7 +103,7 @@ class _Band(_Told):
         return self
 
 
-class _Measured(_Told):
+class _Measured(Part):
     job_hash: str
     die: str | None
     verdict: list[Annotated[str, Field(max_length=2000)]]
@@ -116,13 +126,13 @@ class Beside:
     job_hash: str
     die: str | None
     verdict: tuple[str, ...]
-    rows: tuple[MeasuredDocument, ...]
+    rows: tuple[Document, ...]
 
-    def of_die(self, name: str, digest: str) -> MeasuredDocument | None:
+    def of_die(self, name: str, digest: str) -> Document | None:
         """Part of the report of a die; None of any but the one that was measured, and of another job."""
         if name != self.die or digest != self.job_hash:
             return None
-        return {"verdict": list(self.verdict), "mtf": list(self.rows)}
+        return MeasuredPart.document(self, verdict=list(self.verdict), mtf=list(self.rows))
 
     def note(self, digest: str) -> tuple[Quantity, ...]:
         """Why it is left out, where it is."""
@@ -163,7 +173,7 @@ def measured_beside(job: Job) -> Beside | None:
     return Beside(content, told.job_hash, told.die, tuple(told.verdict), tuple(rows))
 
 
-def _rows(band: _Band, frequencies_cy_per_mm: tuple[float, ...]) -> list[MeasuredDocument]:
+def _rows(band: _Band, frequencies_cy_per_mm: tuple[float, ...]) -> list[Document]:
     rings = band.frequency_per_mm
     return [
         {
@@ -174,18 +184,6 @@ def _rows(band: _Band, frequencies_cy_per_mm: tuple[float, ...]) -> list[Measure
         for frequency in frequencies_cy_per_mm
         if rings[0] <= frequency <= rings[-1]
     ]
-
-
-def measured_schema() -> MeasuredDocument:
-    """JSON Schema of :meth:`Beside.of_die`."""
-    text, number = {"type": "string"}, {"type": "number"}
-    row = {"colour": text, **dict.fromkeys(("frequency_cy_per_mm", *_CURVES), number)}
-    return closed_object(
-        {
-            "verdict": {"type": "array", "items": text},
-            "mtf": {"type": "array", "items": closed_object(row)},
-        }
-    ) | {"description": "MTF in its worst direction as captured, and as expected of the die as drawn with its noise"}
 
 
 def edge_document(found: MeasuredEdges, name: str, digest: str, job_hash: str | None, notes: Sequence[str]) -> Document:

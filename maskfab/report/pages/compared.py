@@ -21,9 +21,9 @@ from matplotlib.figure import Figure
 from maskfab.base.errors import JobError
 from maskfab.base.resources import template
 from maskfab.camera.scores import CONFIDENCE
+from maskfab.report.documents.report import FinishedReport
 from maskfab.report.figures.die import OKABE_ITO
 from maskfab.report.figures.sheet import INK, QUIET, Drawing, place, styled
-from maskfab.report.pages.finished import FinishedReport
 from maskfab.report.pages.page import style
 from maskfab.report.pages.tables import DieTable, best_photographed, die_table, difference, mean_psnr, scores
 from maskfab.report.pages.template import page_environment

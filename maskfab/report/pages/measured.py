@@ -30,8 +30,8 @@ from maskfab.camera.inspection.edge_mtf import MeasuredEdge, MeasuredEdges, MtfC
 from maskfab.camera.inspection.fit import MtfBand
 from maskfab.camera.inspection.identity import CERTAIN
 from maskfab.camera.inspection.verdict import COST_METHOD, Measured, cause, stands, write_fitted_psf
-from maskfab.report.documents.die import Document
 from maskfab.report.documents.measured import SCHEMA_VERSION, write_measured
+from maskfab.report.documents.shape import Document
 from maskfab.report.figures.die import OKABE_ITO
 from maskfab.report.figures.sheet import INK, QUIET, Drawing, place, styled
 from maskfab.report.pages.page import style

@@ -22,6 +22,7 @@ import numpy as np
 from maskfab.camera.die_transfer import by_sentence
 from maskfab.camera.scores import CONFIDENCE, MeanDifference
 from maskfab.mask.writer import Reading
+from maskfab.report.documents.shape import WORST
 from maskfab.report.rows.bands import BIAS_UM, SHARE
 from maskfab.report.rows.photographs import middle_level
 from maskfab.report.rows.text import rounded, short
@@ -223,10 +224,6 @@ def decibels(change: float | None) -> str:
 
 def _value(die: Document, name: str) -> float | None:
     return next((each["value"] for each in die["quantities"] if each["name"] == name), None)
-
-
-WORST = "mtf_worst_"
-"""At the start of the names of MTFs in their worst direction, before the frequency in cycles per millimetre."""
 
 
 @dataclass(frozen=True)

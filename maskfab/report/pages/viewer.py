@@ -37,7 +37,7 @@ from maskfab.base.units import UM_PER_NM
 from maskfab.mask.formats.content import layer_label
 from maskfab.mask.formats.table import LAYOUT_SUFFIXES, read_layout
 from maskfab.mask.layout import DBU_UM, CellNames
-from maskfab.report.pages.finished import read_reports
+from maskfab.report.documents.report import read_reports
 from maskfab.report.pages.tables import die_table
 from maskfab.report.pages.template import page_environment
 

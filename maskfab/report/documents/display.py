@@ -1,0 +1,359 @@
+"""Answers about displays: that of a die as it stands in report.json, those of a job as ``maskfab check`` tells them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from types import MappingProxyType
+from typing import Annotated, Literal
+
+from maskfab.base.model import COLOURS, Die, Quantity
+from maskfab.base.units import NM_PER_UM
+from maskfab.display.drive import BY_AREA, NOT_PLACED
+from maskfab.display.emitter_rules import Certificate, Verdict
+from maskfab.display.feasibility import Feasibility, PlateWithDisplays
+from maskfab.display.placement import LargestGap
+from maskfab.display.polygon_check import Violation
+from maskfab.report.documents.shape import (
+    DRAFT,
+    Document,
+    OneOf,
+    Pair,
+    Part,
+    QuantityPart,
+    Text,
+    WholePair,
+    optional,
+    written,
+)
+from maskfab.report.rows.display import display_quantities
+from maskfab.report.rows.text import quantity_document
+
+_VERDICTS = OneOf(tuple(verdict.value for verdict in Verdict))
+
+
+class _Colours(Part):
+    red: float
+    green: float
+    blue: float
+
+
+class _Emitters(Part):
+    cell_um: float = written()
+    areas_um2: _Colours = written()
+    centroid_px: Pair = written()
+    wander_px: float = written()
+    circuit_rooms_um2: list[float] = written()
+    pieces: int = written()
+    stranded: int = written()
+
+
+class _Circuits(Part):
+    room_um2: float
+    need_um2: float
+    not_modelled: str = optional()
+
+
+class _Borders(Part):
+    side_pairs: int
+    side_violations: int
+    diagonal_pairs: int
+    diagonal_violations: int
+    worst_pair: WholePair | None
+    sufficient_margin_um: float
+
+
+class _Wires(Part):
+    verdict: Annotated[str, _VERDICTS] = written()
+    wanted: int
+    in_gutter: int = written()
+    through: Pair = written()
+    transparent: int = written()
+    laid: bool = written()
+    lines: Pair
+    broken: list[str] = written()
+
+
+class _Proof(Part):
+    proof: str
+    statement: str
+    numbers: dict[str, float]
+
+
+class DisplayPart(Part):
+    """The answer about one panel; lengths in micrometres, areas in square micrometres, shares of a pixel."""
+
+    verdict: Annotated[Text, _VERDICTS]
+    required: float
+    share: float
+    found_share: float = written()
+    bound_share: float
+    rectangles_share: float = written()
+    method: str = written()
+    emitters: _Emitters | None
+    circuits: _Circuits = written()
+    borders: _Borders | None = written()
+    wires: _Wires | None
+    proofs: list[_Proof] = written()
+    bound_proof: _Proof | None = written()
+
+
+def display_document(display: Feasibility) -> Document:
+    """The display of a die of report.json."""
+    footprint, borders, emitters, wiring = display.footprint, display.borders, display.emitters, display.wiring
+    return DisplayPart.document(
+        display,
+        verdict=display.verdict.value,
+        found_share=footprint.found_share,
+        bound_share=footprint.bound_share,
+        rectangles_share=footprint.rectangles_share,
+        method=footprint.method,
+        emitters=emitters
+        and _Emitters.document(
+            display,
+            cell_um=emitters.cell_nm / NM_PER_UM,
+            areas_um2=dict(zip(COLOURS, emitters.areas_um2, strict=True)),
+            circuit_rooms_um2=[room.area_um2 for room in display.own_rooms],
+            pieces=len(display.reaches),
+            stranded=len(display.stranded),
+        ),
+        circuits={"room_um2": display.room.area_um2, "need_um2": display.room.need_um2, "not_modelled": NOT_PLACED},
+        borders=borders
+        and _Borders.document(
+            borders,
+            worst_pair=borders.worst and borders.worst.pair,
+            sufficient_margin_um=borders.margin_nm / NM_PER_UM,
+        ),
+        wires=wiring
+        and _Wires.document(
+            wiring,
+            verdict=wiring.verdict.value,
+            laid=wiring.laid is not None,
+            broken=[violation.rule for violation in wiring.broken],
+        ),
+        proofs=[_proof(certificate) for certificate in display.certificates],
+        bound_proof=footprint.certificate and _proof(footprint.certificate),
+    )
+
+
+def _proof(certificate: Certificate) -> Document:
+    return _Proof.document(certificate, proof=certificate.proof.value, numbers=dict(certificate.numbers))
+
+
+class _Broken(Part):
+    rule: str
+    area_um2: float
+    place_um: Pair
+
+
+class _Room(Part):
+    room_um2: float
+    closed_um2: float
+    need_um2: float
+    not_modelled: str
+
+
+class _Light(Part):
+    density_ma_per_cm2: _Colours
+    relative_life: _Colours
+    centroid_px: Pair
+    wander_px: float
+
+
+class _Gap(Part):
+    found_um: float | None
+    excluded_um: float | None
+
+
+class _CheckedDie(Part):
+    name: str
+    display: DisplayPart | None
+    quantities: list[QuantityPart]
+    broken: list[_Broken] | None
+    circuits: _Room | None
+    light: _Light | None
+    largest_gap: _Gap | None
+
+
+class CheckPart(Part):
+    """Every die with the answer about it; ``display`` is null where a sheet has no pixels, ``unused`` names what of the
+    job the answer does not depend on."""
+
+    job_hash: str
+    verdict: Literal["pass", "fail"]
+    dies: list[_CheckedDie]
+    unused: list[str]
+
+
+def check_schema() -> Document:
+    """The JSON Schema (draft 2020-12) of what ``maskfab check --json`` prints."""
+    return {
+        "$schema": DRAFT,
+        "title": "maskfab check",
+        **CheckPart.schema_document(),
+        "$defs": {QuantityPart.definition: QuantityPart.schema_document()},
+    }
+
+
+def check_document(
+    built: PlateWithDisplays,
+    gaps: Mapping[str, LargestGap],
+    digest: str,
+    unused: Sequence[str] = (),
+    notes: Mapping[str, Quantity] = MappingProxyType({}),
+    *,
+    passed: bool,
+) -> Document:
+    """What ``maskfab check --json`` prints.
+
+    Args:
+        built: the plate with its displays.
+        gaps: the largest ones that displays bear, by die.
+        digest: of the job.
+        unused: what of the job the answer does not depend on.
+        notes: on dies.
+        passed: whether every display fits.
+    """
+    return CheckPart.document(
+        job_hash=digest,
+        verdict="pass" if passed else "fail",
+        dies=[
+            _checked_die(die, built.displays.get(die.name), gaps.get(die.name), notes.get(die.name))
+            for die in built.plate.dies
+        ],
+        unused=list(unused),
+    )
+
+
+def _checked_die(die: Die, display: Feasibility | None, gap: LargestGap | None, note: Quantity | None) -> Document:
+    if display is None:
+        return _CheckedDie.document(name=die.name, quantities=[])
+    numbers = display_quantities(die, display)
+    return _CheckedDie.document(
+        name=die.name,
+        display=display_document(display),
+        quantities=[quantity_document(number) for number in (*numbers, *([note] if note else []))],
+        broken=[
+            _Broken.document(violation, place_um=[along / NM_PER_UM for along in violation.place_nm])
+            for violation in display.broken
+        ],
+        circuits=_Room.document(display.room, room_um2=display.room.area_um2, not_modelled=NOT_PLACED),
+        light=None
+        if display.density_ma_per_cm2 is None or display.life is None
+        else _Light.document(
+            display,
+            density_ma_per_cm2=dict(zip(COLOURS, display.density_ma_per_cm2, strict=True)),
+            relative_life=dict(zip(COLOURS, display.life, strict=True)),
+            centroid_px=list(display.centroid_px),
+        ),
+        largest_gap=gap
+        and _Gap.document(
+            found_um=None if gap.found_nm is None else gap.found_nm / NM_PER_UM,
+            excluded_um=None if gap.excluded_nm is None else gap.excluded_nm / NM_PER_UM,
+        ),
+    )
+
+
+Line = tuple[str, str]
+
+
+def display_lines(
+    name: str, display: Feasibility | None, gap: LargestGap | None, seed: Quantity | None = None
+) -> Iterator[str]:
+    """The lines for one die; None stands for a sheet that has no pixels, ``seed`` is a note on the die's."""
+    if display is None:
+        yield f"{name}: no pixels to place emitters in"
+        return
+    yield f"{name}: {display.verdict}; {BY_AREA}"
+    for part in (_footprint, _placement, _circuits, _wires, _light_text, _proofs):
+        for label, text in part(display):
+            yield f"  {label:<16} {text}"
+    if seed is not None:
+        yield f"  {'note':<16} {seed.method}"
+    if gap is not None:
+        yield f"  {'widest gap':<16} {_gap(gap)}"
+
+
+def _footprint(display: Feasibility) -> Iterator[Line]:
+    footprint = display.footprint
+    required = f"; required {100 * display.required:.2f} %" if display.required else ""
+    method = f" ({footprint.method})" if footprint.found is not None else ""
+    most = f"at most {100 * footprint.bound_share:.2f} %{required}"
+    yield "footprint", f"{100 * footprint.found_share:.2f} %{method}, {most}"
+    yield "rectangles", f"{100 * footprint.rectangles_share:.2f} %"
+
+
+def _placement(display: Feasibility) -> Iterator[Line]:
+    if display.emitters is None:
+        return
+    yield (
+        "areas",
+        ", ".join(f"{letter} {area:.10g}" for letter, area in zip("RGB", display.emitters.areas_um2, strict=True))
+        + " um^2",
+    )
+    borders = display.borders
+    if borders is not None:
+        yield (
+            "borders",
+            f"{borders.side_violations} of {borders.side_pairs} pairs at sides and {borders.diagonal_violations} of "
+            f"{borders.diagonal_pairs} at corners are too close; {borders.margin_nm / NM_PER_UM:g} um of clearance "
+            "along all sides would suit any neighbour",
+        )
+    if not display.broken:
+        yield "rules broken", "none, measured from the polygons"
+    for violation in display.broken:
+        yield "rules broken", _broken(violation)
+
+
+def _broken(violation: Violation) -> str:
+    x, y = (along / NM_PER_UM for along in violation.place_nm)
+    return f"{violation.rule}: {violation.area_um2:g} um^2 near ({x:g}, {y:g}) um"
+
+
+def _circuits(display: Feasibility) -> Iterator[Line]:
+    room = display.room
+    yield "circuits", f"{room.area_um2:.0f} um^2 available, {room.need_um2:.0f} um^2 needed"
+    yield "not modelled", NOT_PLACED
+
+
+def _wires(display: Feasibility) -> Iterator[Line]:
+    wires = display.wiring
+    if wires is None:
+        return
+    if wires.laid is not None:
+        drawn = f"{wires.wanted - wires.transparent} laid across the panel each way"
+    else:
+        along_x, along_y = wires.through
+        drawn = f"{wires.in_gutter} in the gutter, {along_x} along x and {along_y} along y through closed area"
+    yield "wires", f"{wires.verdict}: of {wires.wanted} lines {wires.transparent} transparent, {drawn}"
+    for violation in wires.broken:
+        yield "rules broken", _broken(violation)
+
+
+def _light_text(display: Feasibility) -> Iterator[Line]:
+    if display.emitters is None:
+        return
+    x, y = display.centroid_px
+    yield "light", f"centroid at ({x:.4f}, {y:.4f}) px; shifts by {display.wander_px:.4f} px RMS between orientations"
+    if display.density_ma_per_cm2 is not None:
+        yield "current density", f"{_colours(display.density_ma_per_cm2)} mA/cm2"
+    if display.life is not None:
+        yield "relative life", _colours(display.life)
+
+
+def _proofs(display: Feasibility) -> Iterator[Line]:
+    for certificate in display.certificates:
+        yield "proof", certificate.statement
+    bound = display.footprint.certificate
+    if bound is not None and bound not in display.certificates:
+        yield "bound", bound.statement
+
+
+def _gap(gap: LargestGap) -> str:
+    fits = "no placement was found at any gap" if gap.found_nm is None else f"{gap.found_nm / NM_PER_UM:g} um fits"
+    if gap.excluded_nm is None:
+        return f"{fits}; no gap within the pixel is proven impossible"
+    return f"{fits}; {gap.excluded_nm / NM_PER_UM:g} um is proven impossible"
+
+
+def _colours(values: Iterable[float]) -> str:
+    return ", ".join(f"{letter} {value:.4g}" for letter, value in zip("RGB", values, strict=True))
