@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Ints
 from maskfab.base.errors import JobError
 from maskfab.base.units import NM_PER_UM, dpi
 
@@ -70,12 +70,12 @@ class CellSize:
         return dpi(self.pitch_um)
 
     @property
-    def dot_edges_nm(self) -> NDArray[np.int64]:
+    def dot_edges_nm(self) -> Ints:
         """Borders of the dots along a side, from the cell's own: int64 [dots + 1]."""
         return self.gutter_nm // 2 + self.dot_nm * np.arange(self.dots + 1)
 
     @property
-    def edges_nm(self) -> NDArray[np.int64]:
+    def edges_nm(self) -> Ints:
         """Borders of the dots and the gutter along a side, the cell's own included: int64, ascending."""
         return np.unique(np.concatenate([[0], self.dot_edges_nm, [self.pitch_nm]]))
 

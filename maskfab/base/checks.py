@@ -22,8 +22,8 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Labels, Mask
 from maskfab.base.errors import JobError, OpeningError
 
 _LARGEST = sys.float_info.max
@@ -93,7 +93,7 @@ def refuse(code: str, owner: object, name: str, what: str, cure: str) -> None:
     raise _refusal(code, owner, name, what, cure)
 
 
-def square_mask(owner: object, name: str) -> NDArray[np.bool_]:
+def square_mask(owner: object, name: str) -> Mask:
     """A field of clear and opaque dots as bool [n, n].
 
     Raises:
@@ -111,7 +111,7 @@ def square_mask(owner: object, name: str) -> NDArray[np.bool_]:
     return mask.astype(np.bool_)
 
 
-def labels(owner: object, name: str, count: int, code: str, cure: str) -> NDArray[np.int8]:
+def labels(owner: object, name: str, count: int, code: str, cure: str) -> Labels:
     """A field of numbers from 0 to ``count`` - 1 as int8 [rows, columns]; a refusal has the code and the cure."""
     values = np.asarray(getattr(owner, name))
     if values.ndim != 2 or not values.size:

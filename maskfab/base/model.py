@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.base import checks as require
+from maskfab.base.arrays import Floats, Indices, Labels, Mask
 from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import InternalError
 from maskfab.base.quantities import registered
@@ -58,7 +59,7 @@ def split_cells(picture: NDArray[Scalar], height: int, width: int) -> NDArray[Sc
     return picture.reshape(rows, height, columns, width).transpose(0, 2, 1, 3)
 
 
-def unit_dots(orientations: NDArray[np.int8], dots: int) -> NDArray[np.intp]:
+def unit_dots(orientations: Labels, dots: int) -> Indices:
     """Flat index into a unit of every dot of the cells that it is laid out over, [rows x dots, columns x dots]."""
     index = np.arange(dots * dots).reshape(dots, dots)
     return side_by_side(np.stack([orient(index, element) for element in range(ORIENTATIONS)])[orientations])
@@ -108,10 +109,10 @@ class Opening:
     """
 
     name: str
-    mask: NDArray[np.bool_]
+    mask: Mask
     dot_nm: int
     provenance: Mapping[str, str | int | float] = field(default_factory=dict)
-    emitters: NDArray[np.int8] | None = None
+    emitters: Labels | None = None
 
     def __post_init__(self) -> None:
         require.instance(self, "name", str)
@@ -151,7 +152,7 @@ class Emitters:
         cell_nm: side of a cell.
     """
 
-    labels: NDArray[np.int8]
+    labels: Labels
     cell_nm: int
 
     def __post_init__(self) -> None:
@@ -165,7 +166,7 @@ class Emitters:
         return red, green, blue
 
 
-def _emitter_labels(owner: Opening | Emitters, name: str) -> NDArray[np.int8]:
+def _emitter_labels(owner: Opening | Emitters, name: str) -> Labels:
     cure = "0 is no emitter, 1 to 3 are red, green and blue, on square cells"
     return require.labels(owner, name, 1 + len(COLOURS), "MF119", cure)
 
@@ -213,7 +214,7 @@ class Panel:
     opening: Opening
     dot_nm: int
     gutter_nm: int
-    orientations: NDArray[np.int8]
+    orientations: Labels
     tiling: Tiling
     seed: int | None
     emitters: Emitters | None = None
@@ -251,12 +252,12 @@ class Panel:
             return self.opening
         return replace(self.opening, mask=np.any([opening.mask for opening in self.openings], axis=0))
 
-    def pattern(self, cell: int) -> NDArray[np.bool_]:
+    def pattern(self, cell: int) -> Mask:
         """Contents of a cell, bool [dots, dots], from its entry in ``orientations``."""
         return orient(self.openings[cell // ORIENTATIONS].mask, cell % ORIENTATIONS)
 
     @property
-    def patterns(self) -> NDArray[np.bool_]:
+    def patterns(self) -> Mask:
         """Everything that a cell can hold, bool [8 openings, dots, dots]."""
         return np.stack([self.pattern(cell) for cell in range(ORIENTATIONS * len(self.openings))])
 
@@ -680,7 +681,7 @@ class Psf:
         kind: ``point`` samples the intensity, ``pixel`` is its mean over square pixels of side ``step_um``.
     """
 
-    values: NDArray[np.float64]
+    values: Floats
     step_um: float
     wavelength_nm: float
     kind: Literal["point", "pixel"]
@@ -704,9 +705,9 @@ class RadialMean:
         error: float64 [n], bound of the error of each, and of a straight line between them.
     """
 
-    frequency_cy_per_mm: NDArray[np.float64]
-    modulation: NDArray[np.float64]
-    error: NDArray[np.float64]
+    frequency_cy_per_mm: Floats
+    modulation: Floats
+    error: Floats
 
     def __post_init__(self) -> None:
         for name in ("frequency_cy_per_mm", "modulation", "error"):
@@ -727,8 +728,8 @@ class Mtf:
         falls: the radial mean where it falls.
     """
 
-    frequency_cy_per_mm: NDArray[np.float64]
-    cuts: Mapping[str, NDArray[np.float64]]
+    frequency_cy_per_mm: Floats
+    cuts: Mapping[str, Floats]
     wavelength_nm: float
     uncertainty: float
     minimum_uncertainty: float
