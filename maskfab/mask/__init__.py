@@ -1,22 +1,8 @@
-"""The clear shape of one pixel: drawn from numbers, read from files, taken from displays.
+"""Masks: openings, panels and plates, the files that show them, and what mask houses say of both.
 
-How cells are tiled is in :mod:`maskfab.mask`.
-
-Panels of tiled cells and the plate that holds them. Polygons are drawn in :mod:`maskfab.mask`.
-
-Everything on a plate but its dies: titles, fiducials, test patterns, and templates that place them.
-
-Masks as polygons and rasters, exact to the nanometre.
-
-Files are read in :mod:`maskfab.mask`, rules checked in :mod:`maskfab.mask.plate_rules`.
-
-Writers of a plate's files, one module for each format. Reading them back is in :mod:`maskfab.mask`.
-
-Mask files of any maker as layouts, by libraries that did not write them.
-
-Written files against the plate that they were written from.
-
-Finished folders are checked again in :mod:`maskfab.runs.verification`.
-
-Foreign files are read and worked on in processes with limits of time and memory.
-"""
+Here are the clear shape of a pixel and how cells are tiled (:mod:`opening`, :mod:`panels`), the plate round them
+(:mod:`plate`, :mod:`marks`), its polygons (:mod:`layout`, :mod:`figures`) and rasters (:mod:`dots`, :mod:`raster`), the
+rules of drawing (:mod:`rule`, :mod:`panel_rules`, :mod:`plate_rules`) and a writer's bias and corners (:mod:`writer`).
+Folders hold one file for each format, the comparison of files with the plate, mask houses, their packages, and the
+judge, who shares no code with any of them. What light makes of a mask is in :mod:`maskfab.optics`, displays round the
+openings in :mod:`maskfab.display`. Imports base, job and optics."""

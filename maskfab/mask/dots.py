@@ -1,15 +1,10 @@
-"""A die as its own grid of dots and gutters, which needs no polygons.
+"""Rasters of dots: a die as its own grid of dots and gutters, a plate as a plotter's rows, and their narrowest runs.
 
-Dots of a plotter: a square grid about the plate's centre, so that a house that centres the picture moves nothing.
-
-A dot is open if its centre lies in an opening. Of a centre on the very edge of one it does if the opening lies to the
-right of it or above: intervals are half-open, so that dots of two that share an edge are neither lost nor told twice.
-
-Rows of a plotter's dots, one after the other, never the whole plate: dies from their grids, marks by their edges.
-
-Rows between two edges are alike and made once; a plate has far fewer of these than rows.
-
-Rules that a clear raster must keep: no kissing corners, nothing narrower than the writer resolves.
+A plotter's dots are a square grid about the plate's centre, so that a house that centres the picture moves nothing. A
+dot is open if its centre lies in an opening; a centre on the very edge of one does if the opening lies to the right of
+it or above: intervals are half-open, so that dots of two that share an edge are neither lost nor told twice. Rows are
+made one after the other, never the whole plate, dies from their grids and marks by their edges; those between two edges
+are alike and made once, and a plate has far fewer of these than rows.
 """
 
 from __future__ import annotations

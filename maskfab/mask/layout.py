@@ -1,23 +1,12 @@
-"""Many outlines at once between arrays and klayout, as records of GDSII in memory.
+"""Plates as hierarchical layouts, layouts as regions, and limits within which a layout can be worked with.
 
-Made one by one, a million polygons of klayout take half a minute; records of them take a second or two.
+A layout keeps one cell per orientation of an opening and places it thousands of times; nothing is flattened until a
+question needs it. Database unit: 1 nm. Outlines and references pass between arrays and klayout as records of GDSII in
+memory: made one by one, a million polygons take half a minute, and ten thousand references longer than all else that a
+plate is drawn by.
 
-Grids of cells, placed in a layout by records of GDSII in memory.
-
-Inserted one by one, ten thousand references of klayout take longer than all else that a plate is drawn by.
-
-Limits of a layout to be processed: few enough shapes once its references are followed, none self-crossing.
-
-Nothing is repaired. A polygon that crosses itself means one thing to a writer that fills by winding and another to
-one that fills by parity, so it is refused; vertices and polygons that have no meaning at all are counted.
-
-Plates as hierarchical layouts, and layouts as regions.
-
-A layout keeps one cell per orientation of an opening and places it thousands of times; nothing is flattened until
-a question needs it. Database unit: 1 nm.
-
-The size of a file, judged before it is written.
-"""
+Nothing is repaired. A polygon that crosses itself means one thing to a writer that fills by winding and another to one
+that fills by parity, so it is refused; vertices and polygons that have no meaning at all are counted."""
 
 from __future__ import annotations
 

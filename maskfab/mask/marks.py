@@ -1,16 +1,8 @@
-"""Parts of marks: the plate before them, rectangles, crosses of equal arms, and names of sizes.
-
-Marks by which a plate is placed: fiducials, alignment crosses, and the letter F that shows how it lies.
-
-Test figures: bars, lines and spaces, stars, boards and corners, by which a writer's resolution is seen.
-
-A data matrix (ISO/IEC 16022), which a camera reads: what the plate was made from.
-
-Plate templates: blanks as they are sold, and the marks that go on them.
+"""Marks of a plate: those by which it is placed, test figures by which a writer's resolution is seen, a data matrix
+(ISO/IEC 16022) of what it was made from, and templates of blanks as they are sold with the marks that go on them.
 
 A template is a file of export_templates/plates/. Places are the plate's: its centre is the origin, y points up. Every
-mark has a room of its own, a box round its place, so that templates are judged without a job.
-"""
+mark has a room of its own, a box round its place, so that templates are judged without a job."""
 
 from __future__ import annotations
 

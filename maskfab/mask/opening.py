@@ -1,18 +1,11 @@
-"""The number of clear dots of an opening, refused where no opening has it.
+"""Openings, the clear shapes of one display pixel: read from whatever draws them, or drawn by rule.
 
-A mask from whatever draws it: characters, pixels, numbers or polygons.
+Text and images show the top row first, a mask holds the lowest row first (model.py), so both are flipped on their way
+in and out. Nothing is repaired: what could mean two things is refused with the cure.
 
-Text and images show the top row first, a mask holds the lowest row first (model.py), so both are flipped on
-their way in and out. Nothing is repaired: what could mean two things is refused with the cure.
-
-Emitters that come with an opening, drawn in letters, and what is wrong with a drawing.
-
-Openings drawn by rule: a slit, alternating blobs, discs on a diamond lattice.
-
-Each shape is a family that grows from its centres, so a count of clear dots selects one member of it. Symmetry
-makes dots clear in groups; a count that would split a group is refused, never rounded. Shapes are pure functions
-of their parameters and return bool masks [dots, dots], row 0 lowest.
-"""
+A shape that is drawn by rule is a family that grows from its centres, so a count of clear dots selects one member of
+it. Symmetry makes dots clear in groups; a count that would split a group is refused, never rounded. Shapes are pure
+functions of their parameters and return bool masks [dots, dots], row 0 lowest."""
 
 from __future__ import annotations
 

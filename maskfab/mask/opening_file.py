@@ -15,7 +15,7 @@ A TOML opening is a drawing with its facts beside it, and the facts are checked 
     [provenance]
     author = "..."             # any keys; text and numbers
 
-How the other kinds of file become a mask is told in grids.py.
+Other kinds of file become a mask in :mod:`maskfab.mask.opening`.
 """
 
 from __future__ import annotations

@@ -1,12 +1,9 @@
-"""From dots to outlines: hole-free, simple polygons whose union is the mask, exactly.
+"""Hole-free, simple polygons whose union is a mask, exactly: of dots, of a panel's cells on every layer, of text.
 
 GDSII and OASIS know no holes and mask writers refuse outlines that touch themselves, so a polygon with either is
 bisected along a line of its own grid until neither is left. Mask houses differ, so :func:`recut` also draws holes as
-keyholes, as trapezoids or as figures to subtract, and corners that kiss as one re-entrant outline.
-
-Shapes of one cell of a panel on every layer: openings, emitters, wires, gutter and black matrix.
-
-Text as polygons, in the plate's own stick font.
+keyholes, as trapezoids or as figures to subtract, and corners that kiss as one re-entrant outline. Text is drawn in the
+plate's own stick font.
 """
 
 from __future__ import annotations

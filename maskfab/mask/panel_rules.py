@@ -1,14 +1,8 @@
-"""The distinct cells of a panel as rasters.
+"""Design rules on a panel, by its distinct parts and neighbourhoods: the work hardly grows with the panel.
 
-Connected areas of one tone over a whole panel, without ever drawing the panel, and those too small to write.
-
-The distinct neighbourhoods of a panel, each checked once: spaces between clear edges, and corners that kiss.
-
-Widths and notches: rules within one polygon, checked once on every distinct polygon of a panel.
-
-The rules on a panel, by its distinct parts and neighbourhoods; the work hardly grows with the panel.
-
-Its narrowest places are exact, corner to corner included, and not hidden by corners that kiss.
+Cells are rasters. Connected areas of one tone, which rules within one polygon look at, are joined from cell to cell
+without ever drawing the panel; spaces and corners that kiss are looked for once in every distinct neighbourhood. The
+narrowest places are exact, corner to corner included, and not hidden by corners that kiss.
 """
 
 from __future__ import annotations

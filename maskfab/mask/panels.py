@@ -1,18 +1,7 @@
-"""Openings on a hexagonal lattice, each turned by a multiple of 60 degrees: one sheet of dots for a whole panel.
+"""Panels: the cells of each die of a job, how they are turned, and what no panel can be.
 
-Turns by 60 degrees do not carry a square grid of dots into itself, so the sheet is sampled: a dot is clear where its
-middle, carried back into the unit, falls on a clear dot. Edges that lie off the grid move by up to half a dot, and the
-clear area of a cell changes by a few dots from turn to turn.
-
-Die seeds: those of the dies that an opening's display fits, as its map or the opening itself names them.
-
-Beyond a map, and in a random tiling, a seed draws how cells are turned, and wires laid across a die may find no way in
-what it draws. A file names the seeds that were tried in its provenance: ``die_seeds_fit = "1 2"``, and
-``die_seeds_unfit = "0"``. A die that states no seed takes the first that fits.
-
-Orientation maps as files: which way every cell round the optical axis is turned.
-
-TOML, a drawing with its facts beside it::
+Orientation maps are TOML files that say which way every cell round the optical axis is turned, a drawing with its facts
+beside it::
 
     name = "bar_map"
     map = '''
@@ -28,10 +17,13 @@ TOML, a drawing with its facts beside it::
     author = "..."             # any keys; text and numbers
 
 The middle of a map is the middle of its panel, so a panel has an even number of rows if its map has, and an odd number
-if its map has; columns alike.
+if its map has; columns alike. Beyond a map, and in a random tiling, a seed draws how cells are turned, and wires laid
+across a die may find no way in what it draws. A file names the seeds that were tried in its provenance:
+``die_seeds_fit = "1 2"``, and ``die_seeds_unfit = "0"``. A die that states no seed takes the first that fits.
 
-The panel of each die of a job: its cells, how they are turned, and what no panel can be.
-"""
+Turns by 60 degrees do not carry a square grid of dots into itself, so hexagonal cells are sampled as one sheet of dots
+for a whole panel: a dot is clear where its middle, carried back into the unit, falls on a clear dot. Edges that lie off
+the grid move by up to half a dot, and the clear area of a cell changes by a few dots from turn to turn."""
 
 from __future__ import annotations
 

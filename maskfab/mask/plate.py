@@ -1,22 +1,8 @@
-"""The grid of a plate's data: dies that lie on it, and marks whose vertices are moved to it.
-
-A plate as in a mirror: x to -x about its centre, everything with it.
-
-Lines of text on the plate: the title block, and the label under a die.
-
-A small drawing of the plate with the name of every die, and thin outlines of all that has a border.
-
-Nothing that is written on a plate may lie on a die, on another mark, or outside the writable area.
-
-The marks of a plate without a template, laid out to whatever its writable area is.
-
-The marks of a plate as its template says.
-
-From a validated job to a plate: panels in their slots, and round them the marks of :mod:`maskfab.mask`.
+"""From a validated job to a plate: panels in their slots, and round them the marks of :mod:`maskfab.mask.marks`.
 
 Coordinates are the plate's: its centre is the origin, y points up, and the chrome is towards the reader. Where [order]
-asks for a design that reads right through the glass, all of it lies here as in a mirror.
-"""
+asks for a design that reads right through the glass, all of it lies here as in a mirror. Nothing that is written may
+lie on a die, on another mark, or outside the writable area; a data grid keeps the dies and moves vertices of marks."""
 
 from __future__ import annotations
 

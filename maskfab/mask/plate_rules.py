@@ -1,15 +1,5 @@
-"""Design rules of a plate or of any layout, checked exactly.
-
-The design rules on a layout that maskfab did not make, or whose panels it does not know: names, extent, shapes.
-
-The design rules on a plate, without drawing its panels.
-
-The smallest features of a die, and the limits that a job sets for them.
-
-Smallest features and spaces of a plate, of openings and marks apart: what a house judges and prices it by.
-
-Violations of design rules as a marker file (.lyrdb) that KLayout shows on top of the plate.
-"""
+"""Design rules of a plate, checked exactly without drawing its panels, and of any layout, flattened; the smallest
+features by which a house judges and prices it; and a marker file (.lyrdb) that KLayout shows on top of the plate."""
 
 from __future__ import annotations
 

@@ -1,12 +1,9 @@
-"""Regions as the exact share of each cell of a rectilinear grid that they cover.
+"""Regions as the exact share of each cell of a rectilinear grid that they cover, and the aperture of a file.
 
 Along one axis, the share of cell i that an interval covers is, as a first difference over i, +(1-phi) at the cell k
 that holds its start and +phi at k+1, and the negative of that for its end, where phi is the position within the cell.
-A box is the outer product of two intervals, so its coverage is a handful of entries and a sum over both axes.
-
-Aperture of a file: the clear share of every interval of a grid, from the polygons read.
-
-An interval that the stop cuts holds the share of what the stop leaves of it: what lies beyond changes nothing.
+A box is the outer product of two intervals, so its coverage is a handful of entries and a sum over both axes. An
+interval that the stop cuts holds the share of what the stop leaves of it: what lies beyond changes nothing.
 """
 
 from __future__ import annotations

@@ -1,11 +1,6 @@
-"""Result of a rule over a whole panel or plate.
+"""Design rules on flat geometry: the limits, KLayout's checks that those on distances are made of, and their results.
 
-Design rules of a mask shop for the data it writes, and KLayout's checks that those on distances are made of.
-
-Many small drawings side by side on one sheet, so that one run of KLayout checks them all.
-
-The rules on flat geometry: polygons as they are drawn, marks of a plate, and layouts from elsewhere.
-"""
+Many small drawings are laid side by side on one sheet, so that one run of KLayout checks them all."""
 
 from __future__ import annotations
 

@@ -1,17 +1,15 @@
-"""Data out of which a writer's bias has been taken, so that the plate comes out as designed.
-
-A writer whose clear widths come out wider by a bias gets clear shapes that are narrower by it: every edge is moved by
-half of it, square corners stay square. Across cells too, for an opening may run on into the next cell.
-
-Sized are the dies and :data:`SIZED` marks whose outlines run along x and y. Titles, labels, the map of the dies, stars
-and marks of an extent stay as drawn: sizing has no exact way back for slanted outlines, and an extent is to be kept.
-
-The as-written shape of drawn openings: corners rounded by the writer's beam, edges moved by its bias.
+"""What a writer makes of drawn shapes: corners rounded by its beam, edges moved by its bias; and data out of which the
+bias has been taken, so that the plate comes out as designed.
 
 Corners of either kind are rounded by the corner radius, then what is clear grows by half the CD bias all round. Dots
 that only share a corner have no one written shape. Two readings bound what a writer makes of them: ``fused``, one
 shape whose neck the rounding opens to 2 (√2 - 1) r + bias, and ``open``, each dot rounded apart with a gap of
 2 (√2 - 1) r - bias between them, where that is positive.
+
+A writer whose clear widths come out wider by a bias gets clear shapes that are narrower by it: every edge is moved by
+half of it, across cells too, and square corners stay square. Sized are the dies and :data:`SIZED` marks whose outlines
+run along x and y. Titles, labels, the map of the dies, stars and marks of an extent stay as drawn: sizing has no exact
+way back for slanted outlines, and an extent is to be kept.
 
 Notes:
     Arcs are the sides of regular polygons of 64, whose radius is chosen so that a rounded corner loses what a circle

@@ -1,9 +1,6 @@
-"""Marks drawn so that no two figures share a piece of edge: cut open by narrow bars of chrome, as stencils are.
+"""What a plate and its drawing become for a mask house: layers, marks, grid, cells and styles that it takes.
 
-Counts in the figures of a plate to which the limits of mask software apply.
-
-Selection and drawing options of a plate for a mask shop: by a package, and by a job that writes for the shop.
-"""
+Where no two figures may share a piece of edge, marks are cut open by narrow bars of chrome, as stencils are."""
 
 from __future__ import annotations
 

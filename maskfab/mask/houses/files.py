@@ -1,11 +1,5 @@
-"""Displacement of edges by a plotter's dots: how far each lies from where it is drawn, and how far it may.
-
-A width has two edges, so that each may be off by half of what the width may.
-
-Every rule and offer of a house on what its package would hold, as a package, a check and a comparison judge it.
-
-The files of a plate, as a job or a mask shop asks for them, and the layout that each of them must show.
-"""
+"""Files of a plate as a job or a mask house asks for them, the layout that each must show, and how far a plotter's dots
+move edges: a width has two edges, so that each may be off by half of what the width may."""
 
 from __future__ import annotations
 

@@ -1,13 +1,7 @@
-"""An order to a mask house, key by key, and who decided each: the job, its design, or the house.
+"""Orders to a mask house, key by key: who decided each, what the house offers, and answers to what is left blank.
 
 JobSpec + Plate + Shop -> Order -> order sheet, drawing, certificate and manifest, which all say it in these words.
-
-An order against what its house offers: for every key what it does not have, and what it has.
-
-Blanks of an order to a house, asked line by line, and written into its job.
-
-JobSpec + Plate + Shop -> OrderForm -> answers, each checked as it is given -> lines of the job file.
-"""
+JobSpec + Plate + Shop -> OrderForm -> answers, each checked as it is given -> lines of the job file."""
 
 from __future__ import annotations
 

@@ -1,13 +1,11 @@
-"""Boundaries of shapes as whole numbers: two sets of polygons cover the same points if and only if theirs are equal.
-
-How often polygons cover a point changes where a vertical ray from below crosses their edges. Edges along one line that
-run in opposite senses cancel, so that it does not matter how shapes are cut into polygons. What is left of each line is
-told by the places at which the change itself changes.
-
-Dies that a job asks for, dot by dot: where each lies, and what each of its cells shows.
+"""Dies that a job asks for, dot by dot, and the boundaries of shapes, whole numbers by which files are compared.
 
 Rows count from below and columns from the left, from 0. The rules are those of ``docs/layout.md``.
-"""
+
+How often polygons cover a point changes where a vertical ray from below crosses their edges. Edges along one line that
+run in opposite senses cancel, so that it does not matter how shapes are cut into polygons: two sets of them cover the
+same points if and only if their boundaries are equal. What is left of each line is told by the places at which the
+change itself changes."""
 
 from __future__ import annotations
 

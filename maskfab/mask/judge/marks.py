@@ -1,9 +1,6 @@
-"""Letters of a plate read back as text, by a table of what each looks like.
+"""Marks that a job asks for: outlines of figures, and lines of text, which are read back by a table of letters.
 
-Marks that a job asks for: outlines of figures, and lines of text with their places.
-
-Rooms, sizes and rules are those of the plate's template (``export_templates/plates``) and of ``docs/layout.md``.
-"""
+Rooms, sizes and rules are those of the plate's template (``export_templates/plates``) and of ``docs/layout.md``."""
 
 from __future__ import annotations
 

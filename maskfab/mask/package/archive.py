@@ -1,7 +1,6 @@
 """Packages: one zip of plain files in one folder, in equal bytes for equal files, and safe to unpack.
 
-Packages of one plate, revision by revision: each has a name of its own, and none takes the place of another.
-"""
+Each revision of a plate has a package of its own name, and none takes the place of another."""
 
 from __future__ import annotations
 

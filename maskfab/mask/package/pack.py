@@ -1,12 +1,8 @@
-"""Extent of everything in a mask file: figures, texts, and the extents stated in a drawing's header.
+"""From a job to one zip for a mask house: drawn to its format, checked by its rules, written, read back, certified; and
+back again, when a package is verified.
 
-From a job to one zip for a mask shop: drawn to its format, checked by its rules, written, read back, certified.
-
-One plate at several houses: which take it, drawn how, which have to be asked first, and why the others refuse.
-
-JobSpec + Plate + Shops -> Bids, judged as their packages would be: by the rules of each house, and by the file that it
-would be sent, written, read back and compared with the design.
-"""
+One plate is also judged at several houses, each as its package would be: by its rules, and by the file that it would be
+sent, written, read back and compared with the design."""
 
 from __future__ import annotations
 

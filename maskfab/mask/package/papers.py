@@ -1,11 +1,6 @@
-"""Text for papers: a house's profile and a job's names are somebody else's.
-
-A drawing of the plate for the mask shop: dimensions, marks and a die map, as SVG and as PDF, without dates.
-
-The order sheet: the fields of the shop's form, filled in as far as the design determines them.
-
-The papers of a package, made from its job and profile, and whether a package holds just those.
-"""
+"""Papers of a package, made from its job and profile: the order sheet, which fills in the house's form as far as the
+design determines it, a drawing with dimensions, marks and a die map without dates, and the certificate; and whether a
+package holds just those."""
 
 from __future__ import annotations
 
