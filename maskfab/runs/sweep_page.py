@@ -22,8 +22,7 @@ from maskfab.base.resources import template
 from maskfab.camera.scores import CONFIDENCE
 from maskfab.report.figures.die import OKABE_ITO
 from maskfab.report.figures.sheet import QUIET, Drawing, place, styled
-from maskfab.report.pages.page import style
-from maskfab.report.pages.template import page_environment
+from maskfab.report.pages.template import page_environment, style
 from maskfab.report.rows.text import rounded, short
 from maskfab.runs.sweep_numbers import Of, Sensitivity, Series, Swept, axis
 from maskfab.runs.sweep_plan import Field

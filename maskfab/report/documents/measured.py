@@ -27,7 +27,7 @@ from maskfab.base.model import Quantity
 from maskfab.camera.inspection.edge_mtf import DesignedMtf, MeasuredEdge, MeasuredEdges, MtfCurve, edge_verdict
 from maskfab.camera.inspection.slanted_edge import EdgeMtf
 from maskfab.mask.job import Job
-from maskfab.report.documents.shape import Document, Part
+from maskfab.report.documents.shape import Document, Part, document_text
 from maskfab.report.rows.text import quantity_document
 
 SCHEMA_VERSION = 1
@@ -50,15 +50,11 @@ def write_measured(
     """
     with staged(place) as folder:
         (folder / PAGE).write_text(page, encoding="utf-8")
-        (folder / DOCUMENT).write_text(_json(document), encoding="utf-8")
+        (folder / DOCUMENT).write_text(document_text(document), encoding="utf-8")
         if more is not None:
             more(folder)
         write_mark(folder, document["job_hash"])
     return sorted(place.asked.iterdir())
-
-
-def _json(told: Mapping[str, Any]) -> str:
-    return json.dumps(told, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 _MOST_BYTES = 50_000_000

@@ -40,6 +40,7 @@ from maskfab.report.documents.shape import (
     QuantityPart,
     Text,
     WholePair,
+    document_text,
     optional,
     written,
 )
@@ -334,7 +335,7 @@ def report_text(document: Mapping[str, Any]) -> str:
     Raises:
         InternalError: MF901 if a number is NaN or infinite, neither of which JSON can say.
     """
-    return json.dumps(_plain(document, "report"), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return document_text(_plain(document, "report"))
 
 
 def _die(die: Die, quantities: Sequence[Quantity], **parts: Document | Mapping[str, float] | None) -> Document:

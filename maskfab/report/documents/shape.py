@@ -6,6 +6,7 @@ What may be absent from a document, :func:`optional`, is never null in it.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import NoneType, UnionType
@@ -46,6 +47,11 @@ def _name_of_a_die(name: str) -> str:
 
 
 DieName = Annotated[str, Field(max_length=100), AfterValidator(_name_of_a_die)]
+
+
+def document_text(document: Mapping[str, Any]) -> str:
+    """A document as the text of its file; equal ones have equal bytes."""
+    return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 class Part(BaseModel):

@@ -11,22 +11,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
-from jinja2 import Template
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from maskfab.base.errors import JobError
-from maskfab.base.resources import template
 from maskfab.camera.scores import CONFIDENCE
 from maskfab.report.documents.report import FinishedReport
 from maskfab.report.figures.die import OKABE_ITO
 from maskfab.report.figures.sheet import INK, QUIET, Drawing, place, styled
-from maskfab.report.pages.page import style
 from maskfab.report.pages.tables import DieTable, best_photographed, die_table, difference, mean_psnr, scores
-from maskfab.report.pages.template import page_environment
+from maskfab.report.pages.template import page_template, style
 from maskfab.report.rows.photographs import middle_level
 
 Document = Mapping[str, Any]
@@ -332,7 +328,7 @@ _MOST_FIELDS = 20
 def compare_page(compared: Compared) -> str:
     """The page, with nothing from outside it; equal reports give equal pages."""
     table = compared.table
-    return _template().render(
+    return page_template("compare.html.j2").render(
         style=style(),
         compared=compared,
         table=table,
@@ -379,8 +375,3 @@ def compare_text(compared: Compared) -> Iterator[str]:
         yield f"{each.field}: {', '.join(values)}"
     if len(compared.differences) > _MOST_FIELDS:
         yield f"{len(compared.differences) - _MOST_FIELDS} more fields differ: --json or --out lists all"
-
-
-@cache
-def _template() -> Template:
-    return page_environment().from_string(template("compare.html.j2"))

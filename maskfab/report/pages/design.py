@@ -12,23 +12,20 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Template
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from maskfab.base.folders import Place, staged, write_mark
-from maskfab.base.resources import template
 from maskfab.base.units import UM_PER_MM
 from maskfab.designs.search.result import ANNEALING
+from maskfab.report.documents.shape import document_text
 from maskfab.report.figures.sheet import INK, QUIET, Drawing, data_uri, img, place, png, styled
-from maskfab.report.pages.page import style
-from maskfab.report.pages.template import page_environment
+from maskfab.report.pages.template import page_template, style
 from maskfab.report.rows.text import USEFUL_DB
 
 _PALETTE = np.array([[74, 82, 92], [255, 255, 255]], dtype=np.uint8)
@@ -109,10 +106,8 @@ def _better(names: Sequence[str]) -> str:
     return ", ".join(_BETTER[name] for name in names) or "nothing of this"
 
 
-@cache
 def _macros() -> Any:
-    made: Template = page_environment().from_string(template("tradeoffs.html.j2"))
-    return made.module
+    return page_template("tradeoffs.html.j2").module
 
 
 _WIDE, _HIGH, _LEFT, _FOOT, _TOP = 5.6, 1.9, 0.75, 0.5, 0.15
@@ -176,7 +171,7 @@ def design_page(told: Told) -> str:
     drawing = None
     if search:
         drawing = search_drawing(search["bettered"], told["evaluated"], search["value"], _judged(search))
-    return _template().render(
+    return page_template("design.html.j2").render(
         style=style(),
         told=told,
         search=search,
@@ -339,11 +334,6 @@ def _ideals(told: Told) -> list[tuple[str, Mapping[str, float]]]:
     ]
 
 
-@cache
-def _template() -> Template:
-    return page_environment().from_string(template("design.html.j2"))
-
-
 DOCUMENT, PAGE = "design.json", "design.html"
 
 
@@ -358,7 +348,7 @@ def write_design(place: Place, document: Mapping[str, Any], files: Mapping[str, 
     Raises:
         OutputError: MF401 or MF404 as :func:`maskfab.base.folders.staged`.
     """
-    text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    text = document_text(document)
     with staged(place) as folder:
         for name, content in {**files, DOCUMENT: text, PAGE: design_page(json.loads(text))}.items():
             (folder / name).write_text(content, encoding="utf-8")

@@ -34,8 +34,7 @@ from maskfab.report.documents.measured import SCHEMA_VERSION, write_measured
 from maskfab.report.documents.shape import Document
 from maskfab.report.figures.die import OKABE_ITO
 from maskfab.report.figures.sheet import INK, QUIET, Drawing, place, styled
-from maskfab.report.pages.page import style
-from maskfab.report.pages.template import measured_template
+from maskfab.report.pages.template import page_template, style
 from maskfab.report.rows.text import Quantities, short
 
 _SIDE, _LEFT, _TOP, _GAP, _FOOT, _BAR = 2.35, 0.7, 0.3, 0.25, 0.45, 0.7
@@ -154,7 +153,7 @@ def capture_page(found: Measured, document: Mapping[str, Any], notes: Sequence[s
         document: what measure.json says of it.
         notes: what a reader should know, as sentences.
     """
-    return measured_template("measure.html.j2").render(
+    return page_template("measure.html.j2").render(
         style=style(),
         version=document["maskfab_version"],
         digest=document["job_hash"],
@@ -328,7 +327,7 @@ def edge_page(found: MeasuredEdges, document: Document) -> str:
         found: what was measured.
         document: what measure.json says of it.
     """
-    return measured_template("edge.html.j2").render(
+    return page_template("edge.html.j2").render(
         style=style(),
         document=document,
         drawing=Markup(edges_drawing(found).img()),

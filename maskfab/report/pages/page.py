@@ -35,7 +35,7 @@ from maskfab.optics.scene.model_bar import MODEL_BAR
 from maskfab.report.figures import die as die_figures
 from maskfab.report.pages.front import assumed, best, crops, shown_dies, stamps
 from maskfab.report.pages.tables import band_of, decibels, die_table, model_table, photograph_table, ranked, stage_table
-from maskfab.report.pages.template import WORDS, page_environment
+from maskfab.report.pages.template import WORDS, page_environment, style
 from maskfab.report.rows.scene import distance
 from maskfab.report.rows.text import rounded, short
 
@@ -98,12 +98,6 @@ def _page() -> Template:
     )
     environment.tests["folded"] = _is_folded
     return environment.from_string(template("report.html.j2"))
-
-
-@cache
-def style() -> Markup:
-    """The look of every page."""
-    return Markup(template("page.css"))
 
 
 def html_page(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, str]]) -> str:

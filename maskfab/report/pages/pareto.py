@@ -14,30 +14,26 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections.abc import Mapping, Sequence
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from jinja2 import Template
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from maskfab.base import __version__
 from maskfab.base.folders import Place, staged, write_mark
-from maskfab.base.resources import template
 from maskfab.designs.front import FrontDesign, FrontPoint, JudgedOpening, Pareto
 from maskfab.mask.opening_file import opening_text
 from maskfab.mask.panels import map_text
 from maskfab.report.documents.design import alternatives_document, drawn_rows, prices_document
+from maskfab.report.documents.shape import document_text
 from maskfab.report.figures.sheet import INK, QUIET, Drawing, bitmap, place, styled
 from maskfab.report.pages.design import alternatives_part, dots_image, rules_part
-from maskfab.report.pages.page import style
-from maskfab.report.pages.template import page_environment
+from maskfab.report.pages.template import page_template, style
 from maskfab.report.rows.text import by_level
 
 _MARKS = "osD^vphX"
@@ -174,7 +170,7 @@ def pareto_page(found: Pareto, designs: Sequence[FrontDesign], document: Mapping
         document: what pareto.json says of it.
     """
     best = set(map(id, found.best))
-    return _template().render(
+    return page_template("pareto.html.j2").render(
         style=style(),
         version=document["maskfab_version"],
         digest=document["job_hash"],
@@ -204,11 +200,6 @@ def _tradeoffs(curve: Mapping[str, Any]) -> dict[str, Markup]:
         annealed=False,
     )
     return {"costs": rules, "near": alternatives_part(curve["alternatives"], _ABSENT)}
-
-
-@cache
-def _template() -> Template:
-    return page_environment().from_string(template("pareto.html.j2"))
 
 
 SCHEMA_VERSION = 3
@@ -332,7 +323,7 @@ def write_pareto(place: Place, found: Pareto, document: Mapping[str, Any], desig
         _text(folder / DRAWING, svg(found))
         (folder / FIGURE).write_bytes(pareto_png(found))
         _text(folder / PAGE, pareto_page(found, designs, document))
-        _text(folder / DOCUMENT, _json(document))
+        _text(folder / DOCUMENT, document_text(document))
         write_mark(folder, document["job_hash"])
     return sorted(place.asked.iterdir())
 
@@ -354,10 +345,6 @@ def _numbers(each: JudgedOpening, levels: Sequence[float]) -> dict[str, Any]:
         "expected_psnr_db": each.value,
         "expected_psnr_by_level_db": by_level(levels, each.psnr),
     }
-
-
-def _json(told: Mapping[str, Any]) -> str:
-    return json.dumps(told, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def _text(path: Path, text: str) -> None:

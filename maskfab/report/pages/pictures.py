@@ -7,7 +7,6 @@ The files of one analysis: PSFs as EXR, a picture, and the numbers.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -27,6 +26,7 @@ from maskfab.display.eye import FLAT, PictureView, SeenPanel
 from maskfab.display.pictures import flat
 from maskfab.mask.formats.exr import Facts, psf_facts, write_exr, write_png, write_psf
 from maskfab.optics.colour import code_of_light
+from maskfab.report.documents.shape import document_text
 from maskfab.report.figures import die, scene
 from maskfab.report.figures.sheet import INK, QUIET, bitmap, place, styled
 from maskfab.report.rows.analysis import Analysis
@@ -246,8 +246,7 @@ def write_rendering(
             for path in sorted(folder.iterdir())
         ]
         told = {**render_document(panels, samples, job_hash, unused), "files": files}
-        text = json.dumps(told, indent=1, ensure_ascii=False, allow_nan=False)
-        (folder / DOCUMENT).write_text(text + "\n", encoding="utf-8")
+        (folder / DOCUMENT).write_text(document_text(told), encoding="utf-8")
     return sorted(target.iterdir())
 
 

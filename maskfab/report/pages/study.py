@@ -7,18 +7,15 @@ The files of a study: its page, and its numbers as JSON.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from jinja2 import Template
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -28,18 +25,17 @@ from maskfab.base import __version__
 from maskfab.base.arrays import Floats
 from maskfab.base.folders import Place, staged, write_mark
 from maskfab.base.model import Die, DieOptics, Panel, Psf
-from maskfab.base.resources import template
 from maskfab.base.units import dpi
 from maskfab.camera.scores import CONFIDENCE, Gain, Score, ScoreTable
 from maskfab.optics.metrics import auc_radial_min
+from maskfab.report.documents.shape import document_text
 from maskfab.report.figures import sheet
 from maskfab.report.figures.die import OKABE_ITO, mtf_comparison, panel_thumbnail
 from maskfab.report.figures.scene import tile
 from maskfab.report.figures.sheet import QUIET, Drawing, img, place, styled
-from maskfab.report.pages.page import style
-from maskfab.report.pages.template import page_environment
+from maskfab.report.pages.template import page_template, style
 from maskfab.report.rows.study import OWN_SCENE, Claim, Finding, Setting, Study, Take, Verdict
-from maskfab.report.rows.text import rounded, short
+from maskfab.report.rows.text import short
 
 _MARKS = "osD^vPX"
 _LINES = ("-", (0, (5, 1.5)), (0, (3, 1, 1, 1)), (0, (1, 1)))
@@ -274,7 +270,7 @@ def study_page(study: Study) -> str:
     if study.optics:
         drawn["mtf"] = Markup(optics_figure(study).img())
     tiles = {name: _safe(each) for name, each in optics_tiles(study).items()} if study.optics else {}
-    return _template().render(
+    return page_template("study.html.j2", short=short, minus=_minus, measure=MEASURES.__getitem__).render(
         style=style(),
         study=plan.study,
         job=plan.job,
@@ -407,12 +403,6 @@ def _safe(images: Mapping[str, str]) -> dict[str, Markup]:
     return {name: Markup(image) for name, image in images.items()}
 
 
-@cache
-def _template() -> Template:
-    environment = page_environment(number=rounded, short=short, minus=_minus, measure=MEASURES.__getitem__)
-    return environment.from_string(template("study.html.j2"))
-
-
 SCHEMA_VERSION = 1
 DOCUMENT, PAGE = "study.json", "study.html"
 
@@ -472,7 +462,7 @@ def write_study(place: Place, study: Study) -> list[Path]:
         for name, drawing in drawn.items():
             drawing.save(folder / f"{name}.svg")
         (folder / PAGE).write_text(study_page(study), encoding="utf-8")
-        (folder / DOCUMENT).write_text(_json(study_document(study)), encoding="utf-8")
+        (folder / DOCUMENT).write_text(document_text(study_document(study)), encoding="utf-8")
         write_mark(folder, study.plan.job.digest)
     return sorted(place.asked.iterdir())
 
@@ -509,7 +499,3 @@ def _take(take: Take) -> dict[str, Any]:
 def _finite(values: Mapping[str, Any]) -> dict[str, Any]:
     """With None for what is not a number: JSON has none."""
     return {key: None if isinstance(each, float) and math.isnan(each) else each for key, each in values.items()}
-
-
-def _json(told: Mapping[str, Any]) -> str:
-    return json.dumps(told, indent=1, ensure_ascii=False, allow_nan=False) + "\n"

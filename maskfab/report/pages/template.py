@@ -1,8 +1,6 @@
-"""Reading of page templates: one environment for all.
+"""What all pages share: reading of templates, their look, and the glossary of the trade's words.
 
-Templates of pages of what was measured.
-
-The glossary of reports: words of the trade. Quantities have theirs in :mod:`maskfab.base.quantities`.
+Quantities have their own glossary in :mod:`maskfab.base.quantities`.
 """
 
 from __future__ import annotations
@@ -13,6 +11,7 @@ from types import MappingProxyType
 from typing import Any
 
 from jinja2 import Environment, StrictUndefined, Template
+from markupsafe import Markup
 
 from maskfab.base.resources import template
 from maskfab.report.rows.text import rounded
@@ -32,9 +31,15 @@ def page_environment(**filters: Callable[..., Any]) -> Environment:
 
 
 @cache
-def measured_template(name: str) -> Template:
-    """A page by its file in export_templates/; ``number`` rounds."""
-    return page_environment(number=rounded).from_string(template(name))
+def page_template(name: str, **filters: Callable[..., Any]) -> Template:
+    """A page by its file in export_templates/, compiled once; ``number`` rounds."""
+    return page_environment(number=rounded, **filters).from_string(template(name))
+
+
+@cache
+def style() -> Markup:
+    """The look of every page."""
+    return Markup(template("page.css"))
 
 
 WORDS: Mapping[str, str] = MappingProxyType(

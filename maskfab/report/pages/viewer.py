@@ -17,13 +17,11 @@ import base64
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
-from jinja2 import Template
 from klayout import db, rdb
 from markupsafe import Markup
 from numpy.typing import ArrayLike
@@ -39,7 +37,7 @@ from maskfab.mask.formats.table import LAYOUT_SUFFIXES, read_layout
 from maskfab.mask.layout import DBU_UM, CellNames
 from maskfab.report.documents.report import read_reports
 from maskfab.report.pages.tables import die_table
-from maskfab.report.pages.template import page_environment
+from maskfab.report.pages.template import page_template
 
 _MOST_BYTES = 10
 
@@ -389,7 +387,7 @@ _INERT_TEXT = {ord("<"): "\\u003c", ord(">"): "\\u003e", ord("&"): "\\u0026"}
 
 def viewer_page(run: ShownRun) -> str:
     """The page, with nothing from outside it; equal runs give equal pages."""
-    return _template().render(
+    return page_template("view/view.html.j2").render(
         title=run.document["title"],
         style=Markup(template("view/view.css")),
         program=Markup("\n".join(template(f"view/{name}") for name in SCRIPTS)),
@@ -400,8 +398,3 @@ def viewer_page(run: ShownRun) -> str:
 def inert_json(document: object) -> str:
     """JSON that ends no element of a page, whatever names it holds."""
     return json.dumps(document, allow_nan=False, separators=(",", ":")).translate(_INERT_TEXT)
-
-
-@cache
-def _template() -> Template:
-    return page_environment().from_string(template("view/view.html.j2"))
