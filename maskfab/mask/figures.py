@@ -12,10 +12,11 @@ the same in every column, so they are formatted once too; what is left for each 
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Literal, NamedTuple, Protocol, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from klayout import db
@@ -655,17 +656,20 @@ class Placeholder(NamedTuple):
     value_nm: int
 
 
-class Pen(Protocol):
+class Pen(ABC):
     """Writer of a polygon in one text format."""
 
+    @abstractmethod
     def outline(self, polygon: Polygon) -> tuple[str, Sequence[Placeholder]]:
         """Text of a polygon with ``%s`` for every number, and what goes there."""
 
     def number(self, nm: int) -> str:
-        """A coordinate."""
+        """A coordinate; whole nanometres unless a format has others."""
+        return str(nm)
 
     def serial(self) -> str:
-        """The next serial number."""
+        """The next serial number, of a format whose polygons have any."""
+        raise NotImplementedError
 
 
 def polygon_lines(figures: Figures, layer: Layer, pen: Pen, die: DieFigures | None = None) -> Iterator[str]:

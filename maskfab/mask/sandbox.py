@@ -146,6 +146,22 @@ def _require(held: bool) -> None:
         raise ValueError
 
 
+def missing(path: Path) -> SourceError:
+    """MF301 for a file that is not there."""
+    cure = "Give the path of an existing file"
+    return SourceError("MF301", f"there is no file {path.name}", where=str(path), cure=cure)
+
+
+def damaged(path: Path, what: str) -> SourceError:
+    """MF303 for a file that says what cannot be."""
+    return SourceError("MF303", f"{path.name}: {what}", where=str(path), cure="Write or copy it again")
+
+
+def wrong_kind(path: Path, kind: str) -> SourceError:
+    """MF304 for a file whose content is not what its suffix says."""
+    return SourceError("MF304", f"{path.name} is not a {kind} file", where=str(path), cure="Give it its true suffix")
+
+
 Answer = TypeVar("Answer")
 
 SHAPES_PER_SECOND = 10_000
@@ -332,7 +348,7 @@ def read_apart(path: Path, script: Path, *arguments: str, kind: Any, seconds: fl
     if process.returncode != 0:
         said = process.stderr.decode(errors="replace").strip().splitlines()
         what = said[-1] if said else "its records cannot be read"
-        raise SourceError("MF303", f"{path.name}: {what}", where=str(path), cure="Write or copy it again")
+        raise damaged(path, what)
     (answer,) = read_message(process.stdout, kind, path, silent) or (None,)
     return answer
 

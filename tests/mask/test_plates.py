@@ -10,11 +10,11 @@ import pytest
 import zxingcpp
 from klayout import db
 from small_job import write_job
+from trips import roundtrip
 
 from maskfab.base import resources
 from maskfab.base.errors import JobError
 from maskfab.base.model import CLEAR, Plate
-from maskfab.mask.comparison.roundtrip import roundtrip
 from maskfab.mask.formats.gdsii import write_gdsii
 from maskfab.mask.formats.table import read_layout
 from maskfab.mask.job import load_job

@@ -104,7 +104,10 @@ def read_back(
     aside = [
         number
         for number, each in waiting
-        if number != first and each.form.reading == "fork" and _is_large(folder / each.name)
+        if number != first
+        and each.form.reading == "fork"
+        and (path := folder / each.name).is_file()
+        and path.stat().st_size > _LARGE_BYTES
     ]
     if refused is not None or (os.cpu_count() or 1) < 2:
         aside = []  # a foreign file is read in a copy anyhow, one after the other
@@ -164,10 +167,6 @@ def _ahead(
             made.products[number].name: pool.submit(_answer, made, made.products[number], folder, answer)
             for number, answer in copies.items()
         }
-
-
-def _is_large(path: Path) -> bool:
-    return path.is_file() and path.stat().st_size > _LARGE_BYTES
 
 
 def _answer(made: PlateFiles, product: Product, folder: Path, answer: Callable[[], RoundTrip]) -> _Taken:

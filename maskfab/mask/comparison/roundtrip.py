@@ -1,21 +1,15 @@
-"""Slivers: differences too narrow to matter, told from faults by their width.
-
-A fracture into trapezoids rounds every corner that it makes on a slanted edge to the grid, so that slivers narrower
-than a grid step are left out or drawn twice all along it. A difference is a sliver if nothing is left of it once its
-outline is moved inwards by half the tolerance.
-
-Dark data as clear ones: what a plate's writable area has besides the chrome that a file draws.
-
-A written mask file against the plate it was written from.
+"""A written mask file against the plate that it was written from.
 
 The file is read by a library that did not write it, and compared twice: with the layout, polygon by polygon, and with
 the openings and orientations themselves, dot by dot, without the layout.
 
-A file of biased data against its plate, twice: as it is, and as the writer will make it.
+Differences too narrow to matter are told from faults by their width. A fracture into trapezoids rounds every corner
+that it makes on a slanted edge to the grid, so that slivers narrower than a grid step are left out or drawn twice all
+along it. A difference is a sliver if nothing is left of it once its outline is moved inwards by half the tolerance.
 
-The data are held against the sized design, polygon by polygon, and against the openings without any polygons, on lines
-half the bias beside those of the dots. Then what was read is sized back, and compared with the design as any file is:
-a bias taken off twice, or not at all, fails there, whatever the sizing of the design does.
+Dark data are compared as clear ones: what a plate's writable area has besides the chrome that a file draws. Biased data
+are compared as they are, with the sized design and on lines half the bias beside those of the dots; then they are sized
+back and compared as any file is: a bias taken off twice, or not at all, fails there, whatever sizes the design.
 """
 
 from __future__ import annotations
@@ -27,15 +21,13 @@ from pathlib import Path
 
 import numpy as np
 from klayout import db
-from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats, Mask
 from maskfab.base.model import CHROME, CLEAR, LAYERS, NOTE, Box, Die, Gauge, Layer, Plate, Point, Quantity
 from maskfab.base.units import NM_PER_UM
 from maskfab.mask.dots import corner_touches, die_edges_nm, die_raster
 from maskfab.mask.figures import CUT, DRAWN_LAYERS
-from maskfab.mask.formats.content import find_cell, rounding_nm
-from maskfab.mask.formats.table import read_layout
+from maskfab.mask.formats.content import rounding_nm
 from maskfab.mask.layout import layer_info, region
 from maskfab.mask.raster import coverage, placed_boxes
 from maskfab.mask.writer import biased_data, written_of
@@ -137,18 +129,6 @@ def _drawn(layout: db.Layout, layer: Layer) -> db.Region:
     index = layout.find_layer(layer_info(layer))
     return db.Region() if index is None else db.Region(layout.top_cell().begin_shapes_rec(index))
 
-
-__all__ = [
-    "CdCheck",
-    "DieCheck",
-    "Difference",
-    "RoundTrip",
-    "clear_length_nm",
-    "compare_layout",
-    "die_edges_nm",
-    "die_raster",
-    "roundtrip",
-]
 
 _NM2_PER_UM2 = NM_PER_UM**2
 _FEW_POLYGONS = 30_000
@@ -305,37 +285,6 @@ class RoundTrip:
                 )
 
 
-def roundtrip(
-    plate: Plate,
-    design: db.Layout,
-    path: Path,
-    *,
-    dots: bool = True,
-    drawn_polygons: int | None = None,
-    layer_names: Mapping[str, str] | None = None,
-) -> RoundTrip:
-    """Read a written file back and compare it with the plate.
-
-    What a layer CUT holds is taken from CLEAR before anything is compared, and chrome from the writable area.
-
-    Args:
-        plate: what was to be written.
-        design: its :func:`maskfab.mask.layout.plate_layout`.
-        path: the file.
-        dots: also compare every dot of every die, about a second for 10 000 cells.
-        drawn_polygons: how many polygons were written, as an account of figures says; those of the design by default.
-        layer_names: names in a DXF by names of the model, as :func:`maskfab.mask.formats.dxf.write_dxf` got them;
-            layers that it left out are not compared.
-
-    Raises:
-        SourceError: MF301 to MF308 as :func:`maskfab.mask.formats.table.read_layout` and
-            :func:`maskfab.mask.formats.content.find_cell`.
-    """
-    read = read_layout(path)
-    find_cell(read)
-    return compare_layout(plate, design, read, path, dots=dots, drawn_polygons=drawn_polygons, layer_names=layer_names)
-
-
 def compare_layout(
     plate: Plate,
     design: db.Layout,
@@ -348,12 +297,23 @@ def compare_layout(
     tolerance_nm: float = 0.0,
     dots_prove: bool = False,
 ) -> RoundTrip:
-    """Comparison of a layout that was read already; ``path`` names it. It has one top cell.
+    """Comparison of a layout that was read already, which has one top cell.
 
-    What differs on the layer CLEAR and is no wider than ``tolerance_nm`` is told apart, see
-    :mod:`maskfab.mask.comparison.roundtrip`, and no difference. If ``dots_prove``, no polygons are compared within a
-    die whose every dot is clear or dark throughout as its opening says, for which one that differs by a square
-    nanometre is not: a file without cells has millions of edges there.
+    What a layer CUT holds is taken from CLEAR before anything is compared, and chrome from the writable area. What
+    differs on the layer CLEAR and is no wider than ``tolerance_nm`` is told apart, and no difference.
+
+    Args:
+        plate: what was to be written.
+        design: its :func:`maskfab.mask.layout.plate_layout`.
+        read: the file's content; it is changed.
+        path: names the file.
+        dots: also compare every dot of every die, about a second for 10 000 cells.
+        drawn_polygons: how many polygons were written, as an account of figures says; those of the design by default.
+        layer_names: names in a DXF by names of the model; layers that it left out are not compared.
+        tolerance_nm: width of slivers.
+        dots_prove: whether no polygons are compared within a die whose every dot is clear or dark throughout as its
+            opening says, for which one that differs by a square nanometre is not: a file without cells has millions of
+            edges there.
     """
     _settle(read, layer_names)
     polygons = _written(read, _counts(read))
@@ -361,7 +321,7 @@ def compare_layout(
         read = cleared(read, plate)
     compared = (layer for layer in LAYERS if layer is not NOTE and (layer_names is None or layer.name in layer_names))
     by_dots = [_compare_dots(die, read, tolerance_nm) if dots else None for die in plate.dies]
-    alike = [die for die, found in zip(plate.dies, by_dots, strict=True) if found and found.alike and dots_prove]
+    alike = [die for die, found in zip(plate.dies, by_dots, strict=True) if found and found[0] and dots_prove]
     in_design, in_read = _counts(design), _counts(read)
     differing = {
         layer: db.Region()
@@ -511,32 +471,23 @@ def _bounds(polygon: tuple[Point, ...]) -> Box:
     return min(xs), min(ys), max(xs), max(ys)
 
 
-@dataclass(frozen=True)
-class _Dots:
+def _compare_dots(die: Die, read: db.Layout, tolerance_nm: float) -> tuple[bool, int, int]:
     """One die dot by dot: whether it is the design's, how many dots are wrong, and where corners only touch."""
-
-    alike: bool
-    wrong: int
-    touches: int
-
-
-def _compare_dots(die: Die, read: db.Layout, tolerance_nm: float) -> _Dots:
     clear, designed = _read_raster(die, read), die_raster(die)
     # As much as slivers along all four sides of a dot make of it.
     slack = 4 * tolerance_nm / die.panel.dot_nm
     wrong = np.count_nonzero(abs(clear - designed) > slack)
-    return _Dots(np.array_equal(clear, designed), int(wrong), corner_touches(clear > 0.5))
+    return np.array_equal(clear, designed), int(wrong), corner_touches(clear > 0.5)
 
 
-def _check_die(die: Die, dots: _Dots | None, differing: dict[Layer, db.Region]) -> DieCheck:
+def _check_die(die: Die, dots: tuple[bool, int, int] | None, differing: dict[Layer, db.Region]) -> DieCheck:
     box = db.Region(db.Box(*die.box_nm))
     xor_area = sum((shapes & box).area() for shapes in differing.values() if not shapes.is_empty()) / _NM2_PER_UM2
-    if dots is None:
-        return DieCheck(die.name, xor_area, None, None)
-    return DieCheck(die.name, xor_area, dots.wrong, dots.touches)
+    _, wrong, touches = dots or (False, None, None)
+    return DieCheck(die.name, xor_area, wrong, touches)
 
 
-def _read_raster(die: Die, read: db.Layout) -> NDArray[np.float64]:
+def _read_raster(die: Die, read: db.Layout) -> Floats:
     index = None if read.find_layer(layer_info(CUT)) is not None else read.find_layer(layer_info(CLEAR))
     boxes = None if index is None else placed_boxes(read.top_cell(), index, db.Box(*die.box_nm))
     return coverage(_exposed(read, die.box_nm) if boxes is None else boxes, *die_edges_nm(die))

@@ -28,8 +28,8 @@ from klayout import db
 from maskfab.base.errors import SourceError
 from maskfab.base.files import partial
 from maskfab.base.model import LAYERS, Layer, Plate, Point, Polygon
-from maskfab.mask.figures import Figures, Placeholder, Shapes, as_figures, filled, polygon_lines
-from maskfab.mask.formats.content import Conversion, number_layers, read_with_klayout, rounding_nm, wrong_kind
+from maskfab.mask.figures import Figures, Pen, Placeholder, Shapes, as_figures, filled, polygon_lines
+from maskfab.mask.formats.content import Conversion, number_layers, read_with_klayout, rounding_nm
 from maskfab.mask.formats.format import Format
 from maskfab.mask.layout import (
     DBU_UM,
@@ -44,6 +44,7 @@ from maskfab.mask.layout import (
     too_many_cells,
     too_many_layers,
 )
+from maskfab.mask.sandbox import damaged, wrong_kind
 
 TOP = "CIF_TOP"
 """Cell of what stands outside of symbols, where that is more than the call of one of them."""
@@ -375,9 +376,7 @@ class _Reading:
 
     def _damaged(self, what: str) -> SourceError:
         line = self._text.count("\n", 0, self._place) + 1
-        return SourceError(
-            "MF303", f"{self._path.name}: line {line}: {what}", where=str(self._path), cure="Write or copy it again"
-        )
+        return damaged(self._path, f"line {line}: {what}")
 
     def _uncertain(self, what: str, cure: str) -> SourceError:
         line = self._text.count("\n", 0, self._place) + 1
@@ -511,19 +510,12 @@ def _call(number: int, origin_nm: Point) -> str:
     return f"C {number} T {x} {y};\n" if x or y else f"C {number};\n"
 
 
-@dataclass(frozen=True)
-class _Pen:
+class _Pen(Pen):
     """Writes polygons, which close themselves."""
 
     def outline(self, polygon: Polygon) -> tuple[str, list[Placeholder]]:
         gaps = [gap for x, y in polygon for gap in (Placeholder("x", x), Placeholder("y", y))]
         return f"P{' %s' * len(gaps)};\n", gaps
-
-    def number(self, nm: int) -> str:
-        return str(nm)
-
-    def serial(self) -> str:
-        raise NotImplementedError("polygons have no numbers")
 
 
 FORMATS = (

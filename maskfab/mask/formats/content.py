@@ -1,8 +1,8 @@
 """Content of mask files as layouts: what readers of every format share, and what is asked of a layout that was read.
 
 What is read apart or by grammar comes as cells in arrays, and becomes a layout of klayout here; what klayout itself
-reads is looked through for names that are no text. Refusals that several readers make are worded once. A layout that
-was read is asked for a cell, a layer, its unit and its rounding.
+reads is looked through for names that are no text. A layout that was read is asked for a cell, a layer, its unit and
+its rounding.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from maskfab.mask.layout import (
     outlines_layout,
     refuse_long,
 )
+from maskfab.mask.sandbox import damaged
 
 _LARGEST_NM = 2**31 - 1
 _MOST_COPIES = 10_000_000
@@ -39,16 +40,6 @@ _ON_GRID_NM = 1e-6
 
 UNIT_KEY = "maskfab_unit_um"
 """Entry of a layout that holds the unit its drawing was read in, in micrometres."""
-
-
-def damaged(path: Path, what: str) -> SourceError:
-    """MF303 for a file that says what cannot be."""
-    return SourceError("MF303", f"{path.name}: {what}", where=str(path), cure="Write or copy it again")
-
-
-def wrong_kind(path: Path, kind: str) -> SourceError:
-    """MF304 for a file whose content is not what its suffix says."""
-    return SourceError("MF304", f"{path.name} is not a {kind} file", where=str(path), cure="Give it its true suffix")
 
 
 def listed(names: Sequence[str], most: int = 12) -> str:

@@ -27,7 +27,7 @@ from maskfab.base.errors import SourceError
 from maskfab.base.model import CHROME, CLEAR
 from maskfab.base.units import UM_PER_INCH, UM_PER_UNIT
 from maskfab.job.values import FileFormat
-from maskfab.mask.formats.content import UNIT_KEY, damaged, note_rounding, number_layers, read_with_klayout, wrong_kind
+from maskfab.mask.formats.content import UNIT_KEY, note_rounding, number_layers, read_with_klayout
 from maskfab.mask.formats.format import Format, Source, Version
 from maskfab.mask.layout import (
     DBU_UM,
@@ -41,6 +41,7 @@ from maskfab.mask.layout import (
     too_many_cells,
     too_many_layers,
 )
+from maskfab.mask.sandbox import damaged, wrong_kind
 
 # $INSUNITS to micrometres (DXF reference, HEADER section); 0 stands for no unit.
 _UM_PER_DXF_UNIT = {

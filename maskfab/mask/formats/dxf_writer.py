@@ -24,7 +24,7 @@ from ezdxf.tools.handle import HandleGenerator
 from maskfab.base.errors import OutputError
 from maskfab.base.files import partial
 from maskfab.base.model import CHROME, LAYERS, NOTE, Layer, Plate, Polygon
-from maskfab.mask.figures import CUT, DieFigures, Figures, Placeholder, PolygonOptions, as_figures, polygon_lines
+from maskfab.mask.figures import CUT, DieFigures, Figures, Pen, Placeholder, PolygonOptions, as_figures, polygon_lines
 from maskfab.mask.formats.format import UNITS, DrawingStyle, Version
 from maskfab.mask.layout import CellArray, check_file_size
 
@@ -201,7 +201,7 @@ class _Polygons:
 
 
 @dataclass(frozen=True)
-class _Pen:
+class _Pen(Pen):
     """Writes closed polylines without width; only R12 lacks the light-weight ones, and needs no handles."""
 
     version: Version

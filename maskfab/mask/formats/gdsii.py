@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from maskfab.base.errors import OutputError, SourceError
 from maskfab.base.files import partial
 from maskfab.mask.figures import MAX_VERTICES
-from maskfab.mask.formats.content import Conversion, damaged, read_with_klayout, wrong_kind
+from maskfab.mask.formats.content import Conversion, read_with_klayout
 from maskfab.mask.formats.format import Format, Source
 from maskfab.mask.formats.gdstk_process import CellArrays, cell_content
 from maskfab.mask.layout import (
@@ -33,7 +33,7 @@ from maskfab.mask.layout import (
     too_many_cells,
     too_many_layers,
 )
-from maskfab.mask.sandbox import PATIENCE_S, read_apart, unusable
+from maskfab.mask.sandbox import PATIENCE_S, damaged, read_apart, unusable, wrong_kind
 
 _BEGIN, _END, _END_OF_STREAM = b"\x00\x1c\x05\x02", b"\x00\x04\x07\x00", b"\x00\x04\x04\x00"
 """Records of GDSII: length, kind, type of its data. A structure begins with its times and its name."""

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from maskfab.base.errors import SourceError
 from maskfab.mask.limits import limit_share
-from maskfab.mask.sandbox import answer_message, error_message
+from maskfab.mask.sandbox import answer_message, damaged, error_message
 
 Repetition: TypeAlias = tuple[int, int, NDArray[np.float64]] | NDArray[np.float64] | None
 _Polygons: TypeAlias = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64], Mapping[int, Repetition]]
@@ -146,14 +146,10 @@ def _refuse_rest(path: str) -> None:
     while kind != _ENDLIB:
         length, kind = data[start] << 8 | data[start + 1], data[start + 2]
         if length < _SHORTEST_RECORD:
-            raise _damaged(path, f"it has a record of {length} bytes")
+            raise damaged(Path(path), f"it has a record of {length} bytes")
         start += length
     if rest := data[start:].strip(b"\0"):
-        raise _damaged(path, f"{len(rest)} bytes stand behind its end")
-
-
-def _damaged(path: str, what: str) -> SourceError:
-    return SourceError("MF303", f"{Path(path).name}: {what}", where=path, cure="Write or copy it again")
+        raise damaged(Path(path), f"{len(rest)} bytes stand behind its end")
 
 
 def _try_klayout(path: str) -> None:

@@ -12,7 +12,6 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
@@ -25,8 +24,8 @@ from maskfab.base import __version__
 from maskfab.base.errors import SourceError
 from maskfab.base.files import partial
 from maskfab.base.model import CLEAR, Plate, Polygon
-from maskfab.mask.figures import CUT, Figures, Placeholder, as_figures, polygon_lines
-from maskfab.mask.formats.content import note_rounding, wrong_kind
+from maskfab.mask.figures import CUT, Figures, Pen, Placeholder, as_figures, polygon_lines
+from maskfab.mask.formats.content import note_rounding
 from maskfab.mask.formats.format import Format
 from maskfab.mask.formats.gerber_process import Outlines, Run
 from maskfab.mask.layout import (
@@ -39,7 +38,7 @@ from maskfab.mask.layout import (
     note_left_out,
     refuse_long,
 )
-from maskfab.mask.sandbox import PATIENCE_S, library_errors, read_apart, unusable
+from maskfab.mask.sandbox import PATIENCE_S, library_errors, read_apart, unusable, wrong_kind
 
 _ON_GRID_NM = 1e-5
 _FIRST_BYTES = 256
@@ -219,8 +218,7 @@ def _field(value: str) -> str:
     return _text(value).replace(",", "_")
 
 
-@dataclass(frozen=True)
-class _Pen:
+class _Pen(Pen):
     """Writes regions; of each vertex only the coordinate that changes."""
 
     def outline(self, polygon: Polygon) -> tuple[str, list[Placeholder]]:
@@ -234,12 +232,6 @@ class _Pen:
             texts.append("X%sD01*\n" if next_y == y else "Y%sD01*\n" if next_x == x else "X%sY%sD01*\n")
             x, y = next_x, next_y
         return "".join([*texts, "G37*\n"]), gaps
-
-    def number(self, nm: int) -> str:
-        return str(nm)
-
-    def serial(self) -> str:
-        raise NotImplementedError("regions have no numbers")
 
 
 FORMATS = (

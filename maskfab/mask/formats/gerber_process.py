@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from maskfab.base.errors import SourceError
 from maskfab.mask.limits import limit_share
-from maskfab.mask.sandbox import answer_message, error_message
+from maskfab.mask.sandbox import answer_message, damaged, error_message
 
 Run = tuple[bool, NDArray[np.float64], NDArray[np.int64]]
 """Outlines of one polarity, dark or not: their corners [n, 2] in nanometres, and how many each has."""
@@ -76,7 +76,7 @@ def content(path: Path) -> tuple[list[Run], int]:
     try:
         text = path.read_bytes().decode("utf-8")
     except UnicodeDecodeError as error:
-        raise _damaged(path, "it is no text") from error
+        raise damaged(path, "it is no text") from error
     _check_commands(path, text)
     if len(flashes := _FLASHES.findall(text)) > MOST_CURVES:
         raise _too_many(path, f"{len(flashes)} flashes", f"{MOST_CURVES}")
@@ -84,11 +84,7 @@ def content(path: Path) -> tuple[list[Run], int]:
     try:
         return list(outlines.runs(_objects(path, text))), outlines.curves
     except (TypeError, ValueError, OverflowError, ZeroDivisionError, AttributeError, KeyError) as error:
-        raise _damaged(path, f"it holds values that cannot be used ({error})") from error
-
-
-def _damaged(path: Path, what: str) -> SourceError:
-    return SourceError("MF303", f"{path.name}: {what}", where=str(path), cure="Write or copy it again")
+        raise damaged(path, f"it holds values that cannot be used ({error})") from error
 
 
 def _too_many(path: Path, what: str, most: str) -> SourceError:
@@ -108,11 +104,11 @@ def _check_commands(path: Path, text: str) -> None:
         between = text[end : match.start()]
         end = match.end()
         if between.strip():
-            raise _damaged(path, f"{between.strip()[:40]!r} is no command")
+            raise damaged(path, f"{between.strip()[:40]!r} is no command")
         plain = match["plain"]
         commands = [plain] if plain is not None else match["extended"].strip().split("*")
         if plain is None and commands.pop().strip():
-            raise _damaged(path, f"{match[0][:40]!r} has no end")
+            raise damaged(path, f"{match[0][:40]!r} has no end")
         for command in commands:
             _check_command(path, command.strip(), _PLAIN if plain is not None else _EXTENDED, ended)
             lacking.pop(command.strip()[:2], None)
@@ -121,15 +117,15 @@ def _check_commands(path: Path, text: str) -> None:
             ended = ended or command.strip() == "M02"
             if command.strip() in {"G36", "G37"}:
                 if region == (command.strip() == "G36"):
-                    raise _damaged(path, f"{command.strip()} stands where no region can {'begin' if region else 'end'}")
+                    raise damaged(path, f"{command.strip()} stands where no region can {'begin' if region else 'end'}")
                 region = not region
         # Nearly all of a file: such commands need no further look, unless they stand behind its end.
         if not ended and not lacking and (strokes := _STROKES.match(text, end)):
             end = strokes.end()
     if region:
-        raise _damaged(path, "a region has no end")
+        raise damaged(path, "a region has no end")
     if text[end:].strip() or not ended:
-        raise _damaged(path, "it ends without M02")
+        raise damaged(path, "it ends without M02")
 
 
 def _without(path: Path, lacking: dict[str, str]) -> SourceError:
@@ -143,7 +139,7 @@ def _without(path: Path, lacking: dict[str, str]) -> SourceError:
 
 def _check_command(path: Path, command: str, known: re.Pattern[str], ended: bool) -> None:
     if ended:
-        raise _damaged(path, f"{command[:40]!r} stands behind M02")
+        raise damaged(path, f"{command[:40]!r} stands behind M02")
     if _NOT_POSITIVE.match(command):
         raise SourceError(
             "MF315",
@@ -197,7 +193,7 @@ def _objects(path: Path, text: str) -> list[Any]:
             return objects
     except Exception as error:  # a parser of its own, with exceptions of every kind
         said = str(error).splitlines()
-        raise _damaged(path, said[0][:200] if said else type(error).__name__) from error
+        raise damaged(path, said[0][:200] if said else type(error).__name__) from error
 
 
 class _Outlines:
@@ -216,7 +212,7 @@ class _Outlines:
                     parts += [self._regions(some)] if filled else chain.from_iterable(map(self._stroked, some))
             corners, sizes = (np.concatenate(each) for each in zip(*parts, strict=True))
             if not (np.abs(corners) <= _LARGEST_NM).all():  # NaN included
-                raise _damaged(self._path, "a coordinate lies beyond 2.1 m")
+                raise damaged(self._path, "a coordinate lies beyond 2.1 m")
             if not (np.abs(corners) <= _FARTHEST_NM).all():  # near two metres klayout's booleans overflow
                 reach = np.abs(corners).max() / 1e9
                 raise SourceError(
@@ -276,7 +272,7 @@ class _Outlines:
     def _round(self, x: float, y: float, radius: float, start: float, stop: float) -> NDArray[np.float64]:
         """Points of an arc whose chords stay within a nanometre of it."""
         if not radius <= _LARGEST_NM:
-            raise _damaged(self._path, "a circle is larger than 2.1 m")
+            raise damaged(self._path, "a circle is larger than 2.1 m")
         self.curves += 1
         if self.curves > 2 * MOST_CURVES:  # a stroke has two round ends
             raise _too_many(self._path, f"over {MOST_CURVES} strokes", f"{MOST_CURVES}")

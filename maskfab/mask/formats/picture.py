@@ -49,6 +49,7 @@ from maskfab.mask.layout import (
     simple_polygon,
 )
 from maskfab.mask.raster import coverage
+from maskfab.mask.sandbox import damaged, missing
 
 MOST_PIXELS = 400_000_000
 MOST_RUNS = 20_000_000
@@ -101,9 +102,7 @@ def read_levels(path: Path) -> tuple[NDArray[np.float64] | NDArray[np.uint8], fl
             say what is white.
     """
     if not os.path.isfile(path):
-        raise SourceError(
-            "MF301", f"there is no file {path.name}", where=str(path), cure="Give the path of an existing file"
-        )
+        raise missing(path)
     if path.stat().st_size == 0:
         raise SourceError("MF302", f"{path.name} holds 0 bytes", where=str(path), cure="Save or copy the picture again")
     with path.open("rb") as file:
@@ -256,9 +255,7 @@ def _boxes(white: NDArray[np.bool_], path: Path) -> list[tuple[int, int, int, in
 
 def _damaged(path: Path, what: str) -> SourceError:
     said = what.strip().splitlines()
-    return SourceError(
-        "MF303", f"{path.name}: {said[0] if said else 'it is damaged'}", where=str(path), cure="Write or copy it again"
-    )
+    return damaged(path, said[0] if said else "it is damaged")
 
 
 LARGEST_BYTES = 500_000_000

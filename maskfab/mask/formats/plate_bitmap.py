@@ -40,6 +40,7 @@ from maskfab.mask.formats.tiff import pack_bits
 from maskfab.mask.layout import check_file_size, clear_shapes, layer_info
 from maskfab.mask.outlines import hull_points, triangles
 from maskfab.mask.raster import to_boxes
+from maskfab.mask.sandbox import damaged
 
 MOST_BYTES = 2**32 - 1
 """Of a file whose places are told by 32 bits."""
@@ -265,7 +266,7 @@ def read_plate_dots(path: Path, file: BinaryIO) -> PlateDots:
         if start[:2] == b"BM":
             return _bmp(path, file)
     except (struct.error, ValueError, KeyError, IndexError, OverflowError, ZeroDivisionError, MemoryError) as error:
-        raise _damaged(path, "its head is damaged") from error
+        raise damaged(path, "its head is damaged") from error
     raise _other(path, "it is neither a TIFF nor a BMP")
 
 
@@ -278,7 +279,7 @@ def _tiff(path: Path, file: BinaryIO) -> PlateDots:
     offsets, sizes = values["offsets"], values["sizes"]
     _check_sides(path, width, height)
     if per_strip < 1 or not len(offsets) == len(sizes) == -(-height // per_strip):
-        raise _damaged(path, f"{height} rows, {per_strip} to a strip, have {len(offsets)} strips")
+        raise damaged(path, f"{height} rows, {per_strip} to a strip, have {len(offsets)} strips")
     along_x, along_y = (ratio[0] / ratio[1] for ratio in (values["dpi"], values["dpi_along_y"]))
     if along_x != along_y:
         raise _other(path, f"it has {along_x:g} dots per inch along x and {along_y:g} along y")
@@ -325,7 +326,7 @@ def _strip_rows(path: Path, strip: bytes, wide: int, rows: int) -> Iterator[tupl
         yield row, count
         rows -= count
     if place != len(strip):
-        raise _damaged(path, "a strip holds more than its rows")
+        raise damaged(path, "a strip holds more than its rows")
 
 
 def _unpacked(path: Path, strip: bytes, place: int, wide: int) -> tuple[bytes, int]:
@@ -333,7 +334,7 @@ def _unpacked(path: Path, strip: bytes, place: int, wide: int) -> tuple[bytes, i
     row = bytearray()
     while len(row) < wide:
         if place + 1 >= len(strip):
-            raise _damaged(path, "a strip ends within a row")
+            raise damaged(path, "a strip ends within a row")
         number = strip[place]
         if number < 128:
             row += strip[place + 1 : place + 2 + number]
@@ -342,7 +343,7 @@ def _unpacked(path: Path, strip: bytes, place: int, wide: int) -> tuple[bytes, i
             row += strip[place + 1 : place + 2] * (257 - number if number > 128 else 0)
             place += 2 if number > 128 else 1
     if len(row) != wide or place > len(strip):
-        raise _damaged(path, "a row has more dots than its picture")
+        raise damaged(path, "a row has more dots than its picture")
     return bytes(row), place
 
 
@@ -366,7 +367,7 @@ def _bmp(path: Path, file: BinaryIO) -> PlateDots:
         for _ in range(height):
             read = file.read(wide)
             if len(read) != wide:
-                raise _damaged(path, "it ends within its rows")
+                raise damaged(path, "it ends within its rows")
             if read != row:
                 if count:
                     yield row[: -(-width // 8)], count
@@ -379,21 +380,17 @@ def _bmp(path: Path, file: BinaryIO) -> PlateDots:
 
 def _check_sides(path: Path, width: int, height: int) -> None:
     if not (0 < width <= _MOST_SIDE and 0 < height <= _MOST_SIDE):
-        raise _damaged(path, f"it has {width} x {height} dots")
+        raise damaged(path, f"it has {width} x {height} dots")
 
 
 def _taken(path: Path, file: BinaryIO, offset: int, size: int) -> bytes:
     if size > _MOST_STRIP:
-        raise _damaged(path, f"a strip of it has {size} bytes")
+        raise damaged(path, f"a strip of it has {size} bytes")
     file.seek(offset)
     read = file.read(size)
     if len(read) != size:
-        raise _damaged(path, "it ends within a strip")
+        raise damaged(path, "it ends within a strip")
     return read
-
-
-def _damaged(path: Path, what: str) -> SourceError:
-    return SourceError("MF303", f"{path.name}: {what}", where=str(path), cure="Write or copy it again")
 
 
 def _other(path: Path, what: str) -> SourceError:

@@ -9,16 +9,16 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from klayout import db
 
 from maskfab.base.arrays import Floats, Ints, Mask
 from maskfab.base.errors import SourceError
-from maskfab.base.model import Die, Panel, Quantity
+from maskfab.base.model import Die, Quantity
 from maskfab.mask.dots import die_edges_nm, die_raster
 from maskfab.mask.formats.format import Stack
 from maskfab.mask.formats.solid import centres_nm, glass
@@ -69,28 +69,20 @@ def check_reach(path: Path, *lengths_nm: Floats) -> None:
             raise damaged(path, f"it has a coordinate of {farthest / 1e6:g} mm; the limit is {_FARTHEST_NM / 1e6:g} mm")
 
 
-@dataclass(frozen=True, eq=False)
-class _Kind:
-    """Placements of one shape in one orientation.
-
-    Attributes:
-        members: int64 [n], which placements.
-        vertices_nm: float64 [m, 3], turned but not moved.
-    """
+class _Kind(NamedTuple):
+    """Placements of one shape in one orientation: which, int64 [n], and its vertices turned but not moved, [m, 3]."""
 
     shape: ReadShape
     members: Ints
     vertices_nm: Floats
 
 
-def _kinds(read: ReadSolid) -> list[_Kind]:
+def _kinds(read: ReadSolid) -> Iterator[_Kind]:
     keys = np.column_stack([read.index, read.turns.reshape(-1, 9).round(6)])
     _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    kinds = []
     for n, one in enumerate(first):
         shape = read.shapes[read.index[one]]
-        kinds.append(_Kind(shape, np.flatnonzero(inverse.ravel() == n), shape.vertices_nm @ read.turns[one].T))
-    return kinds
+        yield _Kind(shape, np.flatnonzero(inverse.ravel() == n), shape.vertices_nm @ read.turns[one].T)
 
 
 def step_rows(die: Die, path: Path, stack: Stack, read: ReadSolid) -> Iterator[Quantity]:
@@ -104,7 +96,7 @@ def step_rows(die: Die, path: Path, stack: Stack, read: ReadSolid) -> Iterator[Q
     """
     panel = die.panel
     rows, columns = panel.orientations.shape
-    kinds = _kinds(read)
+    kinds = list(_kinds(read))
     # The film lies on both sides of z = 0, the glass below it altogether.
     below = [bool((kind.vertices_nm[:, 2].max() + read.places_nm[kind.members, 2] < 0).all()) for kind in kinds]
     films = [kind for kind, is_glass in zip(kinds, below, strict=True) if not is_glass]
@@ -129,7 +121,8 @@ def step_rows(die: Die, path: Path, stack: Stack, read: ReadSolid) -> Iterator[Q
         np.add.at(held, (row, column), 1)
         for cell in np.unique(panel.orientations[row, column]).tolist():
             same = panel.orientations[row, column] == cell
-            right[row[same], column[same]] = np.array_equal(chrome, _expected(die, cell))
+            expected = np.pad(~panel.pattern(cell), 1 if panel.gutter_nm else 0, constant_values=True)
+            right[row[same], column[same]] = np.array_equal(chrome, expected)
     wrong = int(np.count_nonzero((held != 1) | ~right))
     volume = sum(len(kind.members) * kind.shape.volume_nm3 for kind in films)
     row_of = partial(_row, die, f"in {path.name}, {OCP}")
@@ -218,7 +211,10 @@ def _row(
 
 def _chrome_nm2(die: Die) -> int:
     panel = die.panel
-    clear = sum(int(np.count_nonzero(panel.pattern(int(cell)))) * int(n) for cell, n in _census(panel))
+    cells, counts = np.unique(panel.orientations, return_counts=True)
+    clear = sum(
+        int(np.count_nonzero(panel.pattern(cell))) * n for cell, n in zip(cells.tolist(), counts.tolist(), strict=True)
+    )
     return int(panel.orientations.size * panel.pitch_nm**2 - clear * panel.dot_nm**2)
 
 
@@ -284,19 +280,9 @@ def _chrome(die: Die, stack: Stack, kind: _Kind) -> tuple[Mask, float]:
     return whole ^ torn, off
 
 
-def _expected(die: Die, cell: int) -> Mask:
-    pad = 1 if die.panel.gutter_nm else 0
-    return np.pad(~die.panel.pattern(cell), pad, constant_values=True)
-
-
 def _nearest_line(lines: Floats, values: Floats) -> Ints:
     """Index of the line nearest to each value."""
     return np.searchsorted((lines[1:] + lines[:-1]) / 2, values).astype(np.int64)
-
-
-def _census(panel: Panel) -> Iterator[tuple[int, int]]:
-    held, counts = np.unique(panel.orientations, return_counts=True)
-    yield from zip(held.tolist(), counts.tolist(), strict=True)
 
 
 def _glass_error(die: Die, stack: Stack, glasses: Sequence[Floats]) -> float:

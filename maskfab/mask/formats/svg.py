@@ -26,6 +26,7 @@ from maskfab.mask.figures import CUT, DieFigures, Figures, as_figures
 from maskfab.mask.formats.format import Format
 from maskfab.mask.layout import DBU_UM, CellArray, check_file_size, layer_info
 from maskfab.mask.outlines import hull_points
+from maskfab.mask.sandbox import missing
 
 _SVG = "{http://www.w3.org/2000/svg}"
 _LINK = "{http://www.w3.org/1999/xlink}href"
@@ -40,9 +41,7 @@ def read_svg(path: Path) -> db.Layout:
         SourceError: MF301 missing, MF303 not an SVG of this kind, or off the grid of 1 nm.
     """
     if not os.path.isfile(path):
-        raise SourceError(
-            "MF301", f"there is no file {path.name}", where=str(path), cure="Give the path of an existing file"
-        )
+        raise missing(path)
     try:
         return _layout(ElementTree.parse(path).getroot(), path)
     except (ElementTree.ParseError, InvalidOperation, AttributeError, LookupError, ValueError, TypeError) as error:

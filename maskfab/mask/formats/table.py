@@ -25,6 +25,7 @@ from maskfab.mask import formats as folder
 from maskfab.mask.figures import Figures
 from maskfab.mask.formats.format import FileSettings, Format, Product, Source
 from maskfab.mask.formats.picture import IMAGE_SUFFIXES
+from maskfab.mask.sandbox import missing
 
 _LATER = ("_process", "_writer")
 """Ends of names of modules that a format runs or loads when it needs them, for their libraries are heavy."""
@@ -134,9 +135,7 @@ def read_layout(path: Path, unit_um: float | None = None) -> db.Layout:
             cure="Convert it to GDSII, OASIS, DXF, Gerber, CIF or a picture",
         )
     if not os.path.isfile(path):
-        raise SourceError(
-            "MF301", f"there is no file {path.name}", where=str(path), cure="Give the path of an existing file"
-        )
+        raise missing(path)
     if path.stat().st_size == 0:
         raise SourceError("MF302", f"{path.name} holds 0 bytes", where=str(path), cure="Export or copy the file again")
     return form.read(path) if unit_um is None else form.read(path, unit_um)

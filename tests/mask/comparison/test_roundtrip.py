@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from klayout import db
+from trips import roundtrip
 
 from maskfab.base.errors import SourceError
 from maskfab.base.model import CLEAR, WIRES, Gauge, Mark
-from maskfab.mask.comparison.roundtrip import clear_length_nm, compare_layout, roundtrip
+from maskfab.mask.comparison.roundtrip import clear_length_nm, compare_layout
 from maskfab.mask.dots import corner_touches, die_edges_nm, die_raster
 from maskfab.mask.formats.dxf_writer import write_dxf
 from maskfab.mask.formats.gdsii import write_gdsii, write_oasis

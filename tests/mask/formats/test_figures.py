@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from klayout import db
+from trips import roundtrip
 
 from maskfab.base.errors import OutputError
 from maskfab.base.model import CLEAR, NOTE, OUTLINE, Die, Mark, Note, Opening, Panel, Plate, Tiling
-from maskfab.mask.comparison.roundtrip import roundtrip
 from maskfab.mask.figures import CUT, PolygonOptions, draw
 from maskfab.mask.formats.dxf_writer import write_dxf
 from maskfab.mask.formats.format import DrawingStyle
