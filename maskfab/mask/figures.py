@@ -1,13 +1,11 @@
-"""Cells of two pixels, for mask software that allows only so many references: half as many do, of at most 64 kinds.
+"""Polygons of a plate for every format: cells, their positions, and the way their polygons were drawn.
 
-Polygons of a plate for every format: cells, their positions, and the way their polygons were drawn.
+Plate + PolygonOptions -> Figures -> GDSII, OASIS, DXF, CIF, Gerber, SVG
 
-Plate + PolygonOptions -> Figures -> GDSII, OASIS, DXF, Gerber, SVG
-
-The polygons of one layer of a plate as text, cell after cell, without ever holding them all.
-
-A cell's text is made once, with gaps for its numbers. Numbers of a column are the same in every row and those of a row
-the same in every column, so they are formatted once too; what is left for each of ten thousand cells is to fill gaps.
+For mask software that allows only so many references, cells are paired: half as many do, of at most 64 kinds. Text
+formats write the polygons of a layer cell after cell, without ever holding them all: a cell's text is made once, with
+gaps for its numbers. Numbers of a column are the same in every row and those of a row the same in every column, so they
+are formatted once too; what is left for each of ten thousand cells is to fill gaps.
 """
 
 from __future__ import annotations

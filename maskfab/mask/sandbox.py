@@ -1,16 +1,13 @@
-"""Messages of processes that read foreign files: plain data, so that whatever a file makes of such a process, no code
+"""Work on a foreign file in a process of its own, with limits on time and memory that grow with the file.
+
+Libraries that read and merge polygons cannot be interrupted: a few bytes that repeat, nest or overlap keep them busy
+for hours, fill memory, or end the process. So readers of other makers are scripts in a process of their own, and work
+with klayout is done in a copy of this one, whose processor time and memory the system limits. Where the work finds that
+the file is honest, it asks for as much more as that takes.
+
+What comes back is one message, a letter and what follows from it: an answer as typed data; progress, an error of
+maskfab, or a fault of another kind as JSON. It is plain data, so that whatever a file makes of such a process, no code
 comes from it. What an answer is, only who asks says (see :mod:`maskfab.base.plain_data`).
-
-A message is one letter and what follows from it: an answer as typed data; progress, an error of maskfab, or a fault of
-another kind as JSON.
-
-Work on a foreign file in a forked process with limits on time and memory that grow with the file.
-
-The libraries that read and merge polygons cannot be interrupted: a few bytes that repeat, nest or overlap keep them
-busy for hours, or fill memory. So the work is done in a copy of the process whose processor time and memory the system
-limits, and its answer comes back. Where the work finds that the file is honest, it asks for as much more as that takes.
-
-Readers of other makers in a process of their own, which a damaged file may end, hang or fill without harm.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Mask files that maskfab did not write, held against a job."""
+"""Written files against their plate, and mask files that maskfab did not write against a job."""

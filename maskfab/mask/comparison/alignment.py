@@ -1,15 +1,12 @@
-"""Alignment of a mask file with a design: mirrored, turned, shifted, in another unit, or in the other tone.
+"""Alignment of a mask file with a design: mirrored, turned, shifted, in another unit or tone; and its layers.
 
 A few windows of the design, the middle and a corner of every die and the marks, are held against the same places of
 the file under every trial of the eight symmetries of the square, the units that programs mistake for each other, the
 shifts that bring outlines onto each other, and both tones. The trial that differs least is what the file is.
 
-The unit that a DXF was drawn in where it does not say so, or says another.
-
 What is drawn in inches and read in micrometres is rounded to a grid that is 25 400 times too coarse. So it does not do
-to scale what was read: the file is read once more, in the unit that makes it as large as the design.
-
-Which layer of a file from elsewhere is taken for what is clear, and what its other layers hold.
+to scale what was read: the file is read once more, in the unit that makes it as large as the design. Before all that
+one layer of the file is taken for what is clear, and what its other layers hold is told.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
-"""Drawing faults of a foreign file: duplicates, long outlines, odd angles, odd names, figures beyond the blank.
+"""Faults of a foreign file's drawing, and the design rules on what it makes clear, by the job's limits.
 
-The design rules on what a file from elsewhere makes clear, by the job's limits.
-
-Where the file is the design, the design is judged in its place, cell by cell; where it differs, both are looked at, and
-the count of the file is that of the design, less what the design breaks there, and more what the file does.
+Faults are duplicates, long outlines, odd angles, odd names and figures beyond the blank. Of rules, where the file is
+the design, the design is judged in its place, cell by cell; where it differs, both are looked at, and the count of the
+file is that of the design, less what the design breaks there, and more what the file does.
 """
 
 from __future__ import annotations

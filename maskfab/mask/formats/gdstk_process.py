@@ -1,13 +1,8 @@
-"""The content of cells as it passes from the process that reads a file, in arrays, for there may be millions.
-
-Cells are those of :mod:`maskfab.mask.formats.gdstk_process`.
-
-Run as a process of its own: reads GDSII or OASIS with gdstk and writes its content, in nanometres, to stdout.
+"""Run as a process of its own: reads GDSII or OASIS with gdstk and writes its content, in nanometres, to stdout.
 
 gdstk trusts its input: a damaged file can end the process that reads it, and may do so only later, when the name of a
 cell is asked for. A few bytes of OASIS can make klayout repeat a shape until memory is full. So both read here first,
-within limits, and :mod:`maskfab.mask.formats.table` takes what came out whole. Imports little of maskfab, to start
-fast.
+within limits, and :mod:`maskfab.mask.formats.gdsii` takes what came out whole. Imports little, to start fast.
 
     python -P -W error gdstk_process.py read_gds|read_oas FILE
 
@@ -15,7 +10,7 @@ A cell is {"name", "polygons": {"corners", "sizes", "layers", "repetitions"}, "l
 texttype, repetition)], "references": [(cell name, origin, radians, magnification, mirrored, repetition)]}; a repetition
 is None, (columns, rows, 2 x 2 step vectors) or an array of offsets. Polygons come as arrays, for there may be millions:
 the corners of all of them one after the other, how many corners each has, its layer and datatype, and the repetitions
-by the numbers of those that have one.
+by the numbers of those that have one. From process to process a cell passes as arrays altogether.
 """
 
 from __future__ import annotations

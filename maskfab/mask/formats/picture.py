@@ -1,16 +1,12 @@
-"""A picture of a mask, PNG or TIFF, as a layout: white pixels are clear, and its middle is the origin.
+"""Pictures of masks, PNG and TIFF: written of a die, read back against it, and read as layouts whoever made them.
 
-A picture says how large its pixels are only by its resolution, and nothing about where it lies.
+Written are pixels for people and for machines that write them, at a stated number of dots per micrometre. A pixel of
+the PNG of 8 bits is the share of it that is clear, to the nearest of 256 levels and up from the middle of two; one of
+the TIFF of 1 bit is white where that share is half or more. Read back, every pixel is held against the exact share of
+it that is clear: one wrong pixel fails, however coarse the picture.
 
-Pixels for people and for machines that write them: 8-bit PNG, 1-bit TIFF, at a stated number of dots per micrometre.
-
-A pixel of the PNG is the share of it that is clear, to the nearest of 256 levels and up from the middle of two; one of
-the TIFF is white where that share is half or more.
-
-A written picture of a die against the die: every pixel read back, held against the exact share of it that is clear.
-
-A pixel of a TIFF is right if it is white exactly where half of it or more is clear; one of a PNG if its level is that
-share to the nearest of 256. One wrong pixel fails, however coarse the picture.
+Read as a layout, white pixels are clear, and the middle of the picture is the origin. A picture says how large its
+pixels are only by its resolution, and nothing about where it lies.
 """
 
 from __future__ import annotations
@@ -31,7 +27,7 @@ from numpy.typing import NDArray
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError, OutputError, SourceError
 from maskfab.base.files import partial
-from maskfab.base.model import CLEAR, Box, Die, Mark, Plate, Quantity
+from maskfab.base.model import CLEAR, Box, Die, Plate, Quantity
 from maskfab.base.pictures import is_whole
 from maskfab.base.units import NM_PER_UM, UM_PER_INCH, UM_PER_UNIT
 from maskfab.job.values import MOST_DOTS_PER_UM
@@ -264,6 +260,7 @@ _DATE = "1980:01:01 00:00:00"
 """As members of our packages have it, which is no date of anything."""
 _BAND_PIXELS = 4_000_000
 _ROUNDING = 1e-9
+"""A pixel covered to this much less or more than wholly is whole, and one covered by half to this is at a half."""
 _UM_PER_CM = 10_000.0
 
 
@@ -404,7 +401,9 @@ def _bands(plate: Plate, box: Box, width: int, height: int, dots_per_um: float) 
     """Share of every pixel that is clear, float64 [rows, width], row 0 lowest; the highest band first."""
     x, y = _borders(box[0], width, dots_per_um), _borders(box[1], height, dots_per_um)
     dies = [_Laid.on(die, x) for die in plate.dies]
-    marks = db.Region([db.Polygon(simple_polygon(p)) for mark in _written(plate) for p in mark.polygons])
+    marks = db.Region(
+        [db.Polygon(simple_polygon(p)) for mark in plate.marks if mark.layer.written for p in mark.polygons]
+    )
     rows = max(1, _BAND_PIXELS // width)
     for stop in range(height, 0, -rows):
         edges = y[max(0, stop - rows) : stop + 1]
@@ -420,10 +419,6 @@ def _bands(plate: Plate, box: Box, width: int, height: int, dots_per_um: float) 
 
 def _borders(start_nm: int, pixels: int, dots_per_um: float) -> Floats:
     return np.asarray(start_nm + np.arange(pixels + 1) * (NM_PER_UM / dots_per_um), dtype=np.float64)
-
-
-def _written(plate: Plate) -> Iterator[Mark]:
-    return (mark for mark in plate.marks if mark.layer.written)
 
 
 @dataclass(frozen=True, eq=False)
@@ -466,10 +461,6 @@ def _reached(edges: Floats, pixels: Floats) -> slice:
     return slice(max(0, first), min(pixels.size - 1, last))
 
 
-_EDGE = 1e-9
-"""A pixel covered to this much less or more than wholly is whole, and one covered by half to this is at a half."""
-
-_WHITE_LEVEL = 255
 _LEVEL = 1e-6
 _MOST_SHIFT = 0.1
 """Part of a pixel by which the resolution that a file states, which is rounded, may displace its last one."""
@@ -490,7 +481,7 @@ def check_pixels(dies: Sequence[Die], dots_per_um: float, where: str) -> None:
         return
     pixel = NM_PER_UM / dots_per_um
     smallest, die = min(((smallest_nm(die, pixel), die) for die in dies), key=lambda pair: pair[0])
-    if pixel <= smallest * (1 + _EDGE):
+    if pixel <= smallest * (1 + _ROUNDING):
         return
     coarsest, even = NM_PER_UM / smallest, NM_PER_UM / gcd(*(length for die in dies for length in _lengths_nm(die)))
     cure = f"Set it to at least {_rounded_up(coarsest)}"
@@ -498,7 +489,7 @@ def check_pixels(dies: Sequence[Die], dots_per_um: float, where: str) -> None:
         cure = (
             f"Leave png and tiff out of export.formats: it would take {_rounded_up(coarsest)}, more than any may have"
         )
-    elif coarsest * (1 + _EDGE) < even <= MOST_DOTS_PER_UM:
+    elif coarsest * (1 + _ROUNDING) < even <= MOST_DOTS_PER_UM:
         cure += f"; from {_rounded_up(even)} on pixels can follow every dot"
     raise JobError(
         "MF104",
@@ -532,7 +523,7 @@ def check_bitmap(die: Die, design: db.Layout, path: Path, dots_per_um: float) ->
     width, height = (int(np.ceil(round(side / pixel, 6))) for side in (x1 - x0, y1 - y0))
     x, y = (start + pixel * np.arange(count + 1, dtype=np.float64) for start, count in ((x0, width), (y0, height)))
     clear = coverage(clear_shapes(design, die.box_nm), x, y)
-    partly = int(np.count_nonzero((clear > _EDGE) & (clear < 1 - _EDGE)))
+    partly = int(np.count_nonzero((clear > _ROUNDING) & (clear < 1 - _ROUNDING)))
     wrong, differing, why = _compared(path, clear, dots_per_um)
     found = differing / dots_per_um**2
     return (
@@ -575,10 +566,10 @@ def _compared(path: Path, clear: Floats, dots_per_um: float) -> tuple[int, float
     band = max(1, _BAND_PIXELS // columns)
     for low in range(0, rows, band):
         read, share = levels[::-1][low : low + band].astype(np.float64), clear[low : low + band]
-        off = abs(read - _WHITE_LEVEL * share) > 0.5 + _LEVEL if grey else read != _WHITE_LEVEL * (share >= 0.5 - _EDGE)
+        off = abs(read - _WHITE * share) > 0.5 + _LEVEL if grey else read != _WHITE * (share >= 0.5 - _ROUNDING)
         wrong += int(np.count_nonzero(off))
-        apart = np.where(read >= _WHITE_LEVEL / 2, 1 - share, share)
-        differing += float(apart[apart > _EDGE].sum())
+        apart = np.where(read >= _WHITE / 2, 1 - share, share)
+        differing += float(apart[apart > _ROUNDING].sum())
     rule = (
         "level against the exact share of each pixel that is clear, to the nearest of 256"
         if grey

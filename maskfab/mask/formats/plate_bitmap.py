@@ -1,16 +1,11 @@
-"""A whole plate as one bit for each dot of a plotter: TIFF, BMP; for houses that plot film.
+"""A whole plate as one bit for each dot of a plotter: TIFF by PackBits, or BMP; for houses that plot film.
 
-Rows are written as they are made, so that a plate of any size takes as much memory as one row. Both formats tell places
-in a file by 32 bits. BigTIFF has 64, and houses do not take it.
-
-A whole plate's bitmap, TIFF by PackBits or BMP, row by row: what is read takes as much memory as one strip.
-
-OpenImageIO reads both, but gives every bit a byte, and would take a minute for a plate of 16 thousand million dots.
-
-A plate's bitmap, read back row by row, against the polygons of the design: every dot, by its centre.
+Rows are written as they are made, and read back strip by strip, so that a plate of any size takes as much memory as one
+row or strip: OpenImageIO gives every bit a byte, and would take a minute for a plate of 16 thousand million dots. Both
+formats tell places in a file by 32 bits. BigTIFF has 64, and houses do not take it.
 
 What should be there is told otherwise than it was written: polygons of the layout, as boxes and triangles, whose dots
-are those of all half-planes that they lie in.
+are those of all half-planes that they lie in. Every dot is compared, by its centre.
 """
 
 from __future__ import annotations

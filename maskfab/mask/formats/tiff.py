@@ -1,11 +1,8 @@
-"""Words of OpenImageIO about a picture that it cannot read.
+"""TIFF as its bytes say: which of its values is white, and runs of equal bytes; and what OpenImageIO says of a picture.
 
-Tone of a TIFF: which of its values is white, as TIFF 6.0 requires of every baseline file.
-
-Readers disagree about files that do not: where PhotometricInterpretation is missing OpenImageIO takes 0 for black and
-Pillow for white, and signed samples are black to one and white to the other.
-
-PackBits (TIFF 6.0, section 9): runs of equal bytes by their length; each row of a picture by itself.
+TIFF 6.0 requires of every baseline file to say what is white. Readers disagree about files that do not: where
+PhotometricInterpretation is missing OpenImageIO takes 0 for black and Pillow for white, and signed samples are black to
+one and white to the other. PackBits (section 9) packs each row of a picture by itself.
 """
 
 from __future__ import annotations
