@@ -406,9 +406,9 @@ class _Drawing:
         return DieFigures(name, die.origin_nm, die.box_nm, grids)
 
     def _in_pairs(self, units: Sequence[str], index: Ints, pitch: int) -> tuple[CellArray, ...]:
-        found = pairs(index)
+        cell_pairs = pairs(index)
         names = []
-        for left, right in found.kinds.tolist():
+        for left, right in cell_pairs.kinds.tolist():
             one, other = self._cells[units[left]], self._cells[units[right]]
             stem = units[left].rpartition("_R")[0]
             name = self._extra.unique(stem, f"_P{units[left].rpartition('_R')[2]}{units[right].rpartition('_R')[2]}")
@@ -419,12 +419,12 @@ class _Drawing:
                 if layer in one or layer in other
             }
             self._done[name] = self._done[units[left]] + self._done[units[right]]
-        grids = [CellArray(tuple(names), found.index, (0, 0), (2 * pitch, pitch))] if names else []
-        if found.rest.size:
-            kinds, rest = np.unique(found.rest, return_inverse=True)
+        grids = [CellArray(tuple(names), cell_pairs.index, (0, 0), (2 * pitch, pitch))] if names else []
+        if cell_pairs.rest.size:
+            kinds, rest = np.unique(cell_pairs.rest, return_inverse=True)
             last = tuple(units[kind] for kind in kinds.tolist())
-            place = (2 * pitch * found.index.shape[1], 0)
-            grids.append(CellArray(last, rest.reshape(found.rest.shape).astype(np.int64), place, (pitch, pitch)))
+            place = (2 * pitch * cell_pairs.index.shape[1], 0)
+            grids.append(CellArray(last, rest.reshape(cell_pairs.rest.shape).astype(np.int64), place, (pitch, pitch)))
         return tuple(grids)
 
     def _marks(self) -> tuple[tuple[MarkFigures, ...], _Done]:
@@ -465,7 +465,12 @@ class _Drawing:
     def _cuts_others(self, own: str, holes: tuple[Polygon, ...]) -> bool:
         """Whether something written, which is not of the mark itself, lies in its holes."""
         others = _polygons(
-            [each for mark in self._plate.marks if mark.layer.written and mark.name != own for each in mark.polygons]
+            [
+                polygon
+                for mark in self._plate.marks
+                if mark.layer.written and mark.name != own
+                for polygon in mark.polygons
+            ]
         )
         others.insert(db.Region([db.Box(*die.box_nm) for die in self._plate.dies]))
         return not (_polygons(holes) & others).is_empty()
@@ -481,11 +486,11 @@ class _Drawing:
         dark = self._options.tone == "dark" and whole is not None
         if dark:
             shapes = {CLEAR: (), **shapes}
-        found: dict[Layer, tuple[Polygon, ...]] = {}
+        redrawn: dict[Layer, tuple[Polygon, ...]] = {}
         done = _Done()
         for layer, polygons in shapes.items():
             if not layer.written:
-                found[layer] = polygons
+                redrawn[layer] = polygons
                 continue
             region = _polygons(polygons)
             if dark:
@@ -495,15 +500,15 @@ class _Drawing:
             if not self._options.redrawn and not long:
                 # Parted outlines are counted on what the outlines were made of, before they were cut.
                 counted = recut(parted)
-                found[layer] = polygons
+                redrawn[layer] = polygons
                 done += _Done(len(polygons), sum(map(len, polygons)), counted.holed, counted.parted, 0)
                 continue
             drawn = _checked(parted, chosen, where)
-            found[CHROME if dark else layer] = _sorted(drawn.pieces)
+            redrawn[CHROME if dark else layer] = _sorted(drawn.pieces)
             if not drawn.holes.is_empty():
-                found[CUT] = _sorted(drawn.holes)
+                redrawn[CUT] = _sorted(drawn.holes)
             done += _Done.of(drawn)
-        return found, done
+        return redrawn, done
 
 
 @dataclass(frozen=True)
@@ -679,9 +684,9 @@ def polygon_lines(figures: Figures, layer: Layer, pen: Pen, die: DieFigures | No
         pen: the format.
         die: only this one, and no marks.
     """
-    for each in figures.dies if die is None else (die,):
-        for grid in each.grids:
-            yield from _grid(figures, layer, pen, each.origin_nm, grid)
+    for drawn in figures.dies if die is None else (die,):
+        for grid in drawn.grids:
+            yield from _grid(figures, layer, pen, drawn.origin_nm, grid)
     if die is not None:
         return
     for mark in figures.marks:

@@ -79,8 +79,8 @@ def error_message(error: Exception) -> bytes:
     where = traceback.format_exc()[-_LONGEST:]
     if isinstance(error, MaskfabError):
         kind = type(error).__name__
-        told = [kind if kind in _ERRORS else InputError.__name__, error.code, error.what, error.where, error.cure]
-        return _ERROR + json.dumps([*told, where]).encode()
+        fields = [kind if kind in _ERRORS else InputError.__name__, error.code, error.what, error.where, error.cure]
+        return _ERROR + json.dumps([*fields, where]).encode()
     return _FAULT + json.dumps([f"{type(error).__name__}: {error}"[:_LONGEST], where]).encode()
 
 
@@ -102,19 +102,19 @@ def read_message(message: bytes, kind: Any, path: Path, progress: Callable[[str,
         letter, content = message[:1], message[1:]
         if letter == _ANSWER:
             return (from_data(_as_stored(content), kind),)
-        told = json.loads(content)
+        fields = json.loads(content)
         if letter == _PROGRESS:
-            stage, done, total = told
+            stage, done, total = fields
             _require(isinstance(stage, str) and len(stage) <= _LONGEST and {type(done), type(total)} == {int})
             progress(stage, done, total)
             return ()
-        _require(letter in (_ERROR, _FAULT) and all(isinstance(each, str) for each in told))
+        _require(letter in (_ERROR, _FAULT) and all(isinstance(value, str) for value in fields))
         if letter == _ERROR:
-            name, code, what, where, cure, trace = told
+            name, code, what, where, cure, trace = fields
             _require(code in CATALOGUE)
             raised = _ERRORS[name](code, what, where=where, cure=cure)
         else:
-            fault, trace = told
+            fault, trace = fields
             raised = InternalError("MF901", fault, cure="Please report this with the file")
     except Exception as error:
         raise unusable(path, error) from error
@@ -229,15 +229,15 @@ def begun(
     def answer() -> Answer:
         stage, ended = "read", None
 
-        def tell(*told: Any) -> None:
+        def tell(*step: Any) -> None:
             nonlocal stage
-            stage = told[0]
-            progress(*told)
+            stage = step[0]
+            progress(*step)
 
         try:
             while here.poll(_WALL_PER_PROCESSOR * limit):
-                if found := read_message(here.recv_bytes(memory), kind, path, tell):
-                    return found[0]  # type: ignore[no-any-return]
+                if answers := read_message(here.recv_bytes(memory), kind, path, tell):
+                    return answers[0]  # type: ignore[no-any-return]
         except EOFError:
             copy.join()
             ended = copy.exitcode
@@ -267,10 +267,10 @@ def library_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except RuntimeError as error:
-        told = _said(path, error)
-        if told is error:
+        refusal = _said(path, error)
+        if refusal is error:
             raise
-        raise told from error
+        raise refusal from error
 
 
 def _gave_up(path: Path, error: RuntimeError) -> SourceError:

@@ -258,10 +258,10 @@ def _differing(
             return max(enough, 1.0)
         shapes = db.Region(read.top_cell().begin_shapes_rec_overlapping(index, place)) & db.Region(place)
         here = db.Region(box)
-        found = shapes.merged().transformed(trans) & here
+        drawn = shapes.merged().transformed(trans) & here
         if inverted:
-            found = (here & frame) - found
-        differing += (found ^ (window.clear & here)).area() * window.box.area() / box.area()
+            drawn = (here & frame) - drawn
+        differing += (drawn ^ (window.clear & here)).area() * window.box.area() / box.area()
         if differing > enough * clear:
             break
     return float(differing / clear)
@@ -303,10 +303,10 @@ def in_drawn_unit(
     if scale == 1 or meant is None:
         return read, alignment
     reread = again(unit_um * scale)
-    found = align(plate, design, reread)
-    if not found.alike or found.scale != 1:
+    realigned = align(plate, design, reread)
+    if not realigned.alike or realigned.scale != 1:
         return read, alignment
-    return reread, replace(found, unit_scale=scale, unit=meant)
+    return reread, replace(realigned, unit_scale=scale, unit=meant)
 
 
 _TOLD = 8
@@ -358,8 +358,8 @@ class LayersRead:
         if self.clear:
             method = f"what is clear is read from layer {self.clear} of {name}; the job orders {self.wanted}"
             cure = "; say --layer if the house is told so"
-            told = method + ("" if self.meant else cure)
-            yield Quantity("layer", self.clear, told, limit=self.wanted, passed=self.meant)
+            said = method + ("" if self.meant else cure)
+            yield Quantity("layer", self.clear, said, limit=self.wanted, passed=self.meant)
         if self.taken_out:
             cut = f"{CUT.number}/{CUT.datatype}"
             method = f"{name} has shapes on {cut}, which are taken out of what is clear for all that follows, as "
@@ -402,7 +402,7 @@ def clear_only(
         root, info = find_cell(layout, cell), find_layer(layout, layer or _called(layout, ordered.info(CLEAR)))
     except SourceError as error:
         raise SourceError(error.code, error.what, where=str(path), cure=error.cure) from None
-    for index in [each.cell_index() for each in layout.top_cells() if each.cell_index() != root.cell_index()]:
+    for index in [item.cell_index() for item in layout.top_cells() if item.cell_index() != root.cell_index()]:
         _drop_above(layout, index, root.cell_index())
     cut = layout.find_layer(layer_info(CUT))
     taken_out = layer is None and cut is not None and not root.bbox(cut).empty()
@@ -411,23 +411,23 @@ def clear_only(
         layout.flatten(root.cell_index(), -1, True)
         root.shapes(layout.find_layer(info)).clear()
         root.shapes(layout.find_layer(info)).insert(exposed)
-    kept = layout.find_layer(info)
-    for_people = [ordered.info(each) for each in LAYERS if not each.written]
+    clear = layout.find_layer(info)
+    for_people = [ordered.info(item) for item in LAYERS if not item.written]
     others: list[str] = []
     passed_over: list[str] = []
-    for each in layout.layer_infos():
-        if each.is_equivalent(info) or (taken_out and each.is_equivalent(layer_info(CUT))):
+    for item in layout.layer_infos():
+        if item.is_equivalent(info) or (taken_out and item.is_equivalent(layer_info(CUT))):
             continue
-        if draws(layout, layout.find_layer(each)):
-            fine = any(each.is_equivalent(one) for one in for_people) or bool(layer_names(each) & {*ignored})
-            (passed_over if fine else others).append(layer_label(each))
-    note_left_out(layout, replace(left_out(layout), texts=count_texts(layout, kept)))
+        if draws(layout, layout.find_layer(item)):
+            fine = any(item.is_equivalent(one) for one in for_people) or bool(layer_names(item) & {*ignored})
+            (passed_over if fine else others).append(layer_label(item))
+    note_left_out(layout, replace(left_out(layout), texts=count_texts(layout, clear)))
     for index in layout.layer_indexes():
-        if index != kept:
+        if index != clear:
             layout.delete_layer(index)
     wanted = ordered.info(CLEAR)
     meant = layer is not None or info.is_equivalent(wanted)
-    layout.set_info(kept, layer_info(CLEAR))
+    layout.set_info(clear, layer_info(CLEAR))
     return LayersRead(
         layer_label(info), layer_label(wanted), meant, taken_out, tuple(sorted(others)), tuple(sorted(passed_over))
     )
@@ -443,20 +443,20 @@ def draws(layout: db.Layout, index: int) -> bool:
 
 def _called(layout: db.Layout, info: db.LayerInfo) -> str | None:
     """The name of a layer where only names tell layers, and this one is there."""
-    named = any(each.layer < 0 and each.name == info.name for each in layout.layer_infos())
+    named = any(item.layer < 0 and item.name == info.name for item in layout.layer_infos())
     return str(info.name) if named else None
 
 
-def _drop_above(layout: db.Layout, index: int, kept: int) -> None:
+def _drop_above(layout: db.Layout, index: int, root: int) -> None:
     """Delete a top cell and everything below it that is neither a cell nor part of it."""
-    if kept not in layout.cell(index).called_cells():
+    if root not in layout.cell(index).called_cells():
         layout.prune_cell(index, -1)
         return
     below = list(layout.cell(index).each_child_cell())
     layout.delete_cell(index)
     for child in below:
-        if child != kept and layout.is_valid_cell_index(child) and layout.cell(child).is_top():
-            _drop_above(layout, child, kept)
+        if child != root and layout.is_valid_cell_index(child) and layout.cell(child).is_top():
+            _drop_above(layout, child, root)
 
 
 def _listed(names: tuple[str, ...]) -> str:

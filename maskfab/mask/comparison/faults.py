@@ -109,11 +109,11 @@ def drawn_figures(
     judged = max_vertices is not None or path.suffix.lower() in FORMATS["gdsii"].suffixes
     long = list(_long_outlines(layout, most))
     by = "the job's max_vertices" if max_vertices is not None else "what GDSII takes"
-    told = "".join(f": {count} in cell {cell!r}" for cell, count in long[:1])
+    first = "".join(f": {count} in cell {cell!r}" for cell, count in long[:1])
     yield Quantity(
         "rule_vertices",
         len(long),
-        f"polygons of {path.name} with more than {most} vertices, {by}{told}",
+        f"polygons of {path.name} with more than {most} vertices, {by}{first}",
         detail=str(most),
         limit=0 if judged else None,
         passed=not long if judged else None,
@@ -133,9 +133,9 @@ def slanted(laid: db.Layout, design: db.Layout | None) -> Quantity:
         around = db.Region() if design is None else _slanted_polygons(design).extents(1)
     left = edges if around.is_empty() else edges.not_interacting(around)
     boxes = sorted((edge.bbox() for edge in left.each()), key=lambda box: (box.bottom, box.left))
-    told = f", at {_listed(boxes)} um" if boxes else ""
+    places = f", at {_listed(boxes)} um" if boxes else ""
     method += "" if design is None else ", where no shape of the design has any"
-    return Quantity("rule_manhattan", len(boxes), method + told, limit=0, passed=not boxes)
+    return Quantity("rule_manhattan", len(boxes), method + places, limit=0, passed=not boxes)
 
 
 def reach(plate: Plate, box: db.Box, size: float) -> Quantity:
@@ -148,14 +148,14 @@ def reach(plate: Plate, box: db.Box, size: float) -> Quantity:
     """
     side = round(plate.blank_nm * size)
     boxes = [] if box.empty() else [(box.left, box.bottom, box.right, box.top)]
-    found = checked_extent(boxes, (side, side))
-    beyond = found.value / size / NM_PER_UM if isinstance(found.value, int | float) else 0
+    extent = checked_extent(boxes, (side, side))
+    beyond = extent.value / size / NM_PER_UM if isinstance(extent.value, int | float) else 0
     return Quantity(
         "rule_extent",
         beyond,
         f"how far what is drawn reaches beyond the blank of {plate.blank_nm / NM_PER_MM:g} mm",
         limit=0,
-        passed=found.passed,
+        passed=extent.passed,
     )
 
 
@@ -176,8 +176,8 @@ def _overlaps(layout: db.Layout, path: Path, known: Known | None) -> Quantity:
     twice = list(sift(db.Region(layout.top_cell().begin_shapes_rec(index)).merged(True, 2), tolerance_nm).faults.each())
     area = sum(polygon.area() for polygon in twice) / _NM2_PER_UM2
     boxes = sorted((polygon.bbox() for polygon in twice), key=lambda box: (box.bottom, box.left))
-    told = f": {area:g} um^2, at {_listed(boxes)} um" if boxes else ""
-    return Quantity("rule_overlap", len(boxes), what + told, limit=0, passed=not boxes)
+    places = f": {area:g} um^2, at {_listed(boxes)} um" if boxes else ""
+    return Quantity("rule_overlap", len(boxes), what + places, limit=0, passed=not boxes)
 
 
 def _too_many(layout: db.Layout, index: int) -> bool:
@@ -186,7 +186,7 @@ def _too_many(layout: db.Layout, index: int) -> bool:
 
 def _drawn_area(layout: db.Layout, index: int) -> int | None:
     """Sum of the areas of all shapes in nm², every reference followed; None where some are scaled."""
-    if any(each.is_complex() for cell in layout.each_cell() for each in cell.each_inst()):
+    if any(instance.is_complex() for cell in layout.each_cell() for instance in cell.each_inst()):
         return None
     return int(drawn_areas(layout, index)[layout.top_cell().cell_index()])
 
@@ -203,7 +203,7 @@ def _any_slanted(layout: db.Layout) -> bool:
     index = layout.find_layer(layer_info(CLEAR))
     for cell in layout.each_cell():
         if not own_polygons(cell, index).non_rectilinear().is_empty() or any(
-            each.is_complex() for each in cell.each_inst()
+            instance.is_complex() for instance in cell.each_inst()
         ):
             return True
     return False
@@ -213,17 +213,17 @@ def _slanted_polygons(layout: db.Layout) -> db.Region:
     store = db.DeepShapeStore()
     drawn = db.Region(layout.top_cell().begin_shapes_rec(layout.find_layer(layer_info(CLEAR))), store)
     drawn.merged_semantics = False
-    found = db.Region(list(drawn.non_rectilinear().each()))
-    found.merged_semantics = False
-    return found
+    slanted_shapes = db.Region(list(drawn.non_rectilinear().each()))
+    slanted_shapes.merged_semantics = False
+    return slanted_shapes
 
 
 def _slanted_edges(layout: db.Layout) -> db.Edges:
     edges = _slanted_polygons(layout).edges()
     edges.merged_semantics = False
-    found = edges.with_angle(db.Edges.OrthoEdges, True)
-    found.merged_semantics = False
-    return found
+    slanted_edges = edges.with_angle(db.Edges.OrthoEdges, True)
+    slanted_edges.merged_semantics = False
+    return slanted_edges
 
 
 def _listed(boxes: Iterable[db.Box]) -> str:
@@ -326,17 +326,17 @@ def rules_of_like(
         wanted: what is asked of it.
     """
     rules = wanted.rules
-    known = _of_plate(plate, rules)
+    in_design = _of_plate(plate, rules)
     marks = _of_plate(replace(plate, dies=()), rules)
     places, beyond = _cropped(_round(differing, rules.reach_nm), (design, laid), MOST_LOOKED, _count)
-    found, expected = (_look(layout, places, rules) for layout in (laid, design))
-    for name, before in known.items():
-        here, there = found.get(name, NOTHING), expected.get(name, NOTHING)
+    in_file, expected = (_look(layout, places, rules) for layout in (laid, design))
+    for name, before in in_design.items():
+        here, there = in_file.get(name, NOTHING), expected.get(name, NOTHING)
         count = max(0, before.count - there.count) + here.count
         hard = name in wanted.stated
         # A job's limits are for its dies: the small letters of a label never keep them.
         allowed = marks[name].count if hard else before.count
-        worst = min((each.worst for each in (here, before) if each.count and each.worst is not None), default=None)
+        worst = min((side.worst for side in (here, before) if side.count and side.worst is not None), default=None)
         boxes = np.concatenate([here.boxes_nm, before.boxes_nm]) if count else before.boxes_nm[:0]
         said = [f"the design itself has {before.count}"]
         if hard and allowed:
@@ -369,20 +369,20 @@ def rules_of_unlike(read: db.Layout, wanted: Asked) -> Iterator[Quantity]:
         at = "" if box is None else f", at {_at(box)}"
         method = f"least width of {tone} in the file, corner to corner too{at}; corners that kiss are counted apart"
         quantity = "min_feature" if name == "width" else "min_space"
-        told = None if value is None else value / NM_PER_UM
-        yield Quantity(quantity, told, method + beyond)
+        width_um = None if value is None else value / NM_PER_UM
+        yield Quantity(quantity, width_um, method + beyond)
 
 
 def _of_plate(plate: Plate, rules: DesignRules) -> dict[str, Broken]:
     """Rules broken by the design, all its dies and marks together."""
-    known: dict[str, Broken] = {}
+    broken: dict[str, Broken] = {}
     for result in check_plate(plate, rules, most=_TOLD):
-        before = known.get(result.rule, NOTHING)
-        values = [each for each in (before.worst, result.value) if isinstance(each, int | float)]
+        before = broken.get(result.rule, NOTHING)
+        values = [value for value in (before.worst, result.value) if isinstance(value, int | float)]
         boxes = np.array(result.places, dtype=np.int64).reshape(-1, 4)
         together = np.concatenate([before.boxes_nm, boxes])
-        known[result.rule] = Broken(before.count + result.count, min(values, default=None), together)
-    return known
+        broken[result.rule] = Broken(before.count + result.count, min(values, default=None), together)
+    return broken
 
 
 def _row(name: str, wanted: Asked, broken: Broken, allowed: int, said: str, beyond: str) -> Quantity:
@@ -406,10 +406,10 @@ def _row(name: str, wanted: Asked, broken: Broken, allowed: int, said: str, beyo
         tone = "clear" if name == "area" else "chrome"
         method = f"{tone} islands of less area than a square of the smallest feature and space, {least:.4g} um^2"
     where = "; ".join(part for part in (worst, f"at {_listed_rules(broken.boxes_nm)}") if part) if broken.count else ""
-    told = "; ".join(part for part in (method, said + beyond, where) if part)
+    words = "; ".join(part for part in (method, said + beyond, where) if part)
     passed, unit = broken.count <= allowed, f"{unit}, in part" if beyond else unit
     limit = f"{allowed} in {'its marks' if name in wanted.stated else 'the design'}" if allowed else 0
-    return Quantity(f"rule_{name}", broken.count, told, detail=unit, limit=limit, passed=passed)
+    return Quantity(f"rule_{name}", broken.count, words, detail=unit, limit=limit, passed=passed)
 
 
 def _listed_rules(boxes: Ints) -> str:
@@ -490,20 +490,20 @@ def _look(layout: db.Layout, places: db.Region, rules: DesignRules) -> dict[str,
     ring = places.sized(2 * reach + 1).merged()
     clear = merged(_shapes(layout, ring) & ring)
     boxes = _corners(places.each())
-    found: dict[str, Broken] = {}
+    broken: dict[str, Broken] = {}
     for name, (_, check) in distance_checks(rules).items():
         facing = facing_edges(check(clear))
-        found[name] = _within(boxes, facing.boxes_nm, facing.values)
+        broken[name] = _within(boxes, facing.boxes_nm, facing.values)
     if rules.min_area_nm2 is not None:
         chrome = merged(ring - clear)
         for name, islands in (("area", clear), ("chrome_area", chrome)):
             small = _whole(list(islands.with_area(0, rules.min_area_nm2, False).each()), ring)
-            areas = np.array([float(each.area()) for each in small])
-            found[name] = _within(boxes, _corners(small), areas)
+            areas = np.array([float(island.area()) for island in small])
+            broken[name] = _within(boxes, _corners(small), areas)
     (kisses,) = flat_results(clear, (), DesignRules(no_corner_touch=True), clear.count() * 64)
     points = np.array(kisses.places, dtype=np.int64).reshape(-1, 4)
-    found["corner_touch"] = _within(boxes, points, np.zeros(len(points)))
-    return found
+    broken["corner_touch"] = _within(boxes, points, np.zeros(len(points)))
+    return broken
 
 
 def _corners(polygons: Iterable[db.Polygon]) -> Ints:

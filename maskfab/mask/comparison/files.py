@@ -100,13 +100,13 @@ def read_back(
                 return answer()
         return _take(made, product, folder)
 
-    slow = [number for number, each in waiting if each.form.reading == "thread"]
+    slow = [number for number, planned in waiting if planned.form.reading == "thread"]
     aside = [
         number
-        for number, each in waiting
+        for number, planned in waiting
         if number != first
-        and each.form.reading == "fork"
-        and (path := folder / each.name).is_file()
+        and planned.form.reading == "fork"
+        and (path := folder / planned.name).is_file()
         and path.stat().st_size > _LARGE_BYTES
     ]
     if refused is not None or (os.cpu_count() or 1) < 2:
@@ -116,23 +116,23 @@ def read_back(
             number, product = waiting.popleft()
             taken = coming.get(product.name)
             # Background reads are collected last; the first layout comes before anything else.
-            others = any(each.name not in coming for _, each in waiting)
+            others = any(planned.name not in coming for _, planned in waiting)
             if taken and not taken.done() and others and (trips or not product.polygons):
                 waiting.append((number, product))
                 continue
             coming.pop(product.name, None)
             progress("read back", len(quantities) + len(errors), len(made.products))
             try:
-                found = taken.result() if taken else take(number, dots=not trips)
-                if isinstance(found, RoundTrip) and not trips and found.dies[0].wrong_dots is None:
-                    found = take(number, dots=True)  # what should have been the first was refused
-                if isinstance(found, db.Layout):
-                    found = compare_mask(made, found, folder / product.name, dots=not trips)
-                if isinstance(found, RoundTrip):
-                    trip, quantities[number] = found, found.quantities()
+                result = taken.result() if taken else take(number, dots=not trips)
+                if isinstance(result, RoundTrip) and not trips and result.dies[0].wrong_dots is None:
+                    result = take(number, dots=True)  # what should have been the first was refused
+                if isinstance(result, db.Layout):
+                    result = compare_mask(made, result, folder / product.name, dots=not trips)
+                if isinstance(result, RoundTrip):
+                    trip, quantities[number] = result, result.quantities()
                     trips[number] = trip if not trips else replace(trip, layout=db.Layout())
                 else:
-                    quantities[number] = found
+                    quantities[number] = result
             except InputError as error:
                 if refused is None:
                     raise
@@ -187,7 +187,7 @@ def _take(made: PlateFiles, product: Product, folder: Path) -> _Taken:
         assert form.compare_plate is not None  # a format says how what it writes is compared
         return form.compare_plate(made, path)
     assert form.compare_die is not None
-    (die,) = (each for each in made.plate.dies if each.name == product.die.name)
+    (die,) = (own for own in made.plate.dies if own.name == product.die.name)
     return form.compare_die(made, die, path)
 
 
@@ -256,13 +256,13 @@ def _within_limits(
         with begun(path, work, kind=tuple[*_HANDED_OVER.values()], seconds=seconds) as answer:  # type: ignore[misc]
 
             def found() -> RoundTrip:
-                told = dict(zip(_HANDED_OVER, answer(), strict=True))
+                values = dict(zip(_HANDED_OVER, answer(), strict=True))
                 layout = made.design if dots else db.Layout()
                 if differing.is_file():
                     layout = db.Layout()
                     layout.read(str(differing))
                 slivers = Sifted(db.Region(), db.Region())
-                return RoundTrip(path=path, layout=layout, differing=db.Region(), slivers=slivers, **told)
+                return RoundTrip(path=path, layout=layout, differing=db.Region(), slivers=slivers, **values)
 
             yield found
 
@@ -278,11 +278,11 @@ def _clear_alone(read: db.Layout) -> db.SaveLayoutOptions:
 
 
 def _refuse_many_vertices(made: PlateFiles, read: db.Layout, path: Path) -> None:
-    found, drawn = count_vertices(read), max(count_vertices(made.design), made.figures.account.vertices)
-    if found > _LIKE * drawn + _FEW_VERTICES:
+    vertices, drawn = count_vertices(read), max(count_vertices(made.design), made.figures.account.vertices)
+    if vertices > _LIKE * drawn + _FEW_VERTICES:
         raise SourceError(
             "MF313",
-            f"{path.name} draws {found:.3g} vertices, references followed, where the plate has {drawn:.3g}",
+            f"{path.name} draws {vertices:.3g} vertices, references followed, where the plate has {drawn:.3g}",
             where=str(path),
             cure="Put the file back that the run wrote, or hold this one against the job with --against",
         )

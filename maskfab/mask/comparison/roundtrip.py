@@ -104,18 +104,18 @@ def cleared(read: db.Layout, plate: Plate) -> db.Layout:
 
     Nothing is left in hierarchy on that layer, for a file from elsewhere may draw chrome in any cell.
     """
-    found = read.dup()
-    top, half = found.top_cell(), plate.writable_nm // 2
-    clear = db.Region(db.Box(-half, -half, half, half)) - _drawn(found, CHROME)
-    cut = found.find_layer(layer_info(CUT))
+    inverse = read.dup()
+    top, half = inverse.top_cell(), plate.writable_nm // 2
+    clear = db.Region(db.Box(-half, -half, half, half)) - _drawn(inverse, CHROME)
+    cut = inverse.find_layer(layer_info(CUT))
     if cut is not None:
-        clear += _drawn(found, CUT)
+        clear += _drawn(inverse, CUT)
     for layer in (CLEAR, CHROME, CUT):
-        index = found.find_layer(layer_info(layer))
+        index = inverse.find_layer(layer_info(layer))
         if index is not None:
-            found.delete_layer(index)
-    top.shapes(found.layer(layer_info(CLEAR))).insert(clear.merged(True, 1))
-    return found
+            inverse.delete_layer(index)
+    top.shapes(inverse.layer(layer_info(CLEAR))).insert(clear.merged(True, 1))
+    return inverse
 
 
 def named_chrome(read: db.Layout) -> None:
@@ -321,7 +321,7 @@ def compare_layout(
         read = cleared(read, plate)
     compared = (layer for layer in LAYERS if layer is not NOTE and (layer_names is None or layer.name in layer_names))
     by_dots = [_compare_dots(die, read, tolerance_nm) if dots else None for die in plate.dies]
-    alike = [die for die, found in zip(plate.dies, by_dots, strict=True) if found and found[0] and dots_prove]
+    alike = [die for die, check in zip(plate.dies, by_dots, strict=True) if check and check[0] and dots_prove]
     in_design, in_read = _counts(design), _counts(read)
     differing = {
         layer: db.Region()
@@ -342,7 +342,7 @@ def compare_layout(
         drawn_polygons=_written(design, in_design) if drawn_polygons is None else drawn_polygons,
         rounding_nm=rounding_nm(read),
         differences=differences,
-        dies=tuple(_check_die(die, found, differing) for die, found in zip(plate.dies, by_dots, strict=True)),
+        dies=tuple(_check_die(die, check, differing) for die, check in zip(plate.dies, by_dots, strict=True)),
         cds=tuple(
             CdCheck(gauge, clear_length_nm(design, gauge), clear_length_nm(read, gauge)) for gauge in plate.gauges
         ),
@@ -404,11 +404,11 @@ def _settle(read: db.Layout, names: Mapping[str, str] | None) -> None:
 
 def _further_layers(read: db.Layout) -> Iterator[Layer]:
     """Layers with something on them of which the plate knows nothing."""
-    known = [layer_info(layer) for layer in DRAWN_LAYERS]
+    planned = [layer_info(layer) for layer in DRAWN_LAYERS]
     for info in read.layer_infos():
         index = read.find_layer(info)
         drawn = index is not None and not read.top_cell().bbox(index).empty()
-        if drawn and not any(info.is_equivalent(each) for each in known):
+        if drawn and not any(info.is_equivalent(own) for own in planned):
             name = info.name or f"{info.layer}/{info.datatype}"
             yield Layer(name, info.layer, info.datatype, True, "found in the file; the plate has no such layer")
 
@@ -421,20 +421,20 @@ def _exposed(layout: db.Layout, box_nm: Box) -> db.Region:
 
 def _drawn_regions(layout: db.Layout, layer: Layer, store: db.DeepShapeStore | None) -> db.Region:
     """Exposed shapes of a layout, in hierarchy if there is a store to hold it."""
-    kept = () if store is None else (store,)
+    deep = () if store is None else (store,)
     index = layout.find_layer(layer_info(layer))
     if index is None:
         return db.Region()
-    drawn = db.Region(layout.top_cell().begin_shapes_rec(index), *kept)
+    drawn = db.Region(layout.top_cell().begin_shapes_rec(index), *deep)
     cut = layout.find_layer(layer_info(CUT)) if layer is CLEAR else None
-    return drawn if cut is None else drawn - db.Region(layout.top_cell().begin_shapes_rec(cut), *kept)
+    return drawn if cut is None else drawn - db.Region(layout.top_cell().begin_shapes_rec(cut), *deep)
 
 
 def _within(layout: db.Layout, layer: Layer, places: db.Region) -> db.Region:
     """Exposed shapes in some places."""
     drawn = []
-    for each in (layer, CUT) if layer is CLEAR else (layer,):
-        index = layout.find_layer(layer_info(each))
+    for part in (layer, CUT) if layer is CLEAR else (layer,):
+        index = layout.find_layer(layer_info(part))
         if index is None:
             drawn.append(db.Region())
         else:
@@ -504,15 +504,15 @@ def _counts(layout: db.Layout) -> dict[int, int]:
     times = dict.fromkeys(layout.each_cell_top_down(), 0)
     times[layout.top_cell().cell_index()] = 1
     for index, placed in times.items():
-        for each in layout.cell(index).each_inst():
-            times[each.cell_index] += placed * each.size()
+        for instance in layout.cell(index).each_inst():
+            times[instance.cell_index] += placed * instance.size()
     layers = layout.layer_indexes()
-    found = dict.fromkeys(layers, 0)
+    totals = dict.fromkeys(layers, 0)
     for index, placed in times.items():
         shapes = layout.cell(index)
         for layer in layers:
-            found[layer] += placed * shapes.shapes(layer).size()
-    return found
+            totals[layer] += placed * shapes.shapes(layer).size()
+    return totals
 
 
 def compare_biased(
@@ -578,13 +578,13 @@ def biased_raster(die: Die, bias_nm: int) -> tuple[Floats, Floats, Mask]:
 
 def _with_clear(layout: db.Layout, clear: db.Region) -> db.Layout:
     """A layout whose layer CLEAR holds these shapes instead, in its top cell."""
-    found = layout.dup()
+    changed = layout.dup()
     for layer in (CLEAR, CUT):
-        index = found.find_layer(layer_info(layer))
+        index = changed.find_layer(layer_info(layer))
         if index is not None:
-            found.delete_layer(index)
-    found.top_cell().shapes(found.layer(layer_info(CLEAR))).insert(clear)
-    return found
+            changed.delete_layer(index)
+    changed.top_cell().shapes(changed.layer(layer_info(CLEAR))).insert(clear)
+    return changed
 
 
 def _rows(plate: Plate, raw: RoundTrip, data: db.Region, bias_nm: int, *, dots: bool) -> Iterator[Quantity]:
@@ -602,15 +602,15 @@ def _rows(plate: Plate, raw: RoundTrip, data: db.Region, bias_nm: int, *, dots: 
         limit=0.0,
         passed=raw.xor_area_um2 == 0,
     )
-    widths = [each.read_nm - (each.gauge.target_nm - bias_nm) for each in raw.cds]
+    widths = [cd.read_nm - (cd.gauge.target_nm - bias_nm) for cd in raw.cds]
     if widths:
         worst = max(widths, key=abs)
-        told = f"largest of all CD structures in {name}, against their targets less the bias"
-        yield Quantity("data_width_error", worst, told, limit=0, passed=worst == 0)
+        words = f"largest of all CD structures in {name}, against their targets less the bias"
+        yield Quantity("data_width_error", worst, words, limit=0, passed=worst == 0)
     for die in plate.dies if dots else ():
         wrong = _wrong_parts(die, data, bias_nm)
-        told = f"parts between the biased lines of the dots in {name}, clear otherwise than the opening says"
-        yield Quantity("data_wrong_parts", wrong, told, limit=0, passed=wrong == 0, die=die.name)
+        words = f"parts between the biased lines of the dots in {name}, clear otherwise than the opening says"
+        yield Quantity("data_wrong_parts", wrong, words, limit=0, passed=wrong == 0, die=die.name)
 
 
 def _wrong_parts(die: Die, data: db.Region, bias_nm: int) -> int:

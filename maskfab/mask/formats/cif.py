@@ -127,7 +127,9 @@ def read_cif(path: Path) -> db.Layout:
 
 def _cif_layer(key: LayerKey) -> db.LayerInfo:
     ours = (
-        each for each in LAYERS if key.name == each.name or (key.number, key.datatype) == (each.number, each.datatype)
+        candidate
+        for candidate in LAYERS
+        if key.name == candidate.name or (key.number, key.datatype) == (candidate.number, candidate.datatype)
     )
     layer = next(ours, None)
     if layer is not None:
@@ -216,7 +218,7 @@ class _Reading:
                 raise self._damaged(f"{command[:40]!r} is no command")
         top, names = self._top, {number: symbol.name for number, symbol in self._symbols.items()}
         still = (1, 0, 0, 1, 0, 0)
-        alone = not top.sizes and (not top.calls or [each[1] for each in top.calls] == [still])
+        alone = not top.sizes and (not top.calls or [call[1] for call in top.calls] == [still])
         if alone and top.calls and top.calls[0][0] not in names:
             raise self._damaged(f"it calls the symbol {top.calls[0][0]}, which it lacks")
         symbols = [*self._symbols.values(), *(() if alone else (top,))]
@@ -425,8 +427,8 @@ def cif_bytes(figures: Figures) -> int:
     calls = sum(grid.index.size for die in figures.dies for grid in die.grids)
     drawn = _OUTLINE_BYTES * account.polygons + _VERTEX_BYTES * account.vertices
     if figures.options.hierarchy == "cells":
-        once = [polygon for shapes in figures.cells.values() for each in shapes.values() for polygon in each]
-        marks = [polygon for mark in figures.marks for each in mark.shapes.values() for polygon in each]
+        once = [polygon for shapes in figures.cells.values() for shape in shapes.values() for polygon in shape]
+        marks = [polygon for mark in figures.marks for shape in mark.shapes.values() for polygon in shape]
         drawn = sum(_OUTLINE_BYTES + _VERTEX_BYTES * len(polygon) for polygon in (*once, *marks)) + _CALL_BYTES * calls
     return _HEAD_BYTES + drawn
 

@@ -79,10 +79,10 @@ def find_cell(layout: db.Layout, cell: str | None = None) -> db.Cell:
                 "MF305", f"the layout has {len(tops)} top cells: {listed(tops)}", cure="Give --cell one of these"
             )
         return layout.top_cell()
-    found = layout.cell(cell)
-    if found is None:
+    named = layout.cell(cell)
+    if named is None:
         raise SourceError("MF307", f"no cell {cell!r}; top cells: {listed(tops)}", cure="Give --cell one of these")
-    return found
+    return named
 
 
 def find_layer(layout: db.Layout, layer: str | None = None) -> db.LayerInfo:
@@ -170,7 +170,7 @@ class Conversion:
         self._layout = db.Layout()
         self._layout.dbu = DBU_UM
         self._layers: dict[tuple[int, int], int] = {
-            (each.number, each.datatype): self._layout.layer(layer_info(each)) for each in LAYERS
+            (layer.number, layer.datatype): self._layout.layer(layer_info(layer)) for layer in LAYERS
         }
         self._layers |= {(place, 0): self._layout.layer(info) for place, info in enumerate(named)}
         self._cells: dict[str, db.Cell] = {}
@@ -221,10 +221,10 @@ class Conversion:
         sizes = polygons["sizes"][which.start : which.stop]
         corners = self._on_grid(polygons["corners"][ends[which.start] - sizes[0] : ends[which.stop - 1]])
         at_once = is_plain(corners, sizes)
-        at_once[[each - which.start for each in polygons["repetitions"] if each in which]] = False
+        at_once[[entry - which.start for entry in polygons["repetitions"] if entry in which]] = False
         number, datatype = polygons["layers"][which.start : which.stop].astype(np.uint64).T
         layers, owners = np.unique(number << 32 | datatype, return_inverse=True)
-        indices = [self._layer(*divmod(each, 1 << 32)) for each in layers.tolist()]
+        indices = [self._layer(*divmod(entry, 1 << 32)) for entry in layers.tolist()]
         drawing = outlines_layout(corners[np.repeat(at_once, sizes)], sizes[at_once], owners[at_once])
         for info in drawing.layer_infos():
             target.shapes(indices[info.layer]).insert(drawing.top_cell().shapes(drawing.find_layer(info)))

@@ -125,8 +125,8 @@ def _drop_empty(layout: db.Layout) -> int:
     for layer in layout.layer_indexes():
         for cell in layout.each_cell():
             shapes = cell.shapes(layer)
-            flat = [each for each in shapes.each(db.Shapes.SPolygons) if each.area() == 0]
-            for shape in [each for each in flat if is_empty(each.polygon)]:
+            flat = [polygon for polygon in shapes.each(db.Shapes.SPolygons) if polygon.area() == 0]
+            for shape in [polygon for polygon in flat if is_empty(polygon.polygon)]:
                 shapes.erase(shape)
                 dropped += 1
     return dropped
@@ -177,7 +177,7 @@ def look_through(path: Path, data: bytes, nm_per_unit: float) -> tuple[float, in
             splines and bulges, MF313 too many layers, MF317 shapes in paper space, on frozen layers, invisible, or out
             of the plane.
     """
-    found: Counter[tuple[str, str, str]] = Counter()
+    faults: Counter[tuple[str, str, str]] = Counter()
     clear_drawn = False
     grid, unseen, layers = DrawingGrid(nm_per_unit), Unseen(), set[str]()
     for entity in entities(data):
@@ -194,7 +194,7 @@ def look_through(path: Path, data: bytes, nm_per_unit: float) -> tuple[float, in
         clear_drawn = clear_drawn or layer in _DATA
         fault = _fault(entity)
         if fault:
-            found[(*fault, layer)] += 1
+            faults[(*fault, layer)] += 1
         else:
             grid.add(entity)
 
@@ -203,26 +203,26 @@ def look_through(path: Path, data: bytes, nm_per_unit: float) -> tuple[float, in
 
     _refuse_blocks(path, grid)
     _refuse_unseen(path, unseen.told(counts, grid.drawing(counts)))
-    _refuse_faults(path, {key: count for key, count in found.items() if counts(key[2])})
+    _refuse_faults(path, {key: count for key, count in faults.items() if counts(key[2])})
     return grid.rounding_nm(counts), grid.repeated_vertices(counts)
 
 
 def _refuse_faults(path: Path, faults: dict[tuple[str, str, str], int]) -> None:
     if faults:
-        told = [f"{count} x {what} on layer {layer!r}" for (_, what, layer), count in sorted(faults.items())]
+        drawn = [f"{count} x {what} on layer {layer!r}" for (_, what, layer), count in sorted(faults.items())]
         raise SourceError(
             max(code for code, _, _ in faults),
-            f"{path.name} draws {', '.join(told[:6])}; a mask has closed polygons only",
+            f"{path.name} draws {', '.join(drawn[:6])}; a mask has closed polygons only",
             where=str(path),
             cure="Close its lines, take its points out, and turn curves into polygons in the program that drew them",
         )
 
 
-def _refuse_unseen(path: Path, told: list[str]) -> None:
-    if told:
+def _refuse_unseen(path: Path, hidden: list[str]) -> None:
+    if hidden:
         raise SourceError(
             "MF317",
-            f"{path.name} draws {', '.join(told[:6])}; a mask contains visible shapes of model space only",
+            f"{path.name} draws {', '.join(hidden[:6])}; a mask contains visible shapes of model space only",
             where=str(path),
             cure="Delete what is not part of the mask, draw the rest flat in model space, and show all its layers",
         )
@@ -309,12 +309,12 @@ class Unseen:
             counts: whether the geometry on a layer of that name does.
             drawing: the blocks that hold geometry that counts.
         """
-        found: Counter[str] = Counter()
+        unseen: Counter[str] = Counter()
         for (kind, layer, placed, why), count in self._drawn.items():
             hidden = self._layers.get(layer.upper(), "")
             if (why or hidden) and (placed in drawing if placed else counts(layer)):
-                found[f"{kind}{why} on {hidden}layer {layer!r}"] += count
-        return [f"{count} x {what}" for what, count in sorted(found.items())]
+                unseen[f"{kind}{why} on {hidden}layer {layer!r}"] += count
+        return [f"{count} x {what}" for what, count in sorted(unseen.items())]
 
 
 def _out_of_sight(entity: Entity) -> str:
@@ -407,11 +407,11 @@ class DrawingGrid:
         Args:
             counts: whether the geometry on a layer of that name does.
         """
-        found = {block for block, layer in self._lines if counts(layer)}
+        blocks = {block for block, layer in self._lines if counts(layer)}
         for block in TopologicalSorter(self._graph()).static_order():
-            if not found.isdisjoint(self._placed.get(block, ())):
-                found.add(block)
-        return found - {_DRAWING}
+            if not blocks.isdisjoint(self._placed.get(block, ())):
+                blocks.add(block)
+        return blocks - {_DRAWING}
 
     def rounding_nm(self, counts: Callable[[str], bool]) -> float:
         """The largest distance by which klayout moves a coordinate, seen in the drawing.
@@ -425,15 +425,15 @@ class DrawingGrid:
                 values = np.concatenate(lines.points())
                 own[block] = max(own.get(block, 0.0), self._rounding(values))
         # A block that draws nothing that counts has no rounding at all, and where it is placed does not count.
-        found: dict[str, float] = {}
+        roundings_nm: dict[str, float] = {}
         for block in TopologicalSorter(self._graph()).static_order():
             roundings = [own[block]] if block in own else []
             for name, places in self._placed.get(block, {}).items():
-                if name in found:
-                    roundings += [self._rounding(np.array(places.coordinates)), places.largest * found[name]]
+                if name in roundings_nm:
+                    roundings += [self._rounding(np.array(places.coordinates)), places.largest * roundings_nm[name]]
             if roundings:
-                found[block] = max(*roundings, self._rounding(np.array(self._bases.get(block, (0.0, 0.0)))))
-        return found.get(_DRAWING, 0.0)
+                roundings_nm[block] = max(*roundings, self._rounding(np.array(self._bases.get(block, (0.0, 0.0)))))
+        return roundings_nm.get(_DRAWING, 0.0)
 
     def repeated_vertices(self, counts: Callable[[str], bool]) -> int:
         """Vertices that lie on the one before once they are rounded; a line may end where it began."""

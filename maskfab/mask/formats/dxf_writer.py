@@ -92,7 +92,7 @@ def write_dxf(
     with _fixed_dates():
         drawing = _blank_drawing(version, names, style)
         splices = list(_draw(figures, drawing, names, style, texted=version in style.unit_text))
-        reserved = _reserve_handles(drawing, sum(each.handles for each in splices))
+        reserved = _reserve_handles(drawing, sum(splice.handles for splice in splices))
         # ezdxf would add these in the order of a set, which changes from one process to the next.
         kinds = {*drawing.entitydb.dxf_types_in_use(), *(["LWPOLYLINE"] if flat and version != "R12" else [])}
         for kind in sorted(kinds):
@@ -109,10 +109,10 @@ def write_dxf(
     ):
         file.write(head)
         done = 0
-        for each in splices:
-            end = each.place(text)
+        for splice in splices:
+            end = splice.place(text)
             file.write(text[done:end])
-            file.writelines(each.records(version, reserved))
+            file.writelines(splice.records(version, reserved))
             done = end
         file.write(text[done:])
 

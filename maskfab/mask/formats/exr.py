@@ -277,7 +277,7 @@ def write_psf(psf: Psf, path: Path, facts: Facts, software: str) -> None:
 def _of_die(job: Job, die: Die) -> Iterator[tuple[str, Fact]]:
     """Numbers of the panel, and its openings by name and by the hash of their text in the resolved job."""
     panel = die.panel
-    section = next(each for each in job.spec.die if each.name == die.name)
+    section = next(stated for stated in job.spec.die if stated.name == die.name)
     named = (section.opening, *(section.others or ()))
     yield "die", die.name
     yield "pitch_um", panel.cell_size.pitch_um
@@ -318,10 +318,10 @@ def check_psf_file(made: PsfFile, folder: Path) -> tuple[Quantity, Quantity]:
         where = {"die": made.die.name, "wavelength_nm": made.psf.wavelength_nm}
         return Quantity(name, count, method, limit=0, passed=count == 0, **where)  # type: ignore[arg-type]
 
-    told = f": {', '.join(differing)}" if differing else ""
+    listed = f": {', '.join(differing)}" if differing else ""
     return (
         judged("psf_file_wrong_samples", wrong, f"{made.name}, every sample against the PSF that was measured"),
-        judged("psf_file_wrong_facts", len(differing), f"{made.name}, every entry of its header{told}"),
+        judged("psf_file_wrong_facts", len(differing), f"{made.name}, every entry of its header{listed}"),
     )
 
 
@@ -331,15 +331,15 @@ def read_psf_file(path: Path) -> tuple[Floats, dict[str, Any]]:
     Raises:
         SourceError: MF301 if there is no such file, MF303 if it cannot be read or has not one float32 channel.
     """
-    found = read_channels(path, PREFIX, _CURE)
-    if len(found.names) != 1 or found.stored != "float":
-        raise damaged(path, f"{len(found.names)} channels of {found.stored} are not one of float", _CURE)
-    return found.values[0, ::-1], found.facts
+    channels = read_channels(path, PREFIX, _CURE)
+    if len(channels.names) != 1 or channels.stored != "float":
+        raise damaged(path, f"{len(channels.names)} channels of {channels.stored} are not one of float", _CURE)
+    return channels.values[0, ::-1], channels.facts
 
 
-def _differing(expected: Facts, found: dict[str, Any]) -> Iterator[str]:
-    for name in dict.fromkeys((*expected, *found)):
-        one, other = expected.get(name), found.get(name)
+def _differing(expected: Facts, read: dict[str, Any]) -> Iterator[str]:
+    for name in dict.fromkeys((*expected, *read)):
+        one, other = expected.get(name), read.get(name)
         if isinstance(one, float) and isinstance(other, float):
             same = np.float32(one) == np.float32(other)
         else:

@@ -169,9 +169,9 @@ def _begins(path: Path, magic: bytes) -> bool:
 
 def _read_cells(path: Path, function: str, seconds: float) -> list[dict[str, Any]]:
     script = Path(__file__).with_name("gdstk_process.py")
-    found = read_apart(path, script, function, kind=tuple[CellArrays, ...], seconds=seconds)
+    cells = read_apart(path, script, function, kind=tuple[CellArrays, ...], seconds=seconds)
     try:
-        return [cell_content(each) for each in found]
+        return [cell_content(cell) for cell in cells]
     except ValueError as error:
         raise unusable(path, error) from error
 

@@ -50,15 +50,15 @@ def cell_arrays(cell: Mapping[str, Any]) -> CellArrays:
             polygons["corners"],
             polygons["sizes"],
             polygons["layers"],
-            {number: _plain(each) for number, each in polygons["repetitions"].items()},
+            {number: _plain(item) for number, item in polygons["repetitions"].items()},
         ),
         tuple((text, (float(x), float(y)), layer, kind, _plain(r)) for text, (x, y), layer, kind, r in cell["labels"]),
         (
             names,
-            np.array([place[each[0]] for each in references], dtype=np.int64),
-            np.array([(*each[1], *each[2:4]) for each in references], dtype=np.float64).reshape(-1, 4),
-            np.array([bool(each[4]) for each in references], dtype=np.bool_),
-            {number: _plain(each[5]) for number, each in enumerate(references) if each[5] is not None},
+            np.array([place[item[0]] for item in references], dtype=np.int64),
+            np.array([(*item[1], *item[2:4]) for item in references], dtype=np.float64).reshape(-1, 4),
+            np.array([bool(item[4]) for item in references], dtype=np.bool_),
+            {number: _plain(item[5]) for number, item in enumerate(references) if item[5] is not None},
         ),
     )
 
@@ -74,8 +74,8 @@ def cell_content(arrays: CellArrays) -> dict[str, Any]:
     placed_alike = placed.shape == (len(which), 4) and mirrored.shape == which.shape
     if not (sizes.ndim == which.ndim == 1 and alike and placed_alike and ((which >= 0) & (which < len(names))).all()):
         raise ValueError("arrays of a cell that do not belong together")
-    for each in (*repetitions.values(), *repeated.values(), *(label[4] for label in labels)):
-        _check(each)
+    for repetition in (*repetitions.values(), *repeated.values(), *(label[4] for label in labels)):
+        _check(repetition)
     return {
         "name": name,
         "polygons": {"corners": corners, "sizes": sizes, "layers": layers, "repetitions": dict(repetitions)},
@@ -165,10 +165,10 @@ def _plain_repetition(cell: Any) -> dict[str, Any]:
     return {
         "name": cell.name,
         "polygons": _outlines(polygons),
-        "labels": [(each.text, each.origin, each.layer, each.texttype, _repetition(each)) for each in cell.labels],
+        "labels": [(item.text, item.origin, item.layer, item.texttype, _repetition(item)) for item in cell.labels],
         "references": [
-            (each.cell_name, each.origin, each.rotation, each.magnification, each.x_reflection, _repetition(each))
-            for each in cell.references
+            (item.cell_name, item.origin, item.rotation, item.magnification, item.x_reflection, _repetition(item))
+            for item in cell.references
         ],
     }
 
@@ -176,18 +176,18 @@ def _plain_repetition(cell: Any) -> dict[str, Any]:
 def _outlines(polygons: list[Any]) -> dict[str, Any]:
     corners = [np.empty((0, 2))]
     for start in range(0, len(polygons), _AT_ONCE):
-        corners.append(np.concatenate([each.points for each in polygons[start : start + _AT_ONCE]]))
-    repeated = ((number, _repetition(each)) for number, each in enumerate(polygons))
+        corners.append(np.concatenate([polygon.points for polygon in polygons[start : start + _AT_ONCE]]))
+    repeated = ((number, _repetition(polygon)) for number, polygon in enumerate(polygons))
     return {
         "corners": np.concatenate(corners),
-        "sizes": np.array([each.size for each in polygons], dtype=np.int64),
-        "layers": np.array([(each.layer, each.datatype) for each in polygons], dtype=np.int64).reshape(-1, 2),
+        "sizes": np.array([polygon.size for polygon in polygons], dtype=np.int64),
+        "layers": np.array([(polygon.layer, polygon.datatype) for polygon in polygons], dtype=np.int64).reshape(-1, 2),
         "repetitions": {number: repetition for number, repetition in repeated if repetition is not None},
     }
 
 
-def _repetition(each: Any) -> Any:
-    repetition = each.repetition
+def _repetition(element: Any) -> Any:
+    repetition = element.repetition
     if not repetition.size:
         return None
     if repetition.columns and repetition.rows:

@@ -137,7 +137,7 @@ def _without(path: Path, lacking: dict[str, str]) -> SourceError:
     )
 
 
-def _check_command(path: Path, command: str, known: re.Pattern[str], ended: bool) -> None:
+def _check_command(path: Path, command: str, grammar: re.Pattern[str], ended: bool) -> None:
     if ended:
         raise damaged(path, f"{command[:40]!r} stands behind M02")
     if _NOT_POSITIVE.match(command):
@@ -147,10 +147,10 @@ def _check_command(path: Path, command: str, known: re.Pattern[str], ended: bool
             where=str(path),
             cure="Draw clear areas as dark objects, and state Positive or no polarity",
         )
-    if known.fullmatch(command):
+    if grammar.fullmatch(command):
         return
     shown = repr(command[:40])
-    if known is _PLAIN and _ARCS.match(command):
+    if grammar is _PLAIN and _ARCS.match(command):
         raise SourceError(
             "MF311", f"{path.name} draws arcs ({shown})", where=str(path), cure="Draw them as regions of straight lines"
         )
@@ -168,11 +168,11 @@ class _Packed(list[Any]):
     A region is complete when it is appended, and has no arcs, for files with arcs are refused before.
     """
 
-    def append(self, each: Any) -> None:
-        if hasattr(each, "outline"):
-            each.outline = np.array(each.outline, dtype=np.float64)
-            each.arc_centers = None
-        super().append(each)
+    def append(self, item: Any) -> None:
+        if hasattr(item, "outline"):
+            item.outline = np.array(item.outline, dtype=np.float64)
+            item.arc_centers = None
+        super().append(item)
 
 
 def _objects(path: Path, text: str) -> list[Any]:
@@ -205,12 +205,12 @@ class _Outlines:
         self._corners = 0
 
     def runs(self, objects: list[Any]) -> Iterator[Run]:
-        for dark, run in groupby(objects, key=lambda each: bool(each.polarity_dark)):
+        for dark, run in groupby(objects, key=lambda item: bool(item.polarity_dark)):
             parts = list[tuple[NDArray[np.float64], NDArray[np.int64]]]()
-            for filled, alike in groupby(run, key=lambda each: hasattr(each, "outline")):
+            for filled, alike in groupby(run, key=lambda item: hasattr(item, "outline")):
                 while some := list(islice(alike, _AT_A_TIME)):
                     parts += [self._regions(some)] if filled else chain.from_iterable(map(self._stroked, some))
-            corners, sizes = (np.concatenate(each) for each in zip(*parts, strict=True))
+            corners, sizes = (np.concatenate(item) for item in zip(*parts, strict=True))
             if not (np.abs(corners) <= _LARGEST_NM).all():  # NaN included
                 raise damaged(self._path, "a coordinate lies beyond 2.1 m")
             if not (np.abs(corners) <= _FARTHEST_NM).all():  # near two metres klayout's booleans overflow
@@ -224,13 +224,13 @@ class _Outlines:
             yield dark, corners, sizes
 
     def _regions(self, regions: list[Any]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        points = np.concatenate([each.outline for each in regions])
-        sizes = np.array([len(each.outline) for each in regions])
+        points = np.concatenate([region.outline for region in regions])
+        sizes = np.array([len(region.outline) for region in regions])
         last = np.cumsum(sizes) - 1
         first = last - sizes + 1
         with np.errstate(over="ignore", invalid="ignore"):  # numbers too large even for floats are refused below
             open_ones = np.flatnonzero(np.hypot(*(points[first] - points[last]).T) > _CLOSED)
-            scales = np.array([_NM_PER_UNIT[str(each.unit)] for each in regions])
+            scales = np.array([_NM_PER_UNIT[str(region.unit)] for region in regions])
             corners = np.delete(points * np.repeat(scales, sizes)[:, None], last, axis=0)
         if open_ones.size:
             ends = [tuple(points[at[open_ones[0]]].tolist()) for at in (first, last)]
@@ -242,17 +242,17 @@ class _Outlines:
             )
         return corners, sizes - 1
 
-    def _stroked(self, each: Any) -> Iterator[tuple[NDArray[np.float64], NDArray[np.int64]]]:
+    def _stroked(self, item: Any) -> Iterator[tuple[NDArray[np.float64], NDArray[np.int64]]]:
         """A flash or a stroke."""
-        aperture = getattr(each, "aperture", None)
-        if hasattr(each, "x1") and type(aperture).__name__ != "CircleAperture":
+        aperture = getattr(item, "aperture", None)
+        if hasattr(item, "x1") and type(aperture).__name__ != "CircleAperture":
             raise SourceError(
                 "MF315",
                 f"{self._path.name} draws a line with an aperture that is not a circle",
                 where=str(self._path),
                 cure="Draw it as a region",
             )
-        for part in each.to_primitives("mm"):
+        for part in item.to_primitives("mm"):
             outline = self._primitive(part)
             yield outline, np.array([len(outline)])
 

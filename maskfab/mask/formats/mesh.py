@@ -216,7 +216,7 @@ def _float32(die: Die, kind: str, vertices: Floats) -> NDArray[np.float32]:
     """
     rounded = vertices.astype("<f4")
     flat, heights = rounded[:, 0] + 1j * rounded[:, 1], rounded[:, 2]
-    if sum(len(np.unique(flat[heights == each])) for each in np.unique(heights)) < len(vertices):
+    if sum(len(np.unique(flat[heights == height])) for height in np.unique(heights)) < len(vertices):
         raise OutputError(
             "MF437",
             f"corners of die {die.name} lie so near to one another that float32 makes one of two in a {kind}",
@@ -280,9 +280,9 @@ def read_scene(path: Path) -> ReadSolid:
         scale = _NM_PER_UNIT[scene.units]
         names = list(scene.geometry)
         shapes = tuple(_shape(scene.geometry[name], scale, path) for name in names)
-        found = [scene.graph.get(node) for node in scene.graph.nodes_geometry]
-        matrices = np.array([matrix for matrix, _ in found]).reshape(-1, 4, 4)
-        index = np.array([names.index(name) for _, name in found], dtype=np.int64)
+        nodes = [scene.graph.get(node) for node in scene.graph.nodes_geometry]
+        matrices = np.array([matrix for matrix, _ in nodes]).reshape(-1, 4, 4)
+        index = np.array([names.index(name) for _, name in nodes], dtype=np.int64)
         check_reach(path, matrices[:, :3, 3] * scale)
         check_reach(path, matrices[:, :3, :3])
         for number, matrix in zip(index, matrices, strict=True):
@@ -311,9 +311,12 @@ def read_stl(path: Path) -> ReadSolid:
 
     try:
         with path.open("rb") as file:
-            found = load_stl(file)
-        vertices, faces = np.asarray(found["vertices"], dtype=np.float64) * 1e6, np.asarray(found["faces"], np.int64)
-        del found
+            content = load_stl(file)
+        vertices, faces = (
+            np.asarray(content["vertices"], dtype=np.float64) * 1e6,
+            np.asarray(content["faces"], np.int64),
+        )
+        del content
     except Exception as error:
         raise damaged(path, error) from error
     if not len(faces):

@@ -340,7 +340,7 @@ def _box(plate: Plate, die: str | None) -> Box:
     if die is None:
         half = plate.blank_nm // 2
         return -half, -half, half, half
-    boxes = {each.name: each.box_nm for each in plate.dies}
+    boxes = {laid.name: laid.box_nm for laid in plate.dies}
     if die not in boxes:
         raise KeyError(f"no die {die!r} on the plate {plate.name!r}")
     return boxes[die]
@@ -525,16 +525,16 @@ def check_bitmap(die: Die, design: db.Layout, path: Path, dots_per_um: float) ->
     clear = coverage(clear_shapes(design, die.box_nm), x, y)
     partly = int(np.count_nonzero((clear > _ROUNDING) & (clear < 1 - _ROUNDING)))
     wrong, differing, why = _compared(path, clear, dots_per_um)
-    found = differing / dots_per_um**2
+    area_um2 = differing / dots_per_um**2
     return (
         Quantity("bitmap_wrong_pixels", wrong, why, limit=0, passed=wrong == 0, die=die.name),
         Quantity(
             "bitmap_xor_area",
-            found,
+            area_um2,
             f"{path.name}, each pixel clear or not, against the exact share of it that is clear; "
             + (f"{partly} pixels are partly clear" if partly else "its pixels follow the dots"),
             limit=None if partly else 0.0,
-            passed=None if partly else found == 0,
+            passed=None if partly else area_um2 == 0,
             die=die.name,
         ),
     )

@@ -313,11 +313,11 @@ def _strip_rows(path: Path, strip: bytes, wide: int, rows: int) -> Iterator[tupl
     place = 0
     while rows:
         row, end = _unpacked(path, strip, place, wide)
-        told, count = strip[place:end], 1
+        packed, count = strip[place:end], 1
         place = end
-        while count < rows and strip.startswith(told, place):
+        while count < rows and strip.startswith(packed, place):
             count += 1
-            place += len(told)
+            place += len(packed)
         yield row, count
         rows -= count
     if place != len(strip):
@@ -468,14 +468,14 @@ def _compared(read: PlateDots, drawn: Iterator[tuple[bytes, int]]) -> tuple[int,
     """Dots that differ, and the first of them in the order of the file."""
     wrong, first, done = 0, None, 0
     row, left = b"", 0
-    for found, repeats in read.rows:
+    for dots, repeats in read.rows:
         count = repeats
         while count:
             if not left:
                 row, left = next(drawn)
             alike = min(count, left)
-            if found != row:
-                apart = np.frombuffer(found, dtype=np.uint8) ^ np.frombuffer(row, dtype=np.uint8)
+            if dots != row:
+                apart = np.frombuffer(dots, dtype=np.uint8) ^ np.frombuffer(row, dtype=np.uint8)
                 wrong += alike * int(np.bitwise_count(apart).sum())
                 if first is None:
                     column = int(np.flatnonzero(np.unpackbits(apart))[0])
@@ -501,15 +501,15 @@ class _Dots:
     @classmethod
     def of(cls, plate: Plate, design: db.Layout, grid: DotGrid) -> _Dots:
         centres = _centres(grid)
-        found = {die.box_nm: clear_shapes(design, die.box_nm) for die in plate.dies}
-        boxed = {box: boxes for box, boxes in found.items() if isinstance(boxes, np.ndarray)}
+        shapes = {die.box_nm: clear_shapes(design, die.box_nm) for die in plate.dies}
+        boxed = {box: boxes for box, boxes in shapes.items() if isinstance(boxes, np.ndarray)}
         blocks = [_box_dots(boxes, centres, grid) for boxes in boxed.values()]
         for polygon in _polygons_beside([db.Box(*box) for box in boxed], design):
             region = db.Region(polygon)
             if polygon.is_rectilinear():
                 blocks.append(_box_dots(to_boxes(region), centres, grid))
             else:
-                blocks += [_triangle_dots(each, centres, grid) for each in triangles(region).each()]
+                blocks += [_triangle_dots(triangle, centres, grid) for triangle in triangles(region).each()]
         return cls(np.concatenate([np.empty((0, 4), dtype=np.int64), *blocks]), grid, plate.writable_nm // 2)
 
     def rows(self, tone: Tone, *, upwards: bool) -> Iterator[tuple[bytes, int]]:
@@ -528,13 +528,13 @@ class _Dots:
             part = np.arange(owner.size) - np.repeat(np.cumsum(last - first) - last, last - first)
             order = np.argsort(part, kind="stable")
             owner, begins = owner[order], np.searchsorted(part[order], np.arange(edges.size))
-            for each in range(edges.size - 1) if upwards else reversed(range(edges.size - 1)):
-                mine = here[owner[begins[each] : begins[each + 1]]]
+            for band in range(edges.size - 1) if upwards else reversed(range(edges.size - 1)):
+                mine = here[owner[begins[band] : begins[band + 1]]]
                 counts = np.bincount(mine[:, 2], minlength=side + 1) - np.bincount(mine[:, 3], minlength=side + 1)
                 dots = np.cumsum(counts[:side]) > 0
                 if tone == "dark":
-                    dots = ~dots & (np.arange(side) >= low) & (np.arange(side) < high) & (low <= edges[each] < high)
-                yield np.packbits(dots).tobytes(), int(edges[each + 1] - edges[each])
+                    dots = ~dots & (np.arange(side) >= low) & (np.arange(side) < high) & (low <= edges[band] < high)
+                yield np.packbits(dots).tobytes(), int(edges[band + 1] - edges[band])
 
 
 def _centres(grid: DotGrid) -> Ints:
@@ -542,20 +542,20 @@ def _centres(grid: DotGrid) -> Ints:
     return (2 * np.arange(grid.side, dtype=np.int64) + 1 - grid.side) * NM_PER_INCH
 
 
-def _polygons_beside(told: Sequence[db.Box], design: db.Layout) -> Iterator[db.Polygon]:
+def _polygons_beside(boxes: Sequence[db.Box], design: db.Layout) -> Iterator[db.Polygon]:
     """Polygons that do not lie in what is told already, one by one: those that cross would be rounded to be one."""
     index = design.find_layer(layer_info(CLEAR))
     if index is None:
         return
-    places = db.Region(design.top_cell().bbox(index)) - db.Region(told)
-    found = db.RecursiveShapeIterator(design, design.top_cell(), index, places, True)
-    while not found.at_end():
-        polygon = found.shape().polygon
+    places = db.Region(design.top_cell().bbox(index)) - db.Region(boxes)
+    iterator = db.RecursiveShapeIterator(design, design.top_cell(), index, places, True)
+    while not iterator.at_end():
+        polygon = iterator.shape().polygon
         if polygon is not None:
-            polygon = polygon.transformed(found.trans())
-            if not any(polygon.bbox().inside(box) for box in told):
+            polygon = polygon.transformed(iterator.trans())
+            if not any(polygon.bbox().inside(box) for box in boxes):
                 yield polygon
-        found.next()
+        iterator.next()
 
 
 def _box_dots(boxes: Ints, centres: Ints, grid: DotGrid) -> Ints:
@@ -585,8 +585,8 @@ def _triangle_dots(triangle: db.Polygon, centres: Ints, grid: DotGrid) -> Ints:
         else:
             left = np.maximum(left, x0 - (product // -int(up)).astype(np.int64))
     first, last = np.searchsorted(centres, left), np.searchsorted(centres, right, side="right")
-    kept = first < last
-    return np.column_stack([rows, rows + 1, first, last])[kept].astype(np.int64)
+    inside = first < last
+    return np.column_stack([rows, rows + 1, first, last])[inside].astype(np.int64)
 
 
 def check_drawn_dots(made: Drawn, path: Path) -> tuple[Quantity, ...]:

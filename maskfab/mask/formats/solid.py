@@ -231,7 +231,7 @@ def _square(x: int, y: int, leg: int) -> list[db.Point]:
 def _face(die: Die, clear: db.Region) -> tuple[Ints, Ints, Ints]:
     """Upper face of a panel's chrome: corners int64 [n, 2], triangles [m, 3], and the sides on its outline [k, 2]."""
     (x0, y0), (width, height) = _low(die), die.panel.size_nm
-    cuts = [y0, *_cuts(die, y0, sum(each.num_points() for each in clear.each())), y0 + height]
+    cuts = [y0, *_cuts(die, y0, sum(shape.num_points() for shape in clear.each())), y0 + height]
     shapes = db.Shapes()
     shapes.insert(clear)
     points: list[Point] = []
@@ -239,7 +239,7 @@ def _face(die: Die, clear: db.Region) -> tuple[Ints, Ints, Ints]:
     triangles: list[Ints] = []
     for low, high in pairwise(cuts):
         band = db.Box(x0, low, x0 + width, high)
-        near = db.Region([each.polygon for each in shapes.each_overlapping(band)])
+        near = db.Region([shape.polygon for shape in shapes.each_overlapping(band)])
         for contours in _contours(db.Region(band) - near):
             triangles.append(triangulated(contours) + len(points))
             for contour in contours:
@@ -264,14 +264,14 @@ def _cuts(die: Die, low_nm: int, corners: int) -> list[int]:
     middles = size.dot_edges_nm[:-1] + size.dot_nm // 2
     every = (low_nm + np.arange(rows)[:, None] * size.pitch_nm + middles).ravel()
     bands = min(corners // _BAND_CORNERS + 1, len(every))
-    return [int(each) for each in every[np.arange(1, bands) * len(every) // bands]]
+    return [int(cut) for cut in every[np.arange(1, bands) * len(every) // bands]]
 
 
 def _contours(chrome: db.Region) -> Iterator[list[Polygon]]:
     """Contours of every piece of a region: hull first, chrome on their left."""
     for piece in chrome.merged(True, 1).each():
         holes = (piece.each_point_hole(n) for n in range(piece.holes()))
-        yield [tuple((point.x, point.y) for point in each)[::-1] for each in (piece.each_point_hull(), *holes)]
+        yield [tuple((point.x, point.y) for point in contour)[::-1] for contour in (piece.each_point_hull(), *holes)]
 
 
 def triangulated(contours: Sequence[Polygon]) -> Ints:
@@ -285,8 +285,8 @@ def triangulated(contours: Sequence[Polygon]) -> Ints:
     """
     from manifold3d import triangulate
 
-    triangles = np.array(triangulate([np.array(each, dtype=np.float64) for each in contours]), dtype=np.int64)
-    points = np.array([point for each in contours for point in each], dtype=np.int64)
+    triangles = np.array(triangulate([np.array(contour, dtype=np.float64) for contour in contours]), dtype=np.int64)
+    points = np.array([point for contour in contours for point in contour], dtype=np.int64)
     sides = np.roll(points[triangles], -1, axis=1) - points[triangles]
     doubled = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
     flat = np.flatnonzero(doubled < _FLAT_NM * np.hypot(sides[..., 0], sides[..., 1]).max(axis=1))
@@ -307,7 +307,7 @@ def _turned(points: Sequence[Point], triangles: list[Triangle], flat: list[int])
         turned = set()
         # The longest first: of several on one line it is the one with a neighbour off the line.
         for n in sorted(flat, key=lambda n: _longest(points, triangles[n]), reverse=True):
-            a, b, c = max(_rotations(triangles[n]), key=lambda each: _distance(points, each[0], each[2]))
+            a, b, c = max(_rotations(triangles[n]), key=lambda turn: _distance(points, turn[0], turn[2]))
             across = owner.get((a, c))
             if across is None or _height(points, (a, b, c)) >= _FLAT_NM:
                 continue

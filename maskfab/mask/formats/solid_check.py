@@ -151,7 +151,7 @@ def mesh_rows(die: Die, path: Path, stack: Stack, read: ReadSolid) -> Iterator[Q
         for number, turn, place in zip(read.index, read.turns, read.places_nm, strict=True)
     ]
     glasses = [vertices for _, _, vertices in placed if (vertices[:, 2] < 0).all()]
-    films = [each for each in placed if not (each[2][:, 2] < 0).all()]
+    films = [remark for remark in placed if not (remark[2][:, 2] < 0).all()]
     grid = [line - middle for line, middle in zip(die_edges_nm(die), die.centre_nm, strict=True)]
     touches = int(np.count_nonzero(_touches(die)))
     leg = stack.corner_leg_nm(die) if touches else 0
@@ -183,17 +183,17 @@ def mesh_rows(die: Die, path: Path, stack: Stack, read: ReadSolid) -> Iterator[Q
     volume = sum(shape.volume_nm3 * float(np.linalg.det(turn)) for shape, turn, _ in films)
     chrome = _chrome_nm2(die) + touches * leg**2 * (1 if stack.corners == "gap" else -1)
     row_of = partial(_row, die, f"in {path.name}, {_TRIMESH}")
-    told = "".join(f" ({each})" for each in stack.touching_remark(die, touches))
+    remarks = "".join(f" ({remark})" for remark in stack.touching_remark(die, touches))
     flaws = sum(not shape.sound for shape in read.shapes)
     yield row_of("solid_instances", len(films), "films placed", 1, len(films) == 1)
     yield row_of("solid_pieces", pieces, "closed surfaces of the film", design, pieces == design)
-    yield row_of("solid_wrong_cells", cells, f"cells whose film is not their opening's{told}", 0)
+    yield row_of("solid_wrong_cells", cells, f"cells whose film is not their opening's{remarks}", 0)
     yield row_of(
         "solid_vertex_error", vertex_error, "walls off the borders of dots, faces off the film's", vertex_limit
     )
     error = abs(volume / (chrome * stack.film_nm) - 1)
     yield row_of(
-        "solid_volume_error", error, f"volume of chrome against the openings{told}", _VOLUME_LIMIT[path.suffix]
+        "solid_volume_error", error, f"volume of chrome against the openings{remarks}", _VOLUME_LIMIT[path.suffix]
     )
     yield row_of("solid_flaws", flaws, "shapes with a side that has not two faces, or a vertex of several fans", 0)
     if path.suffix != ".stl":

@@ -89,7 +89,7 @@ def add_colours(path: Path, model: Any, shades: Mapping[str, Shade]) -> None:
         styled = [number + 2 + n for n in range(len(solids))]
         lines.append(
             f"#{number + 1} = MECHANICAL_DESIGN_GEOMETRIC_PRESENTATION_REPRESENTATION('',"
-            f"({','.join(f'#{each}' for each in styled)}),#{context});"
+            f"({','.join(f'#{item}' for item in styled)}),#{context});"
         )
         first = number + 2 + len(solids)
         lines += [f"#{n} = STYLED_ITEM('colour',(#{first}),#{solid});" for n, solid in zip(styled, solids, strict=True)]
@@ -458,7 +458,7 @@ def read_step(path: Path) -> Parts:
     read, placed = read_apart(path, Path(__file__).with_name("step_process.py"), kind=Parts, seconds=seconds)
     for shape in read.shapes:
         check_reach(path, shape.vertices_nm)
-    check_reach(path, *(each.matrix for each in placed))
+    check_reach(path, *(part.matrix for part in placed))
     return read, placed
 
 
@@ -481,24 +481,24 @@ def check_plate_step(plate: Plate, path: Path) -> tuple[Quantity, ...]:
     check_file(path)
     read, placed = read_step(path)
     dies = {die.name: die for die in plate.dies}
-    found = [(name, each) for each in placed if (name := each.name) != "BLANK"]
+    boxes = [(name, item) for item in placed if (name := item.name) != "BLANK"]
     error = 0.0
-    for name, each in found:
+    for name, item in boxes:
         if name in dies:
-            corners = read.shapes[each.part].vertices_nm @ each.matrix[:3, :3].T + each.matrix[:3, 3]
+            corners = read.shapes[item.part].vertices_nm @ item.matrix[:3, :3].T + item.matrix[:3, 3]
             box = np.concatenate([corners.min(axis=0)[:2], corners.max(axis=0)[:2]])
             error = max(error, float(np.abs(box - dies[name].box_nm).max()))
-    named = len({name for name, _ in found} & dies.keys())
+    named = len({name for name, _ in boxes} & dies.keys())
     method = f"{path.name}, {OCP}"
     flaws = sum(not shape.sound for shape in read.shapes)
     counts = (
         Quantity("solid_dies", named, f"boxes under a die's name in {method}", limit=len(dies)),
-        Quantity("solid_strangers", len(found) - named, f"boxes under no die's name in {method}", limit=0),
+        Quantity("solid_strangers", len(boxes) - named, f"boxes under no die's name in {method}", limit=0),
         Quantity("solid_flaws", flaws, f"solids that BRepCheck refuses in {method}", limit=0),
     )
-    exact = (replace(each, passed=each.value == each.limit) for each in counts)
-    told = f"corners of the dies in {method}"
-    return (*exact, Quantity("solid_position_error", error, told, limit=NM, passed=error <= NM))
+    exact = (replace(item, passed=item.value == item.limit) for item in counts)
+    corners_of = f"corners of the dies in {method}"
+    return (*exact, Quantity("solid_position_error", error, corners_of, limit=NM, passed=error <= NM))
 
 
 def _compare(made: Drawn, die: Die, path: Path) -> tuple[Quantity, ...]:

@@ -140,20 +140,20 @@ def _leaves(
     node: int,
     children: dict[int, list[tuple[str, int, Floats]]],
     parts: dict[int, int],
-    known: dict[int, list[tuple[str, int, Floats]]],
+    leaves: dict[int, list[tuple[str, int, Floats]]],
     depth: int,
 ) -> list[tuple[str, int, Floats]]:
     """Every part below an assembly: the name of the occurrence in the assembly, the part, and its matrix."""
     if depth > _MOST_DEPTH:
         raise RuntimeError("its assemblies are nested too deeply, or hold themselves")
-    if node not in known:
+    if node not in leaves:
         own = [("", node, np.eye(4))] if node in parts else []
-        known[node] = own + [
+        leaves[node] = own + [
             (name, part, matrix @ inner)
             for name, child, matrix in children.get(node, ())
-            for _, part, inner in _leaves(child, children, parts, known, depth + 1)
+            for _, part, inner in _leaves(child, children, parts, leaves, depth + 1)
         ]
-    return known[node]
+    return leaves[node]
 
 
 def _frame(placement: Any) -> Floats:

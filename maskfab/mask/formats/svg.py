@@ -61,14 +61,14 @@ def _layout(root: ElementTree.Element, path: Path) -> db.Layout:
     if outer is None:
         raise ValueError("no group")
     _check_frame(root, outer)
-    symbols = {str(each.get("id")): each for each in root.iter(f"{_SVG}symbol")}
-    known = {layer.name: layer for layer in (*LAYERS, CHROME)}
+    symbols = {str(symbol.get("id")): symbol for symbol in root.iter(f"{_SVG}symbol")}
+    layers = {layer.name: layer for layer in (*LAYERS, CHROME)}
     cells: dict[tuple[str, str], int] = {}
     for group in outer.findall(f"{_SVG}g"):
         name = str(group.get("id"))
-        if name not in known:
+        if name not in layers:
             raise ValueError(f"a group {name!r}")
-        layer = layout.layer(layer_info(known[name]))
+        layer = layout.layer(layer_info(layers[name]))
         for element in group:
             if element.tag != f"{_SVG}use":
                 _draw(element, top.shapes(layer), path)
@@ -94,7 +94,7 @@ def _check_frame(root: ElementTree.Element, outer: ElementTree.Element) -> None:
         raise ValueError("its origin is not in the middle of the picture")
     if (root.get("width"), root.get("height")) != (f"{width}mm", f"{height}mm"):
         raise ValueError("its unit is not 1 mm")
-    if any(each.get("transform") is not None for each in root.iter() if each is not outer):
+    if any(part.get("transform") is not None for part in root.iter() if part is not outer):
         raise ValueError("a part of it is transformed")
 
 
@@ -181,8 +181,8 @@ def write_svg(
 def svg_bytes(figures: Figures, die: str | None = None) -> int:
     """About how large the file becomes."""
     dies = figures.dies if die is None else (_die(figures, die),)
-    uses = sum(grid.index.size for each in dies for grid in each.grids)
-    drawn = sum(len(polygon) for shapes in figures.cells.values() for each in shapes.values() for polygon in each)
+    uses = sum(grid.index.size for item in dies for grid in item.grids)
+    drawn = sum(len(polygon) for shapes in figures.cells.values() for item in shapes.values() for polygon in item)
     merged = figures.account.vertices if figures.merged else 0
     return _HEAD_BYTES + uses * _USE_BYTES + (drawn + merged) * _VERTEX_BYTES
 
@@ -211,7 +211,7 @@ def _document(figures: Figures, die: DieFigures | None, comments: Sequence[str])
     colours = {written: _CHROME, CUT: _CLEAR} if dark else {written: _CLEAR, CUT: _CHROME}
     layers = [layer for layer in (written, CUT) if layer in figures.layers]
     dies = (die,) if die else figures.dies
-    used = dict.fromkeys(name for each in dies for grid in each.grids for name in grid.cells)
+    used = dict.fromkeys(name for item in dies for grid in item.grids for name in grid.cells)
     yield "<defs>\n"
     for layer in layers:
         for name in used:
@@ -224,9 +224,9 @@ def _document(figures: Figures, die: DieFigures | None, comments: Sequence[str])
     yield f'<g transform="matrix(1 0 0 -1 {_mm(-box[0])} {_mm(box[3])})">\n'
     for layer in layers:
         yield f'<g id="{layer.name}" fill="{colours[layer]}">\n'
-        for each in dies:
-            for grid in each.grids:
-                yield from _uses(figures, layer, each, grid)
+        for item in dies:
+            for grid in item.grids:
+                yield from _uses(figures, layer, item, grid)
         yield from _loose(figures, layer, box if die else None)
         yield "</g>\n"
     yield "</g>\n</svg>\n"

@@ -69,7 +69,7 @@ def products(
     """
     source, name = Source(figures, comments, settings or FileSettings()), stem or figures.plate.name
     files: list[Product] = []
-    for form in (FORMATS[each] for each in formats):
+    for form in (FORMATS[chosen] for chosen in formats):
         if form.write_plate is not None:
             files.append(Product(name + form.tail, form, partial(form.write_plate, source)))
         if form.write_die is not None:

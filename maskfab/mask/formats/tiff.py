@@ -51,11 +51,11 @@ def shown_alike(path: Path) -> Iterator[Path]:
         SourceError: MF303 if its first directory cannot be read, MF318 if it does not say what is white, or so that
             readers differ.
     """
-    found = _directory(path)
-    _check_tone(path, found.values)
-    start, count = found.shorts.get(_COLOUR_MAP, (0, 0))
-    entries = found.values.get(_COLOUR_MAP, [])[:count]
-    if found.values[_PHOTOMETRIC] != [_PALETTE] or not any(entries) or any(entry & 255 for entry in entries):
+    directory = _directory(path)
+    _check_tone(path, directory.values)
+    start, count = directory.shorts.get(_COLOUR_MAP, (0, 0))
+    entries = directory.values.get(_COLOUR_MAP, [])[:count]
+    if directory.values[_PHOTOMETRIC] != [_PALETTE] or not any(entries) or any(entry & 255 for entry in entries):
         yield path
         return
     with tempfile.TemporaryDirectory(prefix="maskfab-") as aside:
@@ -63,7 +63,7 @@ def shown_alike(path: Path) -> Iterator[Path]:
         shutil.copyfile(path, copy)
         with copy.open("r+b") as file:
             file.seek(start)
-            file.write(struct.pack(f"{found.order}{count}H", *(entry | entry >> 8 for entry in entries)))
+            file.write(struct.pack(f"{directory.order}{count}H", *(entry | entry >> 8 for entry in entries)))
         yield copy
 
 
@@ -169,8 +169,8 @@ def pack_bits(row: bytes) -> bytes:
     # A run of one byte, the rest of a longer one, is the same as one byte told by itself.
     out[place] = np.where(run, (257 - length) & 255, length - 1)
     out[place[run] + 1] = values[begin[run]]
-    told: NDArray[np.int64] = length[~run]
-    shift = np.repeat(place[~run] + 1 - begin[~run], told)
-    source = np.repeat(begin[~run] - (np.cumsum(told) - told), told) + np.arange(int(told.sum()))
+    copied: NDArray[np.int64] = length[~run]
+    shift = np.repeat(place[~run] + 1 - begin[~run], copied)
+    source = np.repeat(begin[~run] - (np.cumsum(copied) - copied), copied) + np.arange(int(copied.sum()))
     out[source + shift] = values[source]
     return out.tobytes()
