@@ -69,11 +69,6 @@ def answer_message(answer: object, kind: Any) -> bytes:
     return _ANSWER + to_data(answer, kind)
 
 
-def progress_message(stage: str, done: int, total: int) -> bytes:
-    """Where the work stands."""
-    return _PROGRESS + json.dumps([stage, done, total]).encode()
-
-
 def error_message(error: Exception) -> bytes:
     """Any exception; those that are not maskfab's in words."""
     where = traceback.format_exc()[-_LONGEST:]
@@ -169,6 +164,8 @@ MEMORY_PER_BYTE = 64
 
 _WALL_PER_PROCESSOR = 30
 _OUT_OF_TIME = {getattr(signal, name, 0) for name in ("SIGXCPU", "SIGKILL")}
+"""Signals with which the system ends a process at its limit."""
+
 _CURE = "Write it again as plain polygons, with fewer copies and no overlaps"
 
 
@@ -273,17 +270,15 @@ def library_errors(path: Path) -> Iterator[None]:
         raise refusal from error
 
 
-def _gave_up(path: Path, error: RuntimeError) -> SourceError:
-    said = (str(error).strip() or "no reason told").splitlines()[0][:200]
-    what = f"{path.name}: the library of polygons gives up on its shapes ({said})"
-    return SourceError("MF323", what, where=str(path), cure=_CURE)
-
-
 def _said(path: Path, error: Exception) -> Exception:
     """Errors of the libraries, and a lack of memory, as errors of the file."""
     if is_lack_of_memory(error):
         return _too_much(path, "needs more memory than it may take")
-    return _gave_up(path, error) if type(error) is RuntimeError else error
+    if type(error) is not RuntimeError:
+        return error
+    said = (str(error).strip() or "no reason told").splitlines()[0][:200]
+    what = f"{path.name}: the library of polygons gives up on its shapes ({said})"
+    return SourceError("MF323", what, where=str(path), cure=_CURE)
 
 
 def _too_much(path: Path, what: str) -> SourceError:
@@ -294,7 +289,7 @@ def _work(path: Path, there: Connection, work: Callable[[Progress], Any], kind: 
     """The life of the copy."""
 
     def tell(stage: str, done: int, total: int) -> None:
-        there.send_bytes(progress_message(stage, done, total))
+        there.send_bytes(_PROGRESS + json.dumps([stage, done, total]).encode())
 
     end_by_signals()
     limit_processor(seconds)
@@ -310,9 +305,6 @@ def _work(path: Path, there: Connection, work: Callable[[Progress], Any], kind: 
 PATIENCE_S = 600.0
 """Of the clock, for a process that waits for ever; its processor time, which a busy machine does not stretch, has a
 limit of its own."""
-
-_TOOK_TOO_LONG = {getattr(signal, name, 0) for name in ("SIGXCPU", "SIGKILL")}
-"""Signals with which the system ends a process at its limit."""
 
 
 def read_apart(path: Path, script: Path, *arguments: str, kind: Any, seconds: float) -> Any:
@@ -340,7 +332,7 @@ def read_apart(path: Path, script: Path, *arguments: str, kind: Any, seconds: fl
     except subprocess.TimeoutExpired as error:
         raise _endless(path, f"within {seconds:.0f} s") from error
     allow(before - children_seconds())
-    if process.returncode < 0 and -process.returncode in _TOOK_TOO_LONG:
+    if process.returncode < 0 and -process.returncode in _OUT_OF_TIME:
         raise _endless(path, "in the processor time that it may take")
     if process.returncode != 0:
         said = process.stderr.decode(errors="replace").strip().splitlines()

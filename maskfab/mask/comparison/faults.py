@@ -405,15 +405,12 @@ def _row(name: str, wanted: Asked, broken: Broken, allowed: int, said: str, beyo
         unit, worst = f"islands under {least:.4g} um^2", f"the smallest has {(broken.worst or 0) / size**2:.4g} nm^2"
         tone = "clear" if name == "area" else "chrome"
         method = f"{tone} islands of less area than a square of the smallest feature and space, {least:.4g} um^2"
-    where = "; ".join(part for part in (worst, f"at {_listed_rules(broken.boxes_nm)}") if part) if broken.count else ""
+    places = ", ".join(map(_at, broken.boxes_nm[:_TOLD].tolist()))
+    where = "; ".join(part for part in (worst, f"at {places}") if part) if broken.count else ""
     words = "; ".join(part for part in (method, said + beyond, where) if part)
     passed, unit = broken.count <= allowed, f"{unit}, in part" if beyond else unit
     limit = f"{allowed} in {'its marks' if name in wanted.stated else 'the design'}" if allowed else 0
     return Quantity(f"rule_{name}", broken.count, words, detail=unit, limit=limit, passed=passed)
-
-
-def _listed_rules(boxes: Ints) -> str:
-    return ", ".join(_at(box) for box in boxes[:_TOLD].tolist())
 
 
 def _at(box: Iterable[int]) -> str:

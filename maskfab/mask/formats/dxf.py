@@ -603,21 +603,17 @@ def entities(data: bytes) -> Iterator[Entity]:
             previous = kind, match.end()
 
 
-def _writer(version: Version) -> Callable[[Source, Path], None]:
+def _format(name: FileFormat, version: Version) -> Format:
     def write(of: Source, to: Path) -> None:
         from maskfab.mask.formats.dxf_writer import write_dxf
 
         write_dxf(of.figures, to, version, of.comments, of.settings.drawing)
 
-    return write
-
-
-def _format(name: FileFormat, version: Version) -> Format:
     return Format(
         name,
         f"DXF {version}",
         f"_{version}.dxf",
-        write_plate=_writer(version),
+        write_plate=write,
         read=read_dxf,
         suffixes=(".dxf",),
         layers="named",
