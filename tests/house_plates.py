@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from typing import Any, TypeAlias
 
 from maskfab.base.model import Plate
-from maskfab.job.shop import FORMATS, Shop
+from maskfab.job.shop import Shop
+from maskfab.job.values import SHOP_FORMATS
 from maskfab.mask.houses.adaptation import fitted
 from maskfab.mask.houses.findings import Finding, check_shop
 
@@ -63,7 +64,7 @@ def refusals(shop: Shop) -> Iterator[tuple[str, tuple[str, ...], Edits]]:
     """Rules that a profile publishes, each with formats and edits of the small job that break it and no other rule."""
     taken = taken_as(shop)
     if shop.accepts.formats is not None:
-        yield "format", (next(each for each in FORMATS if each not in shop.accepts.formats),), taken
+        yield "format", (next(each for each in SHOP_FORMATS if each not in shop.accepts.formats),), taken
     if shop.limits.min_feature_um is not None:
         yield "min_feature min_space", (), (*FINE, *on_blank(shop))
     if shop.plate.blanks_in:
