@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import combinations
@@ -173,6 +173,25 @@ def cd_bars(name: str, centre_nm: Point, feature_nm: int, multiples: Sequence[in
     return DrawnMarks(tuple(bars), tuple(gauges))
 
 
+def _in_a_row(
+    name: str, centre_x: int, feature_nm: int, multiples: Sequence[float], side: Callable[[int], int]
+) -> Iterator[tuple[str, int, int]]:
+    """Figures of a row from left to right: name, width, and left end.
+
+    Args:
+        name: first part of their names.
+        centre_x: middle of the row.
+        feature_nm: the smallest feature of the plate.
+        multiples: of it, the widths, rounded to nanometres.
+        side: how broad a figure of a width is.
+    """
+    widths = [round(feature_nm * multiple) for multiple in multiples]
+    x = centre_x - (sum(map(side, widths)) + _GAP_NM * (len(widths) - 1)) // 2
+    for multiple, width in zip(multiples, widths, strict=True):
+        yield f"{name}_{multiple_name(multiple)}", width, x
+        x += side(width) + _GAP_NM
+
+
 def line_space(
     name: str, centre_nm: Point, feature_nm: int, multiples: Sequence[float], lines: int, length_nm: int
 ) -> DrawnMarks:
@@ -189,22 +208,23 @@ def line_space(
     Returns:
         Groups of area ``lines x width x length``, each with a gauge across its middle line.
     """
-    widths = [round(feature_nm * multiple) for multiple in multiples]
-    sides = [max((2 * lines - 1) * width, length_nm) for width in widths]
-    x = centre_nm[0] - (sum(sides) + _GAP_NM * (len(sides) - 1)) // 2
-    rise = (max(sides) + _GAP_NM) // 2
+
+    def side(width: int) -> int:
+        return max((2 * lines - 1) * width, length_nm)
+
+    rise = (side(round(feature_nm * max(multiples))) + _GAP_NM) // 2
     figures, gauges = [], []
-    for multiple, width, side in zip(multiples, widths, sides, strict=True):
+    for (_, width, left), multiple in zip(
+        _in_a_row(name, centre_nm[0], feature_nm, multiples, side), multiples, strict=True
+    ):
         for axis, y in (("V", centre_nm[1] + rise), ("H", centre_nm[1] - rise)):
-            group = f"{name}_{axis}_{multiple_name(multiple)}"
-            place = (x + side // 2, y)
-            polygons = tuple(_lines(place, width, side, lines, upright=axis == "V"))
+            group, place = f"{name}_{axis}_{multiple_name(multiple)}", (left + side(width) // 2, y)
+            polygons = tuple(_lines(place, width, side(width), lines, upright=axis == "V"))
             figures.append(Mark(group, "resolution", CLEAR, polygons))
             (x0, y0), _, (x1, y1), _ = polygons[lines // 2]
             middle = ((x0 + x1) // 2, (y0 + y1) // 2)
             # To the middle of the spaces on either side, short of the next line.
             gauges.append(Gauge(group.lower(), "x" if axis == "V" else "y", middle, 2 * (width // 2), width))
-        x += side + _GAP_NM
     return DrawnMarks(tuple(figures), tuple(gauges))
 
 
@@ -231,17 +251,14 @@ def siemens_star(name: str, centre_nm: Point, feature_nm: int, radius_nm: int, s
     ``(radius^2 - inner_radius^2) sin(pi / spokes) / 2``. A number of spokes that 4 divides makes the star the same
     after every turn by 90 degrees and every mirror.
     """
-    inner = inner_radius_nm(feature_nm, spokes)
-    return Mark(name, "resolution", CLEAR, tuple(_spoke(centre_nm, inner, radius_nm, k, spokes) for k in range(spokes)))
-
-
-def _spoke(centre: Point, inner: float, outer: float, number: int, spokes: int) -> Polygon:
-    low, high = (_direction(4 * number + side, spokes) for side in (-1, 1))
-    corners = ((inner, low), (outer, low), (outer, high), (inner, high))
-    # To the millionth first: a corner that lies half-way between nanometres must not hang on the last bit of a sine.
-    return tuple(
-        (centre[0] + round(round(radius * x, 6)), centre[1] + round(round(radius * y, 6))) for radius, (x, y) in corners
-    )
+    inner, polygons = inner_radius_nm(feature_nm, spokes), []
+    for number in range(spokes):
+        low, high = (_direction(4 * number + side, spokes) for side in (-1, 1))
+        corners = ((inner, low), (radius_nm, low), (radius_nm, high), (inner, high))
+        # To the millionth first: a corner half-way between nanometres must not hang on the last bit of a sine.
+        offsets = ((round(round(radius * x, 6)), round(round(radius * y, 6))) for radius, (x, y) in corners)
+        polygons.append(tuple((centre_nm[0] + x, centre_nm[1] + y) for x, y in offsets))
+    return Mark(name, "resolution", CLEAR, tuple(polygons))
 
 
 def _direction(steps: int, spokes: int) -> tuple[float, float]:
@@ -274,11 +291,9 @@ def checkerboards(name: str, centre_nm: Point, feature_nm: int, multiples: Seque
     Returns:
         Boards, each with a gauge across a clear square near its middle.
     """
-    sides = [round(feature_nm * multiple) for multiple in multiples]
-    x = centre_nm[0] - (squares * sum(sides) + _GAP_NM * (len(sides) - 1)) // 2
     boards, gauges = [], []
-    for multiple, side in zip(multiples, sides, strict=True):
-        board, y = f"{name}_{multiple_name(multiple)}", centre_nm[1] - squares * side // 2
+    for board, side, x in _in_a_row(name, centre_nm[0], feature_nm, multiples, lambda side: squares * side):
+        y = centre_nm[1] - squares * side // 2
         boxes = [
             (x + i * side, y + j * side, x + (i + 1) * side, y + (j + 1) * side)
             for j in range(squares)
@@ -288,7 +303,6 @@ def checkerboards(name: str, centre_nm: Point, feature_nm: int, multiples: Seque
         boards.append(Mark(board, "resolution", CLEAR, tuple(rectangle(box) for box in boxes)))
         low = squares // 2 * side + side // 2
         gauges.append(Gauge(board.lower(), "x", (x + low, y + low), 2 * (side // 2), side))
-        x += squares * side + _GAP_NM
     return DrawnMarks(tuple(boards), tuple(gauges))
 
 
@@ -306,17 +320,14 @@ def corner_letters(name: str, centre_nm: Point, feature_nm: int, multiples: Sequ
     Returns:
         Letters of area 11 squares of their width, each with a gauge across its upright arm.
     """
-    widths = [round(feature_nm * multiple) for multiple in multiples]
-    x = centre_nm[0] - (_LONGER * sum(widths) + _GAP_NM * (len(widths) - 1)) // 2
-    y = centre_nm[1] - _LONGER * max(widths) // 2
+    y = centre_nm[1] - _LONGER * round(feature_nm * max(multiples)) // 2
     letters, gauges = [], []
-    for multiple, width in zip(multiples, widths, strict=True):
-        letter, length = f"{name}_{multiple_name(multiple)}", _LONGER * width
+    for letter, width, x in _in_a_row(name, centre_nm[0], feature_nm, multiples, lambda width: _LONGER * width):
+        length = _LONGER * width
         outline = ((0, 0), (length, 0), (length, width), (width, width), (width, length), (0, length))
         polygon = tuple((x + right, y + up) for right, up in outline)
         letters.append(Mark(letter, "resolution", CLEAR, (polygon,)))
         gauges.append(Gauge(letter.lower(), "x", (x + width // 2, y + length // 2), 2 * (width // 2), width))
-        x += length + _GAP_NM
     return DrawnMarks(tuple(letters), tuple(gauges))
 
 

@@ -23,7 +23,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
@@ -38,7 +38,6 @@ from maskfab.base.units import NM_PER_UM, parse_pitch_um, to_nm
 from maskfab.job.toml import loads
 from maskfab.job.values import check_name
 from maskfab.mask import opening as decode
-from maskfab.mask import opening as drawn_emitters
 from maskfab.mask.opening import closed
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
@@ -128,45 +127,33 @@ def parse_opening(text: str, where: str = "") -> Opening:
     Raises:
         JobError, OpeningError: as for :func:`load`.
     """
-    try:
-        facts = loads(text, parse_float=Decimal)  # Decimal keeps how many digits the open ratio has
-    except (ValueError, RecursionError) as problem:
-        raise JobError(
-            "MF101",
-            f"the opening is not valid TOML: {problem}",
-            where=where,
-            cure="Correct the TOML on that line: close its quotes and brackets",
-        ) from None
-    for key in facts:
-        if key not in _KEYS:
-            raise JobError(
-                "MF102", f"unknown key {key!r}", where=_at(where, key), cure=f"An opening has: {', '.join(_KEYS)}"
-            )
+    # Decimal keeps how many digits the open ratio has.
+    facts = facts_of(text, "An opening", _KEYS, where, parse_float=Decimal)
     name = _required(facts, "name", str, where)
-    check_name(name, where=_at(where, "name"))
+    check_name(name, where=at_key(where, "name"))
     grid = _required(facts, "grid", str, where)
-    mask = decode.mask_of_lines(list(enumerate(grid.splitlines(), start=1)), _at(where, "grid"))
+    mask = decode.mask_of_lines(list(enumerate(grid.splitlines(), start=1)), at_key(where, "grid"))
     dots = _required(facts, "dots", int, where)
     if dots != mask.shape[0]:
         raise OpeningError(
             "MF206",
             f"dots = {dots} but the grid has {mask.shape[0]} x {mask.shape[0]} dots",
-            where=_at(where, "dots"),
+            where=at_key(where, "dots"),
             cure=f"Set dots = {mask.shape[0]} or draw {dots} lines of {dots} characters",
         )
     if "pitch" not in facts:
         raise _absent("pitch", where)
-    place = _at(where, "pitch")
+    place = at_key(where, "pitch")
     dot_nm = dot_of_pitch(parse_pitch_um(facts["pitch"], where=place), dots, where=place)
     if "open_ratio" in facts:
-        _check_open_ratio(facts["open_ratio"], mask, _at(where, "open_ratio"))
-    opening = checked(name, mask, dot_nm, _provenance(facts.get("provenance", {}), where), where)
+        _check_open_ratio(facts["open_ratio"], mask, at_key(where, "open_ratio"))
+    opening = checked(name, mask, dot_nm, provenance_of(facts, where), where)
     if "emitters" not in facts:
         return opening
     drawn = _required(facts, "emitters", str, where)
-    place = _at(where, "emitters")
-    labels = drawn_emitters.labels_of_lines(list(enumerate(drawn.splitlines(), start=1)), place)
-    drawn_emitters.check_emitters(labels, mask, place)
+    place = at_key(where, "emitters")
+    labels = decode.labels_of_lines(list(enumerate(drawn.splitlines(), start=1)), place)
+    decode.check_emitters(labels, mask, place)
     return replace(opening, emitters=labels)
 
 
@@ -174,7 +161,7 @@ def opening_text(opening: Opening) -> str:
     """The opening as TOML text; ``parse(dumps(o))`` is equal in all parts."""
     pitch_um = Decimal(opening.cell_size.pitch_nm) / NM_PER_UM
     lines = [
-        f"name = {_quoted(opening.name)}",
+        f"name = {quoted(opening.name)}",
         f'pitch = "{pitch_um:f} um"',
         f"dots = {opening.dots}",
         f"open_ratio = {opening.open_ratio:.4f}  # {opening.clear_dots} of {opening.mask.size} dots",
@@ -183,11 +170,8 @@ def opening_text(opening: Opening) -> str:
         '"""',
     ]
     if opening.emitters is not None:
-        lines += ['emitters = """', *drawn_emitters.emitter_lines(opening.emitters), '"""']
-    if opening.provenance:
-        lines += ["", "[provenance]"]
-        lines += [f"{_key(key)} = {_scalar(value)}" for key, value in opening.provenance.items()]
-    return "\n".join(lines) + "\n"
+        lines += ['emitters = """', *decode.emitter_lines(opening.emitters), '"""']
+    return "\n".join([*lines, *provenance_lines(opening.provenance)]) + "\n"
 
 
 def dot_of_pitch(pitch_um: float, dots: int, *, where: str = "") -> int:
@@ -216,7 +200,7 @@ def dot_of_pitch(pitch_um: float, dots: int, *, where: str = "") -> int:
 
 def checked(name: str, mask: Mask, dot_nm: int, provenance: Mapping[str, str | int | float], where: str) -> Opening:
     """The opening of a mask, if its name is one that layouts take and something of it is clear (MF110, MF203)."""
-    check_name(name, where=_at(where, "name"))
+    check_name(name, where=at_key(where, "name"))
     if not mask.any():
         raise closed(
             0, mask.size, where=where, cure=f"Draw clear dots with {decode.CLEAR!r}; in images bright is clear"
@@ -229,7 +213,7 @@ def _check_number(key: str, value: int | None, where: str) -> None:
         raise JobError(
             "MF104",
             f"{key} = {value} must be at least 1",
-            where=_at(where, key),
+            where=at_key(where, key),
             cure="Give a whole number of 1 or more",
         )
     if key == "dots" and value is not None:
@@ -269,27 +253,6 @@ def _check_open_ratio(stated: object, mask: Mask, where: str) -> None:
         )
 
 
-def _provenance(stated: object, where: str) -> dict[str, str | int | float]:
-    if not isinstance(stated, dict):
-        raise JobError(
-            "MF105",
-            "provenance is not a table",
-            where=_at(where, "provenance"),
-            cure="Write provenance as a table under [provenance]",
-        )
-    result: dict[str, str | int | float] = {}
-    for key, value in stated.items():
-        if isinstance(value, bool) or not isinstance(value, str | int | Decimal):
-            raise JobError(
-                "MF105",
-                f"{key} is a {type(value).__name__}, not text or a number",
-                where=_at(where, f"provenance.{key}"),
-                cure='Write it as text: "..."',
-            )
-        result[key] = float(value) if isinstance(value, Decimal) else value
-    return result
-
-
 def _required(facts: Mapping[str, Any], key: str, kind: type, where: str) -> Any:
     if key not in facts:
         raise _absent(key, where)
@@ -298,7 +261,7 @@ def _required(facts: Mapping[str, Any], key: str, kind: type, where: str) -> Any
         raise JobError(
             "MF105",
             f"{key} = {value!r} is of type {type(value).__name__}, not {kind.__name__}",
-            where=_at(where, key),
+            where=at_key(where, key),
             cure=f"Write {key} as {'text in quotes' if kind is str else 'a whole number'}",
         )
     return value
@@ -312,7 +275,7 @@ def _missing(key: str, meaning: str, where: str) -> JobError:
     return JobError(
         "MF105",
         f"{key} is not given, and a {Path(where).suffix} file does not hold it",
-        where=_at(where, key),
+        where=at_key(where, key),
         cure=f"State {meaning}",
     )
 
@@ -386,21 +349,63 @@ def _decode(content: bytes, where: str) -> str:
     return text
 
 
-# --- TOML text ------------------------------------------------------------------------------------------------------
+# --- TOML text of openings and maps ---------------------------------------------------------------------------------
 
 
-def _at(where: str, key: str) -> str:
+def facts_of(text: str, owner: str, keys: Sequence[str], where: str, **options: Any) -> dict[str, Any]:
+    """Keys and values of a TOML text.
+
+    Args:
+        text: as it was read.
+        owner: what it describes, such as ``A map``, for errors.
+        keys: that it may have.
+        where: names it in errors.
+        options: of the reader.
+
+    Raises:
+        JobError: MF101 no TOML, MF102 another key.
+    """
+    try:
+        facts = loads(text, **options)
+    except (ValueError, RecursionError) as problem:
+        what = f"the {owner.split()[1]} is not valid TOML: {problem}"
+        cure = "Correct the TOML on that line: close its quotes and brackets"
+        raise JobError("MF101", what, where=where, cure=cure) from None
+    for key in facts:
+        if key not in keys:
+            cure = f"{owner} has: {', '.join(keys)}"
+            raise JobError("MF102", f"unknown key {key!r}", where=at_key(where, key), cure=cure)
+    return facts
+
+
+def provenance_of(facts: Mapping[str, Any], where: str) -> Mapping[str, str | int | float]:
+    """The table [provenance], read-only; its values are text and numbers (MF105)."""
+    stated = facts.get("provenance", {})
+    if not isinstance(stated, dict):
+        cure = "Write provenance as a table under [provenance]"
+        raise JobError("MF105", "provenance is not a table", where=at_key(where, "provenance"), cure=cure)
+    for key, value in stated.items():
+        if isinstance(value, bool) or not isinstance(value, str | int | float | Decimal):
+            what, place = f"{key} is a {type(value).__name__}, not text or a number", f"provenance.{key}"
+            raise JobError("MF105", what, where=at_key(where, place), cure='Write it as text: "..."')
+    plain = {key: float(value) if isinstance(value, Decimal) else value for key, value in stated.items()}
+    return MappingProxyType(plain)
+
+
+def provenance_lines(provenance: Mapping[str, str | int | float]) -> list[str]:
+    """The lines of the table [provenance], none where it is empty."""
+    lines = []
+    for key, value in provenance.items():
+        name = key if _BARE_KEY.fullmatch(key) else quoted(key)
+        lines.append(f"{name} = {quoted(value) if isinstance(value, str) else repr(value)}")
+    return ["", "[provenance]", *lines] if lines else []
+
+
+def at_key(where: str, key: str) -> str:
+    """The place of a key in a text that ``where`` names."""
     return f"{where}: {key}" if where else key
 
 
-def _key(key: str) -> str:
-    return key if _BARE_KEY.fullmatch(key) else _quoted(key)
-
-
-def _quoted(text: str) -> str:
-    # JSON's escapes are TOML's, but TOML also wants DEL escaped.
+def quoted(text: str) -> str:
+    """A TOML string: JSON's escapes are TOML's, but TOML also wants DEL escaped."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
-def _scalar(value: str | int | float) -> str:
-    return _quoted(value) if isinstance(value, str) else repr(value)

@@ -27,14 +27,11 @@ the grid move by up to half a dot, and the clear area of a cell changes by a few
 
 from __future__ import annotations
 
-import json
 import math
 import os
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -46,8 +43,8 @@ from maskfab.base.errors import JobError, SourceError
 from maskfab.base.model import ORIENTATIONS, Opening, Panel, Scalar, Stop, Tiling, frozen
 from maskfab.base.units import NM_PER_UM, to_nm
 from maskfab.job.sections import DieSection, JobSection, JobSpec, PlateSection
-from maskfab.job.toml import loads
 from maskfab.job.values import check_name
+from maskfab.mask.opening_file import at_key, facts_of, provenance_lines, provenance_of, quoted
 from maskfab.optics.pupil import cut, panel_aperture
 from maskfab.optics.tiling import MOST_OPENINGS, orientations
 
@@ -154,7 +151,6 @@ _ELEMENTS = "01234567"
 _OPENINGS = "0123456789abcde"[:MOST_OPENINGS]
 _MOST_CELLS = 1000
 _LONGEST_NAME = 24
-_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 Shift = tuple[int, int]
 """Right and up, in whole dots."""
@@ -222,25 +218,12 @@ def parse_map(text: str, where: str = "") -> CellMap:
         JobError: MF101 no TOML, MF102 an unknown key, MF105 a missing one or one of the wrong type, MF110 a refused
             name, MF115 too large, MF122 a drawing with another digit or with rows of different lengths.
     """
-    try:
-        facts = loads(text)
-    except (ValueError, RecursionError) as error:
-        raise JobError(
-            "MF101",
-            f"the map is not valid TOML: {error}",
-            where=where,
-            cure="Correct the TOML on that line: close its quotes and brackets",
-        ) from None
-    for key in facts:
-        if key not in _KEYS:
-            raise JobError(
-                "MF102", f"unknown key {key!r}", where=_at(where, key), cure=f"A map has: {', '.join(_KEYS)}"
-            )
+    facts = facts_of(text, "A map", _KEYS, where)
     name = _text(facts, "name", where)
-    check_name(name, where=_at(where, "name"))
-    cells = _digits(_text(facts, "map", where), _ELEMENTS, _at(where, "map"))
+    check_name(name, where=at_key(where, "name"))
+    cells = _digits(_text(facts, "map", where), _ELEMENTS, at_key(where, "map"))
     if "openings" in facts:
-        place = _at(where, "openings")
+        place = at_key(where, "openings")
         held = _digits(_text(facts, "openings", where), _OPENINGS, place)
         if held.shape != cells.shape:
             raise JobError(
@@ -251,32 +234,27 @@ def parse_map(text: str, where: str = "") -> CellMap:
                 cure="Give as many rows and columns as the map has cells",
             )
         cells = cells + ORIENTATIONS * held
-    shifts = _shifts(facts.get("shifts", []), _at(where, "shifts"))
+    shifts = _shifts(facts.get("shifts", []), at_key(where, "shifts"))
     most = int(cells.max()) // ORIENTATIONS
     if shifts and most >= len(shifts):
         raise JobError(
             "MF122",
             f"the map asks for opening {most}, counted from 0, and there are {len(shifts)} shifts",
-            where=_at(where, "shifts"),
+            where=at_key(where, "shifts"),
             cure="Give one for each opening, [0, 0] for one that stays",
         )
-    return CellMap(name, cells, MappingProxyType(_provenance(facts.get("provenance", {}), where)), shifts)
+    return CellMap(name, cells, provenance_of(facts, where), shifts)
 
 
 def map_text(cells: CellMap) -> str:
     """The map as TOML text; ``parse(dumps(m))`` is equal in all parts."""
     held, turned = np.divmod(cells.cells, ORIENTATIONS)
-    lines = [f"name = {_quoted(cells.name)}", 'map = """', *_drawing(turned, _ELEMENTS), '"""']
+    lines = [f"name = {quoted(cells.name)}", 'map = """', *_drawing(turned, _ELEMENTS), '"""']
     if held.any():
         lines += ['openings = """', *_drawing(held, _OPENINGS), '"""']
     if cells.shifts:
         lines.append(f"shifts = {[list(shift) for shift in cells.shifts]}")
-    if cells.provenance:
-        lines += ["", "[provenance]"]
-        for key, value in cells.provenance.items():
-            written = _quoted(value) if isinstance(value, str) else repr(value)
-            lines.append(f"{key if _BARE_KEY.fullmatch(key) else _quoted(key)} = {written}")
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, *provenance_lines(cells.provenance)]) + "\n"
 
 
 def panel_shape(cells: CellMap, rows: int, columns: int) -> tuple[int, int]:
@@ -432,7 +410,7 @@ def _text(facts: Mapping[str, Any], key: str, where: str) -> str:
     value = facts.get(key)
     if not isinstance(value, str):
         what = f"{key} = {value!r} is not text" if key in facts else f"the key {key!r} is missing"
-        raise JobError("MF105", what, where=_at(where, key), cure=f"A map has: {', '.join(_KEYS)}")
+        raise JobError("MF105", what, where=at_key(where, key), cure=f"A map has: {', '.join(_KEYS)}")
     return value
 
 
@@ -449,32 +427,6 @@ def _shifts(stated: object, where: str) -> tuple[Shift, ...]:
     if len(stated) > MOST_OPENINGS:
         raise JobError("MF122", f"{len(stated)} shifts are more than {MOST_OPENINGS}", where=where, cure="Use fewer")
     return tuple((right, up) for right, up in stated)
-
-
-def _provenance(stated: object, where: str) -> dict[str, str | int | float]:
-    place = _at(where, "provenance")
-    if not isinstance(stated, dict):
-        raise JobError(
-            "MF105", "provenance is not a table", where=place, cure="Write provenance as a table under [provenance]"
-        )
-    for key, value in stated.items():
-        if isinstance(value, bool) or not isinstance(value, str | int | float):
-            raise JobError(
-                "MF105",
-                f"{key} is a {type(value).__name__}, not text or a number",
-                where=f"{place}.{key}",
-                cure='Write it as text: "..."',
-            )
-    return dict(stated)
-
-
-def _quoted(text: str) -> str:
-    # JSON's escapes are TOML's, but TOML also wants DEL escaped.
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
-def _at(where: str, key: str) -> str:
-    return f"{where}: {key}" if where else key
 
 
 _MOST_CELLS_ACROSS = 1000

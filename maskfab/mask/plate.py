@@ -8,21 +8,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from klayout import db
-from numpy.typing import NDArray
 
 from maskfab.base import provenance
-from maskfab.base.errors import InternalError, JobError
+from maskfab.base.errors import JobError
 from maskfab.base.model import (
     CLEAR,
     ORIENTATIONS,
     OUTLINE,
-    Box,
     Die,
-    Gauge,
     Mark,
     Note,
     Opening,
@@ -31,7 +28,6 @@ from maskfab.base.model import (
     Point,
     Polygon,
     Snapping,
-    Track,
 )
 from maskfab.base.units import NM_PER_MM, NM_PER_UM, to_nm
 from maskfab.job.sections import JobSpec, PlateSection
@@ -123,21 +119,17 @@ def snapped(plate: Plate, grid_nm: int) -> Plate:
         before.vertices + int(np.count_nonzero(moves)),
         before.farthest_nm + float(moves.max(initial=0.0)),
     )
-    marks = tuple(_snapped(mark, grid_nm) if mark.layer.written else mark for mark in plate.marks)
+
+    def nearest(polygon: Polygon) -> Polygon:
+        """The outline on the grid, without vertices that follow themselves."""
+        drawn = [tuple((value + grid_nm // 2) // grid_nm * grid_nm for value in point) for point in polygon]
+        return tuple((x, y) for (x, y), before in zip(drawn, (drawn[-1], *drawn), strict=False) if (x, y) != before)
+
+    marks = tuple(
+        replace(mark, polygons=tuple(map(nearest, mark.polygons))) if mark.layer.written else mark
+        for mark in plate.marks
+    )
     return replace(plate, marks=marks, snapped=moved)
-
-
-def _snapped(mark: Mark, grid_nm: int) -> Mark:
-    def nearest(value: int) -> int:
-        return (value + grid_nm // 2) // grid_nm * grid_nm
-
-    drawn = (tuple((nearest(x), nearest(y)) for x, y in polygon) for polygon in mark.polygons)
-    return replace(mark, polygons=tuple(map(_without_doubles, drawn)))
-
-
-def _without_doubles(polygon: Polygon) -> Polygon:
-    """The outline without vertices that follow themselves."""
-    return tuple(point for point, before in zip(polygon, (polygon[-1], *polygon), strict=False) if point != before)
 
 
 _TURNS = ORIENTATIONS // 2
@@ -148,53 +140,47 @@ def mirrored(plate: Plate) -> Plate:
 
     Names and titles stay: they are those of the same things.
     """
+
+    def across(place: Point) -> Point:
+        return -place[0], place[1]
+
     return replace(
         plate,
-        dies=tuple(_die(die) for die in plate.dies),
-        marks=tuple(_mark(mark) for mark in plate.marks),
-        gauges=tuple(_gauge(gauge) for gauge in plate.gauges),
-        notes=tuple(replace(note, position_nm=(-note.position_nm[0], note.position_nm[1])) for note in plate.notes),
+        dies=tuple(
+            # Of an odd width the middle lies half a nanometre beside the panel's.
+            replace(
+                die,
+                panel=mirrored_panel(die.panel),
+                centre_nm=(die.panel.size_nm[0] // 2 - die.box_nm[2], die.centre_nm[1]),
+            )
+            for die in plate.dies
+        ),
+        marks=tuple(replace(mark, polygons=tuple(map(_mirrored_outline, mark.polygons))) for mark in plate.marks),
+        gauges=tuple(replace(gauge, centre_nm=across(gauge.centre_nm)) for gauge in plate.gauges),
+        notes=tuple(replace(note, position_nm=across(note.position_nm)) for note in plate.notes),
     )
 
 
 def mirrored_panel(panel: Panel) -> Panel:
-    """A panel whose columns run the other way, each cell mirrored; emitters and wires that turn go with their cell."""
-    return replace(
-        panel,
-        orientations=_elements(panel.orientations)[:, ::-1],
-        tracks=tuple(track if track.turns else _track(track, panel.pitch_nm) for track in panel.tracks),
-    )
+    """A panel whose columns run the other way, each cell mirrored; emitters and wires that turn go with their cell.
 
-
-def _elements(cells: NDArray[np.int8]) -> NDArray[np.int8]:
-    """Every cell's element of D4 followed by a mirror: k = r + 4 f turns by r quarters after f mirrors."""
-    opening, element = np.divmod(cells, ORIENTATIONS)
+    Every cell's element of D4, k = r + 4 f, which turns by r quarters after f mirrors, is followed by a mirror.
+    """
+    opening, element = np.divmod(panel.orientations, ORIENTATIONS)
     mirror, turn = np.divmod(element, _TURNS)
-    return np.asarray(ORIENTATIONS * opening + _TURNS * (1 - mirror) + (-turn) % _TURNS, dtype=np.int8)
+    cells = np.asarray(ORIENTATIONS * opening + _TURNS * (1 - mirror) + (-turn) % _TURNS, dtype=np.int8)
+    tracks = tuple(
+        track
+        if track.turns
+        else replace(track, polygons=tuple(_mirrored_outline(each, panel.pitch_nm) for each in track.polygons))
+        for track in panel.tracks
+    )
+    return replace(panel, orientations=cells[:, ::-1], tracks=tracks)
 
 
-def _die(die: Die) -> Die:
-    # Of an odd width the middle lies half a nanometre beside the panel's.
-    width = die.panel.size_nm[0]
-    return replace(die, panel=mirrored_panel(die.panel), centre_nm=(width // 2 - die.box_nm[2], die.centre_nm[1]))
-
-
-def _mark(mark: Mark) -> Mark:
-    return replace(mark, polygons=tuple(_polygon(each) for each in mark.polygons))
-
-
-def _track(track: Track, pitch_nm: int) -> Track:
-    polygons = (((pitch_nm + x, y) for x, y in _polygon(each)) for each in track.polygons)
-    return replace(track, polygons=tuple(map(tuple, polygons)))
-
-
-def _polygon(polygon: Polygon) -> Polygon:
-    """Backwards, so that it runs round what it bounds in the sense that it did."""
-    return tuple((-x, y) for x, y in reversed(polygon))
-
-
-def _gauge(gauge: Gauge) -> Gauge:
-    return replace(gauge, centre_nm=(-gauge.centre_nm[0], gauge.centre_nm[1]))
+def _mirrored_outline(polygon: Polygon, width_nm: int = 0) -> Polygon:
+    """The outline backwards, so that it runs round what it bounds in the sense that it did."""
+    return tuple((width_nm - x, y) for x, y in reversed(polygon))
 
 
 LINE_FEED = 2
@@ -249,14 +235,6 @@ _FEET = 1.5
 _OUTLINE_NM = 20_000
 
 
-@dataclass(frozen=True)
-class _Lettering:
-    """Height of all names, and where their middles lie below those of their dies."""
-
-    height_nm: int
-    drop_nm: int
-
-
 def die_map(
     name: str, centre_nm: Point, side_nm: int, line_nm: int, *, blank_nm: int, die_pitch_nm: int, dies: Sequence[Die]
 ) -> Mark:
@@ -289,25 +267,17 @@ def die_map(
     wide = min(_SHARE_OF_PITCH * pitch, *(2 * (inner - abs(x)) for x, _ in offsets))
     high = min(_SHARE_OF_GAP * (pitch - slot), *((inner + y - slot // 2) / _FEET for _, y in offsets))
     for words in ([die.name for die in dies], [str(number) for number, _ in enumerate(dies, 1)]):
-        lettering = _lettering(words, slot, slot - 4 * line_nm, (wide, high))
-        if lettering.height_nm >= _SMALLEST_LETTER_NM:
+        widest, inner = max(text_width_nm(word, _SAMPLE_NM) for word in words), slot - 4 * line_nm
+        inside, under = (
+            int(min(tall, broad * _SAMPLE_NM / widest, _LARGEST_LETTER_NM))
+            for broad, tall in ((inner, inner), (wide, high))
+        )
+        height, drop = (inside, 0) if inside >= under else (under, slot // 2 + under)
+        if height >= _SMALLEST_LETTER_NM:
             for word, (x, y) in zip(words, places, strict=True):
-                base = (x, y - lettering.drop_nm - lettering.height_nm // 2)
-                polygons += text_polygons(word, lettering.height_nm, base, align="centre")
+                polygons += text_polygons(word, height, (x, y - drop - height // 2), align="centre")
             break
     return Mark(name, "map", CLEAR, tuple(polygons))
-
-
-def _lettering(words: Sequence[str], slot: int, inside: int, under: tuple[float, float]) -> _Lettering:
-    """The larger of two: inside the slots' frames, a square of that side, or under them, that wide and high."""
-    widest = max(text_width_nm(word, _SAMPLE_NM) for word in words)
-
-    def height(room: tuple[float, float]) -> int:
-        return int(min(room[1], room[0] * _SAMPLE_NM / widest, _LARGEST_LETTER_NM))
-
-    below = height(under)
-    choices = (_Lettering(height((inside, inside)), 0), _Lettering(below, slot // 2 + below))
-    return max(choices, key=lambda choice: choice.height_nm)
 
 
 def _frame(centre: Point, side: int, line: int) -> tuple[Polygon, ...]:
@@ -326,15 +296,13 @@ def outlines(blank_nm: int, writable_nm: int, dies: Iterable[Die]) -> list[Mark]
     """A thin square frame inside blank, writable area and slots, for orientation only; never written on the plate."""
     named = [("BLANK", (0, 0), blank_nm), ("WRITABLE", (0, 0), writable_nm)]
     named += [(f"SLOT_{die.name}", die.centre_nm, die.slot_nm) for die in dies]
-    return [Mark(f"OUTLINE_{name}", "outline", OUTLINE, _square_frame(place, side)) for name, place, side in named]
-
-
-def _square_frame(centre: Point, side_nm: int) -> tuple[Polygon, ...]:
-    x0, y0, x1, y1 = box_at(centre, (side_nm, side_nm))
-    line = _OUTLINE_NM
-    bars = [(x0, y0, x1, y0 + line), (x0, y1 - line, x1, y1)]
-    bars += [(x0, y0 + line, x0 + line, y1 - line), (x1 - line, y0 + line, x1, y1 - line)]
-    return tuple(rectangle(bar) for bar in bars)
+    marks, line = [], _OUTLINE_NM
+    for name, centre, side in named:
+        x0, y0, x1, y1 = box_at(centre, (side, side))
+        bars = [(x0, y0, x1, y0 + line), (x0, y1 - line, x1, y1)]
+        bars += [(x0, y0 + line, x0 + line, y1 - line), (x1 - line, y0 + line, x1, y1 - line)]
+        marks.append(Mark(f"OUTLINE_{name}", "outline", OUTLINE, tuple(map(rectangle, bars))))
+    return marks
 
 
 def check_clearances(dies: Sequence[Die], marks: Sequence[Mark], writable_nm: int, *, where: str) -> None:
@@ -347,33 +315,19 @@ def check_clearances(dies: Sequence[Die], marks: Sequence[Mark], writable_nm: in
     boxes += [
         (f"mark {mark.name!r}", bounding_box(mark.polygons)) for mark in marks if mark.layer.written and mark.polygons
     ]
-    _check_inside(boxes, writable_nm, where)
-    region = db.Region([db.Box(*box) for _, box in boxes])
-    shared = region.merged(False, 2)
+    half, cure = writable_nm // 2, "Use smaller or fewer dies, a closer die_pitch, or a larger plate"
+    for name, (x0, y0, x1, y1) in boxes:
+        over = max(-half - x0, -half - y0, x1 - half, y1 - half)
+        if over > 0:
+            what = f"{name} leaves the writable area of {writable_nm / NM_PER_UM:g} um by {over / NM_PER_UM:g} um"
+            raise JobError("MF108", what, where=where, cure=cure)
+    shared = db.Region([db.Box(*box) for _, box in boxes]).merged(False, 2)
     if shared.is_empty():
         return
     place = next(shared.each()).bbox()
     one, other, *_ = (name for name, box in boxes if db.Box(*box).overlaps(place))
     x, y = place.left / NM_PER_UM, place.bottom / NM_PER_UM
-    raise JobError(
-        "MF126",
-        f"{one} and {other} overlap at ({x:g}, {y:g}) um",
-        where=where,
-        cure="Use smaller or fewer dies, a closer die_pitch, or a larger plate",
-    )
-
-
-def _check_inside(boxes: Sequence[tuple[str, Box]], writable_nm: int, where: str) -> None:
-    half = writable_nm // 2
-    for name, (x0, y0, x1, y1) in boxes:
-        over = max(-half - x0, -half - y0, x1 - half, y1 - half)
-        if over > 0:
-            raise JobError(
-                "MF108",
-                f"{name} leaves the writable area of {writable_nm / NM_PER_UM:g} um by {over / NM_PER_UM:g} um",
-                where=where,
-                cure="Use smaller or fewer dies, a closer die_pitch, or a larger plate",
-            )
+    raise JobError("MF126", f"{one} and {other} overlap at ({x:g}, {y:g}) um", where=where, cure=cure)
 
 
 MARGIN_NM = 2_000_000
@@ -418,10 +372,11 @@ def templated(template: PlateTemplate, setting: Setting, *, where: str) -> Drawn
     Raises:
         JobError: MF126 if a mark is larger than the room that the template gives it.
     """
-    drawn = [
-        _in_room(mark, _captioned(mark, _draw(mark, template, setting, where), setting), where)
-        for mark in template.mark
-    ]
+    drawn = []
+    for mark in template.mark:
+        figures = _captioned(mark, _draw(mark, template, setting, where), setting)
+        _check_room(mark, figures, where)
+        drawn.append(figures)
     return DrawnMarks(
         (
             *(figure for each in drawn for figure in each.marks),
@@ -433,7 +388,8 @@ def templated(template: PlateTemplate, setting: Setting, *, where: str) -> Drawn
 
 
 def _draw(mark: AnyMark, template: PlateTemplate, setting: Setting, where: str) -> DrawnMarks:
-    name, centre, feature = mark.name, mark.centre_nm, setting.feature_nm
+    name, (x, y), (x0, y0, x1, y1) = mark.name, mark.centre_nm, mark.room_nm
+    centre, feature = (x, y), setting.feature_nm
     match mark:
         case BarsSection():
             return cd_bars(name, centre, feature, mark.multiples, to_nm(mark.length))
@@ -443,8 +399,44 @@ def _draw(mark: AnyMark, template: PlateTemplate, setting: Setting, where: str) 
             return checkerboards(name, centre, feature, mark.multiples, mark.squares)
         case CornersSection():
             return corner_letters(name, centre, feature, mark.multiples)
-        case _:
-            return DrawnMarks((_single(mark, template, setting, where),))
+        case FiducialSection():
+            drawn = fiducial(name, centre, to_nm(mark.length), to_nm(mark.line))
+        case AlignmentSection():
+            drawn = alignment_cross(name, centre, to_nm(mark.length), to_nm(mark.line))
+        case ParitySection():
+            height = to_nm(mark.height)
+            drawn = parity_mark(name, (x - height * WIDTH // HEIGHT // 2, y - height // 2), height)
+        case TitleSection():
+            # Tone and parity in the words of mask houses, and the blank.
+            side, thickness = (value * NM_PER_UM / NM_PER_MM for value in (template.blank, template.thickness))
+            reading = f"digitized data = {setting.tone} | right reading, chrome {setting.chrome}"
+            lines = (maker(setting.signature), f"{reading} | {side:g} x {side:g} x {thickness:g} mm")
+            height, small, room_nm = to_nm(mark.height), to_nm(mark.small), _for_text(mark)
+            drawn = title_block(name, setting.title, lines, (x, y1 - height), height, small, room_nm)
+        case CodeSection():
+            drawn = data_matrix(name, centre, code_text(setting.signature, setting.digest), to_nm(mark.module))
+        case MapSection():
+            drawn = die_map(
+                name,
+                centre,
+                min(x1 - x0, y1 - y0),
+                to_nm(mark.line),
+                blank_nm=setting.blank_nm,
+                die_pitch_nm=setting.die_pitch_nm,
+                dies=setting.dies,
+            )
+        case StarSection():
+            inner = inner_radius_nm(feature, mark.spokes)
+            if inner >= to_nm(mark.radius):
+                raise JobError(
+                    "MF126",
+                    f"spokes of the star {mark.name!r} are {feature / NM_PER_UM:g} um wide at {inner / NM_PER_UM:g} um "
+                    f"from its centre, and it ends at {mark.radius:g} um",
+                    where=where,
+                    cure="Give it a larger radius, or fewer spokes",
+                )
+            drawn = siemens_star(name, centre, feature, to_nm(mark.radius), mark.spokes)
+    return DrawnMarks((drawn,))
 
 
 def _captioned(mark: AnyMark, drawn: DrawnMarks, setting: Setting) -> DrawnMarks:
@@ -468,61 +460,8 @@ def _for_text(mark: MarkSection) -> int:
     return (x1 - x0) * 999 // 1000
 
 
-def _single(mark: AnyMark, template: PlateTemplate, setting: Setting, where: str) -> Mark:
-    name, (x, y) = mark.name, mark.centre_nm
-    x0, y0, x1, y1 = mark.room_nm
-    match mark:
-        case FiducialSection():
-            return fiducial(name, (x, y), to_nm(mark.length), to_nm(mark.line))
-        case AlignmentSection():
-            return alignment_cross(name, (x, y), to_nm(mark.length), to_nm(mark.line))
-        case ParitySection():
-            height = to_nm(mark.height)
-            return parity_mark(name, (x - height * WIDTH // HEIGHT // 2, y - height // 2), height)
-        case TitleSection():
-            height = to_nm(mark.height)
-            lines = (maker(setting.signature), _reading(template, setting))
-            room_nm = _for_text(mark)
-            return title_block(name, setting.title, lines, (x, y1 - height), height, to_nm(mark.small), room_nm)
-        case CodeSection():
-            return data_matrix(name, (x, y), code_text(setting.signature, setting.digest), to_nm(mark.module))
-        case MapSection():
-            return die_map(
-                name,
-                (x, y),
-                min(x1 - x0, y1 - y0),
-                to_nm(mark.line),
-                blank_nm=setting.blank_nm,
-                die_pitch_nm=setting.die_pitch_nm,
-                dies=setting.dies,
-            )
-        case StarSection():
-            _check_star(mark, setting.feature_nm, where)
-            return siemens_star(name, (x, y), setting.feature_nm, to_nm(mark.radius), mark.spokes)
-    raise InternalError("MF901", f"nothing draws a mark of the kind {mark.kind!r}")
-
-
-def _reading(template: PlateTemplate, setting: Setting) -> str:
-    """Tone and parity in the words of mask houses, and the blank."""
-    side, thickness = template.blank * NM_PER_UM / NM_PER_MM, template.thickness * NM_PER_UM / NM_PER_MM
-    reading = f"digitized data = {setting.tone} | right reading, chrome {setting.chrome}"
-    return f"{reading} | {side:g} x {side:g} x {thickness:g} mm"
-
-
-def _check_star(mark: StarSection, feature_nm: int, where: str) -> None:
-    inner = inner_radius_nm(feature_nm, mark.spokes)
-    if inner >= to_nm(mark.radius):
-        raise JobError(
-            "MF126",
-            f"spokes of the star {mark.name!r} are {feature_nm / NM_PER_UM:g} um wide at {inner / NM_PER_UM:g} um from "
-            f"its centre, and it ends at {mark.radius:g} um",
-            where=where,
-            cure="Give it a larger radius, or fewer spokes",
-        )
-
-
-def _in_room(mark: MarkSection, drawn: DrawnMarks, where: str) -> DrawnMarks:
-    """The mark, refused if a figure of it leaves its room."""
+def _check_room(mark: MarkSection, drawn: DrawnMarks, where: str) -> None:
+    """Refuse a mark of which a figure leaves its room."""
     boxes = [bounding_box(figure.polygons) for figure in drawn.marks if figure.polygons]
     x0, y0, x1, y1 = mark.room_nm
     over = max((max(x0 - a, y0 - b, c - x1, d - y1) for a, b, c, d in boxes), default=0)
@@ -534,7 +473,6 @@ def _in_room(mark: MarkSection, drawn: DrawnMarks, where: str) -> DrawnMarks:
             where=where,
             cure="Give it a larger room in the template",
         )
-    return drawn
 
 
 _LARGEST_FEATURE_NM = 50_000
@@ -561,11 +499,20 @@ def compose(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], signatur
     _check_rooms(section, template, len(spec.die), (blank_nm, writable_nm), where)
     pitch_nm = to_nm(section.die_pitch, where=f"{where}: plate.die_pitch", name="die_pitch")
     size_nm = to_nm(section.die_size, where=f"{where}: plate.die_size", name="die_size")
-    centres = _slots(pitch_nm, section.columns, len(spec.die))
+    # Row by row from the top left, the whole grid centred on the plate.
+    columns = min(section.columns, len(spec.die))
+    rows = -(-len(spec.die) // columns)
+    left, top = -(columns - 1) * pitch_nm // 2, (rows - 1) * pitch_nm // 2
     panels = die_panels(spec, openings, where=where)
     dies = tuple(
-        Die(die.name, die.label, panels[die.name], centre, size_nm)
-        for die, centre in zip(spec.die, centres, strict=True)
+        Die(
+            die.name,
+            die.label,
+            panels[die.name],
+            (left + i % columns * pitch_nm, top - i // columns * pitch_nm),
+            size_nm,
+        )
+        for i, die in enumerate(spec.die)
     )
     setting = Setting(
         title=heading.title,
@@ -655,14 +602,6 @@ def _check_rooms(
                 where=f"{where}: plate.{key}",
                 cure=cure,
             )
-
-
-def _slots(pitch_nm: int, most_columns: int, count: int) -> list[Point]:
-    """Centres of the dies' slots, row by row from the top left, the whole grid centred on the plate."""
-    columns = min(most_columns, count)
-    rows = -(-count // columns)
-    left, top = -(columns - 1) * pitch_nm // 2, (rows - 1) * pitch_nm // 2
-    return [(left + (i % columns) * pitch_nm, top - (i // columns) * pitch_nm) for i in range(count)]
 
 
 def _smallest_feature_nm(dies: tuple[Die, ...]) -> int:

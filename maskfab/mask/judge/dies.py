@@ -334,7 +334,8 @@ def asked_dies(spec: JobSpec) -> tuple[AskedDie, ...]:
 
 def _die(die: DieSection, spec: JobSpec, centre: tuple[int, int], slot: int) -> AskedDie:
     side, dot, gutter = slot if die.size is None else _nm(die.size), _nm(die.dot), _nm(die.gutter)
-    shapes = [_drawing(spec.openings[name]) for name in (die.opening, *(die.others or ()))]
+    named = (die.opening, *(die.others or ()))
+    shapes = [_digits(tomllib.loads(spec.openings[name])["grid"]) > 0 for name in named]
     dots = len(shapes[0])
     rows = columns = side // (dots * dot + gutter)
     if die.tiling == "hexagonal":
@@ -346,7 +347,7 @@ def _die(die: DieSection, spec: JobSpec, centre: tuple[int, int], slot: int) -> 
         turns = _digits(given["map"])
         held = _digits(given["openings"]) if "openings" in given else 0 * turns
         if given.get("shifts"):
-            shapes = [_moved(shapes[0], right, up) for right, up in given["shifts"]]
+            shapes = [np.roll(shapes[0], (up, right), axis=(0, 1)) for right, up in given["shifts"]]
         rows, columns = (room - (room - have) % 2 for room, have in zip((rows, columns), turns.shape, strict=True))
         cells = _tiled("map", rows, columns, die.seed, len(shapes))
         _put_in_the_middle(cells, 8 * held + turns)
@@ -362,8 +363,7 @@ def _die(die: DieSection, spec: JobSpec, centre: tuple[int, int], slot: int) -> 
         for column in range(dots):
             clear[row + rim :: dots + rim, column + rim :: dots + rim] = every[:, :, row, column]
     corner = centre[0] - columns * pitch // 2, centre[1] - rows * pitch // 2
-    runs = [run for shape in shapes if (run := _shortest_run(shape))]
-    narrowest = min(runs, default=1) * dot
+    narrowest = min((run for shape in shapes for run in _runs(shape)), default=1) * dot
     return AskedDie(die.name, die.label, centre, slot, dot, pitch, corner[0] + x, corner[1] + y, clear, narrowest)
 
 
@@ -371,15 +371,9 @@ def _nm(length_um: float) -> int:
     return round(length_um * NM_PER_UM)
 
 
-def _drawing(text: str) -> Mask:
-    """Dots of an opening, bool [dots, dots]; drawn with the top row first."""
-    rows = [line.strip() for line in tomllib.loads(text)["grid"].splitlines() if line.strip()]
-    return np.array([[dot == "#" for dot in row] for row in reversed(rows)])
-
-
 def _digits(text: str) -> Ints:
-    """Digits of a map, int64; drawn with the top row first."""
-    rows = [line.strip() for line in text.splitlines() if line.strip()]
+    """Digits of a map, int64, or dots of an opening, 1 where they are clear; drawn with the top row first."""
+    rows = [line.strip() for line in text.translate({ord("#"): "1", ord("."): "0"}).splitlines() if line.strip()]
     return np.array([[int(digit, 16) for digit in row] for row in reversed(rows)], dtype=np.int64)
 
 
@@ -398,11 +392,6 @@ def _turned(shape: Mask, turn: int) -> Mask:
     for _ in range(turn % 4):
         shape = shape[::-1].T  # what lies to the right goes up, and what lies above to the left
     return shape
-
-
-def _moved(shape: Mask, right: int, up: int) -> Mask:
-    """An opening moved by whole dots, none of which leaves the cell."""
-    return np.roll(shape, (up, right), axis=(0, 1))
 
 
 def _tiled(tiling: str, rows: int, columns: int, seed: int | None, openings: int) -> Ints:
@@ -491,15 +480,13 @@ def _hexagonal(shape: Mask, dots: int, seed: int) -> Mask:
     return np.asarray(inside & shape[np.clip(row, 0, width - 1), np.clip(column, 0, width - 1)])
 
 
-def _shortest_run(shape: Mask) -> int:
-    """Dots of the shortest clear run of an opening that repeats; 0 where none ends."""
-    shortest = []
+def _runs(shape: Mask) -> Iterator[int]:
+    """Dots of the shortest clear run in every row and column of an opening that repeats, where one ends."""
     for line in (*shape, *shape.T):
         if line.any() and not line.all():
             ends = np.flatnonzero(~np.roll(line, -int(np.argmin(line))))
             runs = np.diff(np.append(ends, len(line))) - 1
-            shortest.append(int(runs[runs > 0].min()))
-    return min(shortest, default=0)
+            yield int(runs[runs > 0].min())
 
 
 def narrowed(x: Ints, y: Ints, clear: Mask, bias: int) -> tuple[Ints, Ints, Mask]:

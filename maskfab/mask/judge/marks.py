@@ -6,10 +6,11 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
+from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
@@ -31,90 +32,6 @@ _ROWS, _COLUMNS = HEIGHT // _SQUARE, WIDTH // _SQUARE
 # They are four of nine points on a lattice of thirds.
 _THIRDS = 3
 _QUARTERS = ((1, 0), (0, 1), (2, 1), (1, 2))
-
-# Small letters are drawn as capitals.
-_PICTURES = r"""
-!      "      #      $      %      &      '      (
-..#..  .#.#.  .#.#.  ..#..  ##..#  .##..  ..#..  ...#.
-..#..  .#.#.  .#.#.  .####  ##..#  #..#.  ..#..  ..#..
-..#..  .....  #####  #....  ...#.  #.#..  .....  .#...
-..#..  .....  .#.#.  .###.  ..#..  .#...  .....  .#...
-..#..  .....  #####  ....#  .#...  #.#.#  .....  .#...
-.....  .....  .#.#.  ####.  #..##  #..#.  .....  ..#..
-..#..  .....  .#.#.  ..#..  #..##  .##.#  .....  ...#.
-
-)      *      +      ,      -      .      /      0
-.#...  .....  .....  .....  .....  .....  ....#  .###.
-..#..  ..#..  ..#..  .....  .....  .....  ....#  #...#
-...#.  #.#.#  ..#..  .....  .....  .....  ...#.  #..##
-...#.  .###.  #####  .....  .###.  .....  ..#..  #.#.#
-...#.  #.#.#  ..#..  .....  .....  .....  .#...  ##..#
-..#..  ..#..  ..#..  ..#..  .....  .....  #....  #...#
-.#...  .....  .....  .#...  .....  ..#..  #....  .###.
-
-1      2      3      4      5      6      7      8
-..#..  .###.  .###.  ...#.  #####  ..##.  #####  .###.
-.##..  #...#  #...#  ..##.  #....  .#...  ....#  #...#
-#.#..  ....#  ....#  .#.#.  ####.  #....  ...#.  #...#
-..#..  ...#.  ..##.  #..#.  ....#  ####.  ..#..  .###.
-..#..  ..#..  ....#  #####  ....#  #...#  ..#..  #...#
-..#..  .#...  #...#  ...#.  #...#  #...#  ..#..  #...#
-#####  #####  .###.  ...#.  .###.  .###.  ..#..  .###.
-
-9      :      ;      <      =      >      ?      @
-.###.  .....  .....  ...#.  .....  .#...  .###.  .###.
-#...#  .....  .....  ..#..  .....  ..#..  #...#  #...#
-#...#  ..#..  ..#..  .#...  #####  ...#.  ....#  #.###
-.####  .....  .....  #....  .....  ....#  ..##.  #.#.#
-....#  ..#..  ..#..  .#...  #####  ...#.  ..#..  #.###
-...#.  .....  .#...  ..#..  .....  ..#..  .....  #....
-.##..  .....  .....  ...#.  .....  .#...  ..#..  .####
-
-A      B      C      D      E      F      G      H
-..#..  ####.  .###.  ####.  #####  #####  .###.  #...#
-.#.#.  #...#  #...#  #...#  #....  #....  #...#  #...#
-#...#  #...#  #....  #...#  #....  #....  #....  #...#
-#...#  ####.  #....  #...#  ####.  ####.  #.###  #####
-#####  #...#  #....  #...#  #....  #....  #...#  #...#
-#...#  #...#  #...#  #...#  #....  #....  #...#  #...#
-#...#  ####.  .###.  ####.  #####  #....  .####  #...#
-
-I      J      K      L      M      N      O      P
-.###.  ....#  #...#  #....  #...#  #...#  .###.  ####.
-..#..  ....#  #...#  #....  ##.##  #...#  #...#  #...#
-..#..  ....#  #..#.  #....  #.#.#  ##..#  #...#  #...#
-..#..  ....#  ###..  #....  #...#  #.#.#  #...#  ####.
-..#..  #...#  #..#.  #....  #...#  #..##  #...#  #....
-..#..  #...#  #...#  #....  #...#  #...#  #...#  #....
-.###.  .###.  #...#  #####  #...#  #...#  .###.  #....
-
-Q      R      S      T      U      V      W      X
-.###.  ####.  .###.  #####  #...#  #...#  #...#  #...#
-#...#  #...#  #...#  ..#..  #...#  #...#  #...#  #...#
-#...#  #...#  #....  ..#..  #...#  #...#  #...#  .#.#.
-#...#  ####.  .###.  ..#..  #...#  #...#  #...#  ..#..
-#.#.#  #..#.  ....#  ..#..  #...#  #...#  #.#.#  .#.#.
-#..#.  #...#  #...#  ..#..  #...#  .#.#.  ##.##  #...#
-.##.#  #...#  .###.  ..#..  .###.  ..#..  #...#  #...#
-
-Y      Z      [      \      ]      ^      _      `
-#...#  #####  .###.  #....  .###.  ..#..  .....  .#...
-#...#  ....#  .#...  #....  ...#.  .#.#.  .....  ..#..
-.#.#.  ...#.  .#...  .#...  ...#.  #...#  .....  .....
-..#..  ..#..  .#...  ..#..  ...#.  .....  .....  .....
-..#..  .#...  .#...  ...#.  ...#.  .....  .....  .....
-..#..  #....  .#...  ....#  ...#.  .....  .....  .....
-..#..  #####  .###.  ....#  .###.  .....  #####  .....
-
-{      |      }      ~
-..##.  ..#..  .##..  .....
-..#..  ..#..  ..#..  .....
-..#..  ..#..  ..#..  .#...
-.#...  ..#..  ...#.  #.#.#
-..#..  ..#..  ..#..  ...#.
-..#..  ..#..  ..#..  .....
-..##.  ..#..  .##..  .....
-"""
 
 
 def points(steps: int) -> NDArray[np.float64]:
@@ -158,9 +75,9 @@ def area_steps2(mask: Mask) -> float:
 
 @lru_cache(1)
 def _pictures() -> dict[str, Mask]:
-    """Letters as bool [7, 5], the top row first."""
+    """Letters of letters.txt as bool [7, 5], the top row first; small ones are drawn as capitals."""
     pictures = {" ": np.zeros((_ROWS, _COLUMNS), dtype=np.bool_)}
-    for band in _PICTURES.strip("\n").split("\n\n"):
+    for band in Path(__file__).with_name("letters.txt").read_text("ascii").strip("\n").split("\n\n"):
         names, *rows = (line.split() for line in band.splitlines())
         for place, name in enumerate(names):
             pictures[name] = np.array([[square == "#" for square in row[place]] for row in rows])
@@ -266,17 +183,10 @@ class Code:
     module: int
 
 
-@dataclass(frozen=True)
-class AskedMarks:
-    """Everything on a plate that is no die."""
-
-    marks: tuple[Mark, ...]
-    lines: tuple[Line, ...]
-    codes: tuple[Code, ...]
-
-
-def asked_marks(spec: JobSpec, dies: Sequence[AskedDie], version: str) -> tuple[AskedMarks, int]:
-    """The marks of a job before the plate is mirrored, and the side of its writable area in nanometres."""
+def asked_marks(
+    spec: JobSpec, dies: Sequence[AskedDie], version: str
+) -> tuple[tuple[Mark, ...], tuple[Line, ...], tuple[Code, ...], int]:
+    """Figures, lines and codes of a job before the plate is mirrored, and the side of its writable area, nanometres."""
     plate, heading = spec.plate, spec.job
     assert plate is not None
     assert heading is not None
@@ -294,26 +204,17 @@ def asked_marks(spec: JobSpec, dies: Sequence[AskedDie], version: str) -> tuple[
         reading = f"digitized data = {spec.tone} | right reading, chrome {'down' if spec.mirrored else 'up'}"
         blank = [_nm(facts[key]) / 1e6 for key in ("blank", "blank", "thickness")]
         size = "{:g} x {:g} x {:g} mm".format(*blank)
-        told = _Told(heading.title, maker, f"{reading} | {size}", f"maskfab:{version}:{digest}")
+        titles, code = (heading.title, maker, f"{reading} | {size}"), f"maskfab:{version}:{digest}"
         across = _nm(facts["blank"]), round(plate.die_pitch * NM_PER_UM)
         for mark in facts.get("mark", ()):
-            drawn += _of_template(mark, feature, told, dies, across)
+            drawn += _of_template(mark, feature, titles, code, dies, across)
     drawn += map(_label, dies)
-    return AskedMarks(
+    return (
         tuple(part for part in drawn if isinstance(part, Mark)),
         tuple(part for part in drawn if isinstance(part, Line) and part.text),
         tuple(part for part in drawn if isinstance(part, Code)),
-    ), side
-
-
-@dataclass(frozen=True)
-class _Told:
-    """Words of the title block and of the data matrix."""
-
-    title: str
-    maker: str
-    reading: str
-    code: str
+        side,
+    )
 
 
 def _plain(side: int, feature: int, title: str, line: str) -> Iterator[Mark | Line]:
@@ -329,7 +230,12 @@ def _plain(side: int, feature: int, title: str, line: str) -> Iterator[Mark | Li
 
 
 def _of_template(
-    mark: Mapping[str, Any], feature: int, told: _Told, dies: Sequence[AskedDie], across: tuple[int, int]
+    mark: Mapping[str, Any],
+    feature: int,
+    titles: Sequence[str],
+    code: str,
+    dies: Sequence[AskedDie],
+    across: tuple[int, int],
 ) -> Iterator[Mark | Line | Code]:
     """Parts of one [[mark]] of a template; ``across`` are blank and distance of dies."""
     name, (x, y) = mark["name"], map(_nm, mark["at"])
@@ -346,18 +252,18 @@ def _of_template(
             yield _letter_f(name, (x - tall * 3 // 5 // 2, y - tall // 2), tall)
         case "title":
             tall, small = lengths["height"], lengths["small"]
-            yield _centred(name, told.title, (x, high - tall), tall, room)
-            for number, text in enumerate((told.maker, told.reading), 1):
+            yield _centred(name, titles[0], (x, high - tall), tall, room)
+            for number, text in enumerate(titles[1:], 1):
                 yield _centred(name, text, (x, high - tall - 2 * small * number), small, room)
         case "data_matrix":
-            yield Code(name, told.code, (x, y), lengths["module"])
+            yield Code(name, code, (x, y), lengths["module"])
         case "die_map":
             yield from _map(name, (x, y), min(width, height), lengths["line"], dies, across)
         case kind:
             yield from _test_figures(kind, mark, (x, y), feature)
             size = f"{feature / NM_PER_UM:g} um"
-            told_multiples = f"x {', '.join(f'{each:g}' for each in mark.get('multiples', ()))}"
-            text = f"{name}  {size} {'inside' if kind == 'siemens_star' else told_multiples}"
+            multiples = ", ".join(f"{multiple:g}" for multiple in mark.get("multiples", ()))
+            text = f"{name}  {size} {'inside' if kind == 'siemens_star' else f'x {multiples}'}"
             yield _centred(f"{name}_TEXT", text, (x, y - height // 2), _CAPTION, room)
 
 
@@ -427,29 +333,34 @@ def _bars(name: str, centre: Place, feature: int, multiples: Sequence[int], leng
             yield Mark(f"{name}_{axis}_{_times(multiple)}", _boxes(_round((x, centre[1]), *size)))
 
 
+def _row(
+    name: str, centre: int, feature: int, multiples: Sequence[float], side: Callable[[int], int]
+) -> Iterator[tuple[str, int, int]]:
+    """Test figures from left to right: name, width and left end; ``side`` tells how broad one of a width is."""
+    widths = [round(feature * multiple) for multiple in multiples]
+    left = centre - (sum(map(side, widths)) + _BETWEEN * (len(widths) - 1)) // 2
+    for multiple, width in zip(multiples, widths, strict=True):
+        yield f"{name}_{_times(multiple)}", width, left
+        left += side(width) + _BETWEEN
+
+
 def _gratings(
     name: str, centre: Place, feature: int, multiples: Sequence[float], lines: int, length: int
 ) -> Iterator[Mark]:
     """For each multiple, from left to right, upright lines above and lying ones below, as wide as their spaces."""
-    widths = [round(feature * multiple) for multiple in multiples]
-    sides = [max((2 * lines - 1) * width, length) for width in widths]
-    left = centre[0] - (sum(sides) + _BETWEEN * (len(sides) - 1)) // 2
-    rise = (max(sides) + _BETWEEN) // 2
-    for multiple, width, side in zip(multiples, widths, sides, strict=True):
-        x = left + side // 2
+
+    def side(width: int) -> int:
+        return max((2 * lines - 1) * width, length)
+
+    rise = (side(round(feature * max(multiples))) + _BETWEEN) // 2
+    for (_, width, left), multiple in zip(_row(name, centre[0], feature, multiples, side), multiples, strict=True):
+        x = left + side(width) // 2
         starts = [math.floor(-(2 * lines - 1) * width / 2) + 2 * number * width for number in range(lines)]
-        low, high = -(side // 2), side - side // 2
-        y = centre[1] + rise
-        yield Mark(
-            f"{name}_V_{_times(multiple)}",
-            _boxes(*((x + start, y + low, x + start + width, y + high) for start in starts)),
-        )
-        y = centre[1] - rise
-        yield Mark(
-            f"{name}_H_{_times(multiple)}",
-            _boxes(*((x + low, y + start, x + high, y + start + width) for start in starts)),
-        )
-        left += side + _BETWEEN
+        low, high = -(side(width) // 2), side(width) - side(width) // 2
+        upright = ((x + start, low, x + start + width, high) for start in starts)
+        yield Mark(f"{name}_V_{_times(multiple)}", _boxes(*upright) + np.array([0, centre[1] + rise] * 2))
+        lying = ((low, start, high, start + width) for start in starts)
+        yield Mark(f"{name}_H_{_times(multiple)}", _boxes(*lying) + np.array([x, centre[1] - rise] * 2))
 
 
 def _star(name: str, centre: Place, feature: int, radius: int, spokes: int) -> Mark:
@@ -470,28 +381,19 @@ def _star(name: str, centre: Place, feature: int, radius: int, spokes: int) -> M
 
 def _boards(name: str, centre: Place, feature: int, multiples: Sequence[float], squares: int) -> Iterator[Mark]:
     """Boards of squares, of which the lower left one is clear and so is every other one."""
-    sides = [round(feature * multiple) for multiple in multiples]
-    left = centre[0] - (squares * sum(sides) + _BETWEEN * (len(sides) - 1)) // 2
-    for multiple, side in zip(multiples, sides, strict=True):
+    clear = [(i, j) for j in range(squares) for i in range(squares) if (i + j) % 2 == 0]
+    for board, side, left in _row(name, centre[0], feature, multiples, lambda side: squares * side):
         low = centre[1] - squares * side // 2
-        clear = [(i, j) for j in range(squares) for i in range(squares) if (i + j) % 2 == 0]
         boxes = ((left + i * side, low + j * side, left + i * side + side, low + j * side + side) for i, j in clear)
-        yield Mark(f"{name}_{_times(multiple)}", _boxes(*boxes))
-        left += squares * side + _BETWEEN
+        yield Mark(board, _boxes(*boxes))
 
 
 def _corners(name: str, centre: Place, feature: int, multiples: Sequence[float]) -> Iterator[Mark]:
     """Letters L on one base line, their arms six widths long."""
-    widths = [round(feature * multiple) for multiple in multiples]
-    left = centre[0] - (6 * sum(widths) + _BETWEEN * (len(widths) - 1)) // 2
-    low = centre[1] - 6 * max(widths) // 2
-    for multiple, width in zip(multiples, widths, strict=True):
+    low = centre[1] - 6 * round(feature * max(multiples)) // 2
+    for letter, width, left in _row(name, centre[0], feature, multiples, lambda width: 6 * width):
         long = 6 * width
-        yield Mark(
-            f"{name}_{_times(multiple)}",
-            _boxes((left, low, left + long, low + width), (left, low, left + width, low + long)),
-        )
-        left += long + _BETWEEN
+        yield Mark(letter, _boxes((left, low, left + long, low + width), (left, low, left + width, low + long)))
 
 
 def _times(multiple: float) -> str:

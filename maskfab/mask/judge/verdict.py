@@ -106,8 +106,7 @@ def asked(spec: JobSpec, shop: Shop | None = None, *, sent: bool = False, versio
     """
     dies = asked_dies(spec)
     grids = _grids(spec, dies, shop)
-    every, writable = asked_marks(spec, dies, version)
-    marks = every.marks
+    marks, lines, codes, writable = asked_marks(spec, dies, version)
     if spec.mirrored:
         dies = tuple(of_dies.mirrored(die) for die in dies)
         marks = tuple(map(mirrored, marks))
@@ -115,24 +114,21 @@ def asked(spec: JobSpec, shop: Shop | None = None, *, sent: bool = False, versio
         marks += tuple(corner_squares(shop.plate.extent_mm, shop.plate.corner_square_um))
     for grid in grids:
         marks = tuple(on_grid(mark, grid) for mark in marks)
+    # Bars open holes for a house where no two figures may share an edge.
+    barred = shop is not None and shop.polygons.shared_boundaries is False
+    least = 0 if shop is None else shop.limits.min_space_um or shop.limits.min_feature_um or 0
     return Asked(
         dies,
         marks,
-        every.lines,
-        every.codes,
+        lines,
+        codes,
         writable,
         spec.mirrored,
         grids,
         spec.tone == "dark",
         spec.data_bias_nm or 0,
-        0 if shop is None or shop.polygons.shared_boundaries is not False else _bar(shop),
+        max(4_000, 2 * round(least * NM_PER_UM)) if barred else 0,
     )
-
-
-def _bar(shop: Shop) -> int:
-    """Width of the bars that open holes for a house where no two figures may share an edge."""
-    least = shop.limits.min_space_um or shop.limits.min_feature_um or 0
-    return max(4_000, 2 * round(least * NM_PER_UM))
 
 
 def _grids(spec: JobSpec, dies: Sequence[AskedDie], shop: Shop | None) -> tuple[int, ...]:
@@ -141,14 +137,11 @@ def _grids(spec: JobSpec, dies: Sequence[AskedDie], shop: Shop | None) -> tuple[
     own = () if stated is None or stated == 1 else (stated,)
     if shop is None:
         return own
-    kept = [grid for grid in shop.limits.grid_nm or () if all(_lies_on(die, grid) for die in dies)]
+    lines = [line for die in dies for line in (die.x, die.y)]
+    kept = [grid for grid in shop.limits.grid_nm or () if not any(np.any(line % grid) for line in lines)]
     if stated in kept or 1 in kept or not kept:
         return own
     return (*own, max(kept))
-
-
-def _lies_on(die: AskedDie, grid: int) -> bool:
-    return not (np.any(die.x % grid) or np.any(die.y % grid))
 
 
 def judged(read: db.Layout, name: str, plate: Asked) -> tuple[Quantity, ...]:
