@@ -109,7 +109,7 @@ USES: Mapping[str, Keys] = MappingProxyType({
     "sweep scatter": (*_DIES, *_CAMERA, *_EDGES),
     "sweep surrogate": (*_DIES, *_LENS),
     "sweep footprint": (*_DIES, "emitters"),
-    "sweep display": (*_DIES, *_FIT),
+    "sweep displays": (*_DIES, *_FIT),
     "sweep scene": (*_CAMERA, *_DIES, *_BLANK, *_OPTICS),
     "sweep photographs": _PHOTOGRAPHS,
 })  # fmt: skip

@@ -2,39 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, cast
+
+import numpy as np
+from klayout import db
 
 from maskfab.base.folders import check_target
 from maskfab.base.model import Plate
 from maskfab.base.processes import ArgumentsFactory, Found, SerialExecutor, Task
 from maskfab.base.work import silent
 from maskfab.display.feasibility import displays
+from maskfab.mask.houses.files import PlateFiles
 from maskfab.mask.job import Job
 from maskfab.report.documents.measured import measured_beside
 from maskfab.report.pages.front import shown_count
 from maskfab.report.rows.optics import layout_as_seen, plate_as_seen
 from maskfab.report.rows.photographs import Conditions
 from maskfab.runs import pipeline
-from maskfab.runs.costs import (
-    HELD,
-    SCENES_S,
-    STARTED_S,
-    Amounts,
-    Pace,
-    draw_s,
-    figures_s,
-    layout_s,
-    read_bytes,
-    read_s,
-    task_bytes,
-    write_s,
-)
-from maskfab.runs.recall import kind_of, origin_of
-from maskfab.runs.store import Finding, Store
+from maskfab.runs.findings import expected, task_bytes
+from maskfab.runs.recall import kind_of, origin_of, words
+from maskfab.runs.store import Entry, KeptFinding, Store
+
+PROBE_S = 0.1
+"""Seconds that :func:`probe` takes on the machine of the reference numbers."""
+STARTED_S = 2.0
+"""Of a process, for its imports."""
+HELD = 400e6
+"""Bytes of a process that has imported what it needs."""
+SCENES_S = 2.0
+"""Of each process that takes photographs, for drawing their scenes."""
+_PROBED = 512
+_TIMES = 3
 
 _AFTER_DISPLAYS = "kept is known once the displays are"
 _AFTER_OPTICS = "kept is known once the dies are measured"
@@ -168,21 +173,25 @@ def dry_run(job: Job, out: Path, *, force: bool = False, cache: Store | None = N
     if laid.kept != laid.tasks:
         photographed = (optics, scenes, process, tolerance)
         optics, scenes, process, tolerance = (replace(each, kept=None, note=_AFTER_DISPLAYS) for each in photographed)
-    amounts = Amounts.of(made)
+    amounts, drawings = Amounts.of(made), _figures(job, plate)
     stages = (
-        _own("layout", 1, layout_s(len(plate.dies)), pace),
+        _own("layout", 1, 0.1 + 0.01 * len(plate.dies), pace),
         laid,
         photographs,
-        _own("draw", 1, draw_s(amounts), pace),
+        _own("draw", 1, 0.05 + 1.5e-6 * amounts.vertices + 3e-6 * amounts.references, pace),
         process,
-        _own("write", len(made.products), write_s(made, amounts), pace),
-        _own("read back", len(made.products), read_s(made, amounts), pace, read_bytes(made, amounts)),
+        _own("write", len(made.products), _files_s(made, amounts, 0), pace),
+        _own(
+            "read back",
+            len(made.products),
+            _files_s(made, amounts, 1) + _DOTS_S * amounts.dies,
+            pace,
+            read_bytes(made, amounts),
+        ),
         optics,
         scenes,
         tolerance,
-        replace(
-            _own("figures", _figures(job, plate), figures_s(_figures(job, plate)), pace), kept=None, note=_AFTER_OPTICS
-        ),
+        replace(_own("figures", drawings, 0.25 + 0.3 * drawings, pace), kept=None, note=_AFTER_OPTICS),
     )
     return Forecast(tuple(stage for stage in stages if stage.tasks), processes, pace.source, False)
 
@@ -253,7 +262,7 @@ class _ForecastExecutor(SerialExecutor):
         if self._cache is not None:
             with suppress(TypeError):
                 entry = self._cache.get(origin_of(function, *given), kind_of(function))
-                kept = (entry.value,) if isinstance(entry, Finding) else None
+                kept = (entry.value,) if isinstance(entry, KeptFinding) else None
         held = task_bytes(function, given) if kept is None else 0.0
         self._seen.append((kept is not None, self._pace.seconds(function, given), held))
         return kept
@@ -262,3 +271,146 @@ class _ForecastExecutor(SerialExecutor):
 def _done(found: Found) -> Task[Found]:
     """A task whose finding is known."""
     return Task(lambda: found, tuple, lambda task: not task.ended)
+
+
+# What this machine takes for it.
+
+
+@dataclass(frozen=True)
+class Pace:
+    """Time that this machine takes over that of the machine of the reference numbers.
+
+    Attributes:
+        of_all: tasks without one of their own.
+        of_kind: tasks, by the name of their function.
+        source: of the numbers, in words.
+    """
+
+    of_all: float
+    of_kind: Mapping[str, float]
+    source: str
+
+    @classmethod
+    def of(cls, entries: Iterable[Entry]) -> Pace:
+        """By what earlier tasks took; by a probe where there are none."""
+        took: dict[str, list[tuple[float, float]]] = defaultdict(list)
+        for entry in entries:
+            if entry.seconds is not None and entry.expected_s:
+                took[entry.what].append((entry.seconds, entry.expected_s))
+        if not took:
+            return cls(probe() / PROBE_S, {}, "by constants, and a probe of this machine")
+        number = sum(map(len, took.values()))
+        of_kind = {what: _ratio(each) for what, each in took.items()}
+        every = [pair for each in took.values() for pair in each]
+        return cls(_ratio(every), of_kind, f"by {number} earlier tasks on this machine")
+
+    def seconds(self, function: Callable[..., Any], given: tuple[Any, ...]) -> float:
+        """That a task is expected to take here."""
+        own = expected(function, given)
+        return 0.0 if own is None else own * self.of_kind.get(words(function), self.of_all)
+
+
+@dataclass(frozen=True)
+class _FileCost:
+    """Seconds that a kind of file takes, written and read back: for each vertex that stands in a cell, for each
+    reference, for each vertex with all references followed, and for each file."""
+
+    vertex: tuple[float, float] = (0.0, 0.0)
+    reference: tuple[float, float] = (0.0, 0.0)
+    drawn: tuple[float, float] = (0.0, 0.0)
+    file: tuple[float, float] = (0.03, 0.05)
+
+
+_FILES: Mapping[str, _FileCost] = MappingProxyType(
+    {
+        ".gds": _FileCost((0.6e-6, 1e-6), (1.4e-6, 25e-6)),
+        ".oas": _FileCost((1e-6, 1e-6), (1.6e-6, 32e-6)),
+        "_R12.dxf": _FileCost((1.9e-6, 4.8e-6), (5.8e-6, 38e-6)),
+        "_R2010.dxf": _FileCost((1e-6, 2.8e-6), (4.5e-6, 35e-6)),
+        ".gbr": _FileCost(drawn=(0.46e-6, 11e-6)),
+        ".cif": _FileCost((1e-6, 2e-6), (1e-6, 26e-6)),
+        ".svg": _FileCost(reference=(0.6e-6, 17e-6)),
+        ".step": _FileCost(file=(0.35, 2.2)),
+    }
+)
+"""By how a file's name ends."""
+_OTHER = _FileCost(file=(0.3, 0.8))
+"""Solids and pictures of a die."""
+_DOTS_S = 0.08
+"""Of comparing a die dot by dot."""
+_VERTEX_BYTES = 900.0
+_DRAWN_BYTES = 150.0
+_DOT_BYTES = 19.0
+"""Of a dot, as it was read and as it was designed, in the die that has most of them."""
+_BOX_BYTES = 22.0
+"""Of a vertex among the boxes that the die's dots are found from."""
+
+
+@dataclass(frozen=True)
+class Amounts:
+    """Size of the work of drawing, writing and reading the files of a plate.
+
+    Attributes:
+        vertices: that stand in cells of the design.
+        references: of the design.
+        drawn: vertices with all references followed.
+        dots: of the die that has most, its gutters among them.
+        share: of that die in the dots of all.
+        dies: on the plate.
+    """
+
+    vertices: int
+    references: int
+    drawn: int
+    dots: int
+    share: float
+    dies: int
+
+    @classmethod
+    def of(cls, made: PlateFiles) -> Amounts:
+        """Amounts of the files that a plate becomes."""
+        vertices = references = 0
+        for cell in made.design.each_cell():
+            references += cell.child_instances()
+            for layer in made.design.layer_indexes():
+                drawn = db.Region(cell.shapes(layer))
+                drawn.merged_semantics = False
+                vertices += drawn.edges().count()
+        panels = [die.panel for die in made.plate.dies]
+        dots = [panel.orientations.size * (len(panel.cell_size.edges_nm) - 1) ** 2 for panel in panels]
+        most = max(dots, default=0)
+        share = most / sum(dots) if most else 0.0
+        return cls(vertices, references, made.figures.account.vertices, most, share, len(dots))
+
+
+def read_bytes(made: PlateFiles, amounts: Amounts) -> float:
+    """Of memory, for the design, a file that is held against it, and the dots of one die."""
+    flat = any(product.name.endswith(".gbr") for product in made.products)
+    of_die = _DOT_BYTES * amounts.dots + _BOX_BYTES * amounts.share * amounts.drawn
+    return _VERTEX_BYTES * amounts.vertices + max(of_die, _DRAWN_BYTES * amounts.drawn * flat)
+
+
+def _files_s(made: PlateFiles, amounts: Amounts, way: int) -> float:
+    counted = amounts.vertices, amounts.references, amounts.drawn
+    total = 0.0
+    for product in made.products:
+        cost = next((cost for ending, cost in _FILES.items() if product.name.endswith(ending)), _OTHER)
+        each = (cost.vertex[way], cost.reference[way], cost.drawn[way])
+        total += cost.file[way] + sum(one * amount for one, amount in zip(each, counted, strict=True))
+    return total
+
+
+def _ratio(pairs: Iterable[tuple[float, float]]) -> float:
+    known = list(pairs)
+    return sum(seconds for seconds, _ in known) / sum(expected_s for _, expected_s in known)
+
+
+def probe() -> float:
+    """Seconds of a processor for a fixed piece of work of the kind that tasks do, a quarter of a second at most."""
+    values = np.random.default_rng(1).random((_PROBED, _PROBED))
+    begun = time.thread_time()
+    for _ in range(_TIMES):
+        np.fft.ifft2(np.fft.fft2(values))
+        values @ values
+        sorted(values.ravel().tolist()[:20_000])
+    return time.thread_time() - begun

@@ -79,7 +79,7 @@ from maskfab.report.rows.photographs import Conditions, Photographs, Restored, S
 from maskfab.report.rows.scene import SceneOptics, measure_scene, peak_bytes, scene_plan, scene_reach_um
 from maskfab.report.rows.text import Quantities
 from maskfab.report.rows.verdicts import Verdicts
-from maskfab.runs.costs import expected
+from maskfab.runs.findings import expected
 from maskfab.runs.recall import CachingExecutor
 from maskfab.runs.store import Origin, Store, fingerprint, give_result, keep_result, of_installation
 

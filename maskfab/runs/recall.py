@@ -14,7 +14,7 @@ from maskfab.base import __version__
 from maskfab.base.folders import Account
 from maskfab.base.model import Die
 from maskfab.base.processes import ArgumentsFactory, Found, SerialExecutor, Task
-from maskfab.runs.store import Finding, Origin, Refused, Store, fingerprint, of_installation
+from maskfab.runs.store import KeptFinding, Origin, Refused, Store, fingerprint, of_installation
 
 Expected: TypeAlias = Callable[[Callable[..., Any], tuple[Any, ...]], float | None]
 """Seconds of a processor that a function of a module is expected to take with its arguments; None for unknown ones."""
@@ -112,7 +112,7 @@ def recalled(store: Store, expected: Expected | None, function: Callable[..., Fo
     except TypeError:
         return Recalled(function(*given), None)
     kept, die = store.get(origin, kind), _die_of(given)
-    if isinstance(kept, Finding):
+    if isinstance(kept, KeptFinding):
         return Recalled(kept.value, Account(origin.what, die, True, kept.since, kept.version, origin.key))
     begun = time.thread_time()
     found = function(*given)

@@ -197,7 +197,7 @@ class Origin:
 
 
 @dataclass(frozen=True)
-class Finding:
+class KeptFinding:
     """A finding that was kept.
 
     Attributes:
@@ -273,7 +273,7 @@ class Store:
         """Whether something is kept of an origin, which may yet turn out to be refused."""
         return self._path(origin.key).is_file()
 
-    def get(self, origin: Origin, kind: Any) -> Finding | Refused | None:
+    def get(self, origin: Origin, kind: Any) -> KeptFinding | Refused | None:
         """The finding of an origin; None if there is no entry.
 
         Args:
@@ -295,7 +295,7 @@ class Store:
                 list(origin.parts),
             ):
                 raise _RefusedError("it was found from something else")
-            finding = Finding(from_data(body, kind), str(told["found"]), str(told["version"]))
+            finding = KeptFinding(from_data(body, kind), str(told["found"]), str(told["version"]))
             with suppress(OSError):
                 os.utime(path)
         except FileNotFoundError:
@@ -507,7 +507,7 @@ def keep_result(store: Store, origin: Origin, folder: Path, summary: object, kin
     store.prune()
 
 
-def give_result(store: Store, origin: Origin, folder: Path, kind: Any) -> Finding | None:
+def give_result(store: Store, origin: Origin, folder: Path, kind: Any) -> KeptFinding | None:
     """Put the files of a kept directory into an empty one.
 
     Returns:
@@ -518,7 +518,7 @@ def give_result(store: Store, origin: Origin, folder: Path, kind: Any) -> Findin
         OSError: if a file cannot be written.
     """
     kept = store.get(origin, tuple[dict[str, str], kind])
-    if not isinstance(kept, Finding):
+    if not isinstance(kept, KeptFinding):
         return None
     hashes, summary = kept.value
     if any(Path(name).name != name for name in hashes):

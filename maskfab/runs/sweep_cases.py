@@ -11,11 +11,10 @@ import math
 import os
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Literal, TypeAlias, get_args
 
 from maskfab.base.errors import InputError, JobError, OutputError
@@ -40,14 +39,15 @@ from maskfab.report.rows.as_written import measure_written, written_psf_quantiti
 from maskfab.report.rows.display import display_quantities
 from maskfab.report.rows.photographs import Conditions, Photographs, Surroundings, photograph_die
 from maskfab.report.rows.scene import measure_scene, scene_plan, scene_reach_um
+from maskfab.runs.findings import STAGE_OF_QUANTITY, function_of
 from maskfab.runs.store import Record, keep, make_folder, of_installation
-from maskfab.runs.sweep_plan import WORKS, Case, by_psf
+from maskfab.runs.sweep_plan import Case, by_psf
 
 _SURROGATES = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Subject:
+class SweptDie:
     """One die of one case.
 
     Attributes:
@@ -63,7 +63,7 @@ class Subject:
     works: frozenset[str]
 
     @cached_property
-    def die(self) -> Die:
+    def alone(self) -> Die:
         """The die by itself."""
         return Die(self.name, self.name, self.panel, (0, 0), max(self.panel.size_nm))
 
@@ -79,17 +79,18 @@ class Subject:
     @cached_property
     def as_written(self) -> tuple[Quantity, ...]:
         """Numbers of the die as the process makes it."""
-        given = self.die, self.camera, self.process, f"{self.job.where}: process"
+        given = self.alone, self.camera, self.process, f"{self.job.where}: process"
         return measure_written(*given).quantities if "mtf as written" in self.works else written_psf_quantities(*given)
+
+    def written_rows(self, work: str) -> list[Quantity]:
+        """Of the numbers as written, those of one work."""
+        return [row for row in self.as_written if STAGE_OF_QUANTITY[row.name].name == work]
 
     @cached_property
     def table(self) -> LagTable:
         """Lags of the panel as designed."""
         stop = self.camera.stop
         return lag_table(cut(panel_aperture(self.panel, stop.diameter_um / 2), stop), longest_lag_um(self.camera))
-
-
-Measure = Callable[[Subject], Iterable[Quantity]]
 
 
 def measured(job: Job, wanted: Sequence[str]) -> list[Quantity]:
@@ -100,83 +101,110 @@ def measured(job: Job, wanted: Sequence[str]) -> list[Quantity]:
     """
     if by_psf(wanted):
         job.check_window()
-    works = frozenset(WORKS[name] for name in wanted)
-    functions = list(dict.fromkeys(MEASURES[name] for name in wanted))
+    stages = [STAGE_OF_QUANTITY[name] for name in wanted]
+    works = frozenset(stage.name for stage in stages)
+    functions = [function_of(name) for name in dict.fromkeys(stage.sweep for stage in stages) if name is not None]
     return [
         judged(quantity, job.spec.limits)
         for name, panel in job.panels().items()
-        for subject in (Subject(job, name, panel, works),)
+        for die in (SweptDie(job, name, panel, works),)
         for function in functions
-        for quantity in function(subject)
+        for quantity in function(die)
         if quantity.name in wanted
     ]
 
 
-def _open_ratio(subject: Subject) -> Iterable[Quantity]:
+def open_ratio(die: SweptDie) -> Iterable[Quantity]:
+    """Clear share of the die."""
     how = "clear share of one cell of the design, exact"
-    return [Quantity("open_ratio", subject.panel.open_ratio, how, die=subject.name)]
+    return [Quantity("open_ratio", die.panel.open_ratio, how, die=die.name)]
 
 
-def _mtfs(subject: Subject) -> Iterable[Quantity]:
-    for line in subject.camera.wavelengths_nm:
-        mtf = presampled_mtf(subject.table, subject.camera, line)
-        yield from metrics.mtf_quantities(mtf, subject.camera.pixel_um, subject.name)
+def mtfs(die: SweptDie) -> Iterable[Quantity]:
+    """MTF of the panel as designed, at every wavelength."""
+    for line in die.camera.wavelengths_nm:
+        mtf = presampled_mtf(die.table, die.camera, line)
+        yield from metrics.mtf_quantities(mtf, die.camera.pixel_um, die.name)
 
 
-def _restoration(subject: Subject) -> Iterable[Quantity]:
-    for line in subject.camera.wavelengths_nm:
-        yield from metrics.restoration_quantities(subject.table, subject.camera, line, subject.name)
+def restoration(die: SweptDie) -> Iterable[Quantity]:
+    """What a restored photograph keeps, at every wavelength."""
+    for line in die.camera.wavelengths_nm:
+        yield from metrics.restoration_quantities(die.table, die.camera, line, die.name)
 
 
-def _features(subject: Subject) -> Iterable[Quantity]:
-    return written_features(smallest_features(subject.die), subject.process)
+def features(die: SweptDie) -> Iterable[Quantity]:
+    """Smallest features of the die, as designed and as the process makes them."""
+    return written_features(smallest_features(die.alone), die.process)
 
 
-def _written_psf(subject: Subject) -> Iterable[Quantity]:
-    return [each for each in subject.as_written if WORKS[each.name] == "psf as written"]
+def written_psf(die: SweptDie) -> Iterable[Quantity]:
+    """PSF of the die as the process makes it."""
+    return die.written_rows("psf as written")
 
 
-def _written_mtf(subject: Subject) -> Iterable[Quantity]:
-    return [each for each in subject.as_written if WORKS[each.name] == "mtf as written"]
+def written_mtf(die: SweptDie) -> Iterable[Quantity]:
+    """MTF of the die as the process makes it."""
+    return die.written_rows("mtf as written")
 
 
-def _scatter(subject: Subject) -> Iterable[Quantity]:
-    if subject.process.roughness is None:
-        where, cure = subject.job.where, "Add it, or vary process.roughness.sigma and process.roughness.correlation"
+def scatter(die: SweptDie) -> Iterable[Quantity]:
+    """Light that rough edges scatter.
+
+    Raises:
+        JobError: MF105 without roughness.
+    """
+    if die.process.roughness is None:
+        where, cure = die.job.where, "Add it, or vary process.roughness.sigma and process.roughness.correlation"
         raise JobError("MF105", "rough edges scatter, and the job has no [process.roughness]", where=where, cure=cure)
-    return [each for each in subject.as_written if WORKS[each.name] == "scatter"]
+    return die.written_rows("scatter")
 
 
-def _photographs(subject: Subject) -> Iterable[Quantity]:
-    conditions, around = Conditions.of(subject.job, "camera"), Surroundings.of(subject.job)
-    found = photograph_die(conditions, around, subject.name, subject.panel, False)
+def photographs(die: SweptDie) -> Iterable[Quantity]:
+    """Scores of restored photographs through the die.
+
+    Raises:
+        JobError: for a die that cannot be photographed.
+    """
+    conditions, around = Conditions.of(die.job, "camera"), Surroundings.of(die.job)
+    found = photograph_die(conditions, around, die.name, die.panel, False)
     if found.refused is not None:
         code, _, what = found.refused.partition(" ")
-        raise JobError(code, what, where=f"die {subject.name}", cure="See maskfab explain")
-    return Photographs(conditions, {subject.name: found}).quantities(subject.name)
+        raise JobError(code, what, where=f"die {die.name}", cure="See maskfab explain")
+    return Photographs(conditions, {die.name: found}).quantities(die.name)
 
 
-def _expected(subject: Subject) -> Iterable[Quantity]:
+def expected(die: SweptDie) -> Iterable[Quantity]:
+    """Score that the surrogate expects, by level of light.
+
+    Raises:
+        JobError: MF161 for cells of several openings.
+    """
     from maskfab.designs.design import capture_settings  # which loads torch
 
-    opening = _only_opening(subject)
-    settings = capture_settings(subject.job.spec)
-    known = _surrogate(subject.camera, opening.dots, subject.panel.dot_nm, settings)
-    found = known(opening.mask, periodic=subject.panel.tiling is Tiling.PERIODIC, levels=settings.levels)
+    opening = _only_opening(die)
+    settings = capture_settings(die.job.spec)
+    known = _surrogate(die.camera, opening.dots, die.panel.dot_nm, settings)
+    found = known(opening.mask, periodic=die.panel.tiling is Tiling.PERIODIC, levels=settings.levels)
     how = "surrogate: photographs of the bundled scenes through any random tiling of the opening, no gutters"
     for level, psnr in zip(settings.levels, found, strict=True):
-        yield Quantity("expected_psnr", psnr, how, die=subject.name, level_db=level)
+        yield Quantity("expected_psnr", psnr, how, die=die.name, level_db=level)
 
 
-def _footprint(subject: Subject) -> Iterable[Quantity]:
-    rules, opening = display_rules(subject.job), _only_opening(subject)
+def footprint(die: SweptDie) -> Iterable[Quantity]:
+    """Largest footprint of an emitter, and its bound.
+
+    Raises:
+        JobError: MF105 without emitters; MF161 for cells of several openings.
+    """
+    rules, opening = display_rules(die.job), _only_opening(die)
     if rules is None:
-        where = subject.job.where
+        where = die.job.where
         raise JobError("MF105", "a footprint is of emitters, and the job has no [emitters]", where=where, cure="Add it")
-    turned = (0,) if subject.panel.tiling is Tiling.PERIODIC else tuple(range(ORIENTATIONS))
-    places = Footprints(rules.emitters, opening.dots, subject.panel.dot_nm, turned)
+    turned = (0,) if die.panel.tiling is Tiling.PERIODIC else tuple(range(ORIENTATIONS))
+    places = Footprints(rules.emitters, opening.dots, die.panel.dot_nm, turned)
     found, bound = places(opening.mask), float(places.bounds(opening.mask[None])[0])
-    name = subject.name
+    name = die.name
     yield Quantity(
         "led_footprint_largest", found, "of rectangles and straight cuts; crooked emitters may exceed it", die=name
     )
@@ -184,42 +212,52 @@ def _footprint(subject: Subject) -> Iterable[Quantity]:
     yield Quantity("led_footprint_bound", max(bound, found), how, die=name, at_most=True)
 
 
-def _display(subject: Subject) -> Iterable[Quantity]:
-    job, name = subject.job, subject.name
+def display(die: SweptDie) -> Iterable[Quantity]:
+    """Whether emitters, circuits and wires fit.
+
+    Raises:
+        JobError: MF105 without emitters; MF161 for a sheet without pixels.
+    """
+    job, name = die.job, die.name
     rules = display_rules(job)
     if rules is None:
         cure = "Add it"
         raise JobError("MF105", "a display has emitters, and the job has no [emitters]", where=job.where, cure=cure)
-    found = feasibility(subject.panel, rules)
+    found = feasibility(die.panel, rules)
     if found is None:
         cure = "Leave the die out of sweep.dies"
         raise JobError("MF161", f"die {name} is a sheet without pixels", where=job.where, cure=cure)
     how = "emitters, circuits and wires by the job's rules: 1 they were placed, 0 a proof that they do not fit"
     value = {Verdict.FITS: 1, Verdict.DOES_NOT_FIT: 0, Verdict.UNKNOWN: None}[found.verdict]
     yield Quantity("display_fits", value, how, passed=found.passed, die=name)
-    rows = display_quantities(subject.die, found)
+    rows = display_quantities(die.alone, found)
     yield from (each for each in rows if each.name in ("led_footprint", "circuit_room"))
 
 
-def _scene(subject: Subject) -> Iterable[Quantity]:
-    job, section, scene = subject.job, subject.job.spec.scene, subject.job.scene
+def scene(die: SweptDie) -> Iterable[Quantity]:
+    """Numbers of the job's scene through the die.
+
+    Raises:
+        JobError: MF105 without a scene; MF114 or MF115 for one that cannot be modelled.
+    """
+    job, section, scene = die.job, die.job.spec.scene, die.job.scene
     if section is None or scene is None:
         raise JobError("MF105", "the job has no [scene]", where=job.where, cure="Add one, or vary a key of it")
-    plan = scene_plan(subject.die, job.camera, scene, section.accuracy, job.where)
-    openings = panel_aperture(subject.panel, scene_reach_um(job.camera, scene))
-    return measure_scene(subject.die, job.camera, scene, openings, plan, job.blank).quantities
+    plan = scene_plan(die.alone, job.camera, scene, section.accuracy, job.where)
+    openings = panel_aperture(die.panel, scene_reach_um(job.camera, scene))
+    return measure_scene(die.alone, job.camera, scene, openings, plan, job.blank).quantities
 
 
-def _only_opening(subject: Subject) -> Opening:
+def _only_opening(die: SweptDie) -> Opening:
     """The opening of all cells.
 
     Raises:
         JobError: MF161 for cells of several.
     """
-    if subject.panel.others:
-        what = f"die {subject.name} has several openings, of which no surrogate knows"
-        raise JobError("MF161", what, where=subject.job.where, cure="Ask for restored_psnr instead of expected_psnr")
-    return subject.panel.opening
+    if die.panel.others:
+        what = f"die {die.name} has several openings, of which no surrogate knows"
+        raise JobError("MF161", what, where=die.job.where, cure="Ask for restored_psnr instead of expected_psnr")
+    return die.panel.opening
 
 
 @lru_cache(maxsize=_SURROGATES)
@@ -227,26 +265,6 @@ def _surrogate(camera: Camera, dots: int, dot_nm: int, settings: CaptureSettings
     """Of cells of such dots, for all cases of a process."""
     room = lattice(dots, dot_nm, camera=PhotoCamera.of(camera), where="die.dot")
     return surrogate_of(scene_statistics(scene_sets.bundled(), settings=settings), room)
-
-
-_BY_WORK: Mapping[str, Measure] = MappingProxyType(
-    {
-        "open ratio": _open_ratio,
-        "mtf": _mtfs,
-        "restoration": _restoration,
-        "features": _features,
-        "psf as written": _written_psf,
-        "mtf as written": _written_mtf,
-        "scatter": _scatter,
-        "surrogate": _expected,
-        "footprint": _footprint,
-        "display": _display,
-        "scene": _scene,
-        "photographs": _photographs,
-    }
-)
-MEASURES: Mapping[str, Measure] = MappingProxyType({name: _BY_WORK[work] for name, work in WORKS.items()})
-"""Function that finds a quantity, by the quantity's name, the cheapest first."""
 
 
 def find(key: str, document: Mapping[str, Any], quantities: tuple[str, ...]) -> Record:

@@ -1,8 +1,6 @@
-"""The names of the numbers that a sweep can ask of a case, by the work that finds them.
+"""A sweep that was checked: every case with its job, known by a hash, before any is begun.
 
-The fields of a sweep: where in a job they stand, and the values that they take.
-
-A sweep that was checked: every case with its job, known by a hash, before any is begun.
+Fields say where in a job values stand, and which they take.
 """
 
 from __future__ import annotations
@@ -16,7 +14,6 @@ from difflib import get_close_matches
 from itertools import chain, product
 from math import prod
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, TypeAlias, get_args
 
 import numpy as np
@@ -33,42 +30,13 @@ from maskfab.job.sweep_file import FieldSection, LimitSection, SweepSpec, Value,
 from maskfab.job.values import Section
 from maskfab.mask.job import Job, load_job, resolve
 from maskfab.mask.opening_file import opening_text
+from maskfab.runs.findings import STAGE_OF_QUANTITY, Need
 from maskfab.runs.store import fingerprint, of_installation
-
-_FRACTIONS = ("mtf50", "mtf30", "mtf10")
-_READINGS = ("fused", "open")
-_FOUND_BY: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "open ratio": ("open_ratio",),
-        "mtf": ("auc_radial_min", *_FRACTIONS, *(f"{name}_per_pixel" for name in _FRACTIONS)),
-        "restoration": ("wiener_worst30", "wiener_noise_gain"),
-        "features": ("min_feature", "min_space", "written_min_feature", "written_min_space"),
-        "psf as written": tuple(
-            f"written_{name}_{reading}"
-            for name in ("open_ratio", "psf_difference", "psf_shape")
-            for reading in _READINGS
-        ),
-        "mtf as written": tuple(
-            f"written_{name}_{reading}" for name in ("auc_radial_min", "mtf50") for reading in _READINGS
-        ),
-        "scatter": tuple(f"written_scattered_{reading}" for reading in _READINGS),
-        "surrogate": ("expected_psnr",),
-        "footprint": ("led_footprint_largest", "led_footprint_bound"),
-        "display": ("display_fits", "led_footprint", "circuit_room"),
-        "scene": ("scene_psf_change", "plan_error", "depth_residual", "field_residual", "depth_change"),
-        "photographs": ("restored_psnr",),
-    }
-)
-WORKS: Mapping[str, str] = MappingProxyType({name: work for work, names in _FOUND_BY.items() for name in names})
-"""Work that finds a quantity, by the quantity's name, the cheapest first."""
-
-_BY_PSF = frozenset({"psf as written", "scatter", "scene"})
-"""Works that look at the camera's window."""
 
 
 def by_psf(names: Sequence[str]) -> bool:
     """Whether any of the quantities is of the PSF in the camera's window."""
-    return not _BY_PSF.isdisjoint(WORKS[name] for name in names)
+    return any(Need.WINDOW in STAGE_OF_QUANTITY[name].needs for name in names)
 
 
 def require_known(names: Sequence[str], where: str) -> None:
@@ -78,8 +46,8 @@ def require_known(names: Sequence[str], where: str) -> None:
         JobError: MF161, with those that look like it.
     """
     for name in names:
-        if name not in WORKS:
-            near = get_close_matches(name, WORKS, n=3) or list(WORKS)
+        if name not in STAGE_OF_QUANTITY:
+            near = get_close_matches(name, STAGE_OF_QUANTITY, n=3) or list(STAGE_OF_QUANTITY)
             raise JobError(
                 "MF161", f"a sweep cannot find the quantity {name!r}", where=where, cure=f"Use one of {', '.join(near)}"
             )
@@ -407,7 +375,7 @@ class Plan:
     def unused(self) -> tuple[str, ...]:
         """Names of all that the job states, or the study varies, and the quantities wanted do not depend on."""
         spec = self.job.spec
-        works = {WORKS[name] for name in self.quantities}
+        works = {STAGE_OF_QUANTITY[name].name for name in self.quantities}
         uses = [key for use in ("sweep", *(f"sweep {work}" for work in works)) for key in USES[use]]
         if "surrogate" in works and getattr(spec.design, "protocol", None) != "f1":
             uses += USES["design by its own light"]

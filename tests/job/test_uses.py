@@ -20,7 +20,7 @@ from maskfab.cli.program import VERBS
 from maskfab.job.reference import INNER, USES, covered, in_words, named, unused
 from maskfab.job.sections import JobSpec
 from maskfab.job.values import Section
-from maskfab.runs.sweep_plan import WORKS
+from maskfab.runs.findings import STAGE_OF_QUANTITY
 
 
 def sections(annotation: Any) -> Iterator[type[Section]]:
@@ -92,7 +92,7 @@ def test_every_command_that_takes_a_job_declares_what_it_uses():
             taking.add(verb)
     study = {"study", "sweep"}
     assert taking | study <= {use.partition(" --")[0] for use in USES}
-    assert {f"sweep {work}" for work in WORKS.values()} <= set(USES)
+    assert {f"sweep {finding.name}" for finding in STAGE_OF_QUANTITY.values()} <= set(USES)
 
 
 def test_tables_and_keys_are_named_as_messages_name_them():

@@ -20,8 +20,8 @@ from maskfab.mask.job import load_job
 from maskfab.report.pages.front import shown_count
 from maskfab.report.rows.scene import measure_scene
 from maskfab.runs import pipeline
-from maskfab.runs.costs import _FILES, _HELD, _MODELS, PROBE_S, Amounts, Pace, expected, probe, read_bytes
-from maskfab.runs.forecast import dry_run
+from maskfab.runs.findings import FINDINGS, expected, function_of
+from maskfab.runs.forecast import _FILES, PROBE_S, Amounts, Pace, dry_run, probe, read_bytes
 from maskfab.runs.store import Entry, Store
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
@@ -83,11 +83,10 @@ def test_the_command_tells_a_whole_run_and_refuses_what_a_run_refuses(made, tmp_
 
 
 def test_every_model_is_of_a_function_that_there_is():
-    from importlib import import_module
-
-    for name in {*_MODELS, *_HELD}:
-        module, _, function = name.rpartition(".")
-        assert callable(getattr(import_module(f"maskfab.{module}"), function))
+    for finding in FINDINGS:
+        drawn = [name for name, _ in finding.figures]
+        for name in (*finding.functions, *([] if finding.sweep is None else [finding.sweep]), *drawn):
+            assert callable(function_of(name))
     assert {".gds", ".oas", "_R12.dxf", "_R2010.dxf"} <= set(_FILES)
 
 

@@ -11,8 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from maskfab.optics.mtf import LEVELS
+from maskfab.runs.findings import STAGE_OF_QUANTITY
 from maskfab.runs.sweep_numbers import Swept, wilson
-from maskfab.runs.sweep_plan import WORKS, Field, Level, _draws
+from maskfab.runs.sweep_plan import Field, Level, _draws
 
 
 def swept(values, *fields, drawn=False) -> Swept:
@@ -89,6 +90,6 @@ def test_a_latin_hypercube_has_one_draw_in_every_part():
 
 def test_a_sweep_can_ask_for_every_level_of_the_mtf_that_there_is():
     """Their names stand apart from the levels, so that kept cases are read without the optics."""
-    named = [name for name, work in WORKS.items() if work == "mtf"]
+    named = [name for name, finding in STAGE_OF_QUANTITY.items() if finding.name == "mtf"]
     fractions = [f"mtf{level:g}" for level in LEVELS]
     assert named == ["auc_radial_min", *fractions, *(f"{name}_per_pixel" for name in fractions)]
