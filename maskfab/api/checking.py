@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from maskfab.optics.scene.plan import Plan
     from maskfab.report.pages.compared import Compared
     from maskfab.report.rows.text import Quantities
-    from maskfab.runs.pipeline import Result as Run
+    from maskfab.runs.result import Result as Run
 
 
 # Each question imports what answers it: a scene is planned in less time than all of it takes to load.
@@ -280,7 +280,7 @@ def check(
 
 def _fit(loaded: Job, die: str | Sequence[str] | None, *, largest_gap: bool, progress: Progress) -> DisplayCheck:
     from maskfab.display.feasibility import display_rules, displays, widest_gaps
-    from maskfab.runs.pipeline import executor_of
+    from maskfab.runs.stages import executor_of
 
     rules = display_rules(loaded)
     if rules is None:
@@ -456,7 +456,7 @@ def _compare(asked: Asked) -> Told:
 def _place(report: object) -> Path:
     if isinstance(report, str | Path):
         return Path(report)
-    from maskfab.runs.pipeline import Result as Run  # which brings along all that runs
+    from maskfab.runs.result import Result as Run  # which brings along all that runs
 
     if not isinstance(report, Run):
         cure = "Give the directory of a finished run, or the result of run()"

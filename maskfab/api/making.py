@@ -34,7 +34,7 @@ from maskfab.report.rows.verdicts import Verdicts
 from maskfab.runs import pipeline, verification
 from maskfab.runs.forecast import Forecast
 from maskfab.runs.forecast import dry_run as forecast_run
-from maskfab.runs.pipeline import Result as Run
+from maskfab.runs.result import Result as Run
 from maskfab.runs.store import Store
 from maskfab.runs.verification import Reproduction, reproduce
 

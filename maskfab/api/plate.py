@@ -24,7 +24,7 @@ from maskfab.mask import panels as maps
 from maskfab.mask.formats.table import format_of, products
 from maskfab.mask.houses.files import check_stated
 from maskfab.mask.job import Job, resolve
-from maskfab.runs.pipeline import check_pictures, draw_files
+from maskfab.runs.plate_files import check_pictures, draw_files
 
 if TYPE_CHECKING:
     from klayout import db

@@ -27,7 +27,17 @@ from maskfab.report.rows.optics import layout_as_seen, plate_as_seen
 from maskfab.report.rows.photographs import Conditions
 from maskfab.runs import pipeline
 from maskfab.runs.findings import expected, task_bytes
+from maskfab.runs.plate_files import check_pictures, check_processes, check_readers, draw_files, named_shop
 from maskfab.runs.recall import kind_of, origin_of, words
+from maskfab.runs.stages import (
+    begin_photographs,
+    executor_of,
+    expand_photographs,
+    measure_dies,
+    measure_process,
+    measure_scenes,
+    plan_scenes,
+)
 from maskfab.runs.store import Entry, KeptFinding, Store
 
 PROBE_S = 0.1
@@ -131,44 +141,44 @@ def dry_run(job: Job, out: Path, *, force: bool = False, cache: Store | None = N
     """
     job.check_window()
     check_target(out, force=force)
-    pipeline.named_shop(job)
+    named_shop(job)
     if cache is not None and cache.has(pipeline.origin_of_run(job, measured_beside(job))):
         return Forecast((), 1, "for files of a usual size", True)
     plate = drawn = job.plate()
-    pipeline.check_processes(job, plate)
-    pipeline.check_pictures(job, plate)
+    check_processes(job, plate)
+    check_pictures(job, plate)
     Conditions.of(job, "camera")
     pace = Pace.of(() if cache is None else cache.entries())
     executor = _ForecastExecutor(cache, pace)
     with suppress(_NotKeptError):
         plate = displays(job, plate, executor=executor).plate
     laid = executor.stage("displays")
-    pipeline.begin_photographs(job, drawn, executor)
+    begin_photographs(job, drawn, executor)
     photographs = executor.stage("photographs")
-    processes = 1 if type(pipeline.executor_of(job)) is SerialExecutor else 2
+    processes = 1 if type(executor_of(job)) is SerialExecutor else 2
     if photographs.kept != photographs.tasks:
         scenes_s = SCENES_S * pace.of_all * min(processes, photographs.tasks)
         photographs = replace(photographs, seconds=photographs.seconds + scenes_s)
     seen = plate_as_seen(job, plate)
-    made = pipeline.draw_files(job, plate)
-    pipeline.check_readers(made)
+    made = draw_files(job, plate)
+    check_readers(made)
     # What is read back equals the design, or the run says that it does not.
     layout = layout_as_seen(job, made.design)
     with suppress(_NotKeptError):
-        pipeline.measure_dies(seen, job.camera, layout, silent, None, job.blank, executor)
+        measure_dies(seen, job.camera, layout, silent, None, job.blank, executor)
     optics = executor.stage("optics")
-    plans = pipeline.plan_scenes(job, seen, silent)
+    plans = plan_scenes(job, seen, silent)
     alone = [replace(seen, dies=(die,)) for die in seen.dies]
     for die in alone:
         with suppress(_NotKeptError):
-            pipeline.measure_scenes(job, die, plans, layout, silent, None, executor)
+            measure_scenes(job, die, plans, layout, silent, None, executor)
     scenes = executor.stage("scene")
     for die in alone:
         with suppress(_NotKeptError):
-            pipeline.measure_process(job, die, silent, None, executor)
+            measure_process(job, die, silent, None, executor)
     process = executor.stage("process")
     with suppress(_NotKeptError):
-        pipeline.expand_photographs(job, seen, silent, None, executor)
+        expand_photographs(job, seen, silent, None, executor)
     tolerance = executor.stage("tolerance")
     if laid.kept != laid.tasks:
         photographed = (optics, scenes, process, tolerance)

@@ -46,23 +46,17 @@ from maskfab.report.pages import page as html
 from maskfab.report.rows.foreign import Foreign, How, check_foreign, only_die
 from maskfab.report.rows.optics import layout_as_seen, plate_as_seen
 from maskfab.report.rows.verdicts import Verdicts
-from maskfab.runs.pipeline import (
-    OVERVIEW,
-    Findings,
-    aids,
+from maskfab.runs.pipeline import run
+from maskfab.runs.plate_files import OVERVIEW, auxiliary_files, draw_files, psfs_as_files, shop_quantities
+from maskfab.runs.result import PlateFindings, die_quantities, draw_pictures
+from maskfab.runs.stages import (
     begin_photographs,
-    die_quantities,
-    draw_files,
-    draw_pictures,
     executor_of,
     expand_photographs,
     measure_dies,
     measure_process,
     measure_scenes,
     plan_scenes,
-    psfs_as_files,
-    run,
-    shop_quantities,
 )
 
 _PHOTOGRAPHS = "other noise in photographs, of which a last bit of light may draw another photon"
@@ -165,13 +159,13 @@ def verify(directory: str | Path, progress: Progress = silent) -> Verified:
         if not (blind or refused) and all(trip.xor_area_um2 == 0 for trip in trips):
             # Of files that differ from the design the numbers differ as well; what differs is told above.
             process = measure_process(job, lit, progress), expand_photographs(job, lit, progress, None, executor)
-            found = Findings(job, built, read, optics, scenes, photographs.result(progress), *process, beside)
+            found = PlateFindings(job, built, read, optics, scenes, photographs.result(progress), *process, beside)
             checks += _made_again(folder, manifest, found, executor)
     return Verified.of(checks, built)
 
 
 def _made_again(
-    folder: Path, manifest: Mapping[str, Any], found: Findings, executor: SerialExecutor
+    folder: Path, manifest: Mapping[str, Any], found: PlateFindings, executor: SerialExecutor
 ) -> Iterator[Quantity]:
     """Report, page and pictures of a folder against the same made again."""
     now = found.document(found.report(_listed(manifest), {}))
@@ -237,10 +231,10 @@ def verify_file(
     return Foreign(path, alignment, None, (*quantities, *opinion), layers)
 
 
-def _aids_differ(folder: Path, found: Findings) -> Iterator[tuple[str, str]]:
+def _aids_differ(folder: Path, found: PlateFindings) -> Iterator[tuple[str, str]]:
     """Each of the smaller files, and how it differs from the same made again; empty if it does not."""
     with tempfile.TemporaryDirectory(prefix="maskfab-verify-") as aside:
-        for name, (_, write) in aids(found.job, found.plate, found.measured).items():
+        for name, (_, write) in auxiliary_files(found.job, found.plate, found.measured).items():
             write(Path(aside) / name)
             yield name, "" if _bytes(folder / name) == (Path(aside) / name).read_bytes() else "its bytes differ"
 

@@ -15,7 +15,7 @@ from maskfab.job.values import FileFormat
 from maskfab.mask.comparison.files import read_back
 from maskfab.mask.formats.table import FORMATS
 from maskfab.mask.houses.files import PlateFiles
-from maskfab.runs.pipeline import draw_files
+from maskfab.runs.plate_files import draw_files
 
 
 @pytest.fixture(scope="module")

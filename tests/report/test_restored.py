@@ -30,7 +30,7 @@ from maskfab.report.rows.photographs import (
     middle_level,
     photograph_die,
 )
-from maskfab.runs.pipeline import begin_photographs
+from maskfab.runs.stages import begin_photographs
 
 JOB = Path(__file__).parents[2] / "layouts" / "toled_against_ours.toml"
 PIXEL = ('pixel = "2 um"', 'pixel = "1 um"')

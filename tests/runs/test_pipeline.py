@@ -25,7 +25,8 @@ from maskfab.base.work import silent
 from maskfab.mask.formats import gdsii
 from maskfab.mask.job import load_job, resolve
 from maskfab.runs import pipeline
-from maskfab.runs.pipeline import Result, check_rules, draw_files, write_files
+from maskfab.runs.plate_files import check_rules, draw_files, write_files
+from maskfab.runs.result import Result
 
 pytestmark = pytest.mark.usefixtures("read_here")
 
@@ -171,12 +172,14 @@ def test_limits_make_a_check_fail_and_the_files_are_there(capsys, tmp_path):
 # --- a failure in the middle -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("step", ["write_files", "read_back", "measure_dies", "die_figures.pictures"])
+@pytest.mark.parametrize(
+    "step", ["pipeline.write_files", "plate_files.read_back", "pipeline.measure_dies", "result.die_figures.pictures"]
+)
 def test_a_crash_in_the_middle_leaves_nothing(tmp_path, monkeypatch, step):
     def crash(*_: object) -> None:
         raise RuntimeError(step)
 
-    monkeypatch.setattr(f"maskfab.runs.pipeline.{step}", crash)
+    monkeypatch.setattr(f"maskfab.runs.{step}", crash)
     job = write_job(tmp_path)
     before = listing(tmp_path)
     with pytest.raises(RuntimeError, match=step):
@@ -450,7 +453,7 @@ WRITE = """\
 import locale, sys
 from pathlib import Path
 from maskfab.mask.job import load_job
-from maskfab.runs.pipeline import draw_files, write_files
+from maskfab.runs.plate_files import draw_files, write_files
 from maskfab.base.work import silent
 
 locale.setlocale(locale.LC_ALL, "")

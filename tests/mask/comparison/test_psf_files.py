@@ -20,7 +20,8 @@ from maskfab.base.provenance import sha256_of_file
 from maskfab.base.work import silent
 from maskfab.mask.comparison.files import read_back
 from maskfab.mask.formats.exr import AXES, PsfFile, check_psf_file, psf_facts, read_psf_file, write_psf
-from maskfab.runs.pipeline import draw_files, measure_dies, psfs_as_files
+from maskfab.runs.plate_files import draw_files, psfs_as_files
+from maskfab.runs.stages import measure_dies
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 

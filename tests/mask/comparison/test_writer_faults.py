@@ -18,7 +18,7 @@ from maskfab.mask.figures import DieFigures, Figures, moved
 from maskfab.mask.houses.profiles import load_shop
 from maskfab.mask.job import Job, load_job
 from maskfab.mask.package.pack import pack
-from maskfab.runs.pipeline import draw_files
+from maskfab.runs.plate_files import draw_files
 
 TEMPLATE = ('blank = "27 mm"\nwritable = "22 mm"', 'template = "5in"')
 """Of a plate with a data matrix."""

@@ -29,7 +29,8 @@ from maskfab.mask.layout import layer_info, plate_layout, region
 from maskfab.mask.package.pack import pack, verify_package
 from maskfab.mask.plate import mirrored
 from maskfab.mask.plate_rules import smallest_of_plate
-from maskfab.runs.pipeline import measure_process, run
+from maskfab.runs.pipeline import run
+from maskfab.runs.stages import measure_process
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 

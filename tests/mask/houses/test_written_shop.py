@@ -14,7 +14,7 @@ from maskfab.mask.houses.files import PlateFiles
 from maskfab.mask.houses.findings import Finding, check_written
 from maskfab.mask.houses.profiles import load_shop, shop_names
 from maskfab.mask.job import load_job
-from maskfab.runs.pipeline import draw_files, named_shop, shop_quantities
+from maskfab.runs.plate_files import draw_files, named_shop, shop_quantities
 
 HOUSE = 'title = "A house"\nsources = []\n[order]\nfields = ["tone"]\n'
 

@@ -21,7 +21,7 @@ from maskfab.mask.judge.verdict import asked, judged
 from maskfab.mask.marks import data_matrix
 from maskfab.mask.outlines import fitted_text
 from maskfab.runs import pipeline
-from maskfab.runs.pipeline import draw_files
+from maskfab.runs.plate_files import draw_files
 from maskfab.runs.verification import verify_file
 
 PLAIN = 'blank = "5 in"\nwritable = "100 mm"'

@@ -29,7 +29,7 @@ from maskfab.cli.printing import one_line
 from maskfab.mask.houses.profiles import load_shop
 from maskfab.mask.job import load_job
 from maskfab.mask.package.pack import pack
-from maskfab.runs.pipeline import draw_files
+from maskfab.runs.plate_files import draw_files
 
 pytestmark = pytest.mark.usefixtures("figures_as_they_are", "read_here")
 

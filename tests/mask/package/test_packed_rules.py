@@ -147,7 +147,7 @@ def test_a_cut_in_an_opening_is_told_by_its_die_and_a_cut_in_a_mark_by_its_mark(
 
 
 def test_a_job_for_such_a_house_writes_stencils_too(tmp_path):
-    from maskfab.runs.pipeline import draw_files, shop_quantities
+    from maskfab.runs.plate_files import draw_files, shop_quantities
 
     edits = (*TEMPLATE, ("[plate]", '[export]\nshop = "mr_nanotec"\n\n[plate]'))
     job = load_job(write_job(tmp_path, *edits, opening=opening("dot")))

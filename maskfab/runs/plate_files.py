@@ -1,0 +1,242 @@
+"""The files of a plate: refused before any work, drawn, written, and read back.
+
+Beside the mask files lie auxiliary ones: markers of the plate's rules, KLayout's colours, and the resolved job.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from maskfab.base import __version__, provenance, resources
+from maskfab.base.errors import InternalError, SourceError
+from maskfab.base.folders import JOB_COPY, PAGE, REPORT, RESULT_MARK, TIMES
+from maskfab.base.model import DieOptics, Plate, Quantity, WrittenFile
+from maskfab.base.processes import release_memory
+from maskfab.base.work import Progress
+from maskfab.job.sections import ExportSection
+from maskfab.job.shop import Shop
+from maskfab.job.values import PICTURES, PLATE_BITMAPS, FileFormat
+from maskfab.mask.comparison.files import ReadBack, read_back
+from maskfab.mask.formats.exr import PsfFile, psf_files
+from maskfab.mask.formats.gerber import require_gerbonara
+from maskfab.mask.formats.picture import check_pixels
+from maskfab.mask.formats.plate_bitmap import check_dots, check_plate_bitmap
+from maskfab.mask.formats.table import FORMATS
+from maskfab.mask.houses.adaptation import ordered_blank, written_formats
+from maskfab.mask.houses.files import PlateFiles, check_plotter, check_polygons, files_of_job, plotted_dpi
+from maskfab.mask.houses.findings import check_written
+from maskfab.mask.houses.order import check_ordered
+from maskfab.mask.houses.profiles import shop_of
+from maskfab.mask.job import Job
+from maskfab.mask.judge.verdict import asked
+from maskfab.mask.layout import plate_names
+from maskfab.mask.plate_rules import check_plate, limits_as_rules, write_markers
+from maskfab.mask.rule import RuleResult
+from maskfab.mask.writer import check_bias, check_process
+from maskfab.report.documents.measured import DOCUMENT as MEASURED
+from maskfab.report.documents.measured import Beside
+from maskfab.report.rows.bands import (
+    ProcessSpread,
+    check_spread,
+)
+
+MANIFEST_VERSION = 1
+OVERVIEW = "overview.png"
+MAX_MARKERS = 1000
+"""Violations of a rule on a die that the markers place; all are counted."""
+
+
+def draw_files(job: Job, plate: Plate, version: str = __version__) -> PlateFiles:
+    """The files that a job's plate becomes, and what they are held against; the optics come from the first.
+
+    Args:
+        job: a loaded job.
+        plate: as :meth:`maskfab.mask.job.Job.plate` lays it out.
+        version: of maskfab that signs it.
+    """
+    shop = named_shop(job)
+    made = files_of_job(plate, job.spec, [job.signature, plate.title], shop)
+    return replace(made, asked=asked(job.spec, shop, version=version))
+
+
+def write_files(
+    job: Job, made: PlateFiles, folder: Path, progress: Progress, measured: Beside | None = None
+) -> tuple[WrittenFile, ...]:
+    """Write the files of a plate, and those of :func:`auxiliary_files`."""
+    steps: dict[str, tuple[str, Callable[[Path], object]]] = {
+        **{product.name: (product.form.title, product.write) for product in made.products},
+        **auxiliary_files(job, made.plate, measured),
+    }
+    for done, (name, (_, write)) in enumerate(steps.items()):
+        progress("write files", done, len(steps))
+        write(folder / name)
+        release_memory()
+    progress("write files", len(steps), len(steps))
+    return tuple(provenance.file_record(folder, folder / name, kind) for name, (kind, _) in steps.items())
+
+
+def read_own(made: PlateFiles, folder: Path, progress: Progress) -> ReadBack:
+    """The files of a folder read back, of a run that wrote them and of one that took them from the cache.
+
+    Raises:
+        InternalError: MF324 for a damaged one, which is no fault of the input.
+    """
+    try:
+        return read_back(made, folder, progress)
+    except SourceError as error:
+        if error.code != "MF303":
+            raise
+        what = f"a mask file that was just written cannot be read back: {error.what}"
+        raise InternalError("MF324", what, where=error.where, cure="Please report this with the job file") from error
+
+
+def auxiliary_files(
+    job: Job, plate: Plate, measured: Beside | None = None
+) -> dict[str, tuple[str, Callable[[Path], object]]]:
+    """Auxiliary files of a plate, title and writer: markers of its rules, KLayout's colours, the resolved job, and the
+    measurement beside it, which is then beside the job that is kept."""
+    more = {} if measured is None else {MEASURED: ("measurement", lambda path: path.write_bytes(measured.content))}
+    return {
+        **more,
+        f"{plate.name}.lyrdb": (
+            "KLayout markers",
+            lambda path: write_markers(check_rules(job, plate), plate_names(plate).top, path),
+        ),
+        "layers.lyp": (
+            "KLayout layer properties",
+            lambda path: shutil.copyfile(resources.path("export_templates/layers.lyp"), path),
+        ),
+        JOB_COPY: (
+            "resolved job",
+            lambda path: path.write_text(job_text(job), encoding="utf-8"),
+        ),
+    }
+
+
+def job_text(job: Job) -> str:
+    """The resolved job, as a folder keeps it."""
+    return json.dumps(job.spec.dump(), indent=1) + "\n"
+
+
+def psfs_as_files(
+    job: Job, made: PlateFiles, optics: Sequence[DieOptics], version: str = __version__
+) -> tuple[PsfFile, ...]:
+    """The PSFs of the report as files, if the job asks for EXR: they need what is measured in the files before them."""
+    if "exr" not in made.formats:
+        return ()
+    return psf_files(job, made.plate, optics, made.products[0].name, version)
+
+
+def write_psfs(psfs: Sequence[PsfFile], folder: Path) -> tuple[WrittenFile, ...]:
+    """Write PSFs beside the files that they were measured in."""
+    for psf in psfs:
+        psf.write(folder / psf.name)
+    return tuple(provenance.file_record(folder, folder / psf.name, FORMATS["exr"].title) for psf in psfs)
+
+
+def write_manifest(job: Job, files: Sequence[WrittenFile], folder: Path) -> None:
+    """Write the manifest of a finished folder: hashes of all its files, and versions of what made them."""
+    reports = [provenance.file_record(folder, folder / name, "report") for name in (REPORT, PAGE, OVERVIEW)]
+    manifest = {
+        "schema_version": MANIFEST_VERSION,
+        "maskfab_version": __version__,
+        "job_hash": job.digest,
+        "seeds": job.seeds,
+        "provenance": TIMES,
+        "versions": provenance.versions(),
+        "files": [vars(file) for file in (*files, *reports)],
+    }
+    (folder / RESULT_MARK).write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
+
+
+def check_rules(job: Job, plate: Plate) -> tuple[RuleResult, ...]:
+    """Corners that only touch, and what is narrower than the job's limits, on the whole plate."""
+    return check_plate(plate, limits_as_rules(job.spec.limits), most=MAX_MARKERS)
+
+
+def named_shop(job: Job) -> Shop | None:
+    """The mask house that the job names; None if it names none.
+
+    Raises:
+        OutputError: MF420 if there is no such house, MF421 if its profile is malformed.
+    """
+    return shop_of(job.spec, job.where)
+
+
+def shop_quantities(job: Job, made: PlateFiles) -> tuple[Quantity, ...]:
+    """The rules of the mask house that the job names, each a check of the files as drawn; none if it names none.
+
+    Raises:
+        OutputError: MF420 or MF421 as of :func:`named_shop`.
+    """
+    shop = named_shop(job)
+    if shop is None:
+        return ()
+    found = check_written(made.figures, shop, made.formats, ordered_blank(job.spec))
+    # What dots do to edges are rows of their own, with or without a house.
+    plotter = check_plotter(made.plate, job.spec, shop, made.formats)
+    dots = (each for each in plotter if each.rule != "edge_error")
+    return tuple(
+        each.quantity(shop.name) for each in check_ordered((*found, *dots), job.spec, made.plate, made.plate, shop)
+    )
+
+
+def process_spread(job: Job) -> ProcessSpread:
+    """Standard deviations of the job's process over the displays that are made; zeros where it states none."""
+    stated = None if job.spec.process is None else job.spec.process.spread
+    return ProcessSpread() if stated is None else ProcessSpread(stated.bias or 0.0, stated.radius or 0.0)
+
+
+def check_processes(job: Job, plate: Plate) -> None:
+    """Refuse a [process] that the dots of a die do not bear, or biased data of it, before anything is drawn.
+
+    Raises:
+        JobError: MF104 or MF127.
+    """
+    if job.spec.written is not None:
+        for die in plate.dies:
+            place = f"{job.where}: process, die {die.name}"
+            check_process(job.spec.written, die.panel, place)
+            check_spread(job.spec.written, process_spread(job), die.panel, place)
+    if job.spec.data_bias_nm:
+        check_bias(plate, job.spec.data_bias_nm, f"{job.where}: process.cd_bias")
+
+
+def check_pictures(job: Job, plate: Plate, formats: Sequence[FileFormat] | None = None) -> None:
+    """Refuse pixels and dots that are larger than the smallest feature of a die, dots of which there are too many, and
+    either of biased data, before anything is drawn.
+
+    Args:
+        job: whose plate it is.
+        plate: its dies.
+        formats: to be written; by default those of the job.
+
+    Raises:
+        JobError: MF104, MF128.
+        OutputError: MF415.
+    """
+    section, shop = job.spec.export or ExportSection(), named_shop(job)
+    written = written_formats(section, shop) if formats is None else formats
+    if not set(PICTURES).isdisjoint(written):
+        check_pixels(plate.dies, section.dots_per_um, job.where)
+    dpi = plotted_dpi(section, shop)
+    check_polygons(job.spec, written, job.where)
+    asked = [each for each in PLATE_BITMAPS if each in written]
+    if dpi is not None and asked:
+        check_dots(plate.dies, dpi, job.where)
+        for each in asked:
+            check_plate_bitmap(plate, each, dpi, plate.name + FORMATS[each].tail)
+
+
+def check_readers(made: PlateFiles) -> None:
+    """Refuse files that this installation could not read back, before any is written.
+
+    Raises:
+        SourceError: MF308.
+    """
+    if "gerber" in made.formats:
+        require_gerbonara(made.plate.name)

@@ -1,0 +1,305 @@
+"""What a run came to: all that was found out about a plate, its report and pictures, and what a user is handed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from maskfab.base.errors import UnknownNameError
+from maskfab.base.folders import REPORT, TIMES, Account
+from maskfab.base.model import Die, DieOptics, Plate, Quantity, Report, WrittenFile
+from maskfab.base.processes import SerialExecutor
+from maskfab.base.work import Progress, silent
+from maskfab.display.feasibility import PlateWithDisplays, display_rules
+from maskfab.job.reference import USES, unused
+from maskfab.mask.job import Job
+from maskfab.mask.plate_rules import judged, smallest_features
+from maskfab.optics.mtf import area_under_radial_min, worst_directions
+from maskfab.report.documents import die as die_data
+from maskfab.report.documents import report as report_data
+from maskfab.report.documents.measured import Beside
+from maskfab.report.documents.shape import Document
+from maskfab.report.figures import die as die_figures
+from maskfab.report.figures import display
+from maskfab.report.figures import scene as scene_figures
+from maskfab.report.pages import front
+from maskfab.report.rows.as_written import Written, measure_written
+from maskfab.report.rows.bands import (
+    Expansion,
+    restored_bands,
+)
+from maskfab.report.rows.display import display_quantities, footprint_band
+from maskfab.report.rows.optics import (
+    measure_with_bar,
+    view_rows,
+)
+from maskfab.report.rows.photographs import Photographs, Surroundings, photograph_die
+from maskfab.report.rows.scene import SceneOptics
+from maskfab.report.rows.text import Quantities
+from maskfab.report.rows.verdicts import Verdicts
+from maskfab.runs.findings import expected
+from maskfab.runs.plate_files import named_shop, process_spread
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+UNUSED = "unused_keys"
+_NOTES = (UNUSED, "display_seed")
+TAKEN = "taken from the cache"
+"""Stage of a run that an earlier one had made."""
+
+
+@dataclass(frozen=True, repr=False)
+class Result:
+    """Where a finished run is, and what came of it.
+
+    ``result["DIE"]`` are the numbers of a die, ``result["DIE"]["mtf50", 530]`` one of them.
+
+    Attributes:
+        directory: of its files.
+        report: all that was found out.
+        verdicts: whether the plate can be ordered, its optics are proved, and displays fit.
+        taken: how many findings earlier runs had kept, and how many there are; None for a run without a cache.
+        accounts: where every finding comes from; none for a run without a cache.
+    """
+
+    directory: Path
+    report: Report
+    verdicts: Verdicts
+    taken: tuple[int, int] | None = None
+    accounts: tuple[Account, ...] = ()
+
+    @property
+    def passed(self) -> bool:
+        """Whether no check failed."""
+        return self.report.passed
+
+    @property
+    def origin(self) -> str:
+        """Which of its numbers were found in this run, and which earlier ones had kept, in words."""
+        since = min((each.since for each in self.accounts if each.kept), default="")
+        refused = sum(each.refused is not None for each in self.accounts)
+        whole = TAKEN in self.report.seconds
+        told = "the whole run" if whole else "{} of {} findings".format(*self.taken or (0, 0))
+        more = f", found since {since}" if since else ""
+        more += ", its files read back in this run" if whole else ""
+        more += f"; {refused} kept findings refused, and found again" if refused else ""
+        return f"{told} taken from the cache{more}: see {TIMES}"
+
+    @property
+    def checks(self) -> Quantities:
+        """Every number that was judged, of dies and plate."""
+        return Quantities(self.report.checks)
+
+    @property
+    def plate(self) -> Quantities:
+        """Numbers of the whole plate."""
+        return Quantities(self.report.plate)
+
+    @property
+    def notes(self) -> tuple[Quantity, ...]:
+        """Notes that a user must see beside the checks: keys of the job that were not used, dies of another seed."""
+        every = (*self.report.plate, *(each for die in self.report.dies.values() for each in die))
+        return tuple(each for each in every if each.name in _NOTES)
+
+    def __getitem__(self, die: str) -> Quantities:
+        if die not in self.report.dies:
+            cure = f"Use one of {', '.join(self.report.dies)}"
+            raise UnknownNameError("MF432", f"there is no die {die!r}", cure=cure)
+        return Quantities(self.report.dies[die])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.report.dies)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of report.json."""
+        document: dict[str, Any] = json.loads((self.directory / REPORT).read_text(encoding="utf-8"))
+        return document
+
+    def to_dataframe(self) -> DataFrame:
+        """One row for each number of each die and of the plate.
+
+        Raises:
+            OutputError: MF431 without pandas.
+        """
+        return self._every.to_dataframe()
+
+    @property
+    def _every(self) -> Quantities:
+        return Quantities((*(each for die in self.report.dies.values() for each in die), *self.report.plate))
+
+    def __str__(self) -> str:
+        return f"{self.directory}\n{self._every}"
+
+    def __repr__(self) -> str:
+        return f"<Result in {self.directory}: {', '.join(self.report.dies)}; {'; '.join(self.verdicts.lines)}>"
+
+    def _repr_html_(self) -> str:
+        return self._every._repr_html_()
+
+
+@dataclass(frozen=True, eq=False)
+class PlateFindings:
+    """All that was found out about a plate.
+
+    Attributes:
+        job: that asks for it.
+        built: the plate, and its displays.
+        read: rows of what reading files back has shown, and the shop's rules.
+        optics: of every die.
+        scenes: through every die; none for a job without a scene.
+        restored: photographs through all dies.
+        written: dies as their writer makes them, by name.
+        changes: of restored photographs over the spread of the process, by die; none without a spread.
+        measured: the measurement beside the job; None if there is none.
+    """
+
+    job: Job
+    built: PlateWithDisplays
+    read: Sequence[Quantity]
+    optics: Sequence[DieOptics]
+    scenes: Sequence[SceneOptics]
+    restored: Photographs
+    written: Mapping[str, Written]
+    changes: Mapping[str, Expansion | str]
+    measured: Beside | None = None
+
+    @property
+    def plate(self) -> Plate:
+        """With its displays."""
+        return self.built.plate
+
+    def report(self, files: tuple[WrittenFile, ...], seconds: dict[str, float]) -> Report:
+        """Everything gathered; every judged quantity is also a check."""
+        job, built = self.job, self.built
+        of_dies = {item.die.name: die_quantities(item, self.read, job) for item in self.optics}
+        of_plate = tuple(quantity for quantity in self.read if quantity.die is None)
+        for die in built.plate.dies:
+            if die.name in built.displays and die.name in of_dies:
+                of_dies[die.name] += display_quantities(die, built.displays[die.name], job.camera)
+                of_dies[die.name] += self._of_footprint(die)
+        for name in self.restored.dies:
+            of_dies[name] += self.restored.quantities(name)
+        for name, process in self.written.items():
+            of_dies[name] += process.quantities
+        if job.spec.written is not None:
+            for name in self.changes:
+                of_process = job.spec.written, process_spread(job)
+                of_dies[name] += tuple(restored_bands(self.restored, name, self.changes, *of_process))
+        for notes in (die_data.camera_notes(job), job.seed_notes):
+            for name, note in notes.items():
+                if name in of_dies:
+                    of_dies[name] += (note,)
+        of_plate += (*view_rows(job),)
+        names = unused(job.spec, *USES["run"], *(USES["run for a house"] if named_shop(job) is not None else ()))
+        if names:
+            how = "of the job: no file and no number here depends on it"
+            of_plate += (Quantity(UNUSED, ", ".join(names), how),)
+        if self.measured is not None:
+            of_plate += self.measured.note(job.digest)
+        everything = [*of_plate]
+        of_scenes = {scene.die.name: scene.quantities for scene in self.scenes}
+        for name, quantities in of_dies.items():
+            everything += [*quantities, *of_scenes.get(name, ())]
+        checks = tuple(quantity for quantity in everything if quantity.passed is not None)
+        return Report(built.plate.title, job.digest, job.seeds, of_dies, of_plate, checks, files, seconds)
+
+    def _of_footprint(self, die: Die) -> tuple[Quantity, ...]:
+        """The band of a die's emitters over the spread of the process."""
+        rules, process = display_rules(self.job), self.job.spec.written
+        if rules is None or process is None:
+            return ()
+        return footprint_band(die, self.built.displays[die.name], rules.emitters, process, process_spread(self.job))
+
+    def verdicts(self, report: Report) -> Verdicts:
+        """On the plate."""
+        return Verdicts.of(report.checks, self.built.displays, len(self.plate.dies))
+
+    def document(self, report: Report) -> Document:
+        """The content of report.json."""
+        designs = {
+            name: die_data.stated_design(said, self.restored.conditions.levels, self.restored.dies.get(name))
+            for name, said in die_data.stated(self.job).items()
+        }
+        photographs = die_data.photographs_document(self.restored)
+        return report_data.to_document(
+            report, self.plate, self.job.camera, self.scenes, self.built.displays, designs, photographs,
+            self._of_dies(), self._expected_s(), process_spread(self.job), self.job.spec.written,
+        )  # fmt: skip
+
+    def _expected_s(self) -> dict[str, dict[str, float]]:
+        """Seconds that the models of every die are expected to take, by constants: equal runs tell equal numbers."""
+        around = Surroundings.of(self.job)
+        known: dict[str, dict[str, float]] = {}
+        for optics in self.optics:
+            die = optics.die
+            models = {
+                "optics": expected(measure_with_bar, (die, self.job.camera)),
+                "written": expected(measure_written, ()) if die.name in self.written else None,
+                "photographs": expected(photograph_die, (self.restored.conditions, around)),
+            }
+            known[die.name] = {name: seconds for name, seconds in models.items() if seconds}
+        return known
+
+    def _of_dies(self) -> dict[str, Document]:
+        """The measurement, by the die that it is of."""
+        names = () if self.measured is None else [die.name for die in self.plate.dies]
+        told = {name: self.measured.of_die(name, self.job.digest) for name in names if self.measured is not None}
+        return {name: document for name, document in told.items() if document is not None}
+
+
+def die_quantities(item: DieOptics, read: Sequence[Quantity], job: Job) -> tuple[Quantity, ...]:
+    """All numbers of one die: optics, what reading back has shown, and features, judged by the job's own limits."""
+    name = item.die.name
+    shown = (quantity for quantity in read if quantity.die == name)
+    frequencies = job.spec.frequencies_cy_per_mm
+    worst = (each for mtf in item.mtfs for each in worst_directions(mtf, frequencies, name))
+    every = (*item.quantities, *worst, *shown, *smallest_features(item.die))
+    return tuple(judged(quantity, job.spec.limits) for quantity in every)
+
+
+def draw_pictures(
+    found: PlateFindings, document: Document, executor: SerialExecutor, progress: Progress = silent
+) -> tuple[bytes, Mapping[str, Mapping[str, str]]]:
+    """The picture of the whole plate, as PNG, and every figure of the report, by die and figure, of the dies that it
+    shows."""
+    progress("figures", 0, 1)
+    Figures, built = die_figures.Figures, found.built
+    designs, drawn = {die["name"]: die for die in document["dies"]}, frozenset(front.shown_dies(document))
+    more = [
+        Figures(scene.die.name, scene_figures.pictures, (scene,)) for scene in found.scenes if scene.die.name in drawn
+    ]
+    more += _front_figures(found.restored, document)
+    for die in found.plate.dies:
+        name = die.name
+        if name not in drawn:
+            continue
+        if name in built.displays:
+            more.append(Figures(name, display.pictures, (die.panel, built.displays[name])))
+        if "design" in designs[name]:
+            more.append(Figures(name, scene_figures.photograph_pictures, (found.restored.dies[name],)))
+        if name in found.written:
+            more.append(Figures(name, die_figures.written_pictures, (found.written[name],)))
+    # The die whose radial-minimum MTF is highest on average over the wavelengths.
+    shown = max(found.optics, key=lambda item: sum(area_under_radial_min(mtf) for mtf in item.mtfs))
+    best = front.best(document)
+    overview = executor.submit(die_figures.overview, lambda: (found.plate, document, shown))
+    stressed = () if isinstance(best, str) else best.shown
+    optics = [item for item in found.optics if item.die.name in drawn]
+    pictures = die_figures.pictures(found.plate, optics, document, more, executor, stressed)
+    whole = overview.result()
+    progress("figures", 1, 1)
+    return whole, pictures
+
+
+def _front_figures(restored: Photographs, document: Document) -> Iterator[die_figures.Figures]:
+    """The truth, and what the reference and the best die make of it."""
+    best = front.best(document)
+    if isinstance(best, str):
+        return
+    yield die_figures.Figures(die_figures.PLATE, scene_figures.truth, (restored.dies[best.name],))
+    for name, _ in front.crops(document, best):
+        yield die_figures.Figures(name, scene_figures.front, (restored.dies[name], best.level_db))
