@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: plate test test-all lint bench fuzz docs clean
+.PHONY: plate test test-all golden golden-quick golden-record lint bench fuzz docs clean
 
 plate: $(VENV)/run.stamp
 	$(BIN)/maskfab run layouts/upc12.toml --out build/upc12 --force
@@ -21,6 +21,16 @@ test test-all: $(VENV)/dev.stamp
 	$(BIN)/mypy & types=$$!; \
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile $(CHOSEN); tests=$$?; \
 	wait $$types && exit $$tests
+
+# What users get from every verb, held against tests/golden/: about ten minutes, a minute, or recorded anew.
+golden: $(VENV)/dev.stamp
+	$(BIN)/python tests/golden_set.py compare
+
+golden-quick: $(VENV)/dev.stamp
+	$(BIN)/python tests/golden_set.py compare --quick
+
+golden-record: $(VENV)/dev.stamp
+	$(BIN)/python tests/golden_set.py record
 
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff format maskfab tests examples docs

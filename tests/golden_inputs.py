@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import OpenImageIO
 import tifffile
 from numpy.typing import NDArray
 
@@ -25,24 +26,32 @@ def lay(name: str, folder: Path) -> None:
 
 
 def _photographs(folder: Path) -> None:
-    """Discs of all sizes, one over the other, as the leaves that they are named after."""
+    _leaves(folder, 832, 832)
+
+
+def _large_photographs(folder: Path) -> None:
+    _leaves(folder, 1024, 1536)
+
+
+def _leaves(folder: Path, rows: int, columns: int) -> None:
+    """A photograph of discs of all sizes, one over the other, as fallen leaves lie."""
     rng = np.random.default_rng(3)
-    y, x = np.mgrid[:832, :832]
-    light = np.zeros((832, 832, 3))
+    y, x = np.mgrid[:rows, :columns]
+    light = np.zeros((rows, columns, 3))
     for radius in 4 + 8 * rng.pareto(1.5, 400):
-        row, column = 832 * rng.random(2)
+        row, column = rows * rng.random(), columns * rng.random()
         light[(y - row) ** 2 + (x - column) ** 2 < radius**2] = rng.random(3)
     (folder / "photographs").mkdir()
     tifffile.imwrite(folder / "photographs" / "leaves.tif", np.rint(255 * light).astype(np.uint8), photometric="rgb")
 
 
 def _exposures(folder: Path) -> None:
-    """Three exposures of a point light: a spot and its diffraction on a faint ground; 1, 8 and 64 ms."""
+    """Three exposures, 1, 8 and 64 ms, of a point light behind the die whose PSF an earlier case has written."""
     rng = np.random.default_rng(1)
-    y, x = np.mgrid[:120, :110] - np.array([58.0, 57.0])[:, None, None]
-    light = 2e6 * (np.exp(-(x**2 + y**2) / 6) + np.abs(np.sinc(x / 7) * np.sinc(y / 9)) / 10) + 50
+    psf = OpenImageIO.ImageBuf(str(folder / "seen" / "psf_pixel_530nm.exr")).get_pixels()[..., 0].astype(float)
+    light = 100 * psf / psf.max()
     for milliseconds in (1, 8, 64):
-        electrons = rng.poisson(light * milliseconds / 1000) + 4.87 * rng.standard_normal(light.shape)
+        electrons = rng.poisson(light * milliseconds) + 4.87 * rng.standard_normal(light.shape)
         _write(folder / f"{milliseconds}ms.tif", np.clip(electrons / 1.7 + 64, 0, 8190))
 
 
@@ -58,7 +67,7 @@ def _edge(folder: Path) -> None:
 def _curve(folder: Path) -> None:
     """An MTF that was measured elsewhere."""
     rows = [f"{frequency},{np.exp(-((frequency / 90) ** 2)):.6f}" for frequency in range(0, 201, 10)]
-    (folder / "curve.csv").write_text("\n".join(["cy_per_mm,mtf", *rows]) + "\n", encoding="utf-8")
+    (folder / "curve.csv").write_text("\n".join(["cycles/mm,mtf", *rows]) + "\n", encoding="utf-8")
 
 
 def _write(path: Path, counts: NDArray[np.float64]) -> None:
@@ -69,5 +78,6 @@ _DRAWN: dict[str, Callable[[Path], None]] = {
     "curve": _curve,
     "edge": _edge,
     "exposures": _exposures,
+    "large_photographs": _large_photographs,
     "photographs": _photographs,
 }

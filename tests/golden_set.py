@@ -40,6 +40,7 @@ LONGEST_TEXT = 240
 """Characters of a text that is recorded whole; of a longer one, beginning and hash."""
 DEEPEST = 6
 """Levels of a document that are recorded part by part; what lies deeper is hashed."""
+_NUMBER = re.compile(r" *\d[\d.]*(e[+-]\d+)?")
 WHOLE = 600
 """Characters of a document that is recorded as it is."""
 
@@ -226,7 +227,7 @@ class Cleaner:
             document = json.loads(told)
         except ValueError:
             if self.case.shape:
-                told = re.sub(r"[\d.]+", "#", told)
+                told = _NUMBER.sub("#", told)
             if len(told) <= self.case.longest_text:
                 return told.splitlines()
             return {"sha256": _digest(told.encode()), "begins": told[:LONGEST_TEXT].splitlines()}
@@ -238,7 +239,7 @@ class Cleaner:
 
     def file(self, path: Path) -> Any:
         """Record of a file: size and SHA-256; of a package, each of its members."""
-        if path.name in DROPPED:
+        if path.name in DROPPED or path.name in self.case.timed:
             return "not compared"
         if path.suffix == ".zip":
             with zipfile.ZipFile(path) as package:
@@ -274,8 +275,10 @@ class Cleaner:
             }
         if isinstance(value, list):
             return [self._document(part, f"{at}[]") for part in value]
-        if self.case.shape and isinstance(value, int | float | str) and not isinstance(value, bool):
-            return type(value).__name__ if isinstance(value, str) else "number"
+        if self.case.shape and isinstance(value, str) and not at.endswith((".code", ".name")):
+            return _NUMBER.sub("#", value)
+        if self.case.shape and isinstance(value, int | float) and not isinstance(value, bool):
+            return "number"
         return value
 
 
@@ -293,6 +296,8 @@ def outline(value: Any, depth: int = 0) -> Any:
             return f"{json.dumps(value['value'], ensure_ascii=False)[:60]} {_digest(text.encode())[:16]}"
         if depth < DEEPEST:
             return {key: outline(part, depth + 1) for key, part in value.items()}
+    elif depth < DEEPEST and len(value) <= 4 and any(isinstance(part, list | str) for part in value):
+        return [outline(part, depth + 1) for part in value]
     elif depth < DEEPEST and 0 < len(value) <= 400 and all(isinstance(part, dict) for part in value):
         return dict(zip(_names(value), (outline(part, depth + 1) for part in value), strict=True))
     return f"sha256 {_digest(text.encode())[:16]}, {len(value)} parts, {len(text)} characters"
