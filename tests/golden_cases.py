@@ -289,16 +289,18 @@ _CASES = (
         "simulate/learned",
         "simulate layouts/toled_against_ours.toml --die TOLED --images photographs --level 32 --restore wiener "
         "--checkpoint toled.npz",
-        after="learn/seconds",
+        after="learn/minutes",
+        slow=True,
         shape=True,
     ),
     Case("simulate/one_colour", "simulate small.toml", SMALL),
     Case("simulate/no_photographs", "simulate layouts/toled_against_ours.toml --images layouts", LAYOUTS),
     Case(
-        "learn/seconds",
-        "learn layouts/toled_against_ours.toml --die TOLED --images photographs --level 32 --minutes 1 -o "
+        "learn/minutes",
+        "learn layouts/toled_against_ours.toml --die TOLED --images photographs --level 32 --minutes 3 -o "
         "toled.npz --device cpu",
         PHOTOGRAPHS,
+        slow=True,
         shape=True,
     ),
     Case(
