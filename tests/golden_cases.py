@@ -133,7 +133,7 @@ _CASES = (
         after="package/film",
     ),
     Case("verify/solids", "verify out", after="run/all_formats"),
-    Case("reproduce/small", "reproduce out", after="run/small", quick=True),
+    Case("reproduce/small", "reproduce out", after="run/small"),
     Case("reproduce/edited", "reproduce out", after="run/small", edits=(("out/report.json", "SMALL", "LARGE"),)),
     Case("reproduce/no_run", "reproduce .", SMALL),
     Case("cite/program", "cite", quick=True),
@@ -397,7 +397,7 @@ _IN_WORDS = (
     "new/first_plate run/forecast_of_upc12 view/small verify/small verify/edited reproduce/small reproduce/edited "
     "cite/run check/largest_gap check/shop render/fits compare/dies shape/stripe design/bars pareto/front "
     "shops/generic-chrome shops/compared_on_film order/answered package/film simulate/wiener measure/point "
-    "measure/edge measure/mtf restore/by_job study/fig7 sweep/bias schema/check bench/quick doctor/here cache/small "
+    "measure/edge measure/mtf restore/by_job study/fig7 sweep/bias schema/check doctor/here cache/small "
     "analyse/scene plan/upc12"
 )
 """Cases that are also asked for what people read."""
