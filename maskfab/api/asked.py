@@ -37,12 +37,8 @@ def job_of(job: AnyJob, camera: Camera | None = None) -> Job:
             raise JobError("MF105", f"a {type(job).__name__} states no job", where="job", cure=cure)
         return plate.job(camera)
     if camera is not None:
-        raise JobError(
-            "MF105",
-            "the job has a camera of its own",
-            where="camera",
-            cure="Give no camera, or change the one in the job",
-        )
+        what = "the job has a camera of its own"
+        raise JobError("MF105", what, where="camera", cure="Give no camera, or change the one in the job")
     return job if isinstance(job, Job) else load_job(job)
 
 
@@ -79,19 +75,12 @@ def given_folder(images: str | Path | None, white: float | None, *, whole: bool 
 
         return folder(Path(images), white, whole=whole)
     if white is not None:
-        raise JobError(
-            "MF105",
-            f"light of {white:g} is stated as white, and the drawn scenes have a white of their own",
-            where="white",
-            cure="Add images, a folder of EXR or HDR photographs, or remove white",
-        )
+        what = f"light of {white:g} is stated as white, and the drawn scenes have a white of their own"
+        cure = "Add images, a folder of EXR or HDR photographs, or remove white"
+        raise JobError("MF105", what, where="white", cure=cure)
     if whole:
-        raise JobError(
-            "MF105",
-            "whole photographs are asked for, and scenes are drawn",
-            where="whole",
-            cure="Add images, a folder of photographs, or remove whole",
-        )
+        what = "whole photographs are asked for, and scenes are drawn"
+        raise JobError("MF105", what, where="whole", cure="Add images, a folder of photographs, or remove whole")
     return None
 
 

@@ -139,12 +139,9 @@ class Camera:
             return lines[0]
         asked = None if wavelength is None else parse_wavelength_nm(wavelength_text(wavelength), where="wavelength")
         if asked not in lines:
-            raise JobError(
-                "MF105",
-                "no wavelength is given" if asked is None else f"the camera has no wavelength {asked:g} nm",
-                where="wavelength",
-                cure=f"Use one of {', '.join(f'{line:g} nm' for line in lines)}",
-            )
+            what = "no wavelength is given" if asked is None else f"the camera has no wavelength {asked:g} nm"
+            cure = f"Use one of {', '.join(f'{line:g} nm' for line in lines)}"
+            raise JobError("MF105", what, where="wavelength", cure=cure)
         return asked
 
     def __repr__(self) -> str:

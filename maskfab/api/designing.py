@@ -368,21 +368,13 @@ def _targets(spec: JobSpec, job: Path, out: Path | None) -> dict[str, Path]:
     section = section_of(spec, str(job))
     target = out or (None if section.output is None else job.parent / section.output)
     if target is None:
-        raise JobError(
-            "MF105",
-            "the design has no output file",
-            where=f"{job}: design.output",
-            cure='Add output = "openings/x.toml" to [design], or give --out x.toml',
-        )
+        cure = 'Add output = "openings/x.toml" to [design], or give --out x.toml'
+        raise JobError("MF105", "the design has no output file", where=f"{job}: design.output", cure=cure)
     targets = {"opening": target}
     if isinstance(section, SearchSection) and section.map is not None:
         if section.map_output is None and out is None:
-            raise JobError(
-                "MF105",
-                "the map has no output file",
-                where=f"{job}: design.map_output",
-                cure='Add map_output = "maps/x.toml" to [design]',
-            )
+            cure = 'Add map_output = "maps/x.toml" to [design]'
+            raise JobError("MF105", "the map has no output file", where=f"{job}: design.map_output", cure=cure)
         # The job's own map belongs to the opening that it names.
         own = section.map_output is not None and out is None
         targets["map"] = job.parent / str(section.map_output) if own else beside(target)["map"]
@@ -393,12 +385,8 @@ def _targets(spec: JobSpec, job: Path, out: Path | None) -> dict[str, Path]:
 
 def _refuse_beside_job(given: Sequence[str]) -> None:
     if given:
-        raise JobError(
-            "MF105",
-            f"{', '.join(given)} cannot be stated beside a job, which says what is designed",
-            where=given[0],
-            cure="State it in the job, or leave the job out",
-        )
+        what = f"{', '.join(given)} cannot be stated beside a job, which says what is designed"
+        raise JobError("MF105", what, where=given[0], cure="State it in the job, or leave the job out")
 
 
 def _display(emitters: Mapping[str, Any] | None, wires: Mapping[str, Any] | None) -> dict[str, Any]:
@@ -423,12 +411,8 @@ def _further(sections: Mapping[str, Any]) -> dict[str, Any]:
     """
     for key in sections:
         if key not in _FURTHER:
-            raise JobError(
-                "MF102",
-                f"a design has no use for a section {key!r}",
-                where="design(): sections",
-                cure=f"Use {', '.join(_FURTHER)}; emitters, wires and camera are arguments of their own",
-            )
+            cure = f"Use {', '.join(_FURTHER)}; emitters, wires and camera are arguments of their own"
+            raise JobError("MF102", f"a design has no use for a section {key!r}", where="design(): sections", cure=cure)
     return dict(sections)
 
 
@@ -495,20 +479,12 @@ def _front(
 ) -> ParetoFront:
     spec = read(path)
     if spec.pareto is None:
-        raise JobError(
-            "MF105",
-            "the job has no [pareto] section",
-            where=str(path),
-            cure="Add a [pareto] section with clear_dots = [88, 100]",
-        )
+        what = "the job has no [pareto] section"
+        raise JobError("MF105", what, where=str(path), cure="Add a [pareto] section with clear_dots = [88, 100]")
     section = spec.design
     if not isinstance(section, SearchSection):
-        raise JobError(
-            "MF105",
-            "a sweep is among compact shapes, and the job has no [design] that searches them",
-            where=f"{path}: design",
-            cure='Add [design] with method = "search"',
-        )
+        what = "a sweep is among compact shapes, and the job has no [design] that searches them"
+        raise JobError("MF105", what, where=f"{path}: design", cure='Add [design] with method = "search"')
     camera = PhotoCamera.of(spec.camera.camera(), where=str(path))
     settings = capture_settings(spec)
     require_weights(section, settings, str(path))
@@ -516,12 +492,8 @@ def _front(
     compared = [load_opening(path.parent / each) for each in spec.pareto.compare]
     texts = {opening.name: opening_text(opening) for opening in compared}
     if len(texts) < len(compared):
-        raise JobError(
-            "MF109",
-            "two openings have one name",
-            where=f"{path}: pareto.compare",
-            cure="Give one of the openings another name in its file",
-        )
+        cure = "Give one of the openings another name in its file"
+        raise JobError("MF109", "two openings have one name", where=f"{path}: pareto.compare", cure=cure)
     display = stated_display(spec, section, str(path), key="pareto")
     lines_of(spec.pareto, display, where=f"{path}: pareto.lines")
     require_uneven(spec.pareto, section, display, where=f"{path}: pareto")

@@ -300,31 +300,21 @@ def check_applies(stated: Mapping[str, object], subject: Path, spelt: Callable[[
         _refuse_strangers([name for name in said if name not in {"against", "shop"}], "a package", spelt)
         if "shop" in said and "against" not in said:
             against, shop = spelt("against"), spelt("shop")
-            raise JobError(
-                "MF105",
-                f"{against} is missing: with {shop} the package is rebuilt from its job",
-                where=against,
-                cure=f"Add {against} with the job, or leave {shop} out: the package holds its job and its shop",
-            )
+            what = f"{against} is missing: with {shop} the package is rebuilt from its job"
+            cure = f"Add {against} with the job, or leave {shop} out: the package holds its job and its shop"
+            raise JobError("MF105", what, where=against, cure=cure)
     elif "shop" in said:
-        raise JobError(
-            "MF105",
-            f"{spelt('shop')} {stated['shop']} applies to packages only, and {subject.name} is not one",
-            where=spelt("shop"),
-            cure=f"Name a .zip that maskfab order pack wrote, or leave {spelt('shop')} out",
-        )
+        what = f"{spelt('shop')} {stated['shop']} applies to packages only, and {subject.name} is not one"
+        cure = f"Name a .zip that maskfab order pack wrote, or leave {spelt('shop')} out"
+        raise JobError("MF105", what, where=spelt("shop"), cure=cure)
     elif os.path.isdir(subject):
         _refuse_strangers(said, f"{subject.name}, which is a directory", spelt)
     elif "against" in said:
         meant = {"against", *_meant(subject)}
         _refuse_strangers([name for name in said if name not in meant], subject.name, spelt)
     elif os.path.isfile(subject):
-        raise JobError(
-            "MF105",
-            f"no job is given to compare {subject.name} with",
-            where=spelt("against"),
-            cure=f"Add {spelt('against')} with a job, or name the directory of a finished run",
-        )
+        cure = f"Add {spelt('against')} with a job, or name the directory of a finished run"
+        raise JobError("MF105", f"no job is given to compare {subject.name} with", where=spelt("against"), cure=cure)
 
 
 def _refuse_strangers(strangers: Sequence[str], subject: str, spelt: Callable[[str], str]) -> None:
@@ -396,12 +386,8 @@ def view(directory: str | Path, out: Annotated[str | Path | None, "PAGE.html"] =
     folder = Path(os.path.realpath(directory))
     target = folder.with_name(f"{folder.name}.html") if out is None else Path(out)
     if folder in Path(os.path.realpath(target)).parents:
-        raise OutputError(
-            "MF401",
-            f"{target} lies in the finished run, whose manifest does not know it",
-            where="--out",
-            cure="Give --out a path beside the directory",
-        )
+        what = f"{target} lies in the finished run, whose manifest does not know it"
+        raise OutputError("MF401", what, where="--out", cure="Give --out a path beside the directory")
     check_file(target, force=force)
     run = shown_run(folder)
     page = viewer_page(run)

@@ -139,12 +139,8 @@ def measure(
     """
     known = job_of(job)
     if not _LEAST_WINDOW <= window <= _MOST_WINDOW:
-        raise JobError(
-            "MF104",
-            f"a window of {window} pixels is not from {_LEAST_WINDOW} to {_MOST_WINDOW}",
-            where="window",
-            cure="Use 150, or up to 400 for wide pictures",
-        )
+        what = f"a window of {window} pixels is not from {_LEAST_WINDOW} to {_MOST_WINDOW}"
+        raise JobError("MF104", what, where="window", cure="Use 150, or up to 400 for wide pictures")
     panels = known.panels()
     wanted = dies_of(die, panels)
     stated = None if times is None else [parse_time_s(each, where="times") for each in times]
@@ -203,12 +199,8 @@ def _noise(gain: float | None, read_noise: float | None, told: Gain | None) -> t
         gain = told.electrons_per_count if gain is None else gain
         read_noise = told.read_noise_e if read_noise is None else read_noise
     if gain is None or read_noise is None:
-        raise JobError(
-            "MF105",
-            "nothing states the sensor's gain and read noise",
-            where="gain",
-            cure="Give gain and read_noise in electrons, or a pair of equal frames that they are told from",
-        )
+        cure = "Give gain and read_noise in electrons, or a pair of equal frames that they are told from"
+        raise JobError("MF105", "nothing states the sensor's gain and read noise", where="gain", cure=cure)
     return gain, read_noise
 
 
@@ -358,12 +350,8 @@ def edge(
     require_form("a table (.csv) of an MTF", {"angle": angle}, of=False)
     box = _region(region)
     if window is not None and window < 2 * NARROWEST_PX:
-        raise JobError(
-            "MF104",
-            f"a window of {window} pixels is below {2 * NARROWEST_PX:g}",
-            where="window",
-            cure="State no window, or one of 50 or more",
-        )
+        what = f"a window of {window} pixels is below {2 * NARROWEST_PX:g}"
+        raise JobError("MF104", what, where="window", cure="State no window, or one of 50 or more")
     _refuse_idle(job, die, pixel, {"stands": stands, "line": line})
     if stands is not None:
         stand_named(stands)
@@ -402,9 +390,8 @@ def _curve(
 ) -> EdgeMeasurement:
     """An MTF that was measured elsewhere, held against a die's; every colour of the job's light without a line."""
     if not abs(angle) <= 180:
-        raise JobError(
-            "MF104", f"an angle of {angle:g} deg is not -180 to 180 deg", where="angle", cure="Use 0 or 90, say"
-        )
+        what = f"an angle of {angle:g} deg is not -180 to 180 deg"
+        raise JobError("MF104", what, where="angle", cure="Use 0 or 90, say")
     line_nm = _line_nm(line)
     known = job_of(job)
     panels = known.panels()
@@ -425,12 +412,8 @@ def _only(die: str | Sequence[str] | None) -> str | None:
     if die is None or isinstance(die, str):
         return die
     if len(die) > 1:
-        raise JobError(
-            "MF105",
-            f"{len(die)} dies are given, and an MTF is held against one",
-            where="die",
-            cure=f"Give one of them, such as {die[0]}",
-        )
+        what = f"{len(die)} dies are given, and an MTF is held against one"
+        raise JobError("MF105", what, where="die", cure=f"Give one of them, such as {die[0]}")
     return die[0] if die else None
 
 
@@ -464,19 +447,12 @@ def _region(stated: str | Sequence[int] | None) -> Region | None:
     try:
         top, left, bottom, right = (int(each) for each in parts)
     except (TypeError, ValueError) as error:
-        raise JobError(
-            "MF105",
-            f"{stated!r} is no region of four whole numbers",
-            where="region",
-            cure="Write first row, first column, end row, end column: 100,200,500,300",
-        ) from error
+        cure = "Write first row, first column, end row, end column: 100,200,500,300"
+        raise JobError("MF105", f"{stated!r} is no region of four whole numbers", where="region", cure=cure) from error
     if not (0 <= top < bottom and 0 <= left < right):
-        raise JobError(
-            "MF104",
-            f"the region from row {top} to {bottom} and column {left} to {right} holds no pixel",
-            where="region",
-            cure="Write first row, first column, end row, end column: 100,200,500,300",
-        )
+        what = f"the region from row {top} to {bottom} and column {left} to {right} holds no pixel"
+        cure = "Write first row, first column, end row, end column: 100,200,500,300"
+        raise JobError("MF104", what, where="region", cure=cure)
     return Region(top, bottom, left, right)
 
 

@@ -145,9 +145,8 @@ class Opening(model.Opening):
         elif kind == "stripe":
             mask = shapes.stripe(dots, width_dots, clear_dots)
         elif clear_dots is None:
-            raise JobError(
-                "MF105", f"{kind} needs a number of clear dots", where="clear_dots", cure="Add 90 clear dots"
-            )
+            what = f"{kind} needs a number of clear dots"
+            raise JobError("MF105", what, where="clear_dots", cure="Add 90 clear dots")
         elif kind == "blobs":
             mask = shapes.blobs(dots, clear_dots, size_ratio=size_ratio, aspect=aspect, exponent=exponent)
         else:
@@ -301,12 +300,9 @@ def _dot_nm(pitch: Length, dots: int, where: str) -> int:
 
 def _stated(value: Any, key: str, source: str) -> Any:
     if value is None:
-        raise JobError(
-            "MF105",
-            f"{key} is not given, and {os.path.basename(source)} does not state it",
-            where=f"read_opening: {key}",
-            cure='Add pitch = "168 um"' if key == "pitch" else "Add dots = 21",
-        )
+        what = f"{key} is not given, and {os.path.basename(source)} does not state it"
+        cure = 'Add pitch = "168 um"' if key == "pitch" else "Add dots = 21"
+        raise JobError("MF105", what, where=f"read_opening: {key}", cure=cure)
     return value
 
 
@@ -318,7 +314,6 @@ def _whole(value: object, key: str) -> int:
 
 def _pair(size: object) -> tuple[int, int]:
     if isinstance(size, str) or not isinstance(size, Sequence) or len(size) != 2:
-        raise JobError(
-            "MF105", f"size = {size!r} is not width and height in dots", where="size", cure="Write size = (15, 7)"
-        )
+        what = f"size = {size!r} is not width and height in dots"
+        raise JobError("MF105", what, where="size", cure="Write size = (15, 7)")
     return _whole(size[0], "size"), _whole(size[1], "size")

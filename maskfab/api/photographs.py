@@ -246,13 +246,12 @@ def _require_memory(scenes: Sequence[Photograph], restorers: Sequence[str], *, b
     others += ["brackets keep"] if brackets else []
     for scene in scenes:
         if others and scene.values[0].size > LARGE:
-            raise JobError(
-                "MF142",
+            what = (
                 f"{others[0]} too much of {scene.values[0].size / 1e6:.3g} million pixels; the limit is "
-                f"{LARGE / 1e6:g} million",
-                where=scene.name,
-                cure="Take one exposure and restore it by wiener alone, or photograph the middle",
+                f"{LARGE / 1e6:g} million"
             )
+            cure = "Take one exposure and restore it by wiener alone, or photograph the middle"
+            raise JobError("MF142", what, where=scene.name, cure=cure)
 
 
 def _restorers(
@@ -267,12 +266,8 @@ def _restorers(
     if given is None or LEARNED not in given:
         return asked.restorers(given)
     if not learned:
-        raise JobError(
-            "MF105",
-            "no checkpoint holds the restorer learned",
-            where="restore",
-            cure="Train one with maskfab learn, and give it with --checkpoint FILE",
-        )
+        cure = "Train one with maskfab learn, and give it with --checkpoint FILE"
+        raise JobError("MF105", "no checkpoint holds the restorer learned", where="restore", cure=cure)
     others = tuple(name for name in given if name != LEARNED)
     return asked.restorers(others) if others else ((), False)
 
@@ -297,12 +292,8 @@ def _designs(
     if not found:
         if len({refusal.code for refusal in refused.values()}) == 1:
             raise next(iter(refused.values()))
-        raise JobError(
-            "MF122",
-            f"no die can be judged behind a camera of {camera_line(asked.camera)}",
-            where=job.where,
-            cure="Name one die to see why",
-        )
+        what = f"no die can be judged behind a camera of {camera_line(asked.camera)}"
+        raise JobError("MF122", what, where=job.where, cure="Name one die to see why")
     return found, refused
 
 
@@ -514,12 +505,8 @@ def learned_restorers(
     by_die: dict[str, tuple[Path, Checkpoint]] = {}
     for path, found in trained:
         if found.trade.die in by_die:
-            raise JobError(
-                "MF105",
-                f"{by_die[found.trade.die][0]} and {path} are both of die {found.trade.die}",
-                where="checkpoint",
-                cure="Give one of them",
-            )
+            what = f"{by_die[found.trade.die][0]} and {path} are both of die {found.trade.die}"
+            raise JobError("MF105", what, where="checkpoint", cure="Give one of them")
         by_die[found.trade.die] = path, found
     for die, (path, _) in by_die.items():
         if die not in names:
@@ -557,10 +544,6 @@ def trade_of(job: Job, asked: Conditions, design: Design, images: tuple[str, ...
 
 def _one(die: str | None, names: tuple[str, ...]) -> str:
     if die is None and len(names) > 1:
-        raise JobError(
-            "MF105",
-            f"the job has {len(names)} dies, and a network is trained behind one",
-            where="die",
-            cure=f"Name one of {', '.join(names)}",
-        )
+        what = f"the job has {len(names)} dies, and a network is trained behind one"
+        raise JobError("MF105", what, where="die", cure=f"Name one of {', '.join(names)}")
     return dies_of(die, names)[0]

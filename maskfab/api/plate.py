@@ -109,12 +109,8 @@ class Plate:
         every = {**(dies or {}), **panels}
         for die, panel in every.items():
             if not isinstance(panel, Panel):
-                raise JobError(
-                    "MF105",
-                    f"{die} = {panel!r} is not a panel",
-                    where=f"{_WHERE}.of",
-                    cure="Make one: Panel.tile(opening, size=...)",
-                )
+                what = f"{die} = {panel!r} is not a panel"
+                raise JobError("MF105", what, where=f"{_WHERE}.of", cure="Make one: Panel.tile(opening, size=...)")
         if not every:
             raise JobError("MF105", "there is no panel", where=f"{_WHERE}.of", cure="Give at least one: A=panel")
         size = max(panel.side_nm for panel in every.values())
@@ -130,12 +126,8 @@ class Plate:
         more = dict(sections or {})
         for key in more:
             if key in _OWN or key not in JobSpec.model_fields:
-                raise JobError(
-                    "MF102",
-                    f"unknown section {key!r}",
-                    where=f"{_WHERE}.of: sections",
-                    cure=f"Use {', '.join(sorted(set(JobSpec.model_fields) - _OWN - {'curves', 'shops'}))}",
-                )
+                cure = f"Use {', '.join(sorted(set(JobSpec.model_fields) - _OWN - {'curves', 'shops'}))}"
+                raise JobError("MF102", f"unknown section {key!r}", where=f"{_WHERE}.of: sections", cure=cure)
         return cls(
             parse_section(JobSection, {"name": name, "title": title or name}, where=_WHERE),
             parse_section(PlateSection, stated, where=_WHERE),
@@ -244,12 +236,8 @@ class Plate:
 
 def _keep(texts: dict[str, str], name: str, text: str, kind: str, die: str) -> None:
     if texts.setdefault(name, text) != text:
-        raise JobError(
-            "MF109",
-            f"two different {kind} have the name {name!r}",
-            where=f"{_WHERE}: {die}",
-            cure="Give one of them another name, with the argument name",
-        )
+        cure = "Give one of them another name, with the argument name"
+        raise JobError("MF109", f"two different {kind} have the name {name!r}", where=f"{_WHERE}: {die}", cure=cure)
 
 
 def _plain(section: Any) -> dict[str, Any]:

@@ -129,27 +129,21 @@ def restore(
     """
     require_stops(stops)
     if epsilon is not None and not 0 < epsilon < np.inf:
-        raise JobError(
-            "MF104", f"a strength of {epsilon:g} is not above 0", where="epsilon", cure="Give a number such as 0.03"
-        )
+        what = f"a strength of {epsilon:g} is not above 0"
+        raise JobError("MF104", what, where="epsilon", cure="Give a number such as 0.03")
     paths = [Path(photos)] if isinstance(photos, str | Path) else [Path(each) for each in photos]
     _require_names(paths)
     names = (restore,) if isinstance(restore, str) else tuple(restore)
     restorers = named([name for name in names if name != AUTO])
     stated = Stated(black, white, mosaic, gain, read_noise)
     if register and len(paths) == 1:
-        raise JobError(
-            "MF105", "there is one photograph", where="register", cure="Give two or more photographs of one scene"
-        )
+        what = "there is one photograph"
+        raise JobError("MF105", what, where="register", cure="Give two or more photographs of one scene")
     patches = None if chart is None else read_patches(Path(chart))
     undone = blurs_of(len(paths), job=job, die=die, camera=camera, psf=psf, pixel=pixel, stands=stands)
     if not bin and any(each.of_cells for each in undone):
-        raise SourceError(
-            "MF353",
-            "the PSF was captured with a mosaic, which tells it for cells of 2 x 2 pixels alone",
-            where="psf",
-            cure="Add --bin (bin=True), or give the PSF of the job's die",
-        )
+        what = "the PSF was captured with a mosaic, which tells it for cells of 2 x 2 pixels alone"
+        raise SourceError("MF353", what, where="psf", cure="Add --bin (bin=True), or give the PSF of the job's die")
     found: list[RestoredPhoto] = []
     colours: ChartMatrix | None = None
     for done, (path, each) in enumerate(zip(paths, undone, strict=True)):
@@ -193,13 +187,12 @@ def _restored(
         record, seen, told = binned(record), BinnedBlur(blur), (*told, "means over 2 x 2 pixels")
     if record.values[0].size > LARGE:
         if not chosen and [each.name for each in restorers] != [Wiener().name]:
-            raise JobError(
-                "MF142",
+            what = (
                 f"{restorers[-1].name} keeps too much of {record.values[0].size / 1e6:.3g} million pixels; the limit "
-                f"is {LARGE / 1e6:g} million",
-                where=photo.name,
-                cure="Restore it by wiener, or add --bin for a quarter of the pixels",
+                f"is {LARGE / 1e6:g} million"
             )
+            cure = "Restore it by wiener, or add --bin for a quarter of the pixels"
+            raise JobError("MF142", what, where=photo.name, cure=cure)
         restorers, told = (Wiener(),), (*told, f"of more than {LARGE / 1e6:g} million pixels, so restored by wiener")
     return _Light(photo, record, restored(record, seen, restorers, epsilon), told)
 
@@ -230,12 +223,8 @@ def _require_names(paths: Sequence[Path]) -> None:
     names = [path.stem for path in paths]
     if not names or len(set(names)) < len(names):
         twice = next((name for name in names if names.count(name) > 1), "")
-        raise JobError(
-            "MF105",
-            f"two photographs have the name {twice}" if names else "there is no photograph",
-            where="photos",
-            cure="Give one or more, each with a name of its own",
-        )
+        what = f"two photographs have the name {twice}" if names else "there is no photograph"
+        raise JobError("MF105", what, where="photos", cure="Give one or more, each with a name of its own")
 
 
 def _require_fit(blur: Blur, photo: Photo) -> None:
@@ -243,12 +232,9 @@ def _require_fit(blur: Blur, photo: Photo) -> None:
         return
     (high, wide), (rows, columns) = blur.kernels.shape[1:], photo.record.values.shape[1:]
     if high > rows or wide > columns:
-        raise SourceError(
-            "MF351",
-            f"the PSF has {wide} x {high} pixels, and the photograph {columns} x {rows}",
-            where=photo.name,
-            cure="Crop the PSF's capture closer about the light, or give a larger photograph",
-        )
+        what = f"the PSF has {wide} x {high} pixels, and the photograph {columns} x {rows}"
+        cure = "Crop the PSF's capture closer about the light, or give a larger photograph"
+        raise SourceError("MF351", what, where=photo.name, cure=cure)
 
 
 DOCUMENT = "restore.json"
@@ -411,19 +397,16 @@ def blurs_of(
         SourceError: MF352 of another pixel; as :func:`maskfab.camera.blur.read_psf`.
     """
     if (job is None) == (psf is None):
-        raise JobError(
-            "MF105",
-            "the blur is that of a job's die or of a PSF, and " + ("neither" if job is None else "both") + " is given",
-            where="psf",
-            cure="Give a job and a die, or the EXR file of a PSF",
+        what = (
+            "the blur is that of a job's die or of a PSF, and " + ("neither" if job is None else "both") + " is given"
         )
+        raise JobError("MF105", what, where="psf", cure="Give a job and a die, or the EXR file of a PSF")
     pixel_um = None if pixel is None else parse_length_um(length_text(pixel), where="pixel")
     if psf is not None:
         for key, value in (("die", die), ("camera", camera), ("stands", stands)):
             if value is not None:
-                raise JobError(
-                    "MF105", f"{key} goes with a job, and a PSF is given", where=key, cure=f"Remove {key}, or the PSF"
-                )
+                what = f"{key} goes with a job, and a PSF is given"
+                raise JobError("MF105", what, where=key, cure=f"Remove {key}, or the PSF")
         files = [Path(psf)] if isinstance(psf, str | Path) else [Path(each) for each in psf]
         return _of_files(files, photos, pixel_um)
     assert job is not None
@@ -450,12 +433,9 @@ def _of_dies(
     asked = dies_of(die, panels) if die is None or isinstance(die, str) else tuple(die)
     dies_of(asked, panels)
     if len(asked) not in (1, photos):
-        raise JobError(
-            "MF105",
-            f"{len(asked)} dies for {photos} photographs" if die else f"the job has {len(asked)} dies",
-            where="die",
-            cure=f"Name the one in use, or one for each photograph: {', '.join(panels)}",
-        )
+        what = f"{len(asked)} dies for {photos} photographs" if die else f"the job has {len(asked)} dies"
+        cure = f"Name the one in use, or one for each photograph: {', '.join(panels)}"
+        raise JobError("MF105", what, where="die", cure=cure)
     way = way_round(stands, loaded)
     _require_pixel(pixel_um, loaded.camera.pixel_um, "the job")
     conditions = Conditions.of(loaded, "camera")
@@ -472,9 +452,5 @@ def _of_dies(
 def _require_pixel(stated_um: float | None, known_um: float | None, whose: str) -> None:
     if stated_um is None or known_um is None or abs(stated_um - known_um) <= _PIXEL_TOLERANCE * known_um:
         return
-    raise SourceError(
-        "MF352",
-        f"the photographs have pixels of {stated_um:g} um, and {whose} has pixels of {known_um:g} um",
-        where="pixel",
-        cure="Give a PSF, or a job, of the camera that took them",
-    )
+    what = f"the photographs have pixels of {stated_um:g} um, and {whose} has pixels of {known_um:g} um"
+    raise SourceError("MF352", what, where="pixel", cure="Give a PSF, or a job, of the camera that took them")

@@ -94,12 +94,8 @@ def read_psf(paths: Sequence[Path]) -> MeasuredBlur:
             of; MF353 for another number of files or channels; MF334 for a file without light.
     """
     if len(paths) not in (1, _COLOURS):
-        raise SourceError(
-            "MF353",
-            f"{len(paths)} files of point spread functions",
-            where="psf",
-            cure="Give one file of all colours, or three of one wavelength each",
-        )
+        cure = "Give one file of all colours, or three of one wavelength each"
+        raise SourceError("MF353", f"{len(paths)} files of point spread functions", where="psf", cure=cure)
     files = [read_channels(path, PREFIX, _CURE) for path in paths]
     for path, found in zip(paths, files, strict=True):
         _check(found, path)
@@ -108,12 +104,8 @@ def read_psf(paths: Sequence[Path]) -> MeasuredBlur:
     if len(files) == 1 and files[0].facts.get("holds") == HOLDS:
         return _of_fit(files[0], paths[0])
     if len(files) > 1:
-        raise SourceError(
-            "MF353",
-            "three captures of point light",
-            where=str(paths[0]),
-            cure="Give one capture of all colours, or three files that maskfab run wrote",
-        )
+        cure = "Give one capture of all colours, or three files that maskfab run wrote"
+        raise SourceError("MF353", "three captures of point light", where=str(paths[0]), cure=cure)
     return _of_capture(files[0], paths[0])
 
 
@@ -132,19 +124,11 @@ def read_psfs(paths: Sequence[Path], photos: int) -> tuple[MeasuredBlur, ...]:
 
 def _check(found: Channels, path: Path) -> None:
     if len(found.names) not in (1, _COLOURS) or (len(found.names) == _COLOURS and set(found.names) != set("RGB")):
-        raise SourceError(
-            "MF353",
-            f"{path.name} has the channels {', '.join(found.names)}, not one, or R, G and B",
-            where=str(path),
-            cure=_CURE,
-        )
+        what = f"{path.name} has the channels {', '.join(found.names)}, not one, or R, G and B"
+        raise SourceError("MF353", what, where=str(path), cure=_CURE)
     if found.facts.get("holds") == "sigma":
-        raise SourceError(
-            "MF353",
-            f"{path.name} holds the standard deviation of a capture",
-            where=str(path),
-            cure="Give the file of its light",
-        )
+        what = f"{path.name} holds the standard deviation of a capture"
+        raise SourceError("MF353", what, where=str(path), cure="Give the file of its light")
     if not np.isfinite(found.values).all():
         raise SourceError("MF303", f"{path.name} has values that are not finite", where=str(path), cure=_CURE)
 
@@ -153,12 +137,8 @@ def _of_design(files: Sequence[Channels], paths: Sequence[Path]) -> MeasuredBlur
     """The blur of files that hold intensity at points, of light of the longest wavelength for red."""
     pixels = sorted({float(found.facts["sensor_pixel_um"]) for found in files})
     if len(pixels) > 1:
-        raise SourceError(
-            "MF352",
-            f"the files are for pixels of {pixels[0]:g} and {pixels[-1]:g} um",
-            where=str(paths[0]),
-            cure="Give files of one camera",
-        )
+        what = f"the files are for pixels of {pixels[0]:g} and {pixels[-1]:g} um"
+        raise SourceError("MF352", what, where=str(paths[0]), cure="Give files of one camera")
     lines = sorted(
         ((float(found.facts["wavelength_nm"]), found, path) for found, path in zip(files, paths, strict=True)),
         key=lambda each: -each[0],
@@ -183,13 +163,11 @@ def _pixels(found: Channels, path: Path) -> Psf:
     stride = pixel / step
     values = found.values[0]
     if abs(stride - round(stride)) > 1e-4 * stride or values.shape[0] != values.shape[1] or values.shape[0] % 2 == 0:
-        raise SourceError(
-            "MF352",
+        what = (
             f"{path.name} has {values.shape[1]} x {values.shape[0]} samples {step:g} um apart, which do not make "
-            f"pixels of {pixel:g} um about its middle",
-            where=str(path),
-            cure="Give a file as maskfab run writes it",
+            f"pixels of {pixel:g} um about its middle"
         )
+        raise SourceError("MF352", what, where=str(path), cure="Give a file as maskfab run writes it")
     line = float(facts["wavelength_nm"])
     window = (2 * (len(values) // 2 // round(stride)) + 1) * pixel
     camera = Camera(float(facts["focal_um"]), Stop("circle", float(facts["stop_um"])), (line,), pixel, window)
@@ -242,12 +220,8 @@ def _above_ground(plane: Floats, path: Path) -> tuple[Floats, float]:
     ground = float(np.median(plane[~inner])) if not inner.all() else 0.0
     light = plane - ground
     if not light.sum() > 0:
-        raise SourceError(
-            "MF334",
-            f"{path.name} holds no light above its background of {ground:.4g}",
-            where=str(path),
-            cure="Give the capture of a point light",
-        )
+        what = f"{path.name} holds no light above its background of {ground:.4g}"
+        raise SourceError("MF334", what, where=str(path), cure="Give the capture of a point light")
     return light, ground
 
 
@@ -284,12 +258,8 @@ def stand_named(name: str) -> int:
         JobError: MF105 for a name that none has.
     """
     if name not in STANDS:
-        raise JobError(
-            "MF105",
-            f"{name!r} is no stand of a die",
-            where="stands",
-            cure=f"Use one of {', '.join(STANDS)}; turned is by 90 degrees",
-        )
+        what = f"{name!r} is no stand of a die"
+        raise JobError("MF105", what, where="stands", cure=f"Use one of {', '.join(STANDS)}; turned is by 90 degrees")
     return STANDS[name]
 
 

@@ -394,13 +394,11 @@ def _object_um(scene: Scene, object_um: float | None, name: str) -> float:
     if object_um is None:
         return min(max(scene.focus_um, scene.nearest_um), scene.farthest_um)
     if object_um != scene.focus_um and not scene.nearest_um <= object_um <= scene.farthest_um:
-        raise JobError(
-            "MF104",
+        what = (
             f"an object at {object_um:g} um is outside the scene's depth, {scene.nearest_um:g} to "
-            f"{scene.farthest_um:g} um",
-            where=name,
-            cure="Make scene.depth larger, or photograph something within",
+            f"{scene.farthest_um:g} um"
         )
+        raise JobError("MF104", what, where=name, cure="Make scene.depth larger, or photograph something within")
     return object_um
 
 
@@ -442,12 +440,12 @@ def _require_room(openings: Aperture, camera: Camera, times: int, error: float =
         return
     divided = "" if times == 1 else f" divided by {times / 2:g}, too coarse for the phase of the scene's light"
     divided += f", whose transfer still changes by {error:.1g}" if math.isfinite(error) else ""
-    raise JobError(
-        "MF115",
+    what = (
         f"the stop of {camera.stop.diameter_um:g} um is {across / times:.0f} dots of {openings.x.dot_um:g} um{divided}"
-        f"; photographs take {MOST_ACROSS} along a side at most",
-        cure="Use larger dots or a smaller stop" if times == 1 else "Ask for less defocus, aberration or gap",
+        f"; photographs take {MOST_ACROSS} along a side at most"
     )
+    cure = "Use larger dots or a smaller stop" if times == 1 else "Ask for less defocus, aberration or gap"
+    raise JobError("MF115", what, cure=cure)
 
 
 def _lines(view: StopView, samples: Samples, light: Band | float) -> tuple[Lines, float]:

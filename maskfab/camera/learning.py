@@ -437,16 +437,14 @@ class Checkpoint:
             raise SourceError("MF301", f"there is no file {path}", cure="Train one with maskfab learn")
         found = read_state(path)
         if str(found.pop(RUN, "")) != _KIND:
-            raise SourceError(
-                "MF304", "the file is no checkpoint of maskfab learn", where=str(path), cure="Train one with it"
-            )
+            what = "the file is no checkpoint of maskfab learn"
+            raise SourceError("MF304", what, where=str(path), cure="Train one with it")
         try:
             read = cls._of(found)
             read.restorer()
         except (KeyError, TypeError, ValueError, RuntimeError, AttributeError) as error:
-            raise SourceError(
-                "MF303", "the checkpoint is damaged", where=str(path), cure="Delete it and train again"
-            ) from error
+            what = "the checkpoint is damaged"
+            raise SourceError("MF303", what, where=str(path), cure="Delete it and train again") from error
         return read
 
     @classmethod
@@ -482,12 +480,8 @@ def probe(blur: Blur) -> Transfer:
 
 def another(own: str, wanted: str, where: str, cure: str = _USE) -> JobError:
     """The refusal of a checkpoint for something else."""
-    return JobError(
-        "MF148",
-        f"the checkpoint was trained for {own}; asked for is {wanted}",
-        where=where,
-        cure=cure,
-    )
+    what = f"the checkpoint was trained for {own}; asked for is {wanted}"
+    return JobError("MF148", what, where=where, cure=cure)
 
 
 def _decibels(levels: Sequence[float]) -> str:

@@ -61,14 +61,15 @@ class PhotoCamera:
 
     def __post_init__(self) -> None:
         if self.stop.shape not in _SHAPES or len(set(self.stop.sides_um)) > 1:
-            raise JobError(
-                "MF133",
+            what = (
                 f"photographs are judged behind stops that look the same turned by 90 degrees or mirrored, and this is "
-                f"the {self.stop.shape} of {self.stop.diameter_um:g} um",
-                where="camera.stop",
-                cure="Give a circle, a square or an annulus; run, analyse, plan, simulate and design with method = "
-                '"relax" take other shapes',
+                f"the {self.stop.shape} of {self.stop.diameter_um:g} um"
             )
+            cure = (
+                "Give a circle, a square or an annulus; run, analyse, plan, simulate and design with method = "
+                '"relax" take other shapes'
+            )
+            raise JobError("MF133", what, where="camera.stop", cure=cure)
         object.__setattr__(self, "wavelengths_nm", tuple(sorted(self.wavelengths_nm, reverse=True)))
 
     @classmethod
@@ -109,12 +110,8 @@ class PhotoCamera:
             JobError: MF134 unless there are three.
         """
         if len(self.wavelengths_nm) != COLOURS:
-            raise JobError(
-                "MF134",
-                f"photographs have red, green and blue, and the camera has {len(self.wavelengths_nm)} wavelengths",
-                where="camera.wavelengths",
-                cure="Give three",
-            )
+            what = f"photographs have red, green and blue, and the camera has {len(self.wavelengths_nm)} wavelengths"
+            raise JobError("MF134", what, where="camera.wavelengths", cure="Give three")
         return self.wavelengths_nm
 
     @property
@@ -247,9 +244,8 @@ def lattice(
             than 64 dots across the stop, or with other than 32 to 2048 dots of lag to one cycle per pixel.
     """
     if dots < 1 or (dot_nm is not None and dot_nm < 1):
-        raise JobError(
-            "MF104", f"{dots} dots of {dot_nm} nm make no cell", where=where, cure="Give at least 1 dot of 1 nm"
-        )
+        what = f"{dots} dots of {dot_nm} nm make no cell"
+        raise JobError("MF104", what, where=where, cure="Give at least 1 dot of 1 nm")
     dot_um = PITCH_UM / dots if dot_nm is None else dot_nm / NM_PER_UM
     pitch_nm = PITCH_UM * NM_PER_UM if dot_nm is None else CellSize(dots, dot_nm).pitch_nm
     half = camera.stop.diameter_um * NM_PER_UM / (2 * pitch_nm)
@@ -257,13 +253,12 @@ def lattice(
     _require_lags(made, where)
     if made.side > MOST_DOTS:
         across = camera.stop.diameter_um
-        raise JobError(
-            "MF115",
+        what = (
             f"the stop of {across:g} um takes {made.cells} cells of {dots} dots of {made.dot_um:g} um, {made.side} "
-            f"dots along a side; the limit is {MOST_DOTS}",
-            where=where,
-            cure=f"Draw the opening with dots of {across / MOST_DOTS:.3g} um or more",
+            f"dots along a side; the limit is {MOST_DOTS}"
         )
+        cure = f"Draw the opening with dots of {across / MOST_DOTS:.3g} um or more"
+        raise JobError("MF115", what, where=where, cure=cure)
     return made
 
 
@@ -272,32 +267,25 @@ def _require_lags(room: CellGrid, where: str) -> None:
     camera = room.camera
     coarsest = camera.cycle_um(camera.shortest_nm) / 2
     if room.dot_um > coarsest:
-        raise JobError(
-            "MF104",
-            f"a dot of {room.dot_um:g} um is wider than {coarsest:g} um, the lag of half a cycle per pixel",
-            where=where,
-            cure="Draw the opening with smaller dots",
-        )
+        what = f"a dot of {room.dot_um:g} um is wider than {coarsest:g} um, the lag of half a cycle per pixel"
+        raise JobError("MF104", what, where=where, cure="Draw the opening with smaller dots")
     if camera.is_f1:
         return
     across = camera.stop.diameter_um / room.dot_um
     least, most = (room.per_cycle(nm) for nm in (camera.shortest_nm, camera.wavelengths_nm[0]))
     if across < FEWEST_ACROSS:
-        raise JobError(
-            "MF135",
+        what = (
             f"the stop of {camera.stop.diameter_um:g} um is {across:.3g} dots of {room.dot_um:g} um across; "
-            f"photographs are judged through whole dots, of which it must be {FEWEST_ACROSS}",
-            where=where,
-            cure="Use smaller dots, or a larger stop",
+            f"photographs are judged through whole dots, of which it must be {FEWEST_ACROSS}"
         )
+        raise JobError("MF135", what, where=where, cure="Use smaller dots, or a larger stop")
     if least < FEWEST_PER_CYCLE or most > MOST_PER_CYCLE:
-        raise JobError(
-            "MF135",
+        what = (
             f"one cycle per pixel of {camera.pixel_um:g} um is a lag of {least:.0f} to {most:.0f} dots of "
-            f"{room.dot_um:g} um; the limits are {FEWEST_PER_CYCLE} and {MOST_PER_CYCLE}",
-            where=where,
-            cure=f"Use {'smaller' if least < FEWEST_PER_CYCLE else 'larger'} dots",
+            f"{room.dot_um:g} um; the limits are {FEWEST_PER_CYCLE} and {MOST_PER_CYCLE}"
         )
+        cure = f"Use {'smaller' if least < FEWEST_PER_CYCLE else 'larger'} dots"
+        raise JobError("MF135", what, where=where, cure=cure)
 
 
 @dataclass(frozen=True, eq=False)
@@ -355,16 +343,11 @@ def lay(
     stack = np.asarray(units)
     stack = stack[None] if stack.ndim == 2 else stack
     if stack.ndim != 3 or stack.shape[1] != stack.shape[2] or stack.size == 0:
-        raise OpeningError(
-            "MF201", f"the opening has the shape {np.shape(units)}", where=name, cure="Give an array of dots x dots"
-        )
+        what = f"the opening has the shape {np.shape(units)}"
+        raise OpeningError("MF201", what, where=name, cure="Give an array of dots x dots")
     if stack.dtype != np.bool_ and not np.isin(stack, (0, 1)).all():
-        raise OpeningError(
-            "MF202",
-            "the opening has other values than 0 and 1",
-            where=name,
-            cure="Threshold the opening to 0 (opaque) and 1 (clear)",
-        )
+        what = "the opening has other values than 0 and 1"
+        raise OpeningError("MF202", what, where=name, cure="Threshold the opening to 0 (opaque) and 1 (clear)")
     if not stack.any():
         raise closed(0, stack.size, where=name, cure="Give an opening with at least 1 clear dot")
     kinds = ORIENTATIONS * len(stack)
@@ -375,12 +358,8 @@ def lay(
     turned = np.asarray(orientations)
     if turned.shape != size or turned.min() < 0 or turned.max() >= kinds:
         told = f" and reach from {turned.min()} to {turned.max()}" if turned.size else ""
-        raise JobError(
-            "MF122",
-            f"the orientations have the shape {turned.shape}{told}",
-            where=name,
-            cure=f"Give {room.cells} x {room.cells} integers from 0 to {kinds - 1}",
-        )
+        cure = f"Give {room.cells} x {room.cells} integers from 0 to {kinds - 1}"
+        raise JobError("MF122", f"the orientations have the shape {turned.shape}{told}", where=name, cure=cure)
     cells = np.stack([orient(unit, k) for unit in stack for k in range(ORIENTATIONS)]).astype(np.float64)
     return Laid(name, side_by_side(cells[turned]) * room.stop, room)
 
@@ -536,34 +515,24 @@ def laid_panel(name: str, panel: Panel, camera: PhotoCamera = F1) -> Laid:
             that are too large or too small.
     """
     if panel.tiling is Tiling.HEXAGONAL:
-        raise JobError(
-            "MF122",
-            f"{name} has its cells on a hexagonal lattice; photographs are judged through square cells",
-            where=name,
-            cure="Name dies with another tiling",
-        )
+        what = f"{name} has its cells on a hexagonal lattice; photographs are judged through square cells"
+        raise JobError("MF122", what, where=name, cure="Name dies with another tiling")
     rows, columns = panel.orientations.shape
     drawn = panel.tiling is Tiling.RANDOM
     if not (drawn or camera.is_f1 or rows % 2 == columns % 2):
-        raise JobError(
-            "MF122",
-            f"{name} has {columns} x {rows} cells: the axis is in the middle of a cell along one side only",
-            where=name,
-            cure="Use even numbers of both, or odd ones",
-        )
+        what = f"{name} has {columns} x {rows} cells: the axis is in the middle of a cell along one side only"
+        raise JobError("MF122", what, where=name, cure="Use even numbers of both, or odd ones")
     times, rim, room = _whole_dots(name, panel, camera, odd=bool(rows % 2) and not (drawn or camera.is_f1))
     units = np.stack([np.pad(refined(opening.mask, times), rim) for opening in panel.openings])
     if drawn:
         return lay(name, units, room=room)
     cells = room.cells
     if min(rows, columns) < cells:
-        raise JobError(
-            "MF122",
+        what = (
             f"{name} has {columns} x {rows} cells of {panel.cell_size.pitch_um:g} um, fewer than the {cells} x {cells} "
-            f"that cover a stop of {camera.stop.diameter_um:g} um",
-            where=name,
-            cure=f"Use a die of at least {cells * panel.pitch_nm / 1e6:.3g} mm",
+            f"that cover a stop of {camera.stop.diameter_um:g} um"
         )
+        raise JobError("MF122", what, where=name, cure=f"Use a die of at least {cells * panel.pitch_nm / 1e6:.3g} mm")
     bottom, left = (rows - cells) // 2, (columns - cells) // 2
     middle = panel.orientations[bottom : bottom + cells, left : left + cells]
     return lay(name, units, middle, room=room)
@@ -580,11 +549,9 @@ def _whole_dots(name: str, panel: Panel, camera: PhotoCamera, *, odd: bool) -> t
     except JobError as error:
         if times == 1 or error.code != "MF115":
             raise
-        raise JobError(
-            "MF115",
+        what = (
             f"half a gutter of {half / NM_PER_UM:g} um and dots of {panel.dot_nm / NM_PER_UM:g} um are whole only on "
             f"dots of {dot_nm / NM_PER_UM:g} um, too many behind a stop of {camera.stop.diameter_um:g} um; the limit "
-            f"is {MOST_DOTS} along a side",
-            where=name,
-            cure="Make the gutter an even number of dots wide",
-        ) from error
+            f"is {MOST_DOTS} along a side"
+        )
+        raise JobError("MF115", what, where=name, cure="Make the gutter an even number of dots wide") from error

@@ -77,12 +77,9 @@ def estimated_noise(planes: Sequence[Singles], ceiling: float = np.inf) -> Noise
             means.append(float(light[smooth].mean()))
             variances.append(max(float(np.median(fine[smooth])) / _OF_MEDIAN, 0.0) ** 2)
     if len(means) < _CLASSES:
-        raise SourceError(
-            "MF335",
-            f"{light.size} blocks of {_BLOCK} x {_BLOCK} pixels that are not full are too few to tell the noise by",
-            where="gain",
-            cure="State the gain and the read noise, or give a larger photograph",
-        )
+        what = f"{light.size} blocks of {_BLOCK} x {_BLOCK} pixels that are not full are too few to tell the noise by"
+        cure = "State the gain and the read noise, or give a larger photograph"
+        raise SourceError("MF335", what, where="gain", cure=cure)
     slope, floor = _line(np.array(means), np.array(variances))
     return Noise(1 / slope, floor**0.5 / slope)
 
@@ -141,20 +138,13 @@ class Stated:
     def __post_init__(self) -> None:
         if (self.electrons_per_count is None) != (self.read_noise_e is None):
             missing = "gain" if self.electrons_per_count is None else "read_noise"
-            raise JobError(
-                "MF105",
-                "gain and read noise are the noise together, and one of them is not stated",
-                where=missing,
-                cure="State both, or neither for an estimate by the photograph itself",
-            )
+            what = "gain and read noise are the noise together, and one of them is not stated"
+            cure = "State both, or neither for an estimate by the photograph itself"
+            raise JobError("MF105", what, where=missing, cure=cure)
         gain, read = self.electrons_per_count, self.read_noise_e
         if gain is not None and read is not None and not (0 < gain < np.inf and 0 <= read < np.inf):
-            raise SourceError(
-                "MF335",
-                f"a gain of {gain:g} electrons per count with a read noise of {read:g} electrons",
-                where="gain",
-                cure="Give a gain above 0 and a read noise of 0 or more",
-            )
+            what = f"a gain of {gain:g} electrons per count with a read noise of {read:g} electrons"
+            raise SourceError("MF335", what, where="gain", cure="Give a gain above 0 and a read noise of 0 or more")
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,12 +246,8 @@ def _of_picture(path: Path, stated: Stated, why: str) -> Photo:
     given = {"black": stated.black, "white": stated.white, "mosaic": stated.mosaic, "gain": stated.electrons_per_count}
     for key, value in given.items():
         if value is not None:
-            raise JobError(
-                "MF105",
-                f"{why}, so it has no counts of which {key} could be stated",
-                where=key,
-                cure="Give the camera's RAW file, or linear TIFF or PNG of 16 bits, or state nothing",
-            )
+            cure = "Give the camera's RAW file, or linear TIFF or PNG of 16 bits, or state nothing"
+            raise JobError("MF105", f"{why}, so it has no counts of which {key} could be stated", where=key, cure=cure)
     picture = read_picture(path)
     _check_size(picture.values.shape[:2], str(path))
     colours = opaque(picture.values, path)
@@ -305,30 +291,23 @@ def _cut(values: Singles) -> tuple[Singles, list[str]]:
 def _check_size(shape: tuple[int, ...], where: str) -> None:
     rows, columns = shape
     if min(rows, columns) < SMALLEST:
-        raise JobError(
-            "MF121",
-            f"the photograph has {columns} x {rows} pixels, fewer than {SMALLEST} along a side",
-            where=where,
-            cure=f"Give a photograph of at least {SMALLEST} pixels along each side",
-        )
+        what = f"the photograph has {columns} x {rows} pixels, fewer than {SMALLEST} along a side"
+        cure = f"Give a photograph of at least {SMALLEST} pixels along each side"
+        raise JobError("MF121", what, where=where, cure=cure)
 
 
 def _check_light(units: Singles, ceiling: float, where: str) -> None:
     clipped = float((units >= np.float32(ceiling)).mean())
     if clipped > _MOST_CLIPPED or not float(units.mean()) > 0:
         what = f"{100 * clipped:.0f} % of the pixels are full" if clipped > _MOST_CLIPPED else "no pixel is above black"
-        raise SourceError(
-            "MF334", what, where=where, cure="Give a photograph that is exposed rightly, or state black and white"
-        )
+        cure = "Give a photograph that is exposed rightly, or state black and white"
+        raise SourceError("MF334", what, where=where, cure=cure)
 
 
 def _no_mosaic(path: Path) -> SourceError:
-    return SourceError(
-        "MF353",
-        f"{path.name} has no mosaic, and the PSF was captured with one",
-        where=str(path),
-        cure="Give photographs of the same camera, or state their --mosaic",
-    )
+    what = f"{path.name} has no mosaic, and the PSF was captured with one"
+    cure = "Give photographs of the same camera, or state their --mosaic"
+    return SourceError("MF353", what, where=str(path), cure=cure)
 
 
 def _no_colours(path: Path, cure: str) -> SourceError:
@@ -363,12 +342,8 @@ def balanced(photo: Photo, light: Singles) -> Singles:
 def require_stops(stops: float) -> None:
     """Refuse a brightness that no picture has (MF104)."""
     if not (math.isfinite(stops) and abs(stops) <= MOST_STOPS):
-        raise JobError(
-            "MF104",
-            f"{stops:g} stops are beyond {MOST_STOPS:g}",
-            where="stops",
-            cure="Give a number of stops such as 1.5",
-        )
+        what = f"{stops:g} stops are beyond {MOST_STOPS:g}"
+        raise JobError("MF104", what, where="stops", cure="Give a number of stops such as 1.5")
 
 
 _PLACE = ("row", "column", "size")
@@ -452,9 +427,8 @@ def read_patches(path: Path) -> Patches:
     where = str(path)
     header, numbers = numeric_table(curves_text(path, where, _COLUMNS), where, _PLACE[:1])
     if tuple(header) not in ((*_PLACE, *_RGB), (*_PLACE, *_LAB)):
-        raise SourceError(
-            "MF303", f"the columns are {', '.join(header)}", where=where, cure=f"Name the columns {_COLUMNS}"
-        )
+        what = f"the columns are {', '.join(header)}"
+        raise SourceError("MF303", what, where=where, cure=f"Name the columns {_COLUMNS}")
     if not np.isfinite(numbers).all():
         raise SourceError("MF303", "a value is not finite", where=where, cure="Write every row with numbers alone")
     rows, columns, sizes = numbers[:, :3].T

@@ -100,19 +100,12 @@ class Protocol:
         possible = all(math.isfinite(cut) and cut >= 1 for cut in self.brackets)
         if not possible or len(set(self.brackets)) < len(self.brackets):
             cuts = ", ".join(f"{cut:g}" for cut in self.brackets)
-            raise JobError(
-                "MF143",
-                f"brackets of {cuts} times less light than the level's; each must be 1 or more, and another",
-                where="brackets",
-                cure="Give numbers such as 1, 4 and 16",
-            )
+            what = f"brackets of {cuts} times less light than the level's; each must be 1 or more, and another"
+            raise JobError("MF143", what, where="brackets", cure="Give numbers such as 1, 4 and 16")
         if self.brackets and not self.linear:
-            raise JobError(
-                "MF143",
-                "brackets are of light, and this protocol takes code values for it",
-                where="brackets",
-                cure="Use protocol camera with linear light, or remove the brackets",
-            )
+            what = "brackets are of light, and this protocol takes code values for it"
+            cure = "Use protocol camera with linear light, or remove the brackets"
+            raise JobError("MF143", what, where="brackets", cure=cure)
 
     def exposure(self, level_db: float) -> Exposure:
         """Light of a level.
@@ -148,12 +141,9 @@ class Protocol:
         if not self.brackets or (scene.measured is not None and scene.measured.max() > 1):
             return
         reason = "code values, which end at white" if scene.measured is None else "no light above white"
-        raise JobError(
-            "MF143",
-            f"brackets are for highlights, and this scene has {reason}",
-            where=scene.name,
-            cure="Give EXR or HDR photographs and the light in them that is white, or remove the brackets",
-        )
+        what = f"brackets are for highlights, and this scene has {reason}"
+        cure = "Give EXR or HDR photographs and the light in them that is white, or remove the brackets"
+        raise JobError("MF143", what, where=scene.name, cure=cure)
 
     def shown(self, light: Singles) -> Singles:
         """Code values of a restored picture."""

@@ -58,12 +58,8 @@ def sampled(light: Singles) -> Singles:
     """
     rows, columns = light.shape[1:]
     if rows % 2 or columns % 2:
-        raise JobError(
-            "MF140",
-            f"a mosaic of 2 x 2 pixels does not fill {columns} x {rows}",
-            where="sensor.mosaic",
-            cure="Cut the photographs to even sides",
-        )
+        what = f"a mosaic of 2 x 2 pixels does not fill {columns} x {rows}"
+        raise JobError("MF140", what, where="sensor.mosaic", cure="Cut the photographs to even sides")
     seen = np.array(light[1])
     seen[_RED], seen[_BLUE] = light[0][_RED], light[2][_BLUE]
     return seen

@@ -339,13 +339,11 @@ def _solved(
 
 
 def _unlike(name: str, why: str) -> SourceError:
-    return SourceError(
-        "MF354",
-        f"the first photograph and {name or 'another'} {why}",
-        where=name,
-        cure="Take both of one scene from one place, turned by less than 10 degrees and a tenth larger at most, "
-        "or restore each by itself",
+    cure = (
+        "Take both of one scene from one place, turned by less than 10 degrees and a tenth larger at most, "
+        "or restore each by itself"
     )
+    return SourceError("MF354", f"the first photograph and {name or 'another'} {why}", where=name, cure=cure)
 
 
 _ORDER = 5

@@ -136,13 +136,12 @@ def scene(
     picture = picture[:, :, None] if picture.ndim == 2 else picture
     rows, columns = picture.shape[:2]
     if min(rows, columns) < SMALLEST:
-        raise JobError(
-            "MF121",
+        what = (
             f"the picture has {columns} x {rows} pixels, fewer than {SMALLEST} along a side: at each edge {NARROW} lie "
-            "outside the sensor, which their light reaches, and 64 outside the inner frame that is scored",
-            where=name,
-            cure=f"Give a photograph of {LONG} x {SHORT} or more, or at least {SMALLEST} along each side",
+            "outside the sensor, which their light reaches, and 64 outside the inner frame that is scored"
         )
+        cure = f"Give a photograph of {LONG} x {SHORT} or more, or at least {SMALLEST} along each side"
+        raise JobError("MF121", what, where=name, cure=cure)
     _require_light(name, picture, coded=coded, white=white)
     middle = picture[_middle((rows, columns), whole=whole)]
     colours = middle[:, :, :3] if picture.shape[2] >= 3 else np.repeat(middle[:, :, :1], 3, axis=2)
@@ -170,24 +169,17 @@ def _require_light(name: str, picture: Singles, *, coded: bool, white: float | N
         raise JobError("MF121", f"light of {white:g} is not white", where=name, cure="Give a number above 0")
     low, high = (float(picture.min()), float(picture.max())) if np.isfinite(picture).all() else (np.nan, np.nan)
     if coded and not (low >= 0 and high <= 1):
-        raise JobError(
-            "MF121", "the picture's values are not within 0 to 1", where=name, cure="Scale the picture to 0 to 1"
-        )
+        what = "the picture's values are not within 0 to 1"
+        raise JobError("MF121", what, where=name, cure="Scale the picture to 0 to 1")
     if not (low >= 0 and np.isfinite(high)):
-        raise JobError(
-            "MF121",
-            "the picture's light is negative or not finite in places",
-            where=name,
-            cure="Replace NaN, infinite and negative values by light of 0 or more",
-        )
+        cure = "Replace NaN, infinite and negative values by light of 0 or more"
+        raise JobError("MF121", "the picture's light is negative or not finite in places", where=name, cure=cure)
     if high > 1 and white is None and not coded:
-        raise JobError(
-            "MF121",
-            f"the picture holds light up to {high:.4g}, above white",
-            where=name,
-            cure=f"State the light that is white with --white: {high:.4g} if nothing is brighter than white; less, if "
-            "there are highlights, which brackets need",
+        cure = (
+            f"State the light that is white with --white: {high:.4g} if nothing is brighter than white; less, if "
+            "there are highlights, which brackets need"
         )
+        raise JobError("MF121", f"the picture holds light up to {high:.4g}, above white", where=name, cure=cure)
 
 
 def folder(path: str | Path, white: float | None = None, *, whole: bool = False) -> Folder:
@@ -219,13 +211,12 @@ def folder(path: str | Path, white: float | None = None, *, whole: bool = False)
         photographs.append(scene(file.stem, colours, coded=picture.coded, white=white, whole=whole))
         pixels += photographs[-1].values[0].size
         if whole and pixels > MOST_WHOLE:
-            raise JobError(
-                "MF142",
+            what = (
                 f"whole pictures up to {file.name} have {pixels / 1e6:.3g} million pixels; the limit is "
-                f"{MOST_WHOLE / 1e6:g} million together",
-                where=str(where),
-                cure="Give fewer photographs at a time, or photograph their middle",
+                f"{MOST_WHOLE / 1e6:g} million together"
             )
+            cure = "Give fewer photographs at a time, or photograph their middle"
+            raise JobError("MF142", what, where=str(where), cure=cure)
     return Folder(tuple(photographs), skipped)
 
 
@@ -238,12 +229,8 @@ def opaque(values: Singles, file: Path) -> Singles:
     if values.shape[2] not in (2, 4):
         return values
     if values[:, :, -1].min() < 1:
-        raise JobError(
-            "MF121",
-            "the picture is transparent in places, and what lies behind it is not known",
-            where=str(file),
-            cure="Save it without transparency",
-        )
+        what = "the picture is transparent in places, and what lies behind it is not known"
+        raise JobError("MF121", what, where=str(file), cure="Save it without transparency")
     return values[:, :, :-1]
 
 
@@ -368,13 +355,12 @@ def messages(design: Design, scenes: Sequence[Photograph]) -> tuple[str, ...]:
         rows, columns = margin.shape
         share, size = beyond(blur, margin), f"{columns} x {rows} pixels, {margin.width} of them round the sensor"
         if share > MOST_BEYOND:
-            raise JobError(
-                "MF121",
+            what = (
                 f"the picture has {size}, and {share:.1%} of a point's light falls farther behind {design.name}; the "
-                f"limit is {MOST_BEYOND:.0%}, beyond which it is smaller than the point spread",
-                where=scene.name,
-                cure=f"Give a photograph of {WIDE} x {WIDE} or more, which has {MARGIN} round the sensor",
+                f"limit is {MOST_BEYOND:.0%}, beyond which it is smaller than the point spread"
             )
+            cure = f"Give a photograph of {WIDE} x {WIDE} or more, which has {MARGIN} round the sensor"
+            raise JobError("MF121", what, where=scene.name, cure=cure)
         sentences.append(
             f"the scene {scene.name} has {size} rather than {MARGIN}: {share:.1%} of a point's light falls farther, "
             "and what comes from beyond the edges is taken from the scene repeated"

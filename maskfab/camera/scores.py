@@ -273,12 +273,8 @@ class ScoreTable:
             JobError: MF105 if there is no such design.
         """
         if not any(score.design == reference for score in self.scores):
-            raise JobError(
-                "MF105",
-                f"no design is called {reference}",
-                where="reference",
-                cure="Give as reference the name of one of the designs",
-            )
+            what = f"no design is called {reference}"
+            raise JobError("MF105", what, where="reference", cure="Give as reference the name of one of the designs")
         cases: dict[tuple[str, float, str], list[tuple[Score, Score]]] = {}
         for score in self.scores:
             if score.design != reference:
@@ -311,12 +307,8 @@ class Crop:
         """
         rows, columns = picture.shape[1:]
         if not (0 < self.rows <= rows and 0 < self.columns <= columns):
-            raise JobError(
-                "MF104",
-                f"a crop of {self.columns} x {self.rows} pixels of a picture of {columns} x {rows}",
-                where="crop",
-                cure="Cut out 1 pixel or more, and no more than there are",
-            )
+            what = f"a crop of {self.columns} x {self.rows} pixels of a picture of {columns} x {rows}"
+            raise JobError("MF104", what, where="crop", cure="Cut out 1 pixel or more, and no more than there are")
         top, left = (rows - self.rows) // 2, (columns - self.columns) // 2
         return picture[:, top : top + self.rows, left : left + self.columns].copy()
 

@@ -103,9 +103,8 @@ class Sensor:
             JobError: MF104 for electrons that are not positive and finite; MF140 for a mosaic on odd sides.
         """
         if not (np.isfinite(electrons) and electrons > 0):
-            raise JobError(
-                "MF104", f"{electrons:g} electrons of white are not above 0", cure="Give the scene more light"
-            )
+            what = f"{electrons:g} electrons of white are not above 0"
+            raise JobError("MF104", what, cure="Give the scene more light")
         draw = np.random.default_rng(seed)
         seen = light if self.mosaic == "none" else sampled(light)
         counted = np.empty(seen.shape, dtype=np.float32)
@@ -170,9 +169,8 @@ class Exposure:
             JobError: MF141 if a full well cannot hold it, or for a level without light.
         """
         if not (math.isfinite(level_db) and level_db > 0):
-            raise JobError(
-                "MF141", f"a level of {level_db:g} dB has no light to speak of", where="levels", cure="Give 10 to 40 dB"
-            )
+            what = f"a level of {level_db:g} dB has no light to speak of"
+            raise JobError("MF141", what, where="levels", cure="Give 10 to 40 dB")
         square = 10 ** (min(level_db, _MOST_DB) / 10)
         electrons = (square + math.sqrt(square**2 + 4 * square * sensor.read_noise**2)) / 2
         exposure = cls(round(electrons) if whole else electrons, level_db, f"{level_db:g} dB")
@@ -218,13 +216,11 @@ class Exposure:
             JobError: MF141.
         """
         if self.electrons > sensor.full_well:
-            raise JobError(
-                "MF141",
+            what = (
                 f"{self.stated}: white is {self.electrons:.6g} electrons behind the published display, and the full "
-                f"well is {sensor.full_well:g}",
-                where="exposure",
-                cure="Expose for less, or give a deeper full well",
+                f"well is {sensor.full_well:g}"
             )
+            raise JobError("MF141", what, where="exposure", cure="Expose for less, or give a deeper full well")
 
     def behind(self, transmission: float) -> float:
         """Electrons of white behind a design that passes such a share of the stop's light, g.
@@ -233,9 +229,8 @@ class Exposure:
             JobError: MF104 for a share outside (0, 1].
         """
         if not 0 < transmission <= 1:
-            raise JobError(
-                "MF104", f"a transmission of {transmission:g} is outside 0 to 1", cure="Open some of the stop"
-            )
+            what = f"a transmission of {transmission:g} is outside 0 to 1"
+            raise JobError("MF104", what, cure="Open some of the stop")
         return self.electrons * transmission / REFERENCE_TRANSMISSION
 
 

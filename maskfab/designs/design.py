@@ -142,9 +142,8 @@ def conditions_of(spec: JobSpec, section: SearchSection, dot_nm: int, where: str
     try:
         return SceneConditions.planned(camera, scene, spec.scene.accuracy, first_shape(section), room)
     except JobError as refusal:
-        raise JobError(
-            refusal.code, refusal.what, where=f"{where}: {refusal.where or 'scene'}", cure=refusal.cure
-        ) from None
+        what = refusal.what
+        raise JobError(refusal.code, what, where=f"{where}: {refusal.where or 'scene'}", cure=refusal.cure) from None
 
 
 def design(
@@ -177,11 +176,8 @@ def design(
     """
     display, seen = _possible(spec, where)
     if checkpoint is not None and not os.path.isdir(checkpoint.absolute().parent):
-        raise OutputError(
-            "MF401",
-            f"there is no directory for the checkpoint {checkpoint}",
-            cure="Create that directory, or give a path in one that exists",
-        )
+        what = f"there is no directory for the checkpoint {checkpoint}"
+        raise OutputError("MF401", what, cure="Create that directory, or give a path in one that exists")
     section, camera, settings = section_of(spec, where), spec.camera.camera(), capture_settings(spec)
     source = scenes_of(images, section)
     scenes = source.photographs
@@ -250,12 +246,8 @@ def stated_display(spec: JobSpec, section: SearchSection, where: str, *, key: st
         JobError: as :func:`display_of`.
     """
     if spec.emitters is None:
-        raise JobError(
-            "MF105",
-            "the job has no display that its opening could fit",
-            where=f"{where}: {key}",
-            cure=f"Add [emitters], and [wires] if they must be wired, or remove {key}",
-        )
+        cure = f"Add [emitters], and [wires] if they must be wired, or remove {key}"
+        raise JobError("MF105", "the job has no display that its opening could fit", where=f"{where}: {key}", cure=cure)
     dot_nm = dot_of_pitch(section.pitch, section.dots, where=f"{where}: design.pitch")
     pitch_nm = CellSize(section.dots, dot_nm).pitch_nm
     camera = PhotoCamera.of(spec.camera.camera(), where=where)
@@ -284,19 +276,12 @@ def spread_of(spec: JobSpec, where: str) -> Spread:
     dot_um = dot_of_pitch(section.pitch, section.dots, where=f"{where}: design.pitch") / NM_PER_UM
     bias_um, centre_um = stated.bias or 0.0, stated.centre or 0.0
     if bias_um >= dot_um:
-        raise JobError(
-            "MF127",
-            f"a bias of {bias_um:g} um, one standard deviation, closes dots of {dot_um:g} um",
-            where=f"{where}: process.spread.bias",
-            cure=f"Use less than {dot_um:g} um",
-        )
+        what = f"a bias of {bias_um:g} um, one standard deviation, closes dots of {dot_um:g} um"
+        raise JobError("MF127", what, where=f"{where}: process.spread.bias", cure=f"Use less than {dot_um:g} um")
     if centre_um >= camera.stop.diameter_um / 2:
-        raise JobError(
-            "MF104",
-            f"a stop's centre {centre_um:g} um off lies outside the stop of {camera.stop.diameter_um:g} um",
-            where=f"{where}: process.spread.centre",
-            cure=f"Use less than {camera.stop.diameter_um / 2:g} um",
-        )
+        what = f"a stop's centre {centre_um:g} um off lies outside the stop of {camera.stop.diameter_um:g} um"
+        cure = f"Use less than {camera.stop.diameter_um / 2:g} um"
+        raise JobError("MF104", what, where=f"{where}: process.spread.centre", cure=cure)
     return Spread(bias_um, centre_um)
 
 
@@ -307,12 +292,8 @@ def section_of(spec: JobSpec, where: str) -> DesignSection:
         JobError: MF105 without one.
     """
     if spec.design is None:
-        raise JobError(
-            "MF105",
-            "the job has no [design] section",
-            where=where,
-            cure="Add a [design] section, as in layouts/design_bar.toml",
-        )
+        what = "the job has no [design] section"
+        raise JobError("MF105", what, where=where, cure="Add a [design] section, as in layouts/design_bar.toml")
     return spec.design
 
 
@@ -324,12 +305,8 @@ def require_weights(section: SearchSection, settings: CaptureSettings, where: st
     """
     if section.weights is not None and len(section.weights) != len(settings.levels):
         levels = ", ".join(f"{level:g}" for level in settings.levels)
-        raise JobError(
-            "MF105",
-            f"{len(section.weights)} weights for {len(settings.levels)} levels of light, {levels} dB",
-            where=f"{where}: design.weights",
-            cure="Give one weight per level, or none",
-        )
+        what = f"{len(section.weights)} weights for {len(settings.levels)} levels of light, {levels} dB"
+        raise JobError("MF105", what, where=f"{where}: design.weights", cure="Give one weight per level, or none")
 
 
 def require_room(section: SearchSection, required: float, *, where: str) -> None:
@@ -361,13 +338,12 @@ def require_closed(closed: float, required: float, stated: str, *, where: str) -
     """
     needed = 3 * required
     if needed > closed + 1e-9:
-        raise JobError(
-            "MF123",
+        what = (
             f"{stated} leaves {closed:.1%} of the pixel closed, and three emitters of {required:.1%} are "
-            f"{needed - closed:.1%} of the pixel more",
-            where=where,
-            cure=f"Leave {min(1.0, needed):.1%} of the pixel closed, or ask for smaller emitters",
+            f"{needed - closed:.1%} of the pixel more"
         )
+        cure = f"Leave {min(1.0, needed):.1%} of the pixel closed, or ask for smaller emitters"
+        raise JobError("MF123", what, where=where, cure=cure)
 
 
 def scenes_line(source: Folder, images: Path | None) -> str:

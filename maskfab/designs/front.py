@@ -358,13 +358,11 @@ def rules_of(section: SearchSection, display: Display, compared: Sequence[Openin
     rules = constraints_of(section, display=display)
     for opening in compared:
         if (opening.dots, opening.dot_nm) != (rules.dots, rules.dot_nm):
-            raise JobError(
-                "MF105",
+            what = (
                 f"the opening {opening.name!r} has {opening.dots} dots of {opening.dot_nm / NM_PER_UM:g} um a side, "
-                f"[design] {rules.dots} of {rules.dot_nm / NM_PER_UM:g} um",
-                where="pareto.compare",
-                cure="Compare openings on the grid of [design]",
+                f"[design] {rules.dots} of {rules.dot_nm / NM_PER_UM:g} um"
             )
+            raise JobError("MF105", what, where="pareto.compare", cure="Compare openings on the grid of [design]")
     return rules
 
 
@@ -378,12 +376,8 @@ def lines_of(pareto: ParetoSection, display: Display, *, where: str = "pareto.li
     if pareto.lines is None:
         return (0 if wires is None else wires.lines,)
     if wires is None and any(pareto.lines):
-        raise JobError(
-            "MF105",
-            "the job has no [wires], whose rules lines keep",
-            where=where,
-            cure="Add [wires], or remove lines",
-        )
+        what = "the job has no [wires], whose rules lines keep"
+        raise JobError("MF105", what, where=where, cure="Add [wires], or remove lines")
     return tuple(sorted(set(pareto.lines)))
 
 
@@ -398,19 +392,11 @@ def require_uneven(pareto: ParetoSection, section: SearchSection, display: Displ
     for uneven in _uneven(pareto):
         key, value = uneven[-1]
         if section.map is None:
-            raise JobError(
-                "MF105",
-                f"{key} needs a map",
-                where=f"{where}.{key}",
-                cure='Add map = "equal_light" to [design]',
-            )
+            what = f"{key} needs a map"
+            raise JobError("MF105", what, where=f"{where}.{key}", cure='Add map = "equal_light" to [design]')
         if value <= (least / section.dots**2 if key == "density" else least):
-            raise JobError(
-                "MF104",
-                f"{key} = {value:g} is not above the {least} clear dots of any curve",
-                where=f"{where}.{key}",
-                cure="Ask for more in the denser pixels",
-            )
+            what = f"{key} = {value:g} is not above the {least} clear dots of any curve"
+            raise JobError("MF104", what, where=f"{where}.{key}", cure="Ask for more in the denser pixels")
         room = 1 - (value if key == "density" else value / section.dots**2)
         require_closed(room, display.rules.emitters.required, f"{key} = {value:g}", where=f"{where}.{key}")
 
@@ -455,13 +441,12 @@ class _Sweep:
         )
         steps, measured = self._steps(shapes_judged.ranked, count)
         if not steps:
-            raise JobError(
-                "MF123",
+            what = (
                 f"the display fits none of {shapes_judged.evaluated} openings of {count} clear dots, with "
-                f"{self.display.rules.emitters.required:.1%} of the pixel for each colour and {self.lines[0]} lines",
-                where="pareto.clear_dots",
-                cure="Ask for less of the display, or add families",
+                f"{self.display.rules.emitters.required:.1%} of the pixel for each colour and {self.lines[0]} lines"
             )
+            cure = "Ask for less of the display, or add families"
+            raise JobError("MF123", what, where="pareto.clear_dots", cure=cure)
         evaluated, complete = shapes_judged.evaluated, shapes_judged.complete
         if self.pareto.anneal and complete:
             more, walked, complete = self._annealed(steps, rules, clock)
@@ -470,12 +455,9 @@ class _Sweep:
         chosen = spread(best, self.pareto.points)
         points, misfits = self._laid(chosen, count, FIRST_STEPS if clock.over else None)
         if not points:
-            raise JobError(
-                "MF123",
-                f"the display fits openings of {count} clear dots, and none on the panel of a die: {misfits[0]}",
-                where="pareto.clear_dots",
-                cure="Ask for less of the display, or for another tiling_seed",
-            )
+            what = f"the display fits openings of {count} clear dots, and none on the panel of a die: {misfits[0]}"
+            cure = "Ask for less of the display, or for another tiling_seed"
+            raise JobError("MF123", what, where="pareto.clear_dots", cure=cure)
         uneven = () if clock.over else tuple(_uneven(self.pareto))
         denser, unlike = self._denser(best[0], rules, uneven, clock)
         left_out = len(best) - len(chosen)

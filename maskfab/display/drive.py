@@ -59,9 +59,8 @@ class CircuitRules:
         for name in ("need_um2", "circuits", "shared_by", "min_width_nm"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
-                raise JobError(
-                    "MF104", f"{name} = {value:g} is not positive", where="circuit", cure=f"Give {name} above 0"
-                )
+                what = f"{name} = {value:g} is not positive"
+                raise JobError("MF104", what, where="circuit", cure=f"Give {name} above 0")
 
     @property
     def pixel_need_um2(self) -> float:
@@ -97,13 +96,12 @@ def pixel_room(opening: Opening, dot_nm: int, rules: CircuitRules) -> Room:
     """
     cell = math.gcd(dot_nm, rules.min_width_nm)
     if opening.dots * dot_nm // cell > MOST_CELLS:
-        raise JobError(
-            "MF118",
+        what = (
             f"dots of {dot_nm / NM_PER_UM:g} um and a width of {rules.min_width_nm / NM_PER_UM:g} um are whole numbers "
-            f"only on a grid of {cell / NM_PER_UM:g} um; the limit is {MOST_CELLS} cells a side",
-            where="circuit.min_width",
-            cure=f"Round the width to a multiple of {finest_cell(opening.dots, dot_nm) / NM_PER_UM:g} um",
+            f"only on a grid of {cell / NM_PER_UM:g} um; the limit is {MOST_CELLS} cells a side"
         )
+        cure = f"Round the width to a multiple of {finest_cell(opening.dots, dot_nm) / NM_PER_UM:g} um"
+        raise JobError("MF118", what, where="circuit.min_width", cure=cure)
     per_dot = dot_nm // cell
     closed = refined(~opening.mask, per_dot)
     return _room("the closed area", closed, cell, rules.min_width_nm // cell, rules.pixel_need_um2)
@@ -116,13 +114,11 @@ def emitter_rooms(emitters: Emitters, rules: CircuitRules) -> tuple[Room, Room, 
         JobError: MF118 if the width is no whole number of the emitters' cells.
     """
     if rules.min_width_nm % emitters.cell_nm:
-        raise JobError(
-            "MF118",
+        what = (
             f"a width of {rules.min_width_nm / NM_PER_UM:g} um is not a multiple of the emitters' "
-            f"{emitters.cell_nm / NM_PER_UM:g} um",
-            where="circuit.min_width",
-            cure="Round min_width to a multiple of that",
+            f"{emitters.cell_nm / NM_PER_UM:g} um"
         )
+        raise JobError("MF118", what, where="circuit.min_width", cure="Round min_width to a multiple of that")
     width, need = rules.min_width_nm // emitters.cell_nm, rules.need_um2 / rules.shared_by
     red, green, blue = (
         _room(f"the {colour} emitter", emitters.labels == k, emitters.cell_nm, width, need)
@@ -215,6 +211,5 @@ def _check(name: str, values: tuple[float, ...], highest: float = math.inf) -> N
     for value in values:
         if not (math.isfinite(value) and 0 < value <= highest):
             limit = "positive and finite" if highest == math.inf else f"above 0 and at most {highest:g}"
-            raise JobError(
-                "MF104", f"{name} = {value:g} is not {limit}", where="light", cure=f"Give {name} as a number {limit}"
-            )
+            what = f"{name} = {value:g} is not {limit}"
+            raise JobError("MF104", what, where="light", cure=f"Give {name} as a number {limit}")

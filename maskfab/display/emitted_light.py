@@ -42,13 +42,12 @@ class Viewing:
         if not (math.isfinite(self.pitch_um) and self.pitch_um > 0):
             raise JobError("MF104", f"the pitch is {self.pitch_um:g} um", cure="Give a finite, positive pitch")
         if not _NEAREST_UM <= self.distance_um <= _FARTHEST_UM:
-            raise JobError(
-                "MF121",
+            what = (
                 f"a viewing distance of {self.distance_um / UM_PER_MM:g} mm is outside {_NEAREST_UM / UM_PER_MM:g} mm "
-                f"to {_FARTHEST_UM / 1e6:g} m",
-                where="distance",
-                cure=f"A telephone is held at about {TELEPHONE_UM / UM_PER_MM:g} mm",
+                f"to {_FARTHEST_UM / 1e6:g} m"
             )
+            cure = f"A telephone is held at about {TELEPHONE_UM / UM_PER_MM:g} mm"
+            raise JobError("MF121", what, where="distance", cure=cure)
 
     @property
     def pixels_per_degree(self) -> float:
@@ -102,12 +101,9 @@ def show(panel: Panel, image: Floats, samples: int) -> EmittedLight:
     rows, columns = _checked(image)
     high, wide = panel.orientations.shape
     if rows > high or columns > wide:
-        raise JobError(
-            "MF121",
-            f"the picture has {columns} x {rows} pixels and the panel {wide} x {high}",
-            where="pixels",
-            cure=f"Show at most {min(high, wide)} x {min(high, wide)} pixels, or make the panel larger",
-        )
+        what = f"the picture has {columns} x {rows} pixels and the panel {wide} x {high}"
+        cure = f"Show at most {min(high, wide)} x {min(high, wide)} pixels, or make the panel larger"
+        raise JobError("MF121", what, where="pixels", cure=cure)
     _check_samples(rows, columns, samples)
     bottom, left = (high - rows) // 2, (wide - columns) // 2
     turned = panel.orientations[bottom : bottom + rows, left : left + columns]
@@ -176,35 +172,23 @@ def _checked_emitters(panel: Panel, opening: Opening) -> Emitters:
     if emitters is None and opening.emitters is not None:
         emitters = Emitters(opening.emitters, panel.cell_size.dots_nm // len(opening.emitters))
     if emitters is None:
-        raise JobError(
-            "MF121", "the panel has no emitters", where=where, cure="Say in the job where red, green and blue emit"
-        )
+        what = "the panel has no emitters"
+        raise JobError("MF121", what, where=where, cure="Say in the job where red, green and blue emit")
     labels = emitters.labels
     side = panel.cell_size.dots_nm
     if labels.ndim != 2 or labels.shape[0] != labels.shape[1] or labels.shape[0] * emitters.cell_nm != side:
-        raise JobError(
-            "MF119",
-            f"{labels.shape} cells of {emitters.cell_nm} nm are not the pixel's {side} nm",
-            where=where,
-            cure="Divide the pixel less its gutter into square cells of whole nanometres",
-        )
+        what = f"{labels.shape} cells of {emitters.cell_nm} nm are not the pixel's {side} nm"
+        cure = "Divide the pixel less its gutter into square cells of whole nanometres"
+        raise JobError("MF119", what, where=where, cure=cure)
     if panel.dot_nm % emitters.cell_nm:
-        raise JobError(
-            "MF119",
-            f"cells of {emitters.cell_nm} nm do not divide a dot of {panel.dot_nm} nm",
-            where=where,
-            cure="Use cells that divide a dot",
-        )
+        what = f"cells of {emitters.cell_nm} nm do not divide a dot of {panel.dot_nm} nm"
+        raise JobError("MF119", what, where=where, cure="Use cells that divide a dot")
     per_dot = panel.dot_nm // emitters.cell_nm
     clear = np.kron(opening.mask, np.ones((per_dot, per_dot), dtype=np.bool_))
     over = int((clear & (labels > 0)).sum())
     if over:
-        raise JobError(
-            "MF119",
-            f"{over} cells of the emitters lie over an opening",
-            where=where,
-            cure="Move the emitters behind the closed area",
-        )
+        what = f"{over} cells of the emitters lie over an opening"
+        raise JobError("MF119", what, where=where, cure="Move the emitters behind the closed area")
     for number, colour in enumerate(COLOURS, start=1):
         if not (labels == number).any():
             raise JobError("MF121", f"no part of a pixel emits {colour}", where=where, cure=f"Give {colour} an emitter")
@@ -214,9 +198,8 @@ def _checked_emitters(panel: Panel, opening: Opening) -> Emitters:
 def _checked(image: Floats) -> tuple[int, int]:
     """Rows and columns of an image that can be shown."""
     if image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
-        raise JobError(
-            "MF121", f"an array of shape {image.shape} is not a picture", cure="Give [rows, columns, 3], not empty"
-        )
+        what = f"an array of shape {image.shape} is not a picture"
+        raise JobError("MF121", what, cure="Give [rows, columns, 3], not empty")
     if not np.isfinite(image).all() or image.min() < 0 or image.max() > 1:
         raise JobError("MF121", "a picture's light is not within 0 to 1", cure="Scale the picture to 0 to 1")
     return image.shape[0], image.shape[1]
@@ -226,12 +209,9 @@ def _check_samples(rows: int, columns: int, samples: int) -> None:
     if samples < 1:
         raise JobError("MF121", f"{samples} samples per pixel", where="samples", cure="Use 1 or more; 21 is usual")
     if rows * columns * samples**2 > MOST_SAMPLES:
-        raise JobError(
-            "MF115",
-            f"{columns} x {rows} pixels of {samples} x {samples} samples are more than {MOST_SAMPLES}",
-            where="pixels, samples",
-            cure=f"Show fewer pixels, or use {max(1, int((MOST_SAMPLES / (rows * columns)) ** 0.5))} samples",
-        )
+        what = f"{columns} x {rows} pixels of {samples} x {samples} samples are more than {MOST_SAMPLES}"
+        cure = f"Show fewer pixels, or use {max(1, int((MOST_SAMPLES / (rows * columns)) ** 0.5))} samples"
+        raise JobError("MF115", what, where="pixels, samples", cure=cure)
 
 
 def _still(array: Floats) -> Floats:
@@ -332,9 +312,5 @@ def series(light: EmittedLight, viewing: Viewing, highest_cpd: float) -> Series:
 
 def _refuse_too_many(rows: int, columns: int) -> None:
     if rows * columns > MOST_SEEN:
-        raise JobError(
-            "MF115",
-            f"from this distance the eye resolves {columns} x {rows} samples of the picture, more than {MOST_SEEN}",
-            where="distance, pixels",
-            cure="Look from farther away, or show fewer pixels",
-        )
+        what = f"from this distance the eye resolves {columns} x {rows} samples of the picture, more than {MOST_SEEN}"
+        raise JobError("MF115", what, where="distance, pixels", cure="Look from farther away, or show fewer pixels")

@@ -45,12 +45,9 @@ class EmitterRules:
     def __post_init__(self) -> None:
         total = math.fsum(self.ratio)
         if len(self.ratio) != 3 or not (math.isfinite(total) and min(self.ratio) > 0):
-            raise JobError(
-                "MF116",
-                f"the ratio {self.ratio} is not three positive numbers",
-                where="emitters.ratio",
-                cure="Give the relative areas of red, green and blue, such as [1, 1, 2]",
-            )
+            what = f"the ratio {self.ratio} is not three positive numbers"
+            cure = "Give the relative areas of red, green and blue, such as [1, 1, 2]"
+            raise JobError("MF116", what, where="emitters.ratio", cure=cure)
         object.__setattr__(self, "ratio", tuple(3 * part / total for part in self.ratio))
 
 
@@ -106,24 +103,21 @@ def grid_of(
         ("min_width", rules.min_width_nm),
     ):
         if value > side or value < 0 or (name == "min_width" and value == 0):
-            raise JobError(
-                "MF117",
+            what = (
                 f"{name} = {value / NM_PER_UM:g} um is not within the {side / NM_PER_UM:g} um of a pixel less its "
-                "gutter",
-                where=f"{where}.{name}",
-                cure=f"Give a length up to {side / NM_PER_UM:g} um",
+                "gutter"
             )
+            raise JobError("MF117", what, where=f"{where}.{name}", cure=f"Give a length up to {side / NM_PER_UM:g} um")
     cell = math.gcd(dot_nm, gutter_nm, rules.gap_to_opening_nm, rules.colour_gap_nm, rules.min_width_nm)
     cells = side // cell
     if cells > MOST_CELLS:
         coarse = finest_cell(opening.dots, dot_nm)
-        raise JobError(
-            "MF118",
+        what = (
             f"dots of {dot_nm / NM_PER_UM:g} um and these rules are whole numbers only on a grid of "
-            f"{cell / NM_PER_UM:g} um, {cells} cells a side; the limit is {MOST_CELLS}",
-            where=where,
-            cure=f"Round the gaps, the width and the gutter to multiples of {coarse / NM_PER_UM:g} um",
+            f"{cell / NM_PER_UM:g} um, {cells} cells a side; the limit is {MOST_CELLS}"
         )
+        cure = f"Round the gaps, the width and the gutter to multiples of {coarse / NM_PER_UM:g} um"
+        raise JobError("MF118", what, where=where, cure=cure)
     return EmitterGrid(
         cells,
         cell,

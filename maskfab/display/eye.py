@@ -215,12 +215,9 @@ def metric() -> ModuleType:
     try:
         return importlib.import_module("pycvvdp")
     except ImportError as problem:
-        raise JobError(
-            "MF121",
-            f"JOD needs ColorVideoVDP, which cannot be imported ({problem})",
-            where="--jod",
-            cure="Run pip install 'maskfab[eye]', or leave --jod out",
-        ) from None
+        what = f"JOD needs ColorVideoVDP, which cannot be imported ({problem})"
+        cure = "Run pip install 'maskfab[eye]', or leave --jod out"
+        raise JobError("MF121", what, where="--jod", cure=cure) from None
 
 
 def jod(test: EmittedLight, reference: EmittedLight, viewing: Viewing, white_cd_m2: float = WHITE_CD_M2) -> float:
@@ -315,12 +312,8 @@ def target_pictures(pixels: int, photograph: Picture | None = None) -> dict[str,
         JobError: MF121 if there are fewer than 8 pixels or absurdly many, or the photograph cannot be shown.
     """
     if not _FEWEST <= pixels <= _MOST:
-        raise JobError(
-            "MF121",
-            f"{pixels} pixels along a side are outside {_FEWEST} to {_MOST}",
-            where="pixels",
-            cure="Use 100",
-        )
+        what = f"{pixels} pixels along a side are outside {_FEWEST} to {_MOST}"
+        raise JobError("MF121", what, where="pixels", cure="Use 100")
     shown = {
         FLAT: pictures.flat(pixels),
         EDGE: pictures.edge(pixels),

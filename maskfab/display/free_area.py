@@ -59,13 +59,11 @@ def free_region(
     clear = np.repeat(np.repeat(np.asarray(mask, dtype=np.bool_), grid.per_dot, axis=-2), grid.per_dot, axis=-1)
     n = grid.cells
     if clear.shape[-2:] != (n, n):
-        raise JobError(
-            "MF117",
+        what = (
             f"an opening of {mask.shape[-2]} x {mask.shape[-1]} dots of {grid.per_dot} cells is not the pixel of "
-            f"{n} x {n} cells",
-            where="emitters",
-            cure="Make the grid from this opening",
+            f"{n} x {n} cells"
         )
+        raise JobError("MF117", what, where="emitters", cure="Make the grid from this opening")
     over = max(0, grid.to_opening - grid.gutter)
     if over == 0:
         taken = _grown(clear, grid.to_opening)

@@ -72,11 +72,8 @@ def _opened(path: Path, where: str) -> Any:
     config.attribute("oiio:UnassociatedAlpha", 1)
     image = oiio.ImageInput.open(str(path), config)
     if image is None:
-        raise SourceError(
-            "MF308",
-            f"{where} is not a picture: {_first_line(said_by(oiio))}",
-            cure="Save the picture as PNG, TIFF or JPEG",
-        )
+        what = f"{where} is not a picture: {_first_line(said_by(oiio))}"
+        raise SourceError("MF308", what, cure="Save the picture as PNG, TIFF or JPEG")
     return image
 
 
@@ -128,20 +125,12 @@ def _linear(picture: Picture, values: NDArray[np.float32]) -> Floats:
     with np.errstate(invalid="ignore"):  # what is not finite is refused next
         numbers = values.astype(np.float64)
     if not np.isfinite(numbers).all():
-        raise JobError(
-            "MF121",
-            "the picture has values that are not finite",
-            where=picture.where,
-            cure="Replace infinite and NaN values by numbers from 0 to 1",
-        )
+        cure = "Replace infinite and NaN values by numbers from 0 to 1"
+        raise JobError("MF121", "the picture has values that are not finite", where=picture.where, cure=cure)
     low, high = float(numbers.min()), float(numbers.max())
     if low < 0 or high > 1:
-        raise JobError(
-            "MF121",
-            f"the picture's values reach from {low:.4g} to {high:.4g}; a display shows 0 to 1",
-            where=picture.where,
-            cure="Scale the picture to 0 to 1",
-        )
+        what = f"the picture's values reach from {low:.4g} to {high:.4g}; a display shows 0 to 1"
+        raise JobError("MF121", what, where=picture.where, cure="Scale the picture to 0 to 1")
     count = numbers.shape[2]
     colours = numbers[:, :, : 3 if count >= 3 else 1]
     alpha = numbers[:, :, -1:] if count in (2, 4) else None
@@ -169,19 +158,11 @@ def _check_spec(spec: Any, where: str) -> None:
     if spec.depth > 1:
         raise JobError("MF121", "the picture is a volume", where=where, cure="Give one slice of it")
     if spec.nchannels > MOST_CHANNELS:
-        raise JobError(
-            "MF121",
-            f"the picture has {spec.nchannels} channels, more than {MOST_CHANNELS}",
-            where=where,
-            cure="Save it as grey or as red, green and blue",
-        )
+        what = f"the picture has {spec.nchannels} channels, more than {MOST_CHANNELS}"
+        raise JobError("MF121", what, where=where, cure="Save it as grey or as red, green and blue")
     if spec.width * spec.height > LARGEST:
-        raise JobError(
-            "MF121",
-            f"the picture has {spec.width} x {spec.height} pixels, more than {LARGEST // 1_000_000} million",
-            where=where,
-            cure="Scale the picture down",
-        )
+        what = f"the picture has {spec.width} x {spec.height} pixels, more than {LARGEST // 1_000_000} million"
+        raise JobError("MF121", what, where=where, cure="Scale the picture down")
 
 
 def _channels(spec: Any, where: str) -> list[int]:
@@ -189,21 +170,14 @@ def _channels(spec: Any, where: str) -> list[int]:
     try:
         names = [str(name).upper() for name in spec.channelnames]
     except UnicodeDecodeError as error:
-        raise SourceError(
-            "MF303",
-            f"{where} is damaged: the name of a channel is not text",
-            cure="Save the picture again, as PNG or in grey or RGB",
-        ) from error
+        what = f"{where} is damaged: the name of a channel is not text"
+        raise SourceError("MF303", what, cure="Save the picture again, as PNG or in grey or RGB") from error
     colours = [names.index(name) for name in ("R", "G", "B") if name in names]
     if len(colours) < 3:
         rest = [c for c in range(spec.nchannels) if c not in (spec.alpha_channel, spec.z_channel)]
         if len(rest) not in (1, 3):
-            raise JobError(
-                "MF121",
-                f"the picture has the channels {', '.join(names)}",
-                where=where,
-                cure="Save it as grey or as red, green and blue",
-            )
+            what = f"the picture has the channels {', '.join(names)}"
+            raise JobError("MF121", what, where=where, cure="Save it as grey or as red, green and blue")
         colours = rest
     return colours + ([spec.alpha_channel] if spec.alpha_channel >= 0 else [])
 

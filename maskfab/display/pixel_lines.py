@@ -45,13 +45,12 @@ class WireRules:
 
     def __post_init__(self) -> None:
         if self.line_nm <= 0 or self.space_nm <= 0 or self.clearance_nm < 0:
-            raise JobError(
-                "MF120",
+            what = (
                 f"lines of {self.line_nm} nm, {self.space_nm} nm apart and {self.clearance_nm} nm from openings "
-                "cannot be drawn",
-                where="wiring",
-                cure="Give positive widths and spaces, and a clearance of 0 or more",
+                "cannot be drawn"
             )
+            cure = "Give positive widths and spaces, and a clearance of 0 or more"
+            raise JobError("MF120", what, where="wiring", cure=cure)
 
 
 def lines_per_layer(width_nm: int, rules: WireRules) -> int:
@@ -77,12 +76,8 @@ class Net:
 
     def __init__(self, closed: Mask, direction: Direction) -> None:
         if closed.ndim != 2 or closed.shape[0] != closed.shape[1]:
-            raise JobError(
-                "MF120",
-                f"lines through dots {closed.shape} cannot be counted",
-                where="wiring",
-                cure="Give a square of dots",
-            )
+            what = f"lines through dots {closed.shape} cannot be counted"
+            raise JobError("MF120", what, where="wiring", cure="Give a square of dots")
         self.direction = direction
         self._upright = np.ascontiguousarray(closed if direction == "vertical" else closed.T)
         self._ids = np.flatnonzero(self._upright)

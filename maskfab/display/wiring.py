@@ -215,12 +215,9 @@ def check_wires(panel: Panel, demand: WireDemand) -> None:
     """
     for name, width_nm in (("line", demand.rules.line_nm), ("transparent", demand.transparent_nm)):
         if width_nm > panel.pitch_nm:
-            raise JobError(
-                "MF120",
-                f"{name} = {width_nm / NM_PER_UM:g} um is wider than the {panel.cell_size.pitch_um:g} um of a pixel",
-                where=f"wires.{name}",
-                cure=f"Give a width up to {panel.cell_size.pitch_um:g} um",
-            )
+            what = f"{name} = {width_nm / NM_PER_UM:g} um is wider than the {panel.cell_size.pitch_um:g} um of a pixel"
+            cure = f"Give a width up to {panel.cell_size.pitch_um:g} um"
+            raise JobError("MF120", what, where=f"wires.{name}", cure=cure)
 
 
 def wiring(panel: Panel, opening: Opening, demand: WireDemand) -> Wiring:

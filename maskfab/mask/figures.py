@@ -124,27 +124,17 @@ class PolygonOptions:
         )
         for key, value, allowed in choices:
             if value not in allowed:
-                raise OutputError(
-                    "MF413", f"{key} = {value!r} is none of {', '.join(allowed)}", cure="Use one of the values listed"
-                )
+                what = f"{key} = {value!r} is none of {', '.join(allowed)}"
+                raise OutputError("MF413", what, cure="Use one of the values listed")
         if not _FEWEST_VERTICES <= self.max_vertices <= MAX_VERTICES:
-            raise OutputError(
-                "MF413",
-                f"max_vertices = {self.max_vertices} is not between {_FEWEST_VERTICES} and {MAX_VERTICES}",
-                cure="4094 suits every reader of today, 200 those of 1978",
-            )
+            what = f"max_vertices = {self.max_vertices} is not between {_FEWEST_VERTICES} and {MAX_VERTICES}"
+            raise OutputError("MF413", what, cure="4094 suits every reader of today, 200 those of 1978")
         if self.bias_nm is not None and (self.bias_nm % 2 or self.hierarchy != "merged"):
-            raise OutputError(
-                "MF413",
-                f"bias_nm = {self.bias_nm} with hierarchy = {self.hierarchy!r} is not drawn",
-                cure='Use an even number of nanometres and hierarchy = "merged"',
-            )
+            what = f"bias_nm = {self.bias_nm} with hierarchy = {self.hierarchy!r} is not drawn"
+            raise OutputError("MF413", what, cure='Use an even number of nanometres and hierarchy = "merged"')
         if self.max_references is not None and self.max_references < 1:
-            raise OutputError(
-                "MF413",
-                f"max_references = {self.max_references} is not positive",
-                cure="Give 1 or more, or leave max_references out for no limit",
-            )
+            what = f"max_references = {self.max_references} is not positive"
+            raise OutputError("MF413", what, cure="Give 1 or more, or leave max_references out for no limit")
 
     @property
     def redrawn(self) -> bool:
@@ -312,11 +302,8 @@ def draw(plate: Plate, options: PolygonOptions | None = None) -> Figures:
         check_bias(plate, chosen.bias_nm)
         grid = 1 if plate.snapped is None else plate.snapped.grid_nm
         if chosen.bias_nm // 2 % grid:
-            raise OutputError(
-                "MF413",
-                f"half a bias of {chosen.bias_nm} nm moves edges off the data grid of {grid} nm",
-                cure=f"Use a process.cd_bias that is a multiple of {2 * grid} nm",
-            )
+            what = f"half a bias of {chosen.bias_nm} nm moves edges off the data grid of {grid} nm"
+            raise OutputError("MF413", what, cure=f"Use a process.cd_bias that is a multiple of {2 * grid} nm")
     return _Drawing(plate, chosen).figures()
 
 
@@ -398,11 +385,9 @@ class _Drawing:
             needed = sum(grid.index.size for grid in grids)
             self._paired.append(die.name)
             if needed > most:
-                raise OutputError(
-                    "MF416",
-                    f"the die {die.name} needs {needed} references even with two pixels in each; at most {most}",
-                    cure='Choose hierarchy = "flat", a smaller panel, or a house that allows more',
-                )
+                what = f"the die {die.name} needs {needed} references even with two pixels in each; at most {most}"
+                cure = 'Choose hierarchy = "flat", a smaller panel, or a house that allows more'
+                raise OutputError("MF416", what, cure=cure)
         return DieFigures(name, die.origin_nm, die.box_nm, grids)
 
     def _in_pairs(self, units: Sequence[str], index: Ints, pitch: int) -> tuple[CellArray, ...]:
@@ -603,11 +588,9 @@ def _refuse_off_grid(figures: Figures) -> None:
         for layer, polygons in shapes.items():
             off = (point for polygon in polygons for point in polygon if point[0] % grid or point[1] % grid)
             if layer.written and (point := next(off, None)) is not None:
-                raise OutputError(
-                    "MF413",
-                    f"{name} has a vertex at {point} nm, off the data grid of {grid} nm, where an outline is cut",
-                    cure='Use a finer export.grid, or holes = "bisect" and max_vertices = 4094',
-                )
+                what = f"{name} has a vertex at {point} nm, off the data grid of {grid} nm, where an outline is cut"
+                cure = 'Use a finer export.grid, or holes = "bisect" and max_vertices = 4094'
+                raise OutputError("MF413", what, cure=cure)
 
 
 def _without_cut(options: PolygonOptions) -> PolygonOptions:
@@ -623,11 +606,8 @@ def _checked(region: db.Region, options: PolygonOptions, where: str) -> Recut:
     drawn = recut(region, options.holes, options.corners, options.max_vertices)
     slanted = not drawn.pieces.non_rectilinear().is_empty()
     if drawn.longest > options.max_vertices or (slanted and not exact(region, drawn)):
-        raise OutputError(
-            "MF413",
-            f"{where} has slanted edges that no cut on the 1 nm grid parts exactly",
-            cure='Choose another holes or a larger max_vertices; "bisect" and 4094 suit most houses',
-        )
+        cure = 'Choose another holes or a larger max_vertices; "bisect" and 4094 suit most houses'
+        raise OutputError("MF413", f"{where} has slanted edges that no cut on the 1 nm grid parts exactly", cure=cure)
     return drawn
 
 

@@ -284,9 +284,8 @@ def workload_of(panel: Panel, camera: Camera) -> Workload:
         JobError: MF105 for a panel with gutters, whose dots have no common grid that peers could take.
     """
     if panel.gutter_nm:
-        raise JobError(
-            "MF105", "peers cannot take a panel with gutters", where="--die", cure="Name a die without gutters"
-        )
+        what = "peers cannot take a panel with gutters"
+        raise JobError("MF105", what, where="--die", cure="Name a die without gutters")
     lines = sorted(camera.wavelengths_nm)
     step = point_step_um(camera)
     samples = 2 * int(camera.window_um / step / 2)

@@ -129,11 +129,8 @@ def ensquared_energy(psf: Psf, side_um: float, highest: float, die: str | None =
 def _check(psf: Psf, reach_um: float, name: str) -> None:
     half = psf.step_um * psf.values.shape[0] / 2
     if not 0 < reach_um <= half * (1 + 1e-9):
-        raise JobError(
-            "MF104",
-            f"the {name} {reach_um:g} um is not between 0 and half the window, {half:g} um",
-            cure="Widen camera.window or ask for less",
-        )
+        what = f"the {name} {reach_um:g} um is not between 0 and half the window, {half:g} um"
+        raise JobError("MF104", what, cure="Widen camera.window or ask for less")
 
 
 def _axis(psf: Psf) -> Floats:
@@ -289,11 +286,8 @@ def streak_index(psf: Psf, inner_um: float, outer_um: float, die: str | None = N
     """
     half = psf.step_um * (psf.values.shape[0] // 2)
     if not 0 <= inner_um < outer_um <= half * (1 + 1e-9):
-        raise JobError(
-            "MF104",
-            f"the annulus {inner_um:g} um to {outer_um:g} um is not an ascending pair between 0 and {half:g} um",
-            cure="Widen camera.window or choose smaller radii",
-        )
+        what = f"the annulus {inner_um:g} um to {outer_um:g} um is not an ascending pair between 0 and {half:g} um"
+        raise JobError("MF104", what, cure="Widen camera.window or choose smaller radii")
     axis = _axis(psf)
     x, y = np.meshgrid(axis, axis)
     radius = np.hypot(x, y)
@@ -303,11 +297,8 @@ def streak_index(psf: Psf, inner_um: float, outer_um: float, die: str | None = N
     turn = np.exp(-2j * np.arctan2(y[within], x[within]))
     tail = psf.values[within] * weight
     if not tail.sum() > 0:
-        raise JobError(
-            "MF104",
-            f"no light falls between {inner_um:g} um and {outer_um:g} um",
-            cure="Choose an annulus that contains samples with light",
-        )
+        what = f"no light falls between {inner_um:g} um and {outer_um:g} um"
+        raise JobError("MF104", what, cure="Choose an annulus that contains samples with light")
     # The same radial profile, cut into rings as fine as samples can hold, has no direction but what sampling gives it.
     ring = np.rint(radius[within] / psf.step_um).astype(np.intp)
     there = np.unique(ring)

@@ -150,11 +150,8 @@ def magnified(openings: Aperture, gap_um: float, object_um: float) -> tuple[Aper
         JobError: MF104 for an object that is not in front of the openings.
     """
     if not object_um > gap_um:
-        raise JobError(
-            "MF104",
-            f"an object {object_um:g} um from the stop is not in front of a panel {gap_um:g} um from it",
-            cure="Move it beyond the panel",
-        )
+        what = f"an object {object_um:g} um from the stop is not in front of a panel {gap_um:g} um from it"
+        raise JobError("MF104", what, cure="Move it beyond the panel")
     factor = 1 / (1 - gap_um / object_um)
     x, y = (
         replace(axis, start_um=factor * axis.start_um, dot_um=factor * axis.dot_um, pitch_um=factor * axis.pitch_um)
@@ -324,12 +321,11 @@ def check_cover(openings: Aperture, stop: Stop, moved_um: Place) -> None:
     )
     if missing > 1e-6:
         width, height = (high - low for low, high in ends)
-        raise JobError(
-            "MF114",
+        what = (
             f"moved by {math.hypot(*moved_um):.1f} um, openings of {width:g} um x {height:g} um leave {missing:.1f} um "
-            f"of the stop of {stop.diameter_um:g} um uncovered",
-            cure="Make the panel larger, the gap shorter, or the field angle smaller",
+            f"of the stop of {stop.diameter_um:g} um uncovered"
         )
+        raise JobError("MF114", what, cure="Make the panel larger, the gap shorter, or the field angle smaller")
 
 
 def _ends_um(lattice: Lattice) -> Place:
@@ -439,11 +435,8 @@ def turned(waves: Waves, x_um: Floats, y_um: Floats, inside: Mask) -> Complexes:
         float(up[inside[1:] & inside[:-1]].max(initial=0.0)),
     )
     if steepest > MOST_WAVES_PER_SAMPLE:
-        raise JobError(
-            "MF115",
-            f"the phase turns by {steepest:.2g} waves from one sample to the next",
-            cure="Ask for more samples per dot or a weaker wavefront",
-        )
+        what = f"the phase turns by {steepest:.2g} waves from one sample to the next"
+        raise JobError("MF115", what, cure="Ask for more samples per dot or a weaker wavefront")
     return np.where(inside, np.exp(2j * np.pi * phase), 0.0)
 
 

@@ -393,11 +393,8 @@ def aliased_mtf(
     total = sums[..., -1:]
     aliases = orders_x.size * orders_y.size
     if total.min() <= aliases * max(table.coarse_uncertainty, 1e-12):
-        raise JobError(
-            "MF104",
-            f"samples {camera.pixel_um:g} um apart can sum to nothing, so their MTF has no scale",
-            cure="Average over pixels, or sample finer",
-        )
+        what = f"samples {camera.pixel_um:g} um apart can sum to nothing, so their MTF has no scale"
+        raise JobError("MF104", what, cure="Average over pixels, or sample finer")
     uncertainty = 2 * aliases * table.coarse_uncertainty / float(total.min())
     frequency = UM_PER_MM * np.stack([np.asarray(nu_x), np.asarray(nu_y)])
     return AliasedMtf(frequency, sums[..., :-1] / total, phase, sampled, uncertainty)

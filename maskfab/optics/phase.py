@@ -186,12 +186,11 @@ def phased(pupil: Pupil, waves: Waves, highest: float, tolerance: float = 1e-6) 
     """
     span = _steepest(pupil, waves)
     if not pupil.whole.size * (span / _MOST_WAVES_PER_DOT) ** 2 <= _MOST_DOTS:
-        raise JobError(
-            "MF115",
+        what = (
             f"the phase turns by {span:.3g} waves over a dot of {pupil.x.dot_um:g} um, which would take more than "
-            f"{_MOST_DOTS} dots",
-            cure="Ask for a weaker wavefront",
+            f"{_MOST_DOTS} dots"
         )
+        raise JobError("MF115", what, cure="Ask for a weaker wavefront")
     for nodes in _NODES:
         row, column, moments = _whole_moments(pupil, waves, nodes)
         if not _resolved(pupil, row, column, moments, tolerance):
@@ -204,11 +203,8 @@ def phased(pupil: Pupil, waves: Waves, highest: float, tolerance: float = 1e-6) 
             kept = np.ascontiguousarray(moments[:, :degree, :degree])
             return PhasedPupil(pupil, row, column, kept, rim, degree, highest, float(error[degree]))
     if pupil.whole.size * 4 > _MOST_DOTS:
-        raise JobError(
-            "MF115",
-            f"the phase turns too fast: {pupil.whole.size} dots do not resolve it to the {tolerance:.1e} asked for",
-            cure="Ask for a larger error or a weaker wavefront",
-        )
+        what = f"the phase turns too fast: {pupil.whole.size} dots do not resolve it to the {tolerance:.1e} asked for"
+        raise JobError("MF115", what, cure="Ask for a larger error or a weaker wavefront")
     return phased(halved(pupil), waves, highest, tolerance)
 
 
@@ -419,23 +415,14 @@ class Wavefront:
     def __post_init__(self) -> None:
         for term, coefficient in self.terms:
             if not 1 <= term <= HIGHEST_TERM:
-                raise JobError(
-                    "MF104",
-                    f"Zernike term {term} is outside 1 to {HIGHEST_TERM}",
-                    cure="Give Noll's numbers; defocus is 4, spherical aberration 11",
-                )
+                what = f"Zernike term {term} is outside 1 to {HIGHEST_TERM}"
+                raise JobError("MF104", what, cure="Give Noll's numbers; defocus is 4, spherical aberration 11")
             if not math.isfinite(coefficient):
-                raise JobError(
-                    "MF104",
-                    f"the coefficient of Zernike term {term} is {coefficient}",
-                    cure="Give a finite number of waves, such as 0.05",
-                )
+                what = f"the coefficient of Zernike term {term} is {coefficient}"
+                raise JobError("MF104", what, cure="Give a finite number of waves, such as 0.05")
         if not (math.isfinite(self.reference_nm) and self.reference_nm > 0):
-            raise JobError(
-                "MF104",
-                f"the wavefront's reference wavelength is {self.reference_nm:g} nm",
-                cure="Give the wavelength at which it was measured, such as 633 nm",
-            )
+            what = f"the wavefront's reference wavelength is {self.reference_nm:g} nm"
+            raise JobError("MF104", what, cure="Give the wavelength at which it was measured, such as 633 nm")
 
     def rms_waves(self, wavelength_nm: float) -> float:
         """Root mean square over the clear round stop, piston left out, in waves at that wavelength."""
@@ -524,11 +511,8 @@ def image_distance_um(focal_um: float, object_um: float) -> float:
     if math.isinf(object_um) and object_um > 0:
         return focal_um
     if not object_um > focal_um:
-        raise JobError(
-            "MF104",
-            f"an object {object_um:g} um from a lens of focal length {focal_um:g} um has no real image",
-            cure="Move it beyond the focal length",
-        )
+        what = f"an object {object_um:g} um from a lens of focal length {focal_um:g} um has no real image"
+        raise JobError("MF104", what, cure="Move it beyond the focal length")
     return focal_um * object_um / (object_um - focal_um)
 
 

@@ -71,12 +71,8 @@ def _inside(polygon: Polygon, middle: Floats) -> Mask:
     inside = np.zeros((middle.size, middle.size), dtype=np.bool_)
     for (x0, y0), (x1, y1) in zip(polygon, (*polygon[1:], polygon[0]), strict=True):
         if x0 != x1 and y0 != y1:
-            raise JobError(
-                "MF120",
-                f"a wire's edge from ({x0}, {y0}) to ({x1}, {y1}) nm is neither horizontal nor vertical",
-                where="wires",
-                cure="Draw wires with horizontal and vertical edges",
-            )
+            what = f"a wire's edge from ({x0}, {y0}) to ({x1}, {y1}) nm is neither horizontal nor vertical"
+            raise JobError("MF120", what, where="wires", cure="Draw wires with horizontal and vertical edges")
         if x0 == x1:
             inside ^= ((middle > min(y0, y1)) & (middle < max(y0, y1)))[:, None] & (middle < x0)
     return inside

@@ -46,24 +46,15 @@ def curves_text(path: Path, where: str, columns: str = _COLUMNS) -> str:
         SourceError: MF308 if the suffix is not ``.csv``, MF301 missing, MF302 empty, MF304 not text.
     """
     if path.suffix.lower() != ".csv":
-        raise SourceError(
-            "MF308", f"{path} has the suffix {path.suffix!r}", where=where, cure="Curves are read from .csv"
-        )
+        what = f"{path} has the suffix {path.suffix!r}"
+        raise SourceError("MF308", what, where=where, cure="Curves are read from .csv")
     if not os.path.isfile(path):
-        raise SourceError(
-            "MF301",
-            f"there is no file {path}",
-            where=where,
-            cure="Give the path of an existing .csv, relative to the job file",
-        )
+        cure = "Give the path of an existing .csv, relative to the job file"
+        raise SourceError("MF301", f"there is no file {path}", where=where, cure=cure)
     data = path.read_bytes()
     if not data.strip():
-        raise SourceError(
-            "MF302",
-            f"{path} holds no text",
-            where=where,
-            cure=f"Write a header and rows: {columns}",
-        )
+        what = f"{path} holds no text"
+        raise SourceError("MF302", what, where=where, cure=f"Write a header and rows: {columns}")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -93,12 +84,8 @@ def parse_curves(text: str, where: str) -> Mapping[str, Curve]:
     check_wavelengths(wavelengths, where)
     if (np.diff(wavelengths) <= 0).any():
         at = wavelengths[1:][np.diff(wavelengths) <= 0][0]
-        raise SourceError(
-            "MF303",
-            f"wavelengths do not ascend at {at:g} nm",
-            where=where,
-            cure="Sort the rows by wavelength, each wavelength once",
-        )
+        what = f"wavelengths do not ascend at {at:g} nm"
+        raise SourceError("MF303", what, where=where, cure="Sort the rows by wavelength, each wavelength once")
     for name, column in zip(header[1:], numbers[:, 1:].T, strict=True):
         check_weights(column, f"{where}: {name}")
     columns = zip(header[1:], numbers[:, 1:].T, strict=True)
@@ -138,18 +125,12 @@ def black_body(temperature_k: float, low_nm: float = 300.0, high_nm: float = 110
         JobError: MF104 for a temperature or a range out of bounds, MF112 for a wavelength.
     """
     if not COLDEST_K <= temperature_k <= HOTTEST_K:
-        raise JobError(
-            "MF104",
-            f"temperature {temperature_k:g} K is outside {COLDEST_K:g} K to {HOTTEST_K:g} K",
-            cure="Daylight is about 6500 K",
-        )
+        what = f"temperature {temperature_k:g} K is outside {COLDEST_K:g} K to {HOTTEST_K:g} K"
+        raise JobError("MF104", what, cure="Daylight is about 6500 K")
     check_wavelengths(np.array([low_nm, high_nm]), "black body")
     if not low_nm < high_nm:
-        raise JobError(
-            "MF104",
-            f"the range {low_nm:g} nm to {high_nm:g} nm is empty",
-            cure=f"Give two ascending wavelengths between {SHORTEST_NM:g} nm and {LONGEST_NM:g} nm",
-        )
+        cure = f"Give two ascending wavelengths between {SHORTEST_NM:g} nm and {LONGEST_NM:g} nm"
+        raise JobError("MF104", f"the range {low_nm:g} nm to {high_nm:g} nm is empty", cure=cure)
     wavelengths = np.linspace(low_nm, high_nm, int(np.ceil(high_nm - low_nm)) + 1)
     # As exp(-x) / (1 - exp(-x)) nothing overflows for cold bodies and short waves.
     exponent = _SECOND_RADIATION_CONSTANT / (wavelengths * temperature_k)

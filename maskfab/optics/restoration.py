@@ -68,11 +68,8 @@ def sensor_square(table: LagTable, camera: Camera, spectrum: Spectrum, samples: 
         JobError: MF104 if the samples are odd or fewer than 4.
     """
     if samples < 4 or samples % 2:
-        raise JobError(
-            "MF104",
-            f"{samples} samples per side are not an even number of 4 or more",
-            cure="Give an even number of 4 or more, such as 256",
-        )
+        what = f"{samples} samples per side are not an even number of 4 or more"
+        raise JobError("MF104", what, cure="Give an even number of 4 or more, such as 256")
     step = 1 / (camera.pixel_um * samples)
     axis = step * (np.arange(samples, dtype=np.float64) - (samples - 1) / 2)
     upper = axis[samples // 2 :]
@@ -210,11 +207,8 @@ def _root_mean_square(values: Floats) -> float:
 
 def _check(noise_to_signal: float) -> None:
     if not (np.isfinite(noise_to_signal) and noise_to_signal >= 0):
-        raise JobError(
-            "MF104",
-            f"the noise-to-signal ratio {noise_to_signal:g} is not a finite number of at least 0",
-            cure="Give one such as 0.015",
-        )
+        what = f"the noise-to-signal ratio {noise_to_signal:g} is not a finite number of at least 0"
+        raise JobError("MF104", what, cure="Give one such as 0.015")
 
 
 def _refuse_null(square: SensorSquare, noise_to_signal: float) -> None:
@@ -225,9 +219,8 @@ def _refuse_null(square: SensorSquare, noise_to_signal: float) -> None:
 
 
 def _unbounded(smallest: float, uncertainty: float) -> JobError:
-    return JobError(
-        "MF104",
+    what = (
         f"a noise-to-signal ratio of 0 amplifies noise without bound: the modulation falls to {smallest:.1e}, "
-        f"known to {uncertainty:.1e}",
-        cure="Give a positive ratio such as 0.015",
+        f"known to {uncertainty:.1e}"
     )
+    return JobError("MF104", what, cure="Give a positive ratio such as 0.015")

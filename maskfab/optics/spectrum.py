@@ -79,18 +79,12 @@ class Spectrum:
         weights = np.atleast_1d(np.asarray(self.weights, dtype=np.float64))
         check_wavelengths(wavelengths, self.name)
         if weights.shape != wavelengths.shape or weights.ndim != 1:
-            raise JobError(
-                "MF104",
-                f"{self.name} has {weights.size} weights for {wavelengths.size} wavelengths",
-                cure="Give one weight for each wavelength",
-            )
+            what = f"{self.name} has {weights.size} weights for {wavelengths.size} wavelengths"
+            raise JobError("MF104", what, cure="Give one weight for each wavelength")
         check_weights(weights, self.name)
         if abs(weights.sum() - 1) > 1e-9:
-            raise JobError(
-                "MF104",
-                f"the weights of {self.name} sum to {weights.sum():g}, not 1",
-                cure="Divide the weights by their sum",
-            )
+            what = f"the weights of {self.name} sum to {weights.sum():g}, not 1"
+            raise JobError("MF104", what, cure="Divide the weights by their sum")
         object.__setattr__(self, "wavelengths_nm", frozen(wavelengths))
         object.__setattr__(self, "weights", frozen(weights))
 
@@ -122,17 +116,11 @@ class Curve:
         values = np.asarray(self.values, dtype=np.float64)
         check_wavelengths(wavelengths, self.name)
         if wavelengths.ndim != 1 or wavelengths.size < 2 or (np.diff(wavelengths) <= 0).any():
-            raise JobError(
-                "MF104",
-                f"the wavelengths of {self.name} are not an ascending list of two or more",
-                cure="Sort them and leave each once",
-            )
+            what = f"the wavelengths of {self.name} are not an ascending list of two or more"
+            raise JobError("MF104", what, cure="Sort them and leave each once")
         if values.shape != wavelengths.shape:
-            raise JobError(
-                "MF104",
-                f"{self.name} has {values.size} values for {wavelengths.size} wavelengths",
-                cure="Give one value for each wavelength",
-            )
+            what = f"{self.name} has {values.size} values for {wavelengths.size} wavelengths"
+            raise JobError("MF104", what, cure="Give one value for each wavelength")
         check_weights(values, self.name)
         object.__setattr__(self, "wavelengths_nm", frozen(wavelengths))
         object.__setattr__(self, "values", frozen(values))
@@ -159,11 +147,8 @@ class Band:
 
     def __post_init__(self) -> None:
         if not self._lit()[0].size:
-            raise JobError(
-                "MF104",
-                f"the band {self.name} holds no light: {' x '.join(c.name for c in self.curves)} do not overlap",
-                cure="Combine curves that share wavelengths",
-            )
+            what = f"the band {self.name} holds no light: {' x '.join(c.name for c in self.curves)} do not overlap"
+            raise JobError("MF104", what, cure="Combine curves that share wavelengths")
 
     @property
     def range_nm(self) -> tuple[float, float]:
@@ -270,11 +255,8 @@ def quadrature(band: Band, table: LagTable, camera: Camera, tolerance: float, nu
         if error < tolerance:
             return Quadrature(found, error)
         before = after
-    raise JobError(
-        "MF115",
-        f"{_NODES_PER_PANEL * _MOST_PANELS} lines leave the band {band.name} {error:.1e} off, over {tolerance:.1e}",
-        cure=f"Ask for a tolerance of {2 * error:.1e} or more",
-    )
+    what = f"{_NODES_PER_PANEL * _MOST_PANELS} lines leave the band {band.name} {error:.1e} off, over {tolerance:.1e}"
+    raise JobError("MF115", what, cure=f"Ask for a tolerance of {2 * error:.1e} or more")
 
 
 def reach_um(camera: Camera, wavelengths_nm: Floats, highest: float) -> float:
@@ -329,12 +311,8 @@ def check_wavelengths(wavelengths_nm: Floats, where: str) -> None:
         raise JobError("MF104", "the spectrum has no wavelength", where=where, cure="Give at least one wavelength")
     outside = ~((wavelengths_nm >= SHORTEST_NM) & (wavelengths_nm <= LONGEST_NM))
     if outside.any():
-        raise JobError(
-            "MF112",
-            f"wavelength {wavelengths_nm[outside][0]:g} nm is outside {SHORTEST_NM:g} nm to {LONGEST_NM:g} nm",
-            where=where,
-            cure="Give wavelengths in nanometres, such as 530",
-        )
+        what = f"wavelength {wavelengths_nm[outside][0]:g} nm is outside {SHORTEST_NM:g} nm to {LONGEST_NM:g} nm"
+        raise JobError("MF112", what, where=where, cure="Give wavelengths in nanometres, such as 530")
 
 
 def check_weights(weights: Floats, where: str) -> None:
@@ -345,12 +323,9 @@ def check_weights(weights: Floats, where: str) -> None:
     """
     wrong = ~(np.isfinite(weights) & (weights >= 0))
     if wrong.any():
-        raise JobError(
-            "MF104",
-            f"weight {weights[wrong][0]:g} is not a finite number of at least 0",
-            where=where,
-            cure="Light and response are never negative; remove the offset that made them so",
-        )
+        what = f"weight {weights[wrong][0]:g} is not a finite number of at least 0"
+        cure = "Light and response are never negative; remove the offset that made them so"
+        raise JobError("MF104", what, where=where, cure=cure)
     if not weights.any():
         raise JobError("MF104", "all weights are zero", where=where, cure="Give at least one positive weight")
 

@@ -38,12 +38,8 @@ def orientations(
             tiling ``map``, which a file holds (:mod:`maskfab.mask.panels`).
     """
     if tiling is Tiling.MAP:
-        raise JobError(
-            "MF122",
-            "the map tiling has no map",
-            where=where,
-            cure='Lay it out as a die of a job, with map = "maps/x.toml", or use another tiling',
-        )
+        cure = 'Lay it out as a die of a job, with map = "maps/x.toml", or use another tiling'
+        raise JobError("MF122", "the map tiling has no map", where=where, cure=cure)
     if openings > MOST_OPENINGS:
         raise JobError("MF122", f"{openings} openings are more than {MOST_OPENINGS}", where=where, cure="Use fewer")
     if seed is None and (tiling.seeded or openings > 1):

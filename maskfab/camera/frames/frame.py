@@ -133,13 +133,12 @@ class Frame:
         top, left = ((at - side // 2) // 2 * 2 for at in middle)
         rows, columns = self.shape
         if side < 1 or top < 0 or left < 0 or top + side > rows or left + side > columns:
-            raise SourceError(
-                "MF337",
+            what = (
                 f"{side} x {side} pixels about row {middle[0]}, column {middle[1]} do not lie in the "
-                f"{columns} x {rows} of {self.name}",
-                where=self.name,
-                cure="Crop fewer pixels, or put the light nearer the middle of the picture",
+                f"{columns} x {rows} of {self.name}"
             )
+            cure = "Crop fewer pixels, or put the light nearer the middle of the picture"
+            raise SourceError("MF337", what, where=self.name, cure=cure)
         part = np.ascontiguousarray(self.counts[..., top : top + side, left : left + side])
         return replace(self, counts=part, corner=(self.corner[0] + top, self.corner[1] + left))
 
@@ -214,19 +213,12 @@ def read_frame(
         raise SourceError("MF302", f"{path.name} holds 0 bytes", where=where, cure="Copy it from the camera again")
     suffix = path.suffix.lower()
     if suffix in _CODED:
-        raise SourceError(
-            "MF330",
-            f"{path.name} is a {suffix[1:].upper()} picture, of 8 bits or compressed with loss, not linear counts",
-            where=where,
-            cure="Give the camera's RAW file, or linear TIFF or PNG of 16 bits, or EXR",
-        )
+        what = f"{path.name} is a {suffix[1:].upper()} picture, of 8 bits or compressed with loss, not linear counts"
+        cure = "Give the camera's RAW file, or linear TIFF or PNG of 16 bits, or EXR"
+        raise SourceError("MF330", what, where=where, cure=cure)
     if suffix not in PICTURES and find_spec("rawpy") is None:
-        raise SourceError(
-            "MF431",
-            f"{path.name} is read by rawpy, which is not installed",
-            where=where,
-            cure="Run pip install 'maskfab[raw]', or save the frame as linear TIFF of 16 bits",
-        )
+        cure = "Run pip install 'maskfab[raw]', or save the frame as linear TIFF of 16 bits"
+        raise SourceError("MF431", f"{path.name} is read by rawpy, which is not installed", where=where, cure=cure)
     frame: Frame = read_apart(path, Path(__file__).with_name("frame_process.py"), kind=Frame, seconds=PATIENCE_S)
     frame = replace(frame, sha256=sha256_of_file(path), pattern=_stated_mosaic(frame, mosaic, where))
     levels, count = frame.black if black is None else (black,), len(frame.lattices)
@@ -262,11 +254,8 @@ def read_frames(
             files.
     """
     if times_s is not None and len(times_s) != len(paths):
-        raise SourceError(
-            "MF332",
-            f"{len(times_s)} exposure times are given for {len(paths)} files",
-            cure="Give one time for each file, in the same order",
-        )
+        what = f"{len(times_s)} exposure times are given for {len(paths)} files"
+        raise SourceError("MF332", what, cure="Give one time for each file, in the same order")
     times: Sequence[float | None] = [None] * len(paths) if times_s is None else times_s
     frames = tuple(
         read_frame(path, exposure_s=time, black=black, white=white, mosaic=mosaic)
@@ -284,12 +273,8 @@ def _stated_mosaic(frame: Frame, mosaic: str | None, where: str) -> Pattern | No
         what = f"{mosaic!r} is no mosaic" if pattern is None else f"{frame.name} has three planes, which are no mosaic"
         raise SourceError("MF331", what, where=where, cure=f"State one of {', '.join(_MOSAICS)}, of grey pictures only")
     if frame.pattern is not None and frame.pattern != pattern:
-        raise SourceError(
-            "MF331",
-            f"{frame.name} says that its mosaic is {letters(frame.pattern).lower()}, not {mosaic.lower()}",
-            where=where,
-            cure="Leave the mosaic out",
-        )
+        what = f"{frame.name} says that its mosaic is {letters(frame.pattern).lower()}, not {mosaic.lower()}"
+        raise SourceError("MF331", what, where=where, cure="Leave the mosaic out")
     return pattern
 
 
@@ -300,16 +285,8 @@ def letters(pattern: Pattern) -> str:
 
 def _check_levels(frame: Frame, where: str) -> None:
     if not (max(frame.black) < frame.white and all(map(math.isfinite, frame.black))):
-        raise SourceError(
-            "MF333",
-            f"black of {max(frame.black):g} counts is not below white of {frame.white:g}",
-            where=where,
-            cure="State black and white in the counts of the file",
-        )
+        what = f"black of {max(frame.black):g} counts is not below white of {frame.white:g}"
+        raise SourceError("MF333", what, where=where, cure="State black and white in the counts of the file")
     if frame.exposure_s is not None and not (math.isfinite(frame.exposure_s) and frame.exposure_s > 0):
-        raise SourceError(
-            "MF332",
-            f"an exposure of {frame.exposure_s:g} s is not above 0",
-            where=where,
-            cure="Give a positive time for each file",
-        )
+        what = f"an exposure of {frame.exposure_s:g} s is not above 0"
+        raise SourceError("MF332", what, where=where, cure="Give a positive time for each file")

@@ -66,12 +66,9 @@ def raw_frame(path: Path) -> Frame:
                 **_maker(path, raw.other.iso_speed),
             )
     except (rawpy.LibRawFileUnsupportedError, rawpy.NotSupportedError) as error:
-        raise SourceError(
-            "MF308",
-            f"{path.name} is no RAW file that LibRaw knows ({_text(error)})",
-            where=str(path),
-            cure="Convert it to DNG without loss, or save it as linear TIFF of 16 bits",
-        ) from error
+        what = f"{path.name} is no RAW file that LibRaw knows ({_text(error)})"
+        cure = "Convert it to DNG without loss, or save it as linear TIFF of 16 bits"
+        raise SourceError("MF308", what, where=str(path), cure=cure) from error
     except rawpy.LibRawError as error:
         raise _damaged(path, _text(error)) from error
 
@@ -102,12 +99,9 @@ def _of_sensor(path: Path, raw: Any) -> tuple[Singles, Pattern | None, tuple[int
     repeated = all((colours[y::2, x::2] == tile[y, x]).all() for y in (0, 1) for x in (0, 1))
     pattern = tuple(tuple(names[place] for place in row) for row in tile.tolist()) if repeated else ()
     if sorted(colour for row in pattern for colour in row) != ["B", "G", "G", "R"]:
-        raise SourceError(
-            "MF308",
-            f"{path.name} has no mosaic of 2 x 2 pixels in red, green, green and blue",
-            where=str(path),
-            cure="Take the captures with a camera of such a mosaic, or with one that records no colours",
-        )
+        what = f"{path.name} has no mosaic of 2 x 2 pixels in red, green, green and blue"
+        cure = "Take the captures with a camera of such a mosaic, or with one that records no colours"
+        raise SourceError("MF308", what, where=str(path), cure=cure)
     (one, two), (three, four) = pattern
     return seen.astype(np.float32), ((one, two), (three, four)), tuple(tile.ravel().tolist())
 
@@ -184,12 +178,9 @@ def _check_kind(path: Path, spec: Any, pages: int) -> None:
     turned = spec.get_int_attribute("Orientation", 1) != 1
     if pages > 1 or turned or not (names == PLANE_COLOURS or (len(names) == 1 and spec.alpha_channel < 0)):
         told = "several pages" if pages > 1 else "a tag that turns it" if turned else f"the channels {', '.join(names)}"
-        raise SourceError(
-            "MF308",
-            f"{path.name} has {told}; a frame is one picture in grey or in red, green and blue",
-            where=str(path),
-            cure="Save one picture a file, not turned and without transparency",
-        )
+        what = f"{path.name} has {told}; a frame is one picture in grey or in red, green and blue"
+        cure = "Save one picture a file, not turned and without transparency"
+        raise SourceError("MF308", what, where=str(path), cure=cure)
 
 
 def _chunks(path: Path) -> Iterator[tuple[bytes, bytes]]:
@@ -215,13 +206,11 @@ def _decimal(stated: float) -> float | None:
 
 def _check_size(path: Path, width: int, height: int) -> None:
     if width < 2 or height < 2 or width * height > MOST_PIXELS:
-        raise SourceError(
-            "MF313",
+        what = (
             f"{path.name} has {width} x {height} pixels; a frame has at least 2 x 2 and at most "
-            f"{MOST_PIXELS // 1_000_000} million",
-            where=str(path),
-            cure="Crop it about the light",
+            f"{MOST_PIXELS // 1_000_000} million"
         )
+        raise SourceError("MF313", what, where=str(path), cure="Crop it about the light")
 
 
 def _coded(path: Path, what: str) -> SourceError:
@@ -230,9 +219,8 @@ def _coded(path: Path, what: str) -> SourceError:
 
 def _damaged(path: Path, what: str) -> SourceError:
     said = what.strip().splitlines()
-    return SourceError(
-        "MF303", f"{path.name}: {said[0] if said else 'it is damaged'}", where=str(path), cure="Copy or save it again"
-    )
+    cure = "Copy or save it again"
+    return SourceError("MF303", f"{path.name}: {said[0] if said else 'it is damaged'}", where=str(path), cure=cure)
 
 
 def _text(error: Exception) -> str:

@@ -96,12 +96,9 @@ def _response(
     )
     mean = float(electrons[~full].mean()) if not full.all() else 0.0
     if full.mean() > _DUST or mean < _HOT * np.sqrt(dark_e2 * len(frames)):
-        raise SourceError(
-            "MF334",
-            f"the flat field {frames[0].name} is {100 * full.mean():.0f} % full and has {mean:.3g} electrons a pixel",
-            where=frames[0].name,
-            cure="Expose an evenly lit surface to half of the white level",
-        )
+        what = f"the flat field {frames[0].name} is {100 * full.mean():.0f} % full and has {mean:.3g} electrons a pixel"
+        cure = "Expose an evenly lit surface to half of the white level"
+        raise SourceError("MF334", what, where=frames[0].name, cure=cure)
     share = electrons / mean
     error = np.sqrt(np.maximum(electrons, 0.0) + dark_e2 * len(frames)) / np.maximum(electrons, 1.0)
     around = ndimage.uniform_filter(share, _SURROUNDINGS, mode="nearest")
@@ -184,13 +181,12 @@ def drifts(colours: Sequence[Exposed], times_s: Sequence[float], names: Sequence
         total = factor * math.hypot(error, 0.0 if math.isinf(before.error) else before.error / before.factor)
         off = max(ratio, 1 / ratio) if ratio > 0 else math.inf
         if off > _MOST * (1 + _DRIFT_PROVEN * error):
-            raise SourceError(
-                "MF332",
+            what = (
                 f"{names[shorter]} has {ratio:.3g} times the light of {names[longer]} for their times of "
-                f"{times_s[shorter]:g} s and {times_s[longer]:g} s; a lamp drifts by less than {_MOST:g}",
-                where=names[shorter],
-                cure="State the true times with --times, in the order of the files",
+                f"{times_s[shorter]:g} s and {times_s[longer]:g} s; a lamp drifts by less than {_MOST:g}"
             )
+            cure = "State the true times with --times, in the order of the files"
+            raise SourceError("MF332", what, where=names[shorter], cure=cure)
         drifted[shorter] = Drift(factor, total, factor if abs(factor - 1) > _DRIFT_PROVEN * total else 1.0)
     return tuple(drifted[place] for place in range(len(times_s)))
 
@@ -342,11 +338,8 @@ def merged(
     check_stack(frames)
     same_sensor([frames[0], *dark, *flat])
     if not (0 < electrons_per_count < np.inf and 0 <= read_noise_e < np.inf):
-        raise SourceError(
-            "MF335",
-            f"a gain of {electrons_per_count:g} electrons per count with a read noise of {read_noise_e:g} electrons",
-            cure="Give a gain above 0 and a read noise of 0 or more",
-        )
+        what = f"a gain of {electrons_per_count:g} electrons per count with a read noise of {read_noise_e:g} electrons"
+        raise SourceError("MF335", what, cure="Give a gain above 0 and a read noise of 0 or more")
     times = [1.0 if frame.exposure_s is None else frame.exposure_s for frame in frames]
     lattices = list(enumerate(frames[0].lattices))
     dark_e2 = read_noise_e**2 + (electrons_per_count**2 / 12 if all(frame.whole for frame in frames) else 0.0)
@@ -355,12 +348,9 @@ def merged(
     ]
     fulls = np.stack([frame.full for frame in frames])
     if fulls.all(axis=0).mean() > _MOST_FULL:
-        raise SourceError(
-            "MF334",
-            f"{100 * fulls.all(axis=0).mean():.0f} % of the pixels are full in all {len(frames)} frames",
-            where=frames[0].name,
-            cure="Give shorter exposures, or state the white level in the counts of the files",
-        )
+        what = f"{100 * fulls.all(axis=0).mean():.0f} % of the pixels are full in all {len(frames)} frames"
+        cure = "Give shorter exposures, or state the white level in the counts of the files"
+        raise SourceError("MF334", what, where=frames[0].name, cure=cure)
     exposed = [
         _exposed(frames, fulls, times, place, lattice, electrons_per_count, dark_e2, dark)
         for place, lattice in lattices
@@ -479,12 +469,11 @@ def _check_one_light(plane: Plane, seen: Mask, disagreeing: Mask, x: Floats, nam
     bright = seen & (x > _BRIGHT * np.sqrt(plane.variance(x)))
     off, count = int((bright & disagreeing).sum()), int(bright.sum())
     if off > _ENOUGH and off > _MOST_DISAGREEING * count:
-        raise SourceError(
-            "MF336",
-            f"the exposures disagree at {off} of {count} bright pixels by more than {_DISAGREES:g} standard deviations",
-            where=name,
-            cure="Take the stack again with camera and light at rest; or correct gain, read noise and black level",
+        what = (
+            f"the exposures disagree at {off} of {count} bright pixels by more than {_DISAGREES:g} standard deviations"
         )
+        cure = "Take the stack again with camera and light at rest; or correct gain, read noise and black level"
+        raise SourceError("MF336", what, where=name, cure=cure)
 
 
 def _check_light(planes: Sequence[Plane], name: str) -> None:
@@ -493,12 +482,8 @@ def _check_light(planes: Sequence[Plane], name: str) -> None:
     total = sum(float(plane.electrons_per_s.sum()) for plane in planes)
     noise = float(np.sqrt(sum(float((plane.sigma[plane.valid] ** 2).sum()) for plane in planes)))
     if above < 4 and not total > _SEEN * noise > 0:
-        raise SourceError(
-            "MF334",
-            f"{above} pixels are {_SEEN:g} standard deviations above black, and all together are not",
-            where=name,
-            cure="Expose longer, or state the true black level",
-        )
+        what = f"{above} pixels are {_SEEN:g} standard deviations above black, and all together are not"
+        raise SourceError("MF334", what, where=name, cure="Expose longer, or state the true black level")
 
 
 def write_merged(merged: Merged, light: Path, sigma: Path) -> None:

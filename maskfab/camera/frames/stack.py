@@ -53,27 +53,17 @@ def check_stack(frames: Sequence[Frame]) -> None:
 def _check_times(frames: Sequence[Frame]) -> None:
     missing = [frame.name for frame in frames if frame.exposure_s is None]
     if missing:
-        raise SourceError(
-            "MF332",
-            f"{len(missing)} of {len(frames)} frames state no exposure time, the first of them {missing[0]}",
-            where=missing[0],
-            cure="Give all times, such as --times '1 ms' --times '4 ms', in the order of the files",
-        )
+        what = f"{len(missing)} of {len(frames)} frames state no exposure time, the first of them {missing[0]}"
+        cure = "Give all times, such as --times '1 ms' --times '4 ms', in the order of the files"
+        raise SourceError("MF332", what, where=missing[0], cure=cure)
     times = [frame.exposure_s for frame in frames if frame.exposure_s is not None]
     if len(set(times)) == 1:
-        raise SourceError(
-            "MF332",
-            f"all {len(frames)} frames have an exposure of {times[0]:g} s; a stack needs times that differ",
-            where=frames[0].name,
-            cure="Give the true times, or a single frame; two equal frames tell the gain",
-        )
+        what = f"all {len(frames)} frames have an exposure of {times[0]:g} s; a stack needs times that differ"
+        cure = "Give the true times, or a single frame; two equal frames tell the gain"
+        raise SourceError("MF332", what, where=frames[0].name, cure=cure)
     if not all(_SHORTEST <= time <= _LONGEST for time in times):
-        raise SourceError(
-            "MF332",
-            f"times from {min(times):g} s to {max(times):g} s; the limits are {_SHORTEST:g} s and {_LONGEST:g} s",
-            where=frames[0].name,
-            cure="Give times with their unit",
-        )
+        what = f"times from {min(times):g} s to {max(times):g} s; the limits are {_SHORTEST:g} s and {_LONGEST:g} s"
+        raise SourceError("MF332", what, where=frames[0].name, cure="Give times with their unit")
 
 
 def _check_white(frames: Sequence[Frame]) -> None:
@@ -85,13 +75,12 @@ def _check_white(frames: Sequence[Frame]) -> None:
         if not (max(frame.black) + _WELL_ABOVE_BLACK < top < frame.white and piled):
             continue
         if top in seen:
-            raise SourceError(
-                "MF333",
+            what = (
                 f"{seen[top]} and {frame.name} both end at {top:g} counts, which many pixels have, below the white "
-                f"level of {frame.white:g}",
-                where=frame.name,
-                cure=f"State the true white level, such as --white {top:g}",
+                f"level of {frame.white:g}"
             )
+            cure = f"State the true white level, such as --white {top:g}"
+            raise SourceError("MF333", what, where=frame.name, cure=cure)
         seen[top] = frame.name
 
 
@@ -137,12 +126,8 @@ def light_place(frames: Sequence[Frame], side: int) -> tuple[int, int]:
     seen = shortest if len(frames) == 1 else np.sum([_spots(frame) for frame in ordered], axis=0)
     row, column = map(int, np.unravel_index(int(seen.argmax()), seen.shape))
     if not seen[row, column] > _level(seen):
-        raise SourceError(
-            "MF334",
-            f"no spot of {_SPOT} x {_SPOT} pixels is {_SEEN:g} standard deviations above the others",
-            where=frames[0].name,
-            cure="Expose longer, or point the camera at the light",
-        )
+        what = f"no spot of {_SPOT} x {_SPOT} pixels is {_SEEN:g} standard deviations above the others"
+        raise SourceError("MF334", what, where=frames[0].name, cure="Expose longer, or point the camera at the light")
     # Orders of diffraction come in pairs, lamps do not: a spot counts less what lies as far on the other side of the
     # light. Where that is beyond the frame nothing can be said, and nothing is left.
     rows, columns = shortest.shape
@@ -154,13 +139,12 @@ def light_place(frames: Sequence[Frame], side: int) -> tuple[int, int]:
     other = np.unravel_index(int(outside.argmax()), seen.shape)
     share = float(outside[other] / shortest[row, column])
     if seen[other] > _level(seen) and shortest[other] > _level(shortest) and share > _SECOND:
-        raise SourceError(
-            "MF338",
+        what = (
             f"a second light at row {other[0]}, column {other[1]} has {share:.2g} of the light at row {row}, column "
-            f"{column}; outside the crop of {side} pixels at most {_SECOND:g} is allowed",
-            where=frames[0].name,
-            cure="Cover the other light, or crop so many pixels that all of it is held",
+            f"{column}; outside the crop of {side} pixels at most {_SECOND:g} is allowed"
         )
+        cure = "Cover the other light, or crop so many pixels that all of it is held"
+        raise SourceError("MF338", what, where=frames[0].name, cure=cure)
     return row, column
 
 
@@ -175,13 +159,12 @@ def window_middle(place: tuple[int, int], frame: Frame, side: int) -> tuple[int,
     row, column = (min(max(at, side // 2), length - side // 2) for at, length in zip(place, frame.shape, strict=True))
     if max(abs(row - place[0]), abs(column - place[1])) > side // 4:
         nearest = min(min(at, length - at) for at, length in zip(place, frame.shape, strict=True))
-        raise SourceError(
-            "MF337",
+        what = (
             f"the light lies {nearest} pixels from the edge of {frame.name}, and a window of {side} pixels needs "
-            f"{side // 4}",
-            where=frame.name,
-            cure="Put the light nearer the middle of the picture, or ask for a smaller window",
+            f"{side // 4}"
         )
+        cure = "Put the light nearer the middle of the picture, or ask for a smaller window"
+        raise SourceError("MF337", what, where=frame.name, cure=cure)
     return row, column
 
 

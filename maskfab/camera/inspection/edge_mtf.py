@@ -91,29 +91,19 @@ def read_mtf(path: Path, pixel_um: float, normal_deg: float = 0.0) -> MtfCurve:
     where = str(path)
     header, numbers = numeric_table(curves_text(path, where, _COLUMNS), where, (PER_PIXEL, PER_MM))
     if header[1:] not in (list(_OTHERS[:1]), list(_OTHERS)):
-        raise SourceError(
-            "MF303", f"the columns are {', '.join(header)}", where=where, cure=f"Name the columns {_COLUMNS}"
-        )
+        what = f"the columns are {', '.join(header)}"
+        raise SourceError("MF303", what, where=where, cure=f"Name the columns {_COLUMNS}")
     frequency, values = numbers[:, 0], numbers[:, 1:]
     if not np.isfinite(frequency).all() or frequency[0] < 0 or (np.diff(frequency) <= 0).any():
-        raise SourceError(
-            "MF303",
-            f"the {header[0]} do not ascend from 0 or more",
-            where=where,
-            cure="Sort the rows by frequency, each frequency once",
-        )
+        what = f"the {header[0]} do not ascend from 0 or more"
+        raise SourceError("MF303", what, where=where, cure="Sort the rows by frequency, each frequency once")
     wrong = ~((values >= 0) & (values <= _HIGHEST))
     if wrong.any():
-        raise JobError(
-            "MF104",
-            f"a modulation of {values[wrong][0]:g} is not 0 to {_HIGHEST:g}",
-            where=where,
-            cure="Write shares, not per cent: 0.5 for one half",
-        )
+        what = f"a modulation of {values[wrong][0]:g} is not 0 to {_HIGHEST:g}"
+        raise JobError("MF104", what, where=where, cure="Write shares, not per cent: 0.5 for one half")
     if values.shape[1] > 1 and ((values[:, 1] > values[:, 0]) | (values[:, 0] > values[:, 2])).any():
-        raise JobError(
-            "MF104", "the band does not hold the curve", where=where, cure="Give low <= mtf <= high in every row"
-        )
+        what = "the band does not hold the curve"
+        raise JobError("MF104", what, where=where, cure="Give low <= mtf <= high in every row")
     low, high = (values[:, 1], values[:, 2]) if values.shape[1] > 1 else (None, None)
     per_px = frequency if header[0] == PER_PIXEL else frequency * (pixel_um / UM_PER_MM)
     return MtfCurve(path.name, pixel_um, per_px, values[:, 0], low, high, normal_deg)
@@ -385,12 +375,9 @@ def measured_edges(
         raise SourceError(first.code, first.what, where=place, cure=first.cure)
     if not edges:
         rows, columns = values.shape
-        raise SourceError(
-            "MF340",
-            f"no straight edge that is steeper than the noise was found in {rows} x {columns} samples",
-            where=where,
-            cure="Photograph a slanted edge between a bright and a dark field, and give its region",
-        )
+        what = f"no straight edge that is steeper than the noise was found in {rows} x {columns} samples"
+        cure = "Photograph a slanted edge between a bright and a dark field, and give its region"
+        raise SourceError("MF340", what, where=where, cure=cure)
     return MeasuredEdges(
         tuple(_beside(edge, design, colour) for edge in edges),
         tuple(str(error) for error in refused),
@@ -406,12 +393,9 @@ def _within(values: Floats, counts: Mask, grid: Grid, region: Region | None, whe
     part = np.s_[box.top : box.bottom, box.left : box.right]
     if not values[part].size:
         rows, columns = (grid.step * side for side in values.shape)
-        raise SourceError(
-            "MF342",
-            f"{region} lie outside the picture of {rows} x {columns} pixels",
-            where=where,
-            cure="Give top, bottom, left and right in pixels from the picture's top left corner",
-        )
+        what = f"{region} lie outside the picture of {rows} x {columns} pixels"
+        cure = "Give top, bottom, left and right in pixels from the picture's top left corner"
+        raise SourceError("MF342", what, where=where, cure=cure)
     return values[part], counts[part], grid.part(box)
 
 

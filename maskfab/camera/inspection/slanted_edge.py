@@ -486,12 +486,9 @@ class _Lines:
 def _refuse_clipped(seen: Floats, clipped_at: float, where: str) -> None:
     share = float(np.mean(seen >= clipped_at)) if seen.size else 0.0
     if share > _CLIPPED_SHARE:
-        raise SourceError(
-            "MF343",
-            f"{share:.2%} of the pixels about the edge are clipped at {clipped_at:g}; {_CLIPPED_SHARE:.1%} may be",
-            where=where,
-            cure="Expose for less: the bright side belongs below 80 % of white",
-        )
+        what = f"{share:.2%} of the pixels about the edge are clipped at {clipped_at:g}; {_CLIPPED_SHARE:.1%} may be"
+        cure = "Expose for less: the bright side belongs below 80 % of white"
+        raise SourceError("MF343", what, where=where, cure=cure)
 
 
 def _refuse_few(within: Mask, valid: Mask, where: str) -> None:
@@ -512,10 +509,8 @@ def _refuse_gaps(distance: Floats, line: EdgeLine, numbers: Floats, where: str) 
     ordered = np.sort(distance)
     gap = float(np.diff(ordered).max()) if ordered.size > 1 else math.inf
     if gap > STEP_PX or angle > STEEPEST_DEG:
-        raise SourceError(
-            "MF341",
+        what = (
             f"at {angle:.3g} deg off the axis {numbers.size} lines meet the edge at places {min(gap, 1.0):.2f} px "
-            f"apart; {STEP_PX:g} px is the most",
-            where=where,
-            cure="Turn the chart: 5 deg off an axis is best, 2 to 20 deg do",
+            f"apart; {STEP_PX:g} px is the most"
         )
+        raise SourceError("MF341", what, where=where, cure="Turn the chart: 5 deg off an axis is best, 2 to 20 deg do")

@@ -420,12 +420,12 @@ def measured(
     image, fit, width = with_width_and_terms(image, taken, fitted(image, taken, setting, progress), progress)
     fit = with_frames(image, taken, fit)
     if fit.inflation > _UNLIKE and not found.certain:
-        raise SourceError(
-            "MF339",
+        what = (
             f"the light is like none of the dies {', '.join(panels)}: the best of them leaves residuals of "
-            f"{fit.inflation:.1f} standard deviations",
-            cure="Check the camera and the light of the job, and that this is a point light behind its plate",
+            f"{fit.inflation:.1f} standard deviations"
         )
+        cure = "Check the camera and the light of the job, and that this is a point light behind its plate"
+        raise SourceError("MF339", what, cure=cure)
     mirrored = (found.best.way_round >= 4) != seen_mirrored
     bands = mtf_bands(taken, fit, seed)
     width_um = panels[best.die].dot_nm * UM_PER_NM
@@ -458,12 +458,12 @@ def _check_like(setting: Setting, die: str, panel: Panel) -> None:
     """Refuse a fit that had to bend the die beyond what a writer or a camera does."""
     dot_um = panel.dot_nm * UM_PER_NM
     if abs(setting.bias_um) >= dot_um or abs(setting.scale) >= _STRETCHED:
-        raise SourceError(
-            "MF339",
+        what = (
             f"the light is like none of the dies: the nearest, {die}, would have features {setting.bias_um:+.1f} um "
-            f"wider than drawn, its dots being {dot_um:g} um, and a picture {setting.scale:+.0%} larger",
-            cure="Check the camera and the light of the job, and that this is a point light behind its plate",
+            f"wider than drawn, its dots being {dot_um:g} um, and a picture {setting.scale:+.0%} larger"
         )
+        cure = "Check the camera and the light of the job, and that this is a point light behind its plate"
+        raise SourceError("MF339", what, cure=cure)
 
 
 def light_of(
@@ -506,12 +506,9 @@ def seen_light(
     light: tuple[Light, ...] = bands or camera.wavelengths_nm
     wanted = ("-",) if colours == ("-",) else ("R", "G", "B")
     if len(light) != len(wanted):
-        raise JobError(
-            "MF105",
-            f"the job has light of {len(light)} colours, and the sensor has {len(wanted)}",
-            where="camera.wavelengths",
-            cure="State the line of the light, such as --line '530 nm', or the scene's spectrum",
-        )
+        what = f"the job has light of {len(light)} colours, and the sensor has {len(wanted)}"
+        cure = "State the line of the light, such as --line '530 nm', or the scene's spectrum"
+        raise JobError("MF105", what, where="camera.wavelengths", cure=cure)
     return {colour: line for colour, line in zip(wanted, light, strict=True) if colour in colours}
 
 

@@ -261,12 +261,8 @@ class Choice:
         """
         names = [restorer.name for restorer in self.restorers]
         if not names or len(set(names)) < len(names) or not set(names) <= set(epsilons):
-            raise JobError(
-                "MF105",
-                f"restorers {', '.join(names) or 'none'} with strengths for {', '.join(epsilons) or 'none'}",
-                where="restorers",
-                cure="Name each restorer once, with a strength",
-            )
+            what = f"restorers {', '.join(names) or 'none'} with strengths for {', '.join(epsilons) or 'none'}"
+            raise JobError("MF105", what, where="restorers", cure="Name each restorer once, with a strength")
         tried = [(restorer, step * epsilons[restorer.name]) for restorer in self.restorers for step in self.steps]
         best, criteria, expected = 0, dict[str, float](), dict[str, float]()
         if len(tried) > 1:

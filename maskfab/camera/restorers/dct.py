@@ -150,11 +150,8 @@ def denoised(record: Record, threshold: float = THRESHOLD) -> Singles:
     """
     rows, columns = record.values.shape[1:]
     if min(rows, columns) < WINDOW:
-        raise JobError(
-            "MF121",
-            f"the record has {columns} x {rows} pixels, fewer than {WINDOW} along a side",
-            cure=f"Give a record of {WINDOW} x {WINDOW} pixels or more",
-        )
+        what = f"the record has {columns} x {rows} pixels, fewer than {WINDOW} along a side"
+        raise JobError("MF121", what, cure=f"Give a record of {WINDOW} x {WINDOW} pixels or more")
     stable = np.tensordot(_OPPONENT, stabilised(record.values, record.noise), axes=1)
     white = np.ones((3, WINDOW, WINDOW), dtype=np.float32)
     for colour, variance in zip(stable, mosaic_noise() if record.interpolated else white, strict=True):

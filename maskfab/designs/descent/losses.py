@@ -114,9 +114,8 @@ def mtf_auc(stop: TiledStop, temperature: float = 0.01) -> MtfAuc:
         JobError: MF104 for a temperature that is not above 0.
     """
     if not temperature > 0:
-        raise JobError(
-            "MF104", f"temperature = {temperature:g} is not above 0", where="design.temperature", cure="Use 0.01"
-        )
+        what = f"temperature = {temperature:g} is not above 0"
+        raise JobError("MF104", what, where="design.temperature", cure="Use 0.01")
     axis = np.arange(-RINGS + 1, RINGS)
     across, up = np.meshgrid(axis, axis[RINGS - 1 :])
     ring = np.rint(np.hypot(across, up)).astype(np.int64)
@@ -264,20 +263,13 @@ def expected_error(
     """
     cells = estimate.lattice.cells
     if orientations.shape != (cells, cells):
-        raise JobError(
-            "MF122",
-            f"the orientations have the shape {orientations.shape}",
-            where="design.orientations",
-            cure=f"Give {cells} x {cells} of them",
-        )
+        what = f"the orientations have the shape {orientations.shape}"
+        raise JobError("MF122", what, where="design.orientations", cure=f"Give {cells} x {cells} of them")
     fine = all(0 < epsilon < math.inf for epsilon in epsilons) and epsilons
     if not levels or any(level not in ELECTRONS for level in levels) or not fine:
-        raise JobError(
-            "MF104",
-            f"levels {levels} and ε {epsilons} must be known levels and positive numbers",
-            where="design.levels",
-            cure=f"Choose levels among {', '.join(map(str, ELECTRONS))}",
-        )
+        what = f"levels {levels} and ε {epsilons} must be known levels and positive numbers"
+        cure = f"Choose levels among {', '.join(map(str, ELECTRONS))}"
+        raise JobError("MF104", what, where="design.levels", cure=cure)
     seen = estimate.lattice.camera
     # A window is no part of the transfer.
     camera = Camera(seen.focal_um, seen.stop, (seen.middle_nm,), seen.pixel_um, 256.0)
@@ -453,24 +445,22 @@ def top_residual(
             scenes smaller than a crop; MF121 for crops that are all the same grey everywhere.
     """
     if not scenes or len(stop.camera.wavelengths_nm) != COLOURS:
-        raise JobError(
-            "MF105",
-            f"{len(scenes)} scenes and {len(stop.camera.wavelengths_nm)} wavelengths; the loss needs scenes and three",
-            where="design.scenes",
-            cure="Give photographs, and the wavelengths of red, green and blue",
+        what = (
+            f"{len(scenes)} scenes and {len(stop.camera.wavelengths_nm)} wavelengths; the loss needs scenes and three"
         )
+        cure = "Give photographs, and the wavelengths of red, green and blue"
+        raise JobError("MF105", what, where="design.scenes", cure=cure)
     whole = side + 2 * margin
     smallest = min(min(scene.values.shape[1:]) for scene in scenes)
     fine = 0 < margin < side and whole <= smallest and 0 < nsr < math.inf and 0 < share <= 1 and crops >= batch >= 1
     if not (fine and (level is None or level in ELECTRONS)):
-        raise JobError(
-            "MF104",
+        what = (
             f"side {side}, margin {margin}, nsr {nsr:g}, share {share:g}, {batch} of {crops} crops, level {level}: a "
             f"crop with margins may have {smallest} pixels, margins are smaller than the side, nsr is above 0, shares "
-            "within 0 to 1",
-            where="design.top_residual",
-            cure="Take the defaults: 256, 128, 0.0037, 0.1, 4 of 12, none",
+            "within 0 to 1"
         )
+        cure = "Take the defaults: 256, 128, 0.0037, 0.1, 4 of 12, none"
+        raise JobError("MF104", what, where="design.top_residual", cure=cure)
     draw = np.random.default_rng((seed, 1))
     cut = []
     for k in range(crops):
@@ -479,13 +469,12 @@ def top_residual(
         cut.append(values[:, top : top + whole, left : left + whole])
     pictures = np.stack(cut).astype(np.float64)
     if pictures.std(axis=(2, 3)).max() < LEAST_CONTRAST:
-        raise JobError(
-            "MF121",
+        what = (
             f"all {crops} crops are the same grey everywhere, within {LEAST_CONTRAST:g} of white; nothing in them can "
-            "be restored better or worse",
-            where="design.scenes",
-            cure="Give photographs with contrast instead of uniform areas",
+            "be restored better or worse"
         )
+        cure = "Give photographs with contrast instead of uniform areas"
+        raise JobError("MF121", what, where="design.scenes", cure=cure)
     if beyond == "dark":
         inner = np.zeros((whole, whole), dtype=np.bool_)
         inner[margin:-margin, margin:-margin] = True

@@ -159,12 +159,8 @@ class Weighted(Objective):
 
     def __post_init__(self) -> None:
         if not self.terms:
-            raise JobError(
-                "MF105",
-                "a sum of objectives has no terms",
-                where="design.objectives",
-                cure="Give at least one objective with its weight",
-            )
+            what = "a sum of objectives has no terms"
+            raise JobError("MF105", what, where="design.objectives", cure="Give at least one objective with its weight")
 
     def __call__(self, unit: torch.Tensor) -> torch.Tensor:
         """Σ α L; every table is made once."""
@@ -426,47 +422,37 @@ def tiled_stop(
     square = len(shape) == 2 and shape[0] == shape[1] > 0
     if not (square and 0 <= orientations.min() <= orientations.max() < ORIENTATIONS):
         within = f", {orientations.min()} to {orientations.max()}" if orientations.size else ""
-        raise JobError(
-            "MF122",
-            f"the orientations have the shape {shape}{within}; a square of elements 0 to {ORIENTATIONS - 1} is needed",
-            where="design.orientations",
-            cure="Give as many rows as columns",
+        what = (
+            f"the orientations have the shape {shape}{within}; a square of elements 0 to {ORIENTATIONS - 1} is needed"
         )
+        raise JobError("MF122", what, where="design.orientations", cure="Give as many rows as columns")
     cells = len(orientations)
     side = cells * dots
     if side > MAX_SIDE:
-        raise JobError(
-            "MF115",
+        what = (
             f"the stop of {camera.stop.diameter_um:g} um is {side} dots of {dot_nm / NM_PER_UM:g} um across; the limit "
-            f"is {MAX_SIDE}",
-            where="camera.stop",
-            cure="Design with a smaller stop, or with fewer dots per pitch",
+            f"is {MAX_SIDE}"
         )
+        cure = "Design with a smaller stop, or with fewer dots per pitch"
+        raise JobError("MF115", what, where="camera.stop", cure=cure)
     if side * dot_nm < camera.stop.diameter_um * NM_PER_UM - 1:
-        raise JobError(
-            "MF114",
+        what = (
             f"{cells} x {cells} cells of {CellSize(dots, dot_nm).pitch_um:g} um do not cover a stop of "
-            f"{camera.stop.diameter_um:g} um",
-            where="camera.stop",
-            cure=f"Give {cells_across(camera.stop, dots, dot_nm)} x {cells_across(camera.stop, dots, dot_nm)} cells",
+            f"{camera.stop.diameter_um:g} um"
         )
+        cure = f"Give {cells_across(camera.stop, dots, dot_nm)} x {cells_across(camera.stop, dots, dot_nm)} cells"
+        raise JobError("MF114", what, where="camera.stop", cure=cure)
     inside = stop_dots(camera.stop, side, dot_nm / NM_PER_UM)
     if inside.sum() < FEWEST_DOTS:
-        raise JobError(
-            "MF104",
+        what = (
             f"the stop of {camera.stop.diameter_um:g} um holds the middles of {int(inside.sum())} dots of "
-            f"{dot_nm / NM_PER_UM:g} um; a transfer needs at least {FEWEST_DOTS}",
-            where="camera.stop",
-            cure="Use smaller dots, or a larger stop",
+            f"{dot_nm / NM_PER_UM:g} um; a transfer needs at least {FEWEST_DOTS}"
         )
+        raise JobError("MF104", what, where="camera.stop", cure="Use smaller dots, or a larger stop")
     nyquist = max(camera.wavelengths_nm) * camera.focal_um / (2 * camera.pixel_um) / dot_nm
     if nyquist < 1:
-        raise JobError(
-            "MF104",
-            f"half a cycle per pixel of {camera.pixel_um:g} um is a lag of {nyquist:.3g} dots; it must be at least 1",
-            where="camera.pixel",
-            cure="Use smaller dots, or a smaller sensor pixel",
-        )
+        what = f"half a cycle per pixel of {camera.pixel_um:g} um is a lag of {nyquist:.3g} dots; it must be at least 1"
+        raise JobError("MF104", what, where="camera.pixel", cure="Use smaller dots, or a smaller sensor pixel")
     made = autocorrelation(dots, orientations, inside, min(math.floor(nyquist) + 1, min(inside.shape) - 1))
     moved = replace(made, index=made.index.to(chosen))
     return TiledStop(moved, camera, dot_nm, int(inside.sum()), DTYPES[precision])
@@ -493,13 +479,11 @@ def invertibility_of(
         JobError: MF104 for numbers out of range.
     """
     if not (epsilon >= 0 and 0 < worst_fraction <= 1 and 0 < target <= 1):
-        raise JobError(
-            "MF104",
+        what = (
             f"epsilon = {epsilon:g}, worst_fraction = {worst_fraction:g}, target = {target:g}: shares lie within 0 to "
-            "1 and epsilon is not negative",
-            where="design.invertibility",
-            cure="Take the defaults: 0.015, 0.3, 0.2",
+            "1 and epsilon is not negative"
         )
+        raise JobError("MF104", what, where="design.invertibility", cure="Take the defaults: 0.015, 0.3, 0.2")
     size, reach = stop.correlation.size, stop.correlation.reach
     lags = tuple(stop.here(lags_within(min(stop.per_cycle(nm) / 2, reach), size)) for nm in stop.camera.wavelengths_nm)
     return Invertibility(stop.correlation, lags, stop.bare * target, max(epsilon, TINY), worst_fraction, own_sum)

@@ -261,12 +261,8 @@ def iterations_within(objective: Objective, penalty: AreaPenalty | None, how: De
         JobError: MF104 for seconds that are not above 0.
     """
     if not 0 < seconds < math.inf:
-        raise JobError(
-            "MF104",
-            f"a budget of {seconds} s is not above 0",
-            where="design.budget",
-            cure='Give a positive budget, such as "60 s"',
-        )
+        what = f"a budget of {seconds} s is not above 0"
+        raise JobError("MF104", what, where="design.budget", cure='Give a positive budget, such as "60 s"')
     _check(how)
     run = _Run(objective, penalty, how)
     run.step()
@@ -360,12 +356,8 @@ class _Run:
         self._look_for_flat(transmission)
         largest = float(slope.abs().max())
         if largest == 0:
-            raise JobError(
-                "MF104",
-                f"the objective has no slope at the start, {float(transmission.mean()):.3g} open: no dot changes it",
-                where="design.objectives",
-                cure="Weigh an objective that looks at the dots",
-            )
+            what = f"the objective has no slope at the start, {float(transmission.mean()):.3g} open: no dot changes it"
+            raise JobError("MF104", what, where="design.objectives", cure="Weigh an objective that looks at the dots")
         if float(transmission.max() - transmission.min()) <= EVEN:
             spread = float(slope.max() - slope.min()) / largest
             self.notes.append(
@@ -376,22 +368,16 @@ class _Run:
     def _look_for_flat(self, transmission: torch.Tensor, least: float = 0.0) -> None:
         """Refuse a start on which the sigmoid has no slope, or hardly any."""
         if float((transmission * (1 - transmission)).max()) <= least:
-            raise JobError(
-                "MF104",
+            what = (
                 f"a start of logit {self.how.start_logit:g} has no slope at all: its transmissions are "
-                f"{float(transmission.min()):.3g} to {float(transmission.max()):.3g}",
-                where="design.start_logit",
-                cure="Start with noise, and nearer to 0",
+                f"{float(transmission.min()):.3g} to {float(transmission.max()):.3g}"
             )
+            raise JobError("MF104", what, where="design.start_logit", cure="Start with noise, and nearer to 0")
 
     def _not_finite(self, value: float) -> None:
         if math.isinf(self.best_loss) and math.isinf(self.overall_loss) and not self._kept_what_is():
-            raise InternalError(
-                "MF901",
-                f"the design's loss is {value} at iteration {self.iteration}; it and its gradient must be finite",
-                where="design",
-                cure="Report it with the job file",
-            )
+            what = f"the design's loss is {value} at iteration {self.iteration}; it and its gradient must be finite"
+            raise InternalError("MF901", what, where="design", cure="Report it with the job file")
         self.outcome, self.ended = Outcome.NOT_FINITE, True
         self.notes.append(f"Start {self.start} was not finite at iteration {self.iteration}.")
 
@@ -494,12 +480,8 @@ def _check(how: Descent) -> None:
     )
     for key, value, low, high in limits:
         if not low <= value <= high:  # also refuses NaN
-            raise JobError(
-                "MF104",
-                f"{key} = {value} must lie between {low:g} and {high:g}",
-                where=f"design.{key}",
-                cure=f"Choose {key} in that range",
-            )
+            what = f"{key} = {value} must lie between {low:g} and {high:g}"
+            raise JobError("MF104", what, where=f"design.{key}", cure=f"Choose {key} in that range")
 
 
 PaperLosses = Literal["l2", "l2+inv"]

@@ -95,9 +95,8 @@ def joint(
         raise JobError("MF104", f"{rounds} rounds are less than 0", where="joint", cure="Use 0 or more")
     mask = np.asarray(unit, dtype=np.bool_)
     if (broken := constraints.first_broken(mask)) is not None:
-        raise JobError(
-            "MF123", f"the start breaks {broken}", where="joint", cure="Start from an opening that keeps the rules"
-        )
+        what = f"the start breaks {broken}"
+        raise JobError("MF123", what, where="joint", cure="Start from an opening that keeps the rules")
     if positions > 1:
         require_places(constraints)
     alone = design_map(
@@ -174,12 +173,8 @@ def require_places(constraints: Constraints) -> None:
         JobError: MF123 for any of these.
     """
     if asked := constraints.one_place:
-        raise JobError(
-            "MF123",
-            f"an opening at several places in its cell cannot be shown to keep {' and '.join(sorted(asked))}",
-            where="positions",
-            cure="Use positions = 1, or relax that rule",
-        )
+        what = f"an opening at several places in its cell cannot be shown to keep {' and '.join(sorted(asked))}"
+        raise JobError("MF123", what, where="positions", cure="Use positions = 1, or relax that rule")
 
 
 def _refitted(mask: Mask, designed: DesignedMap, error: PanelError, constraints: Constraints) -> tuple[Mask, int]:

@@ -137,12 +137,9 @@ def graded(
             why = fit.why
             continue
         return Graded(units, designed, error.psnr(first), clear, *display_price(mask, units, constraints), fit, lines)
-    raise JobError(
-        "MF123",
-        f"the display fits none of the {_TRIED} best pairs of openings on their own maps: {why}",
-        where="design.fit",
-        cure="Ask for fewer lines, smaller emitters, a smaller density or another tiling_seed",
-    )
+    what = f"the display fits none of the {_TRIED} best pairs of openings on their own maps: {why}"
+    cure = "Ask for fewer lines, smaller emitters, a smaller density or another tiling_seed"
+    raise JobError("MF123", what, where="design.fit", cure=cure)
 
 
 def shown(units: Mask, kinds: NDArray[np.int8], constraints: Constraints) -> tuple[DieFit | None, int | None]:
@@ -182,12 +179,9 @@ def _pairs(find: Callable[[int], Iterable[Mask]], wanted: tuple[int, int], const
                 fitting = True
                 yield units
     if not fitting:
-        raise JobError(
-            "MF123",
-            f"openings of {dense_count} and {sparse_count} clear dots break {broken} where they meet",
-            where="density",
-            cure="Relax that rule, ask for rim_dots, or choose a smaller density",
-        )
+        what = f"openings of {dense_count} and {sparse_count} clear dots break {broken} where they meet"
+        cure = "Relax that rule, ask for rim_dots, or choose a smaller density"
+        raise JobError("MF123", what, where="density", cure=cure)
 
 
 def behind(sparse: Mask, dense: Mask, orientations: Sequence[int]) -> Mask:
@@ -197,12 +191,8 @@ def behind(sparse: Mask, dense: Mask, orientations: Sequence[int]) -> Mask:
 
 def _require(unit: Mask, count: int, constraints: Constraints, which: str) -> None:
     if (broken := replace(constraints, clear_dots=count).first_broken(unit)) is not None:
-        raise JobError(
-            "MF123",
-            f"the {which} opening of {count} clear dots breaks {broken}",
-            where="density",
-            cure="Relax that rule, or choose another density",
-        )
+        what = f"the {which} opening of {count} clear dots breaks {broken}"
+        raise JobError("MF123", what, where="density", cure="Relax that rule, or choose another density")
 
 
 def central(error: PanelError) -> Mask:
@@ -223,24 +213,17 @@ def counts(uniform: Mask, error: PanelError, share: float) -> tuple[int, int]:
     dense = round(share * dots**2) if math.isfinite(share) else 0
     uniform_count = int(uniform.sum())
     if not uniform_count < dense <= dots**2:
-        raise JobError(
-            "MF104",
-            f"density = {share:g} is not above the uniform unit's {uniform_count / dots**2:.3g}, and at most 1",
-            where="density",
-            cure="Choose a larger share of clear dots for the middle",
-        )
+        what = f"density = {share:g} is not above the uniform unit's {uniform_count / dots**2:.3g}, and at most 1"
+        raise JobError("MF104", what, where="density", cure="Choose a larger share of clear dots for the middle")
     cells = error.cells
     area = error.inside.reshape(cells, dots, cells, dots).sum(axis=(1, 3)) / dots**2
     middle = central(error)
     inner, outer = float(area[middle].sum()), float(area[~middle].sum())
     sparse = round((uniform_count * (inner + outer) - dense * inner) / outer)
     if sparse < 1:
-        raise JobError(
-            "MF104",
-            f"density = {share:g} leaves {sparse} clear dots outside the middle",
-            where="density",
-            cure=f"Choose less than {uniform_count * (inner + outer) / inner / dots**2:.3g}",
-        )
+        what = f"density = {share:g} leaves {sparse} clear dots outside the middle"
+        cure = f"Choose less than {uniform_count * (inner + outer) / inner / dots**2:.3g}"
+        raise JobError("MF104", what, where="density", cure=cure)
     return dense, sparse
 
 
@@ -380,12 +363,8 @@ def clustered(
             why = fit.why
             continue
         return Graded(units, pixels, error.psnr(first), clear, *display_price(mask, units, constraints), fit, lines)
-    raise JobError(
-        "MF123",
-        f"no pair of openings of {' and '.join(map(str, counts))} clear dots keeps the rules in groups: {why}",
-        where="most_dots",
-        cure="Choose fewer most_dots, or relax that rule",
-    )
+    what = f"no pair of openings of {' and '.join(map(str, counts))} clear dots keeps the rules in groups: {why}"
+    raise JobError("MF123", what, where="most_dots", cure="Choose fewer most_dots, or relax that rule")
 
 
 def most_dots(section: SearchSection) -> int:
@@ -400,12 +379,9 @@ def shares(clear_dots: int, most_dots: int) -> tuple[int, int]:
         JobError: MF104 for dots that are not more than the uniform unit's and less than twice as many.
     """
     if not clear_dots < most_dots < 2 * clear_dots:
-        raise JobError(
-            "MF104",
-            f"most_dots = {most_dots} is not above the {clear_dots} clear dots of a pixel and below twice as many",
-            where="design.most_dots",
-            cure=f"Choose {clear_dots + 1} to {2 * clear_dots - 1}" if clear_dots > 1 else "Ask for more clear_dots",
-        )
+        what = f"most_dots = {most_dots} is not above the {clear_dots} clear dots of a pixel and below twice as many"
+        cure = f"Choose {clear_dots + 1} to {2 * clear_dots - 1}" if clear_dots > 1 else "Ask for more clear_dots"
+        raise JobError("MF104", what, where="design.most_dots", cure=cure)
     return most_dots, 2 * clear_dots - most_dots
 
 

@@ -226,43 +226,26 @@ def require_size(room: CellGrid) -> None:
 def _check(stack: NDArray[np.bool_], error: PanelError, positions: int, shifts: Sequence[Shift]) -> None:
     require_size(error.lattice)
     if not 0 < len(stack) <= MOST_OPENINGS or stack.shape[-1] != error.dots:
-        raise JobError(
-            "MF122",
+        what = (
             f"{len(stack)} openings of {stack.shape[-1]} dots a side for a panel of 1 to {MOST_OPENINGS} openings of "
-            f"{error.dots}",
-            where="orientation map",
-            cure="Give openings of the panel's dots",
+            f"{error.dots}"
         )
+        raise JobError("MF122", what, where="orientation map", cure="Give openings of the panel's dots")
     if not 1 <= positions <= MOST_OPENINGS or len(shifts) > MOST_OPENINGS:
-        raise JobError(
-            "MF104",
-            f"{max(positions, len(shifts)) if positions > 0 else positions} positions are not 1 to {MOST_OPENINGS}",
-            where="positions",
-            cure="Use a number in that range",
-        )
+        what = f"{max(positions, len(shifts)) if positions > 0 else positions} positions are not 1 to {MOST_OPENINGS}"
+        raise JobError("MF104", what, where="positions", cure="Use a number in that range")
     if (positions > 1 or shifts) and len(stack) > 1:
-        raise JobError(
-            "MF122",
-            f"{len(stack)} openings cannot be moved as well",
-            where="positions",
-            cure="Give a single opening, or positions = 1",
-        )
+        what = f"{len(stack)} openings cannot be moved as well"
+        raise JobError("MF122", what, where="positions", cure="Give a single opening, or positions = 1")
     if shifts and shifts[0] != (0, 0):
-        raise JobError(
-            "MF122",
-            f"the first shift is {shifts[0]}",
-            where="positions",
-            cure="Give (0, 0) as the first shift: the opening in its own place",
-        )
+        cure = "Give (0, 0) as the first shift: the opening in its own place"
+        raise JobError("MF122", f"the first shift is {shifts[0]}", where="positions", cure=cure)
     for shift in shifts:
         lost = int(stack[0].sum()) - int(shifted(stack[0], shift).sum())
         if lost:
-            raise JobError(
-                "MF122",
-                f"the shift {shift} moves {lost} clear dots out of the cell",
-                where="positions",
-                cure="Use a shift that keeps every clear dot inside the cell",
-            )
+            what = f"the shift {shift} moves {lost} clear dots out of the cell"
+            cure = "Use a shift that keeps every clear dot inside the cell"
+            raise JobError("MF122", what, where="positions", cure=cure)
 
 
 def _placed(

@@ -228,12 +228,8 @@ class Surrogate:
 
     def _require(self, unit: Mask, levels: Sequence[float]) -> None:
         if unit.shape != (self.dots, self.dots):
-            raise JobError(
-                "MF105",
-                f"the opening is {unit.shape}, the cell {self.dots} x {self.dots} dots",
-                where="design.dots",
-                cure="Give one value per dot",
-            )
+            what = f"the opening is {unit.shape}, the cell {self.dots} x {self.dots} dots"
+            raise JobError("MF105", what, where="design.dots", cure="Give one value per dot")
         if not unit.any():
             raise closed(0, unit.size)
         self.noise.settings.require(levels)

@@ -278,12 +278,8 @@ def map_gap(
     """
     side = estimate.lattice.side
     if pupil.shape != (side, side):
-        raise JobError(
-            "MF122",
-            f"the panel has the shape {pupil.shape}, the surrogate's {side} x {side}",
-            where="pupil",
-            cure="Lay it with the surrogate's dots",
-        )
+        what = f"the panel has the shape {pupil.shape}, the surrogate's {side} x {side}"
+        raise JobError("MF122", what, where="pupil", cure="Lay it with the surrogate's dots")
     inner, levels = interior(estimate), estimate.levels if levels is None else levels
     share = float(pupil.sum() / inner.stop_dots)
     limit = tuple(layout_bound(framed(inner), clear_dots / estimate.dots**2, level, share) for level in levels)

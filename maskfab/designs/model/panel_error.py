@@ -438,12 +438,8 @@ def pupil_error(
     levels = estimate.levels if levels is None else levels
     share = np.ones(len(levels)) if weights is None else np.asarray(weights, dtype=np.float64)
     if len(share) != len(levels) or not np.isfinite(share).all() or share.min() < 0 or share.sum() <= 0:
-        raise JobError(
-            "MF104",
-            f"the weights {tuple(weights or ())} are not {len(levels)} numbers of 0 or more, some above",
-            where="weights",
-            cure="Give one for each level",
-        )
+        what = f"the weights {tuple(weights or ())} are not {len(levels)} numbers of 0 or more, some above"
+        raise JobError("MF104", what, where="weights", cure="Give one for each level")
     room = estimate.lattice
     side, camera = room.side, room.camera
     per_cycle = room.per_cycle(camera.middle_nm)

@@ -80,12 +80,8 @@ class CaptureSettings:
             JobError: MF104.
         """
         if unknown := [level for level in levels if level not in self.electrons]:
-            raise JobError(
-                "MF104",
-                f"the level {unknown[0]:g} dB is not one of {', '.join(f'{level:g}' for level in self.electrons)}",
-                where="design.levels",
-                cure="Use levels from that list only",
-            )
+            what = f"the level {unknown[0]:g} dB is not one of {', '.join(f'{level:g}' for level in self.electrons)}"
+            raise JobError("MF104", what, where="design.levels", cure="Use levels from that list only")
 
     @property
     def line(self) -> str:
@@ -243,22 +239,16 @@ def _kept(count: int, leak_scenes: int, settings: CaptureSettings) -> SceneStati
 def _of_use(scenes: Sequence[Photograph]) -> list[Photograph]:
     usable = [s for s in scenes if s.values.shape[1:] == (ROWS * FACTOR, COLUMNS * FACTOR)]
     if not usable:
-        raise JobError(
-            "MF121",
-            "no scene has 1536 x 1024 pixels",
-            where="scenes",
-            cure="Give photographs of 1536 x 1024 pixels or more",
-        )
+        what = "no scene has 1536 x 1024 pixels"
+        raise JobError("MF121", what, where="scenes", cure="Give photographs of 1536 x 1024 pixels or more")
     for scene in usable:
         contrast = float(scene.values[1].std(dtype=np.float64))
         if not contrast >= LEAST_CONTRAST:
-            raise JobError(
-                "MF121",
+            what = (
                 f"the picture {scene.name} is the same grey everywhere: its green values deviate by {contrast:.2g} of "
-                f"white, least {LEAST_CONTRAST:g}; it has no spectrum to design for",
-                where=f"scenes.{scene.name}",
-                cure="Take it away, or give a photograph",
+                f"white, least {LEAST_CONTRAST:g}; it has no spectrum to design for"
             )
+            raise JobError("MF121", what, where=f"scenes.{scene.name}", cure="Take it away, or give a photograph")
     return usable
 
 

@@ -85,20 +85,13 @@ class Constraints:
                 raise out_of_range(name, number, low, high, where=f"design.{name}")
         used = tuple(sorted(set(orientations)))
         if not used or not set(used) <= set(range(ORIENTATIONS)):
-            raise JobError(
-                "MF104",
-                f"the orientations {orientations} are not elements 0 to 7",
-                where="design.orientations",
-                cure="List the orientations in use, such as (0, 1, 2, 3)",
-            )
+            what = f"the orientations {orientations} are not elements 0 to 7"
+            cure = "List the orientations in use, such as (0, 1, 2, 3)"
+            raise JobError("MF104", what, where="design.orientations", cure=cure)
         given = {name: value for name, value in {**asked, **rules}.items() if value is not None}
         if unknown := given.keys() - {rule.name for rule in RULES}:
-            raise JobError(
-                "MF105",
-                f"there is no rule {' or '.join(sorted(unknown))}",
-                where="design.rules",
-                cure=f"Use {', '.join(rule.name for rule in RULES)}",
-            )
+            what = f"there is no rule {' or '.join(sorted(unknown))}"
+            raise JobError("MF105", what, where="design.rules", cure=f"Use {', '.join(rule.name for rule in RULES)}")
         plain = {"clear_dots": clear_dots, "dots": dots, "gutter_nm": gutter_nm, "orientations": used, "dot_nm": dot_nm}
         for name, value in plain.items():
             object.__setattr__(self, name, value)

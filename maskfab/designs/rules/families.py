@@ -40,12 +40,8 @@ def orbits(dots: int, symmetry: Symmetry | None) -> tuple[NDArray[np.intp], ...]
         JobError: MF105 for another symmetry.
     """
     if symmetry not in ELEMENTS:
-        raise JobError(
-            "MF105",
-            f"there is no symmetry {symmetry!r}",
-            where="design.rules.symmetry",
-            cure=f"Use {', '.join(k for k in ELEMENTS if k)}, or leave it out",
-        )
+        cure = f"Use {', '.join(k for k in ELEMENTS if k)}, or leave it out"
+        raise JobError("MF105", f"there is no symmetry {symmetry!r}", where="design.rules.symmetry", cure=cure)
     number = np.arange(dots * dots).reshape(dots, dots)
     images = np.stack([orient(number, k).ravel() for k in ELEMENTS[symmetry]])
     first = images.min(axis=0)
@@ -116,20 +112,13 @@ def discs(
     _check(dots, clear_dots)
     allowed = np.ones(dots * dots, dtype=np.bool_) if free is None else np.asarray(free, dtype=np.bool_).ravel()
     if allowed.size != dots * dots:
-        raise JobError(
-            "MF105",
-            f"the free area has {allowed.size} dots, the cell {dots} x {dots}",
-            where="design.rules.keep_out",
-            cure="Give one value per dot",
-        )
+        what = f"the free area has {allowed.size} dots, the cell {dots} x {dots}"
+        raise JobError("MF105", what, where="design.rules.keep_out", cure="Give one value per dot")
     members = [orbit for orbit in orbits(dots, symmetry) if allowed[orbit].all()]
     if not sums([len(orbit) for orbit in members])[-1] >> clear_dots & 1:
-        raise OpeningError(
-            "MF204",
-            f"no choice of orbits under {symmetry} has {clear_dots} clear dots",
-            where="design.rules.symmetry",
-            cure="Choose another number of clear dots, or another symmetry",
-        )
+        what = f"no choice of orbits under {symmetry} has {clear_dots} clear dots"
+        cure = "Choose another number of clear dots, or another symmetry"
+        raise OpeningError("MF204", what, where="design.rules.symmetry", cure=cure)
     seen: set[bytes] = set()
     row, column = np.divmod(np.concatenate(members), dots)
     starts = np.cumsum([0, *(len(orbit) for orbit in members[:-1])])
@@ -187,12 +176,8 @@ def scattered_blobs(
     """
     _check(dots, clear_dots)
     if not 1 <= count <= clear_dots:
-        raise JobError(
-            "MF104",
-            f"{clear_dots} clear dots do not make {count} blobs",
-            where="design",
-            cure="Ask for fewer blobs, or for more clear dots",
-        )
+        what = f"{clear_dots} clear dots do not make {count} blobs"
+        raise JobError("MF104", what, where="design", cure="Ask for fewer blobs, or for more clear dots")
     draw = np.random.default_rng(seed)
     sizes = [clear_dots // count + (k < clear_dots % count) for k in range(count)]
     heights = [h for h in range(1, dots + 1) if -(-sizes[0] // h) <= dots]

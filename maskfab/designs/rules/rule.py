@@ -195,24 +195,17 @@ def _kept_out(drawing: Any, section: DesignSection, where: str) -> Mask | None:
         return None
     rows, dots = drawing.split(), section.dots
     if len(rows) != dots or any(len(row) != dots or set(row) - {"x", "."} for row in rows):
-        raise JobError(
-            "MF105",
-            f"the drawing is not {dots} rows of {dots} signs, each x or .",
-            where=f"{where}.rules.keep_out",
-            cure="Draw the cell, the top row first: x stays closed, . is free",
-        )
+        what = f"the drawing is not {dots} rows of {dots} signs, each x or ."
+        cure = "Draw the cell, the top row first: x stays closed, . is free"
+        raise JobError("MF105", what, where=f"{where}.rules.keep_out", cure=cure)
     return np.array([[sign == "x" for sign in row] for row in reversed(rows)])
 
 
 def _of_the_cell(constraints: Constrained, given: Any) -> Mask:
     drawing = np.asarray(given, dtype=np.bool_)
     if drawing.shape != (constraints.dots, constraints.dots):
-        raise JobError(
-            "MF105",
-            f"the keep-out is {drawing.shape}, the cell {constraints.dots} x {constraints.dots} dots",
-            where=KEEP_OUT.where,
-            cure="Give one value per dot",
-        )
+        what = f"the keep-out is {drawing.shape}, the cell {constraints.dots} x {constraints.dots} dots"
+        raise JobError("MF105", what, where=KEEP_OUT.where, cure="Give one value per dot")
     return frozen(drawing)
 
 

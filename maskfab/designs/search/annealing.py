@@ -90,19 +90,11 @@ class ExpectedPsnr:
     def __post_init__(self) -> None:
         weights = self.weights or (1.0,) * len(self.levels)
         if len(weights) != len(self.levels) or not weights:
-            raise JobError(
-                "MF105",
-                f"{len(weights)} weights for {len(self.levels)} levels",
-                where="design.weights",
-                cure="Give one weight per level",
-            )
+            what = f"{len(weights)} weights for {len(self.levels)} levels"
+            raise JobError("MF105", what, where="design.weights", cure="Give one weight per level")
         if not (all(math.isfinite(w) and w >= 0 for w in weights) and sum(weights) > 0):
-            raise JobError(
-                "MF104",
-                f"the weights {weights} are not shares",
-                where="design.weights",
-                cure="Give one weight of 0 or more per level, at least one above 0",
-            )
+            cure = "Give one weight of 0 or more per level, at least one above 0"
+            raise JobError("MF104", f"the weights {weights} are not shares", where="design.weights", cure=cure)
         object.__setattr__(self, "weights", weights)
 
     def __call__(self, unit: Mask) -> float:
@@ -221,12 +213,8 @@ def scan(
             progress(f"scan, best {best:.3f}", done, max(expected, done))
     if not ranked:
         tally = ", ".join(f"{rule} {count}" for rule, count in refused.most_common())
-        raise JobError(
-            "MF123",
-            f"none of {done} openings keeps all constraints; broken first: {tally or 'none was given'}",
-            where="design",
-            cure="Add families, or relax what is broken most often",
-        )
+        what = f"none of {done} openings keeps all constraints; broken first: {tally or 'none was given'}"
+        raise JobError("MF123", what, where="design", cure="Add families, or relax what is broken most often")
     bettered = rises(shape.value for shape in ranked)
     ranked.sort(key=lambda shape: -shape.value)
     return Scan(tuple(ranked), dict(refused), repeated, len(ranked), complete, bettered)
@@ -294,26 +282,14 @@ class State:
             whole = made.unit.ndim == 2 and made.unit.shape == made.best.shape and made.evaluations >= 0
             np.random.default_rng().bit_generator.state = dict(made.generator)
         except KeyError as missing:
-            raise JobError(
-                "MF105",
-                f"the saved annealing has no {missing}",
-                where="design",
-                cure="Delete the checkpoint and start again",
-            ) from missing
+            what = f"the saved annealing has no {missing}"
+            raise JobError("MF105", what, where="design", cure="Delete the checkpoint and start again") from missing
         except (TypeError, ValueError) as error:
-            raise JobError(
-                "MF105",
-                f"the saved annealing is damaged: {error}",
-                where="design",
-                cure="Delete the checkpoint and start again",
-            ) from error
+            what = f"the saved annealing is damaged: {error}"
+            raise JobError("MF105", what, where="design", cure="Delete the checkpoint and start again") from error
         if not (whole and math.isfinite(made.value) and math.isfinite(made.best_value)):
-            raise JobError(
-                "MF105",
-                "the saved annealing's openings or values are damaged",
-                where="design",
-                cure="Delete the checkpoint and start again",
-            )
+            what = "the saved annealing's openings or values are damaged"
+            raise JobError("MF105", what, where="design", cure="Delete the checkpoint and start again")
         return made
 
 
@@ -376,12 +352,8 @@ def anneal(
     state = start if isinstance(start, State) else None
     unit = np.asarray(start if state is None else state.unit, dtype=np.bool_)
     if broken := constraints.violations(unit):
-        raise JobError(
-            "MF123",
-            f"the start breaks constraints: {'; '.join(broken)}",
-            where="design.start",
-            cure="Start from the best of a scan under the same constraints",
-        )
+        cure = "Start from the best of a scan under the same constraints"
+        raise JobError("MF123", f"the start breaks constraints: {'; '.join(broken)}", where="design.start", cure=cure)
     if state is None:
         value = _number(objective(unit))
         state = State(unit, value, unit, value, 0, 0, rng.bit_generator.state, ((0, value),), ((value, unit),))
@@ -477,25 +449,20 @@ def _run(starts: Mask, within: Mask, length: int, rng: np.random.Generator) -> N
 
 def _number(value: float) -> float:
     if math.isnan(value):
-        raise InternalError(
-            "MF901", "the objective of an opening is not a number", where="design", cure="Report it with the job file"
-        )
+        what = "the objective of an opening is not a number"
+        raise InternalError("MF901", what, where="design", cure="Report it with the job file")
     return float(value)
 
 
 def _check(moves: Sequence[Move], temperature: tuple[float, float], evaluations: int) -> None:
     if not moves or not set(moves) <= set(MOVES):
-        raise JobError(
-            "MF105", f"the moves {moves} are not known", where="design.moves", cure=f"Use {', '.join(MOVES)}"
-        )
+        what = f"the moves {moves} are not known"
+        raise JobError("MF105", what, where="design.moves", cure=f"Use {', '.join(MOVES)}")
     falling = all(first >= second > 0 for first, second in pairwise(temperature))
     if not (falling and math.isfinite(temperature[0]) and evaluations >= 0):
-        raise JobError(
-            "MF104",
-            f"temperatures {temperature} and {evaluations} evaluations do not cool",
-            where="design",
-            cure="Give positive temperatures, the first the higher, and a number of evaluations",
-        )
+        what = f"temperatures {temperature} and {evaluations} evaluations do not cool"
+        cure = "Give positive temperatures, the first the higher, and a number of evaluations"
+        raise JobError("MF104", what, where="design", cure=cure)
 
 
 def nearest(unit: Mask, constraints: Constraints, *, seed: int = 0) -> Mask:
@@ -524,12 +491,8 @@ def nearest(unit: Mask, constraints: Constraints, *, seed: int = 0) -> Mask:
     few = chain(shapes[:_TRIED], shapes[_TRIED :: max(1, len(shapes) // _TRIED)])
     start = next((shape.unit for shape in few if constraints.allows(shape.unit)), None)
     if start is None:
-        raise JobError(
-            "MF123",
-            f"none of {len(shapes)} compact shapes keeps all rules: {', '.join(constraints.active)}",
-            where="design.rules",
-            cure="Relax one of these rules, or change clear_dots",
-        )
+        what = f"none of {len(shapes)} compact shapes keeps all rules: {', '.join(constraints.active)}"
+        raise JobError("MF123", what, where="design.rules", cure="Relax one of these rules, or change clear_dots")
     return anneal(start, shared, constraints, evaluations=_EVALUATIONS, seed=seed).unit
 
 

@@ -611,13 +611,12 @@ def _required_fit(display: Display | None, laid: Mapped, rules: Constraints, pro
     if fit.why is not None:
         seeds = f"seed {min(fit.failed)}" if len(fit.failed) == 1 else f"seeds {min(fit.failed)} to {max(fit.failed)}"
         own = "" if laid.cells is None else " with its own map"
-        raise JobError(
-            "MF123",
+        what = (
             f"the display fits the opening on a panel turned at random, and not on a die of {fit.across} x "
-            f"{fit.across} pixels{own}, {seeds}: {fit.why}",
-            where="design.fit",
-            cure="Design with another tiling_seed, with fewer lines, or without a map",
+            f"{fit.across} pixels{own}, {seeds}: {fit.why}"
         )
+        cure = "Design with another tiling_seed, with fewer lines, or without a map"
+        raise JobError("MF123", what, where="design.fit", cure=cure)
     return fit
 
 

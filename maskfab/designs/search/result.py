@@ -353,12 +353,9 @@ def constraints_of(
     asked = section.rules
     dot_nm = dot_of_pitch(section.pitch, section.dots, where=f"{where}.pitch")
     if asked.centroid_px is not None and display is None:
-        raise JobError(
-            "MF105",
-            "there are no emitters whose light could be centred",
-            where=f"{where}.rules.centroid_px",
-            cure="Set fit = true, with [emitters] in the job, or remove centroid_px",
-        )
+        what = "there are no emitters whose light could be centred"
+        cure = "Set fit = true, with [emitters] in the job, or remove centroid_px"
+        raise JobError("MF105", what, where=f"{where}.rules.centroid_px", cure=cure)
     stated = {
         rule.name: rule.read(getattr(asked, rule.name), section, where)
         for rule in constraints.RULES
@@ -477,12 +474,8 @@ def prices(candidates: Iterable[Candidate], objective: Callable[[Mask], float], 
     counted = (c.unit for c in candidates if int(c.unit.sum()) == constraints.clear_dots)
     judged = sorted(((objective(unit), unit) for unit in counted), key=lambda pair: -pair[0])
     if not judged:
-        raise JobError(
-            "MF105",
-            "no candidate has the asked count",
-            where="design",
-            cure="Add candidates with that number of clear dots",
-        )
+        what = "no candidate has the asked count"
+        raise JobError("MF105", what, where="design", cure="Add candidates with that number of clear dots")
 
     # Best first, so that rules that take long are asked of few.
     broken_by: list[frozenset[str]] = []

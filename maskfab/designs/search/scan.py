@@ -94,25 +94,21 @@ def require_shapes(section: SearchSection, rules: Constraints) -> None:
         symmetric = {name: int(_symmetric(units, name).sum()) for name in get_args(Symmetry)}
         if not symmetric[symmetry]:
             some = " and ".join(f"{name} ({count} of them)" for name, count in symmetric.items() if count)
-            raise JobError(
-                "MF123",
-                f"{shapes_told} has the symmetry {symmetry}; {f'some have {some}' if some else 'none has any'}",
-                where="design.rules.symmetry",
-                cure="Add families such as discs, use another symmetry, or change clear_dots",
-            )
+            what = f"{shapes_told} has the symmetry {symmetry}; {f'some have {some}' if some else 'none has any'}"
+            cure = "Add families such as discs, use another symmetry, or change clear_dots"
+            raise JobError("MF123", what, where="design.rules.symmetry", cure=cure)
         units = units[_symmetric(units, symmetry)]
     most = None if display is None or section.density is not None else display.lines_beside(units, rules.dot_nm)
     if display is None or most is None:
         return
     if int(most.max()) < display.opaque_lines:
         passing = display.lines_told(CellSize(section.dots, rules.dot_nm).pitch_nm)
-        raise JobError(
-            "MF123",
+        what = (
             f"{shapes_told} lets so many lines pass along x and y: {passing}, and "
-            f"no more than {int(most.max())} pass a chain of openings across",
-            where="wires.lines",
-            cure=f"Use at most {int(most.max())} lines, finer ones, or fewer clear_dots",
+            f"no more than {int(most.max())} pass a chain of openings across"
         )
+        cure = f"Use at most {int(most.max())} lines, finer ones, or fewer clear_dots"
+        raise JobError("MF123", what, where="wires.lines", cure=cure)
 
 
 def _symmetric(units: NDArray[np.bool_], symmetry: Symmetry) -> NDArray[np.bool_]:

@@ -280,9 +280,6 @@ def _clear_alone(read: db.Layout) -> db.SaveLayoutOptions:
 def _refuse_many_vertices(made: PlateFiles, read: db.Layout, path: Path) -> None:
     vertices, drawn = count_vertices(read), max(count_vertices(made.design), made.figures.account.vertices)
     if vertices > _LIKE * drawn + _FEW_VERTICES:
-        raise SourceError(
-            "MF313",
-            f"{path.name} draws {vertices:.3g} vertices, references followed, where the plate has {drawn:.3g}",
-            where=str(path),
-            cure="Put the file back that the run wrote, or hold this one against the job with --against",
-        )
+        what = f"{path.name} draws {vertices:.3g} vertices, references followed, where the plate has {drawn:.3g}"
+        cure = "Put the file back that the run wrote, or hold this one against the job with --against"
+        raise SourceError("MF313", what, where=str(path), cure=cure)

@@ -115,12 +115,9 @@ def read_cif(path: Path) -> db.Layout:
     # Off the grid each rounds in a way of its own, and klayout keeps polygons without area.
     exact = not rounding_nm(by_grammar) and not left_out(by_grammar).empty_polygons
     if exact and not db.LayoutDiff().compare(by_grammar, by_klayout, _SHAPES_ALONE):
-        raise SourceError(
-            "MF316",
-            f"{path.name} shows other polygons to klayout than its grammar says",
-            where=str(path),
-            cure="Write it with plain polygons, and call one symbol outside of all others, unmoved",
-        )
+        what = f"{path.name} shows other polygons to klayout than its grammar says"
+        cure = "Write it with plain polygons, and call one symbol outside of all others, unmoved"
+        raise SourceError("MF316", what, where=str(path), cure=cure)
     check_limits(by_grammar, path)
     return by_grammar
 
@@ -358,12 +355,8 @@ class _Reading:
         self._now = self._symbols[number] = _Symbol(_NM_PER_UNIT * above / below, f"C{number}")
 
     def _round(self, command: str) -> None:
-        raise SourceError(
-            "MF311",
-            f"{self._path.name} draws round flashes ({command[:40]!r})",
-            where=str(self._path),
-            cure="Draw them as polygons",
-        )
+        what = f"{self._path.name} draws round flashes ({command[:40]!r})"
+        raise SourceError("MF311", what, where=str(self._path), cure="Draw them as polygons")
 
     def _wire(self, command: str) -> None:
         raise self._uncertain(f"draws wires ({command[:40]!r})", "Draw them as polygons: readers end wires differently")

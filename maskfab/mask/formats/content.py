@@ -75,9 +75,8 @@ def find_cell(layout: db.Layout, cell: str | None = None) -> db.Cell:
         raise SourceError("MF309", "the layout has no cell", cure="Export it again with at least one cell")
     if cell is None:
         if len(tops) > 1:
-            raise SourceError(
-                "MF305", f"the layout has {len(tops)} top cells: {listed(tops)}", cure="Give --cell one of these"
-            )
+            what = f"the layout has {len(tops)} top cells: {listed(tops)}"
+            raise SourceError("MF305", what, cure="Give --cell one of these")
         return layout.top_cell()
     named = layout.cell(cell)
     if named is None:
@@ -100,9 +99,8 @@ def find_layer(layout: db.Layout, layer: str | None = None) -> db.LayerInfo:
         usual = [info for info in used if info.is_equivalent(clear)]
         if usual or len(used) == 1:
             return (usual or used)[0]
-        raise SourceError(
-            "MF306", f"the layout has no layer {layer_label(clear)}; layers: {there}", cure="Give --layer one of these"
-        )
+        what = f"the layout has no layer {layer_label(clear)}; layers: {there}"
+        raise SourceError("MF306", what, cure="Give --layer one of these")
     for info in layout.layer_infos():
         if layer in layer_names(info):
             return info
@@ -282,13 +280,11 @@ class Conversion:
         columns, rows, vectors = repetition
         moves = np.rint(vectors).any(axis=1)
         if (columns > 1 and not moves[0]) or (rows > 1 and not moves[1]):
-            raise SourceError(
-                "MF316",
+            what = (
                 f"{self._path.name} has an array of {columns} x {rows} with steps of 0 nm: some readers take its "
-                "copies for one",
-                where=str(self._path),
-                cure="Place each copy once, at its own position",
+                "copies for one"
             )
+            raise SourceError("MF316", what, where=str(self._path), cure="Place each copy once, at its own position")
 
     def _offsets(self, repetition: Any) -> list[list[int]]:
         if repetition is None:
@@ -305,12 +301,8 @@ class Conversion:
     def _count_copies(self, count: int) -> None:
         self._copies += count
         if self._copies > _MOST_COPIES:
-            raise SourceError(
-                "MF313",
-                f"{self._path.name} repeats single shapes over {_MOST_COPIES} times",
-                where=str(self._path),
-                cure="Repeat cells instead of shapes",
-            )
+            what = f"{self._path.name} repeats single shapes over {_MOST_COPIES} times"
+            raise SourceError("MF313", what, where=str(self._path), cure="Repeat cells instead of shapes")
 
     def _integers(self, values: Floats) -> list[list[int]]:
         integers: list[list[int]] = self._on_grid(values).tolist()

@@ -90,20 +90,15 @@ def read_dxf(path: Path, unit_um: float | None = None) -> db.Layout:
     except SourceError as error:
         if "overflow" not in error.what:
             raise
-        raise SourceError(
-            "MF313", f"{path.name} reaches beyond 2.1 m", where=str(path), cure=f"State its --unit: it {in_units}"
-        ) from error
+        what = f"{path.name} reaches beyond 2.1 m"
+        raise SourceError("MF313", what, where=str(path), cure=f"State its --unit: it {in_units}") from error
     if any(not info.name and info.layer < 0 for info in layout.layer_infos()):
         raise damaged(path, "something in it is drawn on no layer")
     close_lines(layout)
     empty = _drop_empty(layout)
     if empty and count_shapes(layout) == 0:
-        raise SourceError(
-            "MF309",
-            f"{path.name}: none of its {empty} polygons has an area once they are rounded to the nanometre",
-            where=str(path),
-            cure=f"State its --unit: it {in_units}",
-        )
+        what = f"{path.name}: none of its {empty} polygons has an area once they are rounded to the nanometre"
+        raise SourceError("MF309", what, where=str(path), cure=f"State its --unit: it {in_units}")
     number_layers(layout)
     try:
         check_limits(layout, path)
@@ -220,12 +215,9 @@ def _refuse_faults(path: Path, faults: dict[tuple[str, str, str], int]) -> None:
 
 def _refuse_unseen(path: Path, hidden: list[str]) -> None:
     if hidden:
-        raise SourceError(
-            "MF317",
-            f"{path.name} draws {', '.join(hidden[:6])}; a mask contains visible shapes of model space only",
-            where=str(path),
-            cure="Delete what is not part of the mask, draw the rest flat in model space, and show all its layers",
-        )
+        what = f"{path.name} draws {', '.join(hidden[:6])}; a mask contains visible shapes of model space only"
+        cure = "Delete what is not part of the mask, draw the rest flat in model space, and show all its layers"
+        raise SourceError("MF317", what, where=str(path), cure=cure)
 
 
 def _refuse_blocks(path: Path, grid: DrawingGrid) -> None:

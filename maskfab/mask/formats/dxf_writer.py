@@ -293,29 +293,20 @@ def _checked_names(figures: Figures, wanted: Mapping[str, str] | None, *, noted:
         raise OutputError("MF414", f"there is no layer {strange[0]!r} to name", cure="Name a layer of the plate")
     lacking = [layer.name for layer in figures.layers if layer.written and layer.name not in wanted]
     if lacking:
-        raise OutputError(
-            "MF414",
-            f"the layer {lacking[0]} is written on the mask but has no name",
-            cure="Give that layer a name as well",
-        )
+        what = f"the layer {lacking[0]} is written on the mask but has no name"
+        raise OutputError("MF414", what, cure="Give that layer a name as well")
     names = {layer: wanted[layer.name] for layer in layers if layer.name in wanted}
     for name in names.values():
         if not _LAYER_NAME.fullmatch(name) or name.upper() in _RESERVED_LAYERS:
-            raise OutputError(
-                "MF414",
-                f"{name!r} is not a valid DXF layer name",
-                cure="Take 1 to 31 letters, digits, _, $ or -, and neither 0 nor DEFPOINTS",
-            )
+            cure = "Take 1 to 31 letters, digits, _, $ or -, and neither 0 nor DEFPOINTS"
+            raise OutputError("MF414", f"{name!r} is not a valid DXF layer name", cure=cure)
     folded = [name.upper() for name in names.values()]
     blocks = {*figures.cells, *(die.name for die in figures.dies)} if figures.options.hierarchy == "cells" else set()
     for name in folded:
         if folded.count(name) > 1 or name in blocks:
             what = "another layer" if folded.count(name) > 1 else "a block"
-            raise OutputError(
-                "MF414",
-                f"the layer name {name!r} is also that of {what}",
-                cure="Choose a name that no other layer or block has",
-            )
+            cure = "Choose a name that no other layer or block has"
+            raise OutputError("MF414", f"the layer name {name!r} is also that of {what}", cure=cure)
     return names
 
 

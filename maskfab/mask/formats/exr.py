@@ -84,9 +84,8 @@ def read_channels(path: Path, prefix: str, cure: str) -> Channels:
 def damaged(path: Path, why: str, cure: str) -> SourceError:
     """MF303 with the first line of a reason."""
     said = why.strip().splitlines()
-    return SourceError(
-        "MF303", f"{path.name} cannot be read: {said[0] if said else 'damaged'}", where=str(path), cure=cure
-    )
+    what = f"{path.name} cannot be read: {said[0] if said else 'damaged'}"
+    return SourceError("MF303", what, where=str(path), cure=cure)
 
 
 Fact: TypeAlias = str | float

@@ -67,13 +67,12 @@ class Stack:
         width = _CORNER_SHARE * dot_nm if self.corner_nm is None else self.corner_nm
         widest = math.floor(_WIDEST_CORNER_SHARE * dot_nm)
         if not _NARROWEST_CORNER_NM <= width <= widest:
-            raise OutputError(
-                "MF436",
+            what = (
                 f"openings touch by a corner, and a {self.corners} of {width:g} nm there is not within "
-                f"{_NARROWEST_CORNER_NM:g} nm and {widest} nm, two thirds of a dot",
-                where=f"die {die.name}",
-                cure="State one that is, or leave glb, 3mf and stl out of export.formats",
+                f"{_NARROWEST_CORNER_NM:g} nm and {widest} nm, two thirds of a dot"
             )
+            cure = "State one that is, or leave glb, 3mf and stl out of export.formats"
+            raise OutputError("MF436", what, where=f"die {die.name}", cure=cure)
         return round(width / math.sqrt(2))
 
     def touching_remark(self, die: Die, touches: int) -> tuple[str, ...]:

@@ -85,9 +85,8 @@ def _content(layout: db.Layout, path: Path, options: db.SaveLayoutOptions) -> by
     try:
         return bytes(layout.write_bytes(options))
     except RuntimeError as error:
-        raise OutputError(
-            "MF401", f"{path} cannot be written: {error}", cure="Give --out a writable folder with room to spare"
-        ) from error
+        what = f"{path} cannot be written: {error}"
+        raise OutputError("MF401", what, cure="Give --out a writable folder with room to spare") from error
 
 
 def _by_name(stream: bytes, cells: int) -> Sequence[bytes | memoryview]:
@@ -152,12 +151,8 @@ def _through_gdstk(path: Path, function: str) -> db.Layout:
     shapes = count_shapes(_checked_by_klayout(path)) if first is None else first, count_shapes(second)
     # Each reader leaves out records that the other knows, and only klayout drops polygons without area.
     if shapes[0] != shapes[1] and not left_out(second).empty_polygons:
-        raise SourceError(
-            "MF316",
-            f"{path.name} holds {shapes[0]} shapes for klayout and {shapes[1]} for gdstk",
-            where=str(path),
-            cure="Write it with boundaries and paths only",
-        )
+        what = f"{path.name} holds {shapes[0]} shapes for klayout and {shapes[1]} for gdstk"
+        raise SourceError("MF316", what, where=str(path), cure="Write it with boundaries and paths only")
     check_limits(second, path)
     return second
 

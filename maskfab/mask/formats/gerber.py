@@ -81,12 +81,8 @@ def require_gerbonara(name: str, *, where: str = "export.formats", cure: str = "
         SourceError: MF308.
     """
     if find_spec("gerbonara") is None:
-        raise SourceError(
-            "MF308",
-            f"the Gerber file of {name} could be written, but not read back without gerbonara",
-            where=where,
-            cure=f"Run pip install 'maskfab[gerber]', or {cure}",
-        )
+        what = f"the Gerber file of {name} could be written, but not read back without gerbonara"
+        raise SourceError("MF308", what, where=where, cure=f"Run pip install 'maskfab[gerber]', or {cure}")
 
 
 class _Drawing:

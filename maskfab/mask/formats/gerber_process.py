@@ -88,12 +88,8 @@ def content(path: Path) -> tuple[list[Run], int]:
 
 
 def _too_many(path: Path, what: str, most: str) -> SourceError:
-    return SourceError(
-        "MF313",
-        f"{path.name} has {what}; the limit is {most}",
-        where=str(path),
-        cure="Draw them as regions, or one die at a time",
-    )
+    cure = "Draw them as regions, or one die at a time"
+    return SourceError("MF313", f"{path.name} has {what}; the limit is {most}", where=str(path), cure=cure)
 
 
 def _check_commands(path: Path, text: str) -> None:
@@ -129,37 +125,26 @@ def _check_commands(path: Path, text: str) -> None:
 
 
 def _without(path: Path, lacking: dict[str, str]) -> SourceError:
-    return SourceError(
-        "MF303",
-        f"{path.name}: missing before its first length or coordinate is its {' and its '.join(lacking.values())}",
-        where=str(path),
-        cure="Write it with %FSLAX46Y46*% and %MOMM*%, or whatever its numbers mean",
-    )
+    what = f"{path.name}: missing before its first length or coordinate is its {' and its '.join(lacking.values())}"
+    cure = "Write it with %FSLAX46Y46*% and %MOMM*%, or whatever its numbers mean"
+    return SourceError("MF303", what, where=str(path), cure=cure)
 
 
 def _check_command(path: Path, command: str, grammar: re.Pattern[str], ended: bool) -> None:
     if ended:
         raise damaged(path, f"{command[:40]!r} stands behind M02")
     if _NOT_POSITIVE.match(command):
-        raise SourceError(
-            "MF315",
-            f"{path.name} says that its polarity is not positive ({command[:60]!r})",
-            where=str(path),
-            cure="Draw clear areas as dark objects, and state Positive or no polarity",
-        )
+        what = f"{path.name} says that its polarity is not positive ({command[:60]!r})"
+        cure = "Draw clear areas as dark objects, and state Positive or no polarity"
+        raise SourceError("MF315", what, where=str(path), cure=cure)
     if grammar.fullmatch(command):
         return
     shown = repr(command[:40])
     if grammar is _PLAIN and _ARCS.match(command):
-        raise SourceError(
-            "MF311", f"{path.name} draws arcs ({shown})", where=str(path), cure="Draw them as regions of straight lines"
-        )
-    raise SourceError(
-        "MF315",
-        f"{path.name} has the command {shown}, which is not read",
-        where=str(path),
-        cure="Write plain regions, flashes and strokes, without macros, blocks or repeats",
-    )
+        what = f"{path.name} draws arcs ({shown})"
+        raise SourceError("MF311", what, where=str(path), cure="Draw them as regions of straight lines")
+    cure = "Write plain regions, flashes and strokes, without macros, blocks or repeats"
+    raise SourceError("MF315", f"{path.name} has the command {shown}, which is not read", where=str(path), cure=cure)
 
 
 class _Packed(list[Any]):
@@ -179,9 +164,8 @@ def _objects(path: Path, text: str) -> list[Any]:
     try:
         from gerbonara.rs274x import GerberFile, GerberParser
     except ImportError as error:
-        raise SourceError(
-            "MF308", f"{path.name} needs gerbonara", where=str(path), cure="Run pip install 'maskfab[gerber]'"
-        ) from error
+        what = f"{path.name} needs gerbonara"
+        raise SourceError("MF308", what, where=str(path), cure="Run pip install 'maskfab[gerber]'") from error
     try:
         with warnings.catch_warnings():
             # What gerbonara warns of it has guessed.
@@ -215,12 +199,9 @@ class _Outlines:
                 raise damaged(self._path, "a coordinate lies beyond 2.1 m")
             if not (np.abs(corners) <= _FARTHEST_NM).all():  # near two metres klayout's booleans overflow
                 reach = np.abs(corners).max() / 1e9
-                raise SourceError(
-                    "MF313",
-                    f"{self._path.name} reaches {reach:.3g} m from its origin; the limit is 1 m",
-                    where=str(self._path),
-                    cure="Check the unit, and delete shapes far from the origin",
-                )
+                what = f"{self._path.name} reaches {reach:.3g} m from its origin; the limit is 1 m"
+                cure = "Check the unit, and delete shapes far from the origin"
+                raise SourceError("MF313", what, where=str(self._path), cure=cure)
             yield dark, corners, sizes
 
     def _regions(self, regions: list[Any]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -234,24 +215,16 @@ class _Outlines:
             corners = np.delete(points * np.repeat(scales, sizes)[:, None], last, axis=0)
         if open_ones.size:
             ends = [tuple(points[at[open_ones[0]]].tolist()) for at in (first, last)]
-            raise SourceError(
-                "MF310",
-                f"{self._path.name} has a region that is not closed, from {ends[0]} to {ends[1]}",
-                where=str(self._path),
-                cure="End the region at the point where it starts",
-            )
+            what = f"{self._path.name} has a region that is not closed, from {ends[0]} to {ends[1]}"
+            raise SourceError("MF310", what, where=str(self._path), cure="End the region at the point where it starts")
         return corners, sizes - 1
 
     def _stroked(self, item: Any) -> Iterator[tuple[NDArray[np.float64], NDArray[np.int64]]]:
         """A flash or a stroke."""
         aperture = getattr(item, "aperture", None)
         if hasattr(item, "x1") and type(aperture).__name__ != "CircleAperture":
-            raise SourceError(
-                "MF315",
-                f"{self._path.name} draws a line with an aperture that is not a circle",
-                where=str(self._path),
-                cure="Draw it as a region",
-            )
+            what = f"{self._path.name} draws a line with an aperture that is not a circle"
+            raise SourceError("MF315", what, where=str(self._path), cure="Draw it as a region")
         for part in item.to_primitives("mm"):
             outline = self._primitive(part)
             yield outline, np.array([len(outline)])

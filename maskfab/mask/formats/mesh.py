@@ -188,13 +188,12 @@ def write_stl(
     count = len(chrome.triangles)
     size = _STL_HEAD + _STL_TRIANGLE.itemsize * count
     if size > limit_bytes and not force:
-        raise OutputError(
-            "MF411",
+        what = (
             f"an STL of {die.panel.orientations.size} cells would take {size / 1e6:.1f} MB, "
-            f"more than {limit_bytes / 1e6:g} MB",
-            where=f"die {die.name}",
-            cure="Use glb, which takes half of it, or raise export.stl_limit_mb",
+            f"more than {limit_bytes / 1e6:g} MB"
         )
+        cure = "Use glb, which takes half of it, or raise export.stl_limit_mb"
+        raise OutputError("MF411", what, where=f"die {die.name}", cure=cure)
     table = np.zeros(count, dtype=_STL_TRIANGLE)
     table["corners"] = _float32(die, "stl", chrome.vertices_nm * MM_PER_NM)[chrome.triangles]
     # Of what is exact: a wall is no higher than the rounding of a die's coordinates leaves it.
@@ -217,12 +216,9 @@ def _float32(die: Die, kind: str, vertices: Floats) -> NDArray[np.float32]:
     rounded = vertices.astype("<f4")
     flat, heights = rounded[:, 0] + 1j * rounded[:, 1], rounded[:, 2]
     if sum(len(np.unique(flat[heights == height])) for height in np.unique(heights)) < len(vertices):
-        raise OutputError(
-            "MF437",
-            f"corners of die {die.name} lie so near to one another that float32 makes one of two in a {kind}",
-            where=f"die {die.name}",
-            cure=f"Use 3mf, whose decimals are exact, and leave {kind} out of export.formats",
-        )
+        what = f"corners of die {die.name} lie so near to one another that float32 makes one of two in a {kind}"
+        cure = f"Use 3mf, whose decimals are exact, and leave {kind} out of export.formats"
+        raise OutputError("MF437", what, where=f"die {die.name}", cure=cure)
     return rounded
 
 

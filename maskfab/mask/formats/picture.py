@@ -104,12 +104,8 @@ def read_levels(path: Path) -> tuple[NDArray[np.float64] | NDArray[np.uint8], fl
     with path.open("rb") as file:
         start = file.read(8)
     if not any(start.startswith(magic) for magic in _MAGIC[path.suffix.lower()]):
-        raise SourceError(
-            "MF304",
-            f"the content of {path.name} does not match its suffix",
-            where=str(path),
-            cure="Give it its true suffix",
-        )
+        what = f"the content of {path.name} does not match its suffix"
+        raise SourceError("MF304", what, where=str(path), cure="Give it its true suffix")
     if path.suffix.lower() == ".png" and not _ends(path):
         raise _damaged(path, "it ends without IEND")
     if path.suffix.lower() in TIFF_SUFFIXES:
@@ -135,12 +131,8 @@ def _ends(path: Path) -> bool:
 
 
 def _unknown(path: Path) -> float:
-    raise SourceError(
-        "MF314",
-        f"{path.name} does not state the size of its pixels",
-        where=str(path),
-        cure="State the scale, such as --dots-per-um 0.25",
-    )
+    what = f"{path.name} does not state the size of its pixels"
+    raise SourceError("MF314", what, where=str(path), cure="State the scale, such as --dots-per-um 0.25")
 
 
 def _pixels(path: Path, shown: Path) -> tuple[NDArray[np.float64] | NDArray[np.uint8], float | None]:
@@ -158,22 +150,16 @@ def _pixels(path: Path, shown: Path) -> tuple[NDArray[np.float64] | NDArray[np.u
     try:
         spec = image.spec()
         if spec.width * spec.height * spec.nchannels > MOST_PIXELS:
-            raise SourceError(
-                "MF313",
+            what = (
                 f"{path.name} has {spec.width} x {spec.height} pixels in {spec.nchannels} channels; the limit of all "
-                f"is {MOST_PIXELS:.0e}",
-                where=where,
-                cure="Write fewer dots per micrometre, or one die at a time",
+                f"is {MOST_PIXELS:.0e}"
             )
+            raise SourceError("MF313", what, where=where, cure="Write fewer dots per micrometre, or one die at a time")
         further = image.seek_subimage(1, 0)
         said_by(image)  # there being none is no error
         if spec.getattribute("Orientation") not in {None, 1} or further:
-            raise SourceError(
-                "MF308",
-                f"{path.name} is turned by its tags, or has several pages",
-                where=where,
-                cure="Save one picture as it is seen",
-            )
+            what = f"{path.name} is turned by its tags, or has several pages"
+            raise SourceError("MF308", what, where=where, cure="Save one picture as it is seen")
         image.seek_subimage(0, 0)
         stated = _stated(spec, path)
         pixels = image.read_image(oiio.UINT8)
@@ -187,12 +173,9 @@ def _pixels(path: Path, shown: Path) -> tuple[NDArray[np.float64] | NDArray[np.u
         raise _damaged(path, "it has no colour channel")
     channels = np.asarray(pixels).reshape(spec.height, spec.width, -1)
     if spec.alpha_channel >= 0 and channels[:, :, spec.alpha_channel].min() < _WHITE:
-        raise SourceError(
-            "MF308",
-            f"{path.name} is transparent in part, which shows as whatever lies behind it",
-            where=where,
-            cure="Save it without transparency, black where the mask is opaque and white where it is clear",
-        )
+        what = f"{path.name} is transparent in part, which shows as whatever lies behind it"
+        cure = "Save it without transparency, black where the mask is opaque and white where it is clear"
+        raise SourceError("MF308", what, where=where, cure=cure)
     values = channels[:, :, colours]
     return values[:, :, 0] if len(colours) == 1 else values.mean(axis=2), stated
 
@@ -203,12 +186,8 @@ def _stated(spec: object, path: Path) -> float | None:
     if unit not in _UM_PER_UNIT or not all(0 < value < 1e9 for value in along):
         return None
     if abs(along[0] / along[1] - 1) > 1e-6:
-        raise SourceError(
-            "MF314",
-            f"{path.name} has {along[0]:g} pixels per {unit} along x and {along[1]:g} along y",
-            where=str(path),
-            cure="Write square pixels, or state --dots-per-um",
-        )
+        what = f"{path.name} has {along[0]:g} pixels per {unit} along x and {along[1]:g} along y"
+        raise SourceError("MF314", what, where=str(path), cure="Write square pixels, or state --dots-per-um")
     return along[0] / _UM_PER_UNIT[unit]
 
 
@@ -218,11 +197,8 @@ def _edges_nm(count: int, pixel_nm: float) -> tuple[list[int], float]:
     # Half a nanometre is rounded the same way everywhere, so that equal pixels stay equal.
     nearest = np.floor(exact + 0.5)
     if np.abs(nearest).max() > 2**31 - 1:
-        raise SourceError(
-            "MF313",
-            f"{count} pixels of {pixel_nm:g} nm are wider than 2.1 m",
-            cure="Give the true number of pixels per micrometre as --dots-per-um",
-        )
+        what = f"{count} pixels of {pixel_nm:g} nm are wider than 2.1 m"
+        raise SourceError("MF313", what, cure="Give the true number of pixels per micrometre as --dots-per-um")
     shifts = exact - nearest
     spread = float(np.ptp(shifts))
     edges: list[int] = nearest.astype(np.int64).tolist()
@@ -240,12 +216,8 @@ def _boxes(white: NDArray[np.bool_], path: Path) -> list[tuple[int, int, int, in
         left, right = np.flatnonzero(steps == 1).tolist(), np.flatnonzero(steps == -1).tolist()
         boxes += [(x0, low, x1, high) for x0, x1 in zip(left, right, strict=True)]
         if len(boxes) > MOST_RUNS:
-            raise SourceError(
-                "MF313",
-                f"{path.name} has over {MOST_RUNS} runs of white pixels",
-                where=str(path),
-                cure="Write one die at a time",
-            )
+            what = f"{path.name} has over {MOST_RUNS} runs of white pixels"
+            raise SourceError("MF313", what, where=str(path), cure="Write one die at a time")
     return boxes
 
 
@@ -389,11 +361,8 @@ def _write(
             written = written and output.write_scanlines(top, top + len(pixels), 0, pixels)
             top += len(pixels)
         if not (output.close() and written and is_whole(aside)):
-            raise OutputError(
-                "MF401",
-                f"{path} cannot be written: {output.geterror()}",
-                cure="Give --out a writable folder with room to spare",
-            )
+            what = f"{path} cannot be written: {output.geterror()}"
+            raise OutputError("MF401", what, cure="Give --out a writable folder with room to spare")
     return Bitmap(width, height, dots_per_um, partly)
 
 
@@ -491,13 +460,11 @@ def check_pixels(dies: Sequence[Die], dots_per_um: float, where: str) -> None:
         )
     elif coarsest * (1 + _ROUNDING) < even <= MOST_DOTS_PER_UM:
         cure += f"; from {_rounded_up(even)} on pixels can follow every dot"
-    raise JobError(
-        "MF104",
+    what = (
         f"{dots_per_um:g} dots per um are pixels of {pixel / NM_PER_UM:g} um, larger than the smallest feature of the "
-        f"die {die.name}, {smallest / NM_PER_UM:g} um: such a picture cannot carry the design",
-        where=f"{where}: export.dots_per_um",
-        cure=cure,
+        f"die {die.name}, {smallest / NM_PER_UM:g} um: such a picture cannot carry the design"
     )
+    raise JobError("MF104", what, where=f"{where}: export.dots_per_um", cure=cure)
 
 
 def check_bitmap(die: Die, design: db.Layout, path: Path, dots_per_um: float) -> tuple[Quantity, ...]:
@@ -545,12 +512,8 @@ def _compared(path: Path, clear: Floats, dots_per_um: float) -> tuple[int, float
     levels, stated = read_levels(path)
     rows, columns = clear.shape
     if stated is None:
-        raise SourceError(
-            "MF314",
-            f"{path.name} does not state the size of its pixels",
-            where=str(path),
-            cure="Run the job again to rewrite it",
-        )
+        what = f"{path.name} does not state the size of its pixels"
+        raise SourceError("MF314", what, where=str(path), cure="Run the job again to rewrite it")
     if levels.shape != clear.shape or abs(stated / dots_per_um - 1) * max(rows, columns) > _MOST_SHIFT:
         high, wide = levels.shape
         every = max(levels.size, clear.size)

@@ -140,11 +140,8 @@ def _check_room(aside: Path, size: int, path: Path) -> None:
     """Refuse a file that its disk has no room for, before it is begun."""
     free = shutil.disk_usage(aside.parent).free
     if size > free:
-        raise OutputError(
-            "MF401",
-            f"{path} cannot be written: it may take {size / 1e6:,.0f} MB, and the disk has {free / 1e6:,.0f} MB left",
-            cure="Give --out a folder with more room, or plot at fewer dots per inch",
-        )
+        what = f"{path} cannot be written: it may take {size / 1e6:,.0f} MB, and the disk has {free / 1e6:,.0f} MB left"
+        raise OutputError("MF401", what, cure="Give --out a folder with more room, or plot at fewer dots per inch")
 
 
 def _rows_per_strip(side: int) -> int:
@@ -415,13 +412,12 @@ def check_dots(dies: Sequence[Die], dpi: int, where: str) -> None:
     dot = NM_PER_INCH / dpi
     smallest, name = min(((smallest_nm(die, dot), die.name) for die in dies), default=(dot, ""))
     if dot > smallest * (1 + _ROUNDING):
-        raise JobError(
-            "MF104",
+        what = (
             f"{dpi} dpi are dots of {dot / NM_PER_UM:g} um, larger than the smallest feature of the die {name}, "
-            f"{smallest / NM_PER_UM:g} um: such a bitmap loses openings",
-            where=f"{where}: export.dpi",
-            cure=f"Plot at {math.ceil(NM_PER_INCH / smallest)} dpi or more, or send polygons",
+            f"{smallest / NM_PER_UM:g} um: such a bitmap loses openings"
         )
+        cure = f"Plot at {math.ceil(NM_PER_INCH / smallest)} dpi or more, or send polygons"
+        raise JobError("MF104", what, where=f"{where}: export.dpi", cure=cure)
 
 
 def check_plate_dots(plate: Plate, design: db.Layout, path: Path, dpi: int, tone: Tone) -> Quantity:
@@ -458,9 +454,8 @@ def check_plate_dots(plate: Plate, design: db.Layout, path: Path, dpi: int, tone
                     "centre lies in a polygon of the design"
                 ) + ("" if first is None else f"; the first that is wrong: {first[0]}, {first[1]} from the lower left")
     except OSError as error:
-        raise SourceError(
-            "MF301", f"there is no file {path}", where=str(path), cure="Run the job with that format in export.formats"
-        ) from error
+        cure = "Run the job with that format in export.formats"
+        raise SourceError("MF301", f"there is no file {path}", where=str(path), cure=cure) from error
     return Quantity("plate_bitmap_wrong_dots", wrong, method, limit=0, passed=wrong == 0)
 
 

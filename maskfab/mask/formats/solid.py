@@ -134,12 +134,11 @@ def _check_chrome(die: Die, kind: str) -> None:
     panel = die.panel
     for opening in openings_in_use(panel):
         if panel.gutter_nm == 0 and panel.openings[opening].mask.all():
-            raise OutputError(
-                "MF410",
-                f"opening {panel.openings[opening].name} is clear all over its cell, so no chrome is left for a {kind}",
-                where=f"die {die.name}",
-                cure=f"Leave {kind} out of export.formats, or give the panel a gutter",
+            what = (
+                f"opening {panel.openings[opening].name} is clear all over its cell, so no chrome is left for a {kind}"
             )
+            cure = f"Leave {kind} out of export.formats, or give the panel a gutter"
+            raise OutputError("MF410", what, where=f"die {die.name}", cure=cure)
 
 
 def _too_large(die: Die, kind: str, what: str, instead: str = "") -> OutputError:

@@ -43,18 +43,16 @@ _VOLUME_LIMIT = {".step": 1e-9, ".glb": 1e-6, ".3mf": 1e-9, ".stl": 1e-4}
 def check_file(path: Path) -> None:
     """Refuse a file that is missing (MF301) or empty (MF302)."""
     if not os.path.isfile(path):
-        raise SourceError(
-            "MF301", f"there is no file {path}", where=str(path), cure="Run the job with that format in export.formats"
-        )
+        what = f"there is no file {path}"
+        raise SourceError("MF301", what, where=str(path), cure="Run the job with that format in export.formats")
     if path.stat().st_size == 0:
         raise SourceError("MF302", f"{path.name} is empty", where=str(path), cure="Run the job again to rewrite it")
 
 
 def damaged(path: Path, why: object) -> SourceError:
     """The error for a file that its reader refuses."""
-    return SourceError(
-        "MF303", f"{path.name} cannot be read: {why}", where=str(path), cure="Run the job again to rewrite it"
-    )
+    what = f"{path.name} cannot be read: {why}"
+    return SourceError("MF303", what, where=str(path), cure="Run the job again to rewrite it")
 
 
 def check_reach(path: Path, *lengths_nm: Floats) -> None:

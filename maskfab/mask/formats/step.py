@@ -288,9 +288,8 @@ class _Assembly:
         _number_occurrences(model)
         with partial(path) as place:
             if writer.Write(str(place)) != IFSelect_ReturnStatus.IFSelect_RetDone:
-                raise OutputError(
-                    "MF401", f"{path} cannot be written", cure="Give --out a writable folder with room to spare"
-                )
+                what = f"{path} cannot be written"
+                raise OutputError("MF401", what, cure="Give --out a writable folder with room to spare")
             add_colours(place, model, self._shades)
 
     @staticmethod

@@ -45,12 +45,8 @@ def read_svg(path: Path) -> db.Layout:
     try:
         return _layout(ElementTree.parse(path).getroot(), path)
     except (ElementTree.ParseError, InvalidOperation, AttributeError, LookupError, ValueError, TypeError) as error:
-        raise SourceError(
-            "MF303",
-            f"{path.name} is not an SVG of a plate: {error!r}",
-            where=str(path),
-            cure="Run the job again to rewrite it",
-        ) from error
+        what = f"{path.name} is not an SVG of a plate: {error!r}"
+        raise SourceError("MF303", what, where=str(path), cure="Run the job again to rewrite it") from error
 
 
 def _layout(root: ElementTree.Element, path: Path) -> db.Layout:
@@ -128,12 +124,8 @@ def _outlines(data: str) -> Iterator[list[tuple[Decimal, Decimal]]]:
 def _nm(value: Decimal | str | None, path: Path) -> int:
     exact = Decimal(value if value is not None else 0) * NM_PER_MM
     if exact % 1:
-        raise SourceError(
-            "MF303",
-            f"{path.name} has {value} mm, off the grid of 1 nm",
-            where=str(path),
-            cure="Run the job again to rewrite it",
-        )
+        what = f"{path.name} has {value} mm, off the grid of 1 nm"
+        raise SourceError("MF303", what, where=str(path), cure="Run the job again to rewrite it")
     if abs(exact) > _FARTHEST_NM:
         raise ValueError(f"a coordinate of {value} mm")
     return int(exact)

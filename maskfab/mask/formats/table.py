@@ -121,19 +121,12 @@ def read_layout(path: Path, unit_um: float | None = None) -> db.Layout:
     """
     form = _READ.get(path.suffix.lower())
     if unit_um is not None and not (form is not None and form.takes_unit):
-        raise JobError(
-            "MF105",
-            f"{path.name} is not a DXF; only the unit of a DXF can be stated",
-            where="--unit",
-            cure="Leave out --unit: other formats state their own",
-        )
+        what = f"{path.name} is not a DXF; only the unit of a DXF can be stated"
+        raise JobError("MF105", what, where="--unit", cure="Leave out --unit: other formats state their own")
     if form is None or form.read is None:
-        raise SourceError(
-            "MF308",
-            f"{path.name} has the suffix {path.suffix!r}; maskfab reads {' '.join((*_READ, *IMAGE_SUFFIXES))}",
-            where=str(path),
-            cure="Convert it to GDSII, OASIS, DXF, Gerber, CIF or a picture",
-        )
+        what = f"{path.name} has the suffix {path.suffix!r}; maskfab reads {' '.join((*_READ, *IMAGE_SUFFIXES))}"
+        cure = "Convert it to GDSII, OASIS, DXF, Gerber, CIF or a picture"
+        raise SourceError("MF308", what, where=str(path), cure=cure)
     if not os.path.isfile(path):
         raise missing(path)
     if path.stat().st_size == 0:

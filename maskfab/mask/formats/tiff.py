@@ -128,9 +128,8 @@ def _directory(path: Path) -> _Directory:
                 numbers = struct.unpack(f"{order}{size // struct.calcsize(code)}{code}", held)
                 values.setdefault(tag, []).extend(numbers)
     except (struct.error, OSError, ValueError, OverflowError, IndexError) as error:
-        raise SourceError(
-            "MF303", f"{path.name}: its first directory is damaged", where=str(path), cure="Write or copy it again"
-        ) from error
+        what = f"{path.name}: its first directory is damaged"
+        raise SourceError("MF303", what, where=str(path), cure="Write or copy it again") from error
     return _Directory(order, values, shorts)
 
 

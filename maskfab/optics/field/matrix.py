@@ -318,11 +318,11 @@ class PreparedField:
             InternalError: MF901 if a frequency is beyond the highest that was prepared for.
         """
         if u[-1] > self.highest_u * (1 + 1e-9) or v[-1] > self.highest_v * (1 + 1e-9):
-            raise InternalError(
-                "MF901",
+            what = (
                 f"frequencies up to {u[-1]:g} and {v[-1]:g} cycles/um are beyond the {self.highest_u:g} and "
-                f"{self.highest_v:g} that the pupil was prepared for",
+                f"{self.highest_v:g} that the pupil was prepared for"
             )
+            raise InternalError("MF901", what)
         nodes_u, nodes_v = (
             frequency_nodes(max(axis.reach_um for axis in axes), float(frequency[-1]), self.precision)
             for axes, frequency in (([t.x for t in self.terms], u), ([t.y for t in self.terms], v))

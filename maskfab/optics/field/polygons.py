@@ -95,9 +95,8 @@ class Boundary:
         middle = count // 2
         across = step * np.arange(-middle, middle + 1, dtype=np.float64)
         if across[-1] * np.sqrt(2) > self.highest * (1 + 1e-9):
-            raise InternalError(
-                "MF901", f"frequency {across[-1]:g} cycles/um is beyond the quadrature's {self.highest:g}"
-            )
+            what = f"frequency {across[-1]:g} cycles/um is beyond the quadrature's {self.highest:g}"
+            raise InternalError("MF901", what)
         reach = self._near(step, middle)
         half, near = np.zeros((count, count), dtype=np.complex128), np.zeros((2 * reach + 1,) * 2, dtype=np.complex128)
         for nodes in self._parts():

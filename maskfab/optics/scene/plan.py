@@ -482,12 +482,9 @@ def plan(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Plan:
     fitting = [each for each in priced if each[1].error <= accuracy]
     if not fitting:
         least = min((price.error for _, price in priced), default=math.inf)
-        raise JobError(
-            "MF115",
-            f"no model of this scene meets an accuracy of {accuracy:g}; the best errs by {least:.2g}",
-            where="scene.accuracy",
-            cure=f"Ask for {1.1 * least:.2g} or more, or for less of the scene",
-        )
+        what = f"no model of this scene meets an accuracy of {accuracy:g}; the best errs by {least:.2g}"
+        cure = f"Ask for {1.1 * least:.2g} or more, or for less of the scene"
+        raise JobError("MF115", what, where="scene.accuracy", cure=cure)
     choice, price = min(fitting, key=lambda each: (each[1].seconds, each[1].error))
     step = point_step_um(known.camera)
     fullest = _fullest(known, priced, choice)

@@ -118,9 +118,8 @@ def spectrum_psf(
             openings, camera, scene, plan, light, image_um=image_um, object_um=object_um, margin=margin
         )  # fmt: skip
     if not plan.choice.lines:
-        raise JobError(
-            "MF104", f"the plan has no lines for the band {light.name}", cure="Give the scene the bands before planning"
-        )
+        what = f"the plan has no lines for the band {light.name}"
+        raise JobError("MF104", what, cure="Give the scene the bands before planning")
     spectrum = band_lines(light, plan.choice.lines)
     wavelengths = [float(line) for line in spectrum.wavelengths_nm]
     seen = _psfs(openings, camera, scene, plan, wavelengths, image_um=image_um, object_um=object_um, margin=margin)
@@ -293,31 +292,21 @@ def _check(
     sampled: Camera, scene: Scene, plan: Plan, shortest_nm: float, image_um: Place, object_um: float | None
 ) -> None:
     if not math.isclose(point_step_um(sampled), plan.step_um, rel_tol=1e-9):
-        raise InternalError(
-            "MF901", f"a plan with samples of {plan.step_um:g} um, this camera's are {point_step_um(sampled):g} um"
-        )
+        what = f"a plan with samples of {plan.step_um:g} um, this camera's are {point_step_um(sampled):g} um"
+        raise InternalError("MF901", what)
     if shortest_nm < min(sampled.wavelengths_nm) * (1 - 1e-9):
-        raise JobError(
-            "MF104",
-            f"{shortest_nm:g} nm is shorter than the {min(sampled.wavelengths_nm):g} nm that set the plan's samples",
-            cure="Plan for a camera or bands that reach it",
-        )
+        what = f"{shortest_nm:g} nm is shorter than the {min(sampled.wavelengths_nm):g} nm that set the plan's samples"
+        raise JobError("MF104", what, cure="Plan for a camera or bands that reach it")
     height = math.hypot(*image_um)
     if not height <= scene.field_um * (1 + 1e-9):
-        raise JobError(
-            "MF104",
-            f"an image height of {height:g} um is outside the scene's field of {scene.field_um:g} um",
-            where="scene.field",
-            cure="Make the field larger, or ask for a place within",
-        )
+        what = f"an image height of {height:g} um is outside the scene's field of {scene.field_um:g} um"
+        raise JobError("MF104", what, where="scene.field", cure="Make the field larger, or ask for a place within")
     if object_um not in (None, scene.focus_um) and not scene.nearest_um <= object_um <= scene.farthest_um:
-        raise JobError(
-            "MF104",
+        what = (
             f"an object at {object_um:g} um is outside the scene's depth, {scene.nearest_um:g} to "
-            f"{scene.farthest_um:g} um",
-            where="scene.depth",
-            cure="Make the depth larger, or ask for a distance within",
+            f"{scene.farthest_um:g} um"
         )
+        raise JobError("MF104", what, where="scene.depth", cure="Make the depth larger, or ask for a distance within")
 
 
 def field_places(reach_um: float, points: int = 5) -> tuple[tuple[Place, ...], ...]:

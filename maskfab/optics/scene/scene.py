@@ -49,17 +49,11 @@ class Distortion:
 
     def __post_init__(self) -> None:
         if not abs(self.ratio) <= MOST_DISTORTION:
-            raise JobError(
-                "MF104",
-                f"distortion of {self.ratio:g} is beyond {MOST_DISTORTION:g}",
-                cure="Give it as a ratio: 0.02 for 2 %, negative for a barrel",
-            )
+            what = f"distortion of {self.ratio:g} is beyond {MOST_DISTORTION:g}"
+            raise JobError("MF104", what, cure="Give it as a ratio: 0.02 for 2 %, negative for a barrel")
         if not (math.isfinite(self.height_um) and self.height_um > 0):
-            raise JobError(
-                "MF104",
-                f"the height of the distortion is {self.height_um:g} um",
-                cure="Give the image height at which it was measured",
-            )
+            what = f"the height of the distortion is {self.height_um:g} um"
+            raise JobError("MF104", what, cure="Give the image height at which it was measured")
 
     @property
     def farthest_um(self) -> float:
@@ -79,13 +73,12 @@ class Distortion:
         """
         radius = np.hypot(x_um, y_um)
         if float(np.max(radius)) >= self.farthest_um:
-            raise JobError(
-                "MF104",
+            what = (
                 f"an image height of {float(np.max(radius)):g} um is beyond {self.farthest_um:g} um, where a barrel of "
-                f"{self.ratio:g} at {self.height_um:g} um folds the picture",
-                where="scene.distortion",
-                cure="State less distortion, a smaller field or a smaller window",
+                f"{self.ratio:g} at {self.height_um:g} um folds the picture"
             )
+            cure = "State less distortion, a smaller field or a smaller window"
+            raise JobError("MF104", what, where="scene.distortion", cure=cure)
         # Newton's steps from within fall or rise to the root without a turn, as the cubic bends one way up to the fold.
         found = radius
         for _ in range(_STEPS):
@@ -243,21 +236,14 @@ def _illuminant(
         return black_body(stated, low, max(float(each.wavelengths_nm[-1]) for each in response.values()))
     found = _curves(stated, curves, where)
     if len(found) != 1:
-        raise JobError(
-            "MF105",
-            f"the illuminant {stated!r} has {len(found)} curves ({', '.join(found)}) where one is needed",
-            where=where,
-            cure="Give a table of two columns: wavelength_nm and the light's energy",
-        )
+        what = f"the illuminant {stated!r} has {len(found)} curves ({', '.join(found)}) where one is needed"
+        cure = "Give a table of two columns: wavelength_nm and the light's energy"
+        raise JobError("MF105", what, where=where, cure=cure)
     return next(iter(found.values()))
 
 
 def _curves(name: str, curves: Mapping[str, str], where: str) -> Mapping[str, Curve]:
     if name not in curves:
-        raise JobError(
-            "MF105",
-            f"the curves {name!r} are not part of the job",
-            where=where,
-            cure="Load the job from its file, or give the table's text by that name",
-        )
+        cure = "Load the job from its file, or give the table's text by that name"
+        raise JobError("MF105", f"the curves {name!r} are not part of the job", where=where, cure=cure)
     return parse_curves(curves[name], f"{where}: {name}")

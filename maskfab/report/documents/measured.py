@@ -159,12 +159,9 @@ def measured_beside(job: Job) -> Beside | None:
         told = _Measured.model_validate(document)
     except (OSError, ValueError, TypeError, RecursionError) as error:
         reason = error.errors()[0]["msg"] if isinstance(error, ValidationError) else str(error)
-        raise SourceError(
-            "MF303",
-            f"{path} cannot be read as a measurement: {reason[:200]}",
-            where=str(path),
-            cure="Measure the plate again with maskfab measure, or move the file out of the job's folder",
-        ) from error
+        what = f"{path} cannot be read as a measurement: {reason[:200]}"
+        cure = "Measure the plate again with maskfab measure, or move the file out of the job's folder"
+        raise SourceError("MF303", what, where=str(path), cure=cure) from error
     rows = [row for band in told.mtf for row in _rows(band, job.spec.frequencies_cy_per_mm)]
     return Beside(content, told.job_hash, told.die, tuple(told.verdict), tuple(rows))
 

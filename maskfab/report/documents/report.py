@@ -431,12 +431,9 @@ def read_reports(paths: list[Path]) -> tuple[FinishedReport, ...]:
     for number, report in enumerate(reports):
         earlier = next((n for n, other in enumerate(reports[:number]) if other.document == report.document), None)
         if earlier is not None:
-            raise JobError(
-                "MF105",
-                f"report {number + 1}, {report.name}, is the same as report {earlier + 1}, {reports[earlier].name}",
-                where="REPORT",
-                cure="Name each report once; two dies of one report are compared by naming it alone",
-            )
+            what = f"report {number + 1}, {report.name}, is the same as report {earlier + 1}, {reports[earlier].name}"
+            cure = "Name each report once; two dies of one report are compared by naming it alone"
+            raise JobError("MF105", what, where="REPORT", cure=cure)
     names = [report.name for report in reports]
     return tuple(
         report if names.count(name) == 1 else replace(report, name=f"{name}#{names[:number].count(name) + 1}")

@@ -263,12 +263,8 @@ class Drawing:
         target = Path(path)
         content = {".svg": lambda: self.svg().encode(), ".png": self.png}.get(target.suffix.lower())
         if content is None:
-            raise OutputError(
-                "MF430",
-                f"no picture is written with the suffix {target.suffix!r}",
-                where=str(target),
-                cure="Use .svg or .png",
-            )
+            what = f"no picture is written with the suffix {target.suffix!r}"
+            raise OutputError("MF430", what, where=str(target), cure="Use .svg or .png")
         write_bytes(target, content(), replace=True)
         return target
 

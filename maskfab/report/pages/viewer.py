@@ -186,9 +186,8 @@ def rule_places(path: Path) -> list[dict[str, Any]]:
     try:
         database.load(str(path))
     except RuntimeError as error:
-        raise OutputError(
-            "MF407", f"{path} cannot be read: {error}", cure="Run its job again with this version"
-        ) from error
+        what = f"{path} cannot be read: {error}"
+        raise OutputError("MF407", what, cure="Run its job again with this version") from error
     return [_category(database, each) for each in database.each_category()]
 
 
@@ -300,12 +299,9 @@ def _mask_file(folder: Path, files: Mapping[str, RunDocument]) -> RunDocument:
             if Path(name).suffix in suffixes:
                 return row
     formats = ", ".join(dict.fromkeys(str(row["format"]) for row in files.values() if row["format"]))
-    raise OutputError(
-        "MF409",
-        f"{folder} holds no mask file with polygons, only {formats or 'other files'}",
-        where=str(folder),
-        cure='Add "gdsii" or "oasis" to [export] formats, and run the job again',
-    )
+    what = f"{folder} holds no mask file with polygons, only {formats or 'other files'}"
+    cure = 'Add "gdsii" or "oasis" to [export] formats, and run the job again'
+    raise OutputError("MF409", what, where=str(folder), cure=cure)
 
 
 def _unchanged(folder: Path, row: RunDocument) -> Path:

@@ -145,20 +145,13 @@ def analyse(path: str | Path, request: Request, progress: Progress = silent) -> 
     check_lens(request.camera, where="--stop")
     path = Path(path)
     if request.unit_um is not None and path.suffix.lower() not in MEASURED_SUFFIXES:
-        raise JobError(
-            "MF105",
-            f"{path.name} has no unit that could be stated",
-            where="--unit",
-            cure="Leave out --unit: only a DXF has a drawing unit to state",
-        )
+        what = f"{path.name} has no unit that could be stated"
+        raise JobError("MF105", what, where="--unit", cure="Leave out --unit: only a DXF has a drawing unit to state")
     if path.suffix.lower() in MEASURED_SUFFIXES and request.tiling is None:
         if request.scene is not None:
-            raise JobError(
-                "MF105",
-                f"a scene needs an opening and its tiling, which {path.name} does not state",
-                where="--tiling",
-                cure="If the file holds one opening, add --tiling, --dot and --pitch; else leave the scene out",
-            )
+            what = f"a scene needs an opening and its tiling, which {path.name} does not state"
+            cure = "If the file holds one opening, add --tiling, --dot and --pitch; else leave the scene out"
+            raise JobError("MF105", what, where="--tiling", cure=cure)
         _check_finest(path, request)
         kind = tuple[str, tuple[Psf, ...], tuple[Mtf, ...], tuple[Quantity, ...]]
         return Analysis(*bounded(path, lambda tell: _analyse_mask(path, request, tell), progress, kind=kind))
@@ -172,12 +165,8 @@ def analyse_opening(opening: Opening, request: Request, progress: Progress = sil
     dot_nm = opening.dot_nm if request.dot_um is None else to_nm(request.dot_um, where="--dot", name="dot")
     gutter_nm = _gutter_nm(request)
     if request.seed is not None and request.seed < 0:
-        raise JobError(
-            "MF104",
-            f"seed = {request.seed} is below 0",
-            where="--seed",
-            cure="Give a whole number of 0 or more, such as --seed 1",
-        )
+        what = f"seed = {request.seed} is below 0"
+        raise JobError("MF104", what, where="--seed", cure="Give a whole number of 0 or more, such as --seed 1")
     camera, scene = request.camera, None if request.scene is None else request.scene.through(request.blank)
     check_optics(camera, dot_nm / NM_PER_UM, where="the request")
     reach = camera.stop.diameter_um / 2
@@ -261,13 +250,11 @@ def _dots(request: Request) -> int | None:
     nearest = CellSize.filling(request.pitch_um, dot_nm, _gutter_nm(request))
     cell = replace(nearest, dots=max(1, nearest.dots))
     if not cell.has_pitch(request.pitch_um):
-        raise JobError(
-            "MF106",
+        what = (
             f"pitch {request.pitch_um:g} um is not a whole number of dots of {request.dot_um:g} um"
-            f" plus a gutter of {request.gutter_um:g} um",
-            where="--pitch",
-            cure=f"Use --pitch '{cell.pitch_um:g} um'",
+            f" plus a gutter of {request.gutter_um:g} um"
         )
+        raise JobError("MF106", what, where="--pitch", cure=f"Use --pitch '{cell.pitch_um:g} um'")
     return cell.dots
 
 
@@ -276,12 +263,8 @@ def _gutter_nm(request: Request) -> int:
 
 
 def _no_room(request: Request) -> JobError:
-    return JobError(
-        "MF106",
-        f"a gutter of {request.gutter_um:g} um leaves no dots in a pitch of {request.pitch_um:g} um",
-        where="--gutter",
-        cure="Use a gutter narrower than the pitch by at least one dot",
-    )
+    what = f"a gutter of {request.gutter_um:g} um leaves no dots in a pitch of {request.pitch_um:g} um"
+    return JobError("MF106", what, where="--gutter", cure="Use a gutter narrower than the pitch by at least one dot")
 
 
 def _scaled(opening: Opening, request: Request) -> Opening:
@@ -369,12 +352,9 @@ def _draw(path: Path, request: Request) -> _Drawn:
     camera, stop = request.camera, request.camera.stop
     edges, area = edges_in_stop(inside, stop, (0.0, 0.0))
     if area <= 0:
-        raise SourceError(
-            "MF309",
-            f"{path} has nothing clear inside a stop of {stop.diameter_um:g} um round the middle of its geometry",
-            where=f"cell {name}, layer {layer}",
-            cure="Name another --cell or --layer, or use a larger --stop",
-        )
+        what = f"{path} has nothing clear inside a stop of {stop.diameter_um:g} um round the middle of its geometry"
+        cure = "Name another --cell or --layer, or use a larger --stop"
+        raise SourceError("MF309", what, where=f"cell {name}, layer {layer}", cure=cure)
     lattice = _lattice(_coordinates_nm(inside, stop), request, dots)
     check_optics(camera, lattice.dot_um, where=str(path))
     return _Drawn(name, edges, area, lattice, aperture_in_stop(lattice, lattice, inside, edges, stop, (0.0, 0.0)))
@@ -432,12 +412,9 @@ def _allow_optics(path: Path, shapes: db.RecursiveShapeIterator, stop: Stop) -> 
     """
     count = db.Region(shapes).count()
     if count > MOST_SHAPES_SEEN:
-        raise SourceError(
-            "MF313",
-            f"{path.name} has {count:.3g} shapes before the stop; the limit is {MOST_SHAPES_SEEN:.0e}",
-            where=str(path),
-            cure="Use a smaller --stop, or draw the mask with fewer shapes",
-        )
+        what = f"{path.name} has {count:.3g} shapes before the stop; the limit is {MOST_SHAPES_SEEN:.0e}"
+        cure = "Use a smaller --stop, or draw the mask with fewer shapes"
+        raise SourceError("MF313", what, where=str(path), cure=cure)
     seconds = _SECONDS_OF_OPTICS * max(1.0, stop.diameter_um / _USUAL_STOP_UM) ** 2
     allow(seconds + count / _SHAPES_PER_SECOND, _MEMORY_OF_OPTICS + count * _MEMORY_PER_SHAPE)
 

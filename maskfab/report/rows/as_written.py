@@ -297,13 +297,12 @@ def parts_about_edges(die: Die, camera: Camera, process: Process, where: str = "
 
     usual = next((each for each in range(max(3, even - 1), _MOST_PARTS + 2, 2) if held(each)), None)
     if usual is None:
-        raise JobError(
-            "MF127",
+        what = (
             f"a gutter of {gutter:g} um is too narrow for photographs through cells as they are written, with dots of "
-            f"{dot:g} um",
-            where=where,
-            cure=f"Use a gutter of at least {3 * dot / (_MOST_PARTS + 1):g} um, or leave process.spread out",
+            f"{dot:g} um"
         )
+        cure = f"Use a gutter of at least {3 * dot / (_MOST_PARTS + 1):g} um, or leave process.spread out"
+        raise JobError("MF127", what, where=where, cure=cure)
     others = (1 if usual == 3 else 3, usual - 2, usual + 2)
     return usual, next(each for each in others if held(each))
 
@@ -517,12 +516,9 @@ def _parts(vertices: _Vertices, die: Die, process: Process, where: str) -> int:
     """Into how many parts a dot is divided for the MTF; even, and the more the fewer dots there are."""
     side = max(lines.size for lines in (vertices.x_um, vertices.y_um))
     if 2 * side > _LARGEST_SIDE:
-        raise JobError(
-            "MF115",
-            f"the MTF of the written die needs {2 * side} parts along the stop, more than {_LARGEST_SIDE}",
-            where=where,
-            cure=f"Use larger dots than {die.panel.dot_nm / NM_PER_UM:g} um, or leave the process out",
-        )
+        what = f"the MTF of the written die needs {2 * side} parts along the stop, more than {_LARGEST_SIDE}"
+        cure = f"Use larger dots than {die.panel.dot_nm / NM_PER_UM:g} um, or leave the process out"
+        raise JobError("MF115", what, where=where, cure=cure)
     parts = min(_MOST_PARTS, max(_FEWEST_PARTS, 2 * (_FINE_SIDE // side // 2)))
     gutter = die.panel.gutter_nm / NM_PER_UM
     if gutter == 0 or (process.cd_bias_um <= 0 and process.roughness is None):
@@ -530,13 +526,12 @@ def _parts(vertices: _Vertices, die: Die, process: Process, where: str) -> int:
     while parts < _MOST_PARTS and 2 * vertices.dot_um / parts > gutter:
         parts += 2
     if 2 * vertices.dot_um / parts > gutter:
-        raise JobError(
-            "MF127",
+        what = (
             f"a gutter of {gutter:g} um is too narrow for the MTF of cells that grow into it: below a quarter of a "
-            f"dot of {vertices.dot_um:g} um",
-            where=where,
-            cure=f"Use a gutter of at least {vertices.dot_um / 4:g} um, or a bias of 0 or less and smooth edges",
+            f"dot of {vertices.dot_um:g} um"
         )
+        cure = f"Use a gutter of at least {vertices.dot_um / 4:g} um, or a bias of 0 or less and smooth edges"
+        raise JobError("MF127", what, where=where, cure=cure)
     return parts
 
 

@@ -280,12 +280,8 @@ def only_die(plate: Plate, name: str) -> Plate:
     """
     dies = tuple(die for die in plate.dies if die.name == name)
     if not dies:
-        raise JobError(
-            "MF105",
-            f"there is no die {name!r}",
-            where="--die",
-            cure=f"Use one of {', '.join(die.name for die in plate.dies)}",
-        )
+        what = f"there is no die {name!r}"
+        raise JobError("MF105", what, where="--die", cure=f"Use one of {', '.join(die.name for die in plate.dies)}")
     return replace(plate, dies=dies, marks=(), gauges=(), notes=())
 
 
@@ -323,12 +319,8 @@ def check_foreign(
     _check_tolerance(plate, how.tolerance_nm)
     read, layers = _read(path, how, ordered)
     if not draws(read, read.find_layer(layer_info(CLEAR))):
-        raise SourceError(
-            "MF309",
-            f"nothing of {path.name} is clear",
-            where=str(path),
-            cure="Name the layer that is clear with --layer, or export it again",
-        )
+        cure = "Name the layer that is clear with --layer, or export it again"
+        raise SourceError("MF309", f"nothing of {path.name} is clear", where=str(path), cure=cure)
     design = plate_layout(plate)
     clear_only(design, path)
     allow(count_shapes(design) / SHAPES_PER_SECOND)
@@ -376,12 +368,9 @@ def check_foreign(
 def _check_tolerance(plate: Plate, tolerance_nm: float) -> None:
     largest = min(die.panel.dot_nm for die in plate.dies) * _MOST_TOLERATED
     if tolerance_nm > largest:
-        raise JobError(
-            "MF104",
-            f"a tolerance of {tolerance_nm:g} nm is more than {largest:g} nm, a hundredth of the smallest dot",
-            where="--tolerance",
-            cure="Give a smaller one; 1 nm is enough for data fractured into trapezoids",
-        )
+        what = f"a tolerance of {tolerance_nm:g} nm is more than {largest:g} nm, a hundredth of the smallest dot"
+        cure = "Give a smaller one; 1 nm is enough for data fractured into trapezoids"
+        raise JobError("MF104", what, where="--tolerance", cure=cure)
 
 
 def _read(path: Path, how: How, ordered: StatedLayers) -> tuple[db.Layout, LayersRead]:
@@ -398,12 +387,9 @@ def _turn_over(read: db.Layout, alignment: Alignment, path: Path) -> None:
     if not alignment.inverted:
         return
     if count_shapes(read) > MOST_INVERTED:
-        raise SourceError(
-            "MF313",
-            f"{path.name} is of the other tone, and has over {MOST_INVERTED} shapes to invert",
-            where=str(path),
-            cure="Invert it where it was made, or verify one die at a time",
-        )
+        what = f"{path.name} is of the other tone, and has over {MOST_INVERTED} shapes to invert"
+        cure = "Invert it where it was made, or verify one die at a time"
+        raise SourceError("MF313", what, where=str(path), cure=cure)
     drawn = region(read, CLEAR)
     clear = (db.Region(drawn.bbox()) - drawn).merged(True, 1)
     top = read.create_cell("INVERTED")

@@ -151,12 +151,8 @@ class Conditions:
             return own or WIENER, False
         if own:
             told = ", ".join(each.name for each in own)
-            raise JobError(
-                "MF105",
-                f"protocol {self.protocol.name} restores by its own {told}",
-                where="restore",
-                cure="Name no restorer, or use protocol camera or f1",
-            )
+            what = f"protocol {self.protocol.name} restores by its own {told}"
+            raise JobError("MF105", what, where="restore", cure="Name no restorer, or use protocol camera or f1")
         given = (names,) if isinstance(names, str) else tuple(names)
         others = tuple(name for name in given if name != AUTO)
         return named(others), AUTO in given

@@ -114,11 +114,8 @@ class Quantities(Sequence[Quantity]):
             return found[0]
         places = ", ".join(f"{p:g}" for q in alike for p in (q.wavelength_nm, q.level_db) if p is not None)
         problem = f"stands {len(found)} times in these results" if found else f"is not given at {at!r}"
-        raise UnknownNameError(
-            "MF432",
-            f"{name!r} {problem}",
-            cure=f'Ask for numbers["{name}", one of {places}]' if places else f"Look for {name!r} in the whole list",
-        )
+        cure = f'Ask for numbers["{name}", one of {places}]' if places else f"Look for {name!r} in the whole list"
+        raise UnknownNameError("MF432", f"{name!r} {problem}", cure=cure)
 
     def __len__(self) -> int:
         return len(self._all)
@@ -188,11 +185,8 @@ def dataframe(rows: Sequence[Mapping[str, Any]]) -> DataFrame:
     try:
         from pandas import DataFrame
     except ImportError as error:
-        raise OutputError(
-            "MF431",
-            "a DataFrame needs pandas, which is not installed",
-            cure="Run pip install 'maskfab[pandas]', or use to_dict()",
-        ) from error
+        what = "a DataFrame needs pandas, which is not installed"
+        raise OutputError("MF431", what, cure="Run pip install 'maskfab[pandas]', or use to_dict()") from error
     return DataFrame(list(rows))
 
 
