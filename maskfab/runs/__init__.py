@@ -1,4 +1,4 @@
-"""What is done with a whole job: made into a plate, checked again, foreseen, and swept.
+"""Work on a whole job: made into a plate, checked again, foreseen, and swept.
 
 Where every number comes from stands in :mod:`maskfab.runs.findings`; the chain reads on one page in
 :mod:`maskfab.runs.pipeline`, its files in :mod:`maskfab.runs.plate_files`, its dies in :mod:`maskfab.runs.stages`, what

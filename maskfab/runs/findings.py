@@ -23,7 +23,7 @@ from maskfab.runs.recall import words
 
 
 class Need(Enum):
-    """What a finding depends on, in words."""
+    """Something that a finding depends on, in words."""
 
     PANEL = "the panel"
     CAMERA = "the camera"
@@ -105,7 +105,7 @@ def _always(amount: float) -> Callable[..., float]:
 # Costs of the findings, by the arguments of their functions.
 
 _COLOURS = _LEVELS = 3
-"""Of light, in what a photographed die takes; a die that is not seen in so many colours is not photographed."""
+"""Colours and levels of light in the time of a photographed die; one of other colours is not photographed."""
 _OF_PRICE = 0.75
 """Time of the PSFs of scenes over that which plans foretell."""
 _VIEWS_OF_FIELD = 25
@@ -142,7 +142,7 @@ def _scene_s(_die: Any, camera: Any, scene: Any, _openings: Any, plan: Any, *_: 
 
 
 def _scene_bytes(die: Any, camera: Any, scene: Any, _: Any, plan: Any, *__: Any) -> float:
-    """Of a process that has taken photographs, whose memory it keeps; samples of a lens that distorts are finer."""
+    """Bytes of a process that keeps the memory of photographs; samples of a lens that distorts are finer."""
     from maskfab.report.rows.scene import peak_bytes  # which loads all that scenes need
 
     side = camera.window_um / camera.pixel_um / _DRAWN_WINDOW_PX

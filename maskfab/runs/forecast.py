@@ -43,11 +43,11 @@ from maskfab.runs.store import Entry, KeptFinding, Store
 PROBE_S = 0.1
 """Seconds that :func:`probe` takes on the machine of the reference numbers."""
 STARTED_S = 2.0
-"""Of a process, for its imports."""
+"""Seconds of a process, for its imports."""
 HELD = 400e6
 """Bytes of a process that has imported what it needs."""
 SCENES_S = 2.0
-"""Of each process that takes photographs, for drawing their scenes."""
+"""Seconds of each process that takes photographs, for drawing their scenes."""
 _PROBED = 512
 _TIMES = 3
 
@@ -94,7 +94,7 @@ class Forecast:
 
     @property
     def seconds(self) -> float:
-        """Of a processor, for all stages and for starting."""
+        """Seconds of a processor, for all stages and for starting."""
         return STARTED_S * self.processes + sum(stage.seconds for stage in self.stages)
 
     @property
@@ -302,7 +302,7 @@ class Pace:
 
     @classmethod
     def of(cls, entries: Iterable[Entry]) -> Pace:
-        """By what earlier tasks took; by a probe where there are none."""
+        """Pace by what earlier tasks took; by a probe where there are none."""
         took: dict[str, list[tuple[float, float]]] = defaultdict(list)
         for entry in entries:
             if entry.seconds is not None and entry.expected_s:
@@ -315,7 +315,7 @@ class Pace:
         return cls(_ratio(every), of_kind, f"by {number} earlier tasks on this machine")
 
     def seconds(self, function: Callable[..., Any], given: tuple[Any, ...]) -> float:
-        """That a task is expected to take here."""
+        """Seconds that a task is expected to take here."""
         own = expected(function, given)
         return 0.0 if own is None else own * self.of_kind.get(words(function), self.of_all)
 
@@ -343,17 +343,17 @@ _FILES: Mapping[str, _FileCost] = MappingProxyType(
         ".step": _FileCost(file=(0.35, 2.2)),
     }
 )
-"""By how a file's name ends."""
+"""Costs by how a file's name ends."""
 _OTHER = _FileCost(file=(0.3, 0.8))
 """Solids and pictures of a die."""
 _DOTS_S = 0.08
-"""Of comparing a die dot by dot."""
+"""Seconds of comparing a die dot by dot."""
 _VERTEX_BYTES = 900.0
 _DRAWN_BYTES = 150.0
 _DOT_BYTES = 19.0
-"""Of a dot, as it was read and as it was designed, in the die that has most of them."""
+"""Bytes of a dot, as it was read and as it was designed, in the die that has most of them."""
 _BOX_BYTES = 22.0
-"""Of a vertex among the boxes that the die's dots are found from."""
+"""Bytes of a vertex among the boxes that the die's dots are found from."""
 
 
 @dataclass(frozen=True)
@@ -394,7 +394,7 @@ class Amounts:
 
 
 def read_bytes(made: PlateFiles, amounts: Amounts) -> float:
-    """Of memory, for the design, a file that is held against it, and the dots of one die."""
+    """Bytes of memory, for the design, a file that is held against it, and the dots of one die."""
     flat = any(product.name.endswith(".gbr") for product in made.products)
     of_die = _DOT_BYTES * amounts.dots + _BOX_BYTES * amounts.share * amounts.drawn
     return _VERTEX_BYTES * amounts.vertices + max(of_die, _DRAWN_BYTES * amounts.drawn * flat)

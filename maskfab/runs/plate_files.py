@@ -225,11 +225,11 @@ def check_pictures(job: Job, plate: Plate, formats: Sequence[FileFormat] | None 
         check_pixels(plate.dies, section.dots_per_um, job.where)
     dpi = plotted_dpi(section, shop)
     check_polygons(job.spec, written, job.where)
-    asked = [each for each in PLATE_BITMAPS if each in written]
-    if dpi is not None and asked:
+    bitmaps = [bitmap for bitmap in PLATE_BITMAPS if bitmap in written]
+    if dpi is not None and bitmaps:
         check_dots(plate.dies, dpi, job.where)
-        for each in asked:
-            check_plate_bitmap(plate, each, dpi, plate.name + FORMATS[each].tail)
+        for bitmap in bitmaps:
+            check_plate_bitmap(plate, bitmap, dpi, plate.name + FORMATS[bitmap].tail)
 
 
 def check_readers(made: PlateFiles) -> None:

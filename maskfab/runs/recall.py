@@ -123,7 +123,7 @@ def recalled(store: Store, expected: Expected | None, function: Callable[..., Fo
 
 
 def origin_of(function: Callable[..., Any], *given: object) -> Origin:
-    """All that the finding of a function of a module depends on.
+    """Everything that the finding of a function of a module depends on.
 
     Raises:
         TypeError: for an argument that has no fingerprint.

@@ -1,4 +1,4 @@
-"""What a run came to: all that was found out about a plate, its report and pictures, and what a user is handed."""
+"""A run's result: everything found out about a plate, its report and pictures, and the object that a user is handed."""
 
 from __future__ import annotations
 
@@ -80,14 +80,14 @@ class Result:
     @property
     def origin(self) -> str:
         """Which of its numbers were found in this run, and which earlier ones had kept, in words."""
-        since = min((each.since for each in self.accounts if each.kept), default="")
-        refused = sum(each.refused is not None for each in self.accounts)
+        since = min((account.since for account in self.accounts if account.kept), default="")
+        refused = sum(account.refused is not None for account in self.accounts)
         whole = TAKEN in self.report.seconds
-        told = "the whole run" if whole else "{} of {} findings".format(*self.taken or (0, 0))
+        share = "the whole run" if whole else "{} of {} findings".format(*self.taken or (0, 0))
         more = f", found since {since}" if since else ""
         more += ", its files read back in this run" if whole else ""
         more += f"; {refused} kept findings refused, and found again" if refused else ""
-        return f"{told} taken from the cache{more}: see {TIMES}"
+        return f"{share} taken from the cache{more}: see {TIMES}"
 
     @property
     def checks(self) -> Quantities:
@@ -102,8 +102,8 @@ class Result:
     @property
     def notes(self) -> tuple[Quantity, ...]:
         """Notes that a user must see beside the checks: keys of the job that were not used, dies of another seed."""
-        every = (*self.report.plate, *(each for die in self.report.dies.values() for each in die))
-        return tuple(each for each in every if each.name in _NOTES)
+        rows = (*self.report.plate, *(row for die in self.report.dies.values() for row in die))
+        return tuple(row for row in rows if row.name in _NOTES)
 
     def __getitem__(self, die: str) -> Quantities:
         if die not in self.report.dies:
@@ -129,7 +129,7 @@ class Result:
 
     @property
     def _every(self) -> Quantities:
-        return Quantities((*(each for die in self.report.dies.values() for each in die), *self.report.plate))
+        return Quantities((*(row for die in self.report.dies.values() for row in die), *self.report.plate))
 
     def __str__(self) -> str:
         return f"{self.directory}\n{self._every}"
@@ -143,7 +143,7 @@ class Result:
 
 @dataclass(frozen=True, eq=False)
 class PlateFindings:
-    """All that was found out about a plate.
+    """Everything that was found out about a plate.
 
     Attributes:
         job: that asks for it.
@@ -215,7 +215,7 @@ class PlateFindings:
         return footprint_band(die, self.built.displays[die.name], rules.emitters, process, process_spread(self.job))
 
     def verdicts(self, report: Report) -> Verdicts:
-        """On the plate."""
+        """Verdicts on the plate."""
         return Verdicts.of(report.checks, self.built.displays, len(self.plate.dies))
 
     def document(self, report: Report) -> Document:
@@ -252,7 +252,7 @@ class PlateFindings:
 
 
 def die_quantities(item: DieOptics, read: Sequence[Quantity], job: Job) -> tuple[Quantity, ...]:
-    """All numbers of one die: optics, what reading back has shown, and features, judged by the job's own limits."""
+    """Numbers of one die: optics, what reading back has shown, and features, judged by the job's own limits."""
     name = item.die.name
     shown = (quantity for quantity in read if quantity.die == name)
     frequencies = job.spec.frequencies_cy_per_mm

@@ -126,7 +126,7 @@ def _by_tasks(
     seconds: dict[str, float] | None,
     executor: SerialExecutor | None,
 ) -> list[Found]:
-    """What a function finds about every die, by whichever process, and the time that each took."""
+    """Findings of a function about every die, by whichever process, and the time that each took."""
     progress(stage, 0, len(dies))
     calls = [(function, partial(given, die)) for die in dies]
     tasks = (executor or SerialExecutor()).run_all(calls, lambda done: progress(stage, done, len(dies)))
@@ -152,7 +152,7 @@ class PendingPhotographs:
     executor: SerialExecutor
 
     def result(self, progress: Progress, seconds: dict[str, float] | None = None) -> Photographs:
-        """All of them; the time of every die is added to ``seconds``."""
+        """Every photograph; the time of every die is added to ``seconds``."""
         dies = {}
         with report_cache_hits("photographs", self.executor, progress):
             for done, (name, task) in enumerate(self.tasks.items()):

@@ -180,7 +180,7 @@ LIMIT_BYTES = 4 << 30
 
 @dataclass(frozen=True)
 class Origin:
-    """All that a finding depends on.
+    """Everything that a finding depends on.
 
     Attributes:
         what: function that finds it, in words.
@@ -535,7 +535,7 @@ def _remove(paths: Iterable[Path]) -> None:
 
 
 Record: TypeAlias = Mapping[str, Any]
-"""Of a case: its key, rows of numbers, and why it failed, or None."""
+"""Record of a case: its key, rows of numbers, and why it failed, or None."""
 
 
 def make_folder(folder: Path) -> None:

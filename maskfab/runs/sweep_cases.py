@@ -73,7 +73,7 @@ class SweptDie:
 
     @property
     def process(self) -> Process:
-        """Of the writer; one that changes nothing where the job states none."""
+        """Process of the writer; one that changes nothing where the job states none."""
         return self.job.spec.written or Process(0.0, 0.0)
 
     @cached_property
@@ -83,7 +83,7 @@ class SweptDie:
         return measure_written(*given).quantities if "mtf as written" in self.works else written_psf_quantities(*given)
 
     def written_rows(self, work: str) -> list[Quantity]:
-        """Of the numbers as written, those of one work."""
+        """Numbers as written that one work finds."""
         return [row for row in self.as_written if STAGE_OF_QUANTITY[row.name].name == work]
 
     @cached_property
@@ -128,7 +128,7 @@ def mtfs(die: SweptDie) -> Iterable[Quantity]:
 
 
 def restoration(die: SweptDie) -> Iterable[Quantity]:
-    """What a restored photograph keeps, at every wavelength."""
+    """Contrast that a restored photograph keeps, at every wavelength."""
     for line in die.camera.wavelengths_nm:
         yield from metrics.restoration_quantities(die.table, die.camera, line, die.name)
 
@@ -262,7 +262,7 @@ def _only_opening(die: SweptDie) -> Opening:
 
 @lru_cache(maxsize=_SURROGATES)
 def _surrogate(camera: Camera, dots: int, dot_nm: int, settings: CaptureSettings) -> Surrogate:
-    """Of cells of such dots, for all cases of a process."""
+    """Surrogate of cells of such dots, for all cases of a process."""
     room = lattice(dots, dot_nm, camera=PhotoCamera.of(camera), where="die.dot")
     return surrogate_of(scene_statistics(scene_sets.bundled(), settings=settings), room)
 

@@ -141,14 +141,14 @@ class Swept:
 
     @cached_property
     def sensitivities(self) -> tuple[Sensitivity, ...]:
-        """Of every number to every field, of each quantity the strongest first."""
+        """Sensitivities of every number to every field, of each quantity the strongest first."""
         every = [each for series in self.series for each in _sensitivities(series, self.plan)]
         order = self.plan.quantities.index
         return tuple(sorted(every, key=lambda each: (order(each.of.name), -each.range)))
 
     @cached_property
     def yields(self) -> tuple[Yield, ...]:
-        """Of all dies together and of each; none without a limit."""
+        """Yields of all dies together and of each; none without a limit."""
         judged = [_judged(record, self.plan.limits) for record in self.records]
         if not any(judged):
             return ()

@@ -386,7 +386,7 @@ class Plan:
 
     @property
     def limits(self) -> tuple[LimitSection, ...]:
-        """Of the study, beside the job's own."""
+        """Limits of the study, beside the job's own."""
         return self.spec.limit
 
     @property
