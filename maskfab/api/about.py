@@ -130,7 +130,7 @@ def _of_keys(path: str) -> Answer:
 
 
 def _refused_if() -> dict[str, tuple[tuple[str, str]]]:
-    """By the keys of design rules, when a design is refused for them before it is searched for."""
+    """Refusals by the keys of design rules, before a design is searched for."""
     from maskfab.designs.rules.constraints import RULES
 
     return {rule.where: (("Refused if", rule.refused_if),) for rule in RULES if rule.refused_if}
@@ -268,7 +268,7 @@ def _facts() -> Iterator[tuple[str, str]]:
 
 
 def _memory() -> str:
-    """Of the machine, and of the container where that allows less."""
+    """Memory of the machine, or of the container where that allows less."""
     try:
         total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (ValueError, OSError, AttributeError):

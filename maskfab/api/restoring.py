@@ -271,7 +271,7 @@ class RestoredPhoto:
     told: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """All but the picture."""
+        """Numbers and words, without the picture."""
         _, rows, columns = self.picture.shape
         return {
             "name": self.name,
@@ -289,7 +289,7 @@ class RestoredPhoto:
 
     @property
     def facts(self) -> dict[str, Fact]:
-        """For the header of a picture."""
+        """Entries for the header of a picture."""
         return {
             "restorer": self.restorer,
             "epsilon": self.epsilon,
@@ -313,7 +313,7 @@ class Restoration(FolderResult):
     chart: ChartMatrix | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """All but the pictures."""
+        """Numbers and words, without the pictures."""
         return {
             "maskfab_version": __version__,
             "photos": [each.to_dict() for each in self.photos],

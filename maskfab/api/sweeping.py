@@ -42,7 +42,7 @@ class Sweep(Result):
 
     @property
     def sensitivities(self) -> tuple[Sensitivity, ...]:
-        """Of every number to every field, of each number the strongest first."""
+        """Sensitivities of every number to every field, of each number the strongest first."""
         return self.found.sensitivities
 
     @property

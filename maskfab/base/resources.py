@@ -81,7 +81,7 @@ def explained(code: str) -> Explanation:
 
 
 def grouped() -> Mapping[str, tuple[str, ...]]:
-    """All codes under the headings of :data:`GROUPS`, in ascending order."""
+    """Codes under the headings of :data:`GROUPS`, in ascending order."""
     return {
         heading: tuple(sorted(code for code in CATALOGUE if code.startswith(start)))
         for start, heading in GROUPS.items()

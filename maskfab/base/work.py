@@ -102,7 +102,7 @@ Result = TypeVar("Result")
 
 
 def one_thread(function: Callable[Given, Result]) -> Callable[Given, Result]:
-    """For functions that other programs call: limits the libraries that are loaded, and restores them afterwards."""
+    """Limit of one thread on loaded libraries while a function runs that other programs call; restored afterwards."""
 
     @wraps(function)
     def limited(*args: Given.args, **kwargs: Given.kwargs) -> Result:

@@ -741,7 +741,7 @@ class JobSpec(Section):
 
     @property
     def tone(self) -> Tone:
-        """Of the data; a house's profile has no say in what is drawn."""
+        """Tone of the data; a house's profile has no say in what is drawn."""
         return "clear" if self.order is None or self.order.tone is None else self.order.tone
 
     @property
@@ -771,7 +771,7 @@ class JobSpec(Section):
 
     @property
     def data_bias_nm(self) -> int | None:
-        """By which clear widths of the data are narrower than the plate's, if the data make the bias good; or None."""
+        """Bias that the data make good: how much narrower their clear widths are than the plate's; or None."""
         if self.order is None or self.order.bias != "data" or self.process is None:
             return None
         return round(self.process.cd_bias * NM_PER_UM)

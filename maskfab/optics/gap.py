@@ -505,7 +505,7 @@ class AmplitudeLags:
 
     @classmethod
     def of(cls, amplitude: StopAmplitude) -> AmplitudeLags:
-        """By FFT over cells and dots at once."""
+        """Lags by FFT over cells and dots at once."""
         dots = amplitude.dots
         sizes = [int(scipy.fft.next_fast_len(2 * n - 1)) if n > 1 else 1 for n in dots.shape]
         scale = amplitude.x.dot_um * amplitude.y.dot_um / amplitude.energy_um2

@@ -348,7 +348,7 @@ class EdgeLengths:
 
     @classmethod
     def of(cls, edges_um: Floats, counts: Floats) -> EdgeLengths:
-        """Of edges x0, y0, x1, y1 [n, 4], each so many times; opposite directions are one."""
+        """Lengths of edges x0, y0, x1, y1 [n, 4], each so many times; opposite directions are one."""
         vectors = edges_um[:, 2:] - edges_um[:, :2]
         lengths = np.hypot(*vectors.T)
         back = (vectors[:, 1] < 0) | ((vectors[:, 1] == 0) & (vectors[:, 0] < 0))

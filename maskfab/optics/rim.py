@@ -136,14 +136,14 @@ def _in_disc(sides: Floats) -> Floats:
 
 
 def _height(place: Floats) -> Floats:
-    """Of a unit circle above its axis."""
+    """Height of a unit circle above its axis."""
     height = 1 - place
     height *= 1 + place
     return np.sqrt(height, out=height)
 
 
 def _integral(place: Floats) -> Floats:
-    """Of the height, from 0."""
+    """Integral of the height, from 0."""
     integral = _height(place)
     integral *= place
     integral += np.arcsin(place)
@@ -316,7 +316,7 @@ class _Along(NamedTuple):
 
     @classmethod
     def of(cls, is_round: bool, ends: Floats, mirrored: tuple[bool, bool]) -> _Along:
-        """Of dots that begin and end, float64 [2, 2, k], along x and along y."""
+        """Lags of dots that begin and end, float64 [2, 2, k], along x and along y."""
         ends = np.stack([-axis[::-1] if flip else axis for axis, flip in zip(ends, mirrored, strict=True)])
         start = ends[:, 0]
         # Also for dots beyond a disc, whose areas rounding may leave above 0.
@@ -368,14 +368,14 @@ class _Lines(NamedTuple):
 
 
 def _part_height(place: Floats) -> Floats:
-    """Of the rim."""
+    """Height of the rim."""
     height = place * place
     np.subtract(1, height, out=height)
     return np.sqrt(height, out=height)
 
 
 def _part_integral(place: Floats, height: Floats) -> Floats:
-    """Of the rim's height, from 0."""
+    """Integral of the rim's height, from 0."""
     integral = np.arcsin(place)
     integral += place * height
     integral *= 0.5

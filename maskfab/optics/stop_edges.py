@@ -49,7 +49,7 @@ def edges_in_stop(shapes: db.Region | Ints, stop: Stop, centre_nm: tuple[float, 
 
 
 def _polygon_edges(merged: db.Region, stop: Stop, centre_nm: tuple[float, float]) -> tuple[Floats, float]:
-    """Of polygons that are disjoint only those that the stop may cut are cut; a boolean of all takes far longer."""
+    """Edges of disjoint polygons; only those that the stop may cut are cut, for a boolean of all takes far longer."""
     boxes = (polygon.bbox() for polygon in merged.each())
     ends = np.fromiter((end for box in boxes for end in (box.left, box.bottom, box.right, box.top)), dtype=np.int64)
     inside, outside = whole_or_away(stop.scaled(NM_PER_UM, NM_PER_UM), *(ends.reshape(-1, 4) - np.tile(centre_nm, 2)).T)

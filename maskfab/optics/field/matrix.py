@@ -239,7 +239,7 @@ class ParityField:
 
 
 def _sum_of_squares(one: Floats, other: Floats) -> Floats:
-    """Over ``one``: fresh memory costs more than the sums."""
+    """Sum of squares, written over ``one``: fresh memory costs more than the sums."""
     one *= one
     other *= other
     one += other

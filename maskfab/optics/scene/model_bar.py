@@ -113,7 +113,7 @@ def bar_of_panel(panel: Panel, camera: Camera, blank: MaskBlank, die: str | None
 
 
 def bar_of_scene(panel: Panel, camera: Camera, blank: MaskBlank, field_um: float) -> tuple[Omission, ...]:
-    """All that a scene's PSFs leave out, on the axis and off it, the largest first."""
+    """Omissions of a scene's PSFs, on the axis and off it, the largest first."""
     pupil = cut(panel_aperture(panel, camera.stop.diameter_um / 2), camera.stop)
     known = _Known.of(pupil, camera)
     return _by_size([*_on_axis(known, blank), *_of_scene(known, field_um, blank)])

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def alternatives_document(found: Alternatives) -> dict[str, Any]:
-    """All that is told of them; shares of the pixel, micrometres, dB."""
+    """Alternatives as plain data; shares of the pixel, micrometres, dB."""
     return {
         "within_db": WITHIN_DB,
         "bias_um": found.bias_um,

@@ -48,7 +48,7 @@ class Stated:
 
 
 def stated(job: Job) -> dict[str, Stated]:
-    """By die, what its files say, of dies whose opening or map says that it was designed."""
+    """Statements of files on dies whose opening or map was designed, by die."""
     found = {}
     for die in job.spec.die:
         opening: Opening = job.openings[die.name][0]
@@ -60,7 +60,7 @@ def stated(job: Job) -> dict[str, Stated]:
 
 
 def camera_notes(job: Job) -> dict[str, Quantity]:
-    """By die, a note where its opening or its map says that it was designed for another camera than the job's."""
+    """Notes, by die, where its opening or its map was designed for another camera than the job's."""
     here = camera_line(job.camera)
     notes = {}
     for name, said in stated(job).items():

@@ -113,7 +113,7 @@ def _field_schema(field: FieldInfo) -> Document:
 
 
 def _schema(annotation: Any) -> Document:
-    """Of lengths, those alone that leave no choice; marks of what is checked where a document is read are no part."""
+    """Schema of a type: lengths that leave no choice, and no marks of what is checked where a document is read."""
     if get_origin(annotation) is Annotated:
         kind, *marks = get_args(annotation)
         for mark in marks:

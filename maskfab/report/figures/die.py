@@ -430,7 +430,7 @@ def _draw_plate(axes: Axes, plate: Plate, failed: frozenset[str]) -> None:
 
 
 def _path_mm(polygons: Sequence[Polygon]) -> Path:
-    """All polygons as one path: an SVG element for each would make the drawing ten times as large."""
+    """Polygons as one path: an SVG element for each would make the drawing ten times as large."""
     vertices = [point for polygon in polygons for point in (*polygon, polygon[0])]
     codes = [
         code for polygon in polygons for code in (Path.MOVETO, *[Path.LINETO] * (len(polygon) - 1), Path.CLOSEPOLY)

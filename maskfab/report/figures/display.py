@@ -259,7 +259,7 @@ def _dash(axes: Axes, polygons: list[list[tuple[float, float]]]) -> None:
 
 
 def _path(polygons: Iterable[list[tuple[float, float]]]) -> Path:
-    """All outlines as one path: as many paths take ten times as long to draw."""
+    """Outlines as one path: as many paths take ten times as long to draw."""
     points: list[tuple[float, float]] = []
     codes: list[np.uint8] = []
     for polygon in polygons:

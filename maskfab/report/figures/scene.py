@@ -209,7 +209,7 @@ def _height(tiles: _Tiles) -> float:
 
 
 def _draw(axes: Axes, tiles: _Tiles) -> None:
-    """All pictures as one bitmap; lengths on the axes are those of a picture."""
+    """Pictures as one bitmap; lengths on the axes are those of a picture."""
     side = tiles.levels[0][0].shape[0]
     gap, strip = round(_GAP * side), round((_STRIP if tiles.numbers else _GAP) * side)
     rows, columns = len(tiles.levels), len(tiles.levels[0])

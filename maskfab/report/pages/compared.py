@@ -61,7 +61,7 @@ class Compared:
 
     @property
     def table(self) -> DieTable:
-        """All dies, the best first."""
+        """Dies, the best first."""
         return die_table(self.document)
 
     def to_dict(self) -> dict[str, Any]:
@@ -143,7 +143,7 @@ def _photographs(
     alone: bool,
     left_out: list[str],
 ) -> dict[str, Any] | None:
-    """Of the first report that has some, with those of all others that were taken of the same scenes alike."""
+    """Photographs of the first report that has some, with those of others that were taken of the same scenes alike."""
     first = next((each for each in reports if "photographs" in each.document), None)
     if first is None:
         left_out.append("No report has photographs: dies are not ranked.")

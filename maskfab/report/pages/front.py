@@ -117,7 +117,7 @@ class Best:
 
 
 def stamps(document: Document) -> tuple[Stamp, Stamp, Stamp]:
-    """Of files, optics and displays."""
+    """Verdicts on files, optics and displays."""
     verdicts = document["verdicts"]
     shops = sorted({row["name"] for row in document["checks"] if row["name"].startswith("shop_")})
     house = f"{len(shops)} rules of the mask house" if shops else "rules of a mask house not asked for"

@@ -103,12 +103,12 @@ def scores(taken: Document, level_db: float) -> dict[str, list[float]]:
 
 
 def mean_psnr(taken: Document, level_db: float, name: str) -> float:
-    """Over the photographs of a die, in dB."""
+    """Mean PSNR over the photographs of a die, in dB."""
     return float(np.mean(scores(taken, level_db)[name]))
 
 
 def difference(taken: Document, level_db: float, name: str, other: str) -> MeanDifference:
-    """Of two dies' photographs, scene by scene, in dB."""
+    """Difference of two dies' photographs, scene by scene, in dB."""
     known = scores(taken, level_db)
     return MeanDifference.of([one - two for one, two in zip(known[name], known[other], strict=True)])
 

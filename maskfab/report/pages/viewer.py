@@ -168,7 +168,7 @@ def _groups(cell: db.Cell, places: dict[int, int]) -> Iterator[Document]:
 
 
 def _matrix(degrees: float, mirrored: bool, scale: float) -> list[float]:
-    """Of a reference: mirrored at the x axis, then turned and scaled."""
+    """Matrix of a reference: mirrored at the x axis, then turned and scaled."""
     sine, cosine = (scale * each(np.deg2rad(degrees)) for each in (np.sin, np.cos))
     up = -1.0 if mirrored else 1.0
     return [round(float(each), 15) + 0.0 for each in (cosine, sine, -sine * up, cosine * up)]

@@ -356,7 +356,7 @@ def _drawn_psf(pupil: Pupil, camera: Camera) -> Psf:
 
 
 def _lengths(vertices: _Vertices, corners: tuple[WrittenCorner, ...], stop: Stop) -> EdgeLengths:
-    """Of the tiles' outlines, of a tile on the rim as far as its middle is inside the stop."""
+    """Lengths of the tiles' outlines, of a tile on the rim as far as its middle is inside the stop."""
     within = inside(stop, vertices.x_um, vertices.y_um[..., None, None])
     outlines = [corner.outline_um for corner in corners]
     counts = np.bincount(vertices.held[within], minlength=CONFIGURATIONS).astype(np.float64)
@@ -589,7 +589,7 @@ def _laid_out(x: Lattice, y: Lattice, shares: Floats) -> Floats:
 
 
 def _mtfs(pupil: Pupil, camera: Camera, area_um2: float) -> list[Mtf]:
-    """Of a pupil whose clear area is better known than its parts tell, by wavelength."""
+    """MTFs of a pupil whose clear area is better known than its parts tell, by wavelength."""
     table = lag_table(pupil, longest_lag_um(camera))
     # Nobody else has this table, and a copy of it would be the largest thing there is.
     table.values.flags.writeable = True

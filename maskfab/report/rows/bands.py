@@ -127,7 +127,7 @@ class Expansion:
 
     @property
     def error(self) -> float:
-        """Of either edge."""
+        """Error of either edge."""
         return math.fsum(map(abs, self.missed))
 
 
@@ -171,7 +171,7 @@ class Cases(Generic[Case]):
         return (*bias, *_parabola(self.sides, *(number(each) - f0 for each in self.radius)))
 
     def expansion(self, number: Callable[[Case], Floats]) -> Expansion:
-        """Of a number."""
+        """Expansion of a number."""
         f0, terms = number(self.nominal), self.terms(number)
         a, c, b, d = (float(each) for each in terms)
         return Expansion(float(f0), (a, c, b, d), (float(number(self.corner) - f0 - at_corner(terms)),))
@@ -239,7 +239,7 @@ class Band:
 
     @classmethod
     def of(cls, name: str, line: float | None, found: Expansion, process: Process, spread: ProcessSpread) -> Band:
-        """Of a number that was expanded about a process."""
+        """Band of a number that was expanded about a process."""
         low, high = found.edges(spread.deviations(process))
         return cls(name, line, found.nominal, low, high, found.error, found.terms[0], found.terms[2])
 

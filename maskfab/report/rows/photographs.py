@@ -58,7 +58,7 @@ class Surroundings:
 
     @classmethod
     def of(cls, job: Job) -> Surroundings:
-        """Of a job."""
+        """Surroundings of a job."""
         section = job.spec.scene
         return cls(job.scene, None if section is None else section.accuracy, job.blank)
 

@@ -66,7 +66,7 @@ def verdict(found: MeanDifference, at_least: float | None, at_most: float | None
 
 
 def worst(verdicts: Sequence[Verdict]) -> Verdict:
-    """Of several that must all agree."""
+    """Worst of several that must all agree."""
     order = (Verdict.DISAGREES, Verdict.OPEN, Verdict.AGREES)
     return min(verdicts, key=order.index)
 
@@ -110,7 +110,7 @@ class Claim:
 
     @property
     def verdicts(self) -> Mapping[str, Verdict]:
-        """By protocol; of the optics under an empty name."""
+        """Verdicts by protocol; those of the optics under an empty name."""
         names = dict.fromkeys(each.of.protocol for each in self.findings)
         return {name: worst([each.verdict for each in self.findings if each.of.protocol == name]) for name in names}
 
