@@ -456,9 +456,8 @@ def _distributed() -> Any:
     try:
         import distributed
     except ImportError as missing:
-        raise OutputError(
-            "MF431", "a cluster needs the package dask.distributed", cure="pip install 'maskfab[cluster]'"
-        ) from missing
+        what = "a cluster needs the package dask.distributed"
+        raise OutputError("MF431", what, cure="pip install 'maskfab[cluster]'") from missing
     return distributed
 
 
@@ -471,12 +470,9 @@ def _client(distributed: Any, scheduler: str) -> Any:
     try:
         return distributed.Client(scheduler, timeout=_ANSWERS_WITHIN_S, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
-        raise JobError(
-            "MF164",
-            f"no scheduler answers at {scheduler} within {_ANSWERS_WITHIN_S} s",
-            where="--scheduler",
-            cure="Start it with dask scheduler, and give the address that it prints, such as tcp://127.0.0.1:8786",
-        ) from error
+        what = f"no scheduler answers at {scheduler} within {_ANSWERS_WITHIN_S} s"
+        cure = "Start it with dask scheduler, and give the address that it prints, such as tcp://127.0.0.1:8786"
+        raise JobError("MF164", what, where="--scheduler", cure=cure) from error
 
 
 def _same_version(client: Any, scheduler: str) -> None:
@@ -489,9 +485,8 @@ def _same_version(client: Any, scheduler: str) -> None:
     try:
         versions = client.run(of_installation, on_error="return")
     except Exception as error:
-        raise JobError(
-            "MF164", f"workers of {scheduler} do not answer: {error}", where="--scheduler", cure=cure
-        ) from error
+        what = f"workers of {scheduler} do not answer: {error}"
+        raise JobError("MF164", what, where="--scheduler", cure=cure) from error
     if not versions:
         cure = f"Start some: dask worker {scheduler} --nthreads 1"
         raise JobError("MF164", f"the scheduler {scheduler} has no workers", where="--scheduler", cure=cure)

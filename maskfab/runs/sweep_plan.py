@@ -48,9 +48,8 @@ def require_known(names: Sequence[str], where: str) -> None:
     for name in names:
         if name not in STAGE_OF_QUANTITY:
             near = get_close_matches(name, STAGE_OF_QUANTITY, n=3) or list(STAGE_OF_QUANTITY)
-            raise JobError(
-                "MF161", f"a sweep cannot find the quantity {name!r}", where=where, cure=f"Use one of {', '.join(near)}"
-            )
+            what = f"a sweep cannot find the quantity {name!r}"
+            raise JobError("MF161", what, where=where, cure=f"Use one of {', '.join(near)}")
     if len(set(names)) < len(names):
         raise JobError("MF161", "a quantity is named twice", where=where, cure="Name each once")
 
@@ -168,9 +167,8 @@ def _paths(key: str, job: JobSpec, dies: Sequence[str], where: str) -> list[KeyP
         raise JobError("MF105", f"{key!r} does not name a die and a key of it", where=where, cure=cure)
     _known(f"die.{path[2]}", where)
     if path[1] != _EVERY and path[1] not in dies:
-        raise JobError(
-            "MF105", f"the sweep has no die {path[1]!r}", where=where, cure=f"Use one of {', '.join(dies)}, or die.*"
-        )
+        what = f"the sweep has no die {path[1]!r}"
+        raise JobError("MF105", what, where=where, cure=f"Use one of {', '.join(dies)}, or die.*")
     return [("die", name, path[2]) for name in (dies if path[1] == _EVERY else [path[1]])]
 
 
@@ -418,21 +416,17 @@ def planned(study: Path) -> Plan:
     listed = [field for field in fields if not field.drawn]
     count = prod(len(field.levels) for field in listed) * (sweep.cases or 1)
     if count > MOST_CASES:
-        raise JobError(
-            "MF160",
-            f"the sweep has {count} cases, more than the limit of {MOST_CASES}",
-            where=f"{where}: field",
-            cure="Give fields fewer values, or draw them: uniform = [...], and cases = 1000 in [sweep]",
-        )
+        what = f"the sweep has {count} cases, more than the limit of {MOST_CASES}"
+        cure = "Give fields fewer values, or draw them: uniform = [...], and cases = 1000 in [sweep]"
+        raise JobError("MF160", what, where=f"{where}: field", cure=cure)
     document = job.spec.dump()
     cases = tuple(
         _case(document, fields, levels, sweep.quantities, path, where) for levels in _points(fields, sweep.cases)
     )
     _distinct(cases, fields, where)
     if all(case.refused for case in cases):
-        raise JobError(
-            "MF160", f"no case can be: {cases[0].refused}", where=where, cure="Change the values of the fields"
-        )
+        what = f"no case can be: {cases[0].refused}"
+        raise JobError("MF160", what, where=where, cure="Change the values of the fields")
     return Plan(spec, where, job, fields, cases)
 
 
@@ -533,9 +527,5 @@ def _distinct(cases: tuple[Case, ...], fields: tuple[Field, ...], where: str) ->
                 for field, one, two in zip(fields, other.stated, case.stated, strict=True)
                 if one != two
             ] or [f"{field.name} = {one!r}" for field, one in zip(fields, other.stated, strict=True)]
-            raise JobError(
-                "MF162",
-                f"two cases are one job: {', '.join(named)}",
-                where=f"{where}: field",
-                cure="Remove one of the values, or a field that changes nothing in these dies",
-            )
+            cure = "Remove one of the values, or a field that changes nothing in these dies"
+            raise JobError("MF162", f"two cases are one job: {', '.join(named)}", where=f"{where}: field", cure=cure)

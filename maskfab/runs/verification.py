@@ -195,12 +195,9 @@ def verify_file(
         SourceError, JobError: as :func:`maskfab.report.rows.foreign.check_foreign`; MF322 beyond limits.
     """
     if job.spec.data_bias_nm:
-        raise JobError(
-            "MF128",
-            "files from elsewhere are held against designs as drawn, and this job has its data biased",
-            where=f"{job.where}: order.bias",
-            cure='Verify the directory or the package that holds the file, or hold it against a job of bias = "none"',
-        )
+        what = "files from elsewhere are held against designs as drawn, and this job has its data biased"
+        cure = 'Verify the directory or the package that holds the file, or hold it against a job of bias = "none"'
+        raise JobError("MF128", what, where=f"{job.where}: order.bias", cure=cure)
     job.check_window()
     house = shop_of(job.spec, job.where)
     plate, drawing = job.plate(), job.spec.export
@@ -514,9 +511,8 @@ def reproduce(directory: str | Path, *, progress: Progress = silent) -> Reproduc
     manifest = read_manifest(folder)
     names, versions = [str(row["path"]) for row in manifest["files"]], manifest.get("versions")
     if not isinstance(versions, Mapping) or JOB_COPY not in names:
-        raise OutputError(
-            "MF403", f"{folder} holds other results than a plate", cure="Name a directory that maskfab run has made"
-        )
+        what = f"{folder} holds other results than a plate"
+        raise OutputError("MF403", what, cure="Name a directory that maskfab run has made")
     then = {str(name): str(number) for name, number in versions.items()}
     with tempfile.TemporaryDirectory(prefix="maskfab-") as scratch:
         again = Path(scratch) / "again"
