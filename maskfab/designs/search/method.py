@@ -367,7 +367,7 @@ def shortlisted(
     Raises:
         JobError: as ``design_map``.
     """
-    listed = _different([Candidate(state.best.name, state.best.unit), *state.looked], rules, most)
+    listed = different([Candidate(state.best.name, state.best.unit), *state.looked], rules, most)
     if len(listed) < 2:
         return state
     # A random map's light differs by chance, and more of it is no merit of a shape: all have what is expected.
@@ -416,7 +416,7 @@ def shortlisted(
     )
 
 
-def _different(candidates: Iterable[Candidate], rules: Constraints, most: int) -> tuple[Candidate, ...]:
+def different(candidates: Iterable[Candidate], rules: Constraints, most: int) -> tuple[Candidate, ...]:
     """At most so many that keep the rules: of every family and size, turned or not, the first."""
     first: dict[tuple[str, int, int], Candidate] = {}
     for shape in candidates:
