@@ -176,15 +176,7 @@ def cd_bars(name: str, centre_nm: Point, feature_nm: int, multiples: Sequence[in
 def _in_a_row(
     name: str, centre_x: int, feature_nm: int, multiples: Sequence[float], side: Callable[[int], int]
 ) -> Iterator[tuple[str, int, int]]:
-    """Figures of a row from left to right: name, width, and left end.
-
-    Args:
-        name: first part of their names.
-        centre_x: middle of the row.
-        feature_nm: the smallest feature of the plate.
-        multiples: of it, the widths, rounded to nanometres.
-        side: how broad a figure of a width is.
-    """
+    """Name, width and left end of a row's figures, of which one is as broad as ``side`` tells of its width."""
     widths = [round(feature_nm * multiple) for multiple in multiples]
     x = centre_x - (sum(map(side, widths)) + _GAP_NM * (len(widths) - 1)) // 2
     for multiple, width in zip(multiples, widths, strict=True):

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from klayout import db
@@ -33,7 +33,7 @@ from maskfab.mask.houses.adaptation import (
     written_formats,
     written_options,
 )
-from maskfab.mask.houses.findings import Finding, PlateFacts, check_shop
+from maskfab.mask.houses.findings import Finding, PlateFacts, check_shop, sourced
 from maskfab.mask.houses.order import check_ordered
 from maskfab.mask.judge.verdict import Asked, asked
 from maskfab.mask.layout import plate_layout, simple_polygon
@@ -186,8 +186,7 @@ def check_plotter(plate: Plate, spec: JobSpec, shop: Shop, formats: Sequence[str
         known = " ".join(map(str, sorted(offered)))
         cure = "" if dpi in offered else f'Set dpi = "{max(offered)} dpi" in [export]'
         found.append(Finding("dpi", dpi in offered, edges.dpi, known, "dpi", cure=cure))
-    source = " ".join(shop.sources)
-    return tuple(replace(each, source=source) for each in found)
+    return sourced(found, shop)
 
 
 def _limit(plate: Plate, spec: JobSpec, shop: Shop | None) -> tuple[float | None, str]:

@@ -9,17 +9,19 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, TypeAlias
+from functools import partial
+from itertools import chain
+from typing import Any, Literal, TypeAlias, TypeVar
 
 from klayout import db
 
 from maskfab.base.errors import OutputError
-from maskfab.base.model import CLEAR, NOTE, Box, Die, Layer, Mark, Plate, Quantity, Snapping
+from maskfab.base.model import CLEAR, NOTE, Box, Die, Layer, Plate, Quantity
 from maskfab.base.units import NM_PER_MM, NM_PER_UM, UM_PER_INCH, UM_PER_MM
 from maskfab.job.order import Tone as DataTone
 from maskfab.job.shop import Shop
 from maskfab.job.values import SHOP_FORMATS, FileFormat, ShopFormat
-from maskfab.mask.figures import DieFigures, Figures, PolygonOptions, draw
+from maskfab.mask.figures import Figures, PolygonOptions, draw
 from maskfab.mask.formats import table
 from maskfab.mask.houses import adaptation
 from maskfab.mask.houses.adaptation import Blank, drawing_options, drawing_style, extent_nm, kept_grid_nm, written_box
@@ -87,68 +89,54 @@ class Finding:
         return ". ".join(text for text in (f"{verdict} {self.told}{place}", self.cure, self.question) if text)
 
 
+Fact = TypeVar("Fact")
+
+
 @dataclass(frozen=True)
 class PlateFacts:
     """Facts of one plate that every house's rules ask for, each found once, however many houses there are.
 
-    Dies are told apart by name, for what a house is sent differs only in what is not written.
-
-    Attributes:
-        narrow: the narrowest places by name of the die, tone, and whether the place was asked for.
-        kissing: corners that meet, by name of the die.
-        kissing_marks: corners that meet on marks, which most houses are sent alike.
-        figures: the plate as drawn, by its marks, their grid and the options, which are those of most houses too.
-        designs: the plate as its files must show it, by its marks and their grid.
-        smallest: features and spaces, by the marks.
+    Dies are told apart by name, for what a house is sent differs only in what is not written; marks and their grid, and
+    the options of drawing, are those of most houses too.
     """
 
-    narrow: dict[tuple[str, Tone, bool], Narrowest] = field(default_factory=dict)
-    kissing: dict[str, list[RuleResult]] = field(default_factory=dict)
-    kissing_marks: dict[tuple[Mark, ...], tuple[RuleResult, ...]] = field(default_factory=dict)
-    figures: dict[tuple[tuple[Mark, ...], Snapping | None, PolygonOptions], Figures] = field(default_factory=dict)
-    designs: dict[tuple[tuple[Mark, ...], Snapping | None], db.Layout] = field(default_factory=dict)
-    smallest: dict[tuple[Mark, ...], tuple[Smallest, ...]] = field(default_factory=dict)
+    kept: dict[tuple[object, ...], Any] = field(default_factory=dict)
+
+    def _once(self, find: Callable[[], Fact], *key: object) -> Fact:
+        if key not in self.kept:
+            self.kept[key] = find()
+        fact: Fact = self.kept[key]
+        return fact
 
     def smallest_of(self, plate: Plate) -> tuple[Smallest, ...]:
         """As :func:`maskfab.mask.plate_rules.smallest_of_plate`."""
-        if plate.marks not in self.smallest:
-            self.smallest[plate.marks] = smallest_of_plate(plate, self.narrowest)
-        return self.smallest[plate.marks]
+        return self._once(lambda: smallest_of_plate(plate, self.narrowest), "smallest", plate.marks)
 
     def narrowest(self, die: Die, tone: Tone, *, placed: bool = False) -> Narrowest:
         """As :func:`maskfab.mask.panel_rules.narrowest`."""
-        key = die.name, tone, placed
-        if key not in self.narrow:
-            self.narrow[key] = narrowest(die, tone, placed=placed)
-        return self.narrow[key]
+        return self._once(lambda: narrowest(die, tone, placed=placed), "narrowest", die.name, tone, placed)
 
     def design(self, plate: Plate) -> db.Layout:
         """As :func:`maskfab.mask.layout.plate_layout`."""
-        key = plate.marks, plate.snapped
-        if key not in self.designs:
-            self.designs[key] = plate_layout(plate)
-        return self.designs[key]
+        return self._once(lambda: plate_layout(plate), "design", plate.marks, plate.snapped)
 
     def drawn(self, plate: Plate, options: PolygonOptions) -> Figures:
         """As :func:`maskfab.mask.figures.draw`."""
-        key = plate.marks, plate.snapped, options
-        if key not in self.figures:
-            self.figures[key] = draw(plate, options)
-        return self.figures[key]
+        return self._once(lambda: draw(plate, options), "drawn", plate.marks, plate.snapped, options)
 
     def touching(self, plate: Plate) -> list[RuleResult]:
         """Where clear shapes meet by a corner only, die by die and then on the marks."""
         rules = _KISSING
         if not dies_apart(plate, rules.reach_nm):
             return list(check_plate(plate, rules))
-        for die in plate.dies:
-            if die.name not in self.kissing:
-                alone = check_plate(replace(plate, dies=(die,), marks=()), rules)
-                self.kissing[die.name] = [each for each in alone if each.die is not None]
-        if plate.marks not in self.kissing_marks:
-            self.kissing_marks[plate.marks] = check_plate(replace(plate, dies=()), rules)
-        on_dies = (each for die in plate.dies for each in self.kissing[die.name])
-        return [*on_dies, *self.kissing_marks[plate.marks]]
+
+        def on_die(die: Die) -> list[RuleResult]:
+            alone = check_plate(replace(plate, dies=(die,), marks=()), rules)
+            return [result for result in alone if result.die is not None]
+
+        on_dies = [self._once(partial(on_die, die), "touching", die.name) for die in plate.dies]
+        on_marks = self._once(lambda: check_plate(replace(plate, dies=()), rules), "touching", plate.marks)
+        return [*chain.from_iterable(on_dies), *on_marks]
 
 
 Taken: TypeAlias = Literal["takes it", "ask first", "does not"]
@@ -213,7 +201,7 @@ def check_shop(
         *(refusal if figures is None else _of_figures(figures, shop, layers, facts)),
         *_of_names(drawn.name, sorted(cells), [*layers, *_texted(drawn, shop, sent)], shop),
     )
-    return _sourced(findings, shop)
+    return sourced(findings, shop)
 
 
 def check_written(
@@ -234,16 +222,20 @@ def check_written(
         below = {*figures.cells, *(die.name for die in figures.dies), *(mark.name for mark in figures.marks)}
         cells += sorted(below)
     texted = [layer for layer in _texted(plate, shop, sent) if layer not in layers]
+    unwritten, others = [], [layer.name for layer in layers if not layer.written]
+    if others:
+        cure = f"Order {CLEAR.name} {CLEAR.number}/{CLEAR.datatype} alone, or {_PACKAGE}, which has no other layer"
+        unwritten = [Finding("unwritten_layers", None, " ".join(others), None, cure=cure)]
     findings = (
         *_of_files(shop, plate, sent, figures.options.tone, noted=bool(figures.notes)),
         *_of_plate(plate, shop, _reach(plate)),
         *_of_blank(blank or Blank(None, None), shop),
         *_of_features(plate, shop, None, figures),
         *_of_figures(figures, shop, layers),
-        *_unwritten(layers),
+        *unwritten,
         *_of_names(plate.name, cells, [*layers, *texted], shop),
     )
-    return _sourced((_as_written(each, shop) for each in findings), shop)
+    return sourced((_as_written(each, shop) for each in findings), shop)
 
 
 def _texted(plate: Plate, shop: Shop, sent: Sequence[ShopFormat]) -> list[Layer]:
@@ -257,16 +249,10 @@ def _unit_texts(plate: Plate, shop: Shop, sent: Sequence[ShopFormat]) -> list[Sh
     return [each for each in sent if each.startswith("dxf") and each.removeprefix("dxf_").upper() in versions]
 
 
-def _sourced(findings: Iterable[Finding], shop: Shop) -> tuple[Finding, ...]:
+def sourced(findings: Iterable[Finding], shop: Shop) -> tuple[Finding, ...]:
+    """The findings with the pages on which the house publishes its rules."""
     source = " ".join(shop.sources)
     return tuple(replace(each, source=source) for each in findings)
-
-
-def _unwritten(layers: Sequence[Layer]) -> Iterator[Finding]:
-    others = [layer.name for layer in layers if not layer.written]
-    if others:
-        cure = f"Order {CLEAR.name} {CLEAR.number}/{CLEAR.datatype} alone, or {_PACKAGE}, which has no other layer"
-        yield Finding("unwritten_layers", None, " ".join(others), None, cure=cure)
 
 
 def _as_written(finding: Finding, shop: Shop) -> Finding:
@@ -366,7 +352,7 @@ def _of_plate(plate: Plate, shop: Shop, spanned: Box | None = None) -> Iterator[
         fits = reach[0] <= area[0] and reach[1] <= area[1]
         named = _templates(lambda each: each.writable_nm <= min(area) * NM_PER_MM)
         cure = f'{named}set plate.writable to at most "{min(area):g} mm" without one, or use fewer dies'
-        place = "" if fits else _corner(plate)
+        place = "" if fits else _spanned((x0, y0, x1, y1))
         cure = "" if fits else cure[0].upper() + cure[1:]
         yield Finding("plot_area", fits, _by(reach), _by(area), "mm", place, cure)
     asked = extent_nm(shop)
@@ -428,23 +414,25 @@ def _of_features(
     """Widths, spaces and grid: of the plate, or of the figures where they are biased data."""
     limits = shop.limits
     biased = figures is not None and figures.options.bias_nm is not None
-    coarse = _biased_clear(figures) - _fine(figures.plate) if figures is not None and biased else None
+    coarse = None
+    if figures is not None and biased:
+        fine = (mark for mark in figures.plate.marks if mark.kind in FINE_ON_PURPOSE and mark.layer.written)
+        left_out = [db.Polygon(simple_polygon(polygon)) for mark in fine for polygon in mark.polygons]
+        coarse = _biased_clear(figures) - db.Region(left_out)
     least = limits.min_feature_um
-    space = limits.min_space_um if limits.min_space_um is not None else least
+    apart = limits.min_space_um if limits.min_space_um is not None else least
     wanted: tuple[tuple[str, Tone, float | None], ...] = (
         ("min_feature", "clear", least),
-        ("min_space", "opaque", space),
+        ("min_space", "opaque", apart),
     )
     for rule, tone, least_um in wanted:
         if least_um is None:
             continue
         clear = tone == "clear"
-        rules = DesignRules(
-            min_width_nm=_nm(least_um) if clear else None,
-            min_space_nm=None if clear else _nm(least_um),
-            kissing=False,
-        )
-        worst = _worst(plate, rules, tone, facts) if coarse is None else _worst_biased(coarse, rules)
+        least_nm = round(least_um * NM_PER_UM)
+        width, space = (least_nm, None) if clear else (None, least_nm)
+        rules = DesignRules(min_width_nm=width, min_space_nm=space, kissing=False)
+        worst = _worst(plate, rules, tone, facts, coarse)
         found = _narrow(rule, tone, worst, least_um, limits.min_feature_on_request_um)
         refused = coarse is not None and found.passed is False
         yield replace(found, cure=_UNBIASED) if refused else found
@@ -458,27 +446,20 @@ def _biased_clear(figures: Figures) -> db.Region:
     return biased_data(region(layout, CLEAR), figures.plate, figures.options.bias_nm or 0)
 
 
-def _fine(plate: Plate) -> db.Region:
-    """Marks that are fine on purpose."""
-    marks = (mark for mark in plate.marks if mark.kind in FINE_ON_PURPOSE and mark.layer.written)
-    return db.Region([db.Polygon(simple_polygon(each)) for mark in marks for each in mark.polygons])
-
-
-def _worst_biased(clear: db.Region, rules: DesignRules) -> tuple[float, str] | None:
-    """As :func:`_worst`, of data that no panel tells."""
-    found = list(_too_narrow(flat_results(merged(clear), (), rules, 1)))
-    value, place = min(found, default=(math.inf, ""))
-    return (value / NM_PER_UM, place.replace("the marks", "the data")) if found else None
-
-
-def _worst(plate: Plate, rules: DesignRules, tone: Tone, facts: PlateFacts | None) -> tuple[float, str] | None:
+def _worst(
+    plate: Plate, rules: DesignRules, tone: Tone, facts: PlateFacts | None, biased: db.Region | None
+) -> tuple[float, str] | None:
     """The narrowest place in micrometres, and where; None where nothing is too narrow.
 
-    Corners that kiss are a rule of their own. Test figures and codes are fine on purpose.
+    Corners that kiss are a rule of their own. Test figures and codes are fine on purpose. Of ``biased`` data no panel
+    tells.
     """
     marks = tuple(mark for mark in plate.marks if mark.kind not in FINE_ON_PURPOSE)
     coarse = replace(plate, marks=marks)
-    if dies_apart(coarse, rules.reach_nm):
+    if biased is not None:
+        results = _too_narrow(flat_results(merged(biased), (), rules, 1))
+        found = [(value, place.replace("the marks", "the data")) for value, place in results]
+    elif dies_apart(coarse, rules.reach_nm):
         found = [each for die in plate.dies for each in _of_die(die, plate, rules, tone, facts)]
         found += _too_narrow(check_plate(replace(coarse, dies=()), rules))
     else:
@@ -507,7 +488,7 @@ def _of_die(
 def _too_narrow(results: Iterable[RuleResult]) -> Iterator[tuple[float, str]]:
     for result in results:
         if not result.passed:
-            yield _number(result.value), _place(result)
+            yield float(result.value) if isinstance(result.value, int | float) else 0.0, _place(result)
 
 
 def _narrow(
@@ -564,26 +545,29 @@ def _of_figures(
     figures: Figures, shop: Shop, layers: Sequence[Layer], facts: PlateFacts | None = None
 ) -> Iterator[Finding]:
     limits, outlines, options, plate = shop.limits, shop.polygons, figures.options, figures.plate
-    if limits.max_vertices is not None:
-        most = adaptation.longest(figures)
-        fits = most <= limits.max_vertices
-        cure = "" if fits else f"Set max_vertices to at most {limits.max_vertices}"
-        yield Finding("vertices", fits, most, limits.max_vertices, cure=cure)
-    if limits.max_references is not None:
-        yield _references(figures, limits.max_references)
-    if limits.max_depth is not None:
-        depth = _LEVELS if options.hierarchy == "cells" else 1
-        cure = "" if depth <= limits.max_depth else 'Use hierarchy = "flat"'
-        yield Finding("depth", depth <= limits.max_depth, depth, limits.max_depth, "levels", cure=cure)
-    if limits.max_layers is not None:
-        yield Finding("layers", len(layers) <= limits.max_layers, len(layers), limits.max_layers)
-    if limits.max_layer_number is not None:
-        highest = max((layer.number for layer in layers), default=0)
-        yield Finding("layer_number", highest <= limits.max_layer_number, highest, limits.max_layer_number)
-    if limits.max_flashes is not None:
-        count = adaptation.flashes(figures)
-        cure = "" if count <= limits.max_flashes else "Use fewer cells, or a house whose writer draws polygons"
-        yield Finding("flashes", count <= limits.max_flashes, count, limits.max_flashes, "rectangles", cure=cure)
+
+    def crowded() -> str:
+        """The die with most references."""
+        most = max(figures.dies, key=lambda die: sum(g.index.size if len(g.cells) > 1 else 1 for g in die.grids))
+        return f"die {most.name}"
+
+    fewer = 'Use max_references for cells of two pixels, hierarchy = "flat", or fewer random dies'
+    bounds: tuple[tuple[str, int | None, Callable[[], int], str, str, Callable[[], str]], ...] = (
+        ("vertices", limits.max_vertices, lambda: adaptation.longest(figures), "",
+         f"Set max_vertices to at most {limits.max_vertices}", str),
+        ("references", limits.max_references, lambda: adaptation.references(figures), "", fewer, crowded),
+        ("depth", limits.max_depth, lambda: _LEVELS if options.hierarchy == "cells" else 1, "levels",
+         'Use hierarchy = "flat"', str),
+        ("layers", limits.max_layers, lambda: len(layers), "", "", str),
+        ("layer_number", limits.max_layer_number, lambda: max((layer.number for layer in layers), default=0), "", "",
+         str),
+        ("flashes", limits.max_flashes, lambda: adaptation.flashes(figures), "rectangles",
+         "Use fewer cells, or a house whose writer draws polygons", str),
+    )  # fmt: skip
+    for rule, most, count, unit, cure, place in bounds:
+        if most is not None:
+            fits = (value := count()) <= most
+            yield Finding(rule, fits, value, most, unit, "" if fits else place(), "" if fits else cure)
     if outlines.self_crossing is False:
         yield Finding("self_crossing", True, "none", "none")
     if outlines.self_touching is not None:
@@ -600,18 +584,6 @@ def _of_figures(
         yield _touches(flat_results(merged(_biased_clear(figures)), (), _KISSING, 1), outlines.corner_touches)
     else:
         yield _touches((facts or PlateFacts()).touching(plate), outlines.corner_touches)
-
-
-def _references(figures: Figures, most: int) -> Finding:
-    count = adaptation.references(figures)
-    fits = count <= most
-    place = "" if fits else max(figures.dies, key=_placed).name
-    cure = "" if fits else 'Use max_references for cells of two pixels, hierarchy = "flat", or fewer random dies'
-    return Finding("references", fits, count, most, "", place and f"die {place}", cure)
-
-
-def _placed(die: DieFigures) -> int:
-    return sum(int(grid.index.size) if len(grid.cells) > 1 else 1 for grid in die.grids)
 
 
 def _boundaries(plate: Plate, figures: Figures) -> Finding:
@@ -708,20 +680,12 @@ def _shown(value: float | int | str | None) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def _number(value: float | int | str | None) -> float:
-    return float(value) if isinstance(value, int | float) else 0.0
-
-
 def _place(result: RuleResult) -> str:
     owner = "the marks" if result.die is None else f"die {result.die}"
     if not result.places:
         return owner
     x, y = (value / NM_PER_UM for value in result.places[0][:2])
     return f"({x:.3f}, {y:.3f}) um in {owner}, {result.count} in all"
-
-
-def _corner(plate: Plate) -> str:
-    return _spanned(written_box(plate))
 
 
 def _spanned(box_nm: Box) -> str:
@@ -731,7 +695,3 @@ def _spanned(box_nm: Box) -> str:
 
 def _by(sides: tuple[float, float]) -> str:
     return f"{sides[0]:.6g} x {sides[1]:.6g}"
-
-
-def _nm(length_um: float) -> int:
-    return round(length_um * NM_PER_UM)

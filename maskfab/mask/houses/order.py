@@ -6,7 +6,7 @@ JobSpec + Plate + Shop -> OrderForm -> answers, each checked as it is given -> l
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import date
@@ -17,26 +17,21 @@ from maskfab.base.errors import JobError, SourceError
 from maskfab.base.files import partial
 from maskfab.base.model import Plate
 from maskfab.base.units import NM_PER_MM, NM_PER_UM, UM_PER_MM
-from maskfab.job.order import CdSection, ContactSection, DefectsSection, Film, Glass, OrderSection, Protection, Touches
+from maskfab.job.order import ContactSection, Film, Glass, OrderSection, Protection, Touches
 from maskfab.job.read import check_order, parse_section, validate
 from maskfab.job.read import read as read_spec
 from maskfab.job.sections import JobSpec
 from maskfab.job.shop import Shop
 from maskfab.job.toml import inserted, loads
 from maskfab.mask.houses.adaptation import fitted, ordered_blank
-from maskfab.mask.houses.findings import Finding, PlateFacts, corner_touches, span_text
+from maskfab.mask.houses.findings import Finding, PlateFacts, corner_touches, sourced, span_text
 from maskfab.mask.marks import plate_template, template_names
 
 Source: TypeAlias = Literal["job", "design", "house", "nobody"]
 
 BLANK = "________________"
-_CONTACT = {
-    "name": "contact",
-    "organisation": "organisation",
-    "address": "address",
-    "email": "e-mail",
-    "telephone": "telephone",
-}
+_CONTACT = {"name": "contact", "organisation": "organisation", "address": "address", "email": "e-mail",
+            "telephone": "telephone"}  # fmt: skip
 _NO_WISH = "the house's standard"
 
 
@@ -91,96 +86,75 @@ def order_of(spec: JobSpec, plate: Plate, shop: Shop, corner_touches: int = 0) -
         corner_touches: places at which clear dots meet by a corner alone, for which the house must know what to do.
     """
     stated = spec.order or OrderSection()
+    # Reading of the data as they are sent, which the house keeps to.
+    parity = (
+        "right reading, chrome up: write the data as sent, do not mirror them. The F on the plate is mirrored in them"
+        if stated.mirrored
+        else "right reading, chrome up: write the data as sent. The F on the plate reads right on the chrome side"
+    )
     return Order(
         shop.order.tone_words.get(spec.tone, f"digitized data = {spec.tone}"),
-        _parity(stated),
+        parity,
         stated.mirrored,
         stated.date,
         tuple(_answers(spec, stated, plate, shop, corner_touches)),
     )
 
 
-def _parity(stated: OrderSection) -> str:
-    """Reading of the data as they are sent, which the house keeps to."""
-    if not stated.mirrored:
-        return "right reading, chrome up: write the data as sent. The F on the plate reads right on the chrome side"
-    return (
-        "right reading, chrome up: write the data as sent, do not mirror them. The F on the plate is mirrored in them"
-    )
-
-
 def _answers(spec: JobSpec, stated: OrderSection, plate: Plate, shop: Shop, touches: int) -> list[Answer]:
-    usual, wish = shop.order.default, _Wishes(stated, shop.order.default)
-    blank = ordered_blank(spec)
-    thickness = blank.glass_nm
+    usual, thickness_nm = shop.order.default, ordered_blank(spec).glass_nm
     by_design: Source = "design" if stated.thickness is None else "job"
+
+    def wish(key: str, label: str, none: str | None = None, shown: Callable[[Any], str] = str) -> Answer:
+        """The answer of the job, or else of the house, or else words for none; without those it is blank."""
+        sources: tuple[tuple[OrderSection, Source], ...] = ((stated, "job"), (usual, "house"))
+        for section, source in sources:
+            value = getattr(section, key)
+            if value is not None:
+                return Answer(key, label, shown(value), source)
+        return Answer(key, label, BLANK, "nobody") if none is None else Answer(key, label, none, "house")
+
     rows = [
-        wish.text("revision", "revision", "none stated"),
-        wish.text("date", "date of the order", "none stated"),
-        wish.text("purchase_number", "purchase number", "none stated"),
-        wish.text("quantity", "plates"),
-        wish.text("glass", "glass"),
-        Answer("thickness", "thickness of the glass", f"{thickness / NM_PER_MM:g} mm", by_design)
-        if thickness is not None
-        else wish.length("thickness", "thickness of the glass"),
-        wish.text("film", "film"),
+        wish("revision", "revision", "none stated"),
+        wish("date", "date of the order", "none stated"),
+        wish("purchase_number", "purchase number", "none stated"),
+        wish("quantity", "plates"),
+        wish("glass", "glass"),
+        Answer("thickness", "thickness of the glass", f"{thickness_nm / NM_PER_MM:g} mm", by_design)
+        if thickness_nm is not None
+        else wish("thickness", "thickness of the glass", shown=_length),
+        wish("film", "film"),
         _density(spec, stated, usual),
-        Answer("cd", "CD", *_cd(stated.cd, usual.cd, plate, published=bool(shop.tolerance.cd_um))),
-        wish.length("registration", "registration", _NO_WISH, "within +-"),
-        Answer("defects", "defects", *_defects(stated.defects, usual.defects)),
+        _cd(stated, usual, plate, published=bool(shop.tolerance.cd_um)),
+        wish("registration", "registration", _NO_WISH, lambda value: f"within +-{_length(value)}"),
+        _defects(stated, usual),
         _bias(spec, stated, usual),
-        wish.text("protection", "pellicle or coat", "none"),
+        wish("protection", "pellicle or coat", "none"),
         *_touches(stated, usual, shop, touches),
-        wish.text("delivery", "delivery", "by agreement"),
+        wish("delivery", "delivery", "by agreement"),
     ]
     contact = stated.contact or ContactSection()
     for key, label in _CONTACT.items():
-        said = getattr(contact, key)
-        if said is not None:
-            rows.append(Answer(f"contact.{key}", label, said, "job"))
-        elif key == "telephone":
-            rows.append(Answer("contact.telephone", label, "none stated", "design"))
-        else:
-            rows.append(Answer(f"contact.{key}", label, BLANK, "nobody"))
+        lacking: tuple[str, Source] = ("none stated", "design") if key == "telephone" else (BLANK, "nobody")
+        text = getattr(contact, key)
+        rows.append(Answer(f"contact.{key}", label, *(lacking if text is None else (text, "job"))))
     return rows
 
 
-@dataclass(frozen=True)
-class _Wishes:
-    """Answers of the job, or else of the house, or else words for none; without those they are blanks."""
-
-    stated: OrderSection
-    usual: OrderSection
-
-    def text(self, key: str, label: str, none: str | None = None) -> Answer:
-        sources: tuple[tuple[OrderSection, Source], ...] = ((self.stated, "job"), (self.usual, "house"))
-        for section, source in sources:
-            said = getattr(section, key)
-            if said is not None:
-                return Answer(key, label, str(said), source)
-        return Answer(key, label, BLANK, "nobody") if none is None else Answer(key, label, none, "house")
-
-    def length(self, key: str, label: str, none: str | None = None, before: str = "") -> Answer:
-        found = self.text(key, label, none)
-        if found.source == "nobody" or found.text == none:
-            return found
-        value = float(found.text)
-        shown = f"{value / UM_PER_MM:g} mm" if value >= UM_PER_MM else f"{value:g} um"
-        return Answer(key, label, before + shown, found.source)
+def _length(length_um: float) -> str:
+    return f"{length_um / UM_PER_MM:g} mm" if length_um >= UM_PER_MM else f"{length_um:g} um"
 
 
 def _density(spec: JobSpec, stated: OrderSection, usual: OrderSection) -> Answer:
     of_plate = None if spec.plate is None else spec.plate.optical_density
-    label = "optical density"
     if stated.optical_density is not None or of_plate is not None:
-        return Answer("optical_density", label, f"at least {stated.optical_density or of_plate:g}", "job")
-    if usual.optical_density is not None:
-        return Answer("optical_density", label, f"{usual.optical_density:g}", "house")
-    return Answer("optical_density", label, _NO_WISH, "house")
+        return Answer("optical_density", "optical density", f"at least {stated.optical_density or of_plate:g}", "job")
+    text = _NO_WISH if usual.optical_density is None else f"{usual.optical_density:g}"
+    return Answer("optical_density", "optical density", text, "house")
 
 
-def _cd(stated: CdSection | None, usual: CdSection | None, plate: Plate, *, published: bool) -> tuple[str, Source]:
-    section = stated or usual
+def _cd(stated: OrderSection, usual: OrderSection, plate: Plate, *, published: bool) -> Answer:
+    section = stated.cd or usual.cd
     smallest = min(plate.gauges, key=lambda each: each.target_nm, default=None)
     if section is None or (section.tolerance is None and section.mean_to_target is None):
         text = "within the tolerance that the house publishes" if published else _NO_WISH
@@ -193,15 +167,15 @@ def _cd(stated: CdSection | None, usual: CdSection | None, plate: Plate, *, publ
     feature = None if section is None else section.feature
     measured = feature or (None if smallest is None else smallest.name)
     where = f", measured on {measured}" if measured is not None else ""
-    return text + where, "house" if stated is None else "job"
+    return Answer("cd", "CD", text + where, "house" if stated.cd is None else "job")
 
 
-def _defects(stated: DefectsSection | None, usual: DefectsSection | None) -> tuple[str, Source]:
-    section = stated or usual
-    if section is None:
-        return _NO_WISH, "house"
-    most = f"at most {section.density:g} a square centimetre" if section.density else "none"
-    return f"of {section.size:g} um or more: {most}", "house" if stated is None else "job"
+def _defects(stated: OrderSection, usual: OrderSection) -> Answer:
+    section, text = stated.defects or usual.defects, _NO_WISH
+    if section is not None:
+        most = f"at most {section.density:g} a square centimetre" if section.density else "none"
+        text = f"of {section.size:g} um or more: {most}"
+    return Answer("defects", "defects", text, "house" if stated.defects is None else "job")
 
 
 def _bias(spec: JobSpec, stated: OrderSection, usual: OrderSection) -> Answer:
@@ -228,17 +202,17 @@ def _touches(stated: OrderSection, usual: OrderSection, shop: Shop, touches: int
     label = "corners that meet"
     if not touches:
         return [Answer("corner_touches", label, "none", "design")]
-    told = f"clear shapes meet by a corner only in {touches} places"
+    places = f"clear shapes meet by a corner only in {touches} places"
     fate, width = (getattr(stated, key) or getattr(usual, key) for key in ("corner_touches", "corner_width"))
     source: Source = "house" if stated.corner_touches is None else "job"
     if fate is None and shop.polygons.corner_touches:
-        return [Answer("corner_touches", label, f"{told}, which the house takes: {_NO_WISH}", "house")]
+        return [Answer("corner_touches", label, f"{places}, which the house takes: {_NO_WISH}", "house")]
     if fate is None:
         return [
-            Answer("corner_touches", label, f"{told}; join or stay apart: {BLANK}", "nobody"),
+            Answer("corner_touches", label, f"{places}; join or stay apart: {BLANK}", "nobody"),
             _neck(None, width, shop),
         ]
-    return [Answer("corner_touches", label, f"{told}: they must {fate}", source), _neck(fate, width, shop)]
+    return [Answer("corner_touches", label, f"{places}: they must {fate}", source), _neck(fate, width, shop)]
 
 
 def _neck(fate: Touches | None, width_um: float | None, shop: Shop) -> Answer:
@@ -272,11 +246,11 @@ def check_ordered(
         facts: of the plate, shared by houses.
     """
     touches = (None if spec.order is None else spec.order.corner_touches) or shop.order.default.corner_touches
-    told = f"By the order they must {touches}"
+    cure = f"By the order they must {touches}"
     offers = (*check_offers(spec, plate, shop), *unpublished(spec, drawn, shop, facts or PlateFacts()))
     twice = {"glass"} if any(each.rule == "order_thickness" for each in offers) else set()
     known = (
-        replace(each, cure=told) if each.rule == "corner_touches" and each.passed is None and touches else each
+        replace(each, cure=cure) if each.rule == "corner_touches" and each.passed is None and touches else each
         for each in found
         if each.rule not in twice
     )
@@ -285,8 +259,7 @@ def check_ordered(
 
 def check_offers(spec: JobSpec, plate: Plate, shop: Shop) -> tuple[Finding, ...]:
     """Judge a job's [order] by what a house publishes that it offers; what either leaves out is not judged."""
-    source = " ".join(shop.sources)
-    return tuple(replace(each, source=source) for each in (*_choices(spec, shop), *_numbers(spec, plate, shop)))
+    return sourced((*_choices(spec, shop), *_numbers(spec, plate, shop)), shop)
 
 
 def unpublished(spec: JobSpec, drawn: Plate, shop: Shop, facts: PlateFacts) -> tuple[Finding, ...]:
@@ -298,17 +271,17 @@ def unpublished(spec: JobSpec, drawn: Plate, shop: Shop, facts: PlateFacts) -> t
     data that break a limit of the house's software are refused there in minutes; and what the order leaves to the house
     is the house's standard.
     """
-    source = " ".join(shop.sources)
-    asked = (*_unpublished_material(spec, shop), *_unpublished_sizes(drawn, shop, facts))
-    return tuple(
-        Finding(
-            rule, None, value, None, unit, cure="The house publishes nothing on it", source=source, question=question
-        )
-        for rule, value, unit, question in asked
+    nothing = "The house publishes nothing on it"
+    asked = (
+        Finding(rule, None, value, None, unit, cure=nothing, question=question)
+        for rule, value, unit, question in _open_questions(spec, drawn, shop, facts)
     )
+    return sourced(asked, shop)
 
 
-def _unpublished_material(spec: JobSpec, shop: Shop) -> Iterator[tuple[str, str | float, str, str]]:
+def _open_questions(
+    spec: JobSpec, drawn: Plate, shop: Shop, facts: PlateFacts
+) -> Iterator[tuple[str, str | float, str, str]]:
     """Rule, value, unit and question."""
     order, usual = spec.order, shop.order.default
     glass, film = (None if order is None else getattr(order, key) or getattr(usual, key) for key in ("glass", "film"))
@@ -318,10 +291,6 @@ def _unpublished_material(spec: JobSpec, shop: Shop) -> Iterator[tuple[str, str 
         yield "order_glass", glass, "", f"Do you make masks on {glass}{thick}?"
     if film is not None and shop.offers.films is None:
         yield "order_film", film, "", f"Do you make masks of {film}?"
-
-
-def _unpublished_sizes(drawn: Plate, shop: Shop, facts: PlateFacts) -> Iterator[tuple[str, str | float, str, str]]:
-    """As :func:`_unpublished_material`."""
     sizes, side, room = shop.plate, drawn.blank_nm / NM_PER_MM, drawn.writable_nm / NM_PER_MM
     standard = any(plate_template(name).blank_nm == drawn.blank_nm for name in template_names())
     if not (standard or sizes.blanks_in or sizes.largest_mm or sizes.plot_area_mm or sizes.extent_mm):
@@ -329,9 +298,9 @@ def _unpublished_sizes(drawn: Plate, shop: Shop, facts: PlateFacts) -> Iterator[
         yield "blank", side, "mm", asked
     if shop.limits.min_feature_um is None:
         kinds = [each for each in facts.smallest_of(drawn) if not each.fine]
-        least = min((each.least_um for each in kinds), default=0.0)
-        told = "; ".join(f"{each.of}: {each}" for each in kinds)
-        yield "min_feature", least, "um", f"Do you write the smallest features of this plate ({told})?"
+        least = min((kind.least_um for kind in kinds), default=0.0)
+        listed = "; ".join(f"{kind.of}: {kind}" for kind in kinds)
+        yield "min_feature", least, "um", f"Do you write the smallest features of this plate ({listed})?"
 
 
 def _choices(spec: JobSpec, shop: Shop) -> Iterator[Finding]:
@@ -343,15 +312,10 @@ def _choices(spec: JobSpec, shop: Shop) -> Iterator[Finding]:
     if spec.order is not None and spec.order.bias == "house" and shop.offers.biased is not None:
         cure = "" if shop.offers.biased else 'Set order.bias = "none", or choose another house'
         yield Finding("order_bias", shop.offers.biased, "by the house", "not made", cure=cure)
-    yield from _bias_twice(spec, shop)
-
-
-def _bias_twice(spec: JobSpec, shop: Shop) -> Iterator[Finding]:
-    """A bias of the job's process at a house that makes its bias good by itself: only one of them may."""
-    if shop.order.default.bias != "house" or spec.process is None or not spec.process.cd_bias:
-        return
+    # Where a house makes its bias good by itself, the job's process may not have one too.
     stated = None if spec.order is None else spec.order.bias
-    if stated in (None, "data"):
+    biased = shop.order.default.bias == "house" and spec.process is not None and spec.process.cd_bias
+    if biased and stated in (None, "data"):
         value = "in the data" if stated else "not said by whom"
         cure = 'Set order.bias = "house", or "none" for data as drawn; or choose another house'
         yield Finding("order_bias", False, value, "by the house, unless the order says otherwise", cure=cure)
@@ -362,7 +326,8 @@ def _numbers(spec: JobSpec, plate: Plate, shop: Shop) -> Iterator[Finding]:
     if order is None:
         return
     if order.quantity is not None and offers.most is not None:
-        yield _most("quantity", order.quantity, offers.most, "plates")
+        fits, cure = order.quantity <= offers.most, f"Order at most {offers.most:g}"
+        yield Finding("order_quantity", fits, order.quantity, offers.most, "plates", cure="" if fits else cure)
     if order.thickness is not None and shop.plate.glass_mm is not None:
         yield _between("thickness", order.thickness / UM_PER_MM, shop.plate.glass_mm, "mm")
     least = max(shop.limits.min_feature_um or 0, shop.limits.min_space_um or 0)
@@ -390,11 +355,6 @@ def _least(key: str, wish: float, best_um: float) -> Finding:
     fits = wish >= best_um - 1e-9
     cure = "" if fits else f'Ask for "{best_um:g} um" or more in order.{key}, or choose another house'
     return Finding(f"order_{key}", fits, wish, best_um, "um", cure=cure)
-
-
-def _most(key: str, wish: float, most: float, unit: str) -> Finding:
-    fits = wish <= most
-    return Finding(f"order_{key}", fits, wish, most, unit, cure="" if fits else f"Order at most {most:g}")
 
 
 def _between(key: str, wish: float, limits: tuple[float, float], unit: str) -> Finding:
@@ -526,8 +486,12 @@ def _section_with(stated: Mapping[str, Any], path: list[str], text: str, where: 
     if path[-1] in table:
         what = f"order.{'.'.join(path)} is stated already: {table[path[-1]]}"
         raise JobError("MF105", what, where=where, cure="Change it in the job itself")
+    meanings: list[str | int | float] = [text]
+    for kind in (int, float):
+        with suppress(ValueError):
+            meanings.append(kind(text))
     problems = []
-    for value in _meanings(text):
+    for value in meanings:
         table[path[-1]] = value
         try:
             return parse_section(OrderSection, values, where=where)
@@ -535,13 +499,6 @@ def _section_with(stated: Mapping[str, Any], path: list[str], text: str, where: 
             problems.append(error)
     # A number out of its range is a number; else what is wrong is wrong with the text.
     raise next((each for each in problems if each.code == "MF104"), problems[0])
-
-
-def _meanings(text: str) -> Iterator[str | int | float]:
-    yield text
-    for kind in (int, float):
-        with suppress(ValueError):
-            yield kind(text)
 
 
 def write_answers(path: Path, answers: Mapping[str, str], form: OrderForm, shop: str, day: date) -> tuple[str, ...]:

@@ -10,10 +10,10 @@ import json
 import re
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from klayout import db
 
@@ -80,21 +80,13 @@ def file_box(path: Path, read: db.Layout, style: DrawingStyle) -> Box:
             height, x, y = text.size, text.trans.disp.x, text.trans.disp.y
             box += db.Box(x, y - round(_BELOW * height), x + height * len(text.string), y + height)
     if path.suffix == ".dxf":
-        box += _of_header(path, style)
+        with path.open("rb") as file:
+            header = _HEADER.search(file.read(_HEADER_BYTES))
+        with suppress(ValueError, OverflowError):
+            corners = [round(float(value) / style.length(1)) for value in header.groups()] if header else []
+            # Where a layout ends, what reaches further is too far all the same.
+            box += db.Box(*(max(-_FAR, min(_FAR, value)) for value in corners))
     return (0, 0, 0, 0) if box.empty() else (box.left, box.bottom, box.right, box.top)
-
-
-def _of_header(path: Path, style: DrawingStyle) -> db.Box:
-    with path.open("rb") as file:
-        said = _HEADER.search(file.read(_HEADER_BYTES))
-    if said is None:
-        return db.Box()
-    try:
-        x0, y0, x1, y1 = (round(float(value) / style.length(1)) for value in said.groups())
-    except (ValueError, OverflowError):
-        return db.Box()
-    # Where a layout ends, what reaches further is too far all the same.
-    return db.Box(*(max(-_FAR, min(_FAR, value)) for value in (x0, y0, x1, y1)))
 
 
 PACKED: tuple[ShopFormat, ...] = SHOP_FORMATS
@@ -287,7 +279,7 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
         manifest = _manifest(folder / RESULT_MARK)
         listed = {str(row["path"]): str(row["sha256"]) for row in manifest["files"]}
         wrapped = wrapping(Path(package))
-        checks = [*_held(folder, names, listed), _foreign_bytes(wrapped)]
+        checks = list(_held(folder, names, listed, wrapped))
         version = str(manifest.get("maskfab_version"))
         try:
             house = _packed_shop(folder, Path(package), str(manifest.get("shop"))) if shop is None else shop
@@ -326,7 +318,12 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
             checks.append(Quantity("mask_files", 0, "mask files that the manifest lists", limit=1, passed=False))
         named = zip(drawn.products, kept, strict=True)
         kinds = {product.name: kind for product, kind in named if product.name in listed}
-        sent = [_as_listed(folder / name, kinds[name], listed[name]) for name in listed if name in kinds]
+        # By the hashes that the manifest gives, which are held against the files above.
+        sent = [
+            WrittenFile(name, kinds[name], (folder / name).stat().st_size if name in names else 0, digest)
+            for name, digest in listed.items()
+            if name in kinds
+        ]
         formats = tuple(kinds[file.path] for file in sent)
         edges = drawn.edges if set(PLATE_BITMAPS) & set(formats) else None
         findings = check_package(made.spec, whole, house, formats)
@@ -341,16 +338,16 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
     return tuple(checks)
 
 
-def _held(folder: Path, names: Sequence[str], listed: Mapping[str, str]) -> Iterator[Quantity]:
-    """The files of a package against their hashes, and those that its manifest does not list."""
-    yield from (_hash(folder, name, digest) for name, digest in listed.items())
+def _held(folder: Path, names: Sequence[str], listed: Mapping[str, str], wrapped: Wrapping) -> Iterator[Quantity]:
+    """The files of a package against their hashes, and what its manifest does not list."""
+    for name, digest in listed.items():
+        path = folder / Path(name).name
+        found = provenance.sha256_of_file(path) if path.is_file() and path.name == name else "missing"
+        yield Quantity("sha256", found, f"SHA-256 of {name}", limit=digest, passed=found == digest)
     for name in sorted(set(names) - set(listed) - {RESULT_MARK}):
         yield Quantity("unlisted", name, f"the manifest does not know {name}", None, "", False)
-
-
-def _as_listed(path: Path, kind: ShopFormat, digest: str) -> WrittenFile:
-    """The record of a mask file by the hash that the manifest gives it, which is held against the file elsewhere."""
-    return WrittenFile(path.name, kind, path.stat().st_size if path.is_file() else 0, digest)
+    method = "; ".join(("bytes of the zip that belong to none of its files", *wrapped.strange))
+    yield Quantity("foreign_bytes", wrapped.strange_bytes, method, limit=0, passed=not wrapped.strange_bytes)
 
 
 def _spans(name: str, box: Box, shop: Shop) -> Iterator[Quantity]:
@@ -395,31 +392,22 @@ def _packed_job(folder: Path, package: Path) -> Job:
     return load_job(path)
 
 
-def _failed(name: str, problem: str) -> Quantity:
-    return Quantity(name, "failed", problem, limit="ok", passed=False)
-
-
-def _foreign_bytes(wrapped: Wrapping) -> Quantity:
-    method = "; ".join(("bytes of the zip that belong to none of its files", *wrapped.strange))
-    return Quantity("foreign_bytes", wrapped.strange_bytes, method, limit=0, passed=not wrapped.strange_bytes)
-
-
 def _folder_named(wrapped: Wrapping, whole: Plate, house: Shop, job: Job) -> Quantity:
     stem = package_stem(whole.name, house.name, None if job.spec.order is None else job.spec.order.revision)
     method = "folder in the zip, named by plate, shop and revision"
     return Quantity("package_folder", wrapped.folder, method, limit=stem, passed=wrapped.folder == stem)
 
 
+def _failed(name: str, problem: str) -> Quantity:
+    return Quantity(name, "failed", problem, limit="ok", passed=False)
+
+
 def _packed_shop(folder: Path, package: Path, name: str) -> Shop:
     """The profile that a package holds, under the name that its manifest gives it."""
     path = folder / PROFILE
     if not path.is_file():
-        raise JobError(
-            "MF105",
-            f"{package} holds no {PROFILE}, and no shop is named",
-            where="--shop",
-            cure="Name the shop that it was packed for",
-        )
+        what, cure = f"{package} holds no {PROFILE}, and no shop is named", "Name the shop that it was packed for"
+        raise JobError("MF105", what, where="--shop", cure=cure)
     text = path.read_text(encoding="utf-8", errors="replace")
     return parse_shop(text, name, where=f"{package}: {PROFILE}")
 
@@ -462,12 +450,6 @@ def _manifest(path: Path) -> Mapping[str, Any]:
             "MF422", f"its {RESULT_MARK} cannot be used: {error!r}", cure="Name a zip that maskfab order pack wrote"
         ) from error
     return dict(manifest)
-
-
-def _hash(folder: Path, name: str, digest: str) -> Quantity:
-    path = folder / Path(name).name
-    found = provenance.sha256_of_file(path) if path.is_file() and path.name == name else "missing"
-    return Quantity("sha256", found, f"SHA-256 of {name}", limit=digest, passed=found == digest)
 
 
 _HOLES = {"keyhole": "holes as keyholes", "trapezoids": "holes as trapezoids", "layer": "holes on a layer of their own"}
@@ -548,21 +530,16 @@ def _bid(spec: JobSpec, plate: Plate, shop: Shop, facts: PlateFacts, files: _Fil
     options = package_options(spec, drawn, shop)
     findings = check_package(spec, plate, shop, (sent,), facts)
     if accepted(findings):
-        read = files.read(drawn, shop, options, sent)
-        findings = (*as_measured(findings, shop, () if read.box is None else (read.box,)), *read.findings)
+        box, faults = files.read(drawn, shop, options, sent)
+        findings = (*as_measured(findings, shop, () if box is None else (box,)), *faults)
     touches = next((int(each.value) for each in findings if each.rule == "corner_touches"), 0)
-    order = order_of(spec, drawn, shop, touches)
+    blanks = tuple(line.key for line in order_of(spec, drawn, shop, touches).missing)
     changes = tuple(_changes(drawn, shop, options, sent))
-    blanks = tuple(each.key for each in order.missing)
     return Bid(shop.name, shop.title, sent, findings, changes, blanks, mail_of(drawn.name, findings))
 
 
-@dataclass(frozen=True)
-class _Read:
-    """A file that was read back: the extent of everything in it, and in what it fails."""
-
-    box: Box | None
-    findings: tuple[Finding, ...]
+Reading: TypeAlias = tuple[Box | None, tuple[Finding, ...]]
+"""Extent of everything in a file that was read back, and in what it fails."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -576,33 +553,33 @@ class _Files:
     spec: JobSpec
     facts: PlateFacts
     folder: Path
-    known: dict[tuple[tuple[Mark, ...], Snapping | None, PolygonOptions, ShopFormat, str], _Read] = field(
+    readings: dict[tuple[tuple[Mark, ...], Snapping | None, PolygonOptions, ShopFormat, str], Reading] = field(
         default_factory=dict
     )
 
-    def read(self, drawn: Plate, shop: Shop, options: PolygonOptions, sent: ShopFormat) -> _Read:
+    def read(self, drawn: Plate, shop: Shop, options: PolygonOptions, sent: ShopFormat) -> Reading:
         # Of all formats only these are written in a house's own style.
         style = repr(drawing_style(drawn, shop)) if sent.startswith("dxf") or shop.names.layers else ""
         key = drawn.marks, drawn.snapped, options, sent, style
-        if key not in self.known:
-            self.known[key] = self._read(drawn, shop, sent)
-        return self.known[key]
+        if key not in self.readings:
+            self.readings[key] = self._read(drawn, shop, sent)
+        return self.readings[key]
 
-    def _read(self, drawn: Plate, shop: Shop, sent: ShopFormat) -> _Read:
+    def _read(self, drawn: Plate, shop: Shop, sent: ShopFormat) -> Reading:
         try:
             made = files_for_shop(drawn, shop, (sent,), (), safe_stem(drawn.name), self.spec, self.facts)
             (product,) = made.products
             path = self.folder / product.name
             product.write(path)
-            box, rows = read_written(made, path, dots=not self.known)
+            box, rows = read_written(made, path, dots=not self.readings)
             path.unlink()
         except InputError as error:
-            return _Read(None, (Finding("drawing", False, error.what, None, cure=error.cure),))
+            return None, (Finding("drawing", False, error.what, None, cure=error.cure),)
         failed = [each for each in rows if each.passed is False]
         if not failed:
-            return _Read(box, ())
+            return box, ()
         cure = "This is a fault of maskfab's own, not of the plate: please report it with the job"
-        return _Read(box, (Finding("read_back", False, failed[0].name, "the plate as designed", cure=cure),))
+        return box, (Finding("read_back", False, failed[0].name, "the plate as designed", cure=cure),)
 
 
 def _changes(drawn: Plate, shop: Shop, options: PolygonOptions, sent: ShopFormat) -> Iterator[str]:
