@@ -26,7 +26,7 @@ from maskfab.mask.formats.exr import write_png
 from maskfab.mask.job import load_job
 from maskfab.report.rows.photographs import Conditions, Surroundings
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 JOB = ROOT / "layouts" / "toled_against_ours.toml"
 EPSILON = 0.2
 

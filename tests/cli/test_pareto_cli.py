@@ -11,7 +11,7 @@ from once import leaves
 
 from maskfab.camera import scenes
 from maskfab.cli.program import run_command_line
-from maskfab.job import read
+from maskfab.job.read import read
 from maskfab.mask.opening_file import load_opening
 from maskfab.mask.panels import read_map
 

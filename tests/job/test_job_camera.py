@@ -13,7 +13,7 @@ from maskfab.base.model import Tiling
 from maskfab.camera.lens import F1, PhotoCamera, camera_line
 from maskfab.camera.scenes import Photograph
 from maskfab.cli.program import run_command_line
-from maskfab.job import read
+from maskfab.job.read import read
 from maskfab.mask import opening_file, panels
 from maskfab.mask.formats.exr import write_png
 from maskfab.mask.job import load_job
@@ -21,7 +21,7 @@ from maskfab.report.documents.die import camera_notes
 
 pytestmark = pytest.mark.usefixtures("bound_loosely", "drawn_in_words", "read_here")
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PHONE = 'focal = "5.56 mm"\nstop = { shape = "circle", diameter = "1 mm" }\npixel = "5 um"\n'
 FAST = 'focal = "3.7 mm"\nstop = { shape = "circle", diameter = "1.85 mm" }\npixel = "3.8 um"\n'
 JOB = """\
