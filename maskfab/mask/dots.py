@@ -14,9 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from maskfab.base.arrays import Floats, Ints
+from maskfab.base.arrays import Floats, Ints, Mask
 from maskfab.base.model import Die, Plate, Polygon, side_by_side
 from maskfab.job.order import Tone
 
@@ -35,7 +34,7 @@ def die_edges_nm(die: Die) -> tuple[Floats, Floats]:
     return (x + x0).astype(np.float64), (y + y0).astype(np.float64)
 
 
-def die_raster(die: Die) -> NDArray[np.bool_]:
+def die_raster(die: Die) -> Mask:
     """Raster of a die, bool [y, x], from opening and orientations, on the grid of :func:`die_edges_nm`."""
     panel = die.panel
     pad = 1 if panel.gutter_nm else 0
@@ -101,8 +100,6 @@ class DotGrid:
         return (2.0 * dots - self.side) * (NM_PER_INCH / 2) / self.dpi
 
 
-Flags = NDArray[np.bool_]
-
 _MOST_PRODUCT = 2.0**62
 """Beyond it, products are worked out in whole numbers of any length."""
 
@@ -151,7 +148,7 @@ class _LaidDie:
         rows: first dot of each row of that grid, and the one beyond the last.
     """
 
-    clear: Flags
+    clear: Mask
     across: Ints
     left: int
     rows: Ints
@@ -161,7 +158,7 @@ class _LaidDie:
         x, y = (grid.first(np.rint(edges).astype(np.int64)) for edges in die_edges_nm(die))
         return cls(die_raster(die), np.diff(x), int(x[0]), y)
 
-    def add_to(self, dots: Flags, row: int) -> None:
+    def add_to(self, dots: Mask, row: int) -> None:
         if self.rows[0] <= row < self.rows[-1]:
             line = np.repeat(self.clear[int(np.searchsorted(self.rows, row, side="right")) - 1], self.across)
             dots[self.left : self.left + line.size] |= line
@@ -240,7 +237,7 @@ def _crossed(edges: Ints, rows: Ints, grid: DotGrid) -> Ints:
     return dots
 
 
-def corner_touches(clear: NDArray[np.bool_]) -> int:
+def corner_touches(clear: Mask) -> int:
     """Number of grid vertices at which exactly two of the four cells are clear, and these lie on a diagonal.
 
     Writers round corners by about 1 µm, so whether such corners join or part is left to chance.
@@ -282,9 +279,9 @@ class SmallestRuns:
 
 
 def smallest_runs(
-    clear: NDArray[np.bool_],
-    x_edges: NDArray[np.float64] | None = None,
-    y_edges: NDArray[np.float64] | None = None,
+    clear: Mask,
+    x_edges: Floats | None = None,
+    y_edges: Floats | None = None,
     *,
     periodic: bool = False,
 ) -> SmallestRuns:
@@ -310,7 +307,7 @@ def smallest_runs(
     return SmallestRuns(clear_x, clear_y, opaque_x, opaque_y)
 
 
-def _shortest(clear: NDArray[np.bool_], edges: NDArray[np.float64]) -> tuple[float, float]:
+def _shortest(clear: Mask, edges: Floats) -> tuple[float, float]:
     """Shortest clear and shortest opaque run along axis 1, the raster surrounded by chrome."""
     steps = np.diff(np.pad(clear.astype(np.int8), ((0, 0), (1, 1))), axis=1)
     rows, starts = np.nonzero(steps == 1)
@@ -319,7 +316,7 @@ def _shortest(clear: NDArray[np.bool_], edges: NDArray[np.float64]) -> tuple[flo
     return _minimum(edges[stops] - edges[starts]), _minimum(spaces)
 
 
-def _shortest_periodic(clear: NDArray[np.bool_], edges: NDArray[np.float64]) -> tuple[float, float]:
+def _shortest_periodic(clear: Mask, edges: Floats) -> tuple[float, float]:
     """Shortest clear and shortest opaque run along axis 1 of a raster that repeats."""
     rows, cells = np.nonzero(clear != np.roll(clear, 1, axis=1))
     if rows.size == 0:
@@ -333,5 +330,5 @@ def _shortest_periodic(clear: NDArray[np.bool_], edges: NDArray[np.float64]) -> 
     return _minimum(lengths[tones]), _minimum(lengths[~tones])
 
 
-def _minimum(lengths: NDArray[np.float64]) -> float:
+def _minimum(lengths: Floats) -> float:
     return float(lengths.min(initial=np.inf))

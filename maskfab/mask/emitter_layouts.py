@@ -15,9 +15,8 @@ from types import MappingProxyType
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from maskfab.base.arrays import Labels, Mask
+from maskfab.base.arrays import Floats, Labels, Mask
 from maskfab.base.errors import JobError
 from maskfab.base.model import refined
 from maskfab.mask.opening import MAX_DOTS
@@ -99,7 +98,9 @@ def diamond(
     for x in (0.25, 0.75):
         for y in (0.25, 0.75):
             labels[_away(dots, x)[None, :] ** 2 + _away(dots, y)[:, None] ** 2 < (green_reach + 0.5) ** 2] = GREEN
-    quarters, halves = (_nearest(dots, places) < clear_reach for places in ((0.25, 0.75), (0, 0.5)))
+    quarters, halves = (
+        np.minimum(_away(dots, one), _away(dots, other)) < clear_reach for one, other in ((0.25, 0.75), (0, 0.5))
+    )
     mask |= (quarters[None, :] & halves[:, None]) | (halves[None, :] & quarters[:, None])
     near = scipy.ndimage.maximum_filter(labels, size=2 * to_opening + 1, mode="wrap")
     mask &= near == 0
@@ -332,17 +333,13 @@ def _empty(dots: int) -> tuple[Mask, Labels]:
     return np.zeros((dots, dots), dtype=np.bool_), np.zeros((dots, dots), dtype=np.int8)
 
 
-def _away(dots: int, place: float) -> NDArray[np.float64]:
+def _away(dots: int, place: float) -> Floats:
     """Distance of each dot's middle from a place (a fraction of the cell), the short way round."""
-    away: NDArray[np.float64] = np.abs(np.arange(dots) + 0.5 - place * dots)
+    away: Floats = np.abs(np.arange(dots) + 0.5 - place * dots)
     return np.asarray(np.minimum(away, dots - away))
 
 
-def _nearest(dots: int, places: tuple[float, ...]) -> NDArray[np.float64]:
-    return np.asarray(np.minimum.reduce([_away(dots, place) for place in places]))
-
-
-def _centred(cells: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _centred(cells: int) -> tuple[Floats, Floats]:
     """x and y of each cell's middle from the middle of all, in cells."""
     middle = np.arange(cells) + 0.5 - cells / 2
     x, y = np.meshgrid(middle, middle)

@@ -64,13 +64,13 @@ class Job:
 
     @property
     def seed_notes(self) -> dict[str, Quantity]:
-        """By die, a note where its map or its opening names the seeds that its display fits, and not this one."""
+        """Notes by die where its map or its opening names the seeds that its display fits, and not this one."""
         notes = {}
         for die in self.spec.die:
-            name, known = named_seeds(die, self.spec, self.openings[die.name])
-            told = None if known is None or die.seed is None else known.against(die.seed, name)
-            if told is not None:
-                notes[die.name] = Quantity("display_seed", die.seed, told, die=die.name)
+            name, seeds = named_seeds(die, self.spec, self.openings[die.name])
+            message = None if seeds is None or die.seed is None else seeds.against(die.seed, name)
+            if message is not None:
+                notes[die.name] = Quantity("display_seed", die.seed, message, die=die.name)
         return notes
 
     @property
@@ -224,7 +224,7 @@ def _with_curves(stated: JobSpec, path: Path) -> JobSpec:
 
 
 def _with_shop(stated: JobSpec, path: Path) -> JobSpec:
-    """The spec with the profile of the shop that its [export] names by a file, under the file's own name."""
+    """The spec with the profile of the house that its [export] names by a file, under the file's own name."""
     section = stated.export
     if section is None or section.shop is None or not section.shop.endswith(".toml"):
         return stated.model_copy(update={"shops": {}})

@@ -17,9 +17,8 @@ from pathlib import Path
 
 import numpy as np
 from klayout import db
-from numpy.typing import NDArray
 
-from maskfab.base.arrays import Ints
+from maskfab.base.arrays import Floats, Ints, Mask
 from maskfab.base.errors import OutputError, SourceError
 from maskfab.base.model import CLEAR, LAYERS, NOTE, Box, Layer, Panel, Plate, Point, Polygon
 from maskfab.base.units import NM_PER_UM
@@ -40,7 +39,7 @@ _BOUNDARY, _LAYER, _OF_LAYER, _DATATYPE, _XY, _ENDEL = 0x00040800, 0x00060D02, 0
 _WORDS_BEFORE, _WORDS_AROUND = 5, 6
 
 
-def is_plain(corners: Ints, sizes: Ints) -> NDArray[np.bool_]:
+def is_plain(corners: Ints, sizes: Ints) -> Mask:
     """Which outlines :func:`outlines_layout` draws as they are: every corner turns, and the whole has an area.
 
     Args:
@@ -69,7 +68,7 @@ def is_plain(corners: Ints, sizes: Ints) -> NDArray[np.bool_]:
     return fit
 
 
-def _turns(before: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _turns(before: Floats, after: Floats) -> Mask:
     one, other = before[:, 0] * after[:, 1], before[:, 1] * after[:, 0]
     return np.abs(one - other) > _AT_LEAST * (np.abs(one) + np.abs(other))
 
@@ -134,7 +133,7 @@ class CellArray:
     """
 
     cells: tuple[str, ...]
-    index: NDArray[np.int64]
+    index: Ints
     origin_nm: Point
     step_nm: Point
 
@@ -210,7 +209,7 @@ MOST_COVERED = 100
 """Times that one place is drawn; a plate draws it once, and sides cross as often as that squared."""
 
 MOST_VERTICES = 100_000
-"""Of one polygon: what is done with it grows faster than they do, and mask writers take some thousands."""
+"""Vertices of one polygon: what is done with it grows faster than they do, and mask writers take some thousands."""
 
 FARTHEST_NM = 1_000_000_000
 ROUNDING_KEY = "maskfab_rounding_nm"
@@ -294,7 +293,7 @@ def weight(shapes: db.RecursiveShapeIterator, most: int, largest: int = 2**31) -
 
 
 def drawn_areas(layout: db.Layout, index: int) -> dict[int, float]:
-    """By the index of each cell, the sum in nm² of the areas of its shapes on a layer, every reference followed."""
+    """Sum in nm² of the areas of each cell's shapes on a layer, by its index, every reference followed."""
     areas: dict[int, float] = {}
     for cell_index in layout.each_cell_bottom_up():
         cell = layout.cell(cell_index)
@@ -538,7 +537,7 @@ def region(
     return (db.Region(root.begin_shapes_rec_overlapping(index, box)) & db.Region(box)).merged(True, 1)
 
 
-def clear_shapes(layout: db.Layout, box_nm: Box) -> db.Region | NDArray[np.int64]:
+def clear_shapes(layout: db.Layout, box_nm: Box) -> db.Region | Ints:
     """Clear shapes in and around a box: int64 [n, 4] disjoint boxes where possible, else a merged region."""
     index = layout.find_layer(layer_info(CLEAR))
     boxes = None if index is None else placed_boxes(layout.top_cell(), index, db.Box(*box_nm))

@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field
 
 from maskfab.base import resources
+from maskfab.base.arrays import Mask
 from maskfab.base.errors import JobError
 from maskfab.base.model import CLEAR, Box, Die, Gauge, Mark, Point, Polygon
 from maskfab.base.units import NM_PER_UM, to_nm
@@ -108,7 +108,7 @@ def four_arms(centre_nm: Point, arm: Sequence[Point]) -> Polygon:
 _BROADER = 3
 _LETTER_F = ((0, 0), (1, 0), (1, 2), (2, 2), (2, 3), (1, 3), (1, 4), (3, 4), (3, 5), (0, 5))
 WIDTH, HEIGHT = 3, 5
-"""Of the letter, in widths of its stroke."""
+"""Sides of the letter, in widths of its stroke."""
 
 
 def fiducial(name: str, centre_nm: Point, length_nm: int, line_nm: int) -> Mark:
@@ -328,7 +328,7 @@ def code_text(signature: str, digest: str) -> str:
     return ":".join((*signature.split("|", 1)[0].split(), digest))
 
 
-def modules(text: str) -> NDArray[np.bool_]:
+def modules(text: str) -> Mask:
     """The square symbol of a text with its quiet zone, bool [y, x], row 0 lowest, True where it is light."""
     import zxingcpp
 

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from maskfab.base.arrays import Labels, Mask
+from maskfab.base.arrays import Floats, Labels, Mask
 from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import JobError, OpeningError, SourceError
 from maskfab.base.model import COLOURS, refined
@@ -95,9 +95,9 @@ def mask_of_lines(lines: Rows, where: str) -> Mask:
     return np.array([[character == CLEAR for character in row] for _, row in reversed(rows)], dtype=np.bool_)
 
 
-def dot_lines(mask: Mask) -> Iterable[str]:
-    """The lines of a mask's drawing, the top line first."""
-    drawn = np.where(mask[::-1], ord(CLEAR), ord(CLOSED)).astype(np.uint8)
+def drawn_lines(cells: Labels | Mask, characters: str = CLOSED + CLEAR) -> Iterable[str]:
+    """The lines of a drawing, the top line first, a character for each number of the array."""
+    drawn = np.frombuffer(characters.encode("ascii"), dtype=np.uint8)[cells[::-1].astype(np.intp)]
     return (row.tobytes().decode("ascii") for row in drawn)
 
 
@@ -259,11 +259,10 @@ def _of_polygons(
             cure="State the dots and dot_nm it was drawn with; put the pixel's lower left corner or centre at the "
             "origin",
         )
-    deviation, x, y = max(
-        (max(_off_grid(point.x - corner, dot_nm), _off_grid(point.y - corner, dot_nm)), point.x, point.y)
-        for polygon in clear.each()
-        for point in _corners(polygon)
-    )
+    points = np.array([(edge.x1, edge.y1) for polygon in clear.each() for edge in polygon.each_edge()])
+    rest = (points - corner) % dot_nm
+    off = np.minimum(rest, dot_nm - rest).max(axis=1)
+    deviation, x, y = max(zip(off.tolist(), *points.T.tolist(), strict=True))
     if deviation:
         raise OpeningError(
             "MF205",
@@ -283,16 +282,6 @@ def _of_polygons(
             cure=cure,
         )
     return np.asarray(share > 0.5)
-
-
-def _corners(polygon: Any) -> Iterable[Any]:
-    for edge in polygon.each_edge():
-        yield edge.p1
-
-
-def _off_grid(offset_nm: int, dot_nm: int) -> int:
-    remainder = offset_nm % dot_nm
-    return min(remainder, dot_nm - remainder)
 
 
 def check_square(rows: int, columns: int, where: str) -> None:
@@ -323,7 +312,7 @@ def _trimmed(rows: Rows) -> Rows:
     return rows[filled[0] : filled[-1] + 1] if filled else []
 
 
-def _refuse(wrong: NDArray[np.bool_], values: NDArray[Any], problem: str, where: str) -> None:
+def _refuse(wrong: Mask, values: NDArray[Any], problem: str, where: str) -> None:
     if wrong.any():
         row, column = (int(i) for i in np.argwhere(wrong)[0])
         raise OpeningError(
@@ -335,8 +324,8 @@ def _refuse(wrong: NDArray[np.bool_], values: NDArray[Any], problem: str, where:
 
 
 def _damaged(where: str, problem: str) -> SourceError:
-    said = " / ".join(problem.split("\n")).strip() or "its reader gives no reason"
-    return SourceError("MF303", f"the file is damaged: {said}", where=where, cure="Save or copy the file again")
+    reason = " / ".join(problem.split("\n")).strip() or "its reader gives no reason"
+    return SourceError("MF303", f"the file is damaged: {reason}", where=where, cure="Save or copy the file again")
 
 
 LETTERS = CLOSED + "".join(colour[0].upper() for colour in COLOURS)
@@ -358,11 +347,6 @@ def labels_of_lines(lines: Rows, where: str) -> Labels:
     if not rows:
         raise _refused("the drawing has 0 lines", where)
     return np.array([[LETTERS.index(character) for character in row] for _, row in reversed(rows)], dtype=np.int8)
-
-
-def emitter_lines(labels: Labels) -> Iterable[str]:
-    """The lines of a drawing, the top line first."""
-    return ("".join(LETTERS[label] for label in row) for row in labels[::-1])
 
 
 def check_emitters(labels: Labels, mask: Mask, where: str) -> None:
@@ -397,9 +381,6 @@ def check_emitters(labels: Labels, mask: Mask, where: str) -> None:
 
 def _refused(what: str, where: str) -> JobError:
     return JobError("MF119", what, where=where, cure=f"Draw {LETTERS} on closed dots only, every line of one length")
-
-
-Level = NDArray[np.float64]
 
 
 def stripe(dots: int, width_dots: int, clear_dots: int | None = None) -> Mask:
@@ -475,19 +456,19 @@ def diamond_discs(dots: int, clear_dots: int) -> Mask:
     return _grown("diamond", np.minimum.reduce(levels), clear_dots)
 
 
-def _offset(dots: int, centre: float) -> NDArray[np.float64]:
+def _offset(dots: int, centre: float) -> Floats:
     """Distance of each dot's middle from a centre (a fraction of the pitch), the short way round the cell."""
-    away: NDArray[np.float64] = np.abs(np.arange(dots) + 0.5 - centre * dots)
+    away: Floats = np.abs(np.arange(dots) + 0.5 - centre * dots)
     return np.asarray(np.minimum(away, dots - away))
 
 
-def _superellipse(x: NDArray[np.float64], y: NDArray[np.float64], a: float, b: float, exponent: float) -> Level:
+def _superellipse(x: Floats, y: Floats, a: float, b: float, exponent: float) -> Floats:
     """Growth at which a blob of half axes proportional to a, b reaches each dot's middle, [y, x]."""
-    total: Level = (x[None, :] / a) ** exponent + (y[:, None] / b) ** exponent
+    total: Floats = (x[None, :] / a) ** exponent + (y[:, None] / b) ** exponent
     return np.asarray(total ** (1 / exponent), dtype=np.float64)
 
 
-def _grown(shape: str, level: Level, clear_dots: int) -> Mask:
+def _grown(shape: str, level: Floats, clear_dots: int) -> Mask:
     """The dots of the lowest levels, exactly ``clear_dots`` of them."""
     # Equal levels must tie, although they come from differently rounded sums.
     rank = np.unique(np.round(level, 9), return_inverse=True)[1].reshape(level.shape)

@@ -166,11 +166,11 @@ def opening_text(opening: Opening) -> str:
         f"dots = {opening.dots}",
         f"open_ratio = {opening.open_ratio:.4f}  # {opening.clear_dots} of {opening.mask.size} dots",
         'grid = """',
-        *decode.dot_lines(opening.mask),
+        *decode.drawn_lines(opening.mask),
         '"""',
     ]
     if opening.emitters is not None:
-        lines += ['emitters = """', *decode.emitter_lines(opening.emitters), '"""']
+        lines += ['emitters = """', *decode.drawn_lines(opening.emitters, decode.LETTERS), '"""']
     return "\n".join([*lines, *provenance_lines(opening.provenance)]) + "\n"
 
 

@@ -17,8 +17,8 @@ from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from klayout import db
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Mask
 from maskfab.base.errors import JobError
 from maskfab.base.model import (
     BLACK,
@@ -45,7 +45,7 @@ _FEWEST_THAT_TOUCH_RIGHT = 10
 _FEWEST_THAT_TOUCH = 6
 
 
-def outline(mask: NDArray[np.bool_], dot_nm: int, origin_nm: Point = (0, 0)) -> tuple[Polygon, ...]:
+def outline(mask: Mask, dot_nm: int, origin_nm: Point = (0, 0)) -> tuple[Polygon, ...]:
     """The clear dots of a mask as polygons.
 
     Dots that share a side are joined; dots that only share a corner are not, so corners may kiss but no outline
@@ -174,7 +174,7 @@ def hull_points(polygon: db.Polygon) -> Polygon:
     return tuple((point.x, point.y) for point in polygon.each_point_hull())
 
 
-def _dots(mask: NDArray[np.bool_]) -> db.Region:
+def _dots(mask: Mask) -> db.Region:
     """One box per horizontal run of clear dots, in units of one dot."""
     padded = np.pad(mask.astype(np.int8), ((0, 0), (1, 1)))
     steps = np.diff(padded, axis=1)

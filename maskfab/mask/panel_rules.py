@@ -15,12 +15,11 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 from klayout import db
-from numpy.typing import NDArray
 from scipy.ndimage import find_objects, label
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from maskfab.base.arrays import Floats, Ints
+from maskfab.base.arrays import Floats, Ints, Mask
 from maskfab.base.model import CLEAR, Box, Die, Panel, Polygon
 from maskfab.mask.dots import die_edges_nm, die_raster, smallest_runs
 from maskfab.mask.outlines import unit_shapes
@@ -66,7 +65,7 @@ class PanelCells:
         return cls(panel, tuple(held.tolist()), codes.reshape(panel.orientations.shape).astype(np.int64))
 
     @cached_property
-    def clear(self) -> NDArray[np.bool_]:
+    def clear(self) -> Mask:
         """bool [held, n, n]: the dots of each, with a ring of gutter round them where the panel has one."""
         ring = int(self.panel.gutter_nm > 0)
         return np.stack([np.pad(self.panel.pattern(each), ring) for each in self.held])
@@ -82,7 +81,7 @@ class PanelCells:
         rows, columns = np.indices(self.codes.shape).reshape(2, -1)
         return np.stack([columns, rows], axis=1) * self.panel.pitch_nm
 
-    def region(self, raster: NDArray[np.bool_]) -> db.Region:
+    def region(self, raster: Mask) -> db.Region:
         """The clear dots of one cell's raster, bool [n, n], from the cell's corner; one box for each run."""
         return self.regions(np.where(raster, 0, -1)).get(0, db.Region())
 
@@ -120,7 +119,7 @@ class Parts:
     owners: Ints
     areas_nm2: Floats
     boxes_nm: Ints
-    inner: NDArray[np.bool_]
+    inner: Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,9 +141,9 @@ class Islands:
     outside: int
 
     @cached_property
-    def alone(self) -> NDArray[np.bool_]:
+    def alone(self) -> Mask:
         """bool [nodes], whether a part is an island by itself."""
-        alone: NDArray[np.bool_] = (self._sizes[self.islands] == 1) & (self.islands != self.outside)
+        alone: Mask = (self._sizes[self.islands] == 1) & (self.islands != self.outside)
         return alone
 
     @cached_property
@@ -278,9 +277,6 @@ def small_islands(cells: PanelCells, islands: Islands, limit_nm2: int, most: int
     return joined([inner.found(most), alone.found(most), across], most)
 
 
-Bools = NDArray[np.bool_]
-
-
 @dataclass(frozen=True, eq=False)
 class Windows:
     """Neighbourhoods of one shape.
@@ -300,7 +296,7 @@ class Windows:
 
 
 def windows(cells: PanelCells, across: int, up: int) -> Windows:
-    """All neighbourhoods of ``across`` x ``up`` cells, each 1 or 2, those that hang over the panel's rim included."""
+    """Neighbourhoods of ``across`` x ``up`` cells, each 1 or 2, those that hang over the panel's rim included."""
     pitch, kinds = cells.panel.pitch_nm, len(cells.held) + 1
     padded = np.pad(cells.codes, ((up - 1, up - 1), (across - 1, across - 1)), constant_values=-1)
     rows, columns = padded.shape[0] - up + 1, padded.shape[1] - across + 1
@@ -387,7 +383,7 @@ def kissing_corners(cells: PanelCells, most: int) -> Found:
     return joined([part.found(most) for part in parts], most)
 
 
-def _kissing(lower_left: Bools, lower_right: Bools, upper_left: Bools, upper_right: Bools) -> Bools:
+def _kissing(lower_left: Mask, lower_right: Mask, upper_left: Mask, upper_right: Mask) -> Mask:
     rising = lower_left & upper_right & ~lower_right & ~upper_left
     return rising | (lower_right & upper_left & ~lower_left & ~upper_right)
 

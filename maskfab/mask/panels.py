@@ -37,6 +37,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Labels
 from maskfab.base.cell_size import CellSize
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError, SourceError
@@ -44,6 +45,7 @@ from maskfab.base.model import ORIENTATIONS, Opening, Panel, Scalar, Stop, Tilin
 from maskfab.base.units import NM_PER_UM, to_nm
 from maskfab.job.sections import DieSection, JobSection, JobSpec, PlateSection
 from maskfab.job.values import check_name
+from maskfab.mask.opening import drawn_lines
 from maskfab.mask.opening_file import at_key, facts_of, provenance_lines, provenance_of, quoted
 from maskfab.optics.pupil import cut, panel_aperture
 from maskfab.optics.tiling import MOST_OPENINGS, orientations
@@ -169,7 +171,7 @@ class CellMap:
     """
 
     name: str
-    cells: NDArray[np.int8]
+    cells: Labels
     provenance: Mapping[str, str | int | float] = field(default_factory=dict)
     shifts: tuple[Shift, ...] = ()
 
@@ -249,9 +251,9 @@ def parse_map(text: str, where: str = "") -> CellMap:
 def map_text(cells: CellMap) -> str:
     """The map as TOML text; ``parse(dumps(m))`` is equal in all parts."""
     held, turned = np.divmod(cells.cells, ORIENTATIONS)
-    lines = [f"name = {quoted(cells.name)}", 'map = """', *_drawing(turned, _ELEMENTS), '"""']
+    lines = [f"name = {quoted(cells.name)}", 'map = """', *drawn_lines(turned, _ELEMENTS), '"""']
     if held.any():
-        lines += ['openings = """', *_drawing(held, _OPENINGS), '"""']
+        lines += ['openings = """', *drawn_lines(held, _OPENINGS), '"""']
     if cells.shifts:
         lines.append(f"shifts = {[list(shift) for shift in cells.shifts]}")
     return "\n".join([*lines, *provenance_lines(cells.provenance)]) + "\n"
@@ -326,7 +328,7 @@ def shifted_openings(cells: CellMap, held: tuple[Opening, ...], *, where: str) -
     return tuple(found)
 
 
-def placed(cells: CellMap, rows: int, columns: int, seed: int | None, *, openings: int, where: str) -> NDArray[np.int8]:
+def placed(cells: CellMap, rows: int, columns: int, seed: int | None, *, openings: int, where: str) -> Labels:
     """Contents of each cell of a panel, int8 [rows, columns]: the map in the middle, all beyond it drawn at random.
 
     A map larger than the panel loses its rim.
@@ -369,7 +371,7 @@ def placed(cells: CellMap, rows: int, columns: int, seed: int | None, *, opening
     return panel
 
 
-def _digits(text: str, digits: str, where: str) -> NDArray[np.int8]:
+def _digits(text: str, digits: str, where: str) -> Labels:
     rows = [(number, line.strip()) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
     if not rows:
         raise JobError(
@@ -400,10 +402,6 @@ def _digits(text: str, digits: str, where: str) -> NDArray[np.int8]:
             cure="Draw only the cells over the stop",
         )
     return np.array([[digits.index(character) for character in row] for _, row in reversed(rows)], dtype=np.int8)
-
-
-def _drawing(values: NDArray[np.int8], digits: str) -> Iterable[str]:
-    return ("".join(digits[value] for value in row) for row in values[::-1])
 
 
 def _text(facts: Mapping[str, Any], key: str, where: str) -> str:

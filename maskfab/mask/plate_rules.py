@@ -30,19 +30,15 @@ def checked_names(names: Iterable[str], rules: DesignRules) -> tuple[RuleResult,
     if rules.name_pattern is not None:
         pattern = re.compile(rules.name_pattern)
         bad = tuple(name for name in every if pattern.fullmatch(name) is None)
-        results.append(_result("name_pattern", rules.name_pattern, "", bad))
+        results.append(RuleResult("name_pattern", rules.name_pattern, "", next(iter(bad), None), len(bad), names=bad))
     for text in rules.forbidden_names:
         bad = tuple(name for name in every if text.casefold() in name.casefold())
-        results.append(_result("forbidden_name", text, "", bad))
+        results.append(RuleResult("forbidden_name", text, "", next(iter(bad), None), len(bad), names=bad))
     if rules.max_name_length is not None:
         bad = tuple(name for name in every if len(name) > rules.max_name_length)
         longest = max((len(name) for name in bad), default=None)
         results.append(RuleResult("name_length", rules.max_name_length, "characters", longest, len(bad), names=bad))
     return tuple(results)
-
-
-def _result(rule: str, limit: str, unit: str, bad: tuple[str, ...]) -> RuleResult:
-    return RuleResult(rule, limit, unit, bad[0] if bad else None, len(bad), names=bad)
 
 
 def checked_extent(boxes: Iterable[Box], extent_nm: tuple[int, int]) -> RuleResult:
@@ -235,19 +231,13 @@ def _smallest(die: Die, name: str, tone: Tone) -> Quantity:
 
 def written_features(drawn: tuple[Quantity, Quantity], process: Process) -> tuple[Quantity, ...]:
     """The smallest features as drawn, and as a process writes straight edges: wider by its bias, spaces narrower."""
-    told = "less" if process.cd_bias_um < 0 else "more"
-    found = []
+    change = f"{abs(process.cd_bias_um):g} um, {'less' if process.cd_bias_um < 0 else 'more'} of what is clear"
+    written = []
     for quantity, sign in zip(drawn, (1, -1), strict=True):
-        value = quantity.value
-        found.append(
-            replace(
-                quantity,
-                name=f"written_{quantity.name}",
-                value=value + sign * process.cd_bias_um if isinstance(value, float) else None,
-                method=f"{quantity.name} by a bias of {abs(process.cd_bias_um):g} um, {told} of what is clear",
-            )
-        )
-    return (*drawn, *found)
+        value = quantity.value + sign * process.cd_bias_um if isinstance(quantity.value, float) else None
+        name, method = f"written_{quantity.name}", f"{quantity.name} by a bias of {change}"
+        written.append(replace(quantity, name=name, value=value, method=method))
+    return (*drawn, *written)
 
 
 def limits_as_rules(limits: LimitsSection) -> DesignRules:
@@ -304,7 +294,7 @@ class Smallest:
         return min((width for width in (self.clear_um, self.chrome_um) if width), default=math.inf)
 
     def __str__(self) -> str:
-        return f"clear {_told(self.clear_um)}, chrome between {_told(self.chrome_um)}"
+        return f"clear {_width_text(self.clear_um)}, chrome between {_width_text(self.chrome_um)}"
 
 
 def smallest_of_plate(plate: Plate, of_die: Callable[[Die, Tone], Narrowest] = narrowest) -> tuple[Smallest, ...]:
@@ -328,10 +318,10 @@ def smallest_of_plate(plate: Plate, of_die: Callable[[Die, Tone], Narrowest] = n
         )
         found.append(Smallest("openings", False, clear, chrome))
     marks = [mark for mark in plate.marks if mark.layer.written]
-    for told, fine in (("marks and letters", False), ("test figures, fine on purpose", True)):
-        kept = tuple(mark for mark in marks if (mark.kind in FINE_ON_PURPOSE) == fine)
-        if kept:
-            found.append(Smallest(told, fine, *(_least_um(plate, kept, rule) for rule in ("width", "space"))))
+    for kind, fine in (("marks and letters", False), ("test figures, fine on purpose", True)):
+        alike = tuple(mark for mark in marks if (mark.kind in FINE_ON_PURPOSE) == fine)
+        if alike:
+            found.append(Smallest(kind, fine, *(_least_um(plate, alike, rule) for rule in ("width", "space"))))
     return tuple(found)
 
 
@@ -348,7 +338,7 @@ def _least_um(plate: Plate, marks: tuple[Mark, ...], rule: str) -> float:
     return math.inf
 
 
-def _told(width_um: float) -> str:
+def _width_text(width_um: float) -> str:
     if not width_um:
         return "tapering to a point"
     return f"{width_um:.6g} um" if math.isfinite(width_um) else f"wider than {_LAST_NM / NM_PER_UM:g} um"
@@ -407,10 +397,6 @@ def write_markers(results: Iterable[RuleResult], top_cell: str, path: Path) -> N
             item = database.create_item(cell.rdb_id(), categories[key].rdb_id())
             item.add_value(marker)
             if n == 0:
-                item.add_value(_summary(result))
+                owner = f"die {result.die}" if result.die is not None else "plate"
+                item.add_value(f"{owner}: {result.count} in all, worst {result.value} {result.unit}".rstrip())
     database.save(str(path))
-
-
-def _summary(result: RuleResult) -> str:
-    owner = f"die {result.die}" if result.die is not None else "plate"
-    return f"{owner}: {result.count} in all, worst {result.value} {result.unit}".rstrip()

@@ -13,15 +13,14 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 from klayout import db
-from numpy.typing import NDArray
 
-from maskfab.base.arrays import Floats, Ints
+from maskfab.base.arrays import Floats, Indices, Ints
 from maskfab.base.model import Box, Die, Stop
 from maskfab.base.units import NM_PER_UM
 from maskfab.optics.pupil import Aperture, Lattice, covered_aperture, zeros
 from maskfab.optics.stop_edges import edges_in_stop, stop_box, whole_or_away
 
-Located = tuple[NDArray[np.intp], Floats]
+Located = tuple[Indices, Floats]
 
 _MOST_CELLS = 50_000_000
 _EDGES_AT_A_TIME = 100_000
@@ -243,7 +242,7 @@ def _add_differences(differences: Floats, segments: Floats, x_edges: Floats, y_e
     np.add.at(differences, (rows, columns + 1), share * u)
 
 
-def _cut(segments: Floats, edges: Floats, axis: Literal["x", "y"]) -> tuple[Floats, NDArray[np.intp]]:
+def _cut(segments: Floats, edges: Floats, axis: Literal["x", "y"]) -> tuple[Floats, Indices]:
     """Segments cut at every grid line that crosses them, and for each piece the index of its segment."""
     along, across = (0, 1) if axis == "x" else (1, 0)
     start, stop = segments[:, along], segments[:, along + 2]
@@ -362,7 +361,7 @@ def edge_distances(shapes: db.Region, stop: Stop, axis: tuple[float, float]) -> 
     return distances, not bool((upright | level).all())
 
 
-def _grey_beyond(covered: Floats, stop: Stop, x_um: Floats, y_um: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _grey_beyond(covered: Floats, stop: Stop, x_um: Floats, y_um: Floats) -> tuple[Indices, Indices]:
     """Rows and columns of intervals that are clear in part and reach beyond a centred stop.
 
     Of foreign polygons most intervals may be clear in part, so they are looked at a few rows at a time.

@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 from klayout import db
-from numpy.typing import NDArray
 
-from maskfab.base.arrays import Floats, Ints
+from maskfab.base.arrays import Floats, Ints, Mask
 from maskfab.base.errors import JobError
 from maskfab.base.model import Box, Polygon
 
@@ -115,7 +114,7 @@ class Repeated:
     values: Floats
 
     def found(self, most: int, *, largest: bool = False) -> Found:
-        """All violations counted, the first of them placed; only the lowest occurrences are ever written out."""
+        """Violations counted, the first of them placed; only the lowest occurrences are ever written out."""
         empty = Found(0, None, np.zeros((0, 4), dtype=np.int64))
         if not len(self.owners) or not len(self.items):
             return empty
@@ -261,7 +260,7 @@ class Facing:
     boxes_nm: Ints
     values: Floats
 
-    def chosen(self, keep: NDArray[np.bool_]) -> Facing:
+    def chosen(self, keep: Mask) -> Facing:
         """Those for which ``keep`` holds."""
         return Facing(self.items[keep], self.points[keep], self.boxes_nm[keep], self.values[keep])
 

@@ -27,7 +27,7 @@ import numpy as np
 from klayout import db
 from numpy.typing import NDArray
 
-from maskfab.base.arrays import Floats
+from maskfab.base.arrays import Floats, Mask
 from maskfab.base.errors import JobError
 from maskfab.base.model import Mark, Panel, Plate, Process, frozen
 from maskfab.base.units import NM_PER_UM
@@ -63,13 +63,13 @@ def check_bias(plate: Plate, bias_nm: int, where: str = "process.cd_bias") -> No
         JobError: MF127 for the first die, gutter or mark that does not bear it.
     """
     reach, cure = abs(bias_nm), 'let the house make it good: order.bias = "house"'
-    told = f"data biased by {bias_nm / NM_PER_UM:g} um"
+    data = f"data biased by {bias_nm / NM_PER_UM:g} um"
     for die in plate.dies:
         for name, length in (("dots", die.panel.dot_nm), ("a gutter", die.panel.gutter_nm or reach + 1)):
             if length <= reach:
                 raise JobError(
                     "MF127",
-                    f"{told} need {name} of more than {reach / NM_PER_UM:g} um, and die {die.name} has "
+                    f"{data} need {name} of more than {reach / NM_PER_UM:g} um, and die {die.name} has "
                     f"{length / NM_PER_UM:g} um",
                     where=f"{where}, die {die.name}",
                     cure=f"Use larger dots, a wider gutter or none, or {cure}",
@@ -77,12 +77,12 @@ def check_bias(plate: Plate, bias_nm: int, where: str = "process.cd_bias") -> No
     marks = sum((_region(mark) for mark in plate.marks if _sized(mark)), start=db.Region())
     lost = _moved(_moved(marks, -bias_nm), bias_nm) ^ marks
     if not lost.is_empty():
-        what = f"{told} lose a mark or close a gap of one at {_place(lost)}"
+        what = f"{data} lose a mark or close a gap of one at {_place(lost)}"
         raise JobError("MF127", what, where=where, cure=f"Use larger dots, after which marks are sized, or {cure}")
     rooms = db.Region([db.Box(*die.box_nm).enlarged(reach, reach) for die in plate.dies])
     near = rooms.merged(False, 2) + (rooms & (marks + _kept(plate))) + (_moved(marks, 2 * reach) & _kept(plate))
     if not near.is_empty():
-        what = f"{told} need more than {reach / NM_PER_UM:g} um between dies and marks, at {_place(near)} there is less"
+        what = f"{data} need more than {reach / NM_PER_UM:g} um between dies and marks, at {_place(near)} there is less"
         raise JobError("MF127", what, where=where, cure=f"Leave more room between dies and marks, or {cure}")
 
 
@@ -277,7 +277,7 @@ def written_corners(
     return tuple(corners)
 
 
-def configurations(clear: NDArray[np.bool_]) -> NDArray[np.uint8]:
+def configurations(clear: Mask) -> NDArray[np.uint8]:
     """Which of the four dots round every vertex are clear, uint8 [ny + 1, nx + 1]; beyond the array all is dark.
 
     Args:

@@ -4,7 +4,7 @@ Where no two figures may share a piece of edge, marks are cut open by narrow bar
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -43,14 +43,13 @@ def stencilled(mark: Mark, holes: Holes, narrowest_nm: int = 0) -> Mark:
     Returns:
         The mark itself where nothing has to be cut.
     """
-    whole = db.Region([db.Polygon(simple_polygon(polygon)) for polygon in mark.polygons]).merged(True, 1)
+    whole = _region(mark.polygons).merged(True, 1)
     kept, cut = _sorted_out(whole, holes)
     if cut.is_empty():
         return mark
     half = max(_BAR_NM // 2, narrowest_nm)
     for _ in range(_MOST_TIMES):
-        pieces = _raw(simple_pieces(cut))
-        shared = inner_edges(pieces)
+        shared = inner_edges(db.Region(list(simple_pieces(cut))))
         if shared.is_empty():
             break
         cut = (cut - shared.extended(half, half, half, half, False)).merged(True, 1)
@@ -84,12 +83,6 @@ def _sorted_out(whole: db.Region, holes: Holes) -> tuple[db.Region, db.Region]:
         inhabited = polygon.holes() > 0 and (holes != "layer" or not ((whole - alone) & filled).is_empty())
         (cut if touching or inhabited else kept).insert(polygon)
     return kept, cut
-
-
-def _raw(polygons: Iterable[db.Polygon]) -> db.Region:
-    region = db.Region(list(polygons))
-    region.merged_semantics = False
-    return region
 
 
 def references(figures: Figures) -> int:
@@ -187,9 +180,9 @@ def _shared(owner: str, cell: str, edges: db.Edges) -> Shared:
 
 def _edges(drawn: db.Region) -> db.Edges | None:
     """The edges that figures share, from either side; None where there are none, which is quickly told."""
-    if not _share_edges(drawn):
-        return None
-    return inner_edges(drawn)
+    merged = drawn.merged(True, 1).perimeter()
+    drawn.merged_semantics = False
+    return inner_edges(drawn) if drawn.perimeter() > merged else None
 
 
 def facing_dots(die: Die) -> int:
@@ -214,14 +207,8 @@ def _region(polygons: tuple[Polygon, ...]) -> db.Region:
     return db.Region([db.Polygon(simple_polygon(polygon)) for polygon in polygons])
 
 
-def _share_edges(drawn: db.Region) -> bool:
-    merged = drawn.merged(True, 1).perimeter()
-    drawn.merged_semantics = False
-    return bool(drawn.perimeter() > merged)
-
-
 def fitted(plate: Plate, shop: Shop, tone: Tone = "clear") -> Plate:
-    """The plate with nothing that is not written, and with the corner squares that the shop asks for.
+    """The plate with nothing that is not written, and with the corner squares that the house asks for.
 
     Outlines, notes, emitters and wires are for people who look at the design; a house that converts every layer would
     expose them. Clear marks of dark data are holes themselves, so that none of theirs can have a layer of its own.
@@ -233,9 +220,9 @@ def fitted(plate: Plate, shop: Shop, tone: Tone = "clear") -> Plate:
 
 
 def suited(plate: Plate, shop: Shop, holes: Holes) -> Plate:
-    """The plate with marks of maskfab's own that the shop can take; whoever wrote the job could not change them.
+    """The plate with marks of maskfab's own that the house can take; whoever wrote the job could not change them.
 
-    Where no two figures may share a piece of edge, marks are stencils; where the shop's grid is coarser than 1 nm and
+    Where no two figures may share a piece of edge, marks are stencils; where the house's grid is coarser than 1 nm and
     the dies lie on it, so do the marks.
     """
     marks = list(plate.marks)
@@ -247,9 +234,9 @@ def suited(plate: Plate, shop: Shop, holes: Holes) -> Plate:
 
 
 def kept_grid_nm(plate: Plate, shop: Shop) -> int:
-    """The coarsest of the shop's grids on which every dot of every die lies; 1 nm where it asks for none.
+    """The coarsest of the house's grids on which every dot of every die lies; 1 nm where it asks for none.
 
-    A job's own data grid comes first, and then 1 nm, where the shop has them.
+    A job's own data grid comes first, and then 1 nm, where the house has them.
     """
     kept = [grid for grid in shop.limits.grid_nm or () if all(lies_on(die, grid) for die in plate.dies)]
     if plate.snapped is not None and plate.snapped.grid_nm in kept:
@@ -286,9 +273,9 @@ def ordered_blank(spec: JobSpec) -> Blank:
 
 
 def drawing_style(plate: Plate, shop: Shop | None) -> DrawingStyle:
-    """A shop's requirements for drawings beyond their polygons; the unit is text only in formats where it takes text.
+    """A house's requirements for drawings beyond their polygons; the unit is text only in formats where it takes text.
 
-    Text and the header's extents keep to what the shop asks the drawing to span, or to what it can write if that is
+    Text and the header's extents keep to what the house asks the drawing to span, or to what it can write if that is
     less than the blank. A drawing that must span an extent exactly has its unit as text only where the header has none.
     """
     if shop is None:
@@ -311,7 +298,7 @@ def _centred(width: int, height: int) -> Box:
 
 
 def extent_nm(shop: Shop) -> tuple[int, int] | None:
-    """Width and height that a drawing for the shop spans exactly, in nanometres; None if it may span what it likes."""
+    """Width and height that a drawing for the house spans exactly, in nanometres; None if it may span what it likes."""
     asked = shop.plate.extent_mm
     return None if asked is None else (round(asked[0] * NM_PER_MM), round(asked[1] * NM_PER_MM))
 
@@ -332,7 +319,7 @@ def written_box(plate: Plate) -> Box:
 def drawing_options(
     plate: Plate, shop: Shop, hierarchy: Hierarchy | None = None, tone: Tone = "clear"
 ) -> PolygonOptions:
-    """Drawing options for a shop: those of its profile, and otherwise as close to cells as possible.
+    """Drawing options for a house: those of its profile, and otherwise as close to cells as possible.
 
     Two pixels go into a cell, or all references are resolved, only where the house allows no more references; openings
     are merged across cells only where it forbids figures that share a piece of edge and those of two cells do, as the
@@ -366,7 +353,7 @@ def as_ordered(options: PolygonOptions, spec: JobSpec) -> PolygonOptions:
 
 
 def written_formats(section: ExportSection, shop: Shop | None) -> tuple[FileFormat, ...]:
-    """The formats that a job writes: those it asks for, or else its shop's first.
+    """The formats that a job writes: those it asks for, or else its house's first.
 
     The optics of a job are measured from a layout, so that one comes first even for a house that takes none.
     """
@@ -379,7 +366,7 @@ def written_formats(section: ExportSection, shop: Shop | None) -> tuple[FileForm
 
 
 def written_options(plate: Plate, section: ExportSection, shop: Shop | None, tone: Tone = "clear") -> PolygonOptions:
-    """Drawing options of a job: its own, with the shop's preferences as defaults.
+    """Drawing options of a job: its own, with the house's preferences as defaults.
 
     Holes on a layer of their own are left to packages, for a job's optics are measured from one layer. Notes are text
     unless the house takes none in a format that is written.
@@ -389,12 +376,9 @@ def written_options(plate: Plate, section: ExportSection, shop: Shop | None, ton
         return PolygonOptions(**stated)
     house = drawing_options(plate, shop, section.hierarchy, tone)
     holes, taken = "bisect" if house.holes == "layer" else house.holes, shop.text.allowed_in
-    lettered = taken is None or all(each in taken for each in _lettered(written_formats(section, shop)))
+    noted = (each for each in written_formats(section, shop) if FORMATS[each].notes)
+    lettered = taken is None or all(each in taken for each in noted)
     return replace(house, **{"holes": holes, "notes": "text" if lettered else "polygons", **stated})
-
-
-def _lettered(formats: Sequence[FileFormat]) -> tuple[FileFormat, ...]:
-    return tuple(each for each in formats if FORMATS[each].notes)
 
 
 def _file_references(plate: Plate, *, paired: bool) -> int:
@@ -415,9 +399,7 @@ def _corner_squares(shop: Shop) -> tuple[Mark, ...]:
         return ()
     side, (x, y) = round(side_um * NM_PER_UM), (extent[0] // 2, extent[1] // 2)
     corners = {"SW": (-x, -y), "SE": (x - side, -y), "NW": (-x, y - side), "NE": (x - side, y - side)}
-    return tuple(
-        Mark(
-            f"CORNER_{name}", "outline", CLEAR, (((x0, y0), (x0, y0 + side), (x0 + side, y0 + side), (x0 + side, y0)),)
-        )
-        for name, (x0, y0) in corners.items()
-    )
+    squares = {
+        name: ((x0, y0), (x0, y0 + side), (x0 + side, y0 + side), (x0 + side, y0)) for name, (x0, y0) in corners.items()
+    }
+    return tuple(Mark(f"CORNER_{name}", "outline", CLEAR, (square,)) for name, square in squares.items())

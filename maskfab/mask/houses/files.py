@@ -4,7 +4,7 @@ move edges: a width has two edges, so that each may be off by half of what the w
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,22 +87,17 @@ class DotEdges:
 
     def quantities(self) -> tuple[Quantity, ...]:
         """Rows of the report."""
-        rows = []
+        rows, side = [], UM_PER_INCH / self.dpi
+        dots = f"dots of {side:g} um ({self.dpi} dpi), each in an opening if its centre is"
         for each in self.found:
-            about = f"edges along x and y of {each.of}; {self._dots()}"
+            about = f"edges along x and y of {each.of}; {dots}; edges at an angle are stairs of such dots"
             passed, limit = None, None
             if self.limit_um is not None and each.judged:
                 passed, limit = each.largest_um <= self.limit_um + _ROUNDING, self.limit_um
                 about += f"; limit: half of {self.limit_by}" + ("" if passed else f". {self._cure()}")
-            rows += [
-                Quantity("dot_edge_error", each.largest_um, about, limit=limit, passed=passed, die=each.die),
-                Quantity(
-                    "dot_edge_error_rms",
-                    each.rms_um,
-                    f"edges along x and y of {each.of}, each by its length",
-                    die=each.die,
-                ),
-            ]
+            rows.append(Quantity("dot_edge_error", each.largest_um, about, limit=limit, passed=passed, die=each.die))
+            about = f"edges along x and y of {each.of}, each by its length"
+            rows.append(Quantity("dot_edge_error_rms", each.rms_um, about, die=each.die))
         return tuple(rows)
 
     def finding(self) -> Finding:
@@ -118,10 +113,6 @@ class DotEdges:
         limit = "" if self.limit_um is None else f"; at most {self.limit_um:g} um, half of {self.limit_by}"
         rms = max((each.rms_um for each in self.found if each.judged), default=0.0)
         return f"at most {self.worst.largest_um:.3g} um from where they are drawn, rms {rms:.3g} um{limit}"
-
-    def _dots(self) -> str:
-        dots = f"dots of {UM_PER_INCH / self.dpi:g} um ({self.dpi} dpi), each in an opening if its centre is"
-        return f"{dots}; edges at an angle are stairs of such dots"
 
     def _cure(self) -> str:
         # No edge is farther from a border of dots than half a dot.
@@ -181,12 +172,12 @@ def check_plotter(plate: Plate, spec: JobSpec, shop: Shop, formats: Sequence[str
     edges = dot_edges(plate, spec, shop, formats, dpi)
     if edges is None:
         return ()
-    found = [edges.finding()]
+    findings = [edges.finding()]
     if offered is not None:
         known = " ".join(map(str, sorted(offered)))
         cure = "" if dpi in offered else f'Set dpi = "{max(offered)} dpi" in [export]'
-        found.append(Finding("dpi", dpi in offered, edges.dpi, known, "dpi", cure=cure))
-    return sourced(found, shop)
+        findings.append(Finding("dpi", dpi in offered, edges.dpi, known, "dpi", cure=cure))
+    return sourced(findings, shop)
 
 
 def _limit(plate: Plate, spec: JobSpec, shop: Shop | None) -> tuple[float | None, str]:
@@ -272,15 +263,11 @@ def check_package(
     drawn = fitted(plate, shop, spec.tone)
     found = check_shop(drawn, shop, sent, package_options(spec, drawn, shop), ordered_blank(spec), facts=facts)
     plotted = check_plotter(drawn, spec, shop, sent)
-    return check_ordered((*found, *_of_dots(spec, sent), *plotted), spec, plate, drawn, shop, facts)
-
-
-def _of_dots(spec: JobSpec, formats: Sequence[str]) -> Iterator[Finding]:
-    """A plotter's dots are far coarser than a bias that they should be short of."""
-    for each in PLATE_BITMAPS if spec.data_bias_nm else ():
-        if each in formats:
-            cure = 'Send polygons, or set order.bias = "house" or "none"'
-            yield Finding("biased_format", False, each, "polygons, for the data are biased", cure=cure)
+    # A plotter's dots are far coarser than a bias that they should be short of.
+    limit, cure = "polygons, for the data are biased", 'Send polygons, or set order.bias = "house" or "none"'
+    dots = [each for each in PLATE_BITMAPS if each in sent] if spec.data_bias_nm else []
+    coarse = [Finding("biased_format", False, each, limit, cure=cure) for each in dots]
+    return check_ordered((*found, *coarse, *plotted), spec, plate, drawn, shop, facts)
 
 
 def package_options(spec: JobSpec, plate: Plate, shop: Shop) -> PolygonOptions:
@@ -296,7 +283,7 @@ class PlateFiles:
     """A plate, the layout that its files must show, and the files as writers draw them.
 
     Attributes:
-        plate: the plate, its marks as the shop takes them.
+        plate: the plate, its marks as the house takes them.
         design: the plate as :func:`maskfab.mask.layout.plate_layout` builds it. It is made from the plate and
             not from the figures, so that a fault of what draws them shows when files are read back.
         figures: cells and polygons.
@@ -334,7 +321,7 @@ def files_of_job(plate: Plate, spec: JobSpec, comments: Sequence[str], shop: Sho
     """Draw a plate as the job's [export] asks, or as cells in GDSII, OASIS and DXF if it asks for nothing.
 
     What it leaves to the ``shop`` that it names is chosen by :mod:`maskfab.mask.houses.adaptation`, and marks are drawn
-    as the shop takes them.
+    as the house takes them.
 
     Raises:
         OutputError: MF413, MF416 for drawings that cannot be made.
@@ -409,7 +396,7 @@ def files_for_shop(
     *,
     version: str = __version__,
 ) -> PlateFiles:
-    """Draw a plate that is :func:`maskfab.mask.houses.adaptation.fitted` as its shop takes it.
+    """Draw a plate that is :func:`maskfab.mask.houses.adaptation.fitted` as its house takes it.
 
     Args:
         plate: what is sent.

@@ -1,4 +1,4 @@
-"""Check of a plate against the published rules of a mask shop: for each rule its value, limit, place and cure.
+"""Check of a plate against the published rules of a mask house: for each rule its value, limit, place and cure.
 
 What a package would send is judged by :func:`check_shop`, what a job writes by :func:`check_written`.
 """
@@ -42,7 +42,7 @@ _PACKAGE = "send what maskfab order pack makes for the house"
 
 @dataclass(frozen=True)
 class Finding:
-    """One rule of a shop on one plate.
+    """One rule of a house on one plate.
 
     Attributes:
         rule: format, tone, drawing_unit, text, text_charset, text_style, text_layer, one_mask_per_layer, blank, chrome,
@@ -76,7 +76,7 @@ class Finding:
         return f"{self.rule}: {_shown(self.value)} {self.unit}".rstrip() + limit
 
     def quantity(self, shop: str) -> Quantity:
-        """The finding as a row of a report; the shop by its name, whose pages would fill a table."""
+        """The finding as a row of a report; the house by its name, whose pages would fill a table."""
         published = f"A rule of {shop}, whose pages `maskfab order list {shop}` names"
         method = ". ".join(
             text for text in (self.place and f"at {self.place}", self.cure, self.question, published) if text
@@ -175,13 +175,13 @@ def check_shop(
     *,
     facts: PlateFacts | None = None,
 ) -> tuple[Finding, ...]:
-    """Judge what a package of a plate would hold by every rule that a shop publishes; nothing is written.
+    """Judge what a package of a plate would hold by every rule that a house publishes; nothing is written.
 
     Args:
-        drawn: the plate, with all its layers, :func:`maskfab.mask.houses.adaptation.fitted` for the shop; only what is
+        drawn: the plate, with all its layers, :func:`maskfab.mask.houses.adaptation.fitted` for the house; only what is
             written is looked at.
         shop: the profile.
-        formats: what is to be sent; the shop's first format if empty.
+        formats: what is to be sent; the house's first format if empty.
         options: how polygons are drawn; None chooses as a package does.
         blank: what the job says of chrome and glass; None leaves them to the order.
         facts: of this plate, shared by the houses that it is judged by: then places of a die that are too narrow are
@@ -207,7 +207,7 @@ def check_shop(
 def check_written(
     figures: Figures, shop: Shop, formats: Sequence[FileFormat], blank: Blank | None = None
 ) -> tuple[Finding, ...]:
-    """Judge the layouts that a job writes by every rule that a shop publishes, with all that is in them.
+    """Judge the layouts that a job writes by every rule that a house publishes, with all that is in them.
 
     Args:
         figures: the plate as its files draw it, layers for orientation included.

@@ -1,4 +1,4 @@
-"""Profiles of mask shops: the bundled ones, and those of users."""
+"""Profiles of mask houses: the bundled ones, and those of users."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ class Boundary:
 
     @classmethod
     def of_edges(cls, edges: Ints) -> Boundary:
-        """Of the edges of polygons that are walked clockwise, int64 [n, 4] of x0, y0, x1, y1."""
+        """Boundary of edges of polygons that are walked clockwise, int64 [n, 4] of x0, y0, x1, y1."""
         x0, y0, x1, y1 = edges.T
         gain = -np.sign(x1 - x0)
         low, high = np.minimum(x0, x1), np.maximum(x0, x1)
@@ -63,13 +63,13 @@ class Boundary:
 
     @classmethod
     def of_polygons(cls, polygons: Iterable[Iterable[tuple[int, int]]]) -> Boundary:
-        """Of simple polygons that share no area, walked either way."""
+        """Boundary of simple polygons that share no area, walked either way."""
         rings = [np.array(list(polygon), dtype=np.int64) for polygon in polygons]
         return cls.of_edges(np.concatenate([np.empty((0, 4), np.int64), *(_walked(ring) for ring in rings)]))
 
     @classmethod
     def of_raster(cls, x: Ints, y: Ints, clear: Mask) -> Boundary:
-        """Of the clear parts, bool [ny, nx], between lines x, int64 [nx + 1], and y, int64 [ny + 1]."""
+        """Boundary of clear parts, bool [ny, nx], between lines x, int64 [nx + 1], and y, int64 [ny + 1]."""
         change = np.diff(np.diff(np.pad(clear.astype(np.int8), 1), axis=0), axis=1)
         row, column = np.nonzero(change)
         return cls(packed(x[column], y[row]), change[row, column].astype(np.int64), cls.none().slanted)
@@ -87,7 +87,7 @@ class Boundary:
         return np.concatenate([flat, np.column_stack([x, y])])
 
     def times(self, factor: int) -> Boundary:
-        """Of the same shapes, each counted so often."""
+        """The same shapes, each counted so often."""
         return Boundary(self.level, factor * self.change, self.slanted * np.array([1, 1, 1, 1, factor]))
 
     def kept(self, which: Mask) -> Boundary:
@@ -96,7 +96,7 @@ class Boundary:
         return Boundary(self.level[flat], self.change[flat], self.slanted[steep])
 
     def at(self, places: Ints) -> Boundary:
-        """Of the shapes repeated at each place, int64 [n, 2], and nowhere else."""
+        """The shapes repeated at each place, int64 [n, 2], and nowhere else."""
         level = (packed(*places.T)[:, None] + self.level).ravel()
         steps = np.zeros((len(places), 1, 5), np.int64)
         steps[:, 0, 3] = places[:, 0]
@@ -182,7 +182,7 @@ class Figures:
 
     @property
     def box(self) -> Ints:
-        """Of all polygons together, int64 [4]."""
+        """Hull of all polygons together, int64 [4]."""
         return np.concatenate([self.boxes[:, :2].min(axis=0), self.boxes[:, 2:].max(axis=0)])
 
 

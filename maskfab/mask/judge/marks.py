@@ -23,7 +23,7 @@ from maskfab.job.sections import JobSpec
 from maskfab.mask.judge.dies import AskedDie, Boundary, narrowed, total
 
 HEIGHT, WIDTH, ADVANCE = 28, 20, 24
-"""Of a letter, and from letter to letter, in steps."""
+"""Sides of a letter, and from letter to letter, in steps."""
 
 # Squares of 4 steps make the picture of a letter.
 _SQUARE = 4
@@ -325,7 +325,7 @@ def _letter_f(name: str, corner: Place, height: int) -> Mark:
 
 
 def _bars(name: str, centre: Place, feature: int, multiples: Sequence[int], length: int) -> Iterator[Mark]:
-    """For each multiple a bar whose width lies along x, and one whose width lies along y, two lengths apart."""
+    """A bar for each multiple whose width lies along x, and one whose width lies along y, two lengths apart."""
     for number, multiple in enumerate(multiples):
         middle = centre[0] + 2 * length * (2 * number + 1 - len(multiples))
         width = feature * multiple
@@ -347,7 +347,7 @@ def _row(
 def _gratings(
     name: str, centre: Place, feature: int, multiples: Sequence[float], lines: int, length: int
 ) -> Iterator[Mark]:
-    """For each multiple, from left to right, upright lines above and lying ones below, as wide as their spaces."""
+    """Upright lines over lying ones for each multiple, from left to right, as wide as their spaces."""
 
     def side(width: int) -> int:
         return max((2 * lines - 1) * width, length)

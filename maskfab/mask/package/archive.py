@@ -248,7 +248,7 @@ def check_earlier(target: Path, revision: str | None) -> None:
     if earlier is not None and earlier.get("revision") != revision:
         raise OutputError(
             "MF406",
-            f"{target} holds {_told(earlier.get('revision'))}, and this is {_told(revision)}",
+            f"{target} holds {_revision(earlier.get('revision'))}, and this is {_revision(revision)}",
             cure="Give --out another name, or a folder, in which each revision has a name of its own",
         )
 
@@ -266,12 +266,12 @@ def check_same(target: Path, manifest: Mapping[str, Any]) -> None:
     other = sorted(name for name in {**hashes[0], **hashes[1]} if hashes[0].get(name) != hashes[1].get(name))
     raise OutputError(
         "MF406",
-        f"{target} holds {_told(revision)} already, and other contents: {', '.join(other) or RESULT_MARK}",
+        f"{target} holds {_revision(revision)} already, and other contents: {', '.join(other) or RESULT_MARK}",
         cure="Raise order.revision in the job; or move the package elsewhere if nobody has received it",
     )
 
 
-def _told(revision: object) -> str:
+def _revision(revision: object) -> str:
     return "a package without a revision" if revision is None else f"revision {revision}"
 
 

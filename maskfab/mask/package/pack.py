@@ -138,14 +138,14 @@ def pack(
     force: bool = False,
     progress: Progress = silent,
 ) -> Package:
-    """Make the package of a job for a shop.
+    """Make the package of a job for a house.
 
     Args:
         job: a loaded job.
         shop: its profile.
-        target: the zip to write, or a folder for one that is named by plate, shop and revision; it appears when
+        target: the zip to write, or a folder for one that is named by plate, house and revision; it appears when
             everything in it is complete, and only if every rule and check holds.
-        formats: of the mask files; the shop's first if empty.
+        formats: of the mask files; the house's first if empty.
         force: replace an earlier file, but no package of another revision, nor one of this that holds anything else.
         progress: told where the work stands.
 
@@ -351,7 +351,7 @@ def _held(folder: Path, names: Sequence[str], listed: Mapping[str, str], wrapped
 
 
 def _spans(name: str, box: Box, shop: Shop) -> Iterator[Quantity]:
-    """Extent of everything in a file, where the shop asks for an exact extent."""
+    """Extent of everything in a file, where the house asks for an exact extent."""
     asked = extent_nm(shop)
     if asked is not None:
         found = extent(box, asked)

@@ -29,7 +29,7 @@ from maskfab.base.model import Gauge, Plate, Polygon, Quantity, WrittenFile
 from maskfab.base.units import NM_PER_MM, NM_PER_UM, UM_PER_INCH
 from maskfab.job.shop import OrderField, Shop, dump_shop
 from maskfab.job.values import PLATE_BITMAPS, ShopFormat
-from maskfab.mask.figures import CUT, Account, Figures
+from maskfab.mask.figures import CUT, Figures
 from maskfab.mask.houses.adaptation import kept_grid_nm
 from maskfab.mask.houses.files import DotEdges
 from maskfab.mask.houses.findings import Finding
@@ -161,19 +161,19 @@ def _sketch(axes: Axes, reads_up: bool) -> None:
     axes.set_axis_off()
     (letter,) = text_polygons("F", 1000, (0, 0))
     middle = max(x for x, _ in letter) / 2
-    for left, told, right in (
-        (0.05, "seen on the chrome side", reads_up),
-        (0.55, "seen through the glass", not reads_up),
+    for left, side, right in (
+        (0.05, _SIDES[0], reads_up),
+        (0.55, _SIDES[1], not reads_up),
     ):
         axes.add_patch(Rectangle((left, 0.04), 0.4, 0.17, facecolor=_CHROME, edgecolor=_INK, linewidth=0.8))
         scale = 1.2e-4 if right else -1.2e-4
         points = np.array([(left + 0.2 + (x - middle) * scale, 0.065 + y * 1.2e-4) for x, y in letter])
         axes.fill(points[:, 0], points[:, 1], facecolor=_CLEAR, edgecolor=_INK, linewidth=0.5)
-        axes.text(left + 0.2, 0.015, told, ha="center", va="center", fontsize=7.5)
+        axes.text(left + 0.2, 0.015, side, ha="center", va="center", fontsize=7.5)
 
 
 def _path_mm(polygons: Sequence[Polygon]) -> Path:
-    """All polygons as one path: an element for each would make the drawing ten times as large."""
+    """Polygons as one path: an element for each would make the drawing ten times as large."""
     vertices = [point for polygon in polygons for point in (*polygon, polygon[0])]
     codes = [
         code for polygon in polygons for code in (Path.MOVETO, *[Path.LINETO] * (len(polygon) - 1), Path.CLOSEPOLY)
@@ -199,10 +199,7 @@ _LABELS: Mapping[OrderField, str] = {
     "display_work": "display work",
     "comments": "comments",
 }
-_ALWAYS: tuple[OrderField, ...] = (
-    "mask_name", "tone", "parity", "min_cd_and_location", "grid", "blank", "centred", "units", "design_layers",
-    "display_work", "comments",
-)  # fmt: skip
+_ALWAYS = tuple(_LABELS)
 """Fields that every writer must know, whether its form asks for them or not."""
 
 
@@ -250,12 +247,17 @@ class OrderSheet:
 
     def csv(self) -> str:
         """The sheet's rows, CDs and files as a table for spreadsheets, which take nothing in it for a formula."""
+
+        def inert(cell: str) -> str:
+            """The cell as text, also where it begins as a formula does; numbers stay numbers."""
+            return f"'{cell}" if cell.startswith(_FORMULA) and not _NUMBER.fullmatch(cell) else cell
+
         buffer = io.StringIO()
         writer = csv.writer(buffer, lineterminator="\n")
         rows = [row for heading, group in self.groups for row in ((heading,), *group)]
         table = [(self.title,), *rows, ("name", "axis", "x mm", "y mm", "width um"), *self.cds,
                  ("file", "SHA-256"), *self.files]  # fmt: skip
-        writer.writerows([_inert(printable(cell)) for cell in row] for row in table)
+        writer.writerows([inert(printable(cell)) for cell in row] for row in table)
         return buffer.getvalue()
 
     def html(self) -> str:
@@ -301,7 +303,7 @@ def order_sheet(
 
     Args:
         order: what is asked for.
-        figures: the plate as it is drawn for the shop.
+        figures: the plate as it is drawn for the house.
         shop: whose form is answered; what it does not ask for but every writer must know is added at its end.
         formats: in which the plate is sent.
         files: their names and SHA-256.
@@ -374,24 +376,20 @@ def _answers(
         "units": f"1 drawing unit = 1 {unit}" if drawn else "database unit 1 nm, user unit 1 um",
         "design_layers": f"{layers} (GDSII {numbers})",
         "display_work": "yes: openings of a display, periodic or nearly so; banding and stitching show",
-        "comments": " ".join((*remarks, *_said(account))),
+        "comments": " ".join((*remarks, *(f"{line[0].upper()}{line[1:]}." for line in account.lines()))),
     }
-
-
-def _said(account: Account) -> list[str]:
-    return [f"{line[0].upper()}{line[1:]}." for line in account.lines()]
 
 
 def _smallest(plate: Plate, smallest: Sequence[Smallest]) -> str:
     """The narrowest that has to be held, which is not what is measured: CD structures are as wide as dots."""
     held = [each for each in smallest if not each.fine]
     least = min((each.least_um for each in held), default=math.inf)
-    told = f"{least:.6g} um, clear or chrome" if math.isfinite(least) else "nothing narrow"
+    narrowest = f"{least:.6g} um, clear or chrome" if math.isfinite(least) else "nothing narrow"
     gauge = min(plate.gauges, key=lambda each: each.target_nm, default=None)
     if gauge is None:
-        return f"{told}; no CD structure on this plate"
+        return f"{narrowest}; no CD structure on this plate"
     _, axis, x, y, width = _cd(gauge)
-    return f"{told}; smallest CD structure {width} um along {axis} at ({x}, {y}) mm; all CDs below"
+    return f"{narrowest}; smallest CD structure {width} um along {axis} at ({x}, {y}) mm; all CDs below"
 
 
 def _letters(mirrored: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -402,7 +400,7 @@ def _letters(mirrored: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 def _pictures(mirrored: bool) -> str:
     """Both views of the letter F as small drawings."""
-    told = []
+    figures = []
     for rows, side in zip(_letters(mirrored), _SIDES, strict=True):
         dots = "".join(
             f'<rect x="{x + 2}" y="{y + 1}" width="1" height="1"/>'
@@ -411,8 +409,8 @@ def _pictures(mirrored: bool) -> str:
             if sign != " "
         )
         drawn = f'<svg width="90" height="70" viewBox="0 0 9 7" fill="#fff" shape-rendering="crispEdges">{dots}</svg>'
-        told.append(f"<figure>{drawn}<figcaption>{side}</figcaption></figure>")
-    return "".join(told)
+        figures.append(f"<figure>{drawn}<figcaption>{side}</figcaption></figure>")
+    return "".join(figures)
 
 
 def _cd(gauge: Gauge) -> tuple[str, str, str, str, str]:
@@ -421,29 +419,20 @@ def _cd(gauge: Gauge) -> tuple[str, str, str, str, str]:
 
 
 def _promised(shop: Shop) -> list[tuple[str, str]]:
-    """Tolerances that the shop guarantees, for the order to refer to."""
-    told, tolerance, plate = [], shop.tolerance, shop.plate
-    if tolerance.cd_um:
-        steps = (f"{_widths(width)}: +-{deviation:g} um" for width, deviation in tolerance.cd_um)
-        told.append(("published CD tolerance", "; ".join(steps)))
-    if tolerance.short_um is not None:
-        told.append(("published tolerance, short distances", f"+-{tolerance.short_um:g} um"))
-    if tolerance.long_um is not None:
-        told.append(("published tolerance, long distances", f"+-{tolerance.long_um:g} um"))
-    if plate.chrome_nm is not None:
-        told.append(("published chrome thickness", f"{plate.chrome_nm[0]:g} to {plate.chrome_nm[1]:g} nm"))
-    if plate.glass_mm is not None:
-        told.append(("published glass thickness", f"{plate.glass_mm[0]:g} to {plate.glass_mm[1]:g} mm"))
-    return told
-
-
-def _widths(most_um: float) -> str:
-    return f"widths up to {most_um:g} um" if math.isfinite(most_um) else "any width beyond"
-
-
-def _inert(cell: str) -> str:
-    """The cell as text, also where it begins as a formula does; numbers stay numbers."""
-    return f"'{cell}" if cell.startswith(_FORMULA) and not _NUMBER.fullmatch(cell) else cell
+    """Tolerances that the house guarantees, for the order to refer to."""
+    tolerance, plate = shop.tolerance, shop.plate
+    widths = (
+        (f"widths up to {most:g} um" if math.isfinite(most) else "any width beyond", deviation)
+        for most, deviation in tolerance.cd_um
+    )
+    facts = (
+        ("CD tolerance", "; ".join(f"{width}: +-{deviation:g} um" for width, deviation in widths)),
+        ("tolerance, short distances", tolerance.short_um and f"+-{tolerance.short_um:g} um"),
+        ("tolerance, long distances", tolerance.long_um and f"+-{tolerance.long_um:g} um"),
+        ("chrome thickness", plate.chrome_nm and "{:g} to {:g} nm".format(*plate.chrome_nm)),
+        ("glass thickness", plate.glass_mm and "{:g} to {:g} mm".format(*plate.glass_mm)),
+    )
+    return [(f"published {fact}", text) for fact, text in facts if text]
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -453,7 +442,7 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 PROFILE = "shop.toml"
-"""Name in a package of the profile of its shop."""
+"""Name in a package of the profile of its house."""
 CERTIFICATE = "certificate.json"
 """Name in a package of the rules it was checked against, and of the result of reading its files back."""
 _VERSION = 2
@@ -636,7 +625,7 @@ def _text(said: object) -> str:
 
 
 def _remark(finding: Finding) -> str:
-    """A question for the shop to decide, as the order puts it."""
+    """A question for the house to decide, as the order puts it."""
     return f"{finding.rule}: {finding.value} {finding.unit} at {finding.place}; please confirm."
 
 
