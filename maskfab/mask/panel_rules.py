@@ -8,7 +8,7 @@ narrowest places are exact, corner to corner included, and not hidden by corners
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, TypeAlias
@@ -81,9 +81,10 @@ class PanelCells:
         rows, columns = np.indices(self.codes.shape).reshape(2, -1)
         return np.stack([columns, rows], axis=1) * self.panel.pitch_nm
 
-    def region(self, raster: Mask) -> db.Region:
-        """The clear dots of one cell's raster, bool [n, n], from the cell's corner; one box for each run."""
-        return self.regions(np.where(raster, 0, -1)).get(0, db.Region())
+    @cached_property
+    def wholes(self) -> list[db.Region]:
+        """The clear dots of each, from the cell's corner; one box for each run."""
+        return [self.regions(np.where(raster, 0, -1)).get(0, db.Region()) for raster in self.clear]
 
     def regions(self, labels: Ints) -> dict[int, db.Region]:
         """Regions by label of one cell's raster, int64 [n, n], from the cell's corner; -1 is left out."""
@@ -311,18 +312,13 @@ def windows(cells: PanelCells, across: int, up: int) -> Windows:
     return Windows(codes, np.array(offsets, dtype=np.int64), items, np.stack([column, row], axis=1) * pitch)
 
 
-def fits_windows(cells: PanelCells, limit_nm: int) -> bool:
-    """Whether the rule is short enough for its neighbourhoods to be at most two cells wide."""
-    return limit_nm <= cells.panel.gutter_nm or 2 * (limit_nm + 1) <= cells.panel.pitch_nm
-
-
 def narrow_spaces(cells: PanelCells, limit_nm: int, check: Check, most: int) -> Found:
     """Pairs of clear edges with less chrome between them than a limit, of one polygon or of two.
 
     Where edges face each other depends on what lies within the limit of that place. A pair belongs to the
     neighbourhood round its lowest endpoint: to a cell, if that lies deep enough in it; else to the cells on both sides
     of a border, or round a corner. Each neighbourhood is drawn so much larger that its own clipped sides do not
-    matter. See :func:`fits_windows` for the limits that this can do.
+    matter. A limit may be as wide as the gutter, or such that twice of it and two nanometres fit the pitch.
     """
     pitch, margin = cells.panel.pitch_nm, limit_nm + 1
     if limit_nm <= cells.panel.gutter_nm:
@@ -342,20 +338,16 @@ def _found(cells: PanelCells, seen: Windows, core: Box, limit_nm: int, check: Ch
     clip = db.Box(x0 - margin, y0 - margin, x1 + margin, y1 + margin)
     canvas = Canvas(cells.panel.pitch_nm, limit_nm)
     offsets = seen.offsets_nm.tolist()
-    wholes = [cells.region(raster) for raster in cells.clear]
-    pieces = [[canvas.piece(whole & db.Region(clip.moved(-x, -y))) for whole in wholes] for x, y in offsets]
-    drawings = [list(_placed(codes, offsets, pieces)) for codes in seen.codes.tolist()]
+    pieces = [[canvas.piece(whole & db.Region(clip.moved(-x, -y))) for whole in cells.wholes] for x, y in offsets]
+    drawings = [
+        [(chosen[code], x, y) for code, (x, y), chosen in zip(codes, offsets, pieces, strict=True) if code >= 0]
+        for codes in seen.codes.tolist()
+    ]
     (facing,) = canvas.check(drawings, [check])
     x, y = facing.points.T
     facing = facing.chosen((x >= x0) & (x < x1) & (y >= y0) & (y < y1))
     repeated = Repeated(seen.items, seen.origins_nm, facing.items, facing.boxes_nm, facing.values)
     return repeated.found(most)
-
-
-def _placed(codes: list[int], offsets: list[list[int]], pieces: list[list[int]]) -> Iterator[tuple[int, int, int]]:
-    for code, (x, y), options in zip(codes, offsets, pieces, strict=True):
-        if code >= 0:
-            yield options[code], x, y
 
 
 def kissing_corners(cells: PanelCells, most: int) -> Found:
@@ -540,11 +532,12 @@ def _on_islands(
 
 
 def _spaces(cells: PanelCells, limit_nm: int, check: Check, most: int) -> Found:
-    if fits_windows(cells, limit_nm):
+    # Short enough for its neighbourhoods to be at most two cells wide.
+    if limit_nm <= cells.panel.gutter_nm or 2 * (limit_nm + 1) <= cells.panel.pitch_nm:
         return narrow_spaces(cells, limit_nm, check, most)
-    units, whole = [cells.region(raster) for raster in cells.clear], db.Region()
+    whole = db.Region()
     for code, (x, y) in zip(cells.codes.ravel().tolist(), cells.origins_nm.tolist(), strict=True):
-        whole.insert(units[code].moved(x, y))
+        whole.insert(cells.wholes[code].moved(x, y))
     facing = facing_edges(check(merged(whole)))
     return listed(facing.boxes_nm, facing.values, most)
 

@@ -439,17 +439,20 @@ def flat_results(
     """
     found: list[tuple[str, int, str, Found]] = []
     for name, (limit, check) in distance_checks(rules).items():
-        found.append((name, limit, "nm", _facing(check(region), most)))
+        facing = facing_edges(check(region))
+        found.append((name, limit, "nm", listed(facing.boxes_nm, facing.values, most)))
     if rules.min_area_nm2 is not None:
         found.append(("area", rules.min_area_nm2, "nm2", _small(region, rules.min_area_nm2, most)))
-        islands = _chrome_islands(region)
+        around = region.bbox().enlarged(1, 1)
+        chrome = (db.Region(around) - region).merged(True, 1).each()
+        islands = merged(db.Region([polygon for polygon in chrome if polygon.bbox() != around]))
         found.append(("chrome_area", rules.min_area_nm2, "nm2", _small(islands, rules.min_area_nm2, most)))
     if rules.no_corner_touch:
         found.append(("corner_touch", 0, "nm", _kissing(region, most)))
     for name, limit, unit, rule in drawn_rules(rules):
         boxes, values = rule(polygons)
         found.append((name, limit, unit, listed(boxes, values, most, largest=name in LARGEST)))
-    return tuple(each.result(name, limit, unit, die, (0, 0)) for name, limit, unit, each in found)
+    return tuple(violations.result(name, limit, unit, die, (0, 0)) for name, limit, unit, violations in found)
 
 
 def drawn_rules(rules: DesignRules, origin_nm: tuple[int, int] = (0, 0)) -> list[tuple[str, int, str, DrawnRule]]:
@@ -477,23 +480,11 @@ def merged(region: db.Region) -> db.Region:
     return whole
 
 
-def _facing(pairs: db.EdgePairs, most: int) -> Found:
-    facing = facing_edges(pairs)
-    return listed(facing.boxes_nm, facing.values, most)
-
-
 def _small(region: db.Region, limit_nm2: int, most: int) -> Found:
     small = list(region.with_area(0, limit_nm2, False).each())
     boxes = [polygon.bbox() for polygon in small]
     corners = np.array([[b.left, b.bottom, b.right, b.top] for b in boxes], dtype=np.int64).reshape(-1, 4)
     return listed(corners, np.array([float(polygon.area()) for polygon in small]), most)
-
-
-def _chrome_islands(region: db.Region) -> db.Region:
-    around = region.bbox().enlarged(1, 1)
-    islands = db.Region([p for p in (db.Region(around) - region).merged(True, 1).each() if p.bbox() != around])
-    islands.merged_semantics = False
-    return islands
 
 
 def _kissing(region: db.Region, most: int) -> Found:

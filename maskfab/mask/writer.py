@@ -1,5 +1,5 @@
-"""What a writer makes of drawn shapes: corners rounded by its beam, edges moved by its bias; and data out of which the
-bias has been taken, so that the plate comes out as designed.
+"""Shapes as a writer makes them of drawn ones, corners rounded by its beam and edges moved by its bias; and data out of
+which the bias has been taken, so that the plate comes out as designed.
 
 Corners of either kind are rounded by the corner radius, then what is clear grows by half the CD bias all round. Dots
 that only share a corner have no one written shape. Two readings bound what a writer makes of them: ``fused``, one

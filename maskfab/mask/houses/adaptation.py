@@ -1,4 +1,4 @@
-"""What a plate and its drawing become for a mask house: layers, marks, grid, cells and styles that it takes.
+"""A plate and its drawing as a mask house takes them: layers, marks, grid, cells and styles.
 
 Where no two figures may share a piece of edge, marks are cut open by narrow bars of chrome, as stencils are."""
 

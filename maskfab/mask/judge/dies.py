@@ -87,7 +87,7 @@ class Boundary:
         return np.concatenate([flat, np.column_stack([x, y])])
 
     def times(self, factor: int) -> Boundary:
-        """The same shapes, each counted so often."""
+        """Boundary of these shapes, each counted so often."""
         return Boundary(self.level, factor * self.change, self.slanted * np.array([1, 1, 1, 1, factor]))
 
     def kept(self, which: Mask) -> Boundary:
@@ -96,7 +96,7 @@ class Boundary:
         return Boundary(self.level[flat], self.change[flat], self.slanted[steep])
 
     def at(self, places: Ints) -> Boundary:
-        """The shapes repeated at each place, int64 [n, 2], and nowhere else."""
+        """Boundary of these shapes, repeated at each place, int64 [n, 2], and nowhere else."""
         level = (packed(*places.T)[:, None] + self.level).ravel()
         steps = np.zeros((len(places), 1, 5), np.int64)
         steps[:, 0, 3] = places[:, 0]
