@@ -249,7 +249,7 @@ class PhotographsPart(Part):
 
 
 def photographs_document(taken: Photographs) -> Document:
-    """How photographs were taken, every score, and what they leave out."""
+    """Photographs: how they were taken, every score, and what they leave out."""
 
     def levels(die: Restored) -> list[Document]:
         rows = [

@@ -203,7 +203,7 @@ def check_document(
     *,
     passed: bool,
 ) -> Document:
-    """What ``maskfab check --json`` prints.
+    """Document that ``maskfab check --json`` prints.
 
     Args:
         built: the plate with its displays.

@@ -1,4 +1,4 @@
-"""What all pages share: reading of templates, their look, and the glossary of the trade's words.
+"""Parts that pages share: reading of templates, their look, and the glossary of the trade's words.
 
 Quantities have their own glossary in :mod:`maskfab.base.quantities`.
 """

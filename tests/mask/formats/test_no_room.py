@@ -216,7 +216,7 @@ def test_a_command_without_room_says_so_and_leaves_nothing(capsys, tmp_path, ver
 def test_a_command_that_is_killed_half_way_leaves_no_result(tmp_path, verb, limit):
     words, result = spoken(verb, tmp_path)
     before = listing(tmp_path)
-    script = "from maskfab.cli.app import run_command_line; sys.exit(run_command_line(sys.argv[1:]))"
+    script = "from maskfab.cli.program import run_command_line; sys.exit(run_command_line(sys.argv[1:]))"
     done = killed_script(limit, script, *words)
     assert done.returncode == 128 + signal.SIGXFSZ, done.stderr
     assert not result.exists()
