@@ -151,7 +151,7 @@ def test_a_network_is_trained_and_trained_on(
         return replace(leaves(1, 832, 832), name=f"leaves{seed}", number=seed)
 
     monkeypatch.setattr(learning, "drawn", drawn)
-    monkeypatch.setattr(learning, "Course", lambda seed: replace(SMALL, seed=seed))
+    monkeypatch.setattr(learning, "Course", lambda seed, **_: replace(SMALL, seed=seed))
     # A training of one step, which no budget of the command line allows.
     monkeypatch.setattr(verb, "Clock", lambda budget_s, refuses: Clock(budget_s))
     path = tmp_path / "toled.npz"
