@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, TypeVar
 
@@ -178,7 +179,9 @@ def saved(asked: Asked, **more: Any) -> Told:
         return Told.of(asked.found())
     check_target(asked.out, force=asked.force)
     result = asked.found()
-    return Told.of(result, result.save(asked.out, force=asked.force), **more)
+    # A result that replaces none, such as a race of ways to a PSF, has no ``force``.
+    replacing = {"force": asked.force} if "force" in signature(result.save).parameters else {}
+    return Told.of(result, result.save(asked.out, **replacing), **more)
 
 
 def saved_at(asked: Asked) -> Told:

@@ -113,3 +113,12 @@ def test_a_missed_limit_is_told() -> None:
     outcomes = list(run_cases([Case("too hard", "made up", lambda: 1.0, 0.5)]))
     assert not outcomes[0].passed
     assert "FAIL" in "\n".join(case_table(outcomes))
+
+
+def test_a_race_is_kept_in_a_new_folder(tmp_path: Path) -> None:
+    """Its result has no ``force``: a folder that is there is never replaced."""
+    job = write_job(tmp_path)
+    command = ["self", "bench", str(job), "--die", "PLAIN", "--rounds", "2", "--out", str(tmp_path / "bench"), "--json"]
+    assert run_command_line(command) == 0
+    assert {path.name for path in (tmp_path / "bench").iterdir()} == {"bench.json", "bench.png"}
+    assert run_command_line(command) == 2
