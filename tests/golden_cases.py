@@ -21,6 +21,9 @@ MEASURED = re.compile(
 )
 """Places in documents where no two runs, machines or arrangements of modules agree."""
 
+UNORDERED = re.compile(r"\.findings")
+"""Lists in the order in which two processes happen to finish."""
+
 
 @dataclass(frozen=True)
 class Case:

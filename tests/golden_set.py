@@ -32,7 +32,7 @@ from threading import Timer
 from typing import Any
 
 import golden_inputs
-from golden_cases import CASES, DROPPED, MEASURED, Case
+from golden_cases import CASES, DROPPED, MEASURED, UNORDERED, Case
 
 ROOT = Path(__file__).resolve().parents[1]
 RECORD = Path(__file__).resolve().parent / "golden"
@@ -279,7 +279,8 @@ class Cleaner:
                 for key, part in value.items()
             }
         if isinstance(value, list):
-            return [self._document(part, f"{at}[]") for part in value]
+            parts = [self._document(part, f"{at}[]") for part in value]
+            return sorted(parts, key=json.dumps) if UNORDERED.fullmatch(at) else parts
         if self.case.shape and isinstance(value, str) and not at.endswith((".code", ".name")):
             return _NUMBER.sub("#", value)
         if self.case.shape and isinstance(value, int | float) and not isinstance(value, bool):
