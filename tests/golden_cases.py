@@ -362,7 +362,7 @@ _CASES = (
     *(Case(f"study/{name}", f"study layouts/studies/{name}.toml -o out", LAYOUTS) for name in ("fig9", "fig18")),
     *(
         Case(f"study/{name}", f"study layouts/studies/{name}.toml -o out", LAYOUTS, slow=True)
-        for name in ("fig8", "fig14", "fig19", "fig20", "fig21")
+        for name in ("fig19", "fig21")
     ),
     Case("study/no_section", "study small.toml -o out", SMALL),
     Case("sweep/bias", "sweep bias.toml -o swept --engine serial", (*SMALL, "bias.toml"), quick=True),
