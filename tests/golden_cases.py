@@ -15,6 +15,7 @@ MEASURED = re.compile(
     r"\.versions"  # of a manifest: Python and libraries, which golden/environment.json states once
     r"|\.stages\[\]\.seconds|\.total\.(seconds|wall_s)|\.processes"  # of a forecast, by a probe of this machine
     r"|\.time|\.fit\.seconds"  # of a design: what its search took
+    r"|\.history"  # of a network: as many looks at it as its time allows
     # Of a run: a kept finding is known by the module that found it, the time of day, and a hash of the program's files.
     r"|\.findings\[\]\.(since|what|entry|version)"
     r"|\.kept|\.removed\.bytes"  # of the store, for the same reason
