@@ -20,7 +20,9 @@ from maskfab.api.results import Result
 from maskfab.base import __version__, provenance
 from maskfab.base import resources as error_codes
 from maskfab.base.checks import checked_arguments
-from maskfab.base.errors import CATALOGUE, JobError
+from maskfab.base.errors import CATALOGUE, InternalError, JobError
+from maskfab.base.findings import origins
+from maskfab.base.quantities import FAMILIES, registered
 from maskfab.base.work import Progress, silent
 
 if TYPE_CHECKING:
@@ -59,7 +61,7 @@ class Answer(Result):
 def explain(
     code: Annotated[str | None, "CODE|KEY"] = None, *, schema: Literal["job", "report", "check"] | None = None
 ) -> Answer:
-    """Explain an error code (meaning, example, usual cause, cure) or a key of a job (form, default, meaning).
+    """Explain an error code (example, usual cause, cure), a key of a job (form, default) or a number (what finds it).
 
     Examples:
         $ maskfab explain MF106
@@ -70,8 +72,8 @@ def explain(
         MF111  A random tiling needs a seed.
 
     Args:
-        code: code such as ``"MF106"``, or a key or table of a job such as ``"camera.stop"``, or its last word; left
-            out, all codes are listed.
+        code: code such as ``"MF106"``, or a key or table of a job such as ``"camera.stop"``, or its last word, or a
+            quantity such as ``"mtf50"``; left out, all codes are listed.
         schema: print the JSON Schema (draft 2020-12) of a job file, of report.json or of maskfab check --json.
 
     Raises:
@@ -110,10 +112,33 @@ def _schema(of: str) -> dict[str, Any]:
     raise JobError("MF105", f"there is no schema of {of!r}", where="schema", cure="Name job, report or check")
 
 
+def _of_quantity(name: str) -> Answer | None:
+    """A number of report.json, and what finds it; None for what is no quantity, or stands for any name."""
+    try:
+        entry = registered(name)
+    except InternalError:
+        return None
+    sources = [f"{work.name}, from {', '.join(need.value for need in work.needs)}" for work in origins(name)]
+    if not sources or any(f"{{{word}}}" in entry.name for word, form in FAMILIES.items() if form == ".*"):
+        return None
+    unit = "" if entry.takes_detail or entry.unit == "1" else entry.unit
+    stated = {"Meaning": entry.meaning, "Unit": unit, "Verdict": entry.subject, "Cure": entry.cure}
+    parts = [(title, text) for title, text in stated.items() if text]
+    told = _parts(*parts, ("Found by", "\n".join(sources)))
+    document = {"quantity": name, **asdict(entry), "found_by": sources}
+    return Answer(f"{name}  {entry.title}\n\n{told}", document)
+
+
 def _of_keys(path: str) -> Answer:
     from maskfab.job.reference import keys_of
 
-    keys = keys_of(path, or_word=True)
+    try:
+        keys = keys_of(path, or_word=True)
+    except JobError:
+        answer = _of_quantity(path.strip())
+        if answer is None:
+            raise
+        return answer
     document = {"keys": [asdict(key) for key in keys]}
     if len({key.section for key in keys}) > 1 and all(key.name == path.strip().lower() for key in keys):
         # A word that ends several keys: which is meant, their first sentences tell.

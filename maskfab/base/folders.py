@@ -101,8 +101,8 @@ RESULT_MARK = "manifest.json"
 TIMES = "timing.json"
 """The file beside it that tells how long the work took, and which findings the run made itself and which earlier ones
 had kept: no two runs have it alike, and no manifest hashes it."""
-REPORT, PAGE = "report.json", "report.html"
-"""The numbers of a run, and the page that shows them."""
+REPORT, PAGE, OVERVIEW = "report.json", "report.html", "overview.png"
+"""The numbers of a run, the page that shows them, and the picture of the plate."""
 JOB_COPY = "job.json"
 """The resolved job of a run."""
 _Trace = tuple[int, int, int]

@@ -14,6 +14,7 @@ from typing import Any, cast
 import numpy as np
 from klayout import db
 
+from maskfab.base.findings import expected, task_bytes, words
 from maskfab.base.folders import check_target
 from maskfab.base.model import Plate
 from maskfab.base.processes import ArgumentsFactory, Found, SerialExecutor, Task
@@ -26,9 +27,8 @@ from maskfab.report.pages.front import shown_count
 from maskfab.report.rows.optics import layout_as_seen, plate_as_seen
 from maskfab.report.rows.photographs import Conditions
 from maskfab.runs import pipeline
-from maskfab.runs.findings import expected, task_bytes
 from maskfab.runs.plate_files import check_pictures, check_processes, check_readers, draw_files, named_shop
-from maskfab.runs.recall import kind_of, origin_of, words
+from maskfab.runs.recall import kind_of, origin_of
 from maskfab.runs.stages import (
     begin_photographs,
     executor_of,

@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from maskfab.base.folders import PAGE, REPORT, TIMES, Account, check_target, staged, times_text
+from maskfab.base.folders import OVERVIEW, PAGE, REPORT, TIMES, Account, check_target, staged, times_text
 from maskfab.base.model import Quantity, Report
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.display.feasibility import displays
@@ -24,7 +24,6 @@ from maskfab.report.rows.optics import (
 from maskfab.report.rows.photographs import Conditions
 from maskfab.report.rows.verdicts import Verdicts
 from maskfab.runs.plate_files import (
-    OVERVIEW,
     check_pictures,
     check_processes,
     check_readers,

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from maskfab.base import __version__, provenance, resources
 from maskfab.base.errors import InternalError, SourceError
-from maskfab.base.folders import JOB_COPY, PAGE, REPORT, RESULT_MARK, TIMES
+from maskfab.base.folders import JOB_COPY, OVERVIEW, PAGE, REPORT, RESULT_MARK, TIMES
 from maskfab.base.model import DieOptics, Plate, Quantity, WrittenFile
 from maskfab.base.processes import release_memory
 from maskfab.base.work import Progress
@@ -45,7 +45,6 @@ from maskfab.report.rows.bands import (
 )
 
 MANIFEST_VERSION = 1
-OVERVIEW = "overview.png"
 MAX_MARKERS = 1000
 """Violations of a rule on a die that the markers place; all are counted."""
 

@@ -11,6 +11,7 @@ from types import TracebackType
 from typing import Any, Generic, TypeAlias
 
 from maskfab.base import __version__
+from maskfab.base.findings import words
 from maskfab.base.folders import Account
 from maskfab.base.model import Die
 from maskfab.base.processes import ArgumentsFactory, Found, SerialExecutor, Task
@@ -137,7 +138,7 @@ def kind_of(function: Callable[..., Any]) -> Any:
     Raises:
         TypeError: if it states none.
     """
-    return _stated_kind(_named(function))
+    return _stated_kind(function.func if isinstance(function, partial) else function)
 
 
 @cache
@@ -146,16 +147,6 @@ def _stated_kind(function: Callable[..., Any]) -> Any:
     if "return" not in hints:
         raise TypeError(f"{words(function)} does not state what it finds")
     return hints["return"]
-
-
-def words(function: Callable[..., Any]) -> str:
-    """Name of a function of a module in the store."""
-    named = _named(function)
-    return f"{named.__module__.removeprefix('maskfab.')}.{named.__qualname__}"
-
-
-def _named(function: Callable[..., Any]) -> Callable[..., Any]:
-    return function.func if isinstance(function, partial) else function
 
 
 def _die_of(given: tuple[Any, ...]) -> str | None:

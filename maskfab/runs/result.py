@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from maskfab.base.errors import UnknownNameError
+from maskfab.base.findings import expected
 from maskfab.base.folders import REPORT, TIMES, Account
 from maskfab.base.model import Die, DieOptics, Plate, Quantity, Report, WrittenFile
 from maskfab.base.processes import SerialExecutor
@@ -40,7 +41,6 @@ from maskfab.report.rows.photographs import Photographs, Surroundings, photograp
 from maskfab.report.rows.scene import SceneOptics
 from maskfab.report.rows.text import Quantities
 from maskfab.report.rows.verdicts import Verdicts
-from maskfab.runs.findings import expected
 from maskfab.runs.plate_files import named_shop, process_spread
 
 if TYPE_CHECKING:

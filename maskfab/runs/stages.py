@@ -16,6 +16,7 @@ from typing import Any
 
 from klayout import db
 
+from maskfab.base.findings import expected
 from maskfab.base.model import UNSTATED, Camera, Die, DieOptics, MaskBlank, Plate
 from maskfab.base.processes import ArgumentsFactory, Found, ProcessExecutor, SerialExecutor, Task, release_memory
 from maskfab.base.work import Progress
@@ -38,7 +39,6 @@ from maskfab.report.rows.optics import (
 )
 from maskfab.report.rows.photographs import Conditions, Photographs, Restored, Surroundings, photograph_die
 from maskfab.report.rows.scene import SceneOptics, measure_scene, peak_bytes, scene_plan, scene_reach_um
-from maskfab.runs.findings import expected
 from maskfab.runs.plate_files import process_spread
 from maskfab.runs.recall import CachingExecutor
 from maskfab.runs.store import Store

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
 from maskfab.base.errors import InputError, JobError, OutputError
+from maskfab.base.findings import STAGE_OF_QUANTITY, function_of
 from maskfab.base.model import ORIENTATIONS, Camera, Die, Opening, Panel, Process, Quantity, Tiling
 from maskfab.base.processes import ProcessExecutor, SerialExecutor
 from maskfab.base.work import Progress, one_thread
@@ -39,7 +40,6 @@ from maskfab.report.rows.as_written import measure_written, written_psf_quantiti
 from maskfab.report.rows.display import display_quantities
 from maskfab.report.rows.photographs import Conditions, Photographs, Surroundings, photograph_die
 from maskfab.report.rows.scene import measure_scene, scene_plan, scene_reach_um
-from maskfab.runs.findings import STAGE_OF_QUANTITY, function_of
 from maskfab.runs.store import Record, keep, make_folder, of_installation
 from maskfab.runs.sweep_plan import Case, by_psf
 

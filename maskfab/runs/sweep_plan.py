@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.base.errors import JobError
+from maskfab.base.findings import STAGE_OF_QUANTITY, Need
 from maskfab.base.model import Opening
 from maskfab.base.units import to_nm
 from maskfab.designs.rules.families import FAMILIES
@@ -30,7 +31,6 @@ from maskfab.job.sweep_file import FieldSection, LimitSection, SweepSpec, Value,
 from maskfab.job.values import Section
 from maskfab.mask.job import Job, load_job, resolve
 from maskfab.mask.opening_file import opening_text
-from maskfab.runs.findings import STAGE_OF_QUANTITY, Need
 from maskfab.runs.store import fingerprint, of_installation
 
 

@@ -18,7 +18,8 @@ from jinja2 import TemplateError
 from maskfab.base import __version__, provenance
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import InputError, JobError, OutputError
-from maskfab.base.folders import JOB_COPY, PAGE, REPORT, RESULT_MARK, TIMES, put_back, read_manifest
+from maskfab.base.findings import maker, origins
+from maskfab.base.folders import JOB_COPY, OVERVIEW, PAGE, REPORT, RESULT_MARK, TIMES, put_back, read_manifest
 from maskfab.base.model import Camera, Die, Quantity, WrittenFile
 from maskfab.base.processes import SerialExecutor
 from maskfab.base.provenance import sha256_of_file
@@ -47,7 +48,7 @@ from maskfab.report.rows.foreign import Foreign, How, check_foreign, only_die
 from maskfab.report.rows.optics import layout_as_seen, plate_as_seen
 from maskfab.report.rows.verdicts import Verdicts
 from maskfab.runs.pipeline import run
-from maskfab.runs.plate_files import OVERVIEW, auxiliary_files, draw_files, psfs_as_files, shop_quantities
+from maskfab.runs.plate_files import auxiliary_files, draw_files, psfs_as_files, shop_quantities
 from maskfab.runs.result import PlateFindings, die_quantities, draw_pictures
 from maskfab.runs.stages import (
     begin_photographs,
@@ -346,7 +347,7 @@ def _reported(folder: Path, now: Document) -> Iterator[Quantity]:
 
 def _of_photographs(place: Sequence[str]) -> bool:
     """Whether a place in a report tells of photographs: their section, a row of a die, or a part of its design."""
-    return any(part.startswith("photograph") or "restored_" in part or part == "predicted_psnr" for part in place)
+    return any(finding.noisy for part in place for word in part.split(", ") for finding in origins(word))
 
 
 def _of_wires(place: Sequence[str]) -> bool:
@@ -425,10 +426,6 @@ def _equal(name: str, value: Any, expected: Any, method: str) -> Quantity:
 
 def _failed(name: str, problem: str) -> Quantity:
     return Quantity(name, "failed", problem, limit="ok", passed=False)
-
-
-_MADE_BY = {REPORT: "numbers", PAGE: "figures", OVERVIEW: "figures", RESULT_MARK: "hashes of the others"}
-_MASKS = "drawing and writing"
 
 
 @dataclass(frozen=True)
@@ -529,7 +526,7 @@ def reproduce(directory: str | Path, *, progress: Progress = silent) -> Reproduc
 
 
 def _compared(folder: Path, again: Path, name: str) -> RemadeFile:
-    stage = _MADE_BY.get(name, "optics" if name.endswith(".exr") else _MASKS)
+    stage = maker(name).name
     one, other = folder / name, again / name
     if not one.is_file() or not other.is_file():
         return RemadeFile(name, stage, "it is missing" if other.is_file() else "it is not made any more")

@@ -6,13 +6,17 @@ import ast
 import re
 from functools import cache
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 import maskfab
 from maskfab.base.errors import InternalError
+from maskfab.base.findings import Need, origins
 from maskfab.base.model import COLOURS, Quantity
 from maskfab.base.quantities import FAMILIES, Entry, quantities, registered
+from maskfab.camera.scores import Score
+from maskfab.job.sections import ClaimSection
 
 UNITS = {"", "1", "nm", "um", "um^2", "m", "cy/mm", "cy/pixel", "px", "1/deg", "deg", "dB", "mA/cm2", "waves"}
 UNITS |= {"edges", "names", "places", "{detail}", "polygons over {detail} vertices"}
@@ -32,7 +36,8 @@ SAMPLES = {
 @cache
 def sources() -> dict[str, str]:
     root = Path(maskfab.__file__).parent
-    files = [path for path in sorted(root.rglob("*.py")) if path.name != "quantities.py"]
+    tables = {root / "base" / "quantities.py", root / "base" / "findings.py"}
+    files = [path for path in sorted(root.rglob("*.py")) if path not in tables]
     return {str(path.relative_to(root)): path.read_text(encoding="utf-8") for path in files}
 
 
@@ -52,6 +57,16 @@ def members(entry: Entry) -> list[str]:
             values = SAMPLES[word] if word in SAMPLES else known.split("|")
             names = [each.replace(f"{{{word}}}", value) for each in names for value in values]
     return names
+
+
+def test_every_quantity_has_an_origin():
+    assert [name for entry in quantities().values() for name in members(entry) if not origins(name)] == []
+
+
+def test_claims_are_about_numbers_whose_origin_is_known():
+    for measure in get_args(ClaimSection.model_fields["measure"].annotation):
+        photographed = any(Need.PHOTOGRAPHS in work.needs for work in origins(measure))
+        assert photographed == (measure in Score.__dataclass_fields__)
 
 
 def test_every_name_written_in_a_call_is_registered():

@@ -400,6 +400,13 @@ def test_explain_suggests_the_code_that_was_meant(capsys, typed, meant):
     assert meant in answer.document["error"]["cure"]
 
 
+def test_explain_tells_what_finds_a_number_and_from_what(capsys):
+    told = command(capsys, "explain", "mtf50").stdout
+    assert "optics, from the panel, the camera, the camera's window, the files read back" in " ".join(told.split())
+    assert command(capsys, "explain", "mtf50", "--json").document["title"] == "MTF50"
+    assert command(capsys, "explain", "cd_bais", "--json").code == 2
+
+
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_verb_has_help_with_an_example_and_takes_json(capsys, verb):
     answer = command(capsys, *verb.split(), "--help")

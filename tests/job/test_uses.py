@@ -15,12 +15,12 @@ from small_job import OPENING, command, write_job
 from maskfab.api.checking import check
 from maskfab.api.measuring import edge
 from maskfab.base.errors import InputError
+from maskfab.base.findings import STAGE_OF_QUANTITY
 from maskfab.cli.command import command_of
 from maskfab.cli.program import VERBS
 from maskfab.job.reference import INNER, USES, covered, in_words, named, unused
 from maskfab.job.sections import JobSpec
 from maskfab.job.values import Section
-from maskfab.runs.findings import STAGE_OF_QUANTITY
 
 
 def sections(annotation: Any) -> Iterator[type[Section]]:

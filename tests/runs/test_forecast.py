@@ -15,12 +15,12 @@ from small_job import JOB, command, listing, write_job
 
 import maskfab as mf
 from maskfab.base.errors import OutputError
+from maskfab.base.findings import FINDINGS, expected, function_of
 from maskfab.mask.comparison.roundtrip import compare_layout
 from maskfab.mask.job import load_job
 from maskfab.report.pages.front import shown_count
 from maskfab.report.rows.scene import measure_scene
 from maskfab.runs import pipeline
-from maskfab.runs.findings import FINDINGS, expected, function_of
 from maskfab.runs.forecast import _FILES, PROBE_S, Amounts, Pace, dry_run, probe, read_bytes
 from maskfab.runs.store import Entry, Store
 

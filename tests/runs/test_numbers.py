@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from maskfab.base.findings import STAGE_OF_QUANTITY
 from maskfab.optics.mtf import LEVELS
-from maskfab.runs.findings import STAGE_OF_QUANTITY
 from maskfab.runs.sweep_numbers import Swept, wilson
 from maskfab.runs.sweep_plan import Field, Level, _draws
 

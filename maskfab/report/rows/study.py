@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from maskfab.base.arrays import Singles
 from maskfab.base.errors import JobError
+from maskfab.base.findings import Need, origins
 from maskfab.base.model import Camera, Mtf, Panel, Psf
 from maskfab.base.processes import ProcessExecutor, SerialExecutor, release_memory
 from maskfab.base.work import Progress, one_thread, silent
@@ -41,9 +42,6 @@ from maskfab.optics.restoration import sensor_square
 from maskfab.optics.spectrum import line_spectrum
 from maskfab.report.rows.optics import middle_nm
 from maskfab.report.rows.photographs import Conditions, Surroundings, uses_of
-
-OPTICAL = frozenset({"auc_radial_min", "open_ratio", "psf_difference"})
-"""Measures that need no photographs."""
 
 
 class Verdict(StrEnum):
@@ -115,6 +113,11 @@ class Claim:
         return {name: worst([each.verdict for each in self.findings if each.of.protocol == name]) for name in names}
 
 
+def _of_scores(claim: ClaimSection) -> bool:
+    """Whether a claim is about photographs rather than about the optics."""
+    return any(Need.PHOTOGRAPHS in finding.needs for finding in origins(claim.measure))
+
+
 def pairs(claim: ClaimSection) -> Iterator[tuple[str, str | None]]:
     """Every die of a claim with the one that it is compared with."""
     over: Sequence[str | None] = claim.over or (None,)
@@ -151,7 +154,7 @@ def of_optics(claim: ClaimSection, numbers: Mapping[tuple[str, float | None], tu
     """A claim about numbers of the optics.
 
     Args:
-        claim: about one of :data:`OPTICAL`, but for the difference of PSFs.
+        claim: about one that needs no photographs, but for the difference of PSFs.
         numbers: value and error, by die and wavelength.
     """
     findings = []
@@ -302,7 +305,7 @@ class Study:
         return tuple(self._judged(claim) for claim in self.plan.study.claim)
 
     def _judged(self, claim: ClaimSection) -> Claim:
-        if claim.measure not in OPTICAL:
+        if _of_scores(claim):
             return of_photographs(claim, self.scores)
         if claim.measure == "psf_difference":
             return Claim(claim, tuple(self._difference(claim, die, over) for die, over in pairs(claim) if over))
@@ -407,7 +410,7 @@ def _in_case(job: Job, case: CaseSection, i: int) -> Job:
 
 def _check_claim(claim: ClaimSection, plan: Plan, where: str) -> None:
     study = plan.study
-    optical = claim.measure in OPTICAL
+    optical = not _of_scores(claim)
     if not (study.optics if optical else study.protocols):
         raise JobError(
             "MF145",

@@ -1,7 +1,8 @@
-"""Where every number comes from: what is found about a die, by which function, from what, and at what cost.
+"""Where every number comes from: what is found, by which function, from what, at what cost, and how surely again.
 
-Runs, checks of finished folders, sweeps, forecasts and the store of kept findings read this one table. Functions stand
-by their names, as the store knows them, so that reading the table loads none of them.
+Runs, checks of finished folders, runs made again, sweeps, the claims of studies, forecasts, the store of kept findings
+and explanations read this one table. Functions stand by their names, as the store knows them, so that reading the table
+loads none of them; what a number is called and means stands in :mod:`maskfab.base.quantities`.
 
 Notes:
     Seconds are those of one thread of the machine of the reference numbers. What another machine takes follows from
@@ -13,13 +14,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
-from functools import cache
+from fnmatch import fnmatchcase
+from functools import cache, lru_cache, partial
 from importlib import import_module
 from types import MappingProxyType
 from typing import Any
 
+from maskfab.base.folders import OVERVIEW, PAGE, REPORT, RESULT_MARK
 from maskfab.base.units import NM_PER_UM
-from maskfab.runs.recall import words
 
 
 class Need(Enum):
@@ -30,23 +32,31 @@ class Need(Enum):
     WINDOW = "the camera's window"
     PROCESS = "the process"
     BLANK = "the blank"
-    FILES = "the files, read back"
+    FILES = "the files read back"
     SCENE = "the scene"
     DISPLAY = "the display's rules"
     PHOTOGRAPHS = "photographs"
+    CAPTURES = "pictures that a camera took"
+    HOUSE = "the rules of the mask house"
+    RESULT = "a finished folder"
+    JOB = "the job"
 
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """One thing that is found about a die.
+    """One thing that is found.
 
     Attributes:
         name: of the stage of a run, as progress tells it, or of the work in a sweep.
         needs: what it depends on.
-        functions: that a run calls for it, in order; none where it finds it on the way to another.
+        functions: that a run calls for it about a die, in order; none where it finds it on the way to another.
         sweep: function that finds it from the design alone, of one :class:`maskfab.runs.sweep_cases.SweptDie`; None
             where that cannot be.
         gives: names of the quantities that it finds from the design alone.
+        rows: names of the other rows that it finds, and of places in reports, parted by spaces; ``*`` stands for any
+            letters.
+        noisy: whether another last bit of light may draw another photon, so that its rows repeat within noise only.
+        files: of a finished folder that it makes.
         seconds: of a processor that the functions take, each with its arguments.
         bytes: of memory that the first function holds at its most, with its arguments; None for little.
         figures: functions that draw it, and seconds of a processor that each takes.
@@ -57,6 +67,9 @@ class Finding:
     functions: tuple[str, ...] = ()
     sweep: str | None = None
     gives: tuple[str, ...] = ()
+    rows: str = ""
+    noisy: bool = False
+    files: tuple[str, ...] = ()
     seconds: tuple[Callable[..., float], ...] = ()
     bytes: Callable[..., float] | None = None
     figures: tuple[tuple[str, float], ...] = ()
@@ -69,10 +82,25 @@ def function_of(name: str) -> Callable[..., Any]:
     return function
 
 
-def origin_words(quantity: str) -> str | None:
-    """The work that finds a quantity from the design alone, and what it needs, in words; None if none does."""
-    finding = STAGE_OF_QUANTITY.get(quantity)
-    return None if finding is None else f"{finding.name}, from {', '.join(need.value for need in finding.needs)}"
+def words(function: Callable[..., Any]) -> str:
+    """Name of a function of a module in the table, and in the store."""
+    named = function.func if isinstance(function, partial) else function
+    return f"{named.__module__.removeprefix('maskfab.')}.{named.__qualname__}"
+
+
+@lru_cache(maxsize=4096)
+def origins(name: str) -> tuple[Finding, ...]:
+    """All that finds a quantity, or a place in a report, the cheapest first."""
+    return tuple(
+        finding
+        for finding in FINDINGS
+        if any(fnmatchcase(name, row) for row in (*finding.gives, *finding.rows.split()))
+    )
+
+
+def maker(file: str) -> Finding:
+    """The work that makes a file of a finished folder."""
+    return next(finding for finding in FINDINGS if any(fnmatchcase(file, name) for name in finding.files))
 
 
 def expected(function: Callable[..., Any], given: tuple[Any, ...]) -> float | None:
@@ -143,8 +171,7 @@ def _scene_s(_die: Any, camera: Any, scene: Any, _openings: Any, plan: Any, *_: 
 
 def _scene_bytes(die: Any, camera: Any, scene: Any, _: Any, plan: Any, *__: Any) -> float:
     """Bytes of a process that keeps the memory of photographs; samples of a lens that distorts are finer."""
-    from maskfab.report.rows.scene import peak_bytes  # which loads all that scenes need
-
+    peak_bytes = function_of("report.rows.scene.peak_bytes")  # which loads all that scenes need
     side = camera.window_um / camera.pixel_um / _DRAWN_WINDOW_PX
     return float(
         _PHOTOGRAPHS_BYTES + peak_bytes(die, camera, scene, plan) + 9e6 * (side * plan.fullest.distortion) ** 2
@@ -173,6 +200,7 @@ FINDINGS: tuple[Finding, ...] = (
         (Need.PANEL, Need.PROCESS),
         sweep="runs.sweep_cases.features",
         gives=("min_feature", "min_space", "written_min_feature", "written_min_space"),
+        rows="corner_touches",
     ),
     Finding(
         "psf as written",
@@ -209,6 +237,10 @@ FINDINGS: tuple[Finding, ...] = (
         ("display.feasibility.feasibility",),
         sweep="runs.sweep_cases.display",
         gives=("display_fits", "led_footprint", "circuit_room"),
+        rows=(
+            "led_footprint_rectangles circuit_room_* emitter* luminance_centroid grain_rms current_density_* "
+            "relative_life_* wire_lines_* wired_*"
+        ),
         seconds=(_always(2.0),),
         figures=(("report.figures.display.pictures", 0.3),),
     ),
@@ -216,6 +248,13 @@ FINDINGS: tuple[Finding, ...] = (
         "optics",
         (Need.PANEL, Need.CAMERA, Need.WINDOW, Need.FILES, Need.BLANK),
         ("report.rows.optics.measure_with_bar",),
+        rows=(
+            "open_ratio stop_open_ratio auc_radial_min mtf[0-9]* mtf_worst_* mtf_aliasing mtf_phase_range "
+            "wiener_* psf_energy_in_window ensquared_energy encircled_energy halo_energy *side_lobe streak_index "
+            "*strehl order* *colour_distance edge_colour_difference *_invariant_error model_* fast_lens "
+            "readback_psf_difference"
+        ),
+        files=("*.exr",),
         seconds=(_optics_s,),
         figures=(
             ("report.figures.die.overview", 0.5),
@@ -229,6 +268,7 @@ FINDINGS: tuple[Finding, ...] = (
         ("report.rows.scene.measure_scene",),
         sweep="runs.sweep_cases.scene",
         gives=("scene_psf_change", "plan_error", "depth_residual", "field_residual", "depth_change"),
+        rows="plan_error_measured field_mtf_* nearest_object",
         seconds=(_scene_s,),
         bytes=_scene_bytes,
         figures=(("report.figures.scene.pictures", 0.5),),
@@ -239,6 +279,8 @@ FINDINGS: tuple[Finding, ...] = (
         ("report.rows.photographs.photograph_die",),
         sweep="runs.sweep_cases.photographs",
         gives=("restored_psnr",),
+        rows="restored_* photograph* predicted_psnr",
+        noisy=True,
         seconds=(_photographs_s,),
         bytes=_always(_PHOTOGRAPHS_BYTES),
         figures=(
@@ -251,6 +293,10 @@ FINDINGS: tuple[Finding, ...] = (
         "process",
         (Need.PANEL, Need.CAMERA, Need.WINDOW, Need.PROCESS),
         ("report.rows.as_written.measure_written", "report.rows.bands.band_quantities"),
+        rows=(
+            "written_* band_stop_open_ratio band_auc_radial_min band_mtf* band_psf_shape band_halo_energy "
+            "band_led_footprint sensitivity_psf_shape"
+        ),
         seconds=(_always(1.5), lambda _written, _camera, spread, *_: 4.0 if spread else 0.0),
         bytes=_always(400e6),
         figures=(("report.figures.die.written_pictures", 0.35),),
@@ -259,11 +305,58 @@ FINDINGS: tuple[Finding, ...] = (
         "tolerance",
         (Need.PANEL, Need.CAMERA, Need.PROCESS, Need.PHOTOGRAPHS),
         ("report.rows.bands.restored_expansion",),
+        rows="band_restored_* sensitivity_restored_psnr",
+        noisy=True,
         seconds=(_always(11.0),),
         bytes=_always(500e6),
     ),
+    Finding(
+        "read back",
+        (Need.PANEL, Need.FILES),
+        rows=(
+            "drawn_holes drawn_parted drawn_snapped drawn_split polygons cd_* readback_xor_area "
+            "readback_wrong_dots data_* judged_* *bitmap_* dot_edge_error* solid_* psf_file_*"
+        ),
+    ),
+    Finding("house", (Need.FILES, Need.HOUSE), rows="shop_*"),
+    Finding("notes", (Need.JOB,), rows="designed_for unused_keys display_seed lens_view"),
+    Finding(
+        "look",
+        (Need.PANEL, Need.DISPLAY),
+        rows="pixels_per_degree centroid_offset grain_predicted grain_slow grain_fine *_delta_e_* *_jod edge_fringe",
+    ),
+    Finding(
+        "file of any maker",
+        (Need.FILES, Need.PANEL, Need.CAMERA, Need.HOUSE),
+        rows=(
+            "lies layer* other_layers passed_over rounding empty_polygons repeated_vertices approximated_curves "
+            "texts grey_pixels xor_area sliver_area optics mtf_difference raster_psf_difference rule_*"
+        ),
+    ),
+    Finding("captures", (Need.PANEL, Need.CAMERA, Need.CAPTURES), rows="captured_* measurement_left_out"),
+    Finding("edge", (Need.CAMERA, Need.CAPTURES), rows="edge_angle edge_mtf*"),
+    Finding("study of optics", (Need.PANEL, Need.CAMERA, Need.WINDOW), rows="psf_difference"),
+    Finding(
+        "study of photographs",
+        (Need.PANEL, Need.CAMERA, Need.SCENE, Need.PHOTOGRAPHS),
+        rows="psnr psnr_inner ssim delta_e",
+        noisy=True,
+    ),
+    Finding(
+        "verification",
+        (Need.RESULT,),
+        rows=(
+            "sha256 unlisted readable job job_hash made_again report report_* reported* drawn_again foreign_bytes "
+            "package_folder mask_files extent paper profile files manifest_*"
+        ),
+    ),
+    Finding("self-test", (), rows="clear_stop_psf_error"),
+    Finding("numbers", (Need.JOB, Need.FILES), files=(REPORT,)),
+    Finding("figures", (Need.JOB, Need.FILES), files=(PAGE, OVERVIEW)),
+    Finding("hashes of the others", (Need.RESULT,), files=(RESULT_MARK,)),
+    Finding("drawing and writing", (Need.PANEL,), files=("*",)),
 )
-"""The cheapest first."""
+"""Of the works about a die, the cheapest first; then what other verbs find, and what makes the files of a run."""
 
 STAGE_OF_QUANTITY: Mapping[str, Finding] = MappingProxyType(
     {name: finding for finding in FINDINGS for name in finding.gives}
