@@ -59,6 +59,15 @@ def members(entry: Entry) -> list[str]:
     return names
 
 
+def test_every_rule_of_a_house_is_registered():
+    rules = FAMILIES["shop_rule"].split("|")
+    houses = [text for path, text in sources().items() if path.startswith("mask/houses")]
+    calls = [call for text in houses for call in ast.walk(ast.parse(text)) if isinstance(call, ast.Call)]
+    named = [written(call.args[0]) for call in calls if getattr(call.func, "id", "") == "Finding" and call.args]
+    assert len(named) > 20
+    assert [name for name in named if name and not any(re.fullmatch(name, rule) for rule in rules)] == []
+
+
 def test_every_quantity_has_an_origin():
     assert [name for entry in quantities().values() for name in members(entry) if not origins(name)] == []
 

@@ -8,6 +8,7 @@ import sys
 import time
 import zipfile
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from hostile_files import overlapping
@@ -21,6 +22,8 @@ from maskfab.mask.job import load_job
 from maskfab.mask.limits import children_seconds
 from maskfab.mask.package.archive import safe_stem
 from maskfab.mask.package.pack import pack, verify_package
+
+LAYOUTS = Path(__file__).parents[3] / "layouts"
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
@@ -263,6 +266,15 @@ def test_verify_tells_a_package_of_another_job(capsys, packed, tmp_path):
     assert ("readback_xor_area", "TURNED") in failed
     assert ("readback_xor_area", "PLAIN") not in failed
     assert "sha256" not in {name for name, _ in failed}
+
+
+def test_verify_tells_a_package_of_another_house(capsys, tmp_path):
+    job, path = LAYOUTS / "order_film.toml", tmp_path / "film.zip"
+    assert command(capsys, "order", "pack", job, "--shop", "jd_photo_data_film", "--out", path, "--quiet").code == 0
+    answer = command(capsys, "verify", path, "--against", job, "--shop", "generic-chrome", "--json", "--quiet")
+    assert (answer.code, answer.document["verdict"]) == (1, "fail")
+    failed = {check["name"] for check in answer.document["checks"] if check["passed"] is False}
+    assert {"package_folder", "manifest_shop", "shop_order_glass", "shop_order_film"} <= failed
 
 
 def test_verify_tells_a_changed_package(capsys, packed, tmp_path):
