@@ -16,7 +16,7 @@ import numpy as np
 from camera.capture.captured_dies import BLACK, GAIN, READ_NOISE, exposed, phased_picture, polygon_picture
 from numpy.typing import NDArray
 
-from maskfab.base.model import Camera, Panel
+from maskfab.base.model import Panel
 from maskfab.camera.frames.frame import Frame
 from maskfab.camera.frames.merge import merged
 from maskfab.camera.inspection.die_image import DieImage, Setting
@@ -32,6 +32,7 @@ from maskfab.camera.inspection.fit import (
     with_terms,
 )
 from maskfab.camera.inspection.identity import Hypothesis, Identified, identified
+from maskfab.job.camera import Camera
 from maskfab.mask.job import load_job
 from maskfab.optics.spectrum import Spectrum, line_spectrum
 

@@ -17,8 +17,8 @@ import numpy as np
 from optics_cases import camera, noise, panel, pupil
 from scipy.special import j1
 
-from maskfab.base.model import Stop
 from maskfab.base.resources import path
+from maskfab.job.camera import Stop
 from maskfab.mask.formats.gdsii import write_gdsii, write_oasis
 from maskfab.mask.job import load_job
 from maskfab.mask.layout import plate_layout

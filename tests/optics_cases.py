@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
-from maskfab.base.model import Camera, Psf
+from maskfab.base.model import Psf
 from maskfab.base.units import UM_PER_NM
+from maskfab.job.camera import Camera
 from maskfab.optics.field.matrix import parity_field
 from maskfab.optics.hard_cases import clear_region, noise
 from maskfab.optics.hard_cases import example_camera as camera

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from optics.published_step import WAVELENGTHS_NM, published_step
 from threadpoolctl import threadpool_limits
 
-from maskfab.base.model import Camera, Opening, Panel, Stop, Tiling
+from maskfab.base.model import Opening, Panel, Tiling
 from maskfab.designs.descent.objective import invertibility_of, tiled_stop
+from maskfab.job.camera import Camera, Stop
 from maskfab.optics.benchmark import (
     PEERS,
     PsfTask,

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from optics_cases import camera, clear_region, noise, panel, pupil
 from sweeps import examples
 
-from maskfab.base.model import Opening, Panel, Stop, Tiling, orient
+from maskfab.base.model import Opening, Panel, Tiling, orient
+from maskfab.job.camera import Stop
 from maskfab.mask.raster import coverage
 from maskfab.optics.field.matrix import direct_field, parity_field
 from maskfab.optics.field.polygons import boundary

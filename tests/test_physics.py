@@ -7,7 +7,8 @@ import pytest
 from optics_cases import camera, noise, panel, pupil
 from scipy.special import j1
 
-from maskfab.base.model import Camera, Opening, Panel, Stop, Tiling
+from maskfab.base.model import Opening, Panel, Tiling
+from maskfab.job.camera import Camera, Stop
 from maskfab.optics.field.matrix import direct_field, parity_field
 from maskfab.optics.lags import lag_table
 from maskfab.optics.metrics import relative_difference

@@ -17,8 +17,10 @@ from maskfab.base.model import Opening, Quantity, Tiling
 from maskfab.base.provenance import sha256_of_file
 from maskfab.base.units import parse_length_um, parse_pitch_um
 from maskfab.base.work import Progress, silent
+from maskfab.job.camera import Camera as Lens
+from maskfab.job.process import MaskBlank
 from maskfab.job.read import parse_section
-from maskfab.job.sections import BlankSection, CameraSection, SceneSection
+from maskfab.job.sections import SceneSection
 from maskfab.optics.metrics import fast_lens
 from maskfab.optics.scene.model_bar import MODEL_BAR
 from maskfab.report.rows import analysis
@@ -137,7 +139,7 @@ def analyse(
         unit_um=drawing_unit_um(unit_um),
         scene=described_scene(section, "scene") if scene else None,
         accuracy=section.accuracy,
-        blank=parse_section(BlankSection, dict(plate or {}), where="plate").mask_blank(),
+        blank=parse_section(MaskBlank, dict(plate or {}), where="plate"),
     )
     if isinstance(subject, Opening):
         found = analysis.analyse_opening(subject, request, progress)
@@ -150,10 +152,10 @@ def _camera(stated: Camera | Mapping[str, Any] | None) -> Camera:
     """The camera that is stated; keys that a table leaves out are those of protocol F1."""
     if isinstance(stated, Camera):
         return stated
-    given = F1.section.model_dump(mode="json", exclude_none=True) | lengths_as_text(stated or {}, CameraSection)
+    given = F1.section.model_dump(mode="json", exclude_none=True) | lengths_as_text(stated or {}, Lens)
     stop = given["stop"]
     given["stop"] = stop if isinstance(stop, Mapping) else {"diameter": stop}
-    return Camera.of_section(parse_section(CameraSection, given, where="camera"))
+    return Camera.of_section(parse_section(Lens, given, where="camera"))
 
 
 @answers(analyse)

@@ -13,13 +13,12 @@ from maskfab.api.lengths import Length, Wavelength, length_text, wavelength_text
 from maskfab.base import model
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
-from maskfab.base.model import Camera as Lens
 from maskfab.base.model import Panel as Tiled
 from maskfab.base.units import NM_PER_UM, parse_wavelength_nm
 from maskfab.base.work import one_thread
 from maskfab.camera.lens import camera_line
+from maskfab.job.camera import Camera as Lens
 from maskfab.job.read import check_lens, check_pupil, check_window, parse_section
-from maskfab.job.sections import CameraSection
 from maskfab.mask.panels import check_cover
 from maskfab.optics.lags import LagTable, lag_table
 from maskfab.optics.metrics import auc_radial_min, falls_to
@@ -45,7 +44,7 @@ class Camera:
         section: the camera as [camera] of a job file states it.
     """
 
-    section: CameraSection
+    section: Lens
 
     @checked_arguments
     def __init__(
@@ -79,11 +78,11 @@ class Camera:
             "wavelengths": [wavelength_text(line) for line in lines],
             "window": length_text(window),
         }
-        object.__setattr__(self, "section", parse_section(CameraSection, stated, where="Camera"))
+        object.__setattr__(self, "section", parse_section(Lens, stated, where="Camera"))
         check_lens(self.model, where="Camera: stop")
 
     @classmethod
-    def of_section(cls, section: CameraSection) -> Camera:
+    def of_section(cls, section: Lens) -> Camera:
         """The camera of a job file's section."""
         made = cls.__new__(cls)
         object.__setattr__(made, "section", section)
@@ -92,7 +91,7 @@ class Camera:
     @property
     def model(self) -> Lens:
         """The camera that the optics take, in micrometres and nanometres."""
-        return self.section.camera()
+        return self.section
 
     @checked_arguments
     @one_thread
@@ -134,7 +133,7 @@ class Camera:
 
     def _line(self, wavelength: Wavelength | None) -> float:
         """Nanometres of one of the camera's wavelengths."""
-        lines = self.section.wavelengths
+        lines = self.section.wavelengths_nm
         if wavelength is None and len(lines) == 1:
             return lines[0]
         asked = None if wavelength is None else parse_wavelength_nm(wavelength_text(wavelength), where="wavelength")
@@ -200,7 +199,7 @@ class Mtf(model.Mtf):
         table: autocorrelation of the pupil, from which it is taken.
     """
 
-    camera: model.Camera
+    camera: Lens
     table: LagTable
 
     @property

@@ -14,8 +14,9 @@ from maskfab.base import units
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
 from maskfab.base.folders import check_target, staged, write_mark
-from maskfab.base.model import UNSTATED, Quantity
+from maskfab.base.model import Quantity
 from maskfab.base.work import Progress, one_thread, silent
+from maskfab.job.process import UNSTATED
 from maskfab.job.reference import USES, in_words, unused
 from maskfab.job.sections import SceneSection
 

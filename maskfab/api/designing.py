@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, overload
 
-from pydantic import BaseModel
-
 from maskfab.api.camera import F1, Camera
 from maskfab.api.lengths import Length, length_text, lengths_as_text
 from maskfab.api.opening import Opening
@@ -47,6 +45,7 @@ from maskfab.designs.search.result import Designed
 from maskfab.job.read import read, validate
 from maskfab.job.reference import USES
 from maskfab.job.sections import EmittersSection, JobSpec, SearchSection, WiresSection
+from maskfab.job.values import AnySection
 from maskfab.mask import opening_file, panels
 from maskfab.mask.opening_file import load_opening, opening_text
 from maskfab.mask.panels import CellMap
@@ -391,7 +390,7 @@ def _refuse_beside_job(given: Sequence[str]) -> None:
 
 def _display(emitters: Mapping[str, Any] | None, wires: Mapping[str, Any] | None) -> dict[str, Any]:
     """[emitters] and [wires] as a job file has them, of those that are stated."""
-    stated: dict[str, tuple[Mapping[str, Any] | None, type[BaseModel]]] = {
+    stated: dict[str, tuple[Mapping[str, Any] | None, type[AnySection]]] = {
         "emitters": (emitters, EmittersSection),
         "wires": (wires, WiresSection),
     }
@@ -485,7 +484,7 @@ def _front(
     if not isinstance(section, SearchSection):
         what = "a sweep is among compact shapes, and the job has no [design] that searches them"
         raise JobError("MF105", what, where=f"{path}: design", cure='Add [design] with method = "search"')
-    camera = PhotoCamera.of(spec.camera.camera(), where=str(path))
+    camera = PhotoCamera.of(spec.camera, where=str(path))
     settings = capture_settings(spec)
     require_weights(section, settings, str(path))
     limit_s = None if budget is None else parse_time_s(budget, where="budget")

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from numbers import Real
 
-from pydantic import BaseModel
-
 from maskfab.base.errors import JobError
 from maskfab.base.units import UM_PER_UNIT
-from maskfab.job.values import length_keys, um_text
+from maskfab.job.values import AnySection, length_keys, um_text
 
 Length = str | float
 """``"168 um"``, ``"0.168 mm"``, or 168.0 micrometres."""
@@ -27,7 +25,7 @@ def length_text(value: object) -> object:
     return um_text(float(value)) if _is_number(value) else value  # type: ignore[arg-type]
 
 
-def lengths_as_text(stated: Mapping[str, object], section: type[BaseModel]) -> dict[str, object]:
+def lengths_as_text(stated: Mapping[str, object], section: type[AnySection]) -> dict[str, object]:
     """Keys of a section of a job file, with its lengths as a job file has them."""
     lengths = length_keys(section)
     return {key: length_text(value) if key in lengths else value for key, value in stated.items()}

@@ -34,7 +34,7 @@ from maskfab.camera.inspection.edge_mtf import (
 )
 from maskfab.camera.inspection.edge_regions import NARROWEST_PX, Region
 from maskfab.camera.inspection.verdict import Measured, Promise, light_of, measured, seen_light
-from maskfab.camera.sensor import stated_sensor
+from maskfab.job.camera import Sensor
 from maskfab.job.reference import USES, Keys, in_words, unused
 from maskfab.mask.houses.profiles import shop_of
 from maskfab.mask.job import Job
@@ -147,7 +147,7 @@ def measure(
     line_nm = None if line is None else parse_wavelength_nm(wavelength_text(line), where="line")
     written = known.spec.written
     promise = Promise(0.0 if written is None else written.cd_bias_um, shop_of(known.spec, known.where))
-    sensor = stated_sensor(known.spec.sensor)
+    sensor = known.spec.sensor or Sensor()
     if not pair:
         _noise(gain, read_noise, None)
 

@@ -4,17 +4,17 @@
 
 Every type is frozen, its arrays are read-only, and it refuses nonsense when it is made, with the code of an
 :class:`maskfab.base.errors.InputError`. Arrays are indexed ``[y, x]`` with y upwards: row 0 is the lowest. Integer
-nanometres carry geometry, float micrometres carry optics; names end in the unit.
+nanometres carry geometry, float micrometres carry optics; names end in the unit. What a job states and the optics take
+as it is, camera and process, is in :mod:`maskfab.job`.
 """
 
 from __future__ import annotations
 
 import math
-import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Literal, TypeVar, get_args
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,6 @@ from maskfab.base.arrays import Floats, Indices, Labels, Mask
 from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import InternalError
 from maskfab.base.quantities import registered
-from maskfab.base.units import UM_PER_MM
 
 Point = tuple[int, int]
 Polygon = tuple[Point, ...]
@@ -462,212 +461,6 @@ class Plate:
         if len(set(names)) < len(names):
             what = f"two dies are called {next(name for name in names if names.count(name) > 1)!r}"
             require.refuse("MF109", self, "dies", what, "Give each die a name of its own")
-
-
-StopShape = Literal["circle", "square", "ellipse", "rectangle", "annulus", "polygon"]
-STOP_SHAPES: tuple[StopShape, ...] = get_args(StopShape)
-
-
-@dataclass(frozen=True)
-class Stop:
-    """The lens aperture in the plane of the openings, the optical axis at its origin.
-
-    Attributes:
-        shape: circles, ellipses and annuli are ``round``; the others have corners.
-        diameter_um: side of the smallest square about the axis that holds it.
-        size_um: width and height where they may differ; None for a circle, a square and a polygon.
-        inner_share: of an annulus, its dark middle's diameter over its own.
-        outline_um: corners of a polygon, counter-clockwise.
-    """
-
-    shape: StopShape
-    diameter_um: float
-    size_um: tuple[float, float] | None = None
-    inner_share: float = 0.0
-    outline_um: tuple[tuple[float, float], ...] = ()
-
-    def __post_init__(self) -> None:
-        require.choice(self, "shape", STOP_SHAPES)
-        require.number(self, "diameter_um", high=math.inf)  # an infinite one lets everything through
-        for side in self.size_um or ():
-            require.number(self, "size_um", value=side)
-        if self.inner_share:
-            require.number(self, "inner_share", 0.0, 1.0, open_low=False)
-        if (self.shape == "polygon") != bool(self.outline_um) or (self.outline_um and not self.area_um2 > 0):
-            what = f"a {self.shape} with {len(self.outline_um)} corners holds no area that they bound"
-            require.refuse(
-                "MF132", self, "outline_um", what, "Make a polygon by Stop.polygon, of three corners or more"
-            )
-
-    @classmethod
-    def ellipse(cls, width_um: float, height_um: float) -> Stop:
-        return cls("ellipse", max(width_um, height_um), (width_um, height_um))
-
-    @classmethod
-    def rectangle(cls, width_um: float, height_um: float) -> Stop:
-        return cls("rectangle", max(width_um, height_um), (width_um, height_um))
-
-    @classmethod
-    def annulus(cls, diameter_um: float, inner_um: float) -> Stop:
-        return cls("annulus", diameter_um, None, inner_um / diameter_um)
-
-    @classmethod
-    def polygon(cls, corners_um: Sequence[tuple[float, float]]) -> Stop:
-        """A stop of straight sides that do not cross, its corners in either sense of rotation."""
-        outline = tuple((float(x), float(y)) for x, y in corners_um)
-        turned = outline if _signed_area(outline) > 0 else outline[::-1]
-        return cls("polygon", 2 * max(abs(c) for corner in outline for c in corner), outline_um=turned)
-
-    @property
-    def round(self) -> bool:
-        """Whether its edge is made of ellipses about the axis."""
-        return self.shape in ("circle", "ellipse", "annulus")
-
-    @property
-    def sides_um(self) -> tuple[float, float]:
-        """Width and height of a box about the axis that holds it."""
-        return self.size_um or (self.diameter_um, self.diameter_um)
-
-    @property
-    def corners_um(self) -> tuple[tuple[float, float], ...]:
-        """Corners counter-clockwise; none of a round stop."""
-        if self.round or self.outline_um:
-            return self.outline_um
-        x, y = (side / 2 for side in self.sides_um)
-        return (-x, -y), (x, -y), (x, y), (-x, y)
-
-    @property
-    def area_um2(self) -> float:
-        if self.outline_um:
-            return _signed_area(self.outline_um)
-        factor = np.pi / 4 * (1 - self.inner_share**2) if self.round else 1.0
-        width, height = self.sides_um
-        return float(factor * (width * height))
-
-    def scaled(self, across: float, up: float) -> Stop:
-        """The stop stretched along x and y."""
-        if self.outline_um:
-            return Stop.polygon([(x * across, y * up) for x, y in self.outline_um])
-        width, height = self.sides_um[0] * across, self.sides_um[1] * up
-        if width == height:
-            return replace(self, diameter_um=width, size_um=None if self.size_um is None else (width, height))
-        shape: StopShape = {"circle": "ellipse", "square": "rectangle"}.get(self.shape, self.shape)  # type: ignore[assignment]
-        return replace(self, shape=shape, diameter_um=max(width, height), size_um=(width, height))
-
-
-def _signed_area(outline: Sequence[tuple[float, float]]) -> float:
-    """Positive if the corners run counter-clockwise (the shoelace formula)."""
-    ends = (*outline[1:], *outline[:1])
-    return sum(x * v - u * y for (x, y), (u, v) in zip(outline, ends, strict=True)) / 2
-
-
-@dataclass(frozen=True)
-class Glass:
-    """The plate's glass, and which side of it the chrome is on."""
-
-    thickness_um: float
-    index: float
-    chrome: Literal["lens", "away"]
-
-    def __post_init__(self) -> None:
-        require.number(self, "thickness_um")
-        require.number(self, "index", 1.0, open_low=False)
-        require.choice(self, "chrome", ("lens", "away"))
-
-    @property
-    def gap_um(self) -> float:
-        """The air over which light spreads as much as from the chrome through the glass: t/n, 0 on the lens's side."""
-        return self.thickness_um / self.index if self.chrome == "away" else 0.0
-
-
-@dataclass(frozen=True)
-class MaskBlank:
-    """Mask blank of a plate, as far as a job states it.
-
-    Attributes:
-        optical_density: of the opaque film, -log10 of the share of light that it passes; None if not stated.
-        film_phase_waves: by how much light that leaks through the film lags behind that of the openings; None if not
-            stated, and only with a density.
-        glass: None if not stated.
-    """
-
-    optical_density: float | None = None
-    film_phase_waves: float | None = None
-    glass: Glass | None = None
-
-
-UNSTATED = MaskBlank()
-"""A plate of which a job says nothing."""
-
-
-@dataclass(frozen=True)
-class Camera:
-    """Camera behind the panel.
-
-    Attributes:
-        focal_um: focal length.
-        stop: the lens aperture.
-        wavelengths_nm: the lines at which everything is computed.
-        pixel_um: side of a sensor pixel.
-        window_um: side of the square window in which the PSF is shown.
-    """
-
-    focal_um: float
-    stop: Stop
-    wavelengths_nm: tuple[float, ...]
-    pixel_um: float
-    window_um: float
-
-    def __post_init__(self) -> None:
-        for name in ("focal_um", "pixel_um", "window_um"):
-            require.number(self, name)
-        require.instance(self, "stop", Stop)
-        require.instance(self, "wavelengths_nm", tuple)
-        for line in self.wavelengths_nm:
-            require.number(self, "wavelengths_nm", value=line)
-        if not self.wavelengths_nm:
-            require.refuse("MF105", self, "wavelengths_nm", "no wavelength is given", "Give at least one")
-
-    @property
-    def nyquist_cy_per_mm(self) -> float:
-        """Half a cycle per pixel."""
-        return UM_PER_MM / self.pixel_um / 2
-
-
-@dataclass(frozen=True)
-class Roughness:
-    """Displacements of written edges along their normal, normally distributed about none.
-
-    Attributes:
-        sigma_um: their root mean square.
-        correlation_um: distance along the edge at which their correlation exp(-(s / correlation)²) is 1/e.
-    """
-
-    sigma_um: float
-    correlation_um: float
-
-    def __post_init__(self) -> None:
-        require.number(self, "sigma_um", open_low=False)
-        require.number(self, "correlation_um")
-
-
-@dataclass(frozen=True)
-class Process:
-    """Changes of drawn shapes by a mask writer.
-
-    Attributes:
-        corner_radius_um: radius by which the corners of clear shapes are rounded, inner and outer ones.
-        cd_bias_um: by how much clear features become wider than drawn, half of it on each side; negative narrows them.
-        roughness: of the edges; None for smooth ones.
-    """
-
-    corner_radius_um: float
-    cd_bias_um: float = 0.0
-    roughness: Roughness | None = None
-
-    def __post_init__(self) -> None:
-        require.number(self, "corner_radius_um", open_low=False)
-        require.number(self, "cd_bias_um", -sys.float_info.max, open_low=False)
 
 
 @dataclass(frozen=True, eq=False)

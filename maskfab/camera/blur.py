@@ -30,9 +30,10 @@ from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError, SourceError
-from maskfab.base.model import Camera, Psf, Stop
+from maskfab.base.model import Psf
 from maskfab.camera.imaging import Blur, Transfer
 from maskfab.camera.record import of_cells
+from maskfab.job.camera import Camera, Stop
 from maskfab.mask.formats.exr import PREFIX, Channels, read_channels
 from maskfab.optics.psf import pixel_psf
 

@@ -31,10 +31,12 @@ import scipy
 
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError
-from maskfab.base.model import Camera, MaskBlank, Panel
+from maskfab.base.model import Panel
 from maskfab.base.units import UM_PER_MM, UM_PER_NM
 from maskfab.camera.imaging import Isoplanatic, Transfer
 from maskfab.camera.lens import COLOURS
+from maskfab.job.camera import Camera
+from maskfab.job.process import MaskBlank
 from maskfab.optics.gap import (
     AXIS,
     AmplitudeLags,

@@ -28,9 +28,10 @@ from numpy.typing import NDArray
 from maskfab.base.arrays import Complexes, Floats, Singles
 from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import JobError, OpeningError
-from maskfab.base.model import ORIENTATIONS, Camera, Panel, Stop, Tiling, orient, refined, side_by_side
+from maskfab.base.model import ORIENTATIONS, Panel, Tiling, orient, refined, side_by_side
 from maskfab.base.units import NM_PER_UM
 from maskfab.camera.imaging import Isoplanatic
+from maskfab.job.camera import Camera, Stop
 from maskfab.mask.opening import closed
 from maskfab.optics.gap import turned
 from maskfab.optics.restoration import squared_modulus

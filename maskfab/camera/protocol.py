@@ -39,7 +39,8 @@ from maskfab.camera.restorers.dct import EPSILON, Published
 from maskfab.camera.restorers.wiener import Wiener, prior, spectral_error
 from maskfab.camera.scenes import Photograph
 from maskfab.camera.scores import Score, ScoreTable, Truth, inner, psnr
-from maskfab.camera.sensor import F1_SENSOR, REFERENCE_TRANSMISSION, Exposure, Sensor
+from maskfab.camera.sensor import F1_SENSOR, REFERENCE_TRANSMISSION, Exposure, record_light
+from maskfab.job.camera import Sensor
 from maskfab.optics.colour import code_of_light, light_of_code
 from maskfab.optics.mtf import LEVELS
 
@@ -125,7 +126,7 @@ class Protocol:
         for cut in self.brackets or (1.0,):
             seed = 1000 * scene.number + round(light.electrons / cut)
             electrons = light.behind(design.transmission) / cut
-            taken.append(self.sensor.record(seen, electrons, seed, smooth=self.smooth))
+            taken.append(record_light(self.sensor, seen, electrons, seed, smooth=self.smooth))
         return taken[0] if len(taken) == 1 else merged(taken)
 
     def photograph(self, design: Design, scene: Photograph, level_db: float) -> Record:

@@ -8,20 +8,21 @@ from pathlib import Path
 
 from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import JobError, OutputError
-from maskfab.base.model import UNSTATED
 from maskfab.base.units import NM_PER_UM, to_nm
 from maskfab.base.work import NO_END, Clock, Progress, silent
 from maskfab.camera import scenes as scene_sets
 from maskfab.camera.lens import PhotoCamera, lattice
 from maskfab.camera.protocol import Protocol
 from maskfab.camera.scenes import Folder, folder
-from maskfab.camera.sensor import stated_light, stated_sensor
+from maskfab.camera.sensor import stated_light
 from maskfab.designs.maps.light import most_dots, shares
 from maskfab.designs.model.appraisal import EXACT, SceneConditions, Spread
 from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings
 from maskfab.designs.rules.display_fit import Display
 from maskfab.designs.search.result import Designed, constraints_of
 from maskfab.display.feasibility import DisplayRules
+from maskfab.job.camera import Sensor
+from maskfab.job.process import UNSTATED
 from maskfab.job.reference import USES, Keys, unused
 from maskfab.job.sections import DesignSection, JobSpec, RelaxSection, SceneSection, SearchSection
 from maskfab.mask.opening_file import dot_of_pitch
@@ -50,8 +51,8 @@ def capture_settings(spec: JobSpec) -> CaptureSettings:
     named = section.protocol if isinstance(section, SearchSection) else "f1"
     if named == "f1" or (named is None and all(getattr(spec, name) is None for name in _F1S_OWN)):
         return F1_SETTINGS
-    sensor = stated_sensor(spec.sensor)
-    levels, _ = stated_light(spec.exposure, sensor, spec.camera.camera())
+    sensor = spec.sensor or Sensor()
+    levels, _ = stated_light(spec.exposure, sensor, spec.camera)
     return CaptureSettings(Protocol("camera", sensor), levels)
 
 
@@ -116,7 +117,7 @@ def _possible(spec: JobSpec, where: str) -> tuple[Display | None, SceneCondition
         require_weights(section, capture_settings(spec), where)
         if section.fit and spec.emitters is not None:
             require_room(section, spec.emitters.required, where=f"{where}: design")
-        camera = PhotoCamera.of(spec.camera.camera(), where=where)
+        camera = PhotoCamera.of(spec.camera, where=where)
         lattice(section.dots, rules.dot_nm, camera=camera, where=f"{where}: design.dots")
         spread_of(spec, where)
         require_shapes(section, rules)
@@ -136,7 +137,7 @@ def conditions_of(spec: JobSpec, section: SearchSection, dot_nm: int, where: str
     from maskfab.designs.search.scan import first_shape
 
     defaults = {key: SceneSection.model_fields[key].default for key in _NOT_DESIGNED_FOR}
-    camera, blank = spec.camera.camera(), UNSTATED if spec.plate is None else spec.plate.mask_blank()
+    camera, blank = spec.camera, UNSTATED if spec.plate is None else spec.plate.mask_blank
     scene = Scene.of(spec.scene.model_copy(update=defaults), where=where).through(blank)
     room = lattice(section.dots, dot_nm, camera=PhotoCamera.of(camera, where=where), where=f"{where}: design.dots")
     try:
@@ -178,7 +179,7 @@ def design(
     if checkpoint is not None and not os.path.isdir(checkpoint.absolute().parent):
         what = f"there is no directory for the checkpoint {checkpoint}"
         raise OutputError("MF401", what, cure="Create that directory, or give a path in one that exists")
-    section, camera, settings = section_of(spec, where), spec.camera.camera(), capture_settings(spec)
+    section, camera, settings = section_of(spec, where), spec.camera, capture_settings(spec)
     source = scenes_of(images, section)
     scenes = source.photographs
     if isinstance(section, RelaxSection):
@@ -250,10 +251,10 @@ def stated_display(spec: JobSpec, section: SearchSection, where: str, *, key: st
         raise JobError("MF105", "the job has no display that its opening could fit", where=f"{where}: {key}", cure=cure)
     dot_nm = dot_of_pitch(section.pitch, section.dots, where=f"{where}: design.pitch")
     pitch_nm = CellSize(section.dots, dot_nm).pitch_nm
-    camera = PhotoCamera.of(spec.camera.camera(), where=where)
+    camera = PhotoCamera.of(spec.camera, where=where)
     before = lattice(section.dots, dot_nm, camera=camera, where=f"{where}: design.dots").cells
     if spec.plate is None:
-        side_um = _DIE_STOPS * spec.camera.camera().stop.diameter_um
+        side_um = _DIE_STOPS * spec.camera.stop.diameter_um
         across = min(int(side_um * NM_PER_UM / pitch_nm), _MOST_ACROSS)
     else:
         side_nm = to_nm(spec.plate.die_size, where=f"{where}: plate.die_size", name="die_size")
@@ -272,7 +273,7 @@ def spread_of(spec: JobSpec, where: str) -> Spread:
     stated = None if spec.process is None else spec.process.spread
     if stated is None:
         return EXACT
-    section, camera = section_of(spec, where), spec.camera.camera()
+    section, camera = section_of(spec, where), spec.camera
     dot_um = dot_of_pitch(section.pitch, section.dots, where=f"{where}: design.pitch") / NM_PER_UM
     bias_um, centre_um = stated.bias or 0.0, stated.centre or 0.0
     if bias_um >= dot_um:

@@ -11,17 +11,18 @@ import os
 import re
 from collections import Counter
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from pydantic import ValidationError
 
 from maskfab.base import resources, units
 from maskfab.base.errors import JobError, SourceError
-from maskfab.base.model import Camera, Tiling
+from maskfab.base.model import Tiling
 from maskfab.base.units import NM_PER_UM, UM_PER_NM
+from maskfab.job.camera import Camera
 from maskfab.job.sections import DesignSection, DieSection, JobSpec, RelaxSection, SearchSection
 from maskfab.job.toml import loads
-from maskfab.job.values import METHODS, SOLIDS, Section, first_problem
+from maskfab.job.values import METHODS, SOLIDS, AnySection, first_problem
 
 _MOST_DOTS_ACROSS_STOP = 6000
 _MOST_SAMPLES = 4096
@@ -37,7 +38,7 @@ def check_dies(spec: JobSpec, where: str) -> None:
         JobError: MF105 to MF131, see :func:`check_lens` and :func:`check_pupil` for the camera; its window is left to
             what shows a PSF, see :func:`check_windows`.
     """
-    check_lens(spec.camera.camera(), where=f"{where}: camera.stop")
+    check_lens(spec.camera, where=f"{where}: camera.stop")
     for name, count in Counter(die.name for die in spec.die).items():
         if count > 1:
             what = f"{count} dies have the name {name!r}"
@@ -50,7 +51,7 @@ def check_dies(spec: JobSpec, where: str) -> None:
     for number, die in enumerate(spec.die):
         place = f"{where}: die[{number}]"
         check_die(die, place)
-        check_pupil(spec.camera.camera(), die.dot, where=place)
+        check_pupil(spec.camera, die.dot, where=place)
 
 
 def check_die(die: DieSection, where: str) -> None:
@@ -204,8 +205,8 @@ def check_scene(spec: JobSpec, where: str) -> None:
         cure = 'Add spectrum = "rgb" or a file such as "camera.csv" to [scene], or remove the illuminant'
         raise JobError("MF105", what, where=f"{where}: scene.illuminant", cure=cure)
     for key, distance in (("depth", spec.scene.depth[0]), ("focus", spec.scene.focus)):
-        if not distance > spec.camera.focal:
-            what = f"{distance:g} um is not beyond the focal length of {spec.camera.focal:g} um"
+        if not distance > spec.camera.focal_um:
+            what = f"{distance:g} um is not beyond the focal length of {spec.camera.focal_um:g} um"
             cure = "Give a distance from the lens, beyond its focal length"
             raise JobError("MF104", what, where=f"{where}: scene.{key}", cure=cure)
 
@@ -245,7 +246,7 @@ def check_lens(camera: Camera, *, where: str) -> None:
 def check_windows(spec: JobSpec, where: str) -> None:
     """Refuse the window of a PSF that a die has no room for, by :func:`check_window`; photographs use none."""
     for number, die in enumerate(spec.die):
-        check_window(spec.camera.camera(), die.dot, where=f"{where}: die[{number}]")
+        check_window(spec.camera, die.dot, where=f"{where}: die[{number}]")
 
 
 def check_optics(camera: Camera, dot_um: float, *, where: str) -> None:
@@ -320,14 +321,14 @@ def check_order(spec: JobSpec, where: str) -> None:
         cure = f'Set parity = "right reading" and chrome = "{"up" if glass.chrome == "lens" else "down"}" in [order]'
         raise JobError("MF128", what, where=f"{where}: order.parity", cure=cure)
     for key, wish, stated, of in (
-        ("thickness", order.thickness, None if glass is None else glass.thickness, "plate.glass.thickness"),
+        ("thickness", order.thickness, None if glass is None else glass.thickness_um, "plate.glass.thickness"),
         ("optical_density", order.optical_density, None if plate is None else plate.optical_density,
          "plate.optical_density"),
     ):  # fmt: skip
         if wish is not None and stated is not None and wish != stated:
             what = f"{key} is {wish:g} in [order], and {of} is {stated:g}"
             raise JobError("MF128", what, where=f"{where}: order.{key}", cure="State it once: leave it out of [order]")
-    if order.bias in ("house", "data") and (spec.process is None or not spec.process.cd_bias):
+    if order.bias in ("house", "data") and (spec.process is None or not spec.process.cd_bias_um):
         by = "the house is" if order.bias == "house" else "the data are"
         what = f"{by} to make good a bias that [process] does not state"
         cure = 'Add cd_bias = "0.2 um" to [process], by which clear widths come out wider, or set bias = "none"'
@@ -343,7 +344,7 @@ def _check_biased_data(spec: JobSpec, where: str) -> None:
         JobError: MF107.
     """
     grid = 1 if spec.export is None or spec.export.grid is None else max(1, round(spec.export.grid * NM_PER_UM))
-    bias_nm = 0.0 if spec.process is None else spec.process.cd_bias * NM_PER_UM
+    bias_nm = 0.0 if spec.process is None else spec.process.cd_bias_um * NM_PER_UM
     step = 2 * grid
     if abs(bias_nm - step * round(bias_nm / step)) > _ROUNDING_NM:
         near = math.copysign(step * max(1, round(abs(bias_nm) / step)), bias_nm)
@@ -366,7 +367,7 @@ def check_report(spec: JobSpec, where: str) -> None:
         what = f"there is no die {report.reference!r} to compare with"
         cure = f"Use one of {', '.join(names)}" if names else "Add a [[die]] of that name, or remove the key"
         raise JobError("MF105", what, where=f"{where}: report.reference", cure=cure)
-    highest = spec.camera.camera().nyquist_cy_per_mm
+    highest = spec.camera.nyquist_cy_per_mm
     for frequency in report.frequencies or ():
         if frequency > highest * (1 + 1e-12):
             what = f"{frequency:g} cy/mm is beyond half a cycle per pixel, {highest:g} cy/mm"
@@ -397,7 +398,7 @@ def check_film(spec: JobSpec, where: str) -> None:
     raise JobError("MF104", what, where=f"{where}: export.{key}", cure=cure)
 
 
-Kind = TypeVar("Kind", bound=Section)
+Kind = TypeVar("Kind", bound=AnySection)
 
 
 def read(path: Path) -> JobSpec:
@@ -459,7 +460,7 @@ def validate(document: object, *, where: str) -> JobSpec:
 def parse_section(kind: type[Kind], values: object, *, where: str) -> Kind:
     """One section from values that did not come from a file; errors as for a job."""
     try:
-        return kind.model_validate(values)
+        return cast(Kind, kind.model_validate(values))
     except ValidationError as error:
         raise first_problem(error, where) from error
 

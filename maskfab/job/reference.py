@@ -16,19 +16,20 @@ import ast
 import inspect
 import json
 import re
-from collections.abc import Collection, Iterator, Mapping, Set
+from collections.abc import Callable, Collection, Iterator, Mapping, Set
 from dataclasses import dataclass
 from difflib import SequenceMatcher
 from functools import cache
 from types import MappingProxyType
 from typing import Any, get_args
 
+from pydantic import TypeAdapter
 from pydantic.fields import FieldInfo
 
 from maskfab.base.errors import JobError
-from maskfab.job import order, sections
+from maskfab.job import camera, order, process, sections
 from maskfab.job.sections import JobSpec
-from maskfab.job.values import Section
+from maskfab.job.values import AnySection, Section, Stated, key_of, values_of
 
 Keys = tuple[str, ...]
 
@@ -145,12 +146,12 @@ def in_words(names: tuple[str, ...]) -> tuple[str, ...]:
     return (f"Not used of the job: {', '.join(names)}.",) if names else ()
 
 
-def _unused(section: Section, path: str, used: frozenset[str]) -> Iterator[str]:
-    for key, field in type(section).model_fields.items():
-        here, value = f"{path}.{key}".lstrip("."), getattr(section, key)
+def _unused(section: AnySection, path: str, used: frozenset[str]) -> Iterator[str]:
+    for key, field, value in values_of(section):
+        here = f"{path}.{key}".lstrip(".")
         if here in used or here in INNER or value is None:
             continue
-        tables = [table for table in (value if isinstance(value, tuple) else (value,)) if isinstance(table, Section)]
+        tables = [table for table in (value if isinstance(value, tuple) else (value,)) if isinstance(table, AnySection)]
         if not field.is_required() and value == field.default:
             continue
         if not tables:
@@ -281,8 +282,8 @@ def _alike(wanted: str, paths: Set[str]) -> list[str]:
     return sorted(near, key=lambda path: sum(likely[path]), reverse=True)[:3]
 
 
-def _tables(model: type[Section], name: str) -> Iterator[Table]:
-    inner = {key: list(_models(field)) for key, field in model.model_fields.items()}
+def _tables(model: type[AnySection], name: str) -> Iterator[Table]:
+    inner = {key: list(sections_of(field)) for key, field in model.model_fields.items()}
     own = tuple(_key(model, name, key) for key in model.model_fields if not inner[key])
     if own:
         yield Table(name, inspect.cleandoc(model.__doc__ or ""), own)
@@ -294,9 +295,9 @@ def _tables(model: type[Section], name: str) -> Iterator[Table]:
             yield from _methods(models, path)
 
 
-def _methods(models: list[type[Section]], path: str) -> Iterator[Table]:
+def _methods(models: list[type[AnySection]], path: str) -> Iterator[Table]:
     """A table whose keys depend on its method: those in common, then those of each."""
-    common = next(base for base in models[0].__mro__[1:] if issubclass(base, Section))
+    common = next(base for base in models[0].__mro__[1:] if issubclass(base, AnySection))
     yield from _tables(common, path)
     for model in models:
         method = f'{path} (method = "{model.__name__.removesuffix("Section").lower()}")'
@@ -304,28 +305,29 @@ def _methods(models: list[type[Section]], path: str) -> Iterator[Table]:
         yield Table(method, inspect.cleandoc(model.__doc__ or ""), tuple(_key(model, method, key) for key in own))
 
 
-def _models(field: FieldInfo) -> Iterator[type[Section]]:
+def sections_of(field: FieldInfo) -> Iterator[type[AnySection]]:
     """The sections that a field holds."""
     stack: list[Any] = [field.annotation]
     while stack:
         kind = stack.pop(0)
-        if isinstance(kind, type) and issubclass(kind, Section):
+        kind = getattr(kind, "stated_as", kind)
+        if isinstance(kind, type) and issubclass(kind, AnySection):
             yield kind
         else:
             stack[:0] = get_args(kind)
 
 
-def _key(model: type[Section], section: str, name: str) -> Key:
+def _key(model: type[AnySection], section: str, name: str) -> Key:
     written, meaning = written_key(model, name)
     return Key(section, name, _form(model, name, written), _default(model, name), meaning)
 
 
-def holds_sections(model: type[Section], name: str) -> bool:
+def holds_sections(model: type[AnySection], name: str) -> bool:
     """Whether a section's key is a table with keys of its own, or a list of such tables."""
-    return any(_models(model.model_fields[name]))
+    return any(sections_of(model.model_fields[name]))
 
 
-def written_key(model: type[Section], name: str) -> tuple[str, str]:
+def written_key(model: type[AnySection], name: str) -> tuple[str, str]:
     """Annotation and meaning of a section's key, as its source states them."""
     return next(_source()[base.__name__, name] for base in model.__mro__ if (base.__name__, name) in _source())
 
@@ -333,26 +335,25 @@ def written_key(model: type[Section], name: str) -> tuple[str, str]:
 @cache
 def _source() -> Mapping[tuple[str, str], tuple[str, str]]:
     """Annotation and text of every key, by class and name, from the source of the sections."""
-    return MappingProxyType(
-        {
-            (section.name, key.target.id): (ast.unparse(key.annotation), " ".join(text.value.value.split()))
-            for module in (sections, order)
-            for section in ast.parse(inspect.getsource(module)).body
-            if isinstance(section, ast.ClassDef)
-            for key, text in zip(section.body, section.body[1:], strict=False)
-            if isinstance(key, ast.AnnAssign) and isinstance(key.target, ast.Name)
-            if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant) and isinstance(text.value.value, str)
-        }
-    )
+    found: dict[tuple[str, str], tuple[str, str]] = {}
+    for module in (sections, camera, process, order):
+        for section in ast.parse(inspect.getsource(module)).body:
+            if not isinstance(section, ast.ClassDef):
+                continue
+            key_in_job = key_of if issubclass(getattr(module, section.name), Stated) else str
+            for key, text in zip(section.body, section.body[1:], strict=False):
+                match key, text:
+                    case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(meaning))):
+                        written = ast.unparse(key.annotation), " ".join(meaning.split())
+                        found[section.name, key_in_job(name)] = written
+    return MappingProxyType(found)
 
 
-@cache
-def _schema(model: type[Section]) -> Mapping[str, Any]:
-    """Made once of a section, not once of every key."""
-    return model.model_json_schema()
+_schema: Callable[[Any], Mapping[str, Any]] = cache(lambda model: model.model_json_schema())
+"""Made once of a section, not once of every key."""
 
 
-def _form(model: type[Section], name: str, written: str) -> str:
+def _form(model: type[AnySection], name: str, written: str) -> str:
     for word in re.findall(r"\w+", written):
         if word in FORMS:
             return FORMS[word]
@@ -375,10 +376,13 @@ def _words(schema: Mapping[str, Any]) -> str:
     return ", ".join([_PLAIN[schema["type"]], *limits])
 
 
-def _default(model: type[Section], name: str) -> str | None:
+def _default(model: type[AnySection], name: str) -> str | None:
     if model.model_fields[name].is_required():
         return None
-    value = model.model_construct().model_dump(mode="json", include={name})[name]
+    field = model.model_fields[name]
+    value = TypeAdapter(field.rebuild_annotation()).dump_python(
+        field.get_default(call_default_factory=True), mode="json"
+    )
     return "" if value is None or value == {} else json.dumps(value)
 
 
@@ -390,7 +394,7 @@ _TEXTS = frozenset(
 def job_schema() -> dict[str, Any]:
     """The JSON Schema (draft 2020-12)."""
     stated = JobSpec.model_json_schema()
-    kinds = {kind.__name__: kind for kind in _sections(Section)}
+    kinds = {kind.__name__: kind for root in (Section, Stated) for kind in _sections(root)}
     for name, rules in {JobSpec.__name__: stated, **stated["$defs"]}.items():
         if name in kinds:
             written = {key: rule for key, rule in rules["properties"].items() if key not in INNER}
@@ -399,11 +403,11 @@ def job_schema() -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "maskfab job", **stated}
 
 
-def _sections(kind: type[Section]) -> list[type[Section]]:
+def _sections(kind: type[AnySection]) -> list[type[AnySection]]:
     return [kind for below in kind.__subclasses__() for kind in (below, *_sections(below))]
 
 
-def _as_written(kind: type[Section], key: str, rules: dict[str, Any]) -> dict[str, Any]:
+def _as_written(kind: type[AnySection], key: str, rules: dict[str, Any]) -> dict[str, Any]:
     """Rules of one key: of a value with a unit or of several forms, those of its text in the job."""
     if holds_sections(kind, key):
         return rules

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from types import MappingProxyType
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from maskfab.base.errors import JobError
-from maskfab.base.model import Camera, Glass, MaskBlank, Process, Roughness, Stop, StopShape, Tiling
+from maskfab.base.model import Tiling
 from maskfab.base.units import NM_PER_UM
+from maskfab.job.camera import Camera, Sensor
 from maskfab.job.order import DATA_KEYS, OrderSection, Tone
+from maskfab.job.process import MaskBlank, Process
 from maskfab.job.values import (
     MASK_FORMATS,
     MOST_DOTS_PER_UM,
     Aberrations,
     Accuracy,
     Area,
-    Corners,
     Counts,
     Depth,
     Distance,
@@ -39,12 +39,10 @@ from maskfab.job.values import (
     Pitch,
     PlateLength,
     Section,
-    SignedLength,
     Spectrum,
     Symmetry,
     ThreeColours,
     Time,
-    Wavelength,
     Weight,
     checks,
 )
@@ -59,115 +57,8 @@ class JobSection(Section):
     """Text of the title block, ASCII, at most 80 characters."""
 
 
-class StopSection(Section):
-    """camera.stop: the lens aperture, the optical axis in its middle or, for a polygon, at the corners' origin."""
-
-    shape: StopShape = "circle"
-    """Shape of the lens stop."""
-    diameter: Length | None = None
-    """Diameter of a circle or of an annulus, side of a square."""
-    inner: Length | None = None
-    """Diameter of the dark middle of an annulus."""
-    width: Length | None = None
-    """Width along x of an ellipse or rectangle."""
-    height: Length | None = None
-    """Height along y of an ellipse or rectangle."""
-    corners: Corners | None = None
-    """Corners of a polygon as pairs of x and y, in either sense of rotation; its sides must not cross."""
-
-    @checks
-    def _of_its_shape(self) -> None:
-        """The keys of the shape, all of them and no others."""
-        wanted = _STOP_KEYS[self.shape]
-        stated = {key for key in type(self).model_fields if key != "shape" and getattr(self, key) is not None}
-        missing, spare = [key for key in wanted if key not in stated], sorted(stated.difference(wanted))
-        if missing or spare:
-            problem = f"lacks {' and '.join(missing)}" if missing else f"has {' and '.join(spare)}, which means nothing"
-            cure = f"Give {' and '.join(wanted)}, and nothing else"
-            raise JobError("MF105", f"a stop of the shape {self.shape!r} {problem}", cure=cure)
-        if self.inner is not None and self.diameter is not None and self.inner >= self.diameter:
-            what = f"an annulus of {self.diameter:g} um with a dark middle of {self.inner:g} um passes nothing"
-            raise JobError("MF132", what, cure="Give an inner diameter below the outer one")
-
-    def stop(self) -> Stop:
-        """The stop of the model."""
-        if self.corners is not None:
-            return Stop.polygon(self.corners)
-        if self.width is not None and self.height is not None:
-            return (
-                Stop.ellipse(self.width, self.height)
-                if self.shape == "ellipse"
-                else Stop.rectangle(self.width, self.height)
-            )
-        assert self.diameter is not None
-        return Stop.annulus(self.diameter, self.inner) if self.inner is not None else Stop(self.shape, self.diameter)
-
-
-_STOP_KEYS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "circle": ("diameter",),
-        "square": ("diameter",),
-        "annulus": ("diameter", "inner"),
-        "ellipse": ("width", "height"),
-        "rectangle": ("width", "height"),
-        "polygon": ("corners",),
-    }
-)
-
-
-class CameraSection(Section):
-    """[camera]: the camera behind the panel, and the window of the sensor around the axis."""
-
-    focal: Length
-    """Focal length of the lens."""
-    stop: StopSection
-    """The lens stop, a table."""
-    wavelengths: Annotated[tuple[Wavelength, ...], Field(min_length=1, max_length=64, strict=False)]
-    """One to 64 lines at which PSF and MTF are computed."""
-    pixel: Length
-    """Pixel pitch of the sensor."""
-    window: Length = 256.0
-    """Side of the PSF's window on the sensor; at most wavelength x focal / dot."""
-
-    def camera(self) -> Camera:
-        """The camera of the model."""
-        return Camera(self.focal, self.stop.stop(), self.wavelengths, self.pixel, self.window)
-
-
-class GlassSection(Section):
-    """plate.glass: substrate of the plate."""
-
-    thickness: Length
-    """Thickness of the plate."""
-    index: float = Field(ge=1, le=4, allow_inf_nan=False)
-    """Refractive index of the plate."""
-    chrome: Literal["lens", "away"]
-    """Side of the glass that carries the chrome: towards the lens, or away from it."""
-
-
-class BlankSection(Section):
-    """Chrome and glass of [plate]; what is left out is part of the model bar instead of the model."""
-
-    optical_density: float | None = Field(default=None, gt=0, le=12, allow_inf_nan=False)
-    """Optical density of the chrome; without it the leak is part of the model bar."""
-    film_phase: float | None = Field(default=None, ge=-1, le=1, allow_inf_nan=False)
-    """Phase lag, in waves, of light that leaks through the chrome, equal at every line; without it the worst."""
-    glass: GlassSection | None = None
-    """Substrate, a table; without it the model bar assumes 90 mil of silica, chrome away from the lens."""
-
-    @checks
-    def _phase_of_something(self) -> None:
-        if self.film_phase is not None and self.optical_density is None:
-            what = "film_phase is given without optical_density"
-            raise JobError("MF105", what, cure="Add optical_density, such as 3, or remove film_phase")
-
-    def mask_blank(self) -> MaskBlank:
-        """The mask blank, in the model's terms."""
-        glass = None if self.glass is None else Glass(self.glass.thickness, self.glass.index, self.glass.chrome)
-        return MaskBlank(self.optical_density, self.film_phase, glass)
-
-
-class PlateSection(BlankSection):
+@dataclass(frozen=True, kw_only=True)
+class PlateSection(MaskBlank):
     """[plate]: the blank and how dies are arranged on it."""
 
     template: str | None = None
@@ -180,7 +71,7 @@ class PlateSection(BlankSection):
     """Side of the square that each die fills."""
     die_pitch: PlateLength
     """Distance between the centres of neighbouring dies."""
-    columns: int = Field(ge=1, le=100)
+    columns: Annotated[int, Field(ge=1, le=100)]
     """Dies in a row."""
 
 
@@ -479,25 +370,6 @@ class SceneSection(Section):
     """Light on the scene, for colours: "equal" energy, a black body such as "6500 K", or a file of one curve."""
 
 
-class SensorSection(Section):
-    """[sensor]: what turns light into numbers; the defaults are those of protocol F1.
-
-    ``simulate`` and ``run`` take photographs with it, and a ``design`` that searches is for it; a front of designs
-    compares openings by F1's sensor.
-    """
-
-    full_well: float = Field(default=15506.0, gt=0, le=1e9, allow_inf_nan=False)
-    """Most electrons that a pixel holds."""
-    read_noise: float = Field(default=4.87, ge=0, le=1e9, allow_inf_nan=False)
-    """Standard deviation of the read noise, electrons."""
-    bits: int | None = Field(default=None, ge=1, le=32)
-    """Bits of the converter, whose largest code is a full well; without it nothing is rounded."""
-    black_level: int = Field(default=0, ge=0)
-    """Code of no light."""
-    mosaic: Literal["none", "rggb"] = "none"
-    """All colours at every pixel, or one of red, green, green and blue."""
-
-
 class ExposureSection(Section):
     """[exposure]: light of white, stated in one of three ways; without any photographs are taken at 24, 32 and 40 dB.
 
@@ -680,23 +552,10 @@ class SpreadSection(Section):
     """Of the stop's centre from the orientation map's, along x and along y."""
 
 
-class RoughnessSection(Section):
-    """[process.roughness]: written edges that are not straight; what they scatter is part of PSF and MTF as written."""
-
-    sigma: LengthOrZero
-    """Root mean square of their displacements along the normal; a third of what is called 3σ line edge roughness."""
-    correlation: Length
-    """Distance along an edge at which the correlation of displacements, exp(-(s / correlation)²), is 1/e."""
-
-
-class ProcessSection(Section):
+@dataclass(frozen=True)
+class ProcessSection(Process):
     """[process]: what the mask writer does to corners, widths and edges."""
 
-    corner_radius: LengthOrZero = 0.0
-    """Radius to which the writer rounds corners."""
-    cd_bias: SignedLength = 0.0
-    """Change of width of a clear line; positive widens what is clear."""
-    roughness: RoughnessSection | None = None
     spread: SpreadSection | None = None
 
 
@@ -704,7 +563,7 @@ class JobSpec(Section):
     """A whole job file."""
 
     job: JobSection | None = None
-    camera: CameraSection
+    camera: Camera
     plate: PlateSection | None = None
     limits: LimitsSection = LimitsSection()
     die: Annotated[tuple[DieSection, ...], Field(strict=False)] = ()
@@ -714,7 +573,7 @@ class JobSpec(Section):
     emitters: EmittersSection | None = None
     wires: WiresSection | None = None
     light: LightSection | None = None
-    sensor: SensorSection | None = None
+    sensor: Sensor | None = None
     exposure: ExposureSection | None = None
     export: ExportSection | None = None
     order: OrderSection | None = None
@@ -735,7 +594,7 @@ class JobSpec(Section):
 
         Left out are ``curves``, ``maps`` and ``shops`` where they are empty, and what [export] leaves to its shop.
         """
-        data = self.model_dump(mode="json", exclude_none=True)
+        data = self.model_dump(mode="json", exclude_none=True, by_alias=True)
         # A job without tables, maps or profiles keeps the hash that it had before jobs could name any.
         return {key: value for key, value in data.items() if value or key not in {"curves", "maps", "shops"}}
 
@@ -752,7 +611,7 @@ class JobSpec(Section):
     @property
     def frequencies_cy_per_mm(self) -> tuple[float, ...]:
         """At which the MTF in its worst direction is told."""
-        highest = self.camera.camera().nyquist_cy_per_mm
+        highest = self.camera.nyquist_cy_per_mm
         asked = None if self.report is None else self.report.frequencies
         return asked or tuple(share * highest for share in (0.1, 0.25, 0.5))
 
@@ -762,19 +621,15 @@ class JobSpec(Section):
         if self.process is None:
             return None
         made_good = self.order is not None and self.order.bias in ("house", "data")
-        rough = self.process.roughness
-        return Process(
-            self.process.corner_radius,
-            0.0 if made_good else self.process.cd_bias,
-            None if rough is None else Roughness(rough.sigma, rough.correlation),
-        )
+        bias_um = 0.0 if made_good else self.process.cd_bias_um
+        return Process(self.process.corner_radius_um, bias_um, self.process.roughness)
 
     @property
     def data_bias_nm(self) -> int | None:
         """Bias that the data make good: how much narrower their clear widths are than the plate's; or None."""
         if self.order is None or self.order.bias != "data" or self.process is None:
             return None
-        return round(self.process.cd_bias * NM_PER_UM)
+        return round(self.process.cd_bias_um * NM_PER_UM)
 
     def drawn(self) -> dict[str, Any]:
         """Content of the job's hash: :meth:`dump` without what [order] says on paper alone, and without [report].

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import MISSING, fields
+from functools import cache, partial
 from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, Literal, TypeAlias, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeAlias, cast, get_args, get_type_hints
 
 from pydantic import (
     AfterValidator,
@@ -21,11 +22,14 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    GetCoreSchemaHandler,
     PlainSerializer,
+    TypeAdapter,
     ValidationError,
     model_validator,
 )
-from pydantic_core import PydanticCustomError
+from pydantic.fields import FieldInfo
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from maskfab.base import units
 from maskfab.base.errors import JobError
@@ -37,7 +41,80 @@ class Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
+class _Fields:
+    """Fields of a dataclass by their keys in a job, as pydantic has them of a :class:`Section`."""
+
+    def __get__(self, instance: object, kind: type) -> Mapping[str, FieldInfo]:
+        return _fields(kind)
+
+
+@cache
+def _fields(kind: Any) -> Mapping[str, FieldInfo]:
+    hints = get_type_hints(kind, include_extras=True)
+    return MappingProxyType(
+        {
+            key_of(field.name): FieldInfo.from_annotation(hints[field.name])
+            if field.default is MISSING
+            else FieldInfo.from_annotated_attribute(hints[field.name], field.default)
+            for field in fields(kind)
+        }
+    )
+
+
+def key_of(field: str) -> str:
+    """The key of a job that states a field: its name without the unit."""
+    return _UNIT.sub("", field)
+
+
+_UNIT = re.compile("_(um|nm|waves)$")
+
+
+class Stated:
+    """A table of a job file that the machine takes as it is: a frozen dataclass, made by anyone from numbers in the
+    units that its names end in, and from a job by pydantic, which takes each value with its unit.
+
+    Limits of a key are held against jobs alone; what no value can mean, ``__post_init__`` refuses of all.
+    """
+
+    model_fields: ClassVar = _Fields()
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True, alias_generator=key_of)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        # A strict dataclass would take no table of a file, only an instance.
+        table = cast(core_schema.DataclassSchema, handler(source))
+        table["strict"] = False
+        return core_schema.no_info_wrap_validator_function(lambda value, read: refusing(read, value), table)
+
+    @classmethod
+    def model_validate(cls, values: object) -> Self:
+        return cast(Self, _adapter(cls).validate_python(values))
+
+    @classmethod
+    def model_json_schema(cls) -> dict[str, Any]:
+        return _adapter(cls).json_schema()
+
+    def model_dump(self, **options: Any) -> dict[str, Any]:
+        """Plain data by the keys of a job."""
+        return cast(dict[str, Any], _adapter(type(self)).dump_python(self, by_alias=True, **options))
+
+
+_adapter: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)
+
+
+AnySection: TypeAlias = Section | Stated
+
+
+def values_of(section: AnySection) -> Iterator[tuple[str, FieldInfo, Any]]:
+    """Key, field and value of all that a table may state; a table in another form as its section."""
+    names = type(section).model_fields if isinstance(section, Section) else (f.name for f in fields(cast(Any, section)))
+    keys = type(section).model_fields.items()
+    for (key, field), value in zip(keys, (getattr(section, name) for name in names), strict=True):
+        yield key, field, value.as_stated() if hasattr(value, "stated_as") else value
+
+
 _PART = "\x1f"  # parts what from cure on the way through pydantic
+_UNKNOWN = frozenset({"extra_forbidden", "unexpected_keyword_argument"})
 _OUT_OF_RANGE = frozenset({"greater_than", "greater_than_equal", "less_than", "less_than_equal", "finite_number"})
 
 
@@ -75,7 +152,7 @@ def first_problem(error: ValidationError, where: str) -> JobError:
 
     An unknown key comes first of all: a misspelt one is also missing under its true name.
     """
-    problems = sorted(error.errors(include_url=False), key=lambda p: p["type"] != "extra_forbidden")
+    problems = sorted(error.errors(include_url=False), key=lambda p: p["type"] not in _UNKNOWN)
     for problem in problems:
         problem["loc"] = _written(problem["loc"])
     problem = problems[0]
@@ -88,7 +165,7 @@ def first_problem(error: ValidationError, where: str) -> JobError:
     if kind.startswith("MF"):
         what, _, cure = problem["msg"].partition(_PART)
         return JobError(kind, f"{key} = {what}{others}" if kind != "MF110" else what + others, where=place, cure=cure)
-    if kind == "extra_forbidden":
+    if kind in _UNKNOWN:
         return JobError("MF102", f"unknown key {key!r}{others}", where=place, cure="Remove it, or mend its spelling")
     if kind == "missing":
         return JobError("MF105", f"the key {key!r} is missing{others}", where=place, cure=f"Add {key}")
@@ -244,7 +321,7 @@ def _three(value: object) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def length_keys(section: type[BaseModel]) -> frozenset[str]:
+def length_keys(section: type[AnySection]) -> frozenset[str]:
     """Keys of a job file's section that hold one length each: those that are written as lengths."""
     return frozenset(
         key

@@ -12,7 +12,9 @@ from maskfab.base import provenance, units
 from maskfab.base.cell_size import CellSize
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
-from maskfab.base.model import UNSTATED, Camera, MaskBlank, Opening, Panel, Plate, Quantity
+from maskfab.base.model import Opening, Panel, Plate, Quantity
+from maskfab.job.camera import Camera
+from maskfab.job.process import UNSTATED, MaskBlank
 from maskfab.job.read import check_seed, check_window, check_windows, read
 from maskfab.job.sections import DieSection, JobSpec
 from maskfab.job.values import is_table
@@ -46,12 +48,12 @@ class Job:
 
     @property
     def camera(self) -> Camera:
-        return self.spec.camera.camera()
+        return self.spec.camera
 
     @property
     def blank(self) -> MaskBlank:
         """The mask blank, as far as the job states it."""
-        return UNSTATED if self.spec.plate is None else self.spec.plate.mask_blank()
+        return UNSTATED if self.spec.plate is None else self.spec.plate.mask_blank
 
     @cached_property
     def scene(self) -> Scene | None:

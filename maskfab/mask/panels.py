@@ -41,8 +41,9 @@ from maskfab.base.arrays import Labels
 from maskfab.base.cell_size import CellSize
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError, SourceError
-from maskfab.base.model import ORIENTATIONS, Opening, Panel, Scalar, Stop, Tiling, frozen
+from maskfab.base.model import ORIENTATIONS, Opening, Panel, Scalar, Tiling, frozen
 from maskfab.base.units import NM_PER_UM, to_nm
+from maskfab.job.camera import Stop
 from maskfab.job.sections import DieSection, JobSection, JobSpec, PlateSection
 from maskfab.job.values import check_name
 from maskfab.mask.opening import drawn_lines
@@ -459,7 +460,7 @@ def die_panels(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], *, wh
     """
     _, section = laid_out(spec, where=where)
     slot_nm = to_nm(section.die_size, where=f"{where}: plate.die_size", name="die_size")
-    stop = spec.camera.camera().stop
+    stop = spec.camera.stop
     panels = {}
     for i, die in enumerate(spec.die):
         place = f"{where}: die[{i}]"

@@ -13,8 +13,9 @@ import numpy as np
 from klayout import db, rdb
 
 from maskfab.base.errors import SourceError
-from maskfab.base.model import CLEAR, Box, Die, Layer, Mark, Plate, Polygon, Process, Quantity
+from maskfab.base.model import CLEAR, Box, Die, Layer, Mark, Plate, Polygon, Quantity
 from maskfab.base.units import NM_PER_UM
+from maskfab.job.process import Process
 from maskfab.job.sections import LimitsSection
 from maskfab.mask.layout import DBU_UM, layer_info, plate_layout, plate_names, region, simple_polygon
 from maskfab.mask.panel_rules import Narrowest, PanelCells, Tone, narrowest, panel_results

@@ -15,8 +15,9 @@ import numpy as np
 from klayout import db
 
 from maskfab.base.arrays import Floats, Indices, Ints
-from maskfab.base.model import Box, Die, Stop
+from maskfab.base.model import Box, Die
 from maskfab.base.units import NM_PER_UM
+from maskfab.job.camera import Stop
 from maskfab.optics.pupil import Aperture, Lattice, covered_aperture, zeros
 from maskfab.optics.stop_edges import edges_in_stop, stop_box, whole_or_away
 

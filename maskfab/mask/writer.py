@@ -29,8 +29,9 @@ from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats, Mask
 from maskfab.base.errors import JobError
-from maskfab.base.model import Mark, Panel, Plate, Process, frozen
+from maskfab.base.model import Mark, Panel, Plate, frozen
 from maskfab.base.units import NM_PER_UM
+from maskfab.job.process import Process
 from maskfab.mask.layout import simple_polygon
 from maskfab.mask.raster import coverage
 

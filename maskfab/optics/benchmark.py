@@ -48,9 +48,10 @@ from maskfab.base import provenance
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError
 from maskfab.base.folders import check_target, staged
-from maskfab.base.model import Camera, Opening, Panel, Stop, Tiling
+from maskfab.base.model import Opening, Panel, Tiling
 from maskfab.base.units import NM_PER_UM, UM_PER_MM, UM_PER_NM
 from maskfab.base.work import Progress, silent
+from maskfab.job.camera import Camera, Stop
 from maskfab.optics.field.matrix import direct_field
 from maskfab.optics.field.methods import PATHS
 from maskfab.optics.hard_cases import CaseResult

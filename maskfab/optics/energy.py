@@ -42,7 +42,8 @@ from numpy.polynomial.legendre import leggauss
 
 from maskfab.base.arrays import Complexes, Floats
 from maskfab.base.errors import InternalError, JobError
-from maskfab.base.model import Camera, Panel, Psf, Quantity, Stop
+from maskfab.base.model import Panel, Psf, Quantity
+from maskfab.job.camera import Camera, Stop
 from maskfab.optics.field.matrix import direct_field
 from maskfab.optics.psf import image_scale_um2, pixel_sum_error
 from maskfab.optics.pupil import cut, panel_aperture

@@ -47,8 +47,9 @@ from numpy.typing import NDArray
 
 from maskfab.base.arrays import Complexes, Floats, Mask, Singles
 from maskfab.base.errors import JobError
-from maskfab.base.model import Camera, Psf, Stop, frozen
+from maskfab.base.model import Psf, frozen
 from maskfab.base.units import UM_PER_NM
+from maskfab.job.camera import Camera, Stop
 from maskfab.optics.field.matrix import direct_field
 from maskfab.optics.lags import correlated, dot_blocks
 from maskfab.optics.psf import image_scale_um2, odd_samples, point_psf, point_step_um, psf_norm_um6

@@ -20,8 +20,9 @@ from scipy.special import j1
 
 from maskfab.base.arrays import Complexes, Floats, Mask
 from maskfab.base.errors import JobError
-from maskfab.base.model import ORIENTATIONS, Camera, Opening, Panel, Quantity, Stop, Tiling, orient
+from maskfab.base.model import ORIENTATIONS, Opening, Panel, Quantity, Tiling, orient
 from maskfab.base.units import NM_PER_UM, UM_PER_NM
+from maskfab.job.camera import Camera, Stop
 from maskfab.optics.field.matrix import direct_field, parity_field
 from maskfab.optics.field.methods import prepare_cells
 from maskfab.optics.field.polygons import boundary

@@ -10,8 +10,9 @@ import numpy as np
 
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError
-from maskfab.base.model import Camera, Mtf, Psf, Quantity
+from maskfab.base.model import Mtf, Psf, Quantity
 from maskfab.base.units import UM_PER_MM
+from maskfab.job.camera import Camera
 from maskfab.optics.colour import JUST_NOTICEABLE
 from maskfab.optics.energy import (
     colour_distance,

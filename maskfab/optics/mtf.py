@@ -37,8 +37,9 @@ from numpy.polynomial.legendre import leggauss
 
 from maskfab.base.arrays import Floats, Indices, Mask
 from maskfab.base.errors import InternalError, JobError
-from maskfab.base.model import Camera, Mtf, Psf, Quantity, RadialMean, frozen
+from maskfab.base.model import Mtf, Psf, Quantity, RadialMean, frozen
 from maskfab.base.units import UM_PER_MM
+from maskfab.job.camera import Camera
 from maskfab.optics.colour import delta_e_1976, lab_of_linear_srgb
 from maskfab.optics.lags import AxisLags, LagTable
 from maskfab.optics.psf import cutoff, image_scale_um2, odd_samples

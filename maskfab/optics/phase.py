@@ -62,8 +62,9 @@ from numpy.polynomial.legendre import leggauss, legvander
 
 from maskfab.base.arrays import Complexes, Floats, Indices
 from maskfab.base.errors import JobError
-from maskfab.base.model import Camera, Psf, Stop, frozen
+from maskfab.base.model import Psf, frozen
 from maskfab.base.units import UM_PER_NM
+from maskfab.job.camera import Camera, Stop
 from maskfab.optics.polynomials import spherical_bessel, spherical_bessel_bounds
 from maskfab.optics.psf import image_scale_um2, odd_samples, point_step_um, psf_norm_um6
 from maskfab.optics.pupil import RIM_ORDERS, Aperture, Pupil, cut, finer_aperture

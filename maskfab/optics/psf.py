@@ -48,8 +48,10 @@ from functools import lru_cache, reduce
 import numpy as np
 
 from maskfab.base.arrays import Complexes, Floats
-from maskfab.base.model import Camera, MaskBlank, Psf, Roughness, Stop, frozen
+from maskfab.base.model import Psf, frozen
 from maskfab.base.units import UM_PER_NM
+from maskfab.job.camera import Camera, Stop
+from maskfab.job.process import MaskBlank, Roughness
 from maskfab.optics.field.matrix import ParityField
 from maskfab.optics.field.methods import FieldTask, admissible, field
 from maskfab.optics.lags import LagTable

@@ -28,8 +28,9 @@ from numpy.polynomial.legendre import leggauss
 
 from maskfab.base.arrays import Floats, Indices, Labels, Mask
 from maskfab.base.errors import JobError
-from maskfab.base.model import ORIENTATIONS, Panel, Polygon, Stop, frozen, orient, refined
+from maskfab.base.model import ORIENTATIONS, Panel, Polygon, frozen, orient, refined
 from maskfab.base.units import NM_PER_UM
+from maskfab.job.camera import Stop
 from maskfab.optics.polynomials import legendre, legendre_integrals
 
 

@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats, Singles
 from maskfab.base.errors import JobError
-from maskfab.base.model import Camera, Quantity, frozen
+from maskfab.base.model import Quantity, frozen
+from maskfab.job.camera import Camera
 from maskfab.optics.lags import LagTable
 from maskfab.optics.spectrum import Spectrum, pixel_transfer, polychromatic_otf_grid
 

@@ -34,7 +34,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats, Indices, Labels, Mask
-from maskfab.base.model import Stop, frozen
+from maskfab.base.model import frozen
+from maskfab.job.camera import Stop
 from maskfab.optics.pupil import Lattice, Pupil
 
 # So many rectangles stay in the fastest cache.

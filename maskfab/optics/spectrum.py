@@ -41,8 +41,9 @@ from numpy.polynomial.legendre import leggauss
 
 from maskfab.base.arrays import Floats, Indices
 from maskfab.base.errors import InternalError, JobError
-from maskfab.base.model import Camera, frozen
+from maskfab.base.model import frozen
 from maskfab.base.units import UM_PER_NM
+from maskfab.job.camera import Camera
 from maskfab.optics.field.matrix import SampledField
 from maskfab.optics.field.methods import PRUNED, FieldTask, admissible
 from maskfab.optics.lags import LagTable, neighbours

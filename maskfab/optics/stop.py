@@ -19,7 +19,7 @@ import scipy
 from numpy.polynomial.legendre import leggauss
 
 from maskfab.base.arrays import Complexes, Floats, Mask
-from maskfab.base.model import Stop
+from maskfab.job.camera import Stop
 
 Waves = Callable[[Floats, Floats], Floats]
 """Optical path over wavelength at points x, y in micrometres, any one shape."""

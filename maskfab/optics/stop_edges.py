@@ -6,8 +6,9 @@ import numpy as np
 from klayout import db
 
 from maskfab.base.arrays import Floats, Ints, Mask
-from maskfab.base.model import Box, Stop
+from maskfab.base.model import Box
 from maskfab.base.units import NM_PER_UM, UM_PER_NM
+from maskfab.job.camera import Stop
 
 Flags = Mask
 

@@ -30,7 +30,8 @@ from numpy.polynomial.chebyshev import chebpts1, chebvander
 
 from maskfab.base.arrays import Complexes, Floats, Indices
 from maskfab.base.errors import InternalError
-from maskfab.base.model import ORIENTATIONS, Camera, Panel, Psf, Stop, frozen, orient
+from maskfab.base.model import ORIENTATIONS, Panel, Psf, frozen, orient
+from maskfab.job.camera import Camera, Stop
 from maskfab.optics.field.matrix import parity_field
 from maskfab.optics.lags import LagTable, lag_table, shape_errors
 from maskfab.optics.polynomials import spherical_bessel, spherical_bessel_bounds

@@ -17,9 +17,11 @@ from typing import Any
 from klayout import db
 
 from maskfab.base.findings import expected
-from maskfab.base.model import UNSTATED, Camera, Die, DieOptics, MaskBlank, Plate
+from maskfab.base.model import Die, DieOptics, Plate
 from maskfab.base.processes import ArgumentsFactory, Found, ProcessExecutor, SerialExecutor, Task, release_memory
 from maskfab.base.work import Progress
+from maskfab.job.camera import Camera
+from maskfab.job.process import UNSTATED, MaskBlank
 from maskfab.mask.job import Job
 from maskfab.mask.layout import clear_shapes
 from maskfab.mask.raster import light_box

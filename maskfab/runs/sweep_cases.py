@@ -19,7 +19,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 from maskfab.base.errors import InputError, JobError, OutputError
 from maskfab.base.findings import STAGE_OF_QUANTITY, function_of
-from maskfab.base.model import ORIENTATIONS, Camera, Die, Opening, Panel, Process, Quantity, Tiling
+from maskfab.base.model import ORIENTATIONS, Die, Opening, Panel, Quantity, Tiling
 from maskfab.base.processes import ProcessExecutor, SerialExecutor
 from maskfab.base.work import Progress, one_thread
 from maskfab.camera import scenes as scene_sets
@@ -29,6 +29,8 @@ from maskfab.designs.model.statistics import CaptureSettings, scene_statistics
 from maskfab.designs.rules.display_fit import Footprints
 from maskfab.display.emitter_rules import Verdict
 from maskfab.display.feasibility import display_rules, feasibility
+from maskfab.job.camera import Camera
+from maskfab.job.process import Process
 from maskfab.job.read import validate
 from maskfab.mask.job import Job, resolve
 from maskfab.mask.plate_rules import judged, smallest_features, written_features

@@ -14,7 +14,7 @@ from difflib import get_close_matches
 from itertools import chain, product
 from math import prod
 from pathlib import Path
-from typing import Any, TypeAlias, get_args
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +25,10 @@ from maskfab.base.model import Opening
 from maskfab.base.units import to_nm
 from maskfab.designs.rules.families import FAMILIES
 from maskfab.job.read import check_windows, validate
-from maskfab.job.reference import USES, covered, keys_of, named, unused
+from maskfab.job.reference import USES, covered, keys_of, named, sections_of, unused
 from maskfab.job.sections import JobSpec
 from maskfab.job.sweep_file import FieldSection, LimitSection, SweepSpec, Value, read_sweep
-from maskfab.job.values import Section
+from maskfab.job.values import AnySection
 from maskfab.mask.job import Job, load_job, resolve
 from maskfab.mask.opening_file import opening_text
 from maskfab.runs.store import fingerprint, of_installation
@@ -178,7 +178,7 @@ def _known(key: str, where: str) -> None:
     Raises:
         JobError: MF105, with those that look like it.
     """
-    kind: type[Section] | None = JobSpec
+    kind: type[AnySection] | None = JobSpec
     for name in key.split("."):
         kind, known = _inner(kind, name)
         if not known:
@@ -193,16 +193,11 @@ def _known(key: str, where: str) -> None:
     raise JobError("MF105", f"{key!r} is a table, not a key", where=where, cure=f"Use a key of it: {listed}")
 
 
-def _inner(kind: type[Section] | None, name: str) -> tuple[type[Section] | None, bool]:
+def _inner(kind: type[AnySection] | None, name: str) -> tuple[type[AnySection] | None, bool]:
     """The table that a key of a table holds, None for a value, and whether there is such a key."""
     if kind is None or name not in kind.model_fields:
         return None, False
-    parts = [kind.model_fields[name].annotation]
-    for part in parts:
-        if isinstance(part, type) and issubclass(part, Section):
-            return part, True
-        parts += get_args(part)
-    return None, True
+    return next(sections_of(kind.model_fields[name]), None), True
 
 
 def _draws(fields: int, count: int, seed: int, *, latin: bool) -> NDArray[np.float64]:

@@ -20,11 +20,12 @@ from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import InputError, JobError, OutputError
 from maskfab.base.findings import maker, origins
 from maskfab.base.folders import JOB_COPY, OVERVIEW, PAGE, REPORT, RESULT_MARK, TIMES, put_back, read_manifest
-from maskfab.base.model import Camera, Die, Quantity, WrittenFile
+from maskfab.base.model import Die, Quantity, WrittenFile
 from maskfab.base.processes import SerialExecutor
 from maskfab.base.provenance import sha256_of_file
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.display.feasibility import PlateWithDisplays, displays
+from maskfab.job.camera import Camera
 from maskfab.mask.comparison.alignment import Alignment, LayersRead, StatedLayers
 from maskfab.mask.comparison.files import read_back
 from maskfab.mask.comparison.roundtrip import RoundTrip

@@ -11,21 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from maskfab.base.errors import InputError
-from maskfab.base.model import (
-    Camera,
-    Die,
-    Emitters,
-    Gauge,
-    Glass,
-    Opening,
-    Panel,
-    Plate,
-    Process,
-    Roughness,
-    Stop,
-    Tiling,
-    Track,
-)
+from maskfab.base.model import Die, Emitters, Gauge, Opening, Panel, Plate, Tiling, Track
+from maskfab.job.camera import Camera, Stop
+from maskfab.job.process import Glass, Process, Roughness
 
 MASK = np.eye(4, dtype=np.bool_)
 OPENING = Opening("eye", MASK, 8000)

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from maskfab.base.errors import JobError
-from maskfab.base.model import Camera, Opening, Panel, Stop, Tiling
+from maskfab.base.model import Opening, Panel, Tiling
 from maskfab.camera.lens import F1, OpenStop, PhotoCamera, laid_panel, lattice, lay, pupil_transfer
 from maskfab.camera.protocol import EPSILONS
 from maskfab.camera.scenes import Photograph
@@ -17,6 +17,7 @@ from maskfab.designs.descent.losses import expected_error
 from maskfab.designs.model.expected_psnr import interior, surrogate
 from maskfab.designs.model.limits import bounds, rings
 from maskfab.designs.model.panel_error import pupil_error
+from maskfab.job.camera import Camera, Stop
 from maskfab.optics.lags import lag_table
 from maskfab.optics.pupil import cut, panel_aperture
 

@@ -22,7 +22,8 @@ from maskfab.camera.record import Noise, Record, interpolated
 from maskfab.camera.restorers.dct import Dct, denoised, mosaic_noise
 from maskfab.camera.restorers.wiener import Wiener
 from maskfab.camera.scores import psnr
-from maskfab.camera.sensor import Sensor
+from maskfab.camera.sensor import record_light
+from maskfab.job.camera import Sensor
 from maskfab.mask.opening_file import load_opening
 
 DIM = Noise(273.0, 4.87)
@@ -139,7 +140,7 @@ def test_noise_of_an_interpolated_mosaic_is_what_draws_of_it_have():
 @pytest.mark.parametrize("electrons", [273.0, 1600.0])
 def test_noise_that_interpolation_made_coarse_is_taken_out_too(electrons):
     light = np.maximum(scipy.ndimage.gaussian_filter(leaves(1, 192, 192).values, (0, 1, 1)), 0)
-    record = Sensor(mosaic="rggb").record(light, electrons, 1)
+    record = record_light(Sensor(mosaic="rggb"), light, electrons, 1)
     honest, as_white = (psnr(denoised(replace(record, interpolated=known)), light) for known in (True, False))
     assert honest > as_white + 0.3
 

@@ -10,11 +10,10 @@ import pytest
 from once import leaves
 from optics_cases import noise, panel
 
-from maskfab.base.model import Camera, Stop
 from maskfab.camera.die_transfer import die_transfer
 from maskfab.camera.imaging import Isoplanatic, Margin, RestoredBy
 from maskfab.camera.protocol import Protocol, evaluate
-from maskfab.camera.sensor import Sensor
+from maskfab.job.camera import Camera, Sensor, Stop
 from maskfab.optics.scene.scene import Scene
 
 CAMERA = Camera(2000.0, Stop("circle", 300.0), (610.0, 530.0, 470.0), 1.4, 128.0)

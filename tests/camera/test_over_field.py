@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from optics_cases import noise, panel
 
-from maskfab.base.model import Camera, Glass, MaskBlank, Stop, Track
+from maskfab.base.model import Track
 from maskfab.camera.die_transfer import Samples, die_transfer, left_out
 from maskfab.camera.field_transfer import REACH, FieldChange, FieldNodes, OverField, gathered
 from maskfab.camera.imaging import Margin
 from maskfab.camera.protocol import Protocol
 from maskfab.camera.scenes import Photograph
-from maskfab.camera.sensor import Sensor
+from maskfab.job.camera import Camera, Sensor, Stop
+from maskfab.job.process import Glass, MaskBlank
 from maskfab.optics.gap import AXIS
 from maskfab.optics.scene.plan import plan
 from maskfab.optics.scene.scene import Distortion, Scene

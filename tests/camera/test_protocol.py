@@ -16,7 +16,7 @@ from maskfab.camera.imaging import Isoplanatic
 from maskfab.camera.lens import CELLS, lay
 from maskfab.camera.protocol import EPSILONS, STRENGTHS, Protocol, evaluate
 from maskfab.camera.scenes import dead_leaves, folder, indoors, scene
-from maskfab.camera.sensor import Sensor
+from maskfab.job.camera import Sensor
 from maskfab.mask.formats.exr import write_exr, write_png
 
 ONE = np.zeros((CELLS, CELLS), dtype=np.int8)

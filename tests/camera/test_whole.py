@@ -17,7 +17,8 @@ from maskfab.camera.protocol import Protocol, evaluate
 from maskfab.camera.restorers import wiener
 from maskfab.camera.scenes import Photograph, folder, scene
 from maskfab.camera.scores import Truth, psnr
-from maskfab.camera.sensor import Sensor
+from maskfab.camera.sensor import record_light
+from maskfab.job.camera import Sensor
 from maskfab.mask.formats.exr import write_png
 from maskfab.optics import colour
 from maskfab.optics.colour import code_of_light, light_of_code
@@ -121,7 +122,7 @@ def test_the_record_of_a_large_photograph_is_gone_once_it_is_restored(in_parts, 
 @pytest.mark.parametrize("mosaic", ["none", "rggb"])
 def test_noise_drawn_row_by_row_is_that_of_the_whole_picture(mosaic):
     light = np.random.default_rng(0).random((3, 12, 14), dtype=np.float32)
-    found = Sensor(read_noise=3.0, mosaic=mosaic).record(light, 500.0, 7).values
+    found = record_light(Sensor(read_noise=3.0, mosaic=mosaic), light, 500.0, 7).values
     draw = np.random.default_rng(7)
     seen = light
     if mosaic == "rggb":

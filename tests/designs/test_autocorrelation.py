@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from optics_cases import noise, panel, pupil
 from sweeps import examples
 
-from maskfab.base.model import Stop, orient
+from maskfab.base.model import orient
 from maskfab.designs.descent.objective import Autocorrelation, autocorrelation
+from maskfab.job.camera import Stop
 from maskfab.optics.lags import lag_table
 
 

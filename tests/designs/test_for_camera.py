@@ -11,17 +11,17 @@ from hypothesis import strategies as st
 from once import leaves
 
 from maskfab.base.errors import JobError
-from maskfab.base.model import Stop
 from maskfab.camera.lens import F1, PhotoCamera, lattice, lay
 from maskfab.camera.protocol import F1 as PROTOCOL_F1
 from maskfab.camera.protocol import Protocol, evaluate
 from maskfab.camera.scenes import Folder, Photograph
-from maskfab.camera.sensor import LEVELS, Exposure, Sensor
+from maskfab.camera.sensor import LEVELS, Exposure
 from maskfab.designs.design import capture_settings, check_possible, design, notes_of
 from maskfab.designs.model.expected_psnr import interior, surrogate
 from maskfab.designs.model.panel_error import pupil_error
 from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings, PixelNoise, SceneStatistics
 from maskfab.designs.search.result import camera_facts
+from maskfab.job.camera import Sensor, Stop
 from maskfab.job.read import validate
 from maskfab.job.reference import USES
 

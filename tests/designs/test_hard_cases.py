@@ -19,7 +19,7 @@ from asked_displays import asked_display
 from once import leaves
 
 from maskfab.base.errors import CATALOGUE, InputError, MaskfabError, OpeningError
-from maskfab.base.model import Camera, Opening, Panel, Stop, Tiling, refined
+from maskfab.base.model import Opening, Panel, Tiling, refined
 from maskfab.camera.lens import MOST_DOTS, laid_panel, lattice, lay, pupil_autocorrelation, pupil_transfer
 from maskfab.camera.protocol import evaluate
 from maskfab.camera.scenes import Photograph
@@ -32,6 +32,7 @@ from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.families import FAMILIES, Candidate, bars, discs, orbits
 from maskfab.designs.search.annealing import ExpectedPsnr, State, anneal, scan
 from maskfab.designs.search.mtf_exchange import best_for_auc
+from maskfab.job.camera import Camera, Stop
 from maskfab.mask.opening import diamond_discs
 
 SMALL = Camera(1000.0, Stop("circle", 400.0), (610.0, 530.0, 470.0), 2.0, 256.0)

@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from maskfab.base.errors import JobError
-from maskfab.base.model import Camera, Stop, Tiling, orient
+from maskfab.base.model import Tiling, orient
 from maskfab.designs.descent.objective import Invertibility, cells_across, invertibility_of, tiled_stop
+from maskfab.job.camera import Camera, Stop
 from maskfab.optics.stop import stop_dots
 from maskfab.optics.tiling import orientations
 

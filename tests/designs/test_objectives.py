@@ -10,7 +10,7 @@ import torch
 from once import leaves
 
 from maskfab.base.errors import InputError
-from maskfab.base.model import Camera, Opening, Panel, Stop, Tiling
+from maskfab.base.model import Opening, Panel, Tiling
 from maskfab.camera.lens import lay, pupil_transfer
 from maskfab.camera.protocol import EPSILONS
 from maskfab.camera.scenes import Photograph
@@ -34,6 +34,7 @@ from maskfab.designs.descent.objective import (
     tiled_stop,
 )
 from maskfab.designs.model.expected_psnr import Surrogate, surrogate
+from maskfab.job.camera import Camera, Stop
 from maskfab.optics.lags import lag_table
 from maskfab.optics.mtf import area_under_radial_min, longest_lag_um, presampled_mtf
 from maskfab.optics.pupil import cut, panel_aperture

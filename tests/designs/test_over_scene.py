@@ -11,18 +11,18 @@ from scipy.integrate import quad
 from scipy.stats import spearmanr
 
 from maskfab.base.errors import JobError
-from maskfab.base.model import Camera, Tiling
+from maskfab.base.model import Tiling
 from maskfab.base.work import Clock
 from maskfab.camera.die_transfer import die_transfer
 from maskfab.camera.lens import F1, CellGrid, OpenStop, lattice
 from maskfab.camera.protocol import Protocol, evaluate
 from maskfab.camera.scenes import Folder
-from maskfab.camera.sensor import Sensor
 from maskfab.designs.design import capture_settings, check_possible, conditions_of, design, notes_of
 from maskfab.designs.model.appraisal import SceneConditions, appraise_over, cells_across, designed_panel, transfers
 from maskfab.designs.model.expected_psnr import surrogate_of
 from maskfab.designs.model.panel_error import MeanPanelError, PupilError, pupil_error
 from maskfab.designs.model.statistics import CaptureSettings, scene_statistics
+from maskfab.job.camera import Camera, Sensor
 from maskfab.job.read import validate
 from maskfab.job.reference import USES
 from maskfab.mask.opening_file import opening_text

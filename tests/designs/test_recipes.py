@@ -11,11 +11,12 @@ import torch
 from once import leaves
 
 from maskfab.base.errors import InputError
-from maskfab.base.model import Stop, Tiling
+from maskfab.base.model import Tiling
 from maskfab.camera.scenes import Photograph
 from maskfab.designs.descent.losses import TopResidual
 from maskfab.designs.descent.objective import Invertibility, Weighted
 from maskfab.designs.descent.schedule import PAPER_CAMERA, Recipe, paper
+from maskfab.job.camera import Stop
 
 SMALL = replace(PAPER_CAMERA, focal_um=1000.0, stop=Stop("circle", 400.0))
 

@@ -11,7 +11,6 @@ from once import leaves
 from sweeps import sweep
 
 from maskfab.base.errors import MaskfabError
-from maskfab.base.model import Camera, Stop
 from maskfab.base.work import Clock
 from maskfab.camera.scenes import Photograph
 from maskfab.designs.descent.method import relax, schedule
@@ -19,6 +18,7 @@ from maskfab.designs.model.expected_psnr import Surrogate, surrogate
 from maskfab.designs.rules.families import FAMILIES
 from maskfab.designs.search.annealing import nearest
 from maskfab.designs.search.result import NO_BOUNDS, Designed, constraints_of
+from maskfab.job.camera import Camera, Stop
 from maskfab.job.read import parse_section
 from maskfab.job.sections import RelaxSection
 from maskfab.mask.opening_file import opening_text, parse_opening

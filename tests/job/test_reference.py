@@ -5,15 +5,12 @@ from __future__ import annotations
 import json
 
 import pytest
-from pydantic import TypeAdapter
+from pydantic import ConfigDict, TypeAdapter
 
 from maskfab.base.errors import JobError
-from maskfab.job.reference import Key, keys_of, tables
+from maskfab.job.reference import Key, holds_sections, keys_of, sections_of, tables
 from maskfab.job.sections import AnyDesign, JobSpec
-from maskfab.job.values import Section
-
-NEEDED = {"camera.stop": {"diameter": 1.0}}
-"""What a section must hold besides the key that is looked at."""
+from maskfab.job.values import AnySection
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +18,7 @@ def keys() -> list[Key]:
     return [key for table in tables() for key in table.keys]
 
 
-def fields(model: type[Section]) -> set[str]:
+def fields(model: type[AnySection]) -> set[str]:
     """Names of the keys below a section, as JSON schema sees them."""
     schema = model.model_json_schema()
     sections = {"JobSpec": schema, **schema["$defs"]}
@@ -47,22 +44,15 @@ def states_its_default(key: Key) -> bool:
         needed = {"name": "A", "dots": 3, "pitch": "24 um", "clear_dots": 1}
         spec = TypeAdapter(AnyDesign).validate_python({**needed, **method, key.name: value})
         return spec == TypeAdapter(AnyDesign).validate_python({**needed, **method})
-    model: type[Section] = JobSpec
+    model: type[AnySection] = JobSpec
     for part in key.section.split("."):
-        model = next(each for each in held(model.model_fields[part].annotation))
-    adapter = model.__pydantic_validator__
-    left_out, stated = (
-        model.model_construct(),
-        model.model_construct(**NEEDED.get(key.section, {}), **{key.name: value}),
-    )
-    return adapter.validate_assignment(stated, key.name, value).__dict__[key.name] == left_out.__dict__[key.name]
+        model = next(sections_of(model.model_fields[part]))
+    field = model.model_fields[key.name]
+    kind = TypeAdapter(field.rebuild_annotation(), config=None if holds_sections(model, key.name) else STRICT)
+    return kind.validate_python(value) == field.get_default(call_default_factory=True)
 
 
-def held(annotation: object):
-    if isinstance(annotation, type) and issubclass(annotation, Section):
-        yield annotation
-    for each in getattr(annotation, "__args__", ()):
-        yield from held(each)
+STRICT = ConfigDict(strict=True)
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, replace
 from pathlib import Path
 
 import pytest
@@ -13,9 +13,11 @@ from small_job import JOB, write_job
 from maskfab.api.lengths import lengths_as_text
 from maskfab.base import resources
 from maskfab.base.errors import JobError, SourceError
-from maskfab.base.model import Camera, Process, Stop, Tiling
+from maskfab.base.model import Tiling
+from maskfab.job.camera import Camera, Stop
+from maskfab.job.process import Process
 from maskfab.job.read import check_optics, even_nm, parse_section, read, validate
-from maskfab.job.sections import CameraSection, EmittersSection, SceneSection
+from maskfab.job.sections import EmittersSection, SceneSection
 from maskfab.job.values import check_name
 
 SHIPPED = sorted(resources.path("layouts").glob("*.toml"))
@@ -35,7 +37,7 @@ def refused(code: str, text: str) -> JobError:
 
 def test_a_job_is_read_in_micrometres_and_nanometres():
     spec = spec_of()
-    assert spec.camera.camera() == CAMERA
+    assert spec.camera == CAMERA
     assert spec.plate.blank == 27_000
     assert (spec.die[0].dot, spec.die[0].pitch, spec.die[0].gutter) == (8.0, 56.0, 0.0)
     assert [die.tiling for die in spec.die] == [Tiling.PERIODIC, Tiling.RANDOM]
@@ -45,10 +47,10 @@ def test_a_job_is_read_in_micrometres_and_nanometres():
 
 
 def test_defaults():
-    assert spec_of(JOB.replace('window = "64 um"', 'window = "256 um"')).camera.window == 256
+    assert spec_of(JOB.replace('window = "64 um"', 'window = "256 um"')).camera.window_um == 256
     assert spec_of(JOB.replace('shape = "circle", ', "")).camera.stop.shape == "circle"
     without = JOB.replace('window = "64 um"\n', "")
-    assert spec_of(without).camera.window == 256
+    assert spec_of(without).camera.window_um == 256
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
@@ -76,7 +78,9 @@ def test_a_pitch_in_dpi_survives_being_dumped():
 def test_a_spec_cannot_be_changed():
     spec = spec_of()
     with pytest.raises(ValueError, match="frozen"):
-        spec.camera.focal = 1.0
+        spec.plate = None
+    with pytest.raises(FrozenInstanceError):
+        spec.camera.focal_um = 1.0
 
 
 def test_an_unknown_key_is_told_before_the_one_it_stands_for():
@@ -154,9 +158,9 @@ def test_half_a_gutter_lies_on_the_grid():
 
 def test_one_section_may_come_from_elsewhere():
     values = {"focal": "5 mm", "stop": {"diameter": "400 um"}, "wavelengths": ["530 nm"], "pixel": "2 um"}
-    assert parse_section(CameraSection, values, where="here").camera() == with_(window_um=256.0)
+    assert parse_section(Camera, values, where="here") == with_(window_um=256.0)
     with pytest.raises(JobError, match=r"MF103 .*here: pixel"):
-        parse_section(CameraSection, values | {"pixel": "2"}, where="here")
+        parse_section(Camera, values | {"pixel": "2"}, where="here")
 
 
 @pytest.mark.parametrize("line_end", ["\n", "\r\n"])
@@ -315,3 +319,33 @@ def test_numbers_are_lengths_of_the_keys_that_read_a_length_and_of_no_other(sect
     assert lengths_as_text(dict.fromkeys(section.model_fields, 20), section) == {
         key: "20 um" if key in keys else 20 for key in section.model_fields
     }
+
+
+@pytest.mark.parametrize(
+    ("code", "where", "table"),
+    [
+        ("MF102", "sensor.full_well_um", {"sensor": {"full_well_um": 3.0}}),
+        ("MF102", "camera.focal_um", {"camera": {"focal_um": "10 mm"}}),
+        ("MF104", "sensor.read_noise", {"sensor": {"read_noise": -1.0}}),
+        ("MF105", "sensor.bits", {"sensor": {"bits": "12"}}),
+        ("MF105", "sensor", {"sensor": 12}),
+        ("MF140", "sensor", {"sensor": {"bits": 8, "black_level": 255}}),
+        ("MF103", "process.roughness.sigma", {"process": {"roughness": {"sigma": 0.06, "correlation": "1 um"}}}),
+        ("MF105", "process.roughness.correlation", {"process": {"roughness": {"sigma": "60 nm"}}}),
+        ("MF105", "plate", {"plate": {"film_phase": 0.5}}),
+    ],
+)
+def test_a_table_that_the_optics_take_as_it_is_is_refused_as_any_other(code, where, table):
+    values = tomllib.loads(JOB)
+    for name, stated in table.items():
+        values[name] = {**values.get(name, {}), **stated} if isinstance(stated, dict) else stated
+    with pytest.raises(JobError) as refused:
+        validate(values, where="job.toml")
+    assert (refused.value.code, refused.value.where) == (code, f"job.toml: {where}")
+
+
+def test_a_table_that_the_optics_take_is_made_from_plain_numbers_and_from_a_job_alike():
+    values = {"focal": "10 mm", "pixel": "2 um", "wavelengths": ["530 nm"], "stop": {"diameter": "4 mm"}}
+    camera = Camera(10_000.0, Stop("circle", 4000.0), (530.0,), 2.0)
+    assert parse_section(Camera, values, where="here") == camera
+    assert parse_section(Camera, camera.model_dump(mode="json"), where="here") == camera

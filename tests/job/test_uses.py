@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import pytest
 from pydantic_core import PydanticUndefined
@@ -18,24 +19,16 @@ from maskfab.base.errors import InputError
 from maskfab.base.findings import STAGE_OF_QUANTITY
 from maskfab.cli.command import command_of
 from maskfab.cli.program import VERBS
-from maskfab.job.reference import INNER, USES, covered, in_words, named, unused
+from maskfab.job.reference import INNER, USES, covered, in_words, named, sections_of, unused
 from maskfab.job.sections import JobSpec
-from maskfab.job.values import Section
+from maskfab.job.values import AnySection, Section, key_of
 
 
-def sections(annotation: Any) -> Iterator[type[Section]]:
-    """Sections that a field may hold."""
-    if isinstance(annotation, type) and issubclass(annotation, Section):
-        yield annotation
-    for each in get_args(annotation):
-        yield from sections(each)
-
-
-def stating(kind: type[Section], path: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
+def stating(kind: type[AnySection], path: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
     """Every key below a table, and what states that key alone: a value that no default equals, unchecked."""
     for key, field in kind.model_fields.items():
         here, several = f"{path}.{key}".lstrip("."), "tuple" in str(field.annotation)
-        inner = list(dict.fromkeys(sections(field.annotation)))
+        inner = list(dict.fromkeys(sections_of(field)))
         if here in INNER:
             continue
         if not inner:
@@ -46,10 +39,16 @@ def stating(kind: type[Section], path: str = "") -> Iterator[tuple[str, dict[str
                 yield below, {key: (section,) if several else section}
 
 
-def bare(kind: type[Section], stated: dict[str, Any]) -> Section:
+def bare(kind: type[AnySection], stated: dict[str, Any]) -> AnySection:
     """A section that states some keys and no others, required ones neither."""
     rest = {key: None for key, field in kind.model_fields.items() if field.default is PydanticUndefined}
-    return kind.model_construct(**(rest | stated))
+    if issubclass(kind, Section):
+        return kind.model_construct(**(rest | stated))
+    made = object.__new__(kind)
+    for name in (field.name for field in dataclasses.fields(kind)):
+        key = key_of(name)
+        object.__setattr__(made, name, {key: kind.model_fields[key].default, **rest, **stated}[key])
+    return made
 
 
 KEYS = list(stating(JobSpec))

@@ -7,7 +7,7 @@ import pytest
 from klayout import db
 from optics_cases import camera, clear_region, noise, panel, pupil
 
-from maskfab.base.model import Stop
+from maskfab.job.camera import Stop
 from maskfab.optics.metrics import AREA_ERROR, relative_difference
 from maskfab.optics.psf import point_psf
 from maskfab.optics.stop_edges import _cut_edges, edges_in_stop, stop_box

@@ -9,7 +9,8 @@ import pytest
 from klayout import db
 
 from maskfab.base.errors import JobError
-from maskfab.base.model import Opening, Panel, Process, Tiling
+from maskfab.base.model import Opening, Panel, Tiling
+from maskfab.job.process import Process
 from maskfab.mask.writer import (
     UNITS_PER_UM,
     Reading,

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from optics_cases import camera, noise, panel
 
-from maskfab.base.model import Camera, Panel
+from maskfab.base.model import Panel
+from maskfab.job.camera import Camera
 from maskfab.optics.response import camera_bands, generic_rgb
 from maskfab.optics.scene.plan import CostModel, Plan, cost_model, plan
 from maskfab.optics.scene.scene import Scene

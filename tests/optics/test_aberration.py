@@ -13,7 +13,7 @@ from numpy.polynomial.legendre import leggauss
 from optics_cases import aberrated, aberrated_psf, camera, noise, panel, pupil
 
 from maskfab.base.errors import JobError
-from maskfab.base.model import Stop
+from maskfab.job.camera import Stop
 from maskfab.optics.field.matrix import parity_field
 from maskfab.optics.metrics import relative_difference
 from maskfab.optics.phase import (

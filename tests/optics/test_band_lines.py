@@ -13,7 +13,7 @@ from numpy.polynomial.legendre import leggauss
 from optics_cases import camera, noise, panel, pupil
 from sweeps import examples, in_turns, sweep
 
-from maskfab.base.model import Camera
+from maskfab.job.camera import Camera
 from maskfab.optics.field import matrix
 from maskfab.optics.psf import point_psf
 from maskfab.optics.pupil import Pupil

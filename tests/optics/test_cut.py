@@ -10,7 +10,7 @@ from numpy.polynomial.legendre import leggauss, legvander
 from optics_cases import noise, panel
 from scipy.special import gamma
 
-from maskfab.base.model import Stop
+from maskfab.job.camera import Stop
 from maskfab.optics.pupil import RIM_ORDERS, cut, panel_aperture
 
 

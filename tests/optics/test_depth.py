@@ -13,7 +13,8 @@ from numpy.polynomial.legendre import leggauss
 from optics_cases import camera, defocused_psf, focused_psf, noise, panel, pupil
 
 from maskfab.base.errors import JobError
-from maskfab.base.model import Camera, Panel, Stop
+from maskfab.base.model import Panel
+from maskfab.job.camera import Camera, Stop
 from maskfab.optics.field.matrix import direct_field
 from maskfab.optics.metrics import relative_difference
 from maskfab.optics.phase import (

@@ -11,7 +11,8 @@ from optics_cases import camera, noise, panel, pupil
 from scipy.special import ndtr, sici
 
 from maskfab.base.errors import InternalError
-from maskfab.base.model import Camera, Psf
+from maskfab.base.model import Psf
+from maskfab.job.camera import Camera
 from maskfab.optics.colour import delta_e_1976, lab_of_linear_srgb
 from maskfab.optics.energy import colour_distance
 from maskfab.optics.lags import axis_lags, lag_table

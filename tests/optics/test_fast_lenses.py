@@ -8,7 +8,7 @@ import pytest
 from small_job import JOB, OPENING, command, look
 
 from maskfab.base.errors import JobError
-from maskfab.base.model import Camera, Stop
+from maskfab.job.camera import Camera, Stop
 from maskfab.job.read import check_lens
 from maskfab.optics.metrics import FASTEST_PARAXIAL, fast_lens
 

@@ -13,7 +13,8 @@ from scipy.special import fresnel
 from sweeps import sweep
 
 from maskfab.base.errors import JobError
-from maskfab.base.model import Camera, Panel, Psf, Stop
+from maskfab.base.model import Panel, Psf
+from maskfab.job.camera import Camera, Stop
 from maskfab.optics.field.matrix import direct_field, parity_field
 from maskfab.optics.gap import (
     AXIS,

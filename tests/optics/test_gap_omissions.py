@@ -10,7 +10,8 @@ from numpy.polynomial.legendre import leggauss
 from optics_cases import camera, noise, panel, pupil
 from scipy.special import fresnel
 
-from maskfab.base.model import Opening, Panel, Stop, Tiling
+from maskfab.base.model import Opening, Panel, Tiling
+from maskfab.job.camera import Stop
 from maskfab.mask.panels import hexagonal_sheet
 from maskfab.optics.gap import gap_psf, rim_crowding, shifted_psf
 from maskfab.optics.metrics import relative_difference

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from optics_cases import noise, panel, pupil
 from sweeps import examples
 
-from maskfab.base.model import Stop
+from maskfab.job.camera import Stop
 from maskfab.optics.field.matrix import SampledField, parity_field, prepare
 from maskfab.optics.field.methods import DIRECT, PARITY, FieldPath
 from maskfab.optics.field.waves import Precision, frequency_nodes

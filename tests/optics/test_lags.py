@@ -9,7 +9,8 @@ import pytest
 from klayout import db
 from optics_cases import camera, clear_region, noise, panel, pupil
 
-from maskfab.base.model import Mtf, Panel, RadialMean, Stop
+from maskfab.base.model import Mtf, Panel, RadialMean
+from maskfab.job.camera import Stop
 from maskfab.optics.lags import LagTable, lag_table
 from maskfab.optics.mtf import RINGS, area_under_radial_min, frequency_at, presampled_mtf
 from maskfab.optics.psf import image_scale_um2

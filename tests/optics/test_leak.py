@@ -12,8 +12,10 @@ import pytest
 from optics_cases import clear_region, noise, panel
 from sweeps import in_turns, sweep
 
-from maskfab.base.model import UNSTATED, Camera, Die, MaskBlank, Stop
+from maskfab.base.model import Die
 from maskfab.cli.program import run_command_line
+from maskfab.job.camera import Camera, Stop
+from maskfab.job.process import UNSTATED, MaskBlank
 from maskfab.optics.lags import lag_table
 from maskfab.optics.psf import Leak, point_psf, point_psfs
 from maskfab.optics.pupil import Aperture, cut, panel_aperture

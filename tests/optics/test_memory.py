@@ -11,7 +11,7 @@ import pytest
 from optics_cases import noise, panel, pupil
 from scipy import fft
 
-from maskfab.base.model import Stop
+from maskfab.job.camera import Stop
 from maskfab.optics.lags import lag_table
 
 

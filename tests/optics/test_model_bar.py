@@ -10,8 +10,10 @@ import pytest
 from klayout import db
 from optics_cases import clear_region, noise, panel
 
-from maskfab.base.model import UNSTATED, Camera, Glass, MaskBlank, Panel, Stop, Tiling
+from maskfab.base.model import Panel, Tiling
 from maskfab.cli.program import run_command_line
+from maskfab.job.camera import Camera, Stop
+from maskfab.job.process import UNSTATED, Glass, MaskBlank
 from maskfab.mask.opening_file import load_opening
 from maskfab.optics.field.matrix import parity_field
 from maskfab.optics.field.polygons import boundary

@@ -13,7 +13,8 @@ from optics_cases import noise, panel, pupil
 from scipy.special import j1, jv
 
 from maskfab.base.errors import InternalError
-from maskfab.base.model import Panel, Stop
+from maskfab.base.model import Panel
+from maskfab.job.camera import Stop
 from maskfab.optics.field.matrix import direct_field, parity_field, prepare
 from maskfab.optics.field.methods import (
     DIRECT,

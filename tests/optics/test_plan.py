@@ -16,7 +16,8 @@ from sweeps import examples, sweep
 
 from maskfab.base import resources
 from maskfab.base.errors import JobError
-from maskfab.base.model import Camera, Panel, Psf, Stop, Tiling
+from maskfab.base.model import Panel, Psf, Tiling
+from maskfab.job.camera import Camera, Stop
 from maskfab.mask.opening_file import load_opening
 from maskfab.optics import psf
 from maskfab.optics.field.methods import PATHS, PRUNED, admissible

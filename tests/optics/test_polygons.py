@@ -9,7 +9,7 @@ import pytest
 from optics_cases import clear_region, noise, panel
 
 from maskfab.base.errors import InternalError
-from maskfab.base.model import Stop
+from maskfab.job.camera import Stop
 from maskfab.optics.field.polygons import boundary
 from maskfab.optics.stop_edges import edges_in_stop
 

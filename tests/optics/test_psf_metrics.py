@@ -14,7 +14,8 @@ from optics_cases import camera, noise, panel, pupil
 from scipy.special import j0, j1, sici
 
 from maskfab.base.errors import InternalError, JobError
-from maskfab.base.model import Camera, Panel, Psf, Stop
+from maskfab.base.model import Panel, Psf
+from maskfab.job.camera import Camera, Stop
 from maskfab.optics.colour import delta_e_1976, lab_of_linear_srgb
 from maskfab.optics.energy import (
     brightest_side_lobe,

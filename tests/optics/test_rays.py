@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from optics_cases import noise, panel
 
-from maskfab.base.model import Stop
+from maskfab.job.camera import Stop
 from maskfab.optics.field.matrix import SampledField, parity_field, prepare
 from maskfab.optics.pupil import Pupil, cut, panel_aperture
 from maskfab.optics.spectrum import RAYS_ERROR, Rays, beyond

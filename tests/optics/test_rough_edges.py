@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from maskfab.base.model import Camera, Psf, Roughness, Stop
+from maskfab.base.model import Psf
+from maskfab.job.camera import Camera, Stop
+from maskfab.job.process import Roughness
 from maskfab.optics.psf import EdgeLengths, halo_um3, image_scale_um2, rough_psf, scattered_um2
 from maskfab.report.rows.optics import stop_boundary
 

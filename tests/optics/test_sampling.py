@@ -7,7 +7,7 @@ import pytest
 from optics_cases import camera, noise, panel, pupil
 
 from maskfab.base.errors import InternalError, JobError
-from maskfab.base.model import Camera, Stop
+from maskfab.job.camera import Camera, Stop
 from maskfab.optics.field.matrix import direct_field
 from maskfab.optics.lags import lag_table
 from maskfab.optics.mtf import aliased_mtf, cy_per_pixel, phase_spread

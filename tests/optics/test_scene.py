@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from sweeps import examples
 
 from maskfab.base.errors import JobError, MaskfabError
-from maskfab.base.model import Camera, Stop
+from maskfab.job.camera import Camera, Stop
 from maskfab.job.read import parse_section
 from maskfab.job.sections import SceneSection
 from maskfab.job.values import COLDEST_K, HOTTEST_K

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from optics_cases import noise, panel
 from sweeps import in_turns, sweep
 
-from maskfab.base.model import Stop
+from maskfab.job.camera import Stop
 from maskfab.optics.field.matrix import rim_orders
 from maskfab.optics.field.methods import PATHS
 from maskfab.optics.pupil import RIM_ORDERS, Aperture, cut, panel_aperture

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from optics_cases import camera, noise, panel, pupil
 
 from maskfab.base.errors import InternalError, JobError, SourceError
-from maskfab.base.model import Camera, Stop
+from maskfab.job.camera import Camera, Stop
 from maskfab.optics import spectrum as spectrum_module
 from maskfab.optics.lags import LagTable, lag_table
 from maskfab.optics.response import GENERIC_RGB, black_body, camera_bands, generic_rgb, read_curves

@@ -17,11 +17,10 @@ from small_job import write_job
 from sweeps import examples
 
 from maskfab.base.errors import JobError
-from maskfab.base.model import Camera, Stop
 from maskfab.cli.program import run_command_line
 from maskfab.designs.descent.objective import tiled_stop
+from maskfab.job.camera import Camera, Stop
 from maskfab.job.read import parse_section
-from maskfab.job.sections import CameraSection
 from maskfab.optics.field.matrix import parity_field
 from maskfab.optics.field.polygons import boundary
 from maskfab.optics.lags import lag_table
@@ -216,7 +215,7 @@ def test_a_tilted_square_is_as_bright_as_its_sincs():
 
 def camera_of(stop_text):
     text = f'focal = "10 mm"\nstop = {stop_text}\nwavelengths = ["530 nm"]\npixel = "2 um"\nwindow = "64 um"\n'
-    return parse_section(CameraSection, tomllib.loads(text), where="job.toml")
+    return parse_section(Camera, tomllib.loads(text), where="job.toml")
 
 
 @pytest.mark.parametrize(
@@ -234,11 +233,11 @@ def camera_of(stop_text):
 )
 def test_a_job_states_a_stop_of_any_shape_and_writes_it_as_it_was(text, stop):
     section = camera_of(text)
-    found = section.camera().stop
+    found = section.stop
     assert (found.shape, found.diameter_um, found.sides_um) == (stop.shape, stop.diameter_um, stop.sides_um)
     assert sorted(found.corners_um) == sorted(stop.corners_um)
     assert found.area_um2 == pytest.approx(stop.area_um2)
-    again = parse_section(CameraSection, section.model_dump(mode="json", exclude_none=True), where="again")
+    again = parse_section(Camera, section.model_dump(mode="json", exclude_none=True), where="again")
     assert again == section
 
 
@@ -275,7 +274,7 @@ def test_a_stop_that_is_none_is_refused(code, text):
 
 def test_a_corner_on_a_straight_side_is_no_way_back():
     corners = '[["-1 mm", "-1 mm"], ["0 mm", "-1 mm"], ["1 mm", "-1 mm"], ["0 mm", "1 mm"]]'
-    stop = camera_of(f'{{ shape = "polygon", corners = {corners} }}').camera().stop
+    stop = camera_of(f'{{ shape = "polygon", corners = {corners} }}').stop
     assert stop.area_um2 == pytest.approx(2e6)
 
 
@@ -285,7 +284,7 @@ def test_a_polygon_has_256_corners_at_most(count):
     corners = [[f"{1000 * np.cos(a):.3f} um", f"{1000 * np.sin(a):.3f} um"] for a in angles]
     text = f'{{ shape = "polygon", corners = {json.dumps(corners)} }}'
     if count == 256:
-        assert len(camera_of(text).camera().stop.corners_um) == count
+        assert len(camera_of(text).stop.corners_um) == count
     else:
         with pytest.raises(JobError, match=r"MF115.*257 corners are more than 256"):
             camera_of(text)

@@ -11,7 +11,6 @@ import pytest
 from maskfab.base.model import (
     CLEAR,
     OUTLINE,
-    Camera,
     Die,
     DieOptics,
     Mark,
@@ -23,10 +22,10 @@ from maskfab.base.model import (
     Quantity,
     RadialMean,
     Report,
-    Stop,
     Tiling,
     WrittenFile,
 )
+from maskfab.job.camera import Camera, Stop
 from maskfab.optics.pupil import panel_aperture
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.spectrum import Band, Curve

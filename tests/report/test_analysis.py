@@ -16,8 +16,9 @@ from small_job import DRAWING, LOOK, MASK, OPENING, command, look, write_job
 
 import maskfab
 from maskfab.base.errors import JobError, SourceError
-from maskfab.base.model import Camera, Stop, Tiling
+from maskfab.base.model import Tiling
 from maskfab.base.provenance import sha256_of_file
+from maskfab.job.camera import Camera, Stop
 from maskfab.report.rows.analysis import Request, analyse
 
 pytestmark = pytest.mark.usefixtures("read_here")

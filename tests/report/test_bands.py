@@ -6,7 +6,8 @@ import pytest
 from report.test_front import A, B, document_of, front_of, taken
 from report.test_report_html import read
 
-from maskfab.base.model import Process, Quantity
+from maskfab.base.model import Quantity
+from maskfab.job.process import Process
 from maskfab.report.documents.report import to_document
 from maskfab.report.pages import page
 from maskfab.report.pages.tables import die_table, edges, ranked, spread_words

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from scipy.special import ndtri
 
-from maskfab.base.model import Die, Emitters, Opening, Panel, Process, Tiling
+from maskfab.base.model import Die, Emitters, Opening, Panel, Tiling
 from maskfab.display.emitter_rules import EmitterRules
 from maskfab.display.polygon_check import left_of_emitters
+from maskfab.job.process import Process
 from maskfab.report.rows.bands import ProcessSpread
 from maskfab.report.rows.display import footprint_band
 

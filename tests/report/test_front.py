@@ -6,9 +6,9 @@ import pytest
 from jsonschema import Draft202012Validator
 from report.test_report_html import read
 
-from maskfab.base.model import Process, Roughness
 from maskfab.camera.scores import MeanDifference
 from maskfab.display.drive import BY_AREA
+from maskfab.job.process import Process, Roughness
 from maskfab.report.documents.report import schema, to_document
 from maskfab.report.pages import page as html
 from maskfab.report.pages.front import Best, assumed, best, crops, stamps

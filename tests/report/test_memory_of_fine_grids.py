@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from klayout import db
 
-from maskfab.base.model import UNSTATED, Camera, MaskBlank, Stop
+from maskfab.job.camera import Camera, Stop
+from maskfab.job.process import UNSTATED, MaskBlank
 from maskfab.optics.pupil import Aperture, Lattice, cut, zeros
 from maskfab.optics.scene.model_bar import model_bar
 from maskfab.report.rows import analysis

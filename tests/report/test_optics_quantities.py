@@ -8,7 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from maskfab.base.model import Camera, Opening, Panel, Psf, Quantity, Stop, Tiling
+from maskfab.base.model import Opening, Panel, Psf, Quantity, Tiling
+from maskfab.job.camera import Camera, Stop
 from maskfab.mask.raster import read_aperture
 from maskfab.optics import metrics
 from maskfab.optics.energy import first_side_lobe, order_efficiencies, streak_index

@@ -9,7 +9,8 @@ from jsonschema import Draft202012Validator, ValidationError
 
 from maskfab.base import __version__
 from maskfab.base.errors import InternalError
-from maskfab.base.model import Quantity, Stop
+from maskfab.base.model import Quantity
+from maskfab.job.camera import Stop
 from maskfab.report.documents.report import report_text, schema, to_document
 
 QUANTITY_KEYS = ["name", "symbol", "value", "unit", "uncertainty", "method", "limit", "passed"]

@@ -7,7 +7,8 @@ from html.parser import HTMLParser
 
 import pytest
 
-from maskfab.base.model import UNSTATED, Stop
+from maskfab.job.camera import Stop
+from maskfab.job.process import UNSTATED
 from maskfab.optics.scene.model_bar import bar_of_panel
 from maskfab.report.documents.report import to_document
 from maskfab.report.figures import die as die_figures

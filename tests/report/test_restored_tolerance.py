@@ -9,9 +9,11 @@ import pytest
 from scipy.ndimage import binary_dilation
 from scipy.special import ndtri
 
-from maskfab.base.model import UNSTATED, Camera, Die, Opening, Panel, Process, Stop, Tiling, refined
+from maskfab.base.model import Die, Opening, Panel, Tiling, refined
 from maskfab.camera.protocol import Protocol
 from maskfab.camera.scores import Score
+from maskfab.job.camera import Camera, Stop
+from maskfab.job.process import UNSTATED, Process
 from maskfab.optics.pupil import panel_aperture
 from maskfab.report.rows.as_written import written_openings
 from maskfab.report.rows.bands import DRAWN, Expansion, ProcessSpread, _Photographed, restored_bands, restored_expansion

@@ -11,7 +11,8 @@ from klayout import db
 from small_job import MASK
 
 from maskfab.base.errors import JobError
-from maskfab.base.model import Camera, Die, Opening, Panel, Plate, Stop, Tiling
+from maskfab.base.model import Die, Opening, Panel, Plate, Tiling
+from maskfab.job.camera import Camera, Stop
 from maskfab.mask.layout import clear_shapes, plate_layout
 from maskfab.optics.pupil import panel_aperture
 from maskfab.optics.response import camera_bands, generic_rgb

@@ -11,7 +11,9 @@ from scipy.special import ndtri
 from small_job import write_job
 
 from maskfab.base.errors import JobError
-from maskfab.base.model import Camera, Die, Opening, Panel, Process, Stop, Tiling
+from maskfab.base.model import Die, Opening, Panel, Tiling
+from maskfab.job.camera import Camera, Stop
+from maskfab.job.process import Process
 from maskfab.mask.job import load_job
 from maskfab.mask.writer import Reading
 from maskfab.optics.mtf import area_under_radial_min

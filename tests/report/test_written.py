@@ -11,7 +11,9 @@ from klayout import db
 from sweeps import sweep
 
 from maskfab.base.errors import JobError
-from maskfab.base.model import Camera, Die, Opening, Panel, Plate, Process, Roughness, Stop, Tiling, Track, orient
+from maskfab.base.model import Die, Opening, Panel, Plate, Tiling, Track, orient
+from maskfab.job.camera import Camera, Stop
+from maskfab.job.process import Process, Roughness
 from maskfab.mask.layout import clear_shapes, plate_layout
 from maskfab.mask.writer import Reading, written_region
 from maskfab.optics import metrics

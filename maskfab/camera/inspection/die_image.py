@@ -30,8 +30,9 @@ import scipy
 from numpy.polynomial.legendre import leggauss
 
 from maskfab.base.arrays import Complexes, Floats
-from maskfab.base.model import Camera, Panel, Stop, orient
+from maskfab.base.model import Panel, orient
 from maskfab.base.units import UM_PER_NM
+from maskfab.job.camera import Camera, Stop
 from maskfab.optics.phase import zernike
 from maskfab.optics.polynomials import spherical_bessel
 from maskfab.optics.pupil import Aperture, Pupil, cut, panel_aperture

@@ -19,11 +19,12 @@ import numpy as np
 
 from maskfab.base.arrays import Floats, Mask
 from maskfab.base.errors import JobError, SourceError
-from maskfab.base.model import Camera, Panel, Quantity, frozen
+from maskfab.base.model import Panel, Quantity, frozen
 from maskfab.base.units import UM_PER_MM
 from maskfab.camera.frames.frame import PIXELS_OF, Colour, Frame
 from maskfab.camera.inspection.edge_regions import Order, Region, found_edges
 from maskfab.camera.inspection.slanted_edge import WHOLE, EdgeMtf, Grid, edge_mtf, window
+from maskfab.job.camera import Camera
 from maskfab.optics.lags import LagTable, lag_table
 from maskfab.optics.mtf import first_below
 from maskfab.optics.psf import cutoff, image_scale_um2

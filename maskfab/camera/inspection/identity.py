@@ -19,7 +19,7 @@ import scipy
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats
-from maskfab.base.model import Camera, Panel
+from maskfab.base.model import Panel
 from maskfab.base.work import Progress, silent
 from maskfab.camera.inspection.die_image import DieImage, Setting, gathered
 from maskfab.camera.inspection.fit import (
@@ -33,6 +33,7 @@ from maskfab.camera.inspection.fit import (
     normal_equations,
     with_terms,
 )
+from maskfab.job.camera import Camera
 from maskfab.optics.spectrum import Spectrum
 
 WAYS_ROUND = (0, 1, 4, 5)

@@ -22,7 +22,7 @@ import numpy as np
 from maskfab.base import __version__
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError, SourceError
-from maskfab.base.model import Camera, Panel, Quantity
+from maskfab.base.model import Panel, Quantity
 from maskfab.base.units import UM_PER_NM
 from maskfab.base.work import Progress, silent
 from maskfab.camera.blur import HOLDS, STANDS, MeasuredBlur, stand_words
@@ -45,7 +45,8 @@ from maskfab.camera.inspection.identity import Hypothesis, Identified, identifie
 from maskfab.camera.protocol import STRENGTHS, Protocol, evaluate
 from maskfab.camera.scenes import NARROW, SMALLEST, Photograph, dead_leaves
 from maskfab.camera.scores import NORMAL_95, MeanDifference, Score
-from maskfab.camera.sensor import F1_SENSOR, Exposure, Sensor
+from maskfab.camera.sensor import F1_SENSOR, Exposure
+from maskfab.job.camera import Camera, Sensor
 from maskfab.job.shop import Shop
 from maskfab.mask.formats.exr import Fact, write_channels
 from maskfab.optics.phase import NOLL

@@ -52,7 +52,6 @@ import torch
 
 from maskfab.base.arrays import Floats, Labels
 from maskfab.base.errors import JobError
-from maskfab.base.model import Camera
 from maskfab.base.units import NM_PER_UM
 from maskfab.camera.protocol import EPSILONS
 from maskfab.camera.scenes import Photograph
@@ -68,6 +67,7 @@ from maskfab.designs.descent.objective import (
 from maskfab.designs.model.expected_psnr import Surrogate
 from maskfab.designs.model.panel_error import wiener_tensor
 from maskfab.designs.model.statistics import LEAST_CONTRAST
+from maskfab.job.camera import Camera
 from maskfab.optics.mtf import RINGS
 
 

@@ -18,7 +18,7 @@ import torch
 
 from maskfab.base.arrays import Mask
 from maskfab.base.errors import JobError
-from maskfab.base.model import Camera, Opening, Tiling
+from maskfab.base.model import Opening, Tiling
 from maskfab.base.work import NO_END, Clock, Progress, silent
 from maskfab.camera.lens import CellGrid, PhotoCamera, lattice
 from maskfab.camera.scenes import Photograph
@@ -60,6 +60,7 @@ from maskfab.designs.search.result import (
     origin,
     stopped,
 )
+from maskfab.job.camera import Camera
 from maskfab.job.sections import RelaxSection
 from maskfab.optics.tiling import orientations
 

@@ -39,8 +39,9 @@ from scipy.fft import next_fast_len
 from maskfab.base.arrays import Floats, Ints, Labels, Mask
 from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import JobError
-from maskfab.base.model import ORIENTATIONS, Camera, Stop, unit_dots
+from maskfab.base.model import ORIENTATIONS, unit_dots
 from maskfab.base.units import NM_PER_UM
+from maskfab.job.camera import Camera, Stop
 from maskfab.optics.stop import stop_dots
 
 

@@ -68,7 +68,7 @@ from numpy.typing import NDArray
 from maskfab.base.arrays import Labels
 from maskfab.base.errors import InternalError, JobError
 from maskfab.base.files import load_state, save_state
-from maskfab.base.model import Camera, Stop, Tiling
+from maskfab.base.model import Tiling
 from maskfab.camera.scenes import Photograph
 from maskfab.designs.descent.losses import top_residual
 from maskfab.designs.descent.objective import (
@@ -81,6 +81,7 @@ from maskfab.designs.descent.objective import (
     invertibility_of,
     tiled_stop,
 )
+from maskfab.job.camera import Camera, Stop
 from maskfab.mask.opening import closed
 from maskfab.optics.tiling import orientations
 

@@ -40,10 +40,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Labels, Mask, Singles
-from maskfab.base.model import ORIENTATIONS, Camera, Opening, Panel, Tiling, orient, side_by_side
+from maskfab.base.model import ORIENTATIONS, Opening, Panel, Tiling, orient, side_by_side
 from maskfab.base.units import NM_PER_UM
 from maskfab.camera.die_transfer import DieTransfer, by_plan, die_transfer
 from maskfab.camera.lens import CellGrid
+from maskfab.job.camera import Camera
 from maskfab.job.values import distance_text, um_text
 from maskfab.mask.panels import CellMap, panel_shape, placed, shifted_openings
 from maskfab.optics.gap import AXIS, Place, gap_guard_um, shift_um

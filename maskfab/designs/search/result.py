@@ -26,7 +26,7 @@ import numpy as np
 from maskfab.base import __version__
 from maskfab.base.arrays import Mask
 from maskfab.base.errors import JobError
-from maskfab.base.model import ORIENTATIONS, Camera, Opening, Tiling
+from maskfab.base.model import ORIENTATIONS, Opening, Tiling
 from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import Clock
 from maskfab.camera.lens import F1, PhotoCamera, camera_line
@@ -42,6 +42,7 @@ from maskfab.designs.rules.display_fit import DieFit, Display, footprints_of, of
 from maskfab.designs.rules.families import Candidate, kind, turned_key
 from maskfab.designs.rules.rule import price_key
 from maskfab.designs.search.annealing import Bettered, Ranked
+from maskfab.job.camera import Camera
 from maskfab.job.sections import DesignSection, RulesSection
 from maskfab.mask.opening_file import dot_of_pitch
 from maskfab.mask.panels import CellMap

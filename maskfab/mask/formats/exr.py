@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 from maskfab.base import __version__
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import SourceError
-from maskfab.base.model import Camera, Die, DieOptics, Plate, Psf, Quantity, Stop
+from maskfab.base.model import Die, DieOptics, Plate, Psf, Quantity
 from maskfab.base.pictures import write_image
 from maskfab.base.units import NM_PER_UM
+from maskfab.job.camera import Camera, Stop
 from maskfab.mask.formats.format import Format
 from maskfab.mask.formats.tiff import said_by
 from maskfab.optics.colour import code_of_light

@@ -267,7 +267,7 @@ def blank_of(spec: JobSpec) -> Blank:
 def ordered_blank(spec: JobSpec) -> Blank:
     """The blank that an order asks for: as :func:`blank_of`, of the glass that [order] or [plate.glass] states."""
     plain, order = blank_of(spec), spec.order
-    glass = None if spec.plate is None or spec.plate.glass is None else spec.plate.glass.thickness
+    glass = None if spec.plate is None or spec.plate.glass is None else spec.plate.glass.thickness_um
     stated = glass if order is None or order.thickness is None else order.thickness
     return plain if stated is None else replace(plain, glass_nm=round(stated * NM_PER_UM))
 

@@ -179,7 +179,7 @@ def _defects(stated: OrderSection, usual: OrderSection) -> Answer:
 
 
 def _bias(spec: JobSpec, stated: OrderSection, usual: OrderSection) -> Answer:
-    change = 0.0 if spec.process is None else spec.process.cd_bias
+    change = 0.0 if spec.process is None else spec.process.cd_bias_um
     source: Source = "job" if stated.bias is not None or change else "design"
     if stated.bias == "house":
         text = f"to be made good by the house: clear widths come out {change:+g} um, and should as drawn"
@@ -314,7 +314,7 @@ def _choices(spec: JobSpec, shop: Shop) -> Iterator[Finding]:
         yield Finding("order_bias", shop.offers.biased, "by the house", "not made", cure=cure)
     # Where a house makes its bias good by itself, the job's process may not have one too.
     stated = None if spec.order is None else spec.order.bias
-    biased = shop.order.default.bias == "house" and spec.process is not None and spec.process.cd_bias
+    biased = shop.order.default.bias == "house" and spec.process is not None and spec.process.cd_bias_um
     if biased and stated in (None, "data"):
         value = "in the data" if stated else "not said by whom"
         cure = 'Set order.bias = "house", or "none" for data as drawn; or choose another house'

@@ -27,8 +27,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from maskfab.base.arrays import Complexes, Floats
-from maskfab.base.model import Camera, Glass, MaskBlank, Panel, Quantity
+from maskfab.base.model import Panel, Quantity
 from maskfab.base.units import NM_PER_UM, UM_PER_MM
+from maskfab.job.camera import Camera
+from maskfab.job.process import Glass, MaskBlank
 from maskfab.optics.field.methods import field
 from maskfab.optics.gap import gap_change
 from maskfab.optics.psf import Leak, image_scale_um2, odd_samples, point_step_um

@@ -30,8 +30,9 @@ import numpy as np
 
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError
-from maskfab.base.model import ORIENTATIONS, Camera, Panel, Psf, Stop, Tiling
+from maskfab.base.model import ORIENTATIONS, Panel, Psf, Tiling
 from maskfab.base.units import UM_PER_NM
+from maskfab.job.camera import Camera, Stop
 from maskfab.optics.field.methods import PATHS
 from maskfab.optics.gap import gap_error, rim_crowding, share_across_gap, shift_error, shift_um
 from maskfab.optics.metrics import relative_difference

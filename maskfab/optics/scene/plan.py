@@ -27,8 +27,9 @@ import numpy as np
 
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError
-from maskfab.base.model import Camera, Panel
+from maskfab.base.model import Panel
 from maskfab.base.units import UM_PER_NM
+from maskfab.job.camera import Camera
 from maskfab.optics.field.methods import PATHS, FieldPath, FieldTask
 from maskfab.optics.field.waves import Precision
 from maskfab.optics.gap import MOST_GAP_SAMPLES, MOST_WAVES_PER_SAMPLE, gap_guard_um, moved_pupil, shift_um

@@ -27,8 +27,9 @@ import scipy
 
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import InternalError, JobError
-from maskfab.base.model import Camera, Psf
+from maskfab.base.model import Psf
 from maskfab.base.units import UM_PER_NM
+from maskfab.job.camera import Camera
 from maskfab.optics.field.methods import PATHS, FieldPath, FieldTask, Prepared, admissible
 from maskfab.optics.gap import AXIS, Place, gap_psf, magnified, moved_pupil, shift_um, shifted_psf, shifted_pupil
 from maskfab.optics.phase import defocus_waves, image_distance_um, phased, phased_psf, window_frequency

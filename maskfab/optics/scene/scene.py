@@ -18,7 +18,9 @@ import scipy
 
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError
-from maskfab.base.model import Camera, MaskBlank, Psf
+from maskfab.base.model import Psf
+from maskfab.job.camera import Camera
+from maskfab.job.process import MaskBlank
 from maskfab.job.sections import SceneSection
 from maskfab.job.values import MOST_DISTORTION
 from maskfab.optics.phase import Wavefront

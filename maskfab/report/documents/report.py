@@ -21,10 +21,12 @@ from pydantic import Field, ValidationError, model_validator
 from maskfab.base import __version__, provenance
 from maskfab.base.errors import InternalError, JobError, OutputError
 from maskfab.base.folders import JOB_COPY, REPORT, TIMES, read_manifest
-from maskfab.base.model import Camera, Die, Plate, Process, Quantity, Report, StopShape, Tiling
+from maskfab.base.model import Die, Plate, Quantity, Report, Tiling
 from maskfab.base.units import NM_PER_UM
 from maskfab.display.emitter_rules import Verdict
 from maskfab.display.feasibility import Feasibility
+from maskfab.job.camera import Camera, StopShape
+from maskfab.job.process import Process
 from maskfab.mask.formats.exr import stop_facts
 from maskfab.optics.scene.plan import AT_MOST, plan_document
 from maskfab.report.documents.die import DesignPart, PhotographsPart

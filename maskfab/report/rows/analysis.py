@@ -15,24 +15,12 @@ from numpy.typing import NDArray
 
 from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import JobError, SourceError
-from maskfab.base.model import (
-    CLEAR,
-    UNSTATED,
-    Camera,
-    Die,
-    MaskBlank,
-    Mtf,
-    Opening,
-    Panel,
-    Plate,
-    Psf,
-    Quantity,
-    Stop,
-    Tiling,
-)
+from maskfab.base.model import CLEAR, Die, Mtf, Opening, Panel, Plate, Psf, Quantity, Tiling
 from maskfab.base.processes import release_memory
 from maskfab.base.units import NM_PER_UM, to_nm
 from maskfab.base.work import Progress, one_thread, silent
+from maskfab.job.camera import Camera, Stop
+from maskfab.job.process import UNSTATED, MaskBlank
 from maskfab.job.read import check_lens, check_optics, even_nm
 from maskfab.job.sections import SceneSection
 from maskfab.job.values import is_table

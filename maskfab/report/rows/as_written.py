@@ -27,8 +27,10 @@ from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError
-from maskfab.base.model import Camera, Die, Mtf, Process, Psf, Quantity, Roughness, Stop, split_cells
+from maskfab.base.model import Die, Mtf, Psf, Quantity, split_cells
 from maskfab.base.units import NM_PER_UM
+from maskfab.job.camera import Camera, Stop
+from maskfab.job.process import Process, Roughness
 from maskfab.mask.raster import coverage
 from maskfab.mask.writer import (
     CONFIGURATIONS,

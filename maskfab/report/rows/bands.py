@@ -43,12 +43,14 @@ from scipy.special import ndtri
 
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError
-from maskfab.base.model import Camera, Die, Panel, Process, Quantity
+from maskfab.base.model import Die, Panel, Quantity
 from maskfab.base.units import NM_PER_UM
 from maskfab.camera.die_transfer import MOST_ACROSS, DieTransfer
 from maskfab.camera.field_transfer import OverField
 from maskfab.camera.imaging import Design, RestoredBy
 from maskfab.camera.protocol import Protocol, evaluate
+from maskfab.job.camera import Camera
+from maskfab.job.process import Process
 from maskfab.mask.writer import Reading, check_process
 from maskfab.optics import metrics
 from maskfab.optics.mtf import area_under_radial_min, frequency_at, worst_directions

@@ -16,7 +16,7 @@ from dataclasses import replace
 
 from scipy.special import ndtri
 
-from maskfab.base.model import COLOURS, ORIENTATIONS, Camera, Die, Process, Quantity
+from maskfab.base.model import COLOURS, ORIENTATIONS, Die, Quantity
 from maskfab.base.units import NM_PER_UM, UM_PER_MM
 from maskfab.display.drive import LightDemand
 from maskfab.display.emitted_light import TELEPHONE_UM, Viewing
@@ -24,6 +24,8 @@ from maskfab.display.emitter_rules import EmitterRules
 from maskfab.display.eye import SLOW_CPD, predicted_rms
 from maskfab.display.feasibility import Feasibility, footprint_of
 from maskfab.display.polygon_check import left_of_emitters
+from maskfab.job.camera import Camera
+from maskfab.job.process import Process
 from maskfab.optics.metrics import relative_difference
 from maskfab.optics.psf import point_psf
 from maskfab.optics.pupil import cut, panel_aperture, veil

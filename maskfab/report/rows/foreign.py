@@ -17,9 +17,11 @@ import numpy as np
 from klayout import db
 
 from maskfab.base.errors import JobError, SourceError
-from maskfab.base.model import CLEAR, UNSTATED, Box, Camera, Die, MaskBlank, Mtf, Plate, Quantity
+from maskfab.base.model import CLEAR, Box, Die, Mtf, Plate, Quantity
 from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import Progress, silent
+from maskfab.job.camera import Camera
+from maskfab.job.process import UNSTATED, MaskBlank
 from maskfab.job.sections import LimitsSection
 from maskfab.mask.comparison.alignment import (
     Alignment,

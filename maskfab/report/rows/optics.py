@@ -15,9 +15,11 @@ from klayout import db
 
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import InternalError
-from maskfab.base.model import UNSTATED, Box, Camera, Die, DieOptics, MaskBlank, Mtf, Plate, Psf, Quantity, Tiling
+from maskfab.base.model import Box, Die, DieOptics, Mtf, Plate, Psf, Quantity, Tiling
 from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import Progress, silent
+from maskfab.job.camera import Camera
+from maskfab.job.process import UNSTATED, MaskBlank
 from maskfab.mask.job import Job
 from maskfab.mask.plate import mirrored
 from maskfab.mask.raster import Shapes, aperture_in_stop, axis_nm, coverage, lines_nm, read_aperture

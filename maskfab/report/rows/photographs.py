@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.base.errors import JobError
-from maskfab.base.model import Camera, MaskBlank, Panel, Quantity
+from maskfab.base.model import Panel, Quantity
 from maskfab.camera import scenes as scene_sets
 from maskfab.camera.die_transfer import DieTransfer, die_transfer, left_out
 from maskfab.camera.field_transfer import OverField
@@ -26,8 +26,10 @@ from maskfab.camera.record import Restorer
 from maskfab.camera.restorers import named
 from maskfab.camera.scenes import Photograph
 from maskfab.camera.scores import CONFIDENCE, Crop, Gain, Score, ScoreTable, Shot, truth_of
-from maskfab.camera.sensor import LEVELS, in_decibels, stated_light, stated_sensor
+from maskfab.camera.sensor import LEVELS, in_decibels, stated_light
 from maskfab.camera.sensor import told as sensor_told
+from maskfab.job.camera import Camera, Sensor
+from maskfab.job.process import MaskBlank
 from maskfab.job.reference import USES, Keys, unused
 from maskfab.job.sections import JobSpec
 from maskfab.mask.job import Job
@@ -122,7 +124,7 @@ class Conditions:
             raise JobError("MF105", what, where="protocol", cure="Use camera, f1 or paper")
         if light not in (None, "linear", "code"):
             raise JobError("MF105", f"there is no light {light!r}", where="light", cure="Use linear or code")
-        sensor = stated_sensor(job.spec.sensor)
+        sensor = job.spec.sensor or Sensor()
         chosen, told = (
             stated_light(job.spec.exposure, sensor, job.camera)
             if levels is None

@@ -17,8 +17,10 @@ import numpy as np
 
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError
-from maskfab.base.model import UNSTATED, Camera, Die, MaskBlank, Psf, Quantity, frozen
+from maskfab.base.model import Die, Psf, Quantity, frozen
 from maskfab.base.units import NM_PER_UM, UM_PER_MM
+from maskfab.job.camera import Camera
+from maskfab.job.process import UNSTATED, MaskBlank
 from maskfab.optics import metrics
 from maskfab.optics.gap import AXIS, Place, gap_guard_um, moved_aperture
 from maskfab.optics.metrics import NOISE_TO_SIGNAL, relative_difference

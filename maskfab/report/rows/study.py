@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from maskfab.base.arrays import Singles
 from maskfab.base.errors import JobError
 from maskfab.base.findings import Need, origins
-from maskfab.base.model import Camera, Mtf, Panel, Psf
+from maskfab.base.model import Mtf, Panel, Psf
 from maskfab.base.processes import ProcessExecutor, SerialExecutor, release_memory
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.camera import scenes as surroundings
@@ -29,6 +29,7 @@ from maskfab.camera.protocol import AUTO, Protocol, evaluate
 from maskfab.camera.record import Restorer
 from maskfab.camera.scenes import Folder, Photograph, drawn
 from maskfab.camera.scores import Crop, MeanDifference, Score, truth_of
+from maskfab.job.camera import Camera
 from maskfab.job.read import parse_section
 from maskfab.job.reference import USES, unused
 from maskfab.job.sections import CaseSection, ClaimSection, SceneSection, StudySection

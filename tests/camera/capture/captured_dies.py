@@ -11,8 +11,10 @@ from klayout import db
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from maskfab.base.model import Camera, Panel, Process, Psf
+from maskfab.base.model import Panel, Psf
 from maskfab.camera.frames.frame import Frame
+from maskfab.job.camera import Camera
+from maskfab.job.process import Process
 from maskfab.mask.writer import Reading, written_region
 from maskfab.optics.phase import Wavefront, phased, phased_psf, window_frequency
 from maskfab.optics.psf import odd_samples, pixel_margin, pixel_psf, point_step_um

@@ -16,7 +16,8 @@ from maskfab.camera.protocol import STRENGTHS, Protocol
 from maskfab.camera.restorers.wiener import Wiener
 from maskfab.camera.scenes import NARROW, SMALLEST, dead_leaves
 from maskfab.camera.scores import inner, psnr
-from maskfab.camera.sensor import Sensor
+from maskfab.camera.sensor import record_light
+from maskfab.job.camera import Sensor
 from maskfab.mask.houses.profiles import load_shop
 from maskfab.optics.colour import code_of_light
 from maskfab.optics.spectrum import line_spectrum
@@ -55,7 +56,7 @@ def test_aberrations_cost_what_photographs_by_another_path_lose():
         return MeasuredBlur(kernel, tuple(side // 2 for side in picture.shape), ())
 
     def restored(known, seen, by):
-        record = Sensor().record(known.margin.through(known.light, seen.on(known.margin.shape)), light, 7)
+        record = record_light(Sensor(), known.margin.through(known.light, seen.on(known.margin.shape)), light, 7)
         ready = Wiener(NARROW).prepare(record, by)
         return [psnr(inner(code_of_light(ready(e)), 64), inner(known.true, 64)) for e in STRENGTHS[8:24:2]]
 

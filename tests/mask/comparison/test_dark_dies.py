@@ -7,7 +7,9 @@ import pytest
 from klayout import db
 from optics_cases import camera
 
-from maskfab.base.model import CLEAR, UNSTATED, Die, Plate, Stop
+from maskfab.base.model import CLEAR, Die, Plate
+from maskfab.job.camera import Stop
+from maskfab.job.process import UNSTATED
 from maskfab.mask.layout import layer_info, plate_layout
 from maskfab.mask.raster import axis_nm, light_box, sees_light
 from maskfab.report.rows.foreign import optics_of_like

@@ -14,7 +14,8 @@ from small_job import command, edited, write_job
 
 import maskfab as mf
 from maskfab.base.errors import JobError, SourceError
-from maskfab.base.model import CLEAR, UNSTATED, Mark, MaskBlank
+from maskfab.base.model import CLEAR, Mark
+from maskfab.job.process import UNSTATED, MaskBlank
 from maskfab.mask.comparison.alignment import StatedLayers, clear_only
 from maskfab.mask.formats.dxf_writer import write_dxf
 from maskfab.mask.formats.format import DrawingStyle

@@ -1,0 +1,282 @@
+"""The camera of a job, which the optics take as it is: lens, stop, lines and sensor.
+
+    y = min(Poisson(g · light) + σ N, full well) / g
+
+is the picture that a sensor records, with g the electrons of white, σ the read noise and N normal; a converter then
+rounds to its codes. :mod:`maskfab.camera.sensor` takes pictures by it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Annotated, Any, ClassVar, Literal, get_args
+
+import numpy as np
+from pydantic import Field, GetCoreSchemaHandler
+from pydantic_core import CoreSchema, core_schema
+
+from maskfab.base import checks as require
+from maskfab.base.errors import JobError
+from maskfab.base.units import UM_PER_MM
+from maskfab.job.values import Corners, Length, Section, Stated, Wavelength, checks
+
+StopShape = Literal["circle", "square", "ellipse", "rectangle", "annulus", "polygon"]
+STOP_SHAPES: tuple[StopShape, ...] = get_args(StopShape)
+
+
+class StopSection(Section):
+    """camera.stop: the lens aperture, the optical axis in its middle or, for a polygon, at the corners' origin."""
+
+    shape: StopShape = "circle"
+    """Shape of the lens stop."""
+    diameter: Length | None = None
+    """Diameter of a circle or of an annulus, side of a square."""
+    inner: Length | None = None
+    """Diameter of the dark middle of an annulus."""
+    width: Length | None = None
+    """Width along x of an ellipse or rectangle."""
+    height: Length | None = None
+    """Height along y of an ellipse or rectangle."""
+    corners: Corners | None = None
+    """Corners of a polygon as pairs of x and y, in either sense of rotation; its sides must not cross."""
+
+    @checks
+    def _of_its_shape(self) -> None:
+        """The keys of the shape, all of them and no others."""
+        wanted = _STOP_KEYS[self.shape]
+        stated = {key for key in type(self).model_fields if key != "shape" and getattr(self, key) is not None}
+        missing, spare = [key for key in wanted if key not in stated], sorted(stated.difference(wanted))
+        if missing or spare:
+            problem = f"lacks {' and '.join(missing)}" if missing else f"has {' and '.join(spare)}, which means nothing"
+            cure = f"Give {' and '.join(wanted)}, and nothing else"
+            raise JobError("MF105", f"a stop of the shape {self.shape!r} {problem}", cure=cure)
+        if self.inner is not None and self.diameter is not None and self.inner >= self.diameter:
+            what = f"an annulus of {self.diameter:g} um with a dark middle of {self.inner:g} um passes nothing"
+            raise JobError("MF132", what, cure="Give an inner diameter below the outer one")
+
+
+_STOP_KEYS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "circle": ("diameter",),
+        "square": ("diameter",),
+        "annulus": ("diameter", "inner"),
+        "ellipse": ("width", "height"),
+        "rectangle": ("width", "height"),
+        "polygon": ("corners",),
+    }
+)
+
+
+@dataclass(frozen=True)
+class Stop:
+    """The lens aperture in the plane of the openings, the optical axis at its origin: the one form of all that
+    :class:`StopSection` may state.
+
+    Attributes:
+        shape: circles, ellipses and annuli are ``round``; the others have corners.
+        diameter_um: side of the smallest square about the axis that holds it.
+        size_um: width and height where they may differ; None for a circle, a square and a polygon.
+        inner_share: of an annulus, its dark middle's diameter over its own.
+        outline_um: corners of a polygon, counter-clockwise.
+    """
+
+    stated_as: ClassVar = StopSection
+
+    shape: StopShape
+    diameter_um: float
+    size_um: tuple[float, float] | None = None
+    inner_share: float = 0.0
+    outline_um: tuple[tuple[float, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        require.choice(self, "shape", STOP_SHAPES)
+        require.number(self, "diameter_um", high=math.inf)  # an infinite one lets everything through
+        for side in self.size_um or ():
+            require.number(self, "size_um", value=side)
+        if self.inner_share:
+            require.number(self, "inner_share", 0.0, 1.0, open_low=False)
+        if (self.shape == "polygon") != bool(self.outline_um) or (self.outline_um and not self.area_um2 > 0):
+            what = f"a {self.shape} with {len(self.outline_um)} corners holds no area that they bound"
+            require.refuse(
+                "MF132", self, "outline_um", what, "Make a polygon by Stop.polygon, of three corners or more"
+            )
+
+    @classmethod
+    def _of_section(cls, stated: StopSection) -> Stop:
+        if stated.corners is not None:
+            return cls.polygon(stated.corners)
+        if stated.width is not None and stated.height is not None:
+            return (cls.ellipse if stated.shape == "ellipse" else cls.rectangle)(stated.width, stated.height)
+        assert stated.diameter is not None
+        if stated.inner is not None:
+            return cls.annulus(stated.diameter, stated.inner)
+        return cls(stated.shape, stated.diameter)
+
+    def as_stated(self) -> StopSection:
+        """The section that states it."""
+        width, height = self.sides_um
+        sizes: dict[str, Any] = {
+            "diameter": self.diameter_um,
+            "inner": self.inner_share * self.diameter_um,
+            "width": width,
+            "height": height,
+            "corners": self.outline_um,
+        }
+        keys = _STOP_KEYS[self.shape]
+        return StopSection.model_construct(shape=self.shape, **{key: sizes[key] for key in keys})
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        section = handler.generate_schema(StopSection)
+        return core_schema.no_info_wrap_validator_function(
+            lambda value, read: value if isinstance(value, cls) else cls._of_section(read(value)),
+            section,
+            serialization=core_schema.plain_serializer_function_ser_schema(cls.as_stated, return_schema=section),
+        )
+
+    @classmethod
+    def ellipse(cls, width_um: float, height_um: float) -> Stop:
+        return cls("ellipse", max(width_um, height_um), (width_um, height_um))
+
+    @classmethod
+    def rectangle(cls, width_um: float, height_um: float) -> Stop:
+        return cls("rectangle", max(width_um, height_um), (width_um, height_um))
+
+    @classmethod
+    def annulus(cls, diameter_um: float, inner_um: float) -> Stop:
+        return cls("annulus", diameter_um, None, inner_um / diameter_um)
+
+    @classmethod
+    def polygon(cls, corners_um: Sequence[tuple[float, float]]) -> Stop:
+        """A stop of straight sides that do not cross, its corners in either sense of rotation."""
+        outline = tuple((float(x), float(y)) for x, y in corners_um)
+        turned = outline if _signed_area(outline) > 0 else outline[::-1]
+        return cls("polygon", 2 * max(abs(c) for corner in outline for c in corner), outline_um=turned)
+
+    @property
+    def round(self) -> bool:
+        """Whether its edge is made of ellipses about the axis."""
+        return self.shape in ("circle", "ellipse", "annulus")
+
+    @property
+    def sides_um(self) -> tuple[float, float]:
+        """Width and height of a box about the axis that holds it."""
+        return self.size_um or (self.diameter_um, self.diameter_um)
+
+    @property
+    def corners_um(self) -> tuple[tuple[float, float], ...]:
+        """Corners counter-clockwise; none of a round stop."""
+        if self.round or self.outline_um:
+            return self.outline_um
+        x, y = (side / 2 for side in self.sides_um)
+        return (-x, -y), (x, -y), (x, y), (-x, y)
+
+    @property
+    def area_um2(self) -> float:
+        if self.outline_um:
+            return _signed_area(self.outline_um)
+        factor = np.pi / 4 * (1 - self.inner_share**2) if self.round else 1.0
+        width, height = self.sides_um
+        return float(factor * (width * height))
+
+    def scaled(self, across: float, up: float) -> Stop:
+        """The stop stretched along x and y."""
+        if self.outline_um:
+            return Stop.polygon([(x * across, y * up) for x, y in self.outline_um])
+        width, height = self.sides_um[0] * across, self.sides_um[1] * up
+        if width == height:
+            return replace(self, diameter_um=width, size_um=None if self.size_um is None else (width, height))
+        shape: StopShape = {"circle": "ellipse", "square": "rectangle"}.get(self.shape, self.shape)  # type: ignore[assignment]
+        return replace(self, shape=shape, diameter_um=max(width, height), size_um=(width, height))
+
+
+def _signed_area(outline: Sequence[tuple[float, float]]) -> float:
+    """Positive if the corners run counter-clockwise (the shoelace formula)."""
+    ends = (*outline[1:], *outline[:1])
+    return sum(x * v - u * y for (x, y), (u, v) in zip(outline, ends, strict=True)) / 2
+
+
+@dataclass(frozen=True)
+class Camera(Stated):
+    """[camera]: the camera behind the panel, and the window of the sensor around the axis."""
+
+    focal_um: Length
+    """Focal length of the lens."""
+    stop: Stop
+    """The lens stop, a table."""
+    wavelengths_nm: Annotated[tuple[Wavelength, ...], Field(min_length=1, max_length=64, strict=False)]
+    """One to 64 lines at which PSF and MTF are computed."""
+    pixel_um: Length
+    """Pixel pitch of the sensor."""
+    window_um: Length = 256.0
+    """Side of the PSF's window on the sensor; at most wavelength x focal / dot."""
+
+    def __post_init__(self) -> None:
+        for name in ("focal_um", "pixel_um", "window_um"):
+            require.number(self, name)
+        require.instance(self, "stop", Stop)
+        require.instance(self, "wavelengths_nm", tuple)
+        for line in self.wavelengths_nm:
+            require.number(self, "wavelengths_nm", value=line)
+        if not self.wavelengths_nm:
+            require.refuse("MF105", self, "wavelengths_nm", "no wavelength is given", "Give at least one")
+
+    @property
+    def nyquist_cy_per_mm(self) -> float:
+        """Half a cycle per pixel."""
+        return UM_PER_MM / self.pixel_um / 2
+
+
+@dataclass(frozen=True)
+class Sensor(Stated):
+    """[sensor]: what turns light into numbers; the defaults are those of protocol F1.
+
+    ``simulate`` and ``run`` take photographs with it, and a ``design`` that searches is for it; a front of designs
+    compares openings by F1's sensor.
+    """
+
+    full_well: Annotated[float, Field(gt=0, le=1e9, allow_inf_nan=False)] = 15506.0
+    """Most electrons that a pixel holds."""
+    read_noise: Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)] = 4.87
+    """Standard deviation of the read noise, electrons."""
+    bits: Annotated[int, Field(ge=1, le=32)] | None = None
+    """Bits of the converter, whose largest code is a full well; without it nothing is rounded."""
+    black_level: Annotated[int, Field(ge=0)] = 0
+    """Code of no light."""
+    mosaic: Literal["none", "rggb"] = "none"
+    """All colours at every pixel, or one of red, green, green and blue."""
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.full_well) and self.full_well > 0):
+            raise _refused(f"a full well of {self.full_well:g} electrons", "full_well", "Give 1 electron or more")
+        if not (np.isfinite(self.read_noise) and 0 <= self.read_noise < self.full_well):
+            raise _refused(
+                f"a read noise of {self.read_noise:g} electrons with a full well of {self.full_well:g}",
+                "read_noise",
+                "Give 0 or more, below the full well",
+            )
+        if self.bits is None:
+            if self.black_level:
+                raise _refused(
+                    f"a black level of {self.black_level} codes without bits",
+                    "black_level",
+                    "Add the bits of the converter, or remove the black level",
+                )
+        elif not 1 <= self.bits <= 32 or not 0 <= self.black_level < 2**self.bits - 1:
+            raise _refused(
+                f"a black level of {self.black_level} with {self.bits} bits",
+                "black_level",
+                "Give 1 to 32 bits, and a black level below their largest code",
+            )
+
+    @property
+    def step(self) -> float:
+        """Electrons of one code; 0 without a converter."""
+        return 0.0 if self.bits is None else self.full_well / (2**self.bits - 1 - self.black_level)
+
+
+def _refused(what: str, key: str, cure: str) -> JobError:
+    return JobError("MF140", f"{what} is no sensor", where=f"sensor.{key}", cure=cure)
