@@ -30,7 +30,8 @@ def test_lags_of_either_sign_are_those_of_one_transform(dots: int, cells: int, g
 WIDE = """
 import resource
 import numpy as np
-from maskfab.base.model import Camera, Die, Opening, Panel, Stop, Tiling
+from maskfab.base.model import Die, Opening, Panel, Tiling
+from maskfab.job.camera import Camera, Stop
 from maskfab.report.rows.optics import measure
 
 mask = np.zeros((21, 21), dtype=bool)

@@ -45,8 +45,8 @@ def fit_of(picture, times=STACK, seed=1):
 @pytest.mark.slow
 def test_the_width_of_a_blurred_picture_is_found_beside_all_else():
     sigma_um, terms = 3.0, {"z4": 0.05, "z7": 0.04}
-    fit, width = fit_of(phased_picture(DIE, CAMERA, ((4, 0.05), (7, 0.04)), sigma_um))
-    assert abs(width.um - FWHM * sigma_um) < 3.5 * width.error_um < 0.05 * width.um
+    fit, (width_um, error_um) = fit_of(phased_picture(DIE, CAMERA, ((4, 0.05), (7, 0.04)), sigma_um))
+    assert abs(width_um - FWHM * sigma_um) < 3.5 * error_um < 0.05 * width_um
     assert fit.chi2 / fit.freedom < 1.1
     values = dict(zip(fit.setting.names, fit.setting.values, strict=True))
     assert len(fit.setting.terms) <= len(terms) + 1, "errors that the lens does not have"
