@@ -245,10 +245,13 @@ def corner_touches(clear: Mask) -> int:
     Args:
         clear: bool [y, x]; vertices on the border of the array touch fewer than four cells and never count.
     """
-    lower_left, lower_right, upper_left, upper_right = clear[:-1, :-1], clear[:-1, 1:], clear[1:, :-1], clear[1:, 1:]
+    return int(np.count_nonzero(kissing(clear[:-1, :-1], clear[:-1, 1:], clear[1:, :-1], clear[1:, 1:])))
+
+
+def kissing(lower_left: Mask, lower_right: Mask, upper_left: Mask, upper_right: Mask) -> Mask:
+    """Whether exactly two of the four dots at a vertex are clear, and these lie on a diagonal."""
     rising = lower_left & upper_right & ~lower_right & ~upper_left
-    falling = lower_right & upper_left & ~lower_left & ~upper_right
-    return int(np.count_nonzero(rising) + np.count_nonzero(falling))
+    return rising | (lower_right & upper_left & ~lower_left & ~upper_right)
 
 
 @dataclass(frozen=True)

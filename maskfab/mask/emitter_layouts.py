@@ -19,7 +19,7 @@ import scipy
 from maskfab.base.arrays import Floats, Labels, Mask
 from maskfab.base.errors import JobError
 from maskfab.base.model import refined
-from maskfab.mask.opening import MAX_DOTS
+from maskfab.mask.opening import MAX_DOTS, away, check_range
 
 RED, GREEN, BLUE = 1, 2, 3
 _FINER = 2  # emitter cells along a dot of the round layout
@@ -94,12 +94,12 @@ def diamond(
     for label, reach, starts in ((RED, red_reach, (0, 0.5)), (BLUE, blue_reach, (0.5, 0))):
         for start in starts:
             other = start if label == RED else 0.5 - start
-            labels[_away(dots, start)[None, :] + _away(dots, other)[:, None] <= reach] = label
+            labels[away(dots, start)[None, :] + away(dots, other)[:, None] <= reach] = label
     for x in (0.25, 0.75):
         for y in (0.25, 0.75):
-            labels[_away(dots, x)[None, :] ** 2 + _away(dots, y)[:, None] ** 2 < (green_reach + 0.5) ** 2] = GREEN
+            labels[away(dots, x)[None, :] ** 2 + away(dots, y)[:, None] ** 2 < (green_reach + 0.5) ** 2] = GREEN
     quarters, halves = (
-        np.minimum(_away(dots, one), _away(dots, other)) < clear_reach for one, other in ((0.25, 0.75), (0, 0.5))
+        np.minimum(away(dots, one), away(dots, other)) < clear_reach for one, other in ((0.25, 0.75), (0, 0.5))
     )
     mask |= (quarters[None, :] & halves[:, None]) | (halves[None, :] & quarters[:, None])
     near = scipy.ndimage.maximum_filter(labels, size=2 * to_opening + 1, mode="wrap")
@@ -333,12 +333,6 @@ def _empty(dots: int) -> tuple[Mask, Labels]:
     return np.zeros((dots, dots), dtype=np.bool_), np.zeros((dots, dots), dtype=np.int8)
 
 
-def _away(dots: int, place: float) -> Floats:
-    """Distance of each dot's middle from a place (a fraction of the cell), the short way round."""
-    away: Floats = np.abs(np.arange(dots) + 0.5 - place * dots)
-    return np.asarray(np.minimum(away, dots - away))
-
-
 def _centred(cells: int) -> tuple[Floats, Floats]:
     """x and y of each cell's middle from the middle of all, in cells."""
     middle = np.arange(cells) + 0.5 - cells / 2
@@ -348,13 +342,7 @@ def _centred(cells: int) -> tuple[Floats, Floats]:
 
 def _check(dots: int, **lengths: int) -> None:
     for name, value in {"dots": dots, **lengths}.items():
-        if not 1 <= value <= MAX_DOTS:
-            raise JobError(
-                "MF104",
-                f"{name} = {value} must lie between 1 and {MAX_DOTS}",
-                where=name,
-                cure=f"Choose {name} in that range",
-            )
+        check_range(name, value, 1, MAX_DOTS)
 
 
 def _check_multiple(dots: int, of: int) -> None:

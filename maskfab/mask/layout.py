@@ -20,10 +20,10 @@ from klayout import db
 
 from maskfab.base.arrays import Floats, Ints, Mask
 from maskfab.base.errors import OutputError, SourceError
-from maskfab.base.model import CLEAR, LAYERS, NOTE, Box, Layer, Panel, Plate, Point, Polygon
+from maskfab.base.model import CLEAR, LAYERS, NOTE, Box, Die, Layer, Panel, Plate, Point, Polygon
 from maskfab.base.units import NM_PER_UM
 from maskfab.mask.outlines import UnitKey, unit_key, unit_name, unit_shapes
-from maskfab.mask.raster import coverage, disjoint, placed_boxes, to_boxes
+from maskfab.mask.raster import disjoint, placed_boxes
 
 _MOST_CORNERS = 8190
 _AT_LEAST = 1e-9
@@ -344,7 +344,15 @@ def check_limits(layout: db.Layout, path: Path) -> None:
     """
     check_size(layout, path)
     for layer in layout.layer_indexes():
-        _refuse_overlaps(layout, layer, path)
+        covered = most_covered(layout, layer)
+        if covered > MOST_COVERED:
+            raise SourceError(
+                "MF326",
+                f"{path.name}: its shapes cover the box about them {covered:.3g} times over; the limit is "
+                f"{MOST_COVERED}",
+                where=str(path),
+                cure="Draw each place once: merge what overlaps, or mend the steps of its arrays",
+            )
         for cell in layout.each_cell():
             if not cell.shapes(layer).is_empty():
                 _refuse_crossing(cell, layer, path)
@@ -436,17 +444,6 @@ def _refuse_distant(layout: db.Layout, path: Path) -> None:
             )
 
 
-def _refuse_overlaps(layout: db.Layout, layer: int, path: Path) -> None:
-    covered = most_covered(layout, layer)
-    if covered > MOST_COVERED:
-        raise SourceError(
-            "MF326",
-            f"{path.name}: its shapes cover the box about them {covered:.3g} times over; the limit is {MOST_COVERED}",
-            where=str(path),
-            cure="Draw each place once: merge what overlaps, or mend the steps of its arrays",
-        )
-
-
 def _refuse_crossing(cell: db.Cell, layer: int, path: Path) -> None:
     raw = own_polygons(cell, layer)
     try:
@@ -464,20 +461,6 @@ def _refuse_crossing(cell: db.Cell, layer: int, path: Path) -> None:
         cure="Draw it as polygons that do not cross themselves",
     )
 
-
-__all__ = [
-    "DBU_UM",
-    "PlateNames",
-    "coverage",
-    "layer_info",
-    "orientations_in_use",
-    "placed_boxes",
-    "plate_layout",
-    "plate_names",
-    "region",
-    "simple_polygon",
-    "to_boxes",
-]
 
 _MOST_TURNED = 5_000_000
 NAME_LENGTH = 32
@@ -553,18 +536,13 @@ def clear_box(layout: db.Layout) -> db.Box:
     index = layout.find_layer(layer_info(CLEAR))
     if index is None:
         return db.Box()
-    if not any(_slants(each) for cell in layout.each_cell() for each in cell.each_inst()):
-        return layout.top_cell().bbox(index)
-    if count_shapes(layout, [index]) > _MOST_TURNED:
+    placed = (reference for cell in layout.each_cell() for reference in cell.each_inst())
+    slanted = any(each.is_complex() and not each.cplx_trans.is_ortho() for each in placed)
+    if not slanted or count_shapes(layout, [index]) > _MOST_TURNED:
         return layout.top_cell().bbox(index)
     drawn = db.Region(layout.top_cell().begin_shapes_rec(index))
     drawn.merged_semantics = False
     return drawn.extents().bbox()
-
-
-def _slants(reference: db.Instance) -> bool:
-    """Whether a reference turns by other than quarters, scaled or not."""
-    return bool(reference.is_complex() and not reference.cplx_trans.is_ortho())
 
 
 def layer_info(layer: Layer) -> db.LayerInfo:
@@ -575,6 +553,24 @@ def layer_info(layer: Layer) -> db.LayerInfo:
 def simple_polygon(polygon: Polygon) -> db.SimplePolygon:
     """A klayout polygon with exactly these vertices."""
     return db.SimplePolygon([db.Point(x, y) for x, y in polygon], True)
+
+
+def drawn_region(polygons: Iterable[Polygon]) -> db.Region:
+    """Polygons as a region, each as it is drawn."""
+    return db.Region([db.Polygon(simple_polygon(polygon)) for polygon in polygons])
+
+
+def references(die: Die, *, paired: bool = False) -> int:
+    """References inside a die, an array counting once; ``paired`` if two pixels share a cell."""
+    rows, columns = die.panel.orientations.shape
+    if len(orientations_in_use(die.panel)) == 1:
+        return 1
+    return int(rows * (columns // 2 + columns % 2) if paired else rows * columns)
+
+
+def file_references(plate: Plate, *, paired: bool = False) -> int:
+    """References of a plate's file: those in its dies, and one for each die and mark."""
+    return sum(references(die, paired=paired) + 1 for die in plate.dies) + len(plate.marks)
 
 
 def orientations_in_use(panel: Panel) -> tuple[int, ...]:

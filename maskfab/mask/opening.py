@@ -395,8 +395,8 @@ def stripe(dots: int, width_dots: int, clear_dots: int | None = None) -> Mask:
         JobError: MF104 if the slit is wider than the cell or not at least one dot wide.
         OpeningError: MF203 closed, MF204 if the area is no multiple of the width, or more than the full slit.
     """
-    _check_range("dots", dots, 1, MAX_DOTS)
-    _check_range("width_dots", width_dots, 1, dots)
+    check_range("dots", dots, 1, MAX_DOTS)
+    check_range("width_dots", width_dots, 1, dots)
     full = dots * width_dots
     clear = full if clear_dots is None else clear_dots
     if clear % width_dots or not 0 < clear <= full:
@@ -425,15 +425,15 @@ def blobs(dots: int, clear_dots: int, *, size_ratio: float = 0.7, aspect: float 
         JobError: MF104 for a parameter out of its range.
         OpeningError: MF203 closed, MF204 if no member of the family has that count.
     """
-    _check_range("dots", dots, 1, MAX_DOTS)
-    _check_range("size_ratio", size_ratio, 0.0, 1.0)
-    _check_range("aspect", aspect, 1.0, 4.0)
-    _check_range("exponent", exponent, 1.0, 64.0)
+    check_range("dots", dots, 1, MAX_DOTS)
+    check_range("size_ratio", size_ratio, 0.0, 1.0)
+    check_range("aspect", aspect, 1.0, 4.0)
+    check_range("exponent", exponent, 1.0, 64.0)
     large = [(0.25, 0.25), (0.75, 0.75)]
     small = [(0.25, 0.75), (0.75, 0.25)] if size_ratio else []
     stretch = float(np.sqrt(aspect))
     levels = [
-        _superellipse(_offset(dots, x), _offset(dots, y), size * wide, size / wide, exponent)
+        _superellipse(away(dots, x), away(dots, y), size * wide, size / wide, exponent)
         for centres, size, wide in ((large, 1.0, stretch), (small, size_ratio, 1 / stretch))
         for x, y in centres
     ]
@@ -451,15 +451,15 @@ def diamond_discs(dots: int, clear_dots: int) -> Mask:
         JobError: MF104 if the cell has no dots.
         OpeningError: MF203 closed, MF204 if no radius has that count.
     """
-    _check_range("dots", dots, 1, MAX_DOTS)
-    levels = [_superellipse(_offset(dots, c), _offset(dots, c), 1.0, 1.0, 2.0) for c in (0.0, 0.5)]
+    check_range("dots", dots, 1, MAX_DOTS)
+    levels = [_superellipse(away(dots, c), away(dots, c), 1.0, 1.0, 2.0) for c in (0.0, 0.5)]
     return _grown("diamond", np.minimum.reduce(levels), clear_dots)
 
 
-def _offset(dots: int, centre: float) -> Floats:
+def away(dots: int, centre: float) -> Floats:
     """Distance of each dot's middle from a centre (a fraction of the pitch), the short way round the cell."""
-    away: Floats = np.abs(np.arange(dots) + 0.5 - centre * dots)
-    return np.asarray(np.minimum(away, dots - away))
+    direct: Floats = np.abs(np.arange(dots) + 0.5 - centre * dots)
+    return np.asarray(np.minimum(direct, dots - direct))
 
 
 def _superellipse(x: Floats, y: Floats, a: float, b: float, exponent: float) -> Floats:
@@ -493,7 +493,8 @@ def _unreachable(shape: str, clear_dots: int, dots: int, reachable: NDArray[np.i
     )
 
 
-def _check_range(name: str, value: float, low: float, high: float) -> None:
+def check_range(name: str, value: float, low: float, high: float) -> None:
+    """Refuse a parameter of a drawn opening that is out of its range (MF104)."""
     if not low <= value <= high:  # also refuses NaN
         raise JobError(
             "MF104",

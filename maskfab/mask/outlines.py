@@ -326,7 +326,10 @@ def unit_shapes(panel: Panel, cell: int) -> Mapping[Layer, tuple[Polygon, ...]]:
         dark = refined(dark, panel.dot_nm // side) & (labels == 0)
     shapes[BLACK] = outline(dark, side, (half, half))
     if half:
-        shapes[GUTTER] = _ring(panel.pitch_nm, half)
+        # The gutter's share of a cell as four bars that do not overlap.
+        pitch, inner = panel.pitch_nm, panel.pitch_nm - half
+        bars = [(0, 0, pitch, half), (0, inner, pitch, pitch), (0, half, half, inner), (inner, half, pitch, inner)]
+        shapes[GUTTER] = tuple(((x0, y0), (x1, y0), (x1, y1), (x0, y1)) for x0, y0, x1, y1 in bars)
     return {layer: polygons for layer, polygons in shapes.items() if polygons}
 
 
@@ -344,13 +347,6 @@ def _turned(point: Point, pitch_nm: int, orientation: int) -> Point:
     for _ in range(orientation % 4):
         x, y = pitch_nm - y, x
     return x, y
-
-
-def _ring(pitch: int, half: int) -> tuple[Polygon, ...]:
-    """The gutter's share of a cell as four bars that do not overlap."""
-    inner = pitch - half
-    bars = [(0, 0, pitch, half), (0, inner, pitch, pitch), (0, half, half, inner), (inner, half, pitch, inner)]
-    return tuple(((x0, y0), (x1, y0), (x1, y1), (x0, y1)) for x0, y0, x1, y1 in bars)
 
 
 # All vertices of the font are whole steps, and all its edges run along an axis or at 45 degrees: a letter is 28 steps

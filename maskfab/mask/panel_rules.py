@@ -21,7 +21,7 @@ from scipy.sparse.csgraph import connected_components
 
 from maskfab.base.arrays import Floats, Ints, Mask
 from maskfab.base.model import CLEAR, Box, Die, Panel, Polygon
-from maskfab.mask.dots import die_edges_nm, die_raster, smallest_runs
+from maskfab.mask.dots import die_edges_nm, die_raster, kissing, smallest_runs
 from maskfab.mask.outlines import unit_shapes
 from maskfab.mask.rule import (
     LARGEST,
@@ -68,7 +68,7 @@ class PanelCells:
     def clear(self) -> Mask:
         """bool [held, n, n]: the dots of each, with a ring of gutter round them where the panel has one."""
         ring = int(self.panel.gutter_nm > 0)
-        return np.stack([np.pad(self.panel.pattern(each), ring) for each in self.held])
+        return np.stack([np.pad(self.panel.pattern(cell), ring) for cell in self.held])
 
     @cached_property
     def edges_nm(self) -> Ints:
@@ -356,28 +356,23 @@ def kissing_corners(cells: PanelCells, most: int) -> Found:
     held = np.pad(clear, ((1, 0), (0, 0), (0, 0)))
     parts = []
     within = windows(cells, 1, 1)
-    n, y, x = np.nonzero(_kissing(clear[:, :-1, :-1], clear[:, :-1, 1:], clear[:, 1:, :-1], clear[:, 1:, 1:]))
+    n, y, x = np.nonzero(kissing(clear[:, :-1, :-1], clear[:, :-1, 1:], clear[:, 1:, :-1], clear[:, 1:, 1:]))
     order = np.argsort(within.codes[:, 0])
     parts.append(_repeated(within, order[n], edges[x + 1], edges[y + 1]))
     beside = windows(cells, 2, 1)
     left, right = held[beside.codes[:, 0] + 1, :, -1], held[beside.codes[:, 1] + 1, :, 0]
-    n, y = np.nonzero(_kissing(left[:, :-1], right[:, :-1], left[:, 1:], right[:, 1:]))
+    n, y = np.nonzero(kissing(left[:, :-1], right[:, :-1], left[:, 1:], right[:, 1:]))
     parts.append(_repeated(beside, n, np.zeros_like(y), edges[y + 1]))
     above = windows(cells, 1, 2)
     low, high = held[above.codes[:, 0] + 1, -1], held[above.codes[:, 1] + 1, 0]
-    n, x = np.nonzero(_kissing(low[:, :-1], low[:, 1:], high[:, :-1], high[:, 1:]))
+    n, x = np.nonzero(kissing(low[:, :-1], low[:, 1:], high[:, :-1], high[:, 1:]))
     parts.append(_repeated(above, n, edges[x + 1], np.zeros_like(x)))
     fours = windows(cells, 2, 2)
     codes = fours.codes.T + 1
-    corner = _kissing(held[codes[0], -1, -1], held[codes[1], -1, 0], held[codes[2], 0, -1], held[codes[3], 0, 0])
+    corner = kissing(held[codes[0], -1, -1], held[codes[1], -1, 0], held[codes[2], 0, -1], held[codes[3], 0, 0])
     (n,) = np.nonzero(corner)
     parts.append(_repeated(fours, n, np.zeros_like(n), np.zeros_like(n)))
     return joined([part.found(most) for part in parts], most)
-
-
-def _kissing(lower_left: Mask, lower_right: Mask, upper_left: Mask, upper_right: Mask) -> Mask:
-    rising = lower_left & upper_right & ~lower_right & ~upper_left
-    return rising | (lower_right & upper_left & ~lower_left & ~upper_right)
 
 
 def _repeated(seen: Windows, owners: Ints, x: Ints, y: Ints) -> Repeated:
@@ -496,7 +491,7 @@ def panel_results(die: Die, rules: DesignRules, most: int) -> tuple[RuleResult, 
         found.append(("space", space[0], "nm", _spaces(cells, *space, most)))
     if rules.no_corner_touch:
         found.append(("corner_touch", 0, "nm", kissing_corners(cells, most)))
-    shapes = [unit_shapes(die.panel, each).get(CLEAR, ()) for each in cells.held]
+    shapes = [unit_shapes(die.panel, cell).get(CLEAR, ()) for cell in cells.held]
     for name, limit, unit, rule in drawn_rules(rules):
         if name == "grid":
             found.append((name, limit, unit, _off_grid(cells, shapes, limit, die.origin_nm, most)))

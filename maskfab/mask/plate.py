@@ -172,7 +172,7 @@ def mirrored_panel(panel: Panel) -> Panel:
     tracks = tuple(
         track
         if track.turns
-        else replace(track, polygons=tuple(_mirrored_outline(each, panel.pitch_nm) for each in track.polygons))
+        else replace(track, polygons=tuple(_mirrored_outline(polygon, panel.pitch_nm) for polygon in track.polygons))
         for track in panel.tracks
     )
     return replace(panel, orientations=cells[:, ::-1], tracks=tracks)

@@ -17,7 +17,8 @@ from maskfab.base.model import CLEAR, Box, Die, Layer, Mark, Plate, Polygon, Qua
 from maskfab.base.units import NM_PER_UM
 from maskfab.job.process import Process
 from maskfab.job.sections import LimitsSection
-from maskfab.mask.layout import DBU_UM, layer_info, plate_layout, plate_names, region, simple_polygon
+from maskfab.mask.layout import DBU_UM, file_references, layer_info, plate_layout, plate_names, region, simple_polygon
+from maskfab.mask.marks import bounding_box
 from maskfab.mask.panel_rules import Narrowest, PanelCells, Tone, narrowest, panel_results
 from maskfab.mask.rule import DesignRules, RuleResult, counted_references, flat_results, merged
 
@@ -168,10 +169,11 @@ def check_plate(plate: Plate, rules: DesignRules, *, most: int = 16) -> tuple[Ru
     names = plate_names(plate)
     results += checked_names([names.top, *names.dies, *names.marks, *names.units.values()], rules)
     if rules.max_references is not None:
-        references = sum(_references(die) + 1 for die in plate.dies) + len(plate.marks)
-        results.append(counted_references(references, rules.max_references))
+        results.append(counted_references(file_references(plate), rules.max_references))
     if rules.extent_nm is not None:
-        results.append(checked_extent([*_clear_boxes(plate), *map(_box, marks)], rules.extent_nm))
+        results.append(
+            checked_extent([*_clear_boxes(plate), *(bounding_box([mark]) for mark in marks)], rules.extent_nm)
+        )
     return tuple(results)
 
 
@@ -179,7 +181,7 @@ def dies_apart(plate: Plate, reach_nm: int) -> bool:
     """Whether no die comes within reach of another, or of a mark."""
     marks = _written_marks(plate)
     dies = np.array([die.box_nm for die in plate.dies], dtype=np.int64).reshape(-1, 4)
-    every = np.concatenate([dies, np.array([_box(mark) for mark in marks], dtype=np.int64).reshape(-1, 4)])
+    every = np.concatenate([dies, np.array([bounding_box([mark]) for mark in marks], dtype=np.int64).reshape(-1, 4)])
     low = np.maximum(dies[:, None, :2], every[None, :, :2])
     high = np.minimum(dies[:, None, 2:], every[None, :, 2:])
     near = ((low - high) <= reach_nm).all(axis=2)
@@ -189,10 +191,6 @@ def dies_apart(plate: Plate, reach_nm: int) -> bool:
 
 def _written_marks(plate: Plate) -> list[Polygon]:
     return [polygon for mark in plate.marks if mark.layer.written for polygon in mark.polygons]
-
-
-def _references(die: Die) -> int:
-    return 1 if len(np.unique(die.panel.orientations)) == 1 else die.panel.orientations.size
 
 
 def _clear_boxes(plate: Plate) -> Iterator[Box]:
@@ -210,11 +208,6 @@ def _clear_boxes(plate: Plate) -> Iterator[Box]:
             boxes = (hulls[cells.codes.ravel()] + np.tile(cells.origins_nm + np.asarray(die.origin_nm), 2))[full]
             low, high = boxes.min(axis=0), boxes.max(axis=0)
             yield int(low[0]), int(low[1]), int(high[2]), int(high[3])
-
-
-def _box(polygon: Polygon) -> Box:
-    xs, ys = zip(*polygon, strict=True)
-    return min(xs), min(ys), max(xs), max(ys)
 
 
 def smallest_features(die: Die) -> tuple[Quantity, Quantity]:

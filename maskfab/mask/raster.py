@@ -49,13 +49,16 @@ def coverage(shapes: db.Region | Ints, x_edges_nm: Floats, y_edges_nm: Floats) -
         if not any(share.any() for _, share in placed):
             shares = _box_coverage(placed, x_edges.size, y_edges.size)
             return np.minimum(shares, 1.0, out=shares)
-        shapes = _region_of(shapes)
+        shapes = db.Region([db.Box(*box) for box in shapes.tolist()])
     merged = shapes if shapes.is_merged() else shapes.merged(True, 1)
     if _is_manhattan(merged):
         placed = _placed(to_boxes(merged), x_edges, y_edges)
         shares = _box_coverage(placed, x_edges.size, y_edges.size)
     else:
-        shares = _edge_coverage(_segments(merged), x_edges, y_edges)
+        # The region lies on the right hand of each edge.
+        edges = (edge for edge in merged.edges().each() if edge.y1 != edge.y2)
+        ends = (value for edge in edges for value in (edge.x1, edge.y1, edge.x2, edge.y2))
+        shares = _edge_coverage(np.fromiter(ends, dtype=np.float64).reshape(-1, 4), x_edges, y_edges)
     return np.clip(shares, 0.0, 1.0, out=shares)
 
 
@@ -173,13 +176,6 @@ def _turned(boxes: Ints, turn: db.Trans) -> Ints:
     return np.concatenate([corners.min(axis=0), corners.max(axis=0)], axis=1)
 
 
-def _region_of(boxes: Ints) -> db.Region:
-    region = db.Region()
-    for box in boxes.tolist():
-        region.insert(db.Box(*box))
-    return region
-
-
 def _locate(values: Floats | Ints, edges: Floats) -> Located:
     """Index of the cell that holds each value, and the position within it; beyond the grid, the nearer border."""
     values = np.clip(values.astype(np.float64), edges[0], edges[-1])
@@ -208,13 +204,6 @@ def _box_coverage(placed: list[Located], x_lines: int, y_lines: int) -> Floats:
     np.cumsum(sums, axis=0, out=sums)
     np.cumsum(sums, axis=1, out=sums)
     return sums[:-2, :-2]
-
-
-def _segments(region: db.Region) -> Floats:
-    """Non-horizontal edges x0, y0, x1, y1 of a region, with the region on the right hand of each."""
-    edges = (edge for edge in region.edges().each() if edge.y1 != edge.y2)
-    ends = (value for edge in edges for value in (edge.x1, edge.y1, edge.x2, edge.y2))
-    return np.fromiter(ends, dtype=np.float64).reshape(-1, 4)
 
 
 def _edge_coverage(segments: Floats, x_edges: Floats, y_edges: Floats) -> Floats:

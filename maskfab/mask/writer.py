@@ -32,7 +32,7 @@ from maskfab.base.errors import JobError
 from maskfab.base.model import Mark, Panel, Plate, frozen
 from maskfab.base.units import NM_PER_UM
 from maskfab.job.process import Process
-from maskfab.mask.layout import simple_polygon
+from maskfab.mask.layout import drawn_region
 from maskfab.mask.raster import coverage
 
 SIZED = ("cd", "resolution", "fiducial", "alignment", "parity", "code")
@@ -75,7 +75,7 @@ def check_bias(plate: Plate, bias_nm: int, where: str = "process.cd_bias") -> No
                     where=f"{where}, die {die.name}",
                     cure=f"Use larger dots, a wider gutter or none, or {cure}",
                 )
-    marks = sum((_region(mark) for mark in plate.marks if _sized(mark)), start=db.Region())
+    marks = sum((drawn_region(mark.polygons) for mark in plate.marks if _sized(mark)), start=db.Region())
     lost = _moved(_moved(marks, -bias_nm), bias_nm) ^ marks
     if not lost.is_empty():
         what = f"{data} lose a mark or close a gap of one at {_place(lost)}"
@@ -108,16 +108,12 @@ def _kept(plate: Plate) -> db.Region:
     kept = db.Region()
     for mark in plate.marks:
         if mark.layer.written and not _sized(mark):
-            kept += _region(mark)
+            kept += drawn_region(mark.polygons)
     return kept.merged(True, 1)
 
 
 def _sized(mark: Mark) -> bool:
-    return mark.layer.written and mark.kind in SIZED and bool(_region(mark).non_rectilinear().is_empty())
-
-
-def _region(mark: Mark) -> db.Region:
-    return db.Region([db.Polygon(simple_polygon(each)) for each in mark.polygons])
+    return mark.layer.written and mark.kind in SIZED and bool(drawn_region(mark.polygons).non_rectilinear().is_empty())
 
 
 ARC_SIDES = 64

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from klayout import db
 
-from maskfab.base.model import CLEAR, Box, Die, Mark, Plate, Point, Polygon
+from maskfab.base.model import CLEAR, Box, Die, Mark, Plate, Point
 from maskfab.base.units import NM_PER_MM, NM_PER_UM, to_nm
 from maskfab.job.order import Tone
 from maskfab.job.sections import DRAWING_KEYS, ExportSection, JobSpec
@@ -20,7 +20,8 @@ from maskfab.job.values import MASK_FORMATS, MEASURED_FORMATS, FileFormat
 from maskfab.mask.figures import MAX_VERTICES, Figures, Hierarchy, PolygonOptions, Shapes
 from maskfab.mask.formats.format import DrawingStyle
 from maskfab.mask.formats.table import FORMATS
-from maskfab.mask.layout import orientations_in_use, simple_polygon
+from maskfab.mask.layout import drawn_region, file_references
+from maskfab.mask.layout import references as references_in
 from maskfab.mask.marks import bounding_box, plate_template
 from maskfab.mask.outlines import Holes, hull_points, simple_pieces
 from maskfab.mask.plate import lies_on, snapped
@@ -43,7 +44,7 @@ def stencilled(mark: Mark, holes: Holes, narrowest_nm: int = 0) -> Mark:
     Returns:
         The mark itself where nothing has to be cut.
     """
-    whole = _region(mark.polygons).merged(True, 1)
+    whole = drawn_region(mark.polygons).merged(True, 1)
     kept, cut = _sorted_out(whole, holes)
     if cut.is_empty():
         return mark
@@ -117,7 +118,7 @@ def flashes(figures: Figures) -> int:
 
 
 def _all_bars(shapes: Shapes) -> int:
-    drawn = (_region(polygons) for layer, polygons in shapes.items() if layer.written)
+    drawn = (drawn_region(polygons) for layer, polygons in shapes.items() if layer.written)
     return sum(int(region.decompose_trapezoids_to_region().count()) for region in drawn)
 
 
@@ -147,7 +148,7 @@ def shared_edges(figures: Figures) -> tuple[Shared, ...]:
     for name, (owner, shapes) in named.items():
         for layer, polygons in shapes.items():
             if layer.written:
-                edges = _edges(_region(polygons))
+                edges = _edges(drawn_region(polygons))
                 found += [_shared(owner, name, edges)] if edges is not None else []
     for region in figures.merged.values():
         edges = _edges(region.dup())
@@ -201,10 +202,6 @@ def facing_dots(die: Die) -> int:
 def _drawn(figures: Figures) -> Iterator[Shapes]:
     for shapes in (*figures.cells.values(), *(mark.shapes for mark in figures.marks)):
         yield {layer: polygons for layer, polygons in shapes.items() if layer.written}
-
-
-def _region(polygons: tuple[Polygon, ...]) -> db.Region:
-    return db.Region([db.Polygon(simple_polygon(polygon)) for polygon in polygons])
 
 
 def fitted(plate: Plate, shop: Shop, tone: Tone = "clear") -> Plate:
@@ -337,10 +334,10 @@ def drawing_options(
         tone=tone,
     )
     most = shop.limits.max_references
-    if most is None or options.hierarchy != "cells" or _file_references(plate, paired=False) <= most:
+    if most is None or options.hierarchy != "cells" or file_references(plate) <= most:
         return options
-    if _file_references(plate, paired=True) <= most:
-        return replace(options, max_references=max(_references(die, paired=True) for die in plate.dies))
+    if file_references(plate, paired=True) <= most:
+        return replace(options, max_references=max(references_in(die, paired=True) for die in plate.dies))
     return options if hierarchy else replace(options, hierarchy="flat")
 
 
@@ -361,7 +358,7 @@ def written_formats(section: ExportSection, shop: Shop | None) -> tuple[FileForm
         return section.formats
     if shop is None:
         return MASK_FORMATS
-    layouts = [each for each in shop.formats if each in MEASURED_FORMATS]
+    layouts = [form for form in shop.formats if form in MEASURED_FORMATS]
     return (layouts[0],) if layouts else (MASK_FORMATS[0], shop.formats[0])
 
 
@@ -379,18 +376,6 @@ def written_options(plate: Plate, section: ExportSection, shop: Shop | None, ton
     noted = (each for each in written_formats(section, shop) if FORMATS[each].notes)
     lettered = taken is None or all(each in taken for each in noted)
     return replace(house, **{"holes": holes, "notes": "text" if lettered else "polygons", **stated})
-
-
-def _file_references(plate: Plate, *, paired: bool) -> int:
-    return sum(_references(die, paired=paired) + 1 for die in plate.dies) + len(plate.marks)
-
-
-def _references(die: Die, *, paired: bool) -> int:
-    """References inside a die, an array counting once."""
-    rows, columns = die.panel.orientations.shape
-    if len(orientations_in_use(die.panel)) == 1:
-        return 1
-    return int(rows * (columns // 2 + columns % 2) if paired else rows * columns)
 
 
 def _corner_squares(shop: Shop) -> tuple[Mark, ...]:

@@ -36,7 +36,7 @@ from maskfab.mask.houses.adaptation import (
 from maskfab.mask.houses.findings import Finding, PlateFacts, check_shop, sourced
 from maskfab.mask.houses.order import check_ordered
 from maskfab.mask.judge.verdict import Asked, asked
-from maskfab.mask.layout import plate_layout, simple_polygon
+from maskfab.mask.layout import drawn_region, plate_layout
 
 _ROUNDING = 1e-9
 
@@ -151,7 +151,7 @@ def dot_edges(
         _of_marks([mark for mark in marks if mark.kind == "cd"], "CD structures", judged=True),
         _of_marks([mark for mark in marks if mark.kind != "cd"], "other marks", judged=False),
     ]
-    found = tuple(each.error(grid) for each in edges if each.places_nm.size)
+    found = tuple(edge.error(grid) for edge in edges if edge.places_nm.size)
     limit, by = _limit(plate, spec, shop)
     judged = np.concatenate([np.empty(0, dtype=np.int64), *(each.places_nm for each in edges if each.judged)])
     return DotEdges(dpi, found, limit, by, _even_dpi(judged, plate, dpi))
@@ -231,9 +231,9 @@ def _of_die(die: Die) -> _Edges:
 
 
 def _of_marks(marks: Sequence[Mark], of: str, *, judged: bool) -> _Edges:
-    drawn = db.Region([db.Polygon(simple_polygon(polygon)) for mark in marks for polygon in mark.polygons])
+    drawn = drawn_region(polygon for mark in marks for polygon in mark.polygons)
     edges = [each for each in drawn.merged(True, 1).edges().each() if each.x1 == each.x2 or each.y1 == each.y2]
-    places = np.array([each.x1 if each.x1 == each.x2 else each.y1 for each in edges], dtype=np.int64)
+    places = np.array([edge.x1 if edge.x1 == edge.x2 else edge.y1 for edge in edges], dtype=np.int64)
     return _Edges(of, None, judged, places, np.array([each.length() for each in edges], dtype=np.float64))
 
 
@@ -359,7 +359,7 @@ def check_stated(dpi: int | None, formats: Sequence[FileFormat]) -> None:
     Raises:
         JobError: MF105.
     """
-    asked = [each for each in formats if each in PLATE_BITMAPS]
+    asked = [form for form in formats if form in PLATE_BITMAPS]
     if asked and dpi is None:
         raise JobError(
             "MF105",
@@ -375,7 +375,7 @@ def check_polygons(spec: JobSpec, formats: Sequence[FileFormat], where: str) -> 
     Raises:
         JobError: MF128.
     """
-    dots = [each for each in formats if each in (*PLATE_BITMAPS, *PICTURES)]
+    dots = [form for form in formats if form in (*PLATE_BITMAPS, *PICTURES)]
     if spec.data_bias_nm and dots:
         raise JobError(
             "MF128",

@@ -25,7 +25,7 @@ from maskfab.mask.figures import Figures, PolygonOptions, draw
 from maskfab.mask.formats import table
 from maskfab.mask.houses import adaptation
 from maskfab.mask.houses.adaptation import Blank, drawing_options, drawing_style, extent_nm, kept_grid_nm, written_box
-from maskfab.mask.layout import plate_layout, plate_names, region, simple_polygon
+from maskfab.mask.layout import drawn_region, plate_layout, plate_names, region
 from maskfab.mask.marks import PlateTemplate, plate_template, template_names
 from maskfab.mask.panel_rules import Narrowest, Tone, narrowest
 from maskfab.mask.plate_rules import FINE_ON_PURPOSE, Smallest, check_plate, dies_apart, smallest_of_plate
@@ -151,12 +151,12 @@ def answer_of(findings: Sequence[Finding]) -> Taken:
     """Whether a house takes a plate, as far as it publishes what it takes."""
     if not accepted(findings):
         return "does not"
-    return "ask first" if any(each.question for each in findings) else "takes it"
+    return "ask first" if any(finding.question for finding in findings) else "takes it"
 
 
 def mail_of(plate: str, findings: Sequence[Finding]) -> str:
     """The questions to a house as one text to paste into a mail; empty where there are none."""
-    asked = [each.question for each in findings if each.question]
+    asked = [finding.question for finding in findings if finding.question]
     if not asked:
         return ""
     numbered = [f"{number}. {question}" for number, question in enumerate(asked, 1)]
@@ -235,7 +235,7 @@ def check_written(
         *unwritten,
         *_of_names(plate.name, cells, [*layers, *texted], shop),
     )
-    return sourced((_as_written(each, shop) for each in findings), shop)
+    return sourced((_as_written(finding, shop) for finding in findings), shop)
 
 
 def _texted(plate: Plate, shop: Shop, sent: Sequence[ShopFormat]) -> list[Layer]:
@@ -246,13 +246,13 @@ def _texted(plate: Plate, shop: Shop, sent: Sequence[ShopFormat]) -> list[Layer]
 def _unit_texts(plate: Plate, shop: Shop, sent: Sequence[ShopFormat]) -> list[ShopFormat]:
     """Drawings that name their unit in a line of text."""
     versions = drawing_style(plate, shop).unit_text
-    return [each for each in sent if each.startswith("dxf") and each.removeprefix("dxf_").upper() in versions]
+    return [form for form in sent if form.startswith("dxf") and form.removeprefix("dxf_").upper() in versions]
 
 
 def sourced(findings: Iterable[Finding], shop: Shop) -> tuple[Finding, ...]:
     """The findings with the pages on which the house publishes its rules."""
     source = " ".join(shop.sources)
-    return tuple(replace(each, source=source) for each in findings)
+    return tuple(replace(finding, source=source) for finding in findings)
 
 
 def _as_written(finding: Finding, shop: Shop) -> Finding:
@@ -274,20 +274,20 @@ def _of_files(
     shop: Shop, plate: Plate, sent: Sequence[ShopFormat], tone: DataTone, *, noted: bool
 ) -> Iterator[Finding]:
     known = shop.accepts.formats
-    for each in sent:
+    for form in sent:
         if known is None:
             ruled = shop.accepts.ruled
-            if each in ruled:
-                yield Finding("format", True, each, f"{' '.join(ruled)}, of which its rules speak,")
+            if form in ruled:
+                yield Finding("format", True, form, f"{' '.join(ruled)}, of which its rules speak,")
                 continue
             about = "" if not ruled else f", and its rules speak of {' '.join(ruled)}"
             cure = f"The house publishes no list of formats{about}"
-            question = f"Do you take {table.FORMATS[each].title} files? If not, which formats do you take?"
-            yield Finding("format", None, each, None, cure=cure, question=question)
+            question = f"Do you take {table.FORMATS[form].title} files? If not, which formats do you take?"
+            yield Finding("format", None, form, None, cure=cure, question=question)
         else:
-            taken = each in known
+            taken = form in known
             cure = "" if taken else f"Send {known[0]}"
-            yield Finding("format", taken, each, " ".join(known), cure=cure)
+            yield Finding("format", taken, form, " ".join(known), cure=cure)
     tones, words = shop.order.tones, " ".join(shop.order.tones)
     cure = "" if tone in tones else f'Set tone = "{tones[0]}" in [order], or choose another house'
     yield Finding("tone", tone in tones, tone, words, cure=cure)
@@ -301,7 +301,7 @@ def _of_files(
 
 def _of_texts(shop: Shop, plate: Plate, sent: Sequence[ShopFormat], *, noted: bool) -> Iterator[Finding]:
     lines = _unit_texts(plate, shop, sent)
-    texted = [each for each in sent if each in lines or (noted and table.FORMATS[each].notes)]
+    texted = [form for form in sent if form in lines or (noted and table.FORMATS[form].notes)]
     rules, known = shop.text, shop.accepts.formats
     if rules.allowed_in is not None:
         lettered = [each for each in texted if each not in rules.allowed_in]
@@ -417,8 +417,7 @@ def _of_features(
     coarse = None
     if figures is not None and biased:
         fine = (mark for mark in figures.plate.marks if mark.kind in FINE_ON_PURPOSE and mark.layer.written)
-        left_out = [db.Polygon(simple_polygon(polygon)) for mark in fine for polygon in mark.polygons]
-        coarse = _biased_clear(figures) - db.Region(left_out)
+        coarse = _biased_clear(figures) - drawn_region(polygon for mark in fine for polygon in mark.polygons)
     least = limits.min_feature_um
     apart = limits.min_space_um if limits.min_space_um is not None else least
     wanted: tuple[tuple[str, Tone, float | None], ...] = (
@@ -636,7 +635,7 @@ def _of_names(plate: str, cells: Sequence[str], used: Sequence[Layer], shop: Sho
     called = {shop.layer_names[layer.name]: layer.name for layer in used}
     layers = list(called)
     if rules.pattern is not None:
-        yield _names("name", rules.pattern, [each for each in every if not re.fullmatch(rules.pattern, each)])
+        yield _names("name", rules.pattern, [name for name in every if not re.fullmatch(rules.pattern, name)])
     if rules.max_length is not None:
         limit = f"at most {rules.max_length} characters"
         yield _names("name", limit, [each for each in every if len(each) > (rules.max_length or 0)])

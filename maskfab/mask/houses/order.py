@@ -73,7 +73,7 @@ class Order:
     @property
     def missing(self) -> tuple[Answer, ...]:
         """Lines that nobody has answered, and that no house can do without."""
-        return tuple(each for each in self.answers if each.source == "nobody")
+        return tuple(answer for answer in self.answers if answer.source == "nobody")
 
 
 def order_of(spec: JobSpec, plate: Plate, shop: Shop, corner_touches: int = 0) -> Order:
@@ -248,7 +248,7 @@ def check_ordered(
     touches = (None if spec.order is None else spec.order.corner_touches) or shop.order.default.corner_touches
     cure = f"By the order they must {touches}"
     offers = (*check_offers(spec, plate, shop), *unpublished(spec, drawn, shop, facts or PlateFacts()))
-    twice = {"glass"} if any(each.rule == "order_thickness" for each in offers) else set()
+    twice = {"glass"} if any(offer.rule == "order_thickness" for offer in offers) else set()
     known = (
         replace(each, cure=cure) if each.rule == "corner_touches" and each.passed is None and touches else each
         for each in found
@@ -429,7 +429,7 @@ class OrderForm:
     @property
     def questions(self) -> tuple[Question, ...]:
         """Lines without an answer, in the order of the sheet."""
-        return tuple(self._question(each) for each in self.order.missing)
+        return tuple(self._question(answer) for answer in self.order.missing)
 
     @property
     def refused(self) -> tuple[Finding, ...]:

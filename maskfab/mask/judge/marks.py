@@ -150,7 +150,9 @@ class Mark:
 
     @property
     def box(self) -> Ints:
-        points = np.concatenate([self.boxes.reshape(-1, 2), *(np.array(each).reshape(-1, 2) for each in self.polygons)])
+        points = np.concatenate(
+            [self.boxes.reshape(-1, 2), *(np.array(polygon).reshape(-1, 2) for polygon in self.polygons)]
+        )
         return np.concatenate([points.min(axis=0), points.max(axis=0)])
 
 
@@ -472,7 +474,7 @@ def mirrored(mark: Mark) -> Mark:
 
 def on_grid(mark: Mark, grid: int) -> Mark:
     """The mark with every corner on the nearest line of a grid, the upper of two that are equally near."""
-    polygons = tuple(tuple((nearest(x, grid), nearest(y, grid)) for x, y in each) for each in mark.polygons)
+    polygons = tuple(tuple((nearest(x, grid), nearest(y, grid)) for x, y in polygon) for polygon in mark.polygons)
     return replace(mark, boxes=nearest(mark.boxes, grid), polygons=polygons)
 
 

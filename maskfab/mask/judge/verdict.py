@@ -240,7 +240,7 @@ def _die_of(boxes: Ints, dies: Sequence[AskedDie]) -> Ints:
     for axis, middle in ((k, (boxes[:, k] + boxes[:, k + 2]) / 2) for k in (0, 1)):
         lines.append(np.unique([die.centre[axis] for die in dies]))
         nearest.append(np.searchsorted((lines[axis][1:] + lines[axis][:-1]) / 2, middle))
-    number = np.full([len(each) for each in lines], len(dies))
+    number = np.full([len(line) for line in lines], len(dies))
     for count, die in enumerate(dies):
         number[tuple(np.searchsorted(lines[axis], die.centre[axis]) for axis in (0, 1))] = count
     guess = number[nearest[0], nearest[1]]

@@ -125,8 +125,8 @@ class Package:
     @property
     def refused_by(self) -> tuple[str, ...]:
         """Names of the rules that are broken, and of the checks of the files that fail."""
-        rules = [each.rule for each in self.findings if each.passed is False]
-        return tuple(dict.fromkeys((*rules, *(each.name for each in self.checks if each.passed is False))))
+        rules = [finding.rule for finding in self.findings if finding.passed is False]
+        return tuple(dict.fromkeys((*rules, *(check.name for check in self.checks if check.passed is False))))
 
 
 def pack(
@@ -162,9 +162,9 @@ def pack(
     sent = tuple(dict.fromkeys(formats)) or tuple(each for each in shop.formats if each in PACKED)[:1]
     _check_target(zipped, force=force)
     check_earlier(zipped, revision)
-    for each in sent:
-        if each not in PACKED:
-            raise JobError("MF105", f"a package holds no {each}", cure=f"Choose among {', '.join(PACKED)}")
+    for form in sent:
+        if form not in PACKED:
+            raise JobError("MF105", f"a package holds no {form}", cure=f"Choose among {', '.join(PACKED)}")
     if "gerber" in sent:
         require_gerbonara(zipped.name, where="format", cure="choose other formats")
     plate = fitted(whole, shop, job.spec.tone)
@@ -216,7 +216,9 @@ def as_measured(findings: Sequence[Finding], shop: Shop, boxes: Sequence[Box]) -
     if asked is None or not boxes:
         return tuple(findings)
     judged = sorted((extent(box, asked) for box in boxes), key=lambda each: bool(each.passed))
-    return tuple(replace(judged[0], source=each.source) if each.rule == "extent" else each for each in findings)
+    return tuple(
+        replace(judged[0], source=finding.source) if finding.rule == "extent" else finding for finding in findings
+    )
 
 
 @contextmanager
@@ -327,7 +329,7 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
         formats = tuple(kinds[file.path] for file in sent)
         edges = drawn.edges if set(PLATE_BITMAPS) & set(formats) else None
         findings = check_package(made.spec, whole, house, formats)
-        checks += [each.quantity(house.name) for each in findings if each.passed is False]
+        checks += [finding.quantity(house.name) for finding in findings if finding.passed is False]
         findings = as_measured(findings, house, tuple(boxes.values()))
         ordered = MaskOrder(
             made, house, drawn.figures, signature, findings, tuple(readings), formats, tuple(sent), edges
@@ -433,7 +435,7 @@ def read_written(drawn: PlateFiles, path: Path, *, dots: bool = True) -> tuple[B
     rows = compare_mask(drawn, read, path, dots=dots).quantities()
     if CUT in drawn.figures.layers and form.layers == "one":
         # Its reader takes the holes away, so that polygons are no longer those that were drawn.
-        return box, tuple(each for each in rows if each.name != "polygons")
+        return box, tuple(row for row in rows if row.name != "polygons")
     return box, rows
 
 
@@ -490,17 +492,17 @@ class Bid:
     @property
     def refusals(self) -> tuple[Finding, ...]:
         """Rules that the plate breaks."""
-        return tuple(each for each in self.findings if each.passed is False)
+        return tuple(finding for finding in self.findings if finding.passed is False)
 
     @property
     def asked(self) -> tuple[Finding, ...]:
         """Rules on which the house publishes nothing and has to be asked."""
-        return tuple(each for each in self.findings if each.question)
+        return tuple(finding for finding in self.findings if finding.question)
 
     @property
     def agreed(self) -> tuple[Finding, ...]:
         """Questions to agree with the house before it starts."""
-        left = (each for each in self.findings if each.passed is None)
+        left = (finding for finding in self.findings if finding.passed is None)
         return tuple(each for each in left if each.rule != "corner_touches" or each.rule in self.blanks)
 
 
@@ -532,7 +534,7 @@ def _bid(spec: JobSpec, plate: Plate, shop: Shop, facts: PlateFacts, files: _Fil
     if accepted(findings):
         box, faults = files.read(drawn, shop, options, sent)
         findings = (*as_measured(findings, shop, () if box is None else (box,)), *faults)
-    touches = next((int(each.value) for each in findings if each.rule == "corner_touches"), 0)
+    touches = next((int(finding.value) for finding in findings if finding.rule == "corner_touches"), 0)
     blanks = tuple(line.key for line in order_of(spec, drawn, shop, touches).missing)
     changes = tuple(_changes(drawn, shop, options, sent))
     return Bid(shop.name, shop.title, sent, findings, changes, blanks, mail_of(drawn.name, findings))
@@ -575,7 +577,7 @@ class _Files:
             path.unlink()
         except InputError as error:
             return None, (Finding("drawing", False, error.what, None, cure=error.cure),)
-        failed = [each for each in rows if each.passed is False]
+        failed = [row for row in rows if row.passed is False]
         if not failed:
             return box, ()
         cure = "This is a fault of maskfab's own, not of the plate: please report it with the job"

@@ -319,12 +319,12 @@ def order_sheet(
     smallest = smallest_of_plate(figures.plate)
     answers["min_cd_and_location"] = _smallest(figures.plate, smallest)
     groups[_DATA] = [(_LABELS[each], answers[each]) for each in fields]
-    groups[_DATA] += [(f"smallest, {each.of}", str(each)) for each in smallest]
+    groups[_DATA] += [(f"smallest, {kind.of}", str(kind)) for kind in smallest]
     if edges is not None:
         dots = f"{edges.dpi} dpi; 1 (white) is digitized data, as seen on the chrome side"
         groups[_DATA] += [("plotter's dots", dots), ("edges of the bitmap", edges.said())]
-    for each in order.answers:
-        groups[_heading(each.key)].append((each.label, each.text))
+    for answer in order.answers:
+        groups[_heading(answer.key)].append((answer.label, answer.text))
     groups[_MADE] += _promised(shop)
     if questions:
         groups[_ASKED] = [(str(number), each) for number, each in enumerate(questions, 1)]
@@ -363,7 +363,7 @@ def _answers(
     written = names[drawn_on.name]
     layers = f"{written} minus {names[CUT.name]}" if cut else written
     numbers = f"{drawn_on.number}/{drawn_on.datatype}" + (f", {CUT.number}/{CUT.datatype}" if cut else "")
-    drawn = any(each.startswith("dxf") for each in formats)
+    drawn = any(form.startswith("dxf") for form in formats)
     unit, grid = shop.accepts.drawing_unit or "um", kept_grid_nm(plate, shop)
     return {
         "mask_name": f"{plate.name} ({plate.title}), layer {written}",
@@ -382,8 +382,8 @@ def _answers(
 
 def _smallest(plate: Plate, smallest: Sequence[Smallest]) -> str:
     """The narrowest that has to be held, which is not what is measured: CD structures are as wide as dots."""
-    held = [each for each in smallest if not each.fine]
-    least = min((each.least_um for each in held), default=math.inf)
+    held = [kind for kind in smallest if not kind.fine]
+    least = min((kind.least_um for kind in held), default=math.inf)
     narrowest = f"{least:.6g} um, clear or chrome" if math.isfinite(least) else "nothing narrow"
     gauge = min(plate.gauges, key=lambda each: each.target_nm, default=None)
     if gauge is None:
@@ -482,7 +482,7 @@ class MaskOrder:
     @property
     def order(self) -> Order:
         """The order to the house."""
-        touches = (each.value for each in self.findings if each.rule == "corner_touches")
+        touches = (finding.value for finding in self.findings if finding.rule == "corner_touches")
         return order_of(self.job.spec, self.figures.plate, self.shop, int(next(touches, 0)))
 
 
@@ -491,7 +491,7 @@ def papers(ordered: MaskOrder) -> dict[str, bytes]:
     plate, shop = ordered.figures.plate, ordered.shop
     order = ordered.order
     # Corners that meet have a line of their own.
-    asked = (each for each in ordered.findings if each.rule != "corner_touches")
+    asked = (finding for finding in ordered.findings if finding.rule != "corner_touches")
     remarks = [
         _remark(each)
         for each in asked
@@ -501,7 +501,7 @@ def papers(ordered: MaskOrder) -> dict[str, bytes]:
     questions = [each.question for each in ordered.findings if each.question]
     sheet = order_sheet(order, ordered.figures, shop, ordered.sent, files, remarks, ordered.edges, questions)
     revision = next(each.text for each in order.answers if each.key == "revision")
-    bias = [each.text for each in order.answers if each.key == "bias" and ordered.job.spec.data_bias_nm]
+    bias = [answer.text for answer in order.answers if answer.key == "bias" and ordered.job.spec.data_bias_nm]
     notes = (f"for {shop.title}", f"revision: {revision}", order.tone, order.parity, *bias, ordered.signature)
     reads_up = not ordered.job.spec.mirrored
     return {
@@ -639,8 +639,10 @@ def _certificate(ordered: MaskOrder) -> dict[str, Any]:
         "verdict": "pass",
         "tone": ordered.order.tone,
         "parity": ordered.order.parity,
-        "order": {each.key: each.text for each in ordered.order.answers},
+        "order": {answer.key: answer.text for answer in ordered.order.answers},
         "files": [vars(file) for file in ordered.masks],
-        "rules": [{key: value for key, value in vars(each).items() if key != "source"} for each in ordered.findings],
-        "checks": [{key: value for key, value in vars(each).items() if value is not None} for each in ordered.checks],
+        "rules": [
+            {key: value for key, value in vars(finding).items() if key != "source"} for finding in ordered.findings
+        ],
+        "checks": [{key: value for key, value in vars(check).items() if value is not None} for check in ordered.checks],
     }
