@@ -119,8 +119,8 @@ class Forecast:
     def __str__(self) -> str:
         lines = [f"{'stage':12}  {'tasks':>5}  {'kept':>5}  {'seconds':>8}  {'MB':>6}"]
         for stage in self.stages:
-            kept = "?" if stage.kept is None else str(stage.kept)
-            row = f"{stage.name:12}  {stage.tasks:5}  {kept:>5}  {stage.seconds:8.2f}  {stage.bytes / 1e6:6.0f}"
+            ready = "?" if stage.kept is None else str(stage.kept)
+            row = f"{stage.name:12}  {stage.tasks:5}  {ready:>5}  {stage.seconds:8.2f}  {stage.bytes / 1e6:6.0f}"
             lines.append(f"{row}  {stage.note}".rstrip())
         lines.append(f"{'total':12}  {'':5}  {'':5}  {self.seconds:8.2f}  {self.bytes / 1e6:6.0f}")
         if self.whole:
@@ -182,7 +182,7 @@ def dry_run(job: Job, out: Path, *, force: bool = False, cache: Store | None = N
     tolerance = executor.stage("tolerance")
     if laid.kept != laid.tasks:
         photographed = (optics, scenes, process, tolerance)
-        optics, scenes, process, tolerance = (replace(each, kept=None, note=_AFTER_DISPLAYS) for each in photographed)
+        optics, scenes, process, tolerance = (replace(part, kept=None, note=_AFTER_DISPLAYS) for part in photographed)
     amounts, drawings = Amounts.of(made), _figures(job, plate)
     stages = (
         _own("layout", 1, 0.1 + 0.01 * len(plate.dies), pace),
@@ -235,10 +235,10 @@ class _ForecastExecutor(SerialExecutor):
         Raises:
             _NotKeptError: if it is not.
         """
-        kept = self._look(function, given)
-        if kept is None:
+        entry = self._look(function, given)
+        if entry is None:
             raise _NotKeptError
-        return cast(Found, kept[0])
+        return cast(Found, entry[0])
 
     def submit(self, function: Callable[..., Found], given: ArgumentsFactory) -> Task[Found]:
         """A task that nobody may ask for its finding."""
@@ -255,32 +255,32 @@ class _ForecastExecutor(SerialExecutor):
         Raises:
             _NotKeptError: if one is not.
         """
-        found = [self._look(function, given()) for function, given in calls]
-        if any(each is None for each in found):
+        entries = [self._look(function, given()) for function, given in calls]
+        if any(entry is None for entry in entries):
             raise _NotKeptError
-        return [_done(each[0]) for each in found if each is not None]
+        return [_done(entry[0]) for entry in entries if entry is not None]
 
     def stage(self, name: str) -> Stage:
         """Everything that was asked since the last stage."""
         seen, self._seen = self._seen, []
-        kept = sum(each for each, _, _ in seen)
-        seconds = sum(took for each, took, _ in seen if not each)
-        return Stage(name, len(seen), kept, seconds, max((held for _, _, held in seen), default=0.0) + HELD)
+        count = sum(is_kept for is_kept, _, _ in seen)
+        seconds = sum(took for is_kept, took, _ in seen if not is_kept)
+        return Stage(name, len(seen), count, seconds, max((held for _, _, held in seen), default=0.0) + HELD)
 
     def _look(self, function: Callable[..., Any], given: tuple[Any, ...]) -> Any:
-        kept = None
+        value = None
         if self._cache is not None:
             with suppress(TypeError):
                 entry = self._cache.get(origin_of(function, *given), kind_of(function))
-                kept = (entry.value,) if isinstance(entry, KeptFinding) else None
-        held = task_bytes(function, given) if kept is None else 0.0
-        self._seen.append((kept is not None, self._pace.seconds(function, given), held))
-        return kept
+                value = (entry.value,) if isinstance(entry, KeptFinding) else None
+        held = task_bytes(function, given) if value is None else 0.0
+        self._seen.append((value is not None, self._pace.seconds(function, given), held))
+        return value
 
 
-def _done(found: Found) -> Task[Found]:
+def _done(finding: Found) -> Task[Found]:
     """A task whose finding is known."""
-    return Task(lambda: found, tuple, lambda task: not task.ended)
+    return Task(lambda: finding, tuple, lambda task: not task.ended)
 
 
 # What this machine takes for it.
@@ -310,8 +310,8 @@ class Pace:
         if not took:
             return cls(probe() / PROBE_S, {}, "by constants, and a probe of this machine")
         number = sum(map(len, took.values()))
-        of_kind = {what: _ratio(each) for what, each in took.items()}
-        every = [pair for each in took.values() for pair in each]
+        of_kind = {what: _ratio(pairs) for what, pairs in took.items()}
+        every = [pair for pairs in took.values() for pair in pairs]
         return cls(_ratio(every), of_kind, f"by {number} earlier tasks on this machine")
 
     def seconds(self, function: Callable[..., Any], given: tuple[Any, ...]) -> float:
@@ -405,14 +405,14 @@ def _files_s(made: PlateFiles, amounts: Amounts, way: int) -> float:
     total = 0.0
     for product in made.products:
         cost = next((cost for ending, cost in _FILES.items() if product.name.endswith(ending)), _OTHER)
-        each = (cost.vertex[way], cost.reference[way], cost.drawn[way])
-        total += cost.file[way] + sum(one * amount for one, amount in zip(each, counted, strict=True))
+        costs = (cost.vertex[way], cost.reference[way], cost.drawn[way])
+        total += cost.file[way] + sum(one * amount for one, amount in zip(costs, counted, strict=True))
     return total
 
 
 def _ratio(pairs: Iterable[tuple[float, float]]) -> float:
-    known = list(pairs)
-    return sum(seconds for seconds, _ in known) / sum(expected_s for _, expected_s in known)
+    measured = list(pairs)
+    return sum(seconds for seconds, _ in measured) / sum(expected_s for _, expected_s in measured)
 
 
 def probe() -> float:

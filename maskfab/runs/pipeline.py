@@ -132,17 +132,17 @@ def _make(
             restored = photographs.result(progress, clock.seconds)
             with clock.stage("tolerance"), report_cache_hits("tolerance", executor, progress):
                 changes = expand_photographs(job, seen, progress, clock.seconds, executor)
-            found = PlateFindings(job, built, read, optics, scenes, restored, written, changes, measured)
-            report = found.report(files, clock.seconds)
+            findings = PlateFindings(job, built, read, optics, scenes, restored, written, changes, measured)
+            report = findings.report(files, clock.seconds)
             with clock.stage("figures"), report_cache_hits("figures", executor, progress):
-                overview, pictures = draw_pictures(found, found.document(report), executor, progress)
-            document = found.document(report)
+                overview, pictures = draw_pictures(findings, findings.document(report), executor, progress)
+            document = findings.document(report)
             (folder / OVERVIEW).write_bytes(overview)
             (folder / REPORT).write_text(report_data.report_text(document), encoding="utf-8")
             (folder / PAGE).write_text(page.html_page(document, pictures), encoding="utf-8")
             write_manifest(job, files, folder)
             accounts = executor.accounts if isinstance(executor, CachingExecutor) else ()
-            result = _Made(report, found.verdicts(report), executor.tally, accounts, back.quantities)
+            result = _Made(report, findings.verdicts(report), executor.tally, accounts, back.quantities)
             (folder / TIMES).write_text(times_text(job.digest, clock.seconds, result.accounts), encoding="utf-8")
             if cache is not None:
                 keep_result(cache, origin_of_run(job, measured), folder, result, _Made)
@@ -177,19 +177,19 @@ def _taken(job: Job, folder: Path, cache: Store, measured: Beside | None, progre
     lost, damaged, or not what they were."""
     clock, origin = _Clock(), origin_of_run(job, measured)
     with clock.stage(TAKEN):
-        kept = give_result(cache, origin, folder, _Made)
-    if kept is None:
+        entry = give_result(cache, origin, folder, _Made)
+    if entry is None:
         return None
     with clock.stage("read back"), executor_of(job, cache) as executor:
         # What is handed out is judged as it lies there, whoever wrote it.
         plate = displays(job, executor=executor).plate
         back = read_own(draw_files(job, plate), folder, progress)
-    made: _Made = kept.value
+    made: _Made = entry.value
     if back.quantities != made.read:
         for path in folder.iterdir():
             path.unlink()
         return None
-    accounts = tuple(replace(each, kept=True, refused=None) for each in made.accounts)
+    accounts = tuple(replace(account, kept=True, refused=None) for account in made.accounts)
     (folder / TIMES).write_text(times_text(job.digest, clock.seconds, accounts), encoding="utf-8")
     progress("run taken from the cache", 1, 1)
     return replace(made, report=replace(made.report, seconds=clock.seconds), taken=(1, 1), accounts=accounts)

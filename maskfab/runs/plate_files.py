@@ -175,12 +175,12 @@ def shop_quantities(job: Job, made: PlateFiles) -> tuple[Quantity, ...]:
     shop = named_shop(job)
     if shop is None:
         return ()
-    found = check_written(made.figures, shop, made.formats, ordered_blank(job.spec))
+    broken = check_written(made.figures, shop, made.formats, ordered_blank(job.spec))
     # What dots do to edges are rows of their own, with or without a house.
     plotter = check_plotter(made.plate, job.spec, shop, made.formats)
-    dots = (each for each in plotter if each.rule != "edge_error")
+    dots = (row for row in plotter if row.rule != "edge_error")
     return tuple(
-        each.quantity(shop.name) for each in check_ordered((*found, *dots), job.spec, made.plate, made.plate, shop)
+        row.quantity(shop.name) for row in check_ordered((*broken, *dots), job.spec, made.plate, made.plate, shop)
     )
 
 

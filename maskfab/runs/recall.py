@@ -54,12 +54,12 @@ class CachingExecutor(SerialExecutor):
     @property
     def tally(self) -> tuple[int, int]:
         """Findings that were kept, and all findings, so far."""
-        return sum(each is not None and each.kept for each in self._accounts), len(self._accounts)
+        return sum(account is not None and account.kept for account in self._accounts), len(self._accounts)
 
     @property
     def accounts(self) -> tuple[Account, ...]:
         """Where every finding comes from that can be kept, so far."""
-        return tuple(each for each in self._accounts if each is not None)
+        return tuple(account for account in self._accounts if account is not None)
 
     def run(self, function: Callable[..., Found], *given: Any) -> Found:
         """Return the finding of a function of a module, now and here."""
@@ -75,7 +75,7 @@ class CachingExecutor(SerialExecutor):
         done: Callable[[int], None] = lambda _: None,
     ) -> list[Task[Found]]:
         """Tasks that have ended, in the order of the calls."""
-        tasks = self._executor.run_all([(partial(self._recall, each), given) for each, given in calls], done)
+        tasks = self._executor.run_all([(partial(self._recall, function), given) for function, given in calls], done)
         unwrapped = [_Unwrapped(task, self._unwrap) for task in tasks]
         for task in unwrapped:
             task.result()
@@ -112,15 +112,15 @@ def recalled(store: Store, expected: Expected | None, function: Callable[..., Fo
         origin, kind = origin_of(function, *given), kind_of(function)
     except TypeError:
         return Recalled(function(*given), None)
-    kept, die = store.get(origin, kind), _die_of(given)
-    if isinstance(kept, KeptFinding):
-        return Recalled(kept.value, Account(origin.what, die, True, kept.since, kept.version, origin.key))
+    entry, die = store.get(origin, kind), _die_of(given)
+    if isinstance(entry, KeptFinding):
+        return Recalled(entry.value, Account(origin.what, die, True, entry.since, entry.version, origin.key))
     begun = time.thread_time()
-    found = function(*given)
+    finding = function(*given)
     took = time.thread_time() - begun
-    since = store.put(origin, found, kind, took, None if expected is None else expected(function, given))
-    refused = kept.why if isinstance(kept, Refused) else None
-    return Recalled(found, Account(origin.what, die, False, since, __version__, origin.key, refused))
+    since = store.put(origin, finding, kind, took, None if expected is None else expected(function, given))
+    refused = entry.why if isinstance(entry, Refused) else None
+    return Recalled(finding, Account(origin.what, die, False, since, __version__, origin.key, refused))
 
 
 def origin_of(function: Callable[..., Any], *given: object) -> Origin:
@@ -151,8 +151,8 @@ def _stated_kind(function: Callable[..., Any]) -> Any:
 
 def _die_of(given: tuple[Any, ...]) -> str | None:
     """Name of the die that arguments are about; None if they name none."""
-    for each in given:
-        named = each if isinstance(each, Die | str) else getattr(each, "die", None)
+    for argument in given:
+        named = argument if isinstance(argument, Die | str) else getattr(argument, "die", None)
         if isinstance(named, Die | str):
             return named if isinstance(named, str) else named.name
     return None

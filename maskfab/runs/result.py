@@ -233,7 +233,7 @@ class PlateFindings:
     def _expected_s(self) -> dict[str, dict[str, float]]:
         """Seconds that the models of every die are expected to take, by constants: equal runs tell equal numbers."""
         around = Surroundings.of(self.job)
-        known: dict[str, dict[str, float]] = {}
+        seconds_of: dict[str, dict[str, float]] = {}
         for optics in self.optics:
             die = optics.die
             models = {
@@ -241,14 +241,14 @@ class PlateFindings:
                 "written": expected(measure_written, ()) if die.name in self.written else None,
                 "photographs": expected(photograph_die, (self.restored.conditions, around)),
             }
-            known[die.name] = {name: seconds for name, seconds in models.items() if seconds}
-        return known
+            seconds_of[die.name] = {name: seconds for name, seconds in models.items() if seconds}
+        return seconds_of
 
     def _of_dies(self) -> dict[str, Document]:
         """The measurement, by the die that it is of."""
         names = () if self.measured is None else [die.name for die in self.plate.dies]
-        told = {name: self.measured.of_die(name, self.job.digest) for name in names if self.measured is not None}
-        return {name: document for name, document in told.items() if document is not None}
+        documents = {name: self.measured.of_die(name, self.job.digest) for name in names if self.measured is not None}
+        return {name: document for name, document in documents.items() if document is not None}
 
 
 def die_quantities(item: DieOptics, read: Sequence[Quantity], job: Job) -> tuple[Quantity, ...]:
@@ -256,40 +256,42 @@ def die_quantities(item: DieOptics, read: Sequence[Quantity], job: Job) -> tuple
     name = item.die.name
     shown = (quantity for quantity in read if quantity.die == name)
     frequencies = job.spec.frequencies_cy_per_mm
-    worst = (each for mtf in item.mtfs for each in worst_directions(mtf, frequencies, name))
+    worst = (direction for mtf in item.mtfs for direction in worst_directions(mtf, frequencies, name))
     every = (*item.quantities, *worst, *shown, *smallest_features(item.die))
     return tuple(judged(quantity, job.spec.limits) for quantity in every)
 
 
 def draw_pictures(
-    found: PlateFindings, document: Document, executor: SerialExecutor, progress: Progress = silent
+    findings: PlateFindings, document: Document, executor: SerialExecutor, progress: Progress = silent
 ) -> tuple[bytes, Mapping[str, Mapping[str, str]]]:
     """The picture of the whole plate, as PNG, and every figure of the report, by die and figure, of the dies that it
     shows."""
     progress("figures", 0, 1)
-    Figures, built = die_figures.Figures, found.built
+    Figures, built = die_figures.Figures, findings.built
     designs, drawn = {die["name"]: die for die in document["dies"]}, frozenset(front.shown_dies(document))
     more = [
-        Figures(scene.die.name, scene_figures.pictures, (scene,)) for scene in found.scenes if scene.die.name in drawn
+        Figures(scene.die.name, scene_figures.pictures, (scene,))
+        for scene in findings.scenes
+        if scene.die.name in drawn
     ]
-    more += _front_figures(found.restored, document)
-    for die in found.plate.dies:
+    more += _front_figures(findings.restored, document)
+    for die in findings.plate.dies:
         name = die.name
         if name not in drawn:
             continue
         if name in built.displays:
             more.append(Figures(name, display.pictures, (die.panel, built.displays[name])))
         if "design" in designs[name]:
-            more.append(Figures(name, scene_figures.photograph_pictures, (found.restored.dies[name],)))
-        if name in found.written:
-            more.append(Figures(name, die_figures.written_pictures, (found.written[name],)))
+            more.append(Figures(name, scene_figures.photograph_pictures, (findings.restored.dies[name],)))
+        if name in findings.written:
+            more.append(Figures(name, die_figures.written_pictures, (findings.written[name],)))
     # The die whose radial-minimum MTF is highest on average over the wavelengths.
-    shown = max(found.optics, key=lambda item: sum(area_under_radial_min(mtf) for mtf in item.mtfs))
+    shown = max(findings.optics, key=lambda item: sum(area_under_radial_min(mtf) for mtf in item.mtfs))
     best = front.best(document)
-    overview = executor.submit(die_figures.overview, lambda: (found.plate, document, shown))
+    overview = executor.submit(die_figures.overview, lambda: (findings.plate, document, shown))
     stressed = () if isinstance(best, str) else best.shown
-    optics = [item for item in found.optics if item.die.name in drawn]
-    pictures = die_figures.pictures(found.plate, optics, document, more, executor, stressed)
+    optics = [item for item in findings.optics if item.die.name in drawn]
+    pictures = die_figures.pictures(findings.plate, optics, document, more, executor, stressed)
     whole = overview.result()
     progress("figures", 1, 1)
     return whole, pictures

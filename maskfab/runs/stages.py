@@ -251,8 +251,8 @@ def measure_process(
         return replace(written, quantities=(*written.quantities, *bands))
 
     # One after another: a die takes up to a gigabyte.
-    found = _each(plate.dies, one, "process", progress, seconds, 1)
-    return {die.name: written for die, written in zip(plate.dies, found, strict=True)}
+    results = _each(plate.dies, one, "process", progress, seconds, 1)
+    return {die.name: written for die, written in zip(plate.dies, results, strict=True)}
 
 
 def _mask(die: Die) -> Die:

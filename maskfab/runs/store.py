@@ -21,7 +21,7 @@ import math
 import os
 import stat
 import struct
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
 from datetime import UTC, date, datetime
@@ -56,32 +56,32 @@ def fingerprint(*values: object) -> str:
     Raises:
         TypeError: for a value that may be more than its fields show.
     """
-    found = hashlib.sha256()
+    total = hashlib.sha256()
     for value in values:
-        _add(found, value)
-    return found.hexdigest()
+        _add(total, value)
+    return total.hexdigest()
 
 
 @functools.cache
 def of_installation() -> str:
     """Hexadecimal SHA-256 of this program's own files and of the versions of all libraries that it uses."""
-    found = hashlib.sha256()
-    _add(found, sorted(provenance.versions(extras=True).items()))
+    total = hashlib.sha256()
+    _add(total, sorted(provenance.versions(extras=True).items()))
     for folder in (Path(resources.__file__).resolve().parents[1], resources.path("export_templates")):
-        for path in sorted(each for each in folder.rglob("*") if each.is_file() and each.suffix != ".pyc"):
-            _add(found, (path.relative_to(folder).as_posix(), path.read_bytes()))
-    return found.hexdigest()
+        for path in sorted(file for file in folder.rglob("*") if file.is_file() and file.suffix != ".pyc"):
+            _add(total, (path.relative_to(folder).as_posix(), path.read_bytes()))
+    return total.hexdigest()
 
 
-def _add(found: _Sum, value: object) -> None:
+def _add(total: _Sum, value: object) -> None:
     kind, content = _leaf(value) or _parts(value)
     if isinstance(content, bytes):
         # Kind and length come first, so that no two sequences of values read alike.
-        found.update(f"{kind} {len(content)}\n".encode() + content)
+        total.update(f"{kind} {len(content)}\n".encode() + content)
         return
-    found.update(f"{kind} of {len(content)}\n".encode())
+    total.update(f"{kind} of {len(content)}\n".encode())
     for part in content:
-        _add(found, part)
+        _add(total, part)
 
 
 def _leaf(value: object) -> tuple[str, bytes] | None:
@@ -126,7 +126,7 @@ def _parts(value: object) -> tuple[str, list[Any]]:
         case tuple() | list():
             return name, list(value)
         case frozenset() | set():
-            return name, sorted(fingerprint(each) for each in value)
+            return name, sorted(fingerprint(item) for item in value)
         case Mapping():
             return "mapping", list(value.items())
         case functools.partial():
@@ -287,15 +287,15 @@ class Store:
             if digest != hashlib.sha256(content).hexdigest():
                 raise _RefusedError("its content is not what was written")
             head, _, body = content.partition(b"\n")
-            told = json.loads(head)
-            if (told["form"], told["key"], told["what"], told["from"]) != (
+            facts = json.loads(head)
+            if (facts["form"], facts["key"], facts["what"], facts["from"]) != (
                 _FORM,
                 origin.key,
                 origin.what,
                 list(origin.parts),
             ):
                 raise _RefusedError("it was found from something else")
-            finding = KeptFinding(from_data(body, kind), str(told["found"]), str(told["version"]))
+            finding = KeptFinding(from_data(body, kind), str(facts["found"]), str(facts["version"]))
             with suppress(OSError):
                 os.utime(path)
         except FileNotFoundError:
@@ -314,13 +314,13 @@ class Store:
         Returns:
             When it was found, UTC by ISO 8601.
         """
-        found = datetime.now(UTC).isoformat(timespec="seconds")
+        since = datetime.now(UTC).isoformat(timespec="seconds")
         try:
             body = to_data(content, kind)
         except TypeError:
-            return found
+            return since
         head: dict[str, Any] = {"form": _FORM, "key": origin.key, "what": origin.what, "from": origin.parts}
-        head |= {"found": found, "version": __version__}
+        head |= {"found": since, "version": __version__}
         head |= {} if seconds is None else {"seconds": round(seconds, 4), "expected_s": expected_s}
         rest = json.dumps(head).encode() + b"\n" + body
         with suppress(OSError, OutputError):
@@ -328,7 +328,7 @@ class Store:
             with partial(path) as aside:
                 aside.chmod(0o600)
                 aside.write_bytes(hashlib.sha256(rest).hexdigest().encode() + rest)
-        return found
+        return since
 
     def give_file(self, sha256: str, path: Path) -> bool:
         """Copy a kept file to ``path``; False, and nothing there, if it is not kept or no longer what it was.
@@ -336,38 +336,38 @@ class Store:
         Raises:
             OSError: if ``path`` cannot be written.
         """
-        kept = self._path(sha256)
+        own = self._path(sha256)
         try:
-            source = self._opened(kept)
+            source = self._opened(own)
         except OSError:
             return False
         except _RefusedError:
             with suppress(OSError):
-                kept.unlink()
+                own.unlink()
             return False
         with source:
-            found = hashlib.sha256()
+            total = hashlib.sha256()
             with path.open("xb") as copy:
                 while some := source.read(_AT_A_TIME):
-                    found.update(some)
+                    total.update(some)
                     copy.write(some)
-        if found.hexdigest() == sha256:
+        if total.hexdigest() == sha256:
             with suppress(OSError):
-                os.utime(kept)
+                os.utime(own)
             return True
         path.unlink()
         with suppress(OSError):
-            kept.unlink()
+            own.unlink()
         return False
 
     def keep_file(self, sha256: str, path: Path) -> None:
         """Keep a copy of a file whose hash is known."""
-        kept = self._path(sha256)
-        if kept.exists():
+        target = self._path(sha256)
+        if target.exists():
             return
         with suppress(OSError, OutputError):
             self._room(sha256)
-            with partial(kept) as aside, path.open("rb") as source:
+            with partial(target) as aside, path.open("rb") as source:
                 aside.chmod(0o600)
                 with aside.open("wb") as copy:
                     while some := source.read(_AT_A_TIME):
@@ -422,7 +422,7 @@ class Store:
         Returns:
             What was removed.
         """
-        every = sorted(self._files(), key=lambda each: each[1].st_mtime, reverse=True)
+        every = sorted(self._files(), key=lambda file: file[1].st_mtime, reverse=True)
         for left in self.folder.glob("[0-9a-f][0-9a-f]/.*.partial"):
             _sweep(left)
         removed, total = [], 0
@@ -480,8 +480,8 @@ def _told(path: Path) -> tuple[str, float | None, float | None]:
     with path.open("rb") as stream:
         head = stream.readline(_MOST_HEADER)[_DIGEST:]
     try:
-        told = json.loads(head)
-        return str(told["what"]), _number(told.get("seconds")), _number(told.get("expected_s"))
+        facts = json.loads(head)
+        return str(facts["what"]), _number(facts.get("seconds")), _number(facts.get("expected_s"))
     except (ValueError, KeyError, TypeError, AttributeError):
         return "file", None, None
 
@@ -517,21 +517,17 @@ def give_result(store: Store, origin: Origin, folder: Path, kind: Any) -> KeptFi
     Raises:
         OSError: if a file cannot be written.
     """
-    kept = store.get(origin, tuple[dict[str, str], kind])
-    if not isinstance(kept, KeptFinding):
+    entry = store.get(origin, tuple[dict[str, str], kind])
+    if not isinstance(entry, KeptFinding):
         return None
-    hashes, summary = kept.value
+    hashes, summary = entry.value
     if any(Path(name).name != name for name in hashes):
         return None
     if all(store.give_file(sha256, folder / name) for name, sha256 in hashes.items()):
-        return replace(kept, value=summary)
-    _remove(folder / name for name in hashes)
+        return replace(entry, value=summary)
+    for name in hashes:
+        (folder / name).unlink(missing_ok=True)
     return None
-
-
-def _remove(paths: Iterable[Path]) -> None:
-    for path in paths:
-        path.unlink(missing_ok=True)
 
 
 Record: TypeAlias = Mapping[str, Any]

@@ -69,8 +69,8 @@ def made(
     for case in plan.cases:
         if case.refused is not None:
             records[case.key] = {"key": case.key, "failed": case.refused, "rows": []}
-        elif (found := kept(folder, case.key)) is not None:
-            records[case.key] = found
+        elif (earlier := kept(folder, case.key)) is not None:
+            records[case.key] = earlier
     missing = list({case.key: case for case in plan.cases if case.key not in records}.values())
     if missing:
         from maskfab.runs.sweep_cases import map_cases  # which loads optics and photographs: a second, often
@@ -89,9 +89,9 @@ DOCUMENT, TABLE, PAGE = "sweep.json", "sweep.csv", "sweep.html"
 _COLUMNS = ("name", "die", "wavelength_nm", "level_db", "value", "uncertainty", "unit", "limit", "passed")
 
 
-def sweep_document(found: Swept) -> dict[str, Any]:
+def sweep_document(swept: Swept) -> dict[str, Any]:
     """Everything that was found; what sweep.json and ``--json`` say."""
-    plan = found.plan
+    plan = swept.plan
     return {
         "schema_version": SCHEMA_VERSION,
         "maskfab_version": __version__,
@@ -99,52 +99,52 @@ def sweep_document(found: Swept) -> dict[str, Any]:
         "job_hash": plan.job.digest,
         "title": plan.spec.sweep.title,
         "fields": [{"key": field.name, "unit": field.unit, "drawn": field.drawn} for field in plan.fields],
-        "yields": [vars(each) for each in found.yields],
+        "yields": [vars(share) for share in swept.yields],
         "sensitivities": [
-            {**each.of._asdict(), **{k: _finite(v) for k, v in vars(each).items() if k != "of"}}
-            for each in found.sensitivities
+            {**effect.of._asdict(), **{k: _finite(v) for k, v in vars(effect).items() if k != "of"}}
+            for effect in swept.sensitivities
         ],
         "unused": list(plan.unused),
-        "failed": [{"case": number, "why": why} for number, why in found.failed],
+        "failed": [{"case": number, "why": why} for number, why in swept.failed],
         "cases": [
             {"case": number, "values": list(case.stated), **record}
-            for number, (case, record) in enumerate(zip(plan.cases, found.records, strict=True))
+            for number, (case, record) in enumerate(zip(plan.cases, swept.records, strict=True))
         ],
     }
 
 
-def rows_of(found: Swept) -> Iterator[dict[str, Any]]:
+def rows_of(swept: Swept) -> Iterator[dict[str, Any]]:
     """One row for each number of each case, and one for a case that failed."""
-    plan = found.plan
+    plan = swept.plan
     names = [field.name for field in plan.fields]
-    for number, (case, record) in enumerate(zip(plan.cases, found.records, strict=True)):
+    for number, (case, record) in enumerate(zip(plan.cases, swept.records, strict=True)):
         head = {"case": number, **dict(zip(names, case.stated, strict=True))}
         for row in record["rows"] or [dict.fromkeys(_COLUMNS)]:
             yield {**head, **row, "failed": record["failed"]}
 
 
-def write_sweep(out: Path, found: Swept) -> list[Path]:
+def write_sweep(out: Path, swept: Swept) -> list[Path]:
     """Write page and tables into the sweep's folder, beside its cases; what is there and still true stays.
 
     Raises:
         OutputError: MF401 if they cannot be written.
     """
     paths = [out / PAGE, out / DOCUMENT, out / TABLE]
-    document = json.dumps(sweep_document(found), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    unchanged = not found.remade and all(path.is_file() for path in paths)
+    document = json.dumps(sweep_document(swept), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    unchanged = not swept.remade and all(path.is_file() for path in paths)
     if unchanged and (out / DOCUMENT).read_text(encoding="utf-8") == document:
         return paths
     from maskfab.runs.sweep_page import sweep_page
 
     # The document last: where it is up to date, the others are.
-    for path, text in ((paths[0], sweep_page(found)), (paths[2], _csv(found)), (paths[1], document)):
+    for path, text in ((paths[0], sweep_page(swept)), (paths[2], _csv(swept)), (paths[1], document)):
         with partial(path) as aside:
             aside.write_text(text, encoding="utf-8", newline="")
     return paths
 
 
-def _csv(found: Swept) -> str:
-    rows = rows_of(found)
+def _csv(swept: Swept) -> str:
+    rows = rows_of(swept)
     text = io.StringIO()
     first = next(rows)
     table = csv.DictWriter(text, list(first), lineterminator="\n")

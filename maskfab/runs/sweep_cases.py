@@ -169,11 +169,11 @@ def photographs(die: SweptDie) -> Iterable[Quantity]:
         JobError: for a die that cannot be photographed.
     """
     conditions, around = Conditions.of(die.job, "camera"), Surroundings.of(die.job)
-    found = photograph_die(conditions, around, die.name, die.panel, False)
-    if found.refused is not None:
-        code, _, what = found.refused.partition(" ")
+    photograph = photograph_die(conditions, around, die.name, die.panel, False)
+    if photograph.refused is not None:
+        code, _, what = photograph.refused.partition(" ")
         raise JobError(code, what, where=f"die {die.name}", cure="See maskfab explain")
-    return Photographs(conditions, {die.name: found}).quantities(die.name)
+    return Photographs(conditions, {die.name: photograph}).quantities(die.name)
 
 
 def expected(die: SweptDie) -> Iterable[Quantity]:
@@ -186,10 +186,10 @@ def expected(die: SweptDie) -> Iterable[Quantity]:
 
     opening = _only_opening(die)
     settings = capture_settings(die.job.spec)
-    known = _surrogate(die.camera, opening.dots, die.panel.dot_nm, settings)
-    found = known(opening.mask, periodic=die.panel.tiling is Tiling.PERIODIC, levels=settings.levels)
+    estimate = _surrogate(die.camera, opening.dots, die.panel.dot_nm, settings)
+    scores = estimate(opening.mask, periodic=die.panel.tiling is Tiling.PERIODIC, levels=settings.levels)
     how = "surrogate: photographs of the bundled scenes through any random tiling of the opening, no gutters"
-    for level, psnr in zip(settings.levels, found, strict=True):
+    for level, psnr in zip(settings.levels, scores, strict=True):
         yield Quantity("expected_psnr", psnr, how, die=die.name, level_db=level)
 
 
@@ -205,13 +205,13 @@ def footprint(die: SweptDie) -> Iterable[Quantity]:
         raise JobError("MF105", "a footprint is of emitters, and the job has no [emitters]", where=where, cure="Add it")
     turned = (0,) if die.panel.tiling is Tiling.PERIODIC else tuple(range(ORIENTATIONS))
     places = Footprints(rules.emitters, opening.dots, die.panel.dot_nm, turned)
-    found, bound = places(opening.mask), float(places.bounds(opening.mask[None])[0])
+    largest, bound = places(opening.mask), float(places.bounds(opening.mask[None])[0])
     name = die.name
     yield Quantity(
-        "led_footprint_largest", found, "of rectangles and straight cuts; crooked emitters may exceed it", die=name
+        "led_footprint_largest", largest, "of rectangles and straight cuts; crooked emitters may exceed it", die=name
     )
     how = "free squares of the least width, swept by the gap; the gap across borders is free in it"
-    yield Quantity("led_footprint_bound", max(bound, found), how, die=name, at_most=True)
+    yield Quantity("led_footprint_bound", max(bound, largest), how, die=name, at_most=True)
 
 
 def display(die: SweptDie) -> Iterable[Quantity]:
@@ -225,15 +225,15 @@ def display(die: SweptDie) -> Iterable[Quantity]:
     if rules is None:
         cure = "Add it"
         raise JobError("MF105", "a display has emitters, and the job has no [emitters]", where=job.where, cure=cure)
-    found = feasibility(die.panel, rules)
-    if found is None:
+    answer = feasibility(die.panel, rules)
+    if answer is None:
         cure = "Leave the die out of sweep.dies"
         raise JobError("MF161", f"die {name} is a sheet without pixels", where=job.where, cure=cure)
     how = "emitters, circuits and wires by the job's rules: 1 they were placed, 0 a proof that they do not fit"
-    value = {Verdict.FITS: 1, Verdict.DOES_NOT_FIT: 0, Verdict.UNKNOWN: None}[found.verdict]
-    yield Quantity("display_fits", value, how, passed=found.passed, die=name)
-    rows = display_quantities(die.alone, found)
-    yield from (each for each in rows if each.name in ("led_footprint", "circuit_room"))
+    value = {Verdict.FITS: 1, Verdict.DOES_NOT_FIT: 0, Verdict.UNKNOWN: None}[answer.verdict]
+    yield Quantity("display_fits", value, how, passed=answer.passed, die=name)
+    rows = display_quantities(die.alone, answer)
+    yield from (row for row in rows if row.name in ("led_footprint", "circuit_room"))
 
 
 def scene(die: SweptDie) -> Iterable[Quantity]:
@@ -381,7 +381,7 @@ def _by_processes(
 ) -> list[Record]:
     progress("cases", 0, len(cases))
     records: list[Record] = []
-    told = 0
+    reported = 0
     with ProcessExecutor(others) if others > 0 else SerialExecutor() as executor:
         tasks = [
             executor.submit(partial(find_and_keep, folder), lambda case=case: (case.key, case.document, quantities))  # type: ignore[misc]
@@ -390,9 +390,9 @@ def _by_processes(
         # The others begin with the first, this process with the last: they meet where little is left.
         for done, task in enumerate(reversed(tasks)):
             task.attempt()
-            if done % max(1, len(cases) // _TOLD) == 0 and (ended := sum(each.ended for each in tasks)) > told:
+            if done % max(1, len(cases) // _TOLD) == 0 and (ended := sum(one.ended for one in tasks)) > reported:
                 progress("cases", ended, len(cases))
-                told = ended
+                reported = ended
         for case, task in zip(cases, tasks, strict=True):
             try:
                 records.append(task.result())
@@ -407,11 +407,15 @@ def _by_processes(
 def _by_cluster(
     cases: Sequence[Case], quantities: tuple[str, ...], folder: Path, progress: Progress, scheduler: str
 ) -> list[Record]:
-    distributed = _distributed()
+    try:
+        import distributed
+    except ImportError as missing:
+        what = "a cluster needs the package dask.distributed"
+        raise OutputError("MF431", what, cure="pip install 'maskfab[cluster]'") from missing
     with _client(distributed, scheduler) as client:
         _same_version(client, scheduler)
         make_folder(folder)
-        found: dict[str, Record] = {}
+        record_of: dict[str, Record] = {}
         waiting, many = deque(cases), 1
         tasks: dict[str, tuple[Case, ...]] = {}
 
@@ -440,27 +444,18 @@ def _by_cluster(
                 many = max(1, min(_MOST_IN_TASK, int(len(some) * _TASK_S / seconds)))
                 for record in records:
                     keep(folder, record)
-            found |= {record["key"]: record for record in records}
+            record_of |= {record["key"]: record for record in records}
             future.release()
             if more := take():
                 running.add(begin(more))
-            progress("cases", len(found), len(cases))
-    return [found[case.key] for case in cases]
+            progress("cases", len(record_of), len(cases))
+    return [record_of[case.key] for case in cases]
 
 
 def _failed(case: Case, error: Exception) -> Record:
     """Record of a case that no worker finished."""
-    told = str(error).strip().splitlines() or [""]
-    return {"key": case.key, "failed": f"{type(error).__name__}: {told[0]}", "rows": []}
-
-
-def _distributed() -> Any:
-    try:
-        import distributed
-    except ImportError as missing:
-        what = "a cluster needs the package dask.distributed"
-        raise OutputError("MF431", what, cure="pip install 'maskfab[cluster]'") from missing
-    return distributed
+    lines = str(error).strip().splitlines() or [""]
+    return {"key": case.key, "failed": f"{type(error).__name__}: {lines[0]}", "rows": []}
 
 
 def _client(distributed: Any, scheduler: str) -> Any:
@@ -495,5 +490,5 @@ def _same_version(client: Any, scheduler: str) -> None:
     own = of_installation()
     for address, version in versions.items():
         if version != own:
-            told = f"fails with {version!r}" if isinstance(version, Exception) else "runs another maskfab or libraries"
-            raise JobError("MF164", f"the worker {address} {told}", where="--scheduler", cure=cure)
+            fault = f"fails with {version!r}" if isinstance(version, Exception) else "runs another maskfab or libraries"
+            raise JobError("MF164", f"the worker {address} {fault}", where="--scheduler", cure=cure)

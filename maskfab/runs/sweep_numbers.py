@@ -130,21 +130,21 @@ class Swept:
     @cached_property
     def series(self) -> tuple[Series, ...]:
         """Every number that some case has, in the order in which quantities were asked for."""
-        found: dict[Of, tuple[str, Floats]] = {}
+        columns: dict[Of, tuple[str, Floats]] = {}
         for i, record in enumerate(self.records):
             for row in record["rows"]:
                 if isinstance(row["value"], int | float):
-                    _, values = found.setdefault(_of(row), (row["unit"], np.full(len(self.records), math.nan)))
+                    _, values = columns.setdefault(_of(row), (row["unit"], np.full(len(self.records), math.nan)))
                     values[i] = row["value"]
         order = self.plan.quantities.index
-        return tuple(Series(of, *found[of]) for of in sorted(found, key=lambda of: order(of.name)))
+        return tuple(Series(of, *columns[of]) for of in sorted(columns, key=lambda of: order(of.name)))
 
     @cached_property
     def sensitivities(self) -> tuple[Sensitivity, ...]:
         """Sensitivities of every number to every field, of each quantity the strongest first."""
-        every = [each for series in self.series for each in _sensitivities(series, self.plan)]
+        every = [effect for series in self.series for effect in _sensitivities(series, self.plan)]
         order = self.plan.quantities.index
-        return tuple(sorted(every, key=lambda each: (order(each.of.name), -each.range)))
+        return tuple(sorted(every, key=lambda effect: (order(effect.of.name), -effect.range)))
 
     @cached_property
     def yields(self) -> tuple[Yield, ...]:
@@ -164,12 +164,12 @@ def axis(field: Field, cases: Sequence[Any]) -> Floats | None:
     return np.array([level.number for level in cases], dtype=np.float64)
 
 
-def wilson(kept: int, cases: int) -> tuple[float, float]:
+def wilson(passed: int, cases: int) -> tuple[float, float]:
     """Ends of Wilson's 95 % interval for the share of which so many were seen."""
     from scipy.special import ndtri  # slow to load, and few sweeps have limits
 
     z = float(ndtri((1 + CONFIDENCE) / 2))
-    middle, spread = kept + z * z / 2, z * math.sqrt(kept * (cases - kept) / cases + z * z / 4)
+    middle, spread = passed + z * z / 2, z * math.sqrt(passed * (cases - passed) / cases + z * z / 4)
     whole = cases + z * z
     return max(0.0, (middle - spread) / whole), min(1.0, (middle + spread) / whole)
 
@@ -179,15 +179,15 @@ def _of(row: Mapping[str, Any]) -> Of:
 
 
 def _sensitivities(series: Series, plan: Plan) -> list[Sensitivity]:
-    known = np.isfinite(series.values)
-    values = series.values[known]
+    finite = np.isfinite(series.values)
+    values = series.values[finite]
     whole = float(np.ptp(values)) if values.size else 0.0
     axes = [axis(field, [case.levels[i] for case in plan.cases]) for i, field in enumerate(plan.fields)]
-    numeric = [i for i, each in enumerate(axes) if each is not None and np.ptp(each[known]) > 0]
-    slopes = _plane(np.array([axes[i][known] for i in numeric]), values) if numeric else []  # type: ignore[index]
+    numeric = [i for i, places in enumerate(axes) if places is not None and np.ptp(places[finite]) > 0]
+    slopes = _plane(np.array([axes[i][finite] for i in numeric]), values) if numeric else []  # type: ignore[index]
     by_field = dict(zip(numeric, slopes, strict=True))
     parts = {j: slope * (axes[j] - axes[j].mean()) for j, (slope, _) in by_field.items() if math.isfinite(slope)}  # type: ignore[union-attr]
-    found = []
+    effects = []
     for i, field in enumerate(plan.fields):
         different = len({case.stated[i] for case in plan.cases})
         if different < 2:
@@ -198,9 +198,9 @@ def _sensitivities(series: Series, plan: Plan) -> list[Sensitivity]:
         means = _means(axes[i], field, [case.levels[i].stated for case in plan.cases], alone)
         extent = float(np.ptp(means)) if means.size else 0.0
         slope, half = by_field.get(i, (math.nan, math.nan))
-        told = f"{series.unit or '1'}/{field.unit}" if field.unit else series.unit
-        found.append(Sensitivity(series.of, field.name, told, slope, half, extent, extent / whole if whole else 0.0))
-    return found
+        unit = f"{series.unit or '1'}/{field.unit}" if field.unit else series.unit
+        effects.append(Sensitivity(series.of, field.name, unit, slope, half, extent, extent / whole if whole else 0.0))
+    return effects
 
 
 def _plane(fields: Floats, values: Floats) -> list[tuple[float, float]]:
@@ -208,19 +208,19 @@ def _plane(fields: Floats, values: Floats) -> list[tuple[float, float]]:
     scale = np.ptp(fields, axis=1)
     centred = ((fields - fields.mean(axis=1, keepdims=True)) / scale[:, None]).T
     design = np.column_stack([np.ones(values.size), centred])
-    found, _, rank, _ = np.linalg.lstsq(design, values, rcond=None)
+    fit, _, rank, _ = np.linalg.lstsq(design, values, rcond=None)
     free = values.size - design.shape[1]
-    slopes = found[1:] / scale
+    slopes = fit[1:] / scale
     if rank < design.shape[1]:  # fields that only vary together have no slopes of their own
         return [(math.nan, math.nan)] * len(scale)
     if free < 1:
         return [(float(slope), math.nan) for slope in slopes]
     from scipy.special import stdtrit  # slow to load, and not every sweep has slopes
 
-    variance = float(((values - design @ found) ** 2).sum()) / free
+    variance = float(((values - design @ fit) ** 2).sum()) / free
     errors = np.sqrt(np.diag(np.linalg.inv(design.T @ design))[1:] * variance) / scale
     half = float(stdtrit(free, (1 + CONFIDENCE) / 2)) * errors
-    return [(float(slope), float(each)) for slope, each in zip(slopes, half, strict=True)]
+    return [(float(slope), float(deviation)) for slope, deviation in zip(slopes, half, strict=True)]
 
 
 def _means(numbers: Floats | None, field: Field, stated: Sequence[Any], values: Floats) -> Floats:
@@ -228,22 +228,22 @@ def _means(numbers: Floats | None, field: Field, stated: Sequence[Any], values: 
     if numbers is not None and field.drawn:
         groups = np.minimum(np.argsort(np.argsort(numbers)) * _PARTS // numbers.size, _PARTS - 1)
     else:
-        _, groups = np.unique([str(each) for each in stated], return_inverse=True)
+        _, groups = np.unique([str(value) for value in stated], return_inverse=True)
     own = [values[(groups == k) & np.isfinite(values)] for k in range(int(groups.max()) + 1)]
-    return np.array([each.mean() for each in own if each.size])
+    return np.array([group.mean() for group in own if group.size])
 
 
 def _judged(record: Record, limits: Sequence[LimitSection]) -> dict[str | None, bool] | None:
     """Whether each die keeps its limits, as far as it has any; None for a case that failed."""
     if record["failed"] is not None:
         return None
-    found: dict[str | None, bool] = {}
+    outcome: dict[str | None, bool] = {}
     for row in record["rows"]:
         verdicts = [] if row["passed"] is None else [bool(row["passed"])]
         verdicts += [_keeps(row["value"], limit) for limit in limits if limit.quantity == row["name"]]
         for verdict in verdicts:
-            found[row["die"]] = found.get(row["die"], True) and verdict
-    return found
+            outcome[row["die"]] = outcome.get(row["die"], True) and verdict
+    return outcome
 
 
 def _keeps(value: Any, limit: LimitSection) -> bool:
@@ -254,5 +254,8 @@ def _keeps(value: Any, limit: LimitSection) -> bool:
 
 
 def _yield(die: str | None, judged: Sequence[Mapping[str | None, bool] | None]) -> Yield:
-    kept = sum(each is not None and (all(each.values()) if die is None else each.get(die, True)) for each in judged)
-    return Yield(die, kept, len(judged), *wilson(kept, len(judged)))
+    passed = sum(
+        verdicts is not None and (all(verdicts.values()) if die is None else verdicts.get(die, True))
+        for verdicts in judged
+    )
+    return Yield(die, passed, len(judged), *wilson(passed, len(judged)))

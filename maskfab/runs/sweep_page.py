@@ -36,9 +36,9 @@ _LABEL = 30
 """Characters in a line of a label."""
 
 
-def shown(found: Swept, name: str) -> list[Series]:
+def shown(swept: Swept, name: str) -> list[Series]:
     """Series of one quantity for every die: at the middle one of its wavelengths, and of its levels of light."""
-    own = [series for series in found.series if series.of.name == name]
+    own = [series for series in swept.series if series.of.name == name]
     lines = sorted({series.of.wavelength_nm or 0.0 for series in own})
     levels = sorted({series.of.level_db or 0.0 for series in own})
     if not own:
@@ -48,12 +48,12 @@ def shown(found: Swept, name: str) -> list[Series]:
 
 
 @styled
-def quantity_figure(found: Swept, name: str) -> Drawing | None:
+def quantity_figure(swept: Swept, name: str) -> Drawing | None:
     """One quantity along every numeric field, or, if there is none, how its values are spread; None without values."""
-    own = [series for series in shown(found, name) if series.known.size]
+    own = [series for series in shown(swept, name) if series.known.size]
     if not own:
         return None
-    plan = found.plan
+    plan = swept.plan
     axes = {
         field.name + (f" ({field.unit})" if field.unit else ""): numbers
         for i, field in enumerate(plan.fields)
@@ -72,9 +72,9 @@ def quantity_figure(found: Swept, name: str) -> Drawing | None:
         sheet.spines[["top", "right"]].set_visible(False)
         if column == 0:
             sheet.set_ylabel(fill(f"{entry.title}{f' ({unit})' if unit else ''}", _LABEL))
-    handles, told = figure.axes[0].get_legend_handles_labels()
+    handles, names = figure.axes[0].get_legend_handles_labels()
     beside = (1 - _LEGEND / figure.get_size_inches()[0], 0.5)
-    figure.legend(handles, told, loc="center left", bbox_to_anchor=beside, borderaxespad=0, fontsize=7.5)
+    figure.legend(handles, names, loc="center left", bbox_to_anchor=beside, borderaxespad=0, fontsize=7.5)
     return Drawing(figure, f"{entry.title} of {len(own)} dies in {len(plan.cases)} cases")
 
 
@@ -82,13 +82,13 @@ def _curve(sheet: Axes, numbers: Floats | None, series: Series, number: int) -> 
     """Median and band where several cases share a value, points where hardly any do, or the sorted values."""
     colour, mark = OKABE_ITO[number % len(OKABE_ITO)], _MARKS[number % len(_MARKS)]
     label = series.of.die or ""
-    known = np.isfinite(series.values)
-    values = series.values[known]
+    finite = np.isfinite(series.values)
+    values = series.values[finite]
     if numbers is None:
         share = (np.arange(values.size) + 0.5) / values.size
         sheet.plot(share, np.sort(values), marker=mark, markersize=2.5, linewidth=0.9, color=colour, label=label)
         return
-    at = numbers[known]
+    at = numbers[finite]
     places = np.unique(at)
     if (places.size > max(2, values.size // 2) and places.size < values.size) or places.size == values.size > 40:
         sheet.plot(at, values, mark, markersize=2.5, alpha=0.6, markeredgewidth=0, color=colour, label=label)
@@ -108,11 +108,11 @@ _MOST_FAILED = 40
 """Failed cases that the page lists; the table has all."""
 
 
-def sweep_page(found: Swept) -> str:
+def sweep_page(swept: Swept) -> str:
     """The page, with nothing from outside it; equal sweeps give equal pages."""
-    plan = found.plan
-    figures = {name: quantity_figure(found, name) for name in plan.quantities}
-    strongest = {series.of for name in plan.quantities for series in shown(found, name)}
+    plan = swept.plan
+    figures = {name: quantity_figure(swept, name) for name in plan.quantities}
+    strongest = {series.of for name in plan.quantities for series in shown(swept, name)}
     return _template().render(
         style=style(),
         sweep=plan.spec.sweep,
@@ -120,13 +120,13 @@ def sweep_page(found: Swept) -> str:
         job=plan.job,
         cases=len(plan.cases),
         fields=[(field.name, _values_text(field)) for field in plan.fields],
-        failed=found.failed[:_MOST_FAILED],
-        many_failed=len(found.failed),
+        failed=swept.failed[:_MOST_FAILED],
+        many_failed=len(swept.failed),
         plan=plan,
         figures=[Markup(figure.img()) for figure in figures.values() if figure is not None],
-        series=found.series,
-        sensitivities=[each for each in found.sensitivities if each.of in strongest],
-        yields=found.yields,
+        series=swept.series,
+        sensitivities=[effect for effect in swept.sensitivities if effect.of in strongest],
+        yields=swept.yields,
         limits=plan.limits,
         confidence=f"{CONFIDENCE:.0%}",
         band=BAND,
@@ -138,20 +138,20 @@ def sweep_page(found: Swept) -> str:
 
 def of_text(of: Of) -> str:
     """The die, wavelength and level that a number is of."""
-    told = [of.die or ""]
-    told += [] if of.wavelength_nm is None else [f"{of.wavelength_nm:g} nm"]
-    told += [] if of.level_db is None else [f"{of.level_db:g} dB"]
-    return ", ".join(each for each in told if each)
+    parts = [of.die or ""]
+    parts += [] if of.wavelength_nm is None else [f"{of.wavelength_nm:g} nm"]
+    parts += [] if of.level_db is None else [f"{of.level_db:g} dB"]
+    return ", ".join(part for part in parts if part)
 
 
-def slope_text(each: Sensitivity) -> str:
+def slope_text(effect: Sensitivity) -> str:
     """A slope with its interval."""
-    if math.isnan(each.slope):
+    if math.isnan(effect.slope):
         return "–"
-    half = "" if math.isnan(each.half_width) else f" ± {rounded(each.half_width, 2)}"
-    unit = each.unit.removeprefix("1/") if each.unit.startswith("1/") else each.unit.strip("1")
-    per = f" per {unit}" if each.unit.startswith("1/") else f" {unit}" if unit else ""
-    return f"{rounded(each.slope)}{half}{per}"
+    half = "" if math.isnan(effect.half_width) else f" ± {rounded(effect.half_width, 2)}"
+    unit = effect.unit.removeprefix("1/") if effect.unit.startswith("1/") else effect.unit.strip("1")
+    per = f" per {unit}" if effect.unit.startswith("1/") else f" {unit}" if unit else ""
+    return f"{rounded(effect.slope)}{half}{per}"
 
 
 def _values_text(field: Field) -> str:

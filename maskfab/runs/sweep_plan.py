@@ -136,20 +136,20 @@ def fields_of(spec: SweepSpec, job: JobSpec, dies: Sequence[str], where: str) ->
         raise JobError("MF160", what, where=f"{where}: sweep.cases", cure=cure)
     count = spec.sweep.cases or 0
     rows = iter(_draws(len(drawn), count, spec.sweep.seed, latin=spec.sweep.sampling == "latin"))
-    found = []
+    fields = []
     for i, section in enumerate(spec.field):
         place = f"{where}: field[{i}]"
         paths = tuple(dict.fromkeys(chain.from_iterable(_paths(key, job, dies, f"{place}.key") for key in section.key)))
         levels, unit = _levels(section, next(rows) if section.drawn else None, paths, job, place)
         numeric = all(level.number is not None for level in levels)
-        found.append(Field(", ".join(section.key), paths, unit, numeric, levels, section.drawn))
+        fields.append(Field(", ".join(section.key), paths, unit, numeric, levels, section.drawn))
     seen: dict[KeyPath, str] = {}
-    for path, name in ((path, field.name) for field in found for path in field.paths):
+    for path, name in ((path, field.name) for field in fields for path in field.paths):
         if path in seen:
             what = f"{'.'.join(path)} is varied twice, by {seen[path]} and by {name}"
             raise JobError("MF109", what, where=f"{where}: field", cure="Remove it from one of the fields")
         seen[path] = name
-    return tuple(found)
+    return tuple(fields)
 
 
 def _paths(key: str, job: JobSpec, dies: Sequence[str], where: str) -> list[KeyPath]:
@@ -180,16 +180,16 @@ def _known(key: str, where: str) -> None:
     """
     kind: type[AnySection] | None = JobSpec
     for name in key.split("."):
-        kind, known = _inner(kind, name)
-        if not known:
+        kind, matched = _inner(kind, name)
+        if not matched:
             break
-    if known and kind is None:
+    if matched and kind is None:
         return
     try:
         near = keys_of(key)
     except JobError as unknown:
         raise JobError(unknown.code, unknown.what, where=where, cure=unknown.cure) from None
-    listed = ", ".join(each.path for each in near[:4])
+    listed = ", ".join(likely.path for likely in near[:4])
     raise JobError("MF105", f"{key!r} is a table, not a key", where=where, cure=f"Use a key of it: {listed}")
 
 
@@ -248,8 +248,8 @@ def _number(value: Value) -> tuple[float | None, str]:
         return None, ""
     if isinstance(value, int | float):
         return float(value), ""
-    found = _WRITTEN.fullmatch(value)
-    return (None, "") if found is None else (float(found[1]), found[2])
+    match = _WRITTEN.fullmatch(value)
+    return (None, "") if match is None else (float(match[1]), match[2])
 
 
 def _ends(first: Value, last: Value, where: str) -> tuple[tuple[float, float], str, bool]:
@@ -259,11 +259,10 @@ def _ends(first: Value, last: Value, where: str) -> tuple[tuple[float, float], s
         wrong = first if low is None or not np.isfinite(low) else last
         raise JobError("MF103", f"{wrong!r} is no number with its unit", where=where, cure='Write it as "0.5 um"')
     if unit != other:
-        told = [
-            f"{each!r} has {f'the unit {name!r}' if name else 'no unit'}"
-            for each, name in ((first, unit), (last, other))
+        numbers = [
+            f"{end!r} has {f'the unit {name!r}' if name else 'no unit'}" for end, name in ((first, unit), (last, other))
         ]
-        raise JobError("MF103", " and ".join(told), where=where, cure="Give both the same unit")
+        raise JobError("MF103", " and ".join(numbers), where=where, cure="Give both the same unit")
     return (low, high), unit, isinstance(first, int) and isinstance(last, int)
 
 
@@ -271,8 +270,8 @@ def _stated(numbers: NDArray[np.float64], unit: str, *, whole: bool) -> tuple[Le
     """Values as a job file writes them."""
     levels = []
     for number in numbers.tolist():
-        told: Value = round(number) if whole else float(f"{number:.12g}") + 0.0
-        levels.append(Level(f"{told:.12g} {unit}" if unit else told, float(told)))
+        rounded: Value = round(number) if whole else float(f"{number:.12g}") + 0.0
+        levels.append(Level(f"{rounded:.12g} {unit}" if unit else rounded, float(rounded)))
     return tuple(levels)
 
 
@@ -288,7 +287,7 @@ def _shapes(
         raise JobError("MF160", f"shapes are openings, and {section.key[0]} is none", where=where, cure=cure)
     dot_nm = to_nm(dies[paths[0][1]].dot, where=f"{where}.key", name="dot")
     every = [
-        each for name in asked.families for count in asked.clear_dots for each in FAMILIES[name](asked.dots, count)
+        drawn for name in asked.families for count in asked.clear_dots for drawn in FAMILIES[name](asked.dots, count)
     ]
     levels = []
     for u in draws.tolist():
@@ -438,17 +437,17 @@ def _of_dies(job: Job, names: tuple[str, ...] | None, path: Path, where: str) ->
             raise JobError("MF105", f"the job has no die {name!r}", where=f"{where}: sweep.dies", cure=cure)
     if not every:
         raise JobError("MF105", "the job has no [[die]]", where=str(path), cure="Add one")
-    kept = tuple(every[name] for name in names or every)
-    openings = {name for die in kept for name in (die.opening, *(die.others or ()))}
-    maps = {die.map for die in kept}
+    chosen = tuple(every[name] for name in names or every)
+    openings = {name for die in chosen for name in (die.opening, *(die.others or ()))}
+    maps = {die.map for die in chosen}
     spec = job.spec.model_copy(
         update={
-            "die": kept,
+            "die": chosen,
             "openings": {name: text for name, text in job.spec.openings.items() if name in openings},
             "maps": {name: text for name, text in job.spec.maps.items() if name in maps},
         }
     )
-    return replace(job, spec=spec, openings={die.name: job.openings[die.name] for die in kept})
+    return replace(job, spec=spec, openings={die.name: job.openings[die.name] for die in chosen})
 
 
 def _points(fields: tuple[Field, ...], cases: int | None) -> list[tuple[Level, ...]]:
@@ -480,20 +479,17 @@ def _case(
         spec = validate(document, where=where)
         if by_psf(quantities):
             check_windows(spec, where)
-        if any(_names_files(field) for field in fields):
+        if any(
+            field.levels[0].text is None and any(path[-1] in _NAMING_FILES for path in field.paths) for field in fields
+        ):
             spec = resolve(spec, path).spec
     except JobError as refusal:
         if refusal.code in _OF_THE_STUDY:
             raise
-        told = f"{refusal.code} {refusal.what}"
-        return Case(_key(document, quantities), levels, None, told)
+        reason = f"{refusal.code} {refusal.what}"
+        return Case(_key(document, quantities), levels, None, reason)
     stated = _used(spec)
     return Case(_key(stated, quantities), levels, stated)
-
-
-def _names_files(field: Field) -> bool:
-    """Whether values of a field name files; drawn shapes bring their text along."""
-    return field.levels[0].text is None and any(path[-1] in _NAMING_FILES for path in field.paths)
 
 
 def _used(spec: JobSpec) -> Document:

@@ -20,7 +20,7 @@ from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import InputError, JobError, OutputError
 from maskfab.base.findings import maker, origins
 from maskfab.base.folders import JOB_COPY, OVERVIEW, PAGE, REPORT, RESULT_MARK, TIMES, put_back, read_manifest
-from maskfab.base.model import Die, Quantity, WrittenFile
+from maskfab.base.model import Quantity, WrittenFile
 from maskfab.base.processes import SerialExecutor
 from maskfab.base.provenance import sha256_of_file
 from maskfab.base.work import Progress, one_thread, silent
@@ -28,7 +28,6 @@ from maskfab.display.feasibility import PlateWithDisplays, displays
 from maskfab.job.camera import Camera
 from maskfab.mask.comparison.alignment import Alignment, LayersRead, StatedLayers
 from maskfab.mask.comparison.files import read_back
-from maskfab.mask.comparison.roundtrip import RoundTrip
 from maskfab.mask.formats.exr import check_psf_file
 from maskfab.mask.formats.picture import IMAGE_SUFFIXES
 from maskfab.mask.formats.table import LAYOUT_SUFFIXES
@@ -130,7 +129,11 @@ def verify(directory: str | Path, progress: Progress = silent) -> Verified:
         checks += [quantity for quantity in read if quantity.passed is not None and quantity.die is None]
         if not trips:
             return Verified.of(checks, built)
-        seen = [die for die in plate.dies if _sees_light(die, job.camera, trips[0])]
+        seen = [
+            die
+            for die in plate.dies
+            if sees_light(die, job.camera.stop, clear_shapes(trips[0].layout, light_box(die, job.camera.stop)))
+        ]
         lit = plate_as_seen(job, replace(plate, dies=tuple(seen)))
         layout = layout_as_seen(job, trips[0].layout)
         optics = measure_dies(lit, job.camera, layout, progress, None, job.blank, executor)
@@ -161,25 +164,25 @@ def verify(directory: str | Path, progress: Progress = silent) -> Verified:
         if not (blind or refused) and all(trip.xor_area_um2 == 0 for trip in trips):
             # Of files that differ from the design the numbers differ as well; what differs is told above.
             process = measure_process(job, lit, progress), expand_photographs(job, lit, progress, None, executor)
-            found = PlateFindings(job, built, read, optics, scenes, photographs.result(progress), *process, beside)
-            checks += _made_again(folder, manifest, found, executor)
+            findings = PlateFindings(job, built, read, optics, scenes, photographs.result(progress), *process, beside)
+            checks += _made_again(folder, manifest, findings, executor)
     return Verified.of(checks, built)
 
 
 def _made_again(
-    folder: Path, manifest: Mapping[str, Any], found: PlateFindings, executor: SerialExecutor
+    folder: Path, manifest: Mapping[str, Any], findings: PlateFindings, executor: SerialExecutor
 ) -> Iterator[Quantity]:
     """Report, page and pictures of a folder against the same made again."""
-    now = found.document(found.report(_listed(manifest), {}))
+    now = findings.document(findings.report(_listed(manifest), {}))
     now["maskfab_version"] = manifest["maskfab_version"]
-    told = list(_reported(folder, now))
-    yield from told
+    rows = list(_reported(folder, now))
+    yield from rows
     alike = manifest["maskfab_version"] == __version__ and manifest.get("versions") == provenance.versions()
-    alike = alike and not any(each.name == _SCHEMA for each in told)
-    overview, pictures = draw_pictures(found, now, executor)
+    alike = alike and not any(row.name == _SCHEMA for row in rows)
+    overview, pictures = draw_pictures(findings, now, executor)
     for name, differs in (
-        *_aids_differ(folder, found),
-        *_page_differs(folder, now, pictures, held=all(each.passed is not False for each in told)),
+        *_aids_differ(folder, findings),
+        *_page_differs(folder, now, pictures, held=all(row.passed is not False for row in rows)),
         *_overview_differs(folder, overview),
     ):
         yield _again(name, differs, judged=alike and differs != _PHOTOGRAPHS)
@@ -209,7 +212,7 @@ def verify_file(
     stated = drawing is not None and "max_vertices" in drawing.model_fields_set
 
     def checked(tell: Progress) -> tuple[Alignment, tuple[Quantity, ...], LayersRead]:
-        found = check_foreign(
+        foreign = check_foreign(
             plate if die is None else only_die(plate, die),
             job.camera,
             job.spec.limits,
@@ -222,7 +225,7 @@ def verify_file(
             if house is None
             else StatedLayers(house.layer_names, house.polygons.holes == "layer"),
         )
-        return found.alignment, found.quantities, found.layers
+        return foreign.alignment, foreign.quantities, foreign.layers
 
     alignment, quantities, layers = bounded(
         path, checked, progress, kind=tuple[Alignment, tuple[Quantity, ...], LayersRead]
@@ -230,10 +233,10 @@ def verify_file(
     return Foreign(path, alignment, None, (*quantities, *opinion), layers)
 
 
-def _aids_differ(folder: Path, found: PlateFindings) -> Iterator[tuple[str, str]]:
+def _aids_differ(folder: Path, findings: PlateFindings) -> Iterator[tuple[str, str]]:
     """Each of the smaller files, and how it differs from the same made again; empty if it does not."""
     with tempfile.TemporaryDirectory(prefix="maskfab-verify-") as aside:
-        for name, (_, write) in auxiliary_files(found.job, found.plate, found.measured).items():
+        for name, (_, write) in auxiliary_files(findings.job, findings.plate, findings.measured).items():
             write(Path(aside) / name)
             yield name, "" if _bytes(folder / name) == (Path(aside) / name).read_bytes() else "its bytes differ"
 
@@ -245,12 +248,12 @@ def _page_differs(
     try:
         document = json.loads((folder / REPORT).read_text(encoding="utf-8")) if held else now
         page = html.html_page(document, pictures)
-        found = list(differences.differences((folder / PAGE).read_text(encoding="utf-8"), page, pictures))
+        parts = list(differences.differences((folder / PAGE).read_text(encoding="utf-8"), page, pictures))
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError, TemplateError) as error:
         yield PAGE, f"it cannot be compared: {error!r}"
         return
-    faults = [name for name in found if name != differences.NOISE]
-    yield PAGE, f"other {', '.join(faults)}" if faults else _PHOTOGRAPHS if found else ""
+    faults = [name for name in parts if name != differences.NOISE]
+    yield PAGE, f"other {', '.join(faults)}" if faults else _PHOTOGRAPHS if parts else ""
 
 
 def _overview_differs(folder: Path, made: bytes) -> Iterator[tuple[str, str]]:
@@ -264,16 +267,12 @@ def _bytes(path: Path) -> bytes:
 
 def _again(name: str, differs: str, *, judged: bool) -> Quantity:
     """One row; without a verdict where other versions of what makes it may rightly make it otherwise, and do."""
-    told = f"{name} made again"
+    method = f"{name} made again"
     if differs and not judged:
-        told += "; other versions wrote it, or it holds photographs, so that it is not judged"
+        method += "; other versions wrote it, or it holds photographs, so that it is not judged"
     return Quantity(
-        "made_again", differs or "the same", told, limit="the same", passed=not differs or (None, False)[judged]
+        "made_again", differs or "the same", method, limit="the same", passed=not differs or (None, False)[judged]
     )
-
-
-def _sees_light(die: Die, camera: Camera, trip: RoundTrip) -> bool:
-    return sees_light(die, camera.stop, clear_shapes(trip.layout, light_box(die, camera.stop)))
 
 
 def _hashes(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Quantity]:
@@ -290,7 +289,7 @@ def _unlisted(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Quantity]:
     listed = {file["path"]: file.get("format") for file in manifest["files"]}
     drawn = {Path(name).suffix.lower() for name, kind in listed.items() if kind != "report"}
     masks = {*LAYOUT_SUFFIXES, *(drawn & {*IMAGE_SUFFIXES})}
-    for path in sorted(each for each in folder.rglob("*") if each.is_file()):
+    for path in sorted(entry for entry in folder.rglob("*") if entry.is_file()):
         name = path.relative_to(folder).as_posix()
         if name in listed or name in (RESULT_MARK, TIMES):
             continue
@@ -314,32 +313,32 @@ def _reported(folder: Path, now: Document) -> Iterator[Quantity]:
         stated, present = then["schema_version"], now["schema_version"]
         earlier = type(stated) is int and 1 <= stated < present
         expected = {**now, "schema_version": stated} if earlier else now
-        found = list(_differences(_lasting(expected), _lasting(then), ()))
+        changes = list(_differences(_lasting(expected), _lasting(then), ()))
     except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
         yield _failed("report", f"{REPORT} cannot be read: {error}")
         return
     if earlier:
-        told = f"{REPORT} was written by schema {stated}, before the present {present}: all that it says is compared"
-        yield Quantity(_SCHEMA, stated, told)
-    renamed = [old for place, new, old in found if _former_unit(place, new, old)]
+        reason = f"{REPORT} was written by schema {stated}, before the present {present}: all that it says is compared"
+        yield Quantity(_SCHEMA, stated, reason)
+    renamed = [old for place, new, old in changes if _former_unit(place, new, old)]
     if renamed:
-        told = f"{REPORT} spells the unit of {len(renamed)} numbers as earlier versions did: it is not judged"
-        yield Quantity("report_units", renamed[0], told)
+        reason = f"{REPORT} spells the unit of {len(renamed)} numbers as earlier versions did: it is not judged"
+        yield Quantity("report_units", renamed[0], reason)
     lapsed = set()
-    for name, since, of, told in (
+    for name, since, of, reason in (
         ("report_photographs", _PHOTOGRAPHED, _of_photographs, "predicts photographs by a model"),
         ("report_wires", _LAID, _of_wires, "counts the wires of one pixel for all"),
         ("report_protocol", _LAID, _of_protocol, "does not name the protocol of designs"),
         ("report_verdicts", _JUDGED, _of_verdicts, "has one verdict for files, optics and displays"),
     ):
-        places = [place for place, _, _ in found if earlier and stated < since and of(place)]
+        places = [place for place, _, _ in changes if earlier and stated < since and of(place)]
         if places:
-            why = f"{REPORT} {told}, as earlier versions did: these numbers are not compared"
+            why = f"{REPORT} {reason}, as earlier versions did: these numbers are not compared"
             yield Quantity(name, len(places), why)
         lapsed |= set(places)
     differences = [
         _equal("reported", new, old, f"{', '.join(place)}: measured now against {REPORT}")
-        for place, new, old in found
+        for place, new, old in changes
         if not _former_unit(place, new, old) and place not in lapsed
     ]
     yield from differences
@@ -395,7 +394,7 @@ def _keyed(rows: Any) -> Any:
     keyed: dict[str, Any] = {}
     for number, row in enumerate(rows):
         key = _name_of(row) if isinstance(row, dict) else str(number)
-        count = 1 + sum(known == key or known.startswith(f"{key} (") for known in keyed)
+        count = 1 + sum(other == key or other.startswith(f"{key} (") for other in keyed)
         keyed[key if count == 1 else f"{key} ({count})"] = row
     return keyed
 
@@ -482,8 +481,8 @@ class Reproduction:
         other = [file for file in self.files if file.difference is not None]
         stages = ", ".join(dict.fromkeys(file.stage for file in other))
         differ = "1 file differs" if len(other) == 1 else f"{len(other)} files differ"
-        told = "every byte is the same" if self.passed else f"{differ}, made by: {stages}"
-        return "\n".join([*lines, f"{len(self.files)} files: {told}"])
+        summary = "every byte is the same" if self.passed else f"{differ}, made by: {stages}"
+        return "\n".join([*lines, f"{len(self.files)} files: {summary}"])
 
     def __repr__(self) -> str:
         return str(self)
@@ -543,9 +542,9 @@ def _first_difference(one: Path, other: Path) -> str:
             then, now = (json.loads(path.read_bytes()) for path in (one, other))
         except (ValueError, RecursionError):
             return "it is no JSON any more"
-        found = _first_value(then, now, "")
-        if found is not None:
-            return found
+        value = _first_value(then, now, "")
+        if value is not None:
+            return value
     then, now = one.read_bytes(), other.read_bytes()
     place = next((at for at, (a, b) in enumerate(zip(then, now, strict=False)) if a != b), min(len(then), len(now)))
     return f"from byte {place} on, of {len(then)} then and {len(now)} now"
@@ -558,7 +557,7 @@ def _first_value(then: object, now: object, where: str) -> str | None:
         pairs = [(f"{where}[{number}]", *both) for number, both in enumerate(zip(then, now, strict=True))]
     else:
         return None if then == now else f"{where or 'its keys'}: {_short(then)} then, {_short(now)} now"
-    return next((found for key, a, b in pairs if (found := _first_value(a, b, key)) is not None), None)
+    return next((difference for key, a, b in pairs if (difference := _first_value(a, b, key)) is not None), None)
 
 
 def _short(value: object, most: int = 60) -> str:
