@@ -91,9 +91,9 @@ def explain(
         return Answer("\n\n".join(lists), {h: {e: CATALOGUE[e] for e in codes} for h, codes in groups.items()})
     if not _CODE.match(code):
         return _of_keys(code)
-    found = error_codes.explained(code)
-    parts = _parts(("Example", found.example), ("Usual cause", found.cause), ("Cure", found.cure))
-    return Answer(f"{found.code}  {found.meaning}\n\n{parts}", asdict(found))
+    entry = error_codes.explained(code)
+    parts = _parts(("Example", entry.example), ("Usual cause", entry.cause), ("Cure", entry.cure))
+    return Answer(f"{entry.code}  {entry.meaning}\n\n{parts}", asdict(entry))
 
 
 def _schema(of: str) -> dict[str, Any]:
@@ -124,9 +124,9 @@ def _of_quantity(name: str) -> Answer | None:
     unit = "" if entry.takes_detail or entry.unit == "1" else entry.unit
     stated = {"Meaning": entry.meaning, "Unit": unit, "Verdict": entry.subject, "Cure": entry.cure}
     parts = [(title, text) for title, text in stated.items() if text]
-    told = _parts(*parts, ("Found by", "\n".join(sources)))
+    body = _parts(*parts, ("Found by", "\n".join(sources)))
     document = {"quantity": name, **asdict(entry), "found_by": sources}
-    return Answer(f"{name}  {entry.title}\n\n{told}", document)
+    return Answer(f"{name}  {entry.title}\n\n{body}", document)
 
 
 def _of_keys(path: str) -> Answer:
@@ -146,12 +146,12 @@ def _of_keys(path: str) -> Answer:
         lines = [f"{key.path:<{width}}  {key.meaning.partition('. ')[0].rstrip('.')}." for key in keys]
         return Answer("\n".join([*lines, f"maskfab explain {keys[0].path} tells more"]), document)
     refused = _refused_if() if any(key.section == "design.rules" for key in keys) else {}
-    told = []
+    entries = []
     for key in keys:
         default = "required" if key.default is None else key.default or "none"
         parts = _parts(("Meaning", key.meaning), ("Form", key.form), ("Default", default), *refused.get(key.path, ()))
-        told.append(key.path + key.section.partition(" ")[1] + key.section.partition(" ")[2] + "\n" + parts)
-    return Answer("\n\n".join(told), document)
+        entries.append(key.path + key.section.partition(" ")[1] + key.section.partition(" ")[2] + "\n" + parts)
+    return Answer("\n\n".join(entries), document)
 
 
 def _refused_if() -> dict[str, tuple[tuple[str, str]]]:
@@ -162,11 +162,11 @@ def _refused_if() -> dict[str, tuple[tuple[str, str]]]:
 
 
 def _parts(*parts: tuple[str, str]) -> str:
-    told = []
+    paragraphs = []
     for title, text in parts:
-        lines = (line for each in text.splitlines() for line in textwrap.wrap(each, _WIDTH - len(_INDENT)))
-        told.append(f"{title + ':':<{len(_INDENT)}}" + f"\n{_INDENT}".join(lines))
-    return "\n".join(told)
+        lines = (line for paragraph in text.splitlines() for line in textwrap.wrap(paragraph, _WIDTH - len(_INDENT)))
+        paragraphs.append(f"{title + ':':<{len(_INDENT)}}" + f"\n{_INDENT}".join(lines))
+    return "\n".join(paragraphs)
 
 
 _OPTIONAL = {
@@ -207,11 +207,11 @@ class Examination(Result):
 
     def __str__(self) -> str:
         width = max(map(len, self.facts))
-        lines = [f"{name.ljust(width)}  {told}" for name, told in self.facts.items()]
+        lines = [f"{name.ljust(width)}  {words}" for name, words in self.facts.items()]
         shown = self.checks if self.passed else self.checks.failed
-        right = sum(each.passed is True for each in self.checks)
-        told = f"self-test: {right} of {len(self.checks)} checks pass, {self.seconds:.1f} s"
-        return "\n".join([*lines, told] if self.passed else [*lines, told, str(shown)])
+        right = sum(check.passed is True for check in self.checks)
+        summary = f"self-test: {right} of {len(self.checks)} checks pass, {self.seconds:.1f} s"
+        return "\n".join([*lines, summary] if self.passed else [*lines, summary, str(shown)])
 
 
 @checked_arguments
@@ -238,7 +238,7 @@ def doctor(*, progress: Progress = silent) -> Examination:
             path = Path(scratch) / f"plate.{name}"
             plate = _plate()
             plate.write(path)
-            checks += [each for each in verify(path, against=plate) if each.passed is not None]
+            checks += [check for check in verify(path, against=plate) if check.passed is not None]
     progress("self-test", len(_FORMATS), len(_FORMATS))
     return Examination(dict(_facts()), Quantities(checks), round(time.perf_counter() - begun, 2))
 
@@ -329,7 +329,7 @@ class Kept(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers and bytes, by kind."""
-        kinds = {what: _sums(each) for what, each in sorted(_by_kind(self.entries).items())}
+        kinds = {what: _sums(entries) for what, entries in sorted(_by_kind(self.entries).items())}
         folder = None if self.folder is None else str(self.folder)
         return {"folder": folder, "kept": kinds, "removed": None if self.removed is None else _sums(self.removed)}
 
@@ -340,9 +340,9 @@ class Kept(Result):
             return f"The cache is off, or has no place that only you may write; {VARIABLE} names another folder."
         now = time.time()
         lines = [str(self.folder)]
-        for what, each in sorted(_by_kind(self.entries).items(), key=lambda item: -_sums(item[1])["bytes"]):
-            days = (now - max(entry.used for entry in each)) / _DAY_S
-            lines.append(_line(each, f"{what}, used {days:.1f} days ago"))
+        for what, entries in sorted(_by_kind(self.entries).items(), key=lambda item: -_sums(item[1])["bytes"]):
+            days = (now - max(entry.used for entry in entries)) / _DAY_S
+            lines.append(_line(entries, f"{what}, used {days:.1f} days ago"))
         lines.append(_line(self.entries, "in all"))
         return "\n".join(lines if self.removed is None else [*lines, _line(self.removed, "removed")])
 
@@ -519,7 +519,7 @@ def bench(
         loaded = job_of(job)
         loaded.check_window()
         left = unused(loaded.spec, *USES["self bench"])
-        panels = {each.name: each.panel for each in loaded.plate().dies}
+        panels = {one.name: one.panel for one in loaded.plate().dies}
         workload = accuracy.workload_of(panels[dies_of(die, panels)[0]], loaded.camera)
     timings = accuracy.race(workload, rounds, progress)
     return Benchmark(timings, accuracy.gemm_bound_ms(workload), accuracy.absent(), left)

@@ -142,10 +142,10 @@ def analyse(
         blank=parse_section(MaskBlank, dict(plate or {}), where="plate"),
     )
     if isinstance(subject, Opening):
-        found = analysis.analyse_opening(subject, request, progress)
+        analysed = analysis.analyse_opening(subject, request, progress)
     else:
-        found = analysis.analyse(subject, request, progress)
-    return Analysis(**vars(found))
+        analysed = analysis.analyse(subject, request, progress)
+    return Analysis(**vars(analysed))
 
 
 def _camera(stated: Camera | Mapping[str, Any] | None) -> Camera:
@@ -164,7 +164,7 @@ def _analyse(asked: Asked) -> Told:
     if asked.out is not None:
         check_target(asked.out, force=False)
     lens, file = _camera(asked.stated.get("camera")).model, Path(asked.stated["subject"])
-    found: Analysis = asked.found()
+    answer: Analysis = asked.found()
     paths: list[Path] = []
     if asked.out is not None:
         from maskfab.mask.formats.exr import camera_header
@@ -173,11 +173,11 @@ def _analyse(asked: Asked) -> Told:
         stated = {"gutter": "0 um"} | asked.stated
         laid_out = {key: str(stated[key]) for key in keys if key in stated}
         source = {"source": file.name, "source_sha256": sha256_of_file(file), "maskfab_version": __version__}
-        paths = found.save(asked.out, {**camera_header(lens), **source, **laid_out})
-    numbers = [each for each in found.quantities if not each.name.startswith(MODEL_BAR)]
-    left_out = [each for each in found.quantities if each.name.startswith(MODEL_BAR)]
-    lines = [*table_lines(numbers), *_methods(sorted(left_out, key=lambda each: -float(each.value or 0)))]
-    return Told(found.to_dict(), [*lines, *map(str, paths)], found.passed, remarks=note_lines(fast_lens(lens)))
+        paths = answer.save(asked.out, {**camera_header(lens), **source, **laid_out})
+    numbers = [row for row in answer.quantities if not row.name.startswith(MODEL_BAR)]
+    left_out = [row for row in answer.quantities if row.name.startswith(MODEL_BAR)]
+    lines = [*table_lines(numbers), *_methods(sorted(left_out, key=lambda row: -float(row.value or 0)))]
+    return Told(answer.to_dict(), [*lines, *map(str, paths)], answer.passed, remarks=note_lines(fast_lens(lens)))
 
 
 def _methods(left_out: Sequence[Quantity]) -> list[str]:

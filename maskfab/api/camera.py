@@ -111,9 +111,9 @@ class Camera:
         line, camera = self._line(wavelength), self.model
         check_window(camera, panel.dot_nm / NM_PER_UM, where="Camera")
         pupil = self._pupil(panel)
-        found = point_psf(pupil, camera, line, pixel_margin(camera) if pixels else 0)
-        found = pixel_psf(found, camera) if pixels else found
-        return Psf(found.values, found.step_um, found.wavelength_nm, found.kind)
+        psf = point_psf(pupil, camera, line, pixel_margin(camera) if pixels else 0)
+        psf = pixel_psf(psf, camera) if pixels else psf
+        return Psf(psf.values, psf.step_um, psf.wavelength_nm, psf.kind)
 
     @checked_arguments
     @one_thread
@@ -122,8 +122,8 @@ class Camera:
         but for the window, which it does not use."""
         line, camera = self._line(wavelength), self.model
         table = lag_table(self._pupil(panel), longest_lag_um(camera))
-        found = presampled_mtf(table, camera, line)
-        return Mtf(**vars(found), camera=camera, table=table)
+        mtf = presampled_mtf(table, camera, line)
+        return Mtf(**vars(mtf), camera=camera, table=table)
 
     def _pupil(self, panel: Tiled) -> Pupil:
         camera = self.model

@@ -67,7 +67,7 @@ class DisplayCheck(Result):
     @property
     def passed(self) -> bool:
         """Whether every display fits, or nothing is required of it and no rule is broken."""
-        return all(found.passed for found in self.built.displays.values())
+        return all(display.passed for display in self.built.displays.values())
 
     def __getitem__(self, die: str) -> Feasibility:
         return self.built.displays[die]
@@ -85,9 +85,9 @@ class DisplayCheck(Result):
 
         lines = [
             line
-            for each in self.built.plate.dies
+            for one in self.built.plate.dies
             for line in display_text.display_lines(
-                each.name, self.built.displays.get(each.name), self.gaps.get(each.name), self.notes.get(each.name)
+                one.name, self.built.displays.get(one.name), self.gaps.get(one.name), self.notes.get(one.name)
             )
         ]
         return "\n".join([*lines, *in_words(self.unused)])
@@ -144,13 +144,13 @@ class Rendering(Result):
     def __str__(self) -> str:
         from maskfab.report.rows.text import table_lines
 
-        lines = [line for name, each in self.panels.items() for line in (name, *table_lines(each.quantities))]
+        lines = [line for name, panel in self.panels.items() for line in (name, *table_lines(panel.quantities))]
         return "\n".join([*lines, *in_words(self.unused)])
 
     def _repr_html_(self) -> str:
         from maskfab.report.rows.text import html_table
 
-        return "".join(f"<h4>{name}</h4>{html_table(each.quantities)}" for name, each in self.panels.items())
+        return "".join(f"<h4>{name}</h4>{html_table(panel.quantities)}" for name, panel in self.panels.items())
 
     def _repr_png_(self) -> bytes:
         return self.picture()
@@ -181,8 +181,8 @@ class Plans(Result):
         from maskfab.optics.scene.model_bar import weighed
 
         dies = [
-            {**plans.plan_document(name, found), "not_modelled": weighed(self.omissions[name], self.accuracy)}
-            for name, found in self.plans.items()
+            {**plans.plan_document(name, plan), "not_modelled": weighed(self.omissions[name], self.accuracy)}
+            for name, plan in self.plans.items()
         ]
         return {"accuracy": self.accuracy, "dies": dies, "unused": list(self.unused)}
 
@@ -192,8 +192,8 @@ class Plans(Result):
 
         lines = [
             line
-            for name, found in self.plans.items()
-            for line in [*plans.plan_table(name, found), *weighed_table(self.omissions[name], self.accuracy)]
+            for name, plan in self.plans.items()
+            for line in [*plans.plan_table(name, plan), *weighed_table(self.omissions[name], self.accuracy)]
         ]
         return "\n".join([*lines, *in_words(self.unused)])
 
@@ -287,8 +287,8 @@ def _fit(loaded: Job, die: str | Sequence[str] | None, *, largest_gap: bool, pro
     if rules is None:
         raise JobError("MF105", "the job asks for no emitters", where=f"{loaded.where}: emitters", cure=_RULES)
     plate = loaded.plate()
-    asked = dies_of(die, [each.name for each in plate.dies])
-    plate = replace(plate, dies=tuple(each for each in plate.dies if each.name in asked))
+    asked = dies_of(die, [one.name for one in plate.dies])
+    plate = replace(plate, dies=tuple(one for one in plate.dies if one.name in asked))
     with executor_of(loaded) as executor:
         built = displays(loaded, plate, progress, executor=executor)
     gaps = widest_gaps(plate, rules, progress) if largest_gap else {}
@@ -314,7 +314,7 @@ def _rendering(
 
     distance_um = units.parse_length_um(length_text(distance), where="distance", zero_allowed=True)
     pitch_um = None if dpi is None else units.parse_pitch_um(f"{dpi!r} dpi", where="dpi")
-    panels = {each.name: each.panel for each in displays(loaded).plate.dies}
+    panels = {one.name: one.panel for one in displays(loaded).plate.dies}
     chosen = dies_of(die, panels)
     photograph = None if image is None else read_picture(Path(image))
     lit = [name for name in chosen if has_emitters(panels[name])]
@@ -341,7 +341,7 @@ def _plans(loaded: Job, die: str | Sequence[str] | None) -> Plans:
     section = loaded.spec.scene or SceneSection()
     panels = loaded.panels()
     panels = {name: panels[name] for name in dies_of(die, panels)}
-    found = {
+    by_die = {
         name: plans.plan(panel, loaded.camera, loaded.scene or Scene(), section.accuracy)
         for name, panel in panels.items()
     }
@@ -352,7 +352,7 @@ def _plans(loaded: Job, die: str | Sequence[str] | None) -> Plans:
         name: bar_of_scene(panel, loaded.camera, loaded.blank, field_um) if asked else ()
         for name, panel in panels.items()
     }
-    return Plans(section.accuracy, found, bars, unused(loaded.spec, *USES["check --optics"]))
+    return Plans(section.accuracy, by_die, bars, unused(loaded.spec, *USES["check --optics"]))
 
 
 PAGE = "compare.html"
@@ -431,14 +431,14 @@ def compare(
         OutputError: MF403 for a place without a report; MF407 for one that was edited, is damaged, or of another
             version.
     """
-    every = [each for given in reports for each in (given if isinstance(given, list | tuple) else [given])]
+    every = [source for given in reports for source in (given if isinstance(given, list | tuple) else [given])]
     if not every:
         cure = "Give the directories of finished runs"
         raise JobError("MF105", "there is no report to compare", where="compare: reports", cure=cure)
     from maskfab.report.documents.report import read_reports
     from maskfab.report.pages.compared import compare_reports
 
-    read = read_reports([_place(each) for each in every])
+    read = read_reports([_place(source) for source in every])
     return Comparison(compare_reports(read, dies, reference))
 
 

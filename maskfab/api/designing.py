@@ -159,8 +159,8 @@ class Design(Result):
         return self.opening.plot()
 
     def __repr__(self) -> str:
-        told = ", ".join(f"{value:.2f} dB at {level:g} dB" for level, value in self.psnr.items())
-        return f"<Design {self.found.opening.name}: {self.found.shape}; restored {told}>"
+        scores = ", ".join(f"{value:.2f} dB at {level:g} dB" for level, value in self.psnr.items())
+        return f"<Design {self.found.opening.name}: {self.found.shape}; restored {scores}>"
 
 
 def is_folder(target: Path) -> bool:
@@ -305,7 +305,7 @@ def design(
         stated = {**section, **display, **({"sections": more} if more else {})}
         command = _call(stated, camera=None if camera is None else lens, images=images)
     began, processor = time.monotonic(), time.process_time()
-    found = design_spec(
+    best = design_spec(
         spec,
         command,
         where=where,
@@ -316,7 +316,7 @@ def design(
         price_rules=price_rules,
     )
     taken = time.monotonic() - began, time.process_time() - processor
-    return Design(found, Made(provenance.job_hash(spec.dump()), *taken))
+    return Design(best, Made(provenance.job_hash(spec.dump()), *taken))
 
 
 @answers(design)
@@ -352,8 +352,8 @@ def _design_front(asked: Asked, job: Path) -> Told:
     command = f"maskfab design {job.as_posix()} --front --out {asked.out.as_posix()}"
     for option in ("images", "budget"):
         value = asked.stated.get(option)
-        told = value.as_posix() if isinstance(value, Path) else f"'{value}'"
-        command += "" if value is None else f" --{option} {told}"
+        text = value.as_posix() if isinstance(value, Path) else f"'{value}'"
+        command += "" if value is None else f" --{option} {text}"
     check_target(asked.out, force=asked.force)
     front = asked.found(command=command)
     asked.progress("files", 0, 1)
@@ -488,7 +488,7 @@ def _front(
     settings = capture_settings(spec)
     require_weights(section, settings, str(path))
     limit_s = None if budget is None else parse_time_s(budget, where="budget")
-    compared = [load_opening(path.parent / each) for each in spec.pareto.compare]
+    compared = [load_opening(path.parent / name) for name in spec.pareto.compare]
     texts = {opening.name: opening_text(opening) for opening in compared}
     if len(texts) < len(compared):
         cure = "Give one of the openings another name in its file"
@@ -499,7 +499,7 @@ def _front(
     rules = rules_of(section, display, compared)
     lattice(section.dots, rules.dot_nm, camera=camera, where=f"{path}: design.dots")
     scenes = scenes_of(None if images is None else Path(images), section)
-    found = sweep(
+    swept = sweep(
         spec.pareto,
         section,
         scenes.photographs,
@@ -510,17 +510,17 @@ def _front(
         budget_s=limit_s,
         progress=progress,
     )
-    made = designs(found, spec, command or f"maskfab.design({path.as_posix()!r}, front=True)", camera, settings)
+    made = designs(swept, spec, command or f"maskfab.design({path.as_posix()!r}, front=True)", camera, settings)
     digest = provenance.job_hash(spec.model_copy(update={"openings": {**spec.openings, **texts}}).dump())
-    told = scenes_line(scenes, None if images is None else Path(images))
-    return ParetoFront(found, made, digest, told, notes_of(spec, scenes, USES["design --front"], settings))
+    scenes_words = scenes_line(scenes, None if images is None else Path(images))
+    return ParetoFront(swept, made, digest, scenes_words, notes_of(spec, scenes, USES["design --front"], settings))
 
 
-def _lines(found: Pareto, designs: Sequence[FrontDesign]) -> list[str]:
-    best = set(map(id, found.best))
-    names = {id(each.point): each.name for each in designs}
+def _lines(front: Pareto, designs: Sequence[FrontDesign]) -> list[str]:
+    best = set(map(id, front.best))
+    names = {id(design.point): design.name for design in designs}
     lines = []
-    for curve in found.curves:
+    for curve in front.curves:
         if curve.refusal is not None:
             lines.append(f"{curve.clear_dots} clear dots: {curve.refusal}")
             continue
@@ -531,13 +531,13 @@ def _lines(found: Pareto, designs: Sequence[FrontDesign]) -> list[str]:
             f"evaluated, emitters and wires of {curve.measured} measured{between}{cut}"
         )
         lines += [
-            f"  {'*' if id(each) in best else ' '} {_told(each.value, each)}, grain {each.grain:.5f}  "
-            f"{names[id(each)]}: {each.shape}"
-            for each in curve.points
+            f"  {'*' if id(one) in best else ' '} {_told(one.value, one)}, grain {one.grain:.5f}  "
+            f"{names[id(one)]}: {one.shape}"
+            for one in curve.points
         ]
-        lines += [f"    does not fit on a die: {each}" for each in curve.misfits]
-    for given in found.compared:
-        gain = found.gain_db(given)
+        lines += [f"    does not fit on a die: {misfit}" for misfit in curve.misfits]
+    for given in front.compared:
+        gain = front.gain_db(given)
         more = (
             "nothing found has so much of both at no more clear dots"
             if gain is None
@@ -547,5 +547,5 @@ def _lines(found: Pareto, designs: Sequence[FrontDesign]) -> list[str]:
     return lines
 
 
-def _told(value: float, each: JudgedOpening | FrontPoint) -> str:
-    return f"{value:.2f} dB  emitters {each.footprint:.2%}  {each.lines} lines"
+def _told(value: float, opening: JudgedOpening | FrontPoint) -> str:
+    return f"{value:.2f} dB  emitters {opening.footprint:.2%}  {opening.lines} lines"

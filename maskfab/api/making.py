@@ -240,12 +240,12 @@ def verify(
     slivers = 0.0 if tolerance is None else parse_length_um(length_text(tolerance), where="tolerance")
     how = How(layer, cell, dots_per_um, unit_um, tuple(ignore), _is_dark(tone), slivers * NM_PER_UM)
     job = job_of(against)
-    found = verification.verify_file(path, job, die, how, progress)
+    foreign = verification.verify_file(path, job, die, how, progress)
     return Verification(
-        found.quantities,
-        layer=found.layers.clear or None,
-        tone="dark" if found.dark else "clear",
-        other_layers=found.layers.others,
+        foreign.quantities,
+        layer=foreign.layers.clear or None,
+        tone="dark" if foreign.dark else "clear",
+        other_layers=foreign.layers.others,
         unused=unused(job.spec, *USES["verify --against"]),
     )
 
@@ -258,23 +258,23 @@ def _verify(asked: Asked) -> Told:
         return Told.of(asked.found())
     options = {key: value for key, value in stated.items() if key not in ("subject", "progress")}
     check_applies(options, path, lambda name: "--unit" if name == "unit_um" else f"--{name.replace('_', '-')}")
-    found: Verification = asked.found()
+    answer: Verification = asked.found()
     against, shop = (None if stated.get(key) is None else str(stated[key]) for key in ("against", "shop"))
-    document: dict[str, Any] = {"verdict": "pass" if found.passed else "fail", "verdicts": found.verdicts.to_dict()}
-    if found.tone is None:
+    document: dict[str, Any] = {"verdict": "pass" if answer.passed else "fail", "verdicts": answer.verdicts.to_dict()}
+    if answer.tone is None:
         more = {"package": str(path), "against": against, "shop": shop} if is_package(path) else {}
-        document |= {**more, "checks": found.to_dict()}
-        return Told(document, (), found.passed, remarks=verdict_lines(found, found.verdicts))
+        document |= {**more, "checks": answer.to_dict()}
+        return Told(document, (), answer.passed, remarks=verdict_lines(answer, answer.verdicts))
     document |= {
-        "layer": found.layer, "tone": found.tone, "other_layers": list(found.other_layers), "file": str(path),
-        "against": against, "die": stated.get("die"), "quantities": found.to_dict(), "unused": list(found.unused),
+        "layer": answer.layer, "tone": answer.tone, "other_layers": list(answer.other_layers), "file": str(path),
+        "against": against, "die": stated.get("die"), "quantities": answer.to_dict(), "unused": list(answer.unused),
     }  # fmt: skip
-    of_layer = f" on layer {found.layer}" if found.layer else ""
-    beside = f"; ignored layers with shapes: {', '.join(found.other_layers)}" if found.other_layers else ""
-    read_as = f"{path.name}: polygons{of_layer} are {'opaque' if found.tone == 'dark' else 'clear'}{beside}"
-    lines = [read_as, *table_lines(found, dies=True), *in_words(found.unused)]
-    judged = [quantity for quantity in found if quantity.passed is not None]
-    return Told(document, lines, found.passed, remarks=verdict_lines(judged, found.verdicts))
+    of_layer = f" on layer {answer.layer}" if answer.layer else ""
+    beside = f"; ignored layers with shapes: {', '.join(answer.other_layers)}" if answer.other_layers else ""
+    read_as = f"{path.name}: polygons{of_layer} are {'opaque' if answer.tone == 'dark' else 'clear'}{beside}"
+    lines = [read_as, *table_lines(answer, dies=True), *in_words(answer.unused)]
+    judged = [quantity for quantity in answer if quantity.passed is not None]
+    return Told(document, lines, answer.passed, remarks=verdict_lines(judged, answer.verdicts))
 
 
 def _is_dark(tone: str | None) -> bool:
@@ -318,12 +318,12 @@ def check_applies(stated: Mapping[str, object], subject: Path, spelt: Callable[[
 
 
 def _refuse_strangers(strangers: Sequence[str], subject: str, spelt: Callable[[str], str]) -> None:
-    told = " ".join(map(spelt, strangers))
-    cure = f"Leave {told} out"
+    names = " ".join(map(spelt, strangers))
+    cure = f"Leave {names} out"
     if "against" in strangers:
         cure += ": a finished directory is held against the job in it. Or name one of its mask files"
     if strangers:
-        raise JobError("MF105", f"{told} does not apply to {subject}", where=spelt(strangers[0]), cure=cure)
+        raise JobError("MF105", f"{names} does not apply to {subject}", where=spelt(strangers[0]), cure=cure)
 
 
 def _meant(file: Path) -> tuple[str, ...]:

@@ -137,22 +137,22 @@ def measure(
         JobError: MF105 for a die that the job does not have, or a gain that nothing states; else as for the job.
         OutputError: MF420, MF421 for a mask house of the job that has no profile, or a malformed one.
     """
-    known = job_of(job)
+    loaded = job_of(job)
     if not _LEAST_WINDOW <= window <= _MOST_WINDOW:
         what = f"a window of {window} pixels is not from {_LEAST_WINDOW} to {_MOST_WINDOW}"
         raise JobError("MF104", what, where="window", cure="Use 150, or up to 400 for wide pictures")
-    panels = known.panels()
+    panels = loaded.panels()
     wanted = dies_of(die, panels)
-    stated = None if times is None else [parse_time_s(each, where="times") for each in times]
+    stated = None if times is None else [parse_time_s(time, where="times") for time in times]
     line_nm = None if line is None else parse_wavelength_nm(wavelength_text(line), where="line")
-    written = known.spec.written
-    promise = Promise(0.0 if written is None else written.cd_bias_um, shop_of(known.spec, known.where))
-    sensor = known.spec.sensor or Sensor()
+    written = loaded.spec.written
+    promise = Promise(0.0 if written is None else written.cd_bias_um, shop_of(loaded.spec, loaded.where))
+    sensor = loaded.spec.sensor or Sensor()
     if not pair:
         _noise(gain, read_noise, None)
 
     def read(paths: Sequence[str | Path], times_s: Sequence[float] | None = None) -> tuple[Frame, ...]:
-        files = [Path(each) for each in paths]
+        files = [Path(path) for path in paths]
         return read_frames(files, times_s=times_s, black=black, white=white, mosaic=mosaic) if files else ()
 
     given = [captures] if isinstance(captures, str | Path) else captures
@@ -163,41 +163,41 @@ def measure(
     middle = window_middle(light_place(frames, side), frames[0], side)
     electrons_per_count, read_noise_e = _noise(gain, read_noise, gained)
     merging = merged(
-        [each.cropped(middle, side) for each in frames],
+        [frame.cropped(middle, side) for frame in frames],
         electrons_per_count=electrons_per_count,
         read_noise_e=read_noise_e,
-        dark=[each.cropped(middle, side) for each in darks],
-        flat=[each.cropped(middle, side) for each in flats],
+        dark=[frame.cropped(middle, side) for frame in darks],
+        flat=[frame.cropped(middle, side) for frame in flats],
     )
     progress("captures", 1, 1)
     colours = tuple(sorted({plane.colour for plane in merging.planes}))
-    bands = () if known.scene is None else known.scene.bands
-    light = light_of(colours, known.camera, bands, side / 2 * known.camera.pixel_um, line_nm)
-    found = measured(
+    bands = () if loaded.scene is None else loaded.scene.bands
+    light = light_of(colours, loaded.camera, bands, side / 2 * loaded.camera.pixel_um, line_nm)
+    measurement = measured(
         merging,
         {name: panels[name] for name in wanted},
-        known.camera,
+        loaded.camera,
         light,
-        seen_mirrored=sees_mirrored(known),
+        seen_mirrored=sees_mirrored(loaded),
         promise=promise,
         sensor=sensor,
         progress=progress,
     )
-    return Measurement(found, known.digest, _notes(known, line_nm, gained))
+    return Measurement(measurement, loaded.digest, _notes(loaded, line_nm, gained))
 
 
 answers(measure)(saved_at)
 
 
-def _noise(gain: float | None, read_noise: float | None, told: Gain | None) -> tuple[float, float]:
+def _noise(gain: float | None, read_noise: float | None, stated: Gain | None) -> tuple[float, float]:
     """Electrons for each count, and the read noise in electrons: as stated, else as a pair of frames told.
 
     Raises:
         JobError: MF105 if neither does.
     """
-    if told is not None:
-        gain = told.electrons_per_count if gain is None else gain
-        read_noise = told.read_noise_e if read_noise is None else read_noise
+    if stated is not None:
+        gain = stated.electrons_per_count if gain is None else gain
+        read_noise = stated.read_noise_e if read_noise is None else read_noise
     if gain is None or read_noise is None:
         cure = "Give gain and read_noise in electrons, or a pair of equal frames that they are told from"
         raise JobError("MF105", "nothing states the sensor's gain and read noise", where="gain", cure=cure)
@@ -227,7 +227,7 @@ def light_words(job: Job, line_nm: float | None) -> str:
         return f"one line of {line_nm:g} nm"
     if job.scene is not None and job.scene.bands:
         return f"bands of [scene] {', '.join(band.name for band in job.scene.bands)}"
-    lines = [f"{each:g} nm" for each in job.camera.wavelengths_nm]
+    lines = [f"{line:g} nm" for line in job.camera.wavelengths_nm]
     return f"one line of {lines[0]}" if len(lines) == 1 else f"lines of {', '.join(lines)}, one for each colour"
 
 
@@ -261,7 +261,7 @@ class EdgeMeasurement(FolderResult):
     @property
     def edges(self) -> tuple[Quantities, ...]:
         """The numbers of every edge."""
-        return tuple(Quantities(each.quantities) for each in self.found.edges)
+        return tuple(Quantities(edge.quantities) for edge in self.found.edges)
 
     @property
     def verdict(self) -> tuple[str, ...]:
@@ -283,8 +283,8 @@ class EdgeMeasurement(FolderResult):
         return edges_drawing(self.found)
 
     def __str__(self) -> str:
-        tables = [f"{each.title}\n{Quantities(each.quantities)}" for each in self.found.edges]
-        left_out = [f"not measured: {each}" for each in self.found.left_out]
+        tables = [f"{edge.title}\n{Quantities(edge.quantities)}" for edge in self.found.edges]
+        left_out = [f"not measured: {name}" for name in self.found.left_out]
         return "\n".join([*self.verdict, *tables, *left_out, *(f"note: {note}" for note in self.notes)])
 
 
@@ -357,29 +357,29 @@ def edge(
         stand_named(stands)
     pixel_um = None if pixel is None else parse_length_um(length_text(pixel), where="pixel")
     line_nm = _line_nm(line)
-    known = None if job is None else job_of(job)
-    panels = {} if known is None or die is None else known.panels()
+    loaded = None if job is None else job_of(job)
+    panels = {} if loaded is None or die is None else loaded.panels()
     if die is not None:
         dies_of(die, panels)
     frame = read_frame(Path(picture), black=black, white=white, mosaic=mosaic)
-    colours = tuple(dict.fromkeys(each.colour for each in frame.lattices))
+    colours = tuple(dict.fromkeys(lattice.colour for lattice in frame.lattices))
     designs = None
-    if known is not None:
-        pixel_um = known.camera.pixel_um
+    if loaded is not None:
+        pixel_um = loaded.camera.pixel_um
         if die is not None:
-            bands = () if known.scene is None else known.scene.bands
-            light = seen_light(colours, known.camera, bands, line_nm)
-            designs = {colour: _design(known, panels, die, (light[colour],), stands) for colour in colours}
+            bands = () if loaded.scene is None else loaded.scene.bands
+            light = seen_light(colours, loaded.camera, bands, line_nm)
+            designs = {colour: _design(loaded, panels, die, (light[colour],), stands) for colour in colours}
     reach = math.inf if window is None else window / 2
-    found = frame_edges(frame, pixel_um, region=box, window_px=reach, designs=designs)
+    edges = frame_edges(frame, pixel_um, region=box, window_px=reach, designs=designs)
     notes = ["Assumed: counts above black are linear in the light, and both fields beside the edge are evenly lit."]
     if frame.black == (0.0,) * len(frame.black) and black is None:
         notes.append("The file states no black level: it was taken to be 0, which matters where light is uneven.")
-    if known is None and pixel is None:
+    if loaded is None and pixel is None:
         notes.append("The pixel is not known, so frequencies are told per pixel alone.")
-    if known is not None:
-        notes += _design_notes(known, die, line_nm, stands)
-    return EdgeMeasurement(found, frame.name, frame.sha256, None if known is None else known.digest, tuple(notes))
+    if loaded is not None:
+        notes += _design_notes(loaded, die, line_nm, stands)
+    return EdgeMeasurement(edges, frame.name, frame.sha256, None if loaded is None else loaded.digest, tuple(notes))
 
 
 answers(edge)(saved_at)
@@ -393,19 +393,19 @@ def _curve(
         what = f"an angle of {angle:g} deg is not -180 to 180 deg"
         raise JobError("MF104", what, where="angle", cure="Use 0 or 90, say")
     line_nm = _line_nm(line)
-    known = job_of(job)
-    panels = known.panels()
+    loaded = job_of(job)
+    panels = loaded.panels()
     dies_of(die, panels)
     path = Path(curve)
-    read = read_mtf(path, known.camera.pixel_um, float(angle))
-    bands = () if known.scene is None else known.scene.bands
-    lights: tuple[Light, ...] = (line_nm,) if line_nm is not None else bands or known.camera.wavelengths_nm
-    found = compared_curve(read, _design(known, panels, die, lights, stands))
+    read = read_mtf(path, loaded.camera.pixel_um, float(angle))
+    bands = () if loaded.scene is None else loaded.scene.bands
+    lights: tuple[Light, ...] = (line_nm,) if line_nm is not None else bands or loaded.camera.wavelengths_nm
+    edges = compared_curve(read, _design(loaded, panels, die, lights, stands))
     notes = [
         "Nothing tells the window of the curve: the design is shown without one.",
-        *_design_notes(known, die, line_nm, stands),
+        *_design_notes(loaded, die, line_nm, stands),
     ]
-    return EdgeMeasurement(found, read.name, sha256_of_file(path), known.digest, tuple(notes))
+    return EdgeMeasurement(edges, read.name, sha256_of_file(path), loaded.digest, tuple(notes))
 
 
 def _only(die: str | Sequence[str] | None) -> str | None:
@@ -445,7 +445,7 @@ def _region(stated: str | Sequence[int] | None) -> Region | None:
         return None
     parts = re.split(r"\s*,\s*", stated.strip()) if isinstance(stated, str) else list(stated)
     try:
-        top, left, bottom, right = (int(each) for each in parts)
+        top, left, bottom, right = (int(part) for part in parts)
     except (TypeError, ValueError) as error:
         cure = "Write first row, first column, end row, end column: 100,200,500,300"
         raise JobError("MF105", f"{stated!r} is no region of four whole numbers", where="region", cure=cure) from error

@@ -209,7 +209,7 @@ class Opening(model.Opening):
         require_count(self.mask, count)
         stated = "" if camera is None else f", camera={camera_line(camera.model)!r}"
         stated += "" if images is None else f", images={str(images)!r}"
-        found = reduced_opening(
+        opening = reduced_opening(
             self,
             count,
             PhotoCamera.of((camera or F1).model),
@@ -218,7 +218,7 @@ class Opening(model.Opening):
             periodic=tiling == "periodic",
             progress=progress,
         )
-        return Opening.of_model(found)
+        return Opening.of_model(opening)
 
     @checked_arguments
     def save(self, path: str | Path) -> Path:
@@ -278,16 +278,16 @@ def read_opening(
         return Opening.of(source, _stated(pitch, "pitch", "the array"), name=name or "opening")
     path = Path(source)
     if path.suffix.lower() == ".toml":
-        found = opening_file.load_opening(path, dots=dots, name=name)
-        return Opening.of_model(found if pitch is None else _repitched(found, pitch))
+        opening = opening_file.load_opening(path, dots=dots, name=name)
+        return Opening.of_model(opening if pitch is None else _repitched(opening, pitch))
     if path.suffix.lower() in LAYOUT_SUFFIXES:
         wanted = _whole(_stated(dots, "dots", path.name), "dots")
         dot_nm = _dot_nm(_stated(pitch, "pitch", path.name), wanted, "read_opening: pitch")
         return Opening.of_model(
             opening_file.load_opening(path, dots=wanted, dot_nm=dot_nm, layer=layer, cell=cell, name=name)
         )
-    found = opening_file.load_opening(path, dots=dots, dot_nm=1, name=name)
-    return Opening.of_model(_repitched(found, _stated(pitch, "pitch", path.name)))
+    opening = opening_file.load_opening(path, dots=dots, dot_nm=1, name=name)
+    return Opening.of_model(_repitched(opening, _stated(pitch, "pitch", path.name)))
 
 
 def _repitched(opening: model.Opening, pitch: Length) -> model.Opening:

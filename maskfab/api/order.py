@@ -84,9 +84,9 @@ def _rules(shop: Shop) -> Iterator[str]:
 
 def _told(value: object) -> str:
     if isinstance(value, tuple):
-        return ", ".join(_told(each) for each in value)
+        return ", ".join(_told(item) for item in value)
     if isinstance(value, dict):
-        return ", ".join(f"{key}: {_told(each)}" for key, each in value.items())
+        return ", ".join(f"{key}: {_told(item)}" for key, item in value.items())
     return (
         "yes" if value is True else "no" if value is False else f"{value:g}" if isinstance(value, float) else str(value)
     )
@@ -152,9 +152,9 @@ class Bids(tuple[Bid, ...]):
                     "taken": bid.taken,
                     "format": bid.format,
                     "changes": [*bid.changes],
-                    "refusals": [vars(each) for each in bid.refusals],
-                    "to_agree": [vars(each) for each in bid.agreed],
-                    "to_ask": [vars(each) for each in bid.asked],
+                    "refusals": [vars(finding) for finding in bid.refusals],
+                    "to_agree": [vars(finding) for finding in bid.agreed],
+                    "to_ask": [vars(finding) for finding in bid.asked],
                     "mail": bid.mail,
                     "blanks": [*bid.blanks],
                 }
@@ -166,24 +166,26 @@ class Bids(tuple[Bid, ...]):
     def __str__(self) -> str:
         rows = [("shop", "takes it", "format", "blanks", "changes, what to ask, or why not")]
         for bid in self:
-            told = ", ".join(bid.changes) or "-"
+            reason = ", ".join(bid.changes) or "-"
             if bid.answer == "does not":
-                told = "; ".join(each.told for each in bid.refusals)
+                reason = "; ".join(finding.told for finding in bid.refusals)
             elif bid.asked:
-                told = "; ".join(filter(None, (f"ask: {', '.join(each.rule for each in bid.asked)}", *bid.changes)))
+                reason = "; ".join(
+                    filter(None, (f"ask: {', '.join(finding.rule for finding in bid.asked)}", *bid.changes))
+                )
             answer = {"takes it": "yes", "ask first": "ask first", "does not": "no"}[bid.answer]
-            rows.append((bid.shop, answer, bid.format, str(len(bid.blanks)), told))
+            rows.append((bid.shop, answer, bid.format, str(len(bid.blanks)), reason))
         widths = [max(len(row[k]) for row in rows) for k in range(4)]
         room = max(_LINE - sum(widths) - 2 * len(widths), _LEAST)
         lines = []
-        for *cells, told in rows:
-            first, *more = textwrap.wrap(told, room) or [""]
+        for *cells, reason in rows:
+            first, *more = textwrap.wrap(reason, room) or [""]
             start = "  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True))
-            lines += [f"{start}  {first}".rstrip(), *(" " * (len(start) + 2) + each for each in more)]
+            lines += [f"{start}  {first}".rstrip(), *(" " * (len(start) + 2) + line for line in more)]
         for keys in dict.fromkeys(bid.blanks for bid in self if bid.blanks):
             at = [bid.shop for bid in self if bid.blanks == keys]
-            told = f"blank at {'all' if len(at) == len(self) else ', '.join(at)}: {', '.join(keys)}"
-            lines += ["", *textwrap.wrap(told, _LINE)]
+            reason = f"blank at {'all' if len(at) == len(self) else ', '.join(at)}: {', '.join(keys)}"
+            lines += ["", *textwrap.wrap(reason, _LINE)]
         for mail in dict.fromkeys(bid.mail for bid in self if bid.answer == "ask first"):
             to = ", ".join(bid.shop for bid in self if bid.answer == "ask first" and bid.mail == mail)
             lines += ["", *textwrap.wrap(f"to ask, ready for a mail: {to}", _LINE)]
@@ -222,9 +224,9 @@ def compare(job: AnyJob, shop: Annotated[str | None, "<SHOP>"] = None, *, progre
         own = shop_of(loaded.spec, loaded.where)
         houses |= {} if own is None else {own.name: own}
     bids = compare_shops(loaded.spec, loaded.plate(), tuple(houses.values()), progress)
-    found = Bids(sorted(bids, key=lambda bid: get_args(Taken).index(bid.answer)))
-    found.unused = unused(loaded.spec, *USES["order compare"])
-    return found
+    ranked = Bids(sorted(bids, key=lambda bid: get_args(Taken).index(bid.answer)))
+    ranked.unused = unused(loaded.spec, *USES["order compare"])
+    return ranked
 
 
 class Filled(Result):
@@ -253,18 +255,18 @@ class Filled(Result):
         return {
             "shop": self.form.shop.name,
             "complete": self.passed,
-            "missing": [vars(each) for each in self.form.questions],
-            "refused": [vars(each) for each in self.form.refused],
+            "missing": [vars(question) for question in self.form.questions],
+            "refused": [vars(refusal) for refusal in self.form.refused],
             "written": [*self.written],
-            "order": [vars(each) for each in order.answers],
+            "order": [vars(answer) for answer in order.answers],
             "next": self.next,
             "unused": [*self.unused],
         }
 
     def __str__(self) -> str:
         lines = [f"written: {', '.join(self.written)}"] if self.written else []
-        lines += [str(each) for each in self.form.refused]
-        lines += [f"blank: order.{each.key}: {each}" for each in self.form.questions]
+        lines += [str(refusal) for refusal in self.form.refused]
+        lines += [f"blank: order.{question.key}: {question}" for question in self.form.questions]
         lines += [*in_words(self.unused), f"next: {self.next}"]
         return "\n".join(lines)
 
@@ -306,8 +308,8 @@ def fill(job: AnyJob, shop: str, answers: Annotated[Mapping[str, str] | None, "-
             raise JobError("MF105", "answers are written into a file, and this job is none", where="job", cure=cure)
         named = shop if shop in shop_names() else os.path.relpath(shop, Path(job).parent)
         written = write_answers(Path(job), answers, form, named, date.today())
-    told = job if isinstance(job, str | Path) else "JOB.toml"
-    command = f"maskfab order pack {shlex.quote(str(told))} --shop {shlex.quote(shop)}"
+    name = job if isinstance(job, str | Path) else "JOB.toml"
+    command = f"maskfab order pack {shlex.quote(str(name))} --shop {shlex.quote(shop)}"
     return Filled(form, written, command, unused(loaded.spec, *USES["order fill"]))
 
 
@@ -368,13 +370,13 @@ class ShopCheck(Result):
             "shop": self.shop.name,
             "job_hash": self.digest,
             "answer": answer_of(self.findings),
-            "rules": [dict(vars(each)) for each in self.findings],
+            "rules": [dict(vars(finding)) for finding in self.findings],
             "unused": [*self.unused],
             "mail": self.mail,
         }
 
     def __str__(self) -> str:
-        return "\n".join([*(str(each) for each in self.findings), *in_words(self.unused)])
+        return "\n".join([*(str(finding) for finding in self.findings), *in_words(self.unused)])
 
 
 @overload
@@ -436,38 +438,38 @@ def pack(
 @answers(pack)
 def _pack(asked: Asked) -> Told:
     shop = load_shop(asked.stated["shop"])
-    found = asked.found()
-    if isinstance(found, ShopCheck):
-        heard = _verdict(found.findings, shop.name, found.mail)
-        return Told(found.to_dict(), str(found).split("\n"), found.passed, remarks=heard)
-    lines = [str(finding) for finding in found.findings]
-    heard = _verdict(found.findings, shop.name, found.mail, found.refused_by)
-    if found.checks:
+    package = asked.found()
+    if isinstance(package, ShopCheck):
+        heard = _verdict(package.findings, shop.name, package.mail)
+        return Told(package.to_dict(), str(package).split("\n"), package.passed, remarks=heard)
+    lines = [str(finding) for finding in package.findings]
+    heard = _verdict(package.findings, shop.name, package.mail, package.refused_by)
+    if package.checks:
         from maskfab.report.rows.verdicts import Verdicts
 
-        heard += tuple(verdict_lines(found.checks, Verdicts.of(found.checks, {}, 0)))
-    if found.missing:
-        keys = ", ".join(each.key for each in found.missing)
+        heard += tuple(verdict_lines(package.checks, Verdicts.of(package.checks, {}, 0)))
+    if package.missing:
+        keys = ", ".join(answer.key for answer in package.missing)
         lines.append(f"blank on the order sheet, for [order] does not state them: {keys}")
-    lines += [*in_words(found.unused), *([] if found.path is None else [str(found.path)])]
-    return Told(_packed(found, shop), lines, found.path is not None, asides=_age([shop]), remarks=heard)
+    lines += [*in_words(package.unused), *([] if package.path is None else [str(package.path)])]
+    return Told(_packed(package, shop), lines, package.path is not None, asides=_age([shop]), remarks=heard)
 
 
-def _packed(found: Package, shop: Shop) -> dict[str, Any]:
+def _packed(package: Package, shop: Shop) -> dict[str, Any]:
     from maskfab.report.rows.text import quantity_document
 
     return {
-        "verdict": "pass" if found.path is not None else "fail",
+        "verdict": "pass" if package.path is not None else "fail",
         "shop": shop.name,
-        "package": None if found.path is None else str(found.path),
-        "files": [vars(file) for file in found.files],
-        "refused_by": [*found.refused_by],
-        "rules": [dict(vars(finding)) for finding in found.findings],
-        "answer": found.answer,
-        "mail": found.mail,
-        "checks": [quantity_document(check) for check in found.checks],
-        "blanks": [each.key for each in found.missing],
-        "unused": [*found.unused],
+        "package": None if package.path is None else str(package.path),
+        "files": [vars(file) for file in package.files],
+        "refused_by": [*package.refused_by],
+        "rules": [dict(vars(finding)) for finding in package.findings],
+        "answer": package.answer,
+        "mail": package.mail,
+        "checks": [quantity_document(check) for check in package.checks],
+        "blanks": [answer.key for answer in package.missing],
+        "unused": [*package.unused],
     }
 
 
@@ -480,14 +482,16 @@ def _verdict(findings: Sequence[Finding], shop: str, mail: str, failed: Sequence
         mail: questions to it, as one text.
         failed: checks of the files that fail.
     """
-    refused = [each for each in findings if each.passed is False]
-    lines = [f"source of the rules: {source}" for source in dict.fromkeys(each.source for each in refused) if source]
+    refused = [finding for finding in findings if finding.passed is False]
+    lines = [
+        f"source of the rules: {source}" for source in dict.fromkeys(finding.source for finding in refused) if source
+    ]
     if refused:
-        told = ", ".join(dict.fromkeys(each.rule for each in refused))
-        lines.append(f"REFUSED: {len(refused)} of {len(findings)} rules of {shop} broken: {told}")
+        why = ", ".join(dict.fromkeys(finding.rule for finding in refused))
+        lines.append(f"REFUSED: {len(refused)} of {len(findings)} rules of {shop} broken: {why}")
     elif failed:
-        told = f"the files as written fail {', '.join(failed)}"
-        lines.append(f"REFUSED: {told}; {shop} is not the reason, no rule of it is")
+        why = f"the files as written fail {', '.join(failed)}"
+        lines.append(f"REFUSED: {why}; {shop} is not the reason, no rule of it is")
     else:
         lines.append(f"PASS: none of {len(findings)} rules of {shop} is broken")
     if mail:
@@ -502,8 +506,8 @@ def formats_of(asked: Sequence[str]) -> tuple[ShopFormat, ...]:
     Raises:
         JobError: MF105 for one that there is not.
     """
-    for each in asked:
-        if each not in SHOP_FORMATS:
+    for kind in asked:
+        if kind not in SHOP_FORMATS:
             cure = f"Choose among {', '.join(SHOP_FORMATS)}"
-            raise JobError("MF105", f"there is no format {each!r}", where="format", cure=cure)
-    return tuple(each for each in SHOP_FORMATS if each in asked)
+            raise JobError("MF105", f"there is no format {kind!r}", where="format", cure=cure)
+    return tuple(kind for kind in SHOP_FORMATS if kind in asked)

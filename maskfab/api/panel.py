@@ -112,7 +112,7 @@ class Panel(model.Panel):
             "name": unit.name,
             "label": unit.name,
             "opening": unit.name,
-            "others": tuple(each.name for each in others) or None,
+            "others": tuple(other.name for other in others) or None,
             "dot": um_text(pixel.dot_nm / NM_PER_UM),
             "gutter": um_text(gap_um),
             "tiling": Tiling.MAP if cells is not None else tiling,

@@ -83,7 +83,7 @@ class Simulation(Result):
     def to_dict(self) -> dict[str, Any]:
         """Scores, gains over the reference, and what they were taken with."""
         return {
-            "left_out": {name: list(told) for name, told in self.left_out.items()},
+            "left_out": {name: list(sentences) for name, sentences in self.left_out.items()},
             "refused": dict(self.refused),
             **self.conditions.to_dict(),
             "reference": self.reference,
@@ -186,7 +186,7 @@ def simulate(
     restorers, choose = _restorers(asked, restore, learned=bool(trained))
     given = given_folder(images, white, whole=whole)
     if given is not None:
-        kinds = [*(each.name for each in restorers), *([LEARNED] if trained else [])]
+        kinds = [*(restorer.name for restorer in restorers), *([LEARNED] if trained else [])]
         _require_memory(given.photographs, kinds, brackets=bool(asked.protocol.brackets))
     for scene in given.photographs if given else ():
         asked.protocol.check(scene)
@@ -195,14 +195,14 @@ def simulate(
     if reference is not None:
         dies_of(reference, wanted)
     # The dies are looked at last, for that takes longest.
-    found, refused = _designs(loaded, asked, {name: panels[name] for name in wanted}, named=bool(die))
-    designs = [design for design, _ in found]
-    dies = [each.name for each in designs]
+    ready, refused = _designs(loaded, asked, {name: panels[name] for name in wanted}, named=bool(die))
+    designs = [design for design, _ in ready]
+    dies = [one.name for one in designs]
     learned = learned_restorers(trained, loaded, asked, designs)
     base = dies[0] if reference is None else dies_of(reference, dies)[0]
     source = Folder(scene_sets.drawn(highlights=bool(asked.protocol.brackets)), ()) if given is None else given
     scenes = source.photographs
-    middles = tuple(each.middle for each in scenes) if whole else scenes
+    middles = tuple(scene.middle for scene in scenes) if whole else scenes
     last = AUTO if choose else LEARNED if learned else restorers[-1].name
     shown: dict[str, list[Shot]] = {name: [] for name in dies} if pictures else {}
 
@@ -211,17 +211,17 @@ def simulate(
             shown[score.design].append(Shot(score, _CROP.of(whole)))
 
     scores: list[Score] = []
-    assumed = {design.name: (*told, *surroundings.messages(design, scenes)) for design, told in found}
-    del found
+    assumed = {design.name: (*messages, *surroundings.messages(design, scenes)) for design, messages in ready}
+    del ready
     for done in range(len(dies)):
         progress("photographs", done, len(dies))
         # Transfers over the field take half a gigabyte, and go with their die.
-        each = designs.pop(0)
+        lead = designs.pop(0)
         scores += evaluate(
-            [each], scenes, middles, asked.levels,
-            protocol=asked.protocol, restorers=(*restorers, *learned.get(each.name, ())), choose=choose, show=show,
+            [lead], scenes, middles, asked.levels,
+            protocol=asked.protocol, restorers=(*restorers, *learned.get(lead.name, ())), choose=choose, show=show,
         ).scores  # fmt: skip
-        assumed[each.name] += each.told
+        assumed[lead.name] += lead.told
     progress("photographs", len(dies), len(dies))
     table = ScoreTable(tuple(scores))
     reasons = {name: f"{refusal.code} {refusal.what}" for name, refusal in refused.items()}
@@ -235,9 +235,9 @@ def _simulate(asked: Asked) -> Told:
     if asked.out is None:
         return Told.of(asked.found())
     check_file(asked.out, force=asked.force)
-    found = asked.found(pictures=True)
-    found.save(asked.out, force=asked.force)
-    return Told.of(found)
+    simulation = asked.found(pictures=True)
+    simulation.save(asked.out, force=asked.force)
+    return Told.of(simulation)
 
 
 def _require_memory(scenes: Sequence[Photograph], restorers: Sequence[str], *, brackets: bool) -> None:
@@ -281,20 +281,20 @@ def _designs(
         JobError: for the first that cannot be where dies are ``named``; where none can, as the first if all are refused
             for one reason, MF122 for several.
     """
-    found, refused = [], dict[str, JobError]()
+    ready, refused = [], dict[str, JobError]()
     for name, panel in panels.items():
         try:
-            found.append(asked.design(name, panel, Surroundings.of(job)))
+            ready.append(asked.design(name, panel, Surroundings.of(job)))
         except JobError as refusal:
             refused[name] = refusal
             if named:
                 raise
-    if not found:
+    if not ready:
         if len({refusal.code for refusal in refused.values()}) == 1:
             raise next(iter(refused.values()))
         what = f"no die can be judged behind a camera of {camera_line(asked.camera)}"
         raise JobError("MF122", what, where=job.where, cure="Name one die to see why")
-    return found, refused
+    return ready, refused
 
 
 def _scored(table: ScoreTable, score: Score) -> dict[str, Any]:
@@ -312,11 +312,11 @@ def _document(gain: Gain) -> dict[str, Any]:
         "scenes": gain.psnr.count,
         **{
             key: {
-                "mean": found.mean,
-                "half_width_95": None if math.isnan(found.half_width) else found.half_width,
-                "tie": found.tie,
+                "mean": score.mean,
+                "half_width_95": None if math.isnan(score.half_width) else score.half_width,
+                "tie": score.tie,
             }
-            for key, found in means.items()
+            for key, score in means.items()
         },
     }
 
@@ -330,7 +330,7 @@ def _lines(table: ScoreTable, reference: str) -> list[str]:
             sum(getattr(score, key) for score in own) / len(own) for key in ("psnr", "psnr_inner", "ssim", "delta_e")
         ]
         gain = gains.get(case)
-        told = ("", "") if gain is None else (gain.psnr.told(), gain.psnr_inner.told())
+        gain_texts = ("", "") if gain is None else (gain.psnr.told(), gain.psnr_inner.told())
         design, level, _ = case
         rows.append(
             (
@@ -341,7 +341,7 @@ def _lines(table: ScoreTable, reference: str) -> list[str]:
                 f"{mean[1]:.2f} dB",
                 f"{mean[2]:.3f}",
                 f"{mean[3]:.2f}",
-                *told,
+                *gain_texts,
             )
         )
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
@@ -385,11 +385,17 @@ class Learning(Result):
     def __str__(self) -> str:
         from maskfab.camera.learning import told
 
-        found = self.checkpoint
-        rows = [f"{each['minutes']:6.1f} min: {told(each)}" for each in found.history]
+        checkpoint = self.checkpoint
+        rows = [f"{row['minutes']:6.1f} min: {told(row)}" for row in checkpoint.history]
         skipped = [f"Skipped, as no photographs: {', '.join(self.skipped)}."] if self.skipped else []
         return "\n".join(
-            [f"die {found.trade.die}: {found.trade.camera}", *rows, *skipped, *in_words(self.unused), str(self.path)]
+            [
+                f"die {checkpoint.trade.die}: {checkpoint.trade.camera}",
+                *rows,
+                *skipped,
+                *in_words(self.unused),
+                str(self.path),
+            ]
         )
 
 
@@ -456,7 +462,7 @@ def learn(
         asked.protocol.check(scene)
     design, _ = asked.design(name, panels[name], Surroundings.of(loaded))
     uses = (*USES["learn"], *(() if loaded.scene is None else USES["simulate a scene"]))
-    trade = trade_of(loaded, asked, design, tuple(each.name for each in given.photographs))
+    trade = trade_of(loaded, asked, design, tuple(photograph.name for photograph in given.photographs))
     if before is not None:
         before.require(trade, seed, str(path))
     run = Run.of(
@@ -503,11 +509,11 @@ def learned_restorers(
 
     names = [design.name for design in designs]
     by_die: dict[str, tuple[Path, Checkpoint]] = {}
-    for path, found in trained:
-        if found.trade.die in by_die:
-            what = f"{by_die[found.trade.die][0]} and {path} are both of die {found.trade.die}"
+    for path, checkpoint in trained:
+        if checkpoint.trade.die in by_die:
+            what = f"{by_die[checkpoint.trade.die][0]} and {path} are both of die {checkpoint.trade.die}"
             raise JobError("MF105", what, where="checkpoint", cure="Give one of them")
-        by_die[found.trade.die] = path, found
+        by_die[checkpoint.trade.die] = path, checkpoint
     for die, (path, _) in by_die.items():
         if die not in names:
             raise another(f"die {die}", ", ".join(names), str(path))
@@ -515,9 +521,9 @@ def learned_restorers(
     for design in designs:
         if design.name not in by_die:
             raise another(f"die {', '.join(by_die)}", design.name, "checkpoint")
-        path, found = by_die[design.name]
-        found.trade.require(trade_of(job, asked, design), str(path))
-        restorers[design.name] = (found.restorer(),)
+        path, checkpoint = by_die[design.name]
+        checkpoint.trade.require(trade_of(job, asked, design), str(path))
+        restorers[design.name] = (checkpoint.restorer(),)
     return restorers
 
 

@@ -207,7 +207,7 @@ class Plate:
         made = draw_files(job, plate)
         check_stated(made.settings.dpi, [kind])
         written = products(made.figures, [kind], [job.signature, plate.title], made.settings)
-        (product,) = (each for each in written if (None if each.die is None else each.die.name) == die)
+        (product,) = (file for file in written if (None if file.die is None else file.die.name) == die)
         with partial(target) as aside:
             product.write(aside)
         return target

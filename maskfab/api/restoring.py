@@ -131,7 +131,7 @@ def restore(
     if epsilon is not None and not 0 < epsilon < np.inf:
         what = f"a strength of {epsilon:g} is not above 0"
         raise JobError("MF104", what, where="epsilon", cure="Give a number such as 0.03")
-    paths = [Path(photos)] if isinstance(photos, str | Path) else [Path(each) for each in photos]
+    paths = [Path(photos)] if isinstance(photos, str | Path) else [Path(photo) for photo in photos]
     _require_names(paths)
     names = (restore,) if isinstance(restore, str) else tuple(restore)
     restorers = named([name for name in names if name != AUTO])
@@ -141,36 +141,36 @@ def restore(
         raise JobError("MF105", what, where="register", cure="Give two or more photographs of one scene")
     patches = None if chart is None else read_patches(Path(chart))
     undone = blurs_of(len(paths), job=job, die=die, camera=camera, psf=psf, pixel=pixel, stands=stands)
-    if not bin and any(each.of_cells for each in undone):
+    if not bin and any(blur.of_cells for blur in undone):
         what = "the PSF was captured with a mosaic, which tells it for cells of 2 x 2 pixels alone"
         raise SourceError("MF353", what, where="psf", cure="Add --bin (bin=True), or give the PSF of the job's die")
-    found: list[RestoredPhoto] = []
+    results: list[RestoredPhoto] = []
     colours: ChartMatrix | None = None
-    for done, (path, each) in enumerate(zip(paths, undone, strict=True)):
+    for done, (path, blur) in enumerate(zip(paths, undone, strict=True)):
         progress("photographs", done, len(paths))
-        photo = read_photo(path, stated, cells=each.of_cells)
-        _require_fit(each.blur, photo)
+        photo = read_photo(path, stated, cells=blur.of_cells)
+        _require_fit(blur.blur, photo)
         light = _restored(
-            photo, each.blur, restorers, chosen=AUTO in names, epsilon=epsilon, bin=bin and not each.of_cells
+            photo, blur.blur, restorers, chosen=AUTO in names, epsilon=epsilon, bin=bin and not blur.of_cells
         )
         if patches is not None and colours is None:
             neutral = balanced(photo, light.won.picture)
             colours = chart_matrix(patches, neutral, light.record, photo.balance, 2 if bin else 1)
-        found.append(_developed(light, each, colours, stops))
+        results.append(_developed(light, blur, colours, stops))
     progress("photographs", len(paths), len(paths))
-    first, *others = found
+    first, *others = results
     onto = [
-        brought((first.name, each.name), first.picture, first.full, each.picture, each.full)
-        for each in (others if register else [])
+        brought((first.name, other.name), first.picture, first.full, other.picture, other.full)
+        for other in (others if register else [])
     ]
-    return Restoration(tuple(found), tuple(onto), colours)
+    return Restoration(tuple(results), tuple(onto), colours)
 
 
 @answers(restore)
 def _restore(asked: Asked) -> Told:
-    told = saved(asked)
+    answer = saved(asked)
     assert asked.out is not None
-    return replace(told, document={**told.document, "files": [str(each) for each in sorted(asked.out.iterdir())]})
+    return replace(answer, document={**answer.document, "files": [str(file) for file in sorted(asked.out.iterdir())]})
 
 
 def _restored(
@@ -182,26 +182,29 @@ def _restored(
     epsilon: float | None,
     bin: bool,
 ) -> _Light:
-    record, seen, told = photo.record, blur, photo.told
+    record, seen, sentences = photo.record, blur, photo.told
     if bin:
-        record, seen, told = binned(record), BinnedBlur(blur), (*told, "means over 2 x 2 pixels")
+        record, seen, sentences = binned(record), BinnedBlur(blur), (*sentences, "means over 2 x 2 pixels")
     if record.values[0].size > LARGE:
-        if not chosen and [each.name for each in restorers] != [Wiener().name]:
+        if not chosen and [restorer.name for restorer in restorers] != [Wiener().name]:
             what = (
                 f"{restorers[-1].name} keeps too much of {record.values[0].size / 1e6:.3g} million pixels; the limit "
                 f"is {LARGE / 1e6:g} million"
             )
             cure = "Restore it by wiener, or add --bin for a quarter of the pixels"
             raise JobError("MF142", what, where=photo.name, cure=cure)
-        restorers, told = (Wiener(),), (*told, f"of more than {LARGE / 1e6:g} million pixels, so restored by wiener")
-    return _Light(photo, record, restored(record, seen, restorers, epsilon), told)
+        restorers, sentences = (
+            (Wiener(),),
+            (*sentences, f"of more than {LARGE / 1e6:g} million pixels, so restored by wiener"),
+        )
+    return _Light(photo, record, restored(record, seen, restorers, epsilon), sentences)
 
 
 def _developed(light: _Light, undone: Undone, colours: ChartMatrix | None, stops: float) -> RestoredPhoto:
-    photo, told = light.photo, light.told
+    photo, sentences = light.photo, light.told
     if colours is not None:
         photo = replace(photo, matrix=colours.matrix)
-        told = (*(each for each in told if "colour matrix" not in each), "colours by the chart")
+        sentences = (*(sentence for sentence in sentences if "colour matrix" not in sentence), "colours by the chart")
     noise, dark = light.record.noise, np.zeros(1, dtype=np.float32)
     picture = developed(photo, light.won.picture, stops)
     return RestoredPhoto(
@@ -215,7 +218,7 @@ def _developed(light: _Light, undone: Undone, colours: ChartMatrix | None, stops
         noise.electrons,
         float(noise.variance(dark)[0]) ** 0.5 * noise.electrons,
         float(photo.record.clipped.mean()),
-        told,
+        sentences,
     )
 
 
@@ -316,8 +319,8 @@ class Restoration(FolderResult):
         """Numbers and words, without the pictures."""
         return {
             "maskfab_version": __version__,
-            "photos": [each.to_dict() for each in self.photos],
-            **({"registered": [each.to_dict() for each in self.brought]} if self.brought else {}),
+            "photos": [photo.to_dict() for photo in self.photos],
+            **({"registered": [photo.to_dict() for photo in self.brought]} if self.brought else {}),
             **({} if self.chart is None else {"chart": self.chart.to_dict()}),
         }
 
@@ -326,9 +329,9 @@ class Restoration(FolderResult):
 
         Pictures that were brought onto the first are ``NAME_on_FIRST.png`` and ``.exr``.
         """
-        known = {each.name: each.facts for each in self.photos}
-        pictures = [(each.name, each.picture, each.facts) for each in self.photos]
-        pictures += [(f"{each.name}_on_{each.onto}", each.picture, known[each.name]) for each in self.brought]
+        facts_of = {photo.name: photo.facts for photo in self.photos}
+        pictures = [(photo.name, photo.picture, photo.facts) for photo in self.photos]
+        pictures += [(f"{photo.name}_on_{photo.onto}", photo.picture, facts_of[photo.name]) for photo in self.brought]
         with staged(place) as folder:
             for name, picture, facts in pictures:
                 light = picture[:, ::-1].astype(np.float64)
@@ -337,19 +340,19 @@ class Restoration(FolderResult):
             document = json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False)
             (folder / DOCUMENT).write_text(document + "\n", encoding="utf-8")
             write_mark(folder, None)
-            names = sorted(each.name for each in folder.iterdir())
+            names = sorted(file.name for file in folder.iterdir())
         return [place.asked / name for name in names]
 
     def __str__(self) -> str:
         lines = []
-        for each in self.photos:
-            _, rows, columns = each.picture.shape
+        for photo in self.photos:
+            _, rows, columns = photo.picture.shape
             lines.append(
-                f"{each.name}: {columns} x {rows}, restored by {each.restorer}, epsilon {each.epsilon:.3g}; "
-                f"{100 * each.clipped:.2g} % full"
+                f"{photo.name}: {columns} x {rows}, restored by {photo.restorer}, epsilon {photo.epsilon:.3g}; "
+                f"{100 * photo.clipped:.2g} % full"
             )
-            lines += [f"  blur: {sentence}" for sentence in each.blur]
-            lines += [f"  {sentence}" for sentence in each.told]
+            lines += [f"  blur: {sentence}" for sentence in photo.blur]
+            lines += [f"  {sentence}" for sentence in photo.told]
         if self.chart is not None:
             lines += [str(self.chart), *(f"  {sentence}" for sentence in self.chart.left_out)]
         return "\n".join([*lines, *map(str, self.brought)])
@@ -407,17 +410,17 @@ def blurs_of(
             if value is not None:
                 what = f"{key} goes with a job, and a PSF is given"
                 raise JobError("MF105", what, where=key, cure=f"Remove {key}, or the PSF")
-        files = [Path(psf)] if isinstance(psf, str | Path) else [Path(each) for each in psf]
+        files = [Path(psf)] if isinstance(psf, str | Path) else [Path(file) for file in psf]
         return _of_files(files, photos, pixel_um)
     assert job is not None
     return _of_dies(job, die, camera, photos, pixel_um, stands)
 
 
 def _of_files(files: Sequence[Path], photos: int, pixel_um: float | None) -> tuple[Undone, ...]:
-    found = read_psfs(files, photos)
-    for each in found:
-        _require_pixel(pixel_um, each.pixel_um, "the PSF")
-    return tuple(Undone(each, each.told, each.of_cells) for each in found)
+    blurs = read_psfs(files, photos)
+    for blur in blurs:
+        _require_pixel(pixel_um, blur.pixel_um, "the PSF")
+    return tuple(Undone(blur, blur.told, blur.of_cells) for blur in blurs)
 
 
 def _of_dies(
@@ -441,12 +444,12 @@ def _of_dies(
     conditions = Conditions.of(loaded, "camera")
     of_scene = () if loaded.scene is None else USES["simulate a scene"]
     rest = in_words(unused(loaded.spec, *USES["restore"], *of_scene))
-    found = {}
+    blurs = {}
     for name in dict.fromkeys(asked):
         design, left_out = conditions.design(name, panels[name], Surroundings.of(loaded))
         said = f"die {name} as designed, {stand_words(way)}, pixels of {loaded.camera.pixel_um:g} um"
-        found[name] = Undone(StandingBlur(design, way), (said, *left_out, *rest))
-    return tuple(found[name] for name in (asked if len(asked) == photos else asked * photos))
+        blurs[name] = Undone(StandingBlur(design, way), (said, *left_out, *rest))
+    return tuple(blurs[name] for name in (asked if len(asked) == photos else asked * photos))
 
 
 def _require_pixel(stated_um: float | None, known_um: float | None, whose: str) -> None:

@@ -201,8 +201,8 @@ def verdict_lines(checks: Iterable[Quantity], verdicts: Verdicts) -> list[str]:
         if check.passed is None:
             lines += note_lines([check])
         elif not check.passed:
-            told = f"{check.name}{_place(check)} = {check.value} {check.unit} (limit {check.limit}): {check.method}"
-            lines.append(f"FAIL {told}")
+            line = f"{check.name}{_place(check)} = {check.value} {check.unit} (limit {check.limit}): {check.method}"
+            lines.append(f"FAIL {line}")
     return [*lines, *verdicts.lines]
 
 

@@ -82,9 +82,9 @@ class Study(FolderResult):
         lines = []
         for claim in self.claims:
             lines += ["", f"{claim.stated.says} ({claim.stated.measure}, {limits_text(claim)})"]
-            for each in claim.findings:
-                told, value, many = finding_text(claim, each)
-                lines.append(f"  {each.of.protocol or 'optics'}: {told}: {value}, {many}: {each.verdict}")
+            for finding in claim.findings:
+                text, value, many = finding_text(claim, finding)
+                lines.append(f"  {finding.of.protocol or 'optics'}: {text}: {value}, {many}: {finding.verdict}")
             lines += [f"  {protocol or 'optics'}: {verdict.upper()}" for protocol, verdict in claim.verdicts.items()]
         return lines
 
@@ -102,7 +102,7 @@ def plan(
     if not trained:
         return studies.planned(loaded, given)
     panels = loaded.panels()
-    behind = dies_of([found.trade.die for _, found in trained], panels)
+    behind = dies_of([network.trade.die for _, network in trained], panels)
 
     def learned(setting: studies.Setting) -> studies.Learned:
         designs = [setting.design(name, panels[name])[0] for name in behind]
@@ -157,8 +157,8 @@ def _study(asked: Asked) -> Told:
         check_target(place, force=asked.force)
     documents, lines = [], []
     for place, planned in plans.items():
-        found = Study(studies.made(planned, asked.progress))
-        paths = found.save(place, force=asked.force)
-        documents.append({**found.to_dict(), "path": str(place)})
-        lines += [*str(found).split("\n"), "", *map(str, paths)]
+        result = Study(studies.made(planned, asked.progress))
+        paths = result.save(place, force=asked.force)
+        documents.append({**result.to_dict(), "path": str(place)})
+        lines += [*str(result).split("\n"), "", *map(str, paths)]
     return Told({"studies": documents}, lines)

@@ -59,17 +59,17 @@ class Sweep(Result):
         return rows_of(self.found)
 
     def __str__(self) -> str:
-        found = self.found
-        lines = [f"{len(found.records)} cases, {found.remade} found now, {len(found.failed)} failed"]
-        for each in found.sensitivities[:_MOST_LINES]:
-            told = ", ".join(str(part) for part in each.of if part is not None)
-            lines.append(f"  {told}: {each.range:.4g} over {each.field}, {each.share:.0%} of all")
+        swept = self.found
+        lines = [f"{len(swept.records)} cases, {swept.remade} found now, {len(swept.failed)} failed"]
+        for effect in swept.sensitivities[:_MOST_LINES]:
+            name = ", ".join(str(part) for part in effect.of if part is not None)
+            lines.append(f"  {name}: {effect.range:.4g} over {effect.field}, {effect.share:.0%} of all")
         lines += [
-            f"{each.die or 'all dies'}: {each.kept} of {each.cases} keep every limit, {each.low:.1%} to {each.high:.1%}"
-            for each in found.yields
+            f"{part.die or 'all dies'}: {part.kept} of {part.cases} keep every limit, {part.low:.1%} to {part.high:.1%}"
+            for part in swept.yields
         ]
-        lines += [f"case {number} failed: {why}" for number, why in found.failed[:_MOST_LINES]]
-        lines += in_words(found.plan.unused)
+        lines += [f"case {number} failed: {why}" for number, why in swept.failed[:_MOST_LINES]]
+        lines += in_words(swept.plan.unused)
         return "\n".join(lines)
 
 
@@ -106,12 +106,12 @@ def sweep(
     directory = Path(out)
     sweeping.check_folder(directory)
     plan = planned(Path(study))
-    found = sweeping.made(plan, directory, progress, engine=engine, scheduler=scheduler, workers=workers)
-    write_sweep(directory, found)
-    return Sweep(found, directory)
+    swept = sweeping.made(plan, directory, progress, engine=engine, scheduler=scheduler, workers=workers)
+    write_sweep(directory, swept)
+    return Sweep(swept, directory)
 
 
 @answers(sweep)
 def _sweep(asked: Asked) -> Told:
-    found: Sweep = asked.found()
-    return Told.of(found, [found.directory / "sweep.html"], path=str(found.directory))
+    swept: Sweep = asked.found()
+    return Told.of(swept, [swept.directory / "sweep.html"], path=str(swept.directory))

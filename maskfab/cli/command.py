@@ -120,7 +120,7 @@ class Command:
     @property
     def options(self) -> tuple[Parameter, ...]:
         """Options alone."""
-        return tuple(each for each in self.parameters if each.spelling)
+        return tuple(parameter for parameter in self.parameters if parameter.spelling)
 
     def callback(self, act: Callable[[Command, typer.Context, dict[str, Any]], None]) -> Callable[..., None]:
         """A function with the command's signature, which gives what was stated to ``act``."""
@@ -129,9 +129,9 @@ class Command:
             act(self, context, stated)
 
         context = inspect.Parameter("context", inspect.Parameter.POSITIONAL_ONLY, annotation=typer.Context)
-        words = [context, *(each.typed() for each in self.parameters)]
+        words = [context, *(parameter.typed() for parameter in self.parameters)]
         called.__signature__ = inspect.Signature(words)  # type: ignore[attr-defined]
-        called.__annotations__ = {each.name: each.annotation for each in words}
+        called.__annotations__ = {parameter.name: parameter.annotation for parameter in words}
         called.__doc__ = "\n\n".join(filter(None, (self.summary, self.text)))
         return called
 
@@ -157,16 +157,18 @@ def command_of(name: str) -> Command:
     """The command of a verb."""
     module, function = place_of(name)
     tree = _tree(module)
-    (*_, found) = (each for each in tree.body if isinstance(each, ast.FunctionDef) and each.name == function)
-    parts = _Docstring(ast.get_docstring(found) or "")
+    (*_, definition) = (
+        statement for statement in tree.body if isinstance(statement, ast.FunctionDef) and statement.name == function
+    )
+    parts = _Docstring(ast.get_docstring(definition) or "")
     parameters, progress = [], False
-    for position, (argument, default) in enumerate(_arguments(found)):
+    for position, (argument, default) in enumerate(_arguments(definition)):
         progress |= argument.arg == "progress"
         read = _parameter(argument, default, parts.args.get(argument.arg, ""), first=position == 0)
         parameters += [] if read is None else [read]
-    saving = list(_save_of(tree, found))
-    parameters += [each for each in saving if each.name not in {known.name for known in parameters}]
-    parameters.sort(key=lambda each: bool(each.spelling) + (each.name in ("out", "force")))
+    saving = list(_save_of(tree, definition))
+    parameters += [parameter for parameter in saving if parameter.name not in {other.name for other in parameters}]
+    parameters.sort(key=lambda parameter: bool(parameter.spelling) + (parameter.name in ("out", "force")))
     last = (JSON, QUIET) if progress else (JSON,)
     rest = parts.summary, parts.text, parts.examples
     return Command(name, module, function, *rest, (*parameters, *last), bool(saving))
@@ -196,7 +198,7 @@ def _parameter(argument: ast.arg, default: Any, help: str, *, first: bool) -> Pa
     if not (flags or metavar):
         metavar = name.upper()
     help = _plain(help) + (" May be repeated." if flags and many else "")
-    limits = tuple(None if each is None else float(each) for each in bounds)
+    limits = tuple(None if bound is None else float(bound) for bound in bounds)
     assert len(limits) == 2
     default = None if default is _REQUIRED else default
     return Parameter(argument.arg, type_, help, default, flags, metavar, required, many, keys, limits)
@@ -247,11 +249,11 @@ def _read_type(node: ast.expr | None) -> tuple[type, bool, str, str | None] | No
                 return None if inner is None else (inner[0], True, "", inner[3])
             if head == "Literal":
                 choices = part.slice.elts if isinstance(part.slice, ast.Tuple) else [part.slice]
-                return str, False, "", "|".join(str(ast.literal_eval(each)) for each in choices)
+                return str, False, "", "|".join(str(ast.literal_eval(choice)) for choice in choices)
     names = [_name(part) for part in parts]
-    known = [_TYPES[name] for name in names if name in _TYPES]
-    if Path in known or (known and not _TEXTS.intersection(names)):
-        return Path if Path in known else known[0], False, "", None
+    kinds = [_TYPES[name] for name in names if name in _TYPES]
+    if Path in kinds or (kinds and not _TEXTS.intersection(names)):
+        return Path if Path in kinds else kinds[0], False, "", None
     return (str, False, "", None) if _TEXTS.intersection(names) else None
 
 
@@ -269,7 +271,7 @@ def _name(node: ast.expr) -> str:
 
 def _save_of(tree: ast.Module, function: ast.FunctionDef) -> Iterator[Parameter]:
     """``out`` and ``force`` of the method that saves what a function returns, the first that there is."""
-    classes = {each.name: each for each in tree.body if isinstance(each, ast.ClassDef)}
+    classes = {statement.name: statement for statement in tree.body if isinstance(statement, ast.ClassDef)}
     for part in _union(function.returns):
         body = classes[_name(part)].body if _name(part) in classes else []
         for method in body:
@@ -295,7 +297,7 @@ class _Docstring:
         head, *sections = re.split(r"\n\n(?=(?:Args|Examples|Raises|Returns|Note|Attributes):\n)", text)
         summary, _, rest = head.partition("\n\n")
         self.summary, self.text = _plain(" ".join(summary.split())), _plain(rest)
-        bodies = {title: body for title, _, body in (each.partition(":\n") for each in sections)}
+        bodies = {title: body for title, _, body in (section.partition(":\n") for section in sections)}
         shown = re.sub(r"\\\n\s*", "", bodies.get("Examples", ""))
         self.examples = tuple(re.findall(r"^\s*\$ (.*)$", shown, re.MULTILINE))
         self.args = {
@@ -337,7 +339,7 @@ def tables(parameter: Parameter, stated: str | Sequence[str]) -> dict[str, Any]:
 
         return dict(read_lengths(stated))
     if parameter.keys == "str":
-        pairs = [each.partition("=") for each in stated]
+        pairs = [text.partition("=") for text in stated]
         wrong = [key for key, equals, _ in pairs if not equals or not key.strip()]
         if wrong:
             cure = f"Write it as {option} KEY=VALUE, such as {option} {parameter.metavar}"

@@ -23,7 +23,7 @@ _UNSEEN = re.compile(
 
 def one_line(text: object) -> str:
     """The text in one line, as a terminal shows it: names in files from elsewhere may hold what it would obey."""
-    return _UNSEEN.sub(lambda found: json.dumps(found[0])[1:-1], str(text))
+    return _UNSEEN.sub(lambda match: json.dumps(match[0])[1:-1], str(text))
 
 
 def print_json(document: Mapping[str, Any]) -> None:
@@ -37,16 +37,16 @@ def tell(line: object) -> None:
     typer.echo(one_line(line), err=True)
 
 
-def print_told(told: Told, *, as_json: bool) -> None:
+def print_told(answer: Told, *, as_json: bool) -> None:
     """An answer: its document or its lines, and what goes beside them."""
-    for line in told.asides:
+    for line in answer.asides:
         tell(line)
     if as_json:
-        print_json(told.document)
+        print_json(answer.document)
         return
-    for line in told.lines:
+    for line in answer.lines:
         typer.echo(one_line(line))
-    for line in told.remarks:
+    for line in answer.remarks:
         tell(line)
 
 

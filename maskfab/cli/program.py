@@ -111,7 +111,7 @@ def _run(words: list[str]) -> int:
     alike = tuple(verb for verb in VERBS if verb.split()[:1] == now[:1])
     chosen = VERBS if completing or not alike else (name,) if name else alike
     program: Any = typer.main.get_command(
-        _app(chosen, complete=completing or now[:1] in ([each] for each in _COMPLETION))
+        _app(chosen, complete=completing or now[:1] in ([option] for option in _COMPLETION))
     )
     if name is not None and now[name.count(" ") + 1 :] == ["--help"]:
         typer.echo(_help(program, name))
@@ -184,11 +184,11 @@ def _act(command: Command, context: typer.Context, typed: dict[str, Any]) -> Non
     as_json, quiet = typed.pop("as_json"), typed.pop("quiet", True)
     with _named_as_options(command):
         stated: dict[str, Any] = {}
-        for each in command.parameters:
-            value = typed.get(each.name)
+        for parameter in command.parameters:
+            value = typed.get(parameter.name)
             if value is not None and value is not False and value != []:
-                flag = value if each.default is not True else False
-                stated[each.name] = tables(each, value) if each.keys else flag
+                flag = value if parameter.default is not True else False
+                stated[parameter.name] = tables(parameter, value) if parameter.keys else flag
         out, force = (stated.pop("out", None), stated.pop("force", False)) if command.saves else (None, False)
         function = getattr(import_module(command.module), command.function)
         with progress_bar(quiet) as progress:
@@ -197,9 +197,9 @@ def _act(command: Command, context: typer.Context, typed: dict[str, Any]) -> Non
             asked = Asked(
                 function, stated, context.obj, out, force, as_json, quiet, sys.stdin.isatty(), progress, tell, _prompt
             )
-            told = answer(asked)
-    print_told(told, as_json=as_json)
-    if not told.passed:
+            reply = answer(asked)
+    print_told(reply, as_json=as_json)
+    if not reply.passed:
         raise typer.Exit(1)
 
 
@@ -217,7 +217,7 @@ def _named_as_options(command: Command) -> Iterator[None]:
     try:
         yield
     except MaskfabError as error:
-        options = {each.name: each.spelling[0] for each in command.options}
+        options = {option.name: option.spelling[0] for option in command.options}
         function, _, argument = error.where.rpartition(": ")
         if argument not in options or not (function.isidentifier() or not function):
             raise
@@ -244,22 +244,22 @@ def _ended_by_signals() -> Iterator[None]:
     """Let signals that end a process end the work as Ctrl-C does, so that nothing half-written is left; each once."""
 
     def end(number: int, _: object) -> None:
-        for each in before:
-            signal.signal(each, signal.SIG_IGN)
+        for sign in before:
+            signal.signal(sign, signal.SIG_IGN)
         raise _Ended(number)
 
     before: dict[int, Any] = {}
     # What somebody else handles, or ignores as nohup does, stays so; and only the main thread may ask.
     if threading.current_thread() is threading.main_thread():
-        numbers = (each for each in signal.valid_signals() if each not in _PASSED_OVER)
-        before = {each: signal.SIG_DFL for each in numbers if signal.getsignal(each) is signal.SIG_DFL}
-    for each in before:
-        signal.signal(each, end)
+        numbers = (sign for sign in signal.valid_signals() if sign not in _PASSED_OVER)
+        before = {sign: signal.SIG_DFL for sign in numbers if signal.getsignal(sign) is signal.SIG_DFL}
+    for sign in before:
+        signal.signal(sign, end)
     try:
         yield
     finally:
-        for each, handler in before.items():
-            signal.signal(each, handler)
+        for sign, handler in before.items():
+            signal.signal(sign, handler)
 
 
 def _tell(error: MaskfabError, as_json: bool) -> int:
@@ -270,5 +270,5 @@ def _tell(error: MaskfabError, as_json: bool) -> int:
 
 
 def _print_error(error: MaskfabError) -> None:
-    told = {"code": error.code, "what": error.what, "where": error.where, "cure": error.cure}
-    print_json({"error": told})
+    facts = {"code": error.code, "what": error.what, "where": error.where, "cure": error.cure}
+    print_json({"error": facts})
