@@ -25,7 +25,6 @@ from maskfab.base.processes import SerialExecutor
 from maskfab.base.provenance import sha256_of_file
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.display.feasibility import PlateWithDisplays, displays
-from maskfab.job.camera import Camera
 from maskfab.mask.comparison.alignment import Alignment, LayersRead, StatedLayers
 from maskfab.mask.comparison.files import read_back
 from maskfab.mask.formats.exr import check_psf_file
