@@ -15,6 +15,7 @@ from maskfab.api.asked import AnyJob, job_of
 from maskfab.api.results import Asked, Result, Told, answers, verdict_lines
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
+from maskfab.base.quantities import columns
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.job.reference import USES, in_words, unused
 from maskfab.job.shop import Shop
@@ -54,10 +55,7 @@ class Shops(tuple[Shop, ...]):
             least = shop.limits.min_feature_um
             formats = "not published" if shop.accepts.formats is None else " ".join(shop.accepts.formats)
             rows.append((shop.name, formats, "-" if least is None else f"{least:g} um", shop.title))
-        widths = [max(len(row[k]) for row in rows) for k in range(4)]
-        return "\n".join(
-            "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
-        )
+        return "\n".join(columns(rows))
 
 
 def _document(shop: Shop) -> dict[str, Any]:

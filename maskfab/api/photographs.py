@@ -18,6 +18,7 @@ from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
 from maskfab.base.folders import check_file, write_bytes
 from maskfab.base.model import Panel
+from maskfab.base.quantities import columns
 from maskfab.base.work import Clock, Progress, one_thread, silent
 from maskfab.camera import scenes as scene_sets
 from maskfab.camera import scenes as surroundings
@@ -344,8 +345,7 @@ def _lines(table: ScoreTable, reference: str) -> list[str]:
                 *gain_texts,
             )
         )
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    return columns(rows)
 
 
 LEARNED = "learned"

@@ -13,6 +13,7 @@ from maskfab.api.results import Asked, FolderResult, Told, answers
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
 from maskfab.base.folders import Place, check_target
+from maskfab.base.quantities import columns
 from maskfab.base.work import Progress, silent
 from maskfab.job.reference import in_words
 from maskfab.report.pages.study import blocks, finding_text, limits_text, study_document, write_study
@@ -72,10 +73,7 @@ class Study(FolderResult):
                 )
                 for die, restorer, cells in block.rows
             ]
-            widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-            lines += [
-                "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
-            ]
+            lines += columns(rows)
         return lines
 
     def _claims(self) -> list[str]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cache, lru_cache
@@ -93,6 +93,12 @@ _WORDS: Mapping[str, Mapping[str, str]] = {
 def quantities() -> Mapping[str, Entry]:
     """Every entry by its name, in the order of the glossary."""
     return MappingProxyType({name: _entry(name, **words) for name, words in _WORDS.items()})
+
+
+def columns(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Rows of a table as lines of text, the cells of a column below each other."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
 def _entry(

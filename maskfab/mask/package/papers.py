@@ -26,6 +26,7 @@ from matplotlib.path import Path
 from maskfab.base import __version__
 from maskfab.base.folders import JOB_COPY, RESULT_MARK
 from maskfab.base.model import Gauge, Plate, Polygon, Quantity, WrittenFile
+from maskfab.base.quantities import columns
 from maskfab.base.units import NM_PER_MM, NM_PER_UM, UM_PER_INCH
 from maskfab.job.shop import OrderField, Shop, dump_shop
 from maskfab.job.values import PLATE_BITMAPS, ShopFormat
@@ -234,12 +235,7 @@ class OrderSheet:
         lines += ["", _HEADING_F, f"  {_SIDES[0]:30}{_SIDES[1]}"]
         lines += [f"  {left:30}{right}".rstrip() for left, right in zip(*_letters(self.mirrored), strict=True)]
         lines += ["", "CDs (clear width along the axis; plate centre = origin, x to the right, y up, chrome side)"]
-        table = [("name", "axis", "x mm", "y mm", "width um"), *self.cds]
-        widths = [max(len(row[k]) for row in table) for k in range(5)]
-        lines += [
-            "  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-            for row in table
-        ]
+        lines += [f"  {line}" for line in columns([("name", "axis", "x mm", "y mm", "width um"), *self.cds])]
         lines += ["", "Files", *(f"  {name}  sha256 {digest}" for name, digest in self.files)]
         if self.sources:
             lines += ["", self.rules_heading, *(f"  {source}" for source in self.sources)]

@@ -28,6 +28,7 @@ import numpy as np
 
 from maskfab.base.arrays import Complexes, Floats
 from maskfab.base.model import Panel, Quantity
+from maskfab.base.quantities import columns
 from maskfab.base.units import NM_PER_UM, UM_PER_MM
 from maskfab.job.camera import Camera
 from maskfab.job.process import Glass, MaskBlank
@@ -136,12 +137,9 @@ def weighed_table(found: Sequence[Omission], accuracy: float) -> list[str]:
     rows = [
         (each.name, "matters" if each.size > accuracy else "within", f"{each.size:.1e}", each.method) for each in found
     ]
-    widths = [max(len(row[k]) for row in rows) for k in range(4)]
     above = sum(each.size for each in found if each.size > accuracy)
     told = f"{above:.2g} of it matters beside the accuracy" if above else "all within the accuracy"
-    return [f"not modelled, whatever is asked for: {told} of {accuracy:g}"] + [
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
-    ]
+    return [f"not modelled, whatever is asked for: {told} of {accuracy:g}", *columns(rows)]
 
 
 def bar_quantities(found: Sequence[Omission], camera: Camera, die: str | None) -> tuple[Quantity, ...]:

@@ -28,6 +28,7 @@ import numpy as np
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError
 from maskfab.base.model import Panel
+from maskfab.base.quantities import columns
 from maskfab.base.units import UM_PER_NM
 from maskfab.job.camera import Camera
 from maskfab.optics.field.methods import PATHS, FieldPath, FieldTask
@@ -598,9 +599,8 @@ def plan_table(die: str, found: Plan) -> list[str]:
         state = "modelled" if row.modelled else "left out"
         safety = f" (x {row.safety:g})" if row.safety != 1 and row.error else ""
         rows.append((row.name, state, _at_most(row.error), _at_most(row.remaining), row.method + safety))
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     lines = [f"{die}: accuracy {found.accuracy:g}, estimated error {_at_most(price.error)}"]
-    lines += ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    lines += columns(rows)
     rim = "grey" if choice.grey_rim else "exact"
     lines += [
         f"path         {choice.path}, {choice.precision} precision, {rim} rim",

@@ -17,6 +17,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from maskfab.base.errors import JobError
+from maskfab.base.quantities import columns
 from maskfab.camera.scores import CONFIDENCE
 from maskfab.report.documents.report import FinishedReport
 from maskfab.report.figures.die import OKABE_ITO
@@ -364,9 +365,7 @@ def compare_text(compared: Compared) -> Iterator[str]:
         [line.name, line.psnr, line.gain, line.display or "-", *(cell.text if cell else "-" for cell in line.cells)]
         for line in table.lines
     ]
-    widths = [max(len(row[column]) for row in (heading, *rows)) for column in range(len(heading))]
-    for row in (heading, *rows):
-        yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+    yield from columns([heading, *rows])
     yield verdict(compared)
     yield from compared.left_out
     names = [each.name for each in compared.reports]

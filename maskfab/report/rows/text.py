@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 from maskfab.base.errors import OutputError, UnknownNameError
 from maskfab.base.model import Quantity
+from maskfab.base.quantities import columns
 from maskfab.base.units import UM_PER_MM
 
 if TYPE_CHECKING:
@@ -159,9 +160,7 @@ def _passes(quantity: Quantity) -> bool:
 
 def table_lines(quantities: Iterable[Quantity], *, dies: bool = False) -> list[str]:
     """A heading and one line for each quantity, in columns; with the name of its die if ``dies``."""
-    rows = _rows(quantities, dies)
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    return columns(_rows(quantities, dies))
 
 
 def html_table(quantities: Iterable[Quantity]) -> str:
