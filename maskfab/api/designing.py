@@ -298,7 +298,11 @@ def design(
     else:
         where = "design()"
         lens = (camera or F1).section.model_dump(mode="json", exclude_none=True)
-        section = _with_defaults(given)
+        section = {"name": "found", "method": "search", "tiling": "random", **given}
+        if section["method"] == "search" and section["tiling"] == "random":
+            section.setdefault("map", "equal_light")
+        if section.get("map") == "none":
+            del section["map"]
         display = _display(emitters, wires)
         more = _further(sections or {})
         spec = validate({"camera": lens, "design": section, **display, **more}, where=where)
@@ -413,16 +417,6 @@ def _further(sections: Mapping[str, Any]) -> dict[str, Any]:
             cure = f"Use {', '.join(_FURTHER)}; emitters, wires and camera are arguments of their own"
             raise JobError("MF102", f"a design has no use for a section {key!r}", where="design(): sections", cure=cure)
     return dict(sections)
-
-
-def _with_defaults(given: Mapping[str, Any]) -> dict[str, Any]:
-    """[design] as a job file has it; a map is designed unless there can be none, or none is wanted."""
-    section = {"name": "found", "method": "search", "tiling": "random", **given}
-    if section["method"] == "search" and section["tiling"] == "random":
-        section.setdefault("map", "equal_light")
-    if section.get("map") == "none":
-        del section["map"]
-    return section
 
 
 def _call(section: Mapping[str, Any], *, camera: Mapping[str, Any] | None, images: object) -> str:

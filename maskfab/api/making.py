@@ -238,7 +238,9 @@ def verify(
         verified = verification.verify(path, progress)
         return Verification(verified.checks, verified.verdicts)
     slivers = 0.0 if tolerance is None else parse_length_um(length_text(tolerance), where="tolerance")
-    how = How(layer, cell, dots_per_um, unit_um, tuple(ignore), _is_dark(tone), slivers * NM_PER_UM)
+    if tone not in {None, "clear", "dark"}:
+        raise JobError("MF105", f"there is no tone {tone!r}", where="tone", cure="Use clear or dark")
+    how = How(layer, cell, dots_per_um, unit_um, tuple(ignore), tone == "dark", slivers * NM_PER_UM)
     job = job_of(against)
     foreign = verification.verify_file(path, job, die, how, progress)
     return Verification(
@@ -275,13 +277,6 @@ def _verify(asked: Asked) -> Told:
     lines = [read_as, *table_lines(answer, dies=True), *in_words(answer.unused)]
     judged = [quantity for quantity in answer if quantity.passed is not None]
     return Told(document, lines, answer.passed, remarks=verdict_lines(judged, answer.verdicts))
-
-
-def _is_dark(tone: str | None) -> bool:
-    """Whether polygons are said to draw the chrome; they draw what is clear unless stated (MF105 for another tone)."""
-    if tone not in {None, "clear", "dark"}:
-        raise JobError("MF105", f"there is no tone {tone!r}", where="tone", cure="Use clear or dark")
-    return tone == "dark"
 
 
 def check_applies(stated: Mapping[str, object], subject: Path, spelt: Callable[[str], str] = str) -> None:

@@ -420,7 +420,12 @@ def pack(
         OutputError: MF401 or MF402 for the place, MF406 for a revision that would be lost, MF420 or MF421 for the shop.
         JobError: MF105 for a format that there is not; else as for the job.
     """
-    profile, sent = load_shop(shop), formats_of(formats)
+    profile = load_shop(shop)
+    for kind in formats:
+        if kind not in SHOP_FORMATS:
+            cure = f"Choose among {', '.join(SHOP_FORMATS)}"
+            raise JobError("MF105", f"there is no format {kind!r}", where="format", cure=cure)
+    sent = tuple(kind for kind in SHOP_FORMATS if kind in formats)
     loaded = job_of(job)
     if dry_run:
         progress("rules", 0, 1)
@@ -496,16 +501,3 @@ def _verdict(findings: Sequence[Finding], shop: str, mail: str, failed: Sequence
         lines += [f"ASK FIRST: {shop} does not publish all that has to be known. To paste into a mail:", ""]
         lines += mail.split("\n")
     return tuple(lines)
-
-
-def formats_of(asked: Sequence[str]) -> tuple[ShopFormat, ...]:
-    """Formats by their names, in the order of all.
-
-    Raises:
-        JobError: MF105 for one that there is not.
-    """
-    for kind in asked:
-        if kind not in SHOP_FORMATS:
-            cure = f"Choose among {', '.join(SHOP_FORMATS)}"
-            raise JobError("MF105", f"there is no format {kind!r}", where="format", cure=cure)
-    return tuple(kind for kind in SHOP_FORMATS if kind in asked)

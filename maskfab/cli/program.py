@@ -90,7 +90,12 @@ def run_command_line(arguments: Sequence[str]) -> int:
         return 0
     except Exception as fault:
         if is_lack_of_memory(fault):
-            return _tell(_refused_memory(fault), "--json" in arguments)
+            said = (str(fault).strip() or type(fault).__name__).splitlines()[0]
+            most = limit_in_force("RLIMIT_AS")
+            limit = "no limit of its own" if most is None else f"a limit of {most / 1e6:.0f} MB (ulimit -v)"
+            cure = "Raise ulimit -v, close other programs, or ask for fewer dies, a smaller stop or a coarser accuracy"
+            what = f"the system refuses maskfab, which has {limit}, more memory: {said}"
+            return _tell(InputError("MF325", what, cure=cure), "--json" in arguments)
         traceback.print_exc()
         problem = InternalError(
             "MF901", f"{type(fault).__name__}: {fault}", cure="Please report this with the job file"
@@ -114,7 +119,12 @@ def _run(words: list[str]) -> int:
         _app(chosen, complete=completing or now[:1] in ([option] for option in _COMPLETION))
     )
     if name is not None and now[name.count(" ") + 1 :] == ["--help"]:
-        typer.echo(_help(program, name))
+        # Without the library that typer reads arguments with.
+        context, command = typer.Context(program, info_name="maskfab"), program
+        for word in name.split():
+            command = command.commands[word]
+            context = typer.Context(command, info_name=word, parent=context)
+        typer.echo(command.get_help(context))
         return 0
     code = program.main(now, prog_name="maskfab", standalone_mode=False, obj=words)
     return code if isinstance(code, int) else 0
@@ -165,16 +175,6 @@ def _app(names: Sequence[str], *, complete: bool) -> typer.Typer:
     return app
 
 
-def _help(program: Any, name: str) -> str:
-    """Text of ``maskfab VERB --help``, without the library that typer reads arguments with."""
-    context, command = typer.Context(program, info_name="maskfab"), program
-    for word in name.split():
-        command = command.commands[word]
-        context = typer.Context(command, info_name=word, parent=context)
-    text: str = command.get_help(context)
-    return text
-
-
 def _act(command: Command, context: typer.Context, typed: dict[str, Any]) -> None:
     """Import the function of a command, call it, and print what it answers."""
     from importlib import import_module
@@ -222,14 +222,6 @@ def _named_as_options(command: Command) -> Iterator[None]:
         if argument not in options or not (function.isidentifier() or not function):
             raise
         raise type(error)(error.code, error.what, where=options[argument], cure=error.cure) from error
-
-
-def _refused_memory(fault: BaseException) -> InputError:
-    said = (str(fault).strip() or type(fault).__name__).splitlines()[0]
-    most = limit_in_force("RLIMIT_AS")
-    limit = "no limit of its own" if most is None else f"a limit of {most / 1e6:.0f} MB (ulimit -v)"
-    cure = "Raise ulimit -v, close other programs, or ask for fewer dies, a smaller stop or a coarser accuracy"
-    return InputError("MF325", f"the system refuses maskfab, which has {limit}, more memory: {said}", cure=cure)
 
 
 class _Ended(BaseException):

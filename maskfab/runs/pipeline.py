@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from maskfab.base.folders import OVERVIEW, PAGE, REPORT, TIMES, Account, check_target, staged, times_text
@@ -96,9 +96,9 @@ def _make(
     measured: Beside | None,
 ) -> _Made:
     """Every stage, in order; the directory is entered when all is known that could be refused."""
-    clock = _Clock()
+    seconds: dict[str, float] = {}
     with executor_of(job, cache) as executor:
-        with clock.stage("layout"), report_cache_hits("displays", executor, progress):
+        with _timed("layout", seconds), report_cache_hits("displays", executor, progress):
             plate = job.plate()
             check_processes(job, plate)
             check_pictures(job, plate)
@@ -107,34 +107,34 @@ def _make(
             photographs = begin_photographs(job, plate, executor)
             plate = built.plate
             seen = plate_as_seen(job, plate)
-        with clock.stage("draw"):
+        with _timed("draw", seconds):
             made = draw_files(job, plate)
             check_readers(made)
-        with clock.stage("plan"):
+        with _timed("plan", seconds):
             plans = plan_scenes(job, seen, progress)
         # Before anything is written, for it takes the most memory, and libraries of solids and what is read back stay.
-        with clock.stage("process"), report_cache_hits("process", executor, progress):
-            written = measure_process(job, seen, progress, clock.seconds, executor)
+        with _timed("process", seconds), report_cache_hits("process", executor, progress):
+            written = measure_process(job, seen, progress, seconds, executor)
         with aside as folder:
-            with clock.stage("write"):
+            with _timed("write", seconds):
                 files = write_files(job, made, folder, progress, measured)
-            with clock.stage("read back"):
+            with _timed("read back", seconds):
                 back = read_own(made, folder, progress)
             layout = layout_as_seen(job, back.trips[0].layout)
-            with clock.stage("optics"), report_cache_hits("optics", executor, progress):
-                optics = measure_dies(seen, job.camera, layout, progress, clock.seconds, job.blank, executor)
+            with _timed("optics", seconds), report_cache_hits("optics", executor, progress):
+                optics = measure_dies(seen, job.camera, layout, progress, seconds, job.blank, executor)
                 psfs = psfs_as_files(job, made, optics)
                 files += write_psfs(psfs, folder)
-            with clock.stage("scene"), report_cache_hits("scene", executor, progress):
-                scenes = measure_scenes(job, seen, plans, layout, progress, clock.seconds, executor)
+            with _timed("scene", seconds), report_cache_hits("scene", executor, progress):
+                scenes = measure_scenes(job, seen, plans, layout, progress, seconds, executor)
             of_psfs = (row for psf in psfs for row in check_psf_file(psf, folder))
             read = (*back.quantities, *of_psfs, *made.account(), *shop_quantities(job, made))
-            restored = photographs.result(progress, clock.seconds)
-            with clock.stage("tolerance"), report_cache_hits("tolerance", executor, progress):
-                changes = expand_photographs(job, seen, progress, clock.seconds, executor)
+            restored = photographs.result(progress, seconds)
+            with _timed("tolerance", seconds), report_cache_hits("tolerance", executor, progress):
+                changes = expand_photographs(job, seen, progress, seconds, executor)
             findings = PlateFindings(job, built, read, optics, scenes, restored, written, changes, measured)
-            report = findings.report(files, clock.seconds)
-            with clock.stage("figures"), report_cache_hits("figures", executor, progress):
+            report = findings.report(files, seconds)
+            with _timed("figures", seconds), report_cache_hits("figures", executor, progress):
                 overview, pictures = draw_pictures(findings, findings.document(report), executor, progress)
             document = findings.document(report)
             (folder / OVERVIEW).write_bytes(overview)
@@ -143,7 +143,7 @@ def _make(
             write_manifest(job, files, folder)
             accounts = executor.accounts if isinstance(executor, CachingExecutor) else ()
             result = _Made(report, findings.verdicts(report), executor.tally, accounts, back.quantities)
-            (folder / TIMES).write_text(times_text(job.digest, clock.seconds, result.accounts), encoding="utf-8")
+            (folder / TIMES).write_text(times_text(job.digest, seconds, result.accounts), encoding="utf-8")
             if cache is not None:
                 keep_result(cache, origin_of_run(job, measured), folder, result, _Made)
     return result
@@ -175,12 +175,13 @@ def origin_of_run(job: Job, measured: Beside | None) -> Origin:
 def _taken(job: Job, folder: Path, cache: Store, measured: Beside | None, progress: Progress) -> _Made | None:
     """The result of an earlier run, whose files are now in the folder and were read back from there; None if they are
     lost, damaged, or not what they were."""
-    clock, origin = _Clock(), origin_of_run(job, measured)
-    with clock.stage(TAKEN):
+    seconds: dict[str, float] = {}
+    origin = origin_of_run(job, measured)
+    with _timed(TAKEN, seconds):
         entry = give_result(cache, origin, folder, _Made)
     if entry is None:
         return None
-    with clock.stage("read back"), executor_of(job, cache) as executor:
+    with _timed("read back", seconds), executor_of(job, cache) as executor:
         # What is handed out is judged as it lies there, whoever wrote it.
         plate = displays(job, executor=executor).plate
         back = read_own(draw_files(job, plate), folder, progress)
@@ -190,19 +191,14 @@ def _taken(job: Job, folder: Path, cache: Store, measured: Beside | None, progre
             path.unlink()
         return None
     accounts = tuple(replace(account, kept=True, refused=None) for account in made.accounts)
-    (folder / TIMES).write_text(times_text(job.digest, clock.seconds, accounts), encoding="utf-8")
+    (folder / TIMES).write_text(times_text(job.digest, seconds, accounts), encoding="utf-8")
     progress("run taken from the cache", 1, 1)
-    return replace(made, report=replace(made.report, seconds=clock.seconds), taken=(1, 1), accounts=accounts)
+    return replace(made, report=replace(made.report, seconds=seconds), taken=(1, 1), accounts=accounts)
 
 
-@dataclass
-class _Clock:
-    """Wall-clock time by stage."""
-
-    seconds: dict[str, float] = field(default_factory=dict)
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        start = time.perf_counter()
-        yield
-        self.seconds[name] = round(time.perf_counter() - start, 3)
+@contextmanager
+def _timed(stage: str, seconds: dict[str, float]) -> Iterator[None]:
+    """Add the wall-clock time of a stage to ``seconds``."""
+    start = time.perf_counter()
+    yield
+    seconds[stage] = round(time.perf_counter() - start, 3)
