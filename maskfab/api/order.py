@@ -19,7 +19,7 @@ from maskfab.base.quantities import columns
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.job.reference import USES, in_words, unused
 from maskfab.job.shop import Shop
-from maskfab.job.values import SHOP_FORMATS, ShopFormat
+from maskfab.job.values import SHOP_FORMATS
 from maskfab.mask.houses.files import check_package
 from maskfab.mask.houses.findings import Finding, Taken, accepted, answer_of, mail_of
 from maskfab.mask.houses.order import OrderForm, write_answers

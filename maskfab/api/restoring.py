@@ -9,58 +9,36 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from maskfab.api.asked import AnyJob, dies_of, job_of, way_round
 from maskfab.api.camera import Camera
 from maskfab.api.lengths import Length, length_text
 from maskfab.api.results import Asked, FolderResult, Told, answers, saved
 from maskfab.base import __version__
-from maskfab.base.arrays import Singles
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError, SourceError
 from maskfab.base.folders import Place, staged, write_mark
 from maskfab.base.units import parse_length_um
 from maskfab.base.work import Progress, one_thread, silent
-from maskfab.camera.blur import MeasuredBlur, StandingBlur, read_psfs, stand_words
-from maskfab.camera.imaging import LARGE, Blur
+from maskfab.camera.blur import StandingBlur, read_psfs, stand_words
+from maskfab.camera.imaging import Blur
 from maskfab.camera.photo import (
     ChartMatrix,
-    Photo,
+    RestoredPhoto,
     Stated,
     balanced,
     chart_matrix,
-    developed,
     read_patches,
     read_photo,
     require_stops,
+    restored_light,
 )
 from maskfab.camera.protocol import AUTO
-from maskfab.camera.record import BinnedBlur, Record, Restorer, binned
 from maskfab.camera.registration import RegisteredPhoto, brought
 from maskfab.camera.restorers import named
-from maskfab.camera.restorers.choice import Chosen, restored
-from maskfab.camera.restorers.wiener import Wiener
 from maskfab.job.reference import USES, in_words, unused
-from maskfab.mask.formats.exr import Fact, write_exr, write_png
+from maskfab.mask.formats.exr import write_exr, write_png
 from maskfab.report.rows.photographs import Conditions, Surroundings
-
-
-@dataclass(frozen=True, eq=False)
-class _Light:
-    """A photograph's restored light, in units of each colour's own white, before its colours are made.
-
-    Attributes:
-        photo: as it was read.
-        record: that was restored.
-        won: by the restorer that was chosen.
-        told: sentences.
-    """
-
-    photo: Photo
-    record: Record
-    won: Chosen
-    told: tuple[str, ...]
 
 
 @checked_arguments
@@ -149,14 +127,15 @@ def restore(
     for done, (path, blur) in enumerate(zip(paths, undone, strict=True)):
         progress("photographs", done, len(paths))
         photo = read_photo(path, stated, cells=blur.of_cells)
-        _require_fit(blur.blur, photo)
-        light = _restored(
-            photo, blur.blur, restorers, chosen=AUTO in names, epsilon=epsilon, bin=bin and not blur.of_cells
+        in_fours = bin and not blur.of_cells
+        record, won, sentences = restored_light(
+            photo, blur.blur, restorers, chosen=AUTO in names, epsilon=epsilon, bin=in_fours
         )
         if patches is not None and colours is None:
-            neutral = balanced(photo, light.won.picture)
-            colours = chart_matrix(patches, neutral, light.record, photo.balance, 2 if bin else 1)
-        results.append(_developed(light, blur, colours, stops))
+            neutral = balanced(photo, won.picture)
+            colours = chart_matrix(patches, neutral, record, photo.balance, 2 if bin else 1)
+        light = replace(photo, told=sentences)
+        results.append(RestoredPhoto.of(light, record, won, blur.told, colours, stops))
     progress("photographs", len(paths), len(paths))
     first, *others = results
     onto = [
@@ -173,55 +152,6 @@ def _restore(asked: Asked) -> Told:
     return replace(answer, document={**answer.document, "files": [str(file) for file in sorted(asked.out.iterdir())]})
 
 
-def _restored(
-    photo: Photo,
-    blur: Blur,
-    restorers: Sequence[Restorer],
-    *,
-    chosen: bool,
-    epsilon: float | None,
-    bin: bool,
-) -> _Light:
-    record, seen, sentences = photo.record, blur, photo.told
-    if bin:
-        record, seen, sentences = binned(record), BinnedBlur(blur), (*sentences, "means over 2 x 2 pixels")
-    if record.values[0].size > LARGE:
-        if not chosen and [restorer.name for restorer in restorers] != [Wiener().name]:
-            what = (
-                f"{restorers[-1].name} keeps too much of {record.values[0].size / 1e6:.3g} million pixels; the limit "
-                f"is {LARGE / 1e6:g} million"
-            )
-            cure = "Restore it by wiener, or add --bin for a quarter of the pixels"
-            raise JobError("MF142", what, where=photo.name, cure=cure)
-        restorers, sentences = (
-            (Wiener(),),
-            (*sentences, f"of more than {LARGE / 1e6:g} million pixels, so restored by wiener"),
-        )
-    return _Light(photo, record, restored(record, seen, restorers, epsilon), sentences)
-
-
-def _developed(light: _Light, undone: Undone, colours: ChartMatrix | None, stops: float) -> RestoredPhoto:
-    photo, sentences = light.photo, light.told
-    if colours is not None:
-        photo = replace(photo, matrix=colours.matrix)
-        sentences = (*(sentence for sentence in sentences if "colour matrix" not in sentence), "colours by the chart")
-    noise, dark = light.record.noise, np.zeros(1, dtype=np.float32)
-    picture = developed(photo, light.won.picture, stops)
-    return RestoredPhoto(
-        photo.name,
-        photo.sha256,
-        picture,
-        np.asarray(light.record.clipped.any(axis=0) | (picture >= 1).any(axis=0)),
-        undone.told,
-        light.won.name,
-        light.won.epsilon,
-        noise.electrons,
-        float(noise.variance(dark)[0]) ** 0.5 * noise.electrons,
-        float(photo.record.clipped.mean()),
-        sentences,
-    )
-
-
 def _require_names(paths: Sequence[Path]) -> None:
     names = [path.stem for path in paths]
     if not names or len(set(names)) < len(names):
@@ -230,75 +160,7 @@ def _require_names(paths: Sequence[Path]) -> None:
         raise JobError("MF105", what, where="photos", cure="Give one or more, each with a name of its own")
 
 
-def _require_fit(blur: Blur, photo: Photo) -> None:
-    if not isinstance(blur, MeasuredBlur):
-        return
-    (high, wide), (rows, columns) = blur.kernels.shape[1:], photo.record.values.shape[1:]
-    if high > rows or wide > columns:
-        what = f"the PSF has {wide} x {high} pixels, and the photograph {columns} x {rows}"
-        cure = "Crop the PSF's capture closer about the light, or give a larger photograph"
-        raise SourceError("MF351", what, where=photo.name, cure=cure)
-
-
 DOCUMENT = "restore.json"
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class RestoredPhoto:
-    """One photograph, restored.
-
-    Attributes:
-        name: of its file, without suffix.
-        sha256: of its file.
-        picture: float32 [3, rows, columns] linear sRGB within 0 to 1, row 0 on top.
-        full: bool [rows, columns], where a colour of the photograph was full.
-        blur: sentences on the blur that was undone.
-        restorer: that was used.
-        epsilon: strength of its prior.
-        electrons: of white, by which its noise is known.
-        read_noise: in electrons.
-        clipped: share of its values that were full.
-        told: sentences on how it was read.
-    """
-
-    name: str
-    sha256: str
-    picture: Singles
-    full: NDArray[np.bool_]
-    blur: tuple[str, ...]
-    restorer: str
-    epsilon: float
-    electrons: float
-    read_noise: float
-    clipped: float
-    told: tuple[str, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Numbers and words, without the picture."""
-        _, rows, columns = self.picture.shape
-        return {
-            "name": self.name,
-            "sha256": self.sha256,
-            "rows": rows,
-            "columns": columns,
-            "blur": list(self.blur),
-            "restorer": self.restorer,
-            "epsilon": self.epsilon,
-            "electrons_of_white": self.electrons,
-            "read_noise_e": self.read_noise,
-            "clipped": self.clipped,
-            "told": list(self.told),
-        }
-
-    @property
-    def facts(self) -> dict[str, Fact]:
-        """Entries for the header of a picture."""
-        return {
-            "restorer": self.restorer,
-            "epsilon": self.epsilon,
-            "photo_sha256": self.sha256,
-            "blur": "; ".join(self.blur),
-        }
 
 
 @dataclass(frozen=True, eq=False, repr=False)

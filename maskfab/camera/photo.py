@@ -1,4 +1,4 @@
-"""A photograph as a camera took it: a record in units of white, and what makes colours of it once it is restored.
+"""A photograph as a camera took it: a record in units of white, restored, and what makes colours of it then.
 
 Of a RAW file or linear counts the black is taken off, and white is 1 in every colour, so that the noise is one function
 of the light. A mosaic is interpolated linearly in balanced colours and brought back. Codes of sRGB are linearised.
@@ -28,20 +28,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage, optimize
 
 from maskfab.base.arrays import Floats, Mask, Singles
 from maskfab.base.errors import JobError, SourceError
 from maskfab.base.provenance import sha256_of_file
+from maskfab.camera.blur import MeasuredBlur
 from maskfab.camera.frames.frame import Frame, letters, read_frame
-from maskfab.camera.record import Noise, Record, interpolated, of_cells
+from maskfab.camera.imaging import LARGE, Blur
+from maskfab.camera.record import BinnedBlur, Noise, Record, Restorer, binned, interpolated, of_cells
+from maskfab.camera.restorers.choice import Chosen, restored
+from maskfab.camera.restorers.wiener import Wiener
 from maskfab.camera.scenes import opaque
 from maskfab.display.pictures import read_picture
+from maskfab.mask.formats.exr import Fact
 from maskfab.optics.colour import LUMINANCE, delta_e_1976, lab_of_linear_srgb, light_of_code, linear_srgb_of_lab_d50
 from maskfab.optics.response import curves_text, numeric_table
 
@@ -505,3 +511,146 @@ def chart_matrix(
 
 def _useless(where: str, why: str) -> SourceError:
     return SourceError("MF355", why, where=where, cure=_CURE)
+
+
+def restored_light(
+    photo: Photo,
+    blur: Blur,
+    restorers: Sequence[Restorer],
+    *,
+    chosen: bool,
+    epsilon: float | None,
+    bin: bool,
+) -> tuple[Record, Chosen, tuple[str, ...]]:
+    """The record of a photograph that was restored, what the chosen restorer made of it, and sentences on both.
+
+    Args:
+        photo: as it was read.
+        blur: that is undone.
+        restorers: of which the best is taken.
+        chosen: whether the best is asked for, so that Wiener alone restores a large photograph.
+        epsilon: strength of the prior; None for what each record speaks for.
+        bin: restore means over 2 x 2 pixels.
+
+    Raises:
+        JobError: MF142 for a photograph too large for the restorers that are named.
+        SourceError: MF351 for a blur that is wider than the photograph.
+    """
+    if isinstance(blur, MeasuredBlur):
+        (high, wide), (rows, columns) = blur.kernels.shape[1:], photo.record.values.shape[1:]
+        if high > rows or wide > columns:
+            what = f"the PSF has {wide} x {high} pixels, and the photograph {columns} x {rows}"
+            cure = "Crop the PSF's capture closer about the light, or give a larger photograph"
+            raise SourceError("MF351", what, where=photo.name, cure=cure)
+    record, seen, sentences = photo.record, blur, photo.told
+    if bin:
+        record, seen, sentences = binned(record), BinnedBlur(blur), (*sentences, "means over 2 x 2 pixels")
+    if record.values[0].size > LARGE:
+        if not chosen and [restorer.name for restorer in restorers] != [Wiener().name]:
+            what = (
+                f"{restorers[-1].name} keeps too much of {record.values[0].size / 1e6:.3g} million pixels; the limit "
+                f"is {LARGE / 1e6:g} million"
+            )
+            cure = "Restore it by wiener, or add --bin for a quarter of the pixels"
+            raise JobError("MF142", what, where=photo.name, cure=cure)
+        restorers = (Wiener(),)
+        sentences = (*sentences, f"of more than {LARGE / 1e6:g} million pixels, so restored by wiener")
+    return record, restored(record, seen, restorers, epsilon), sentences
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RestoredPhoto:
+    """One photograph, restored.
+
+    Attributes:
+        name: of its file, without suffix.
+        sha256: of its file.
+        picture: float32 [3, rows, columns] linear sRGB within 0 to 1, row 0 on top.
+        full: bool [rows, columns], where a colour of the photograph was full.
+        blur: sentences on the blur that was undone.
+        restorer: that was used.
+        epsilon: strength of its prior.
+        electrons: of white, by which its noise is known.
+        read_noise: in electrons.
+        clipped: share of its values that were full.
+        told: sentences on how it was read.
+    """
+
+    name: str
+    sha256: str
+    picture: Singles
+    full: NDArray[np.bool_]
+    blur: tuple[str, ...]
+    restorer: str
+    epsilon: float
+    electrons: float
+    read_noise: float
+    clipped: float
+    told: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls,
+        photo: Photo,
+        record: Record,
+        won: Chosen,
+        blur: tuple[str, ...],
+        colours: ChartMatrix | None,
+        stops: float,
+    ) -> RestoredPhoto:
+        """The picture that restored light becomes.
+
+        Args:
+            photo: as it was read, with the sentences on how it was restored.
+            record: that was restored.
+            won: by the restorer that was chosen, in units of each colour's own white.
+            blur: sentences on it.
+            colours: by a chart; None for those of the photograph.
+            stops: to brighten the picture by.
+        """
+        sentences = photo.told
+        if colours is not None:
+            photo = replace(photo, matrix=colours.matrix)
+            sentences = (*(text for text in sentences if "colour matrix" not in text), "colours by the chart")
+        noise, dark = record.noise, np.zeros(1, dtype=np.float32)
+        picture = developed(photo, won.picture, stops)
+        return cls(
+            photo.name,
+            photo.sha256,
+            picture,
+            np.asarray(record.clipped.any(axis=0) | (picture >= 1).any(axis=0)),
+            blur,
+            won.name,
+            won.epsilon,
+            noise.electrons,
+            float(noise.variance(dark)[0]) ** 0.5 * noise.electrons,
+            float(photo.record.clipped.mean()),
+            sentences,
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Numbers and words, without the picture."""
+        _, rows, columns = self.picture.shape
+        return {
+            "name": self.name,
+            "sha256": self.sha256,
+            "rows": rows,
+            "columns": columns,
+            "blur": list(self.blur),
+            "restorer": self.restorer,
+            "epsilon": self.epsilon,
+            "electrons_of_white": self.electrons,
+            "read_noise_e": self.read_noise,
+            "clipped": self.clipped,
+            "told": list(self.told),
+        }
+
+    @property
+    def facts(self) -> dict[str, Fact]:
+        """Entries for the header of a picture."""
+        return {
+            "restorer": self.restorer,
+            "epsilon": self.epsilon,
+            "photo_sha256": self.sha256,
+            "blur": "; ".join(self.blur),
+        }
