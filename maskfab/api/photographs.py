@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,7 +18,6 @@ from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
 from maskfab.base.folders import check_file, write_bytes
 from maskfab.base.model import Panel
-from maskfab.base.quantities import columns
 from maskfab.base.work import Clock, Progress, one_thread, silent
 from maskfab.camera import scenes as scene_sets
 from maskfab.camera import scenes as surroundings
@@ -29,14 +28,23 @@ from maskfab.camera.protocol import AUTO, evaluate
 from maskfab.camera.record import Restorer
 from maskfab.camera.restorers.wiener import Wiener
 from maskfab.camera.scenes import Folder, Photograph
-from maskfab.camera.scores import CONFIDENCE, Crop, Gain, Score, ScoreTable, Shot, truth_of
+from maskfab.camera.scores import CONFIDENCE, Crop, Score, ScoreTable, Shot, truth_of
 from maskfab.job.reference import USES, in_words, unused
 from maskfab.mask.job import Job
-from maskfab.report.rows.photographs import Conditions, Light, ProtocolName, Surroundings, uses_of
+from maskfab.report.rows.photographs import (
+    LEARNED,
+    Conditions,
+    Light,
+    ProtocolName,
+    Surroundings,
+    learned_restorers,
+    read_checkpoints,
+    trade_of,
+    uses_of,
+)
 
 if TYPE_CHECKING:
-    from maskfab.camera.learning import Checkpoint, Trade
-    from maskfab.camera.restorers.network import Learned
+    from maskfab.camera.learning import Checkpoint
 
 
 _CROP = Crop(160, 200)
@@ -90,8 +98,7 @@ class Simulation(Result):
             "reference": self.reference,
             "scenes": [scene.name for scene in self.scenes],
             "skipped": list(self.skipped),
-            "scores": [_scored(self.table, score) for score in self.table.scores],
-            "gains": [_document(gain) for gain in self.table.gains(self.reference)],
+            **self.table.to_dict(self.reference),
         }
 
     def rows(self) -> list[dict[str, Any]]:
@@ -119,8 +126,9 @@ class Simulation(Result):
         if self.skipped:
             below.append(f"Skipped, as no photographs: {', '.join(self.skipped)}.")
         below += [f"Not photographed: {name}, {reason}." for name, reason in self.refused.items()]
-        table = _lines(self.table, self.reference)
-        return "\n".join([*self.conditions.lines, *table, *below, *by_sentence(self.left_out)])
+        return "\n".join(
+            [*self.conditions.lines, *self.table.lines(self.reference), *below, *by_sentence(self.left_out)]
+        )
 
     def _repr_png_(self) -> bytes | None:
         return self.picture() if self.shown else None
@@ -298,60 +306,6 @@ def _designs(
     return ready, refused
 
 
-def _scored(table: ScoreTable, score: Score) -> dict[str, Any]:
-    """A score as data, with its regret where a restorer was chosen."""
-    return vars(score) | ({"regret": table.regret(score)} if score.chosen else {})
-
-
-def _document(gain: Gain) -> dict[str, Any]:
-    """A gain as data; a single photograph has no interval."""
-    means = {key: getattr(gain, key) for key in ("psnr", "psnr_inner", "ssim", "delta_e")}
-    return {
-        "design": gain.design,
-        "level_db": gain.level_db,
-        "restorer": gain.restorer,
-        "scenes": gain.psnr.count,
-        **{
-            key: {
-                "mean": score.mean,
-                "half_width_95": None if math.isnan(score.half_width) else score.half_width,
-                "tie": score.tie,
-            }
-            for key, score in means.items()
-        },
-    }
-
-
-def _lines(table: ScoreTable, reference: str) -> list[str]:
-    rows = [("die", "level", "restorer", "PSNR", "inner", "SSIM", "S-CIELAB", f"gain over {reference}", "inner")]
-    gains = {(gain.design, gain.level_db, gain.restorer): gain for gain in table.gains(reference)}
-    for case in dict.fromkeys((score.design, score.level_db, score.restorer) for score in table.scores):
-        own = [score for score in table.scores if (score.design, score.level_db, score.restorer) == case]
-        mean = [
-            sum(getattr(score, key) for score in own) / len(own) for key in ("psnr", "psnr_inner", "ssim", "delta_e")
-        ]
-        gain = gains.get(case)
-        gain_texts = ("", "") if gain is None else (gain.psnr.told(), gain.psnr_inner.told())
-        design, level, _ = case
-        rows.append(
-            (
-                design,
-                f"{level:.4g} dB",
-                table.winners(own),
-                f"{mean[0]:.2f} dB",
-                f"{mean[1]:.2f} dB",
-                f"{mean[2]:.3f}",
-                f"{mean[3]:.2f}",
-                *gain_texts,
-            )
-        )
-    return columns(rows)
-
-
-LEARNED = "learned"
-"""Name of the restorer that a checkpoint holds."""
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Learning(Result):
     """A trained restorer.
@@ -478,74 +432,6 @@ def learn(
         progress=progress,
     )
     return Learning(path, run.trained(progress), given.skipped, unused(loaded.spec, *uses))
-
-
-def read_checkpoints(paths: Sequence[str | Path]) -> list[tuple[Path, Checkpoint]]:
-    """Files of :func:`learn`, in the order that they are named.
-
-    Raises:
-        SourceError: MF301, MF303, MF304 for one that is missing, damaged or none.
-    """
-    if not paths:
-        return []
-    # torch takes a second to load.
-    from maskfab.camera.learning import Checkpoint
-
-    return [(Path(path), Checkpoint.read(Path(path))) for path in paths]
-
-
-def learned_restorers(
-    trained: Sequence[tuple[Path, Checkpoint]], job: Job, asked: Conditions, designs: Sequence[Design]
-) -> dict[str, tuple[Learned]]:
-    """The restorer of every die, by its name; none where nothing is trained.
-
-    Raises:
-        JobError: MF105 for two of one die; MF148 for one of another die, camera, sensor or light, or a die without.
-    """
-    if not trained:
-        return {}
-    # torch takes a second to load, and a fifth of a gigabyte.
-    from maskfab.camera.learning import another
-
-    names = [design.name for design in designs]
-    by_die: dict[str, tuple[Path, Checkpoint]] = {}
-    for path, checkpoint in trained:
-        if checkpoint.trade.die in by_die:
-            what = f"{by_die[checkpoint.trade.die][0]} and {path} are both of die {checkpoint.trade.die}"
-            raise JobError("MF105", what, where="checkpoint", cure="Give one of them")
-        by_die[checkpoint.trade.die] = path, checkpoint
-    for die, (path, _) in by_die.items():
-        if die not in names:
-            raise another(f"die {die}", ", ".join(names), str(path))
-    restorers: dict[str, tuple[Learned]] = {}
-    for design in designs:
-        if design.name not in by_die:
-            raise another(f"die {', '.join(by_die)}", design.name, "checkpoint")
-        path, checkpoint = by_die[design.name]
-        checkpoint.trade.require(trade_of(job, asked, design), str(path))
-        restorers[design.name] = (checkpoint.restorer(),)
-    return restorers
-
-
-def trade_of(job: Job, asked: Conditions, design: Design, images: tuple[str, ...] = ()) -> Trade:
-    """Everything that photographs of a die depend on, by which checkpoints are told apart."""
-    from maskfab.camera.learning import Trade, probe
-
-    light = "linear light" if asked.protocol.linear else "code values taken for light"
-    if asked.protocol.brackets:
-        light += f", brackets of {', '.join(f'{cut:g}' for cut in asked.protocol.brackets)}"
-    sensor = ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in asdict(asked.protocol.sensor).items())
-    return Trade(
-        job.where,
-        job.digest,
-        design.name,
-        camera_line(asked.camera),
-        sensor,
-        light,
-        asked.levels,
-        images,
-        probe(design),
-    )
 
 
 def _one(die: str | None, names: tuple[str, ...]) -> str:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from maskfab.api.asked import AnyJob, dies_of, given_folder, job_of
-from maskfab.api.photographs import learned_restorers, read_checkpoints
 from maskfab.api.results import Asked, FolderResult, Told, answers
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
@@ -18,6 +17,7 @@ from maskfab.base.work import Progress, silent
 from maskfab.job.reference import in_words
 from maskfab.report.pages.study import blocks, finding_text, limits_text, study_document, write_study
 from maskfab.report.rows import study as studies
+from maskfab.report.rows.photographs import learned_restorers, read_checkpoints
 from maskfab.report.rows.study import Claim
 
 if TYPE_CHECKING:

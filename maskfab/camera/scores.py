@@ -14,12 +14,14 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy
 
 from maskfab.base.arrays import Floats, Singles
 from maskfab.base.errors import JobError
+from maskfab.base.quantities import columns
 from maskfab.camera.imaging import LARGE
 from maskfab.camera.scenes import Photograph
 from maskfab.display.eye import OPPONENT_OF_RGB, gains
@@ -240,6 +242,24 @@ class Gain:
     ssim: MeanDifference
     delta_e: MeanDifference
 
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data; a single photograph has no interval."""
+        means = {key: getattr(self, key) for key in ("psnr", "psnr_inner", "ssim", "delta_e")}
+        return {
+            "design": self.design,
+            "level_db": self.level_db,
+            "restorer": self.restorer,
+            "scenes": self.psnr.count,
+            **{
+                key: {
+                    "mean": score.mean,
+                    "half_width_95": None if math.isnan(score.half_width) else score.half_width,
+                    "tie": score.tie,
+                }
+                for key, score in means.items()
+            },
+        }
+
 
 @dataclass(frozen=True)
 class ScoreTable:
@@ -290,6 +310,38 @@ class ScoreTable:
             )
             for case, pairs in cases.items()
         )
+
+    def to_dict(self, reference: str) -> dict[str, Any]:
+        """Scores, with their regret where a restorer was chosen, and gains over the reference, as plain data."""
+        return {
+            "scores": [vars(score) | ({"regret": self.regret(score)} if score.chosen else {}) for score in self.scores],
+            "gains": [gain.to_dict() for gain in self.gains(reference)],
+        }
+
+    def lines(self, reference: str) -> list[str]:
+        """Means of every design, level and restorer, and their gains over the reference, as lines of text."""
+        rows = [("die", "level", "restorer", "PSNR", "inner", "SSIM", "S-CIELAB", f"gain over {reference}", "inner")]
+        gains = {(gain.design, gain.level_db, gain.restorer): gain for gain in self.gains(reference)}
+        for case in dict.fromkeys((score.design, score.level_db, score.restorer) for score in self.scores):
+            own = [score for score in self.scores if (score.design, score.level_db, score.restorer) == case]
+            keys = ("psnr", "psnr_inner", "ssim", "delta_e")
+            mean = [sum(getattr(score, key) for score in own) / len(own) for key in keys]
+            gain = gains.get(case)
+            gain_texts = ("", "") if gain is None else (gain.psnr.told(), gain.psnr_inner.told())
+            design, level, _ = case
+            rows.append(
+                (
+                    design,
+                    f"{level:.4g} dB",
+                    self.winners(own),
+                    f"{mean[0]:.2f} dB",
+                    f"{mean[1]:.2f} dB",
+                    f"{mean[2]:.3f}",
+                    f"{mean[3]:.2f}",
+                    *gain_texts,
+                )
+            )
+        return columns(rows)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import pytest
 from once import leaves
 
 from maskfab.api import photographs as verb
-from maskfab.api.photographs import learn, learned_restorers, simulate, trade_of
+from maskfab.api.photographs import learn, simulate
 from maskfab.base.errors import JobError
 from maskfab.base.work import Clock, silent
 from maskfab.camera import learning
@@ -24,7 +24,7 @@ from maskfab.camera.scenes import Photograph
 from maskfab.cli.program import run_command_line
 from maskfab.mask.formats.exr import write_png
 from maskfab.mask.job import load_job
-from maskfab.report.rows.photographs import Conditions, Surroundings
+from maskfab.report.rows.photographs import Conditions, Surroundings, learned_restorers, trade_of
 
 ROOT = Path(__file__).parents[2]
 JOB = ROOT / "layouts" / "toled_against_ours.toml"

@@ -1,6 +1,7 @@
 """Conditions of photographs: the camera, sensor and light of a job or of a protocol, and the dies behind them.
 
 Photographs through the dies of a plate, restored and scored by protocol ``camera``: what a report says of them.
+Restorers that were learned behind a die, each held against the conditions that it was learned under.
 """
 
 from __future__ import annotations
@@ -8,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache, cached_property
-from typing import Any, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +37,10 @@ from maskfab.job.sections import JobSpec
 from maskfab.mask.job import Job
 from maskfab.optics.scene.plan import plan
 from maskfab.optics.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from maskfab.camera.learning import Checkpoint, Trade
+    from maskfab.camera.restorers.network import Learned
 
 ProtocolName = Literal["camera", "f1", "paper"]
 Light = Literal["linear", "code"]
@@ -374,3 +380,75 @@ def photograph_die(conditions: Conditions, around: Surroundings, name: str, pane
 def drawn_scenes(*, highlights: bool) -> tuple[Photograph, ...]:
     """The scenes, and with them their spectra, for all dies of a process."""
     return scene_sets.drawn(highlights=highlights)
+
+
+LEARNED = "learned"
+"""Name of the restorer that a checkpoint holds."""
+
+
+def read_checkpoints(paths: Sequence[str | Path]) -> list[tuple[Path, Checkpoint]]:
+    """Checkpoints of learned restorers, in the order that they are named.
+
+    Raises:
+        SourceError: MF301, MF303, MF304 for one that is missing, damaged or none.
+    """
+    if not paths:
+        return []
+    # torch takes a second to load.
+    from maskfab.camera.learning import Checkpoint
+
+    return [(Path(path), Checkpoint.read(Path(path))) for path in paths]
+
+
+def learned_restorers(
+    trained: Sequence[tuple[Path, Checkpoint]], job: Job, asked: Conditions, designs: Sequence[Design]
+) -> dict[str, tuple[Learned]]:
+    """The restorer of every die, by its name; none where nothing is trained.
+
+    Raises:
+        JobError: MF105 for two of one die; MF148 for one of another die, camera, sensor or light, or a die without.
+    """
+    if not trained:
+        return {}
+    # torch takes a second to load, and a fifth of a gigabyte.
+    from maskfab.camera.learning import another
+
+    names = [design.name for design in designs]
+    by_die: dict[str, tuple[Path, Checkpoint]] = {}
+    for path, checkpoint in trained:
+        if checkpoint.trade.die in by_die:
+            what = f"{by_die[checkpoint.trade.die][0]} and {path} are both of die {checkpoint.trade.die}"
+            raise JobError("MF105", what, where="checkpoint", cure="Give one of them")
+        by_die[checkpoint.trade.die] = path, checkpoint
+    for die, (path, _) in by_die.items():
+        if die not in names:
+            raise another(f"die {die}", ", ".join(names), str(path))
+    restorers: dict[str, tuple[Learned]] = {}
+    for design in designs:
+        if design.name not in by_die:
+            raise another(f"die {', '.join(by_die)}", design.name, "checkpoint")
+        path, checkpoint = by_die[design.name]
+        checkpoint.trade.require(trade_of(job, asked, design), str(path))
+        restorers[design.name] = (checkpoint.restorer(),)
+    return restorers
+
+
+def trade_of(job: Job, asked: Conditions, design: Design, images: tuple[str, ...] = ()) -> Trade:
+    """Everything that photographs of a die depend on, by which checkpoints are told apart."""
+    from maskfab.camera.learning import Trade, probe
+
+    light = "linear light" if asked.protocol.linear else "code values taken for light"
+    if asked.protocol.brackets:
+        light += f", brackets of {', '.join(f'{cut:g}' for cut in asked.protocol.brackets)}"
+    sensor = ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in asdict(asked.protocol.sensor).items())
+    return Trade(
+        job.where,
+        job.digest,
+        design.name,
+        camera_line(asked.camera),
+        sensor,
+        light,
+        asked.levels,
+        images,
+        probe(design),
+    )
