@@ -20,7 +20,7 @@ from maskfab.base.errors import JobError, SourceError
 from maskfab.base.folders import Place, staged, write_mark
 from maskfab.base.units import parse_length_um
 from maskfab.base.work import Progress, one_thread, silent
-from maskfab.camera.blur import StandingBlur, read_psfs, stand_words
+from maskfab.camera.blur import MeasuredBlur, StandingBlur, read_psfs, stand_words
 from maskfab.camera.imaging import Blur
 from maskfab.camera.photo import (
     ChartMatrix,
@@ -119,23 +119,23 @@ def restore(
         raise JobError("MF105", what, where="register", cure="Give two or more photographs of one scene")
     patches = None if chart is None else read_patches(Path(chart))
     undone = blurs_of(len(paths), job=job, die=die, camera=camera, psf=psf, pixel=pixel, stands=stands)
-    if not bin and any(blur.of_cells for blur in undone):
+    if not bin and any(isinstance(blur, MeasuredBlur) and blur.of_cells for blur, _ in undone):
         what = "the PSF was captured with a mosaic, which tells it for cells of 2 x 2 pixels alone"
         raise SourceError("MF353", what, where="psf", cure="Add --bin (bin=True), or give the PSF of the job's die")
     results: list[RestoredPhoto] = []
     colours: ChartMatrix | None = None
-    for done, (path, blur) in enumerate(zip(paths, undone, strict=True)):
+    for done, (path, (blur, said)) in enumerate(zip(paths, undone, strict=True)):
         progress("photographs", done, len(paths))
-        photo = read_photo(path, stated, cells=blur.of_cells)
-        in_fours = bin and not blur.of_cells
+        of_cells = isinstance(blur, MeasuredBlur) and blur.of_cells
+        photo = read_photo(path, stated, cells=of_cells)
         record, won, sentences = restored_light(
-            photo, blur.blur, restorers, chosen=AUTO in names, epsilon=epsilon, bin=in_fours
+            photo, blur, restorers, chosen=AUTO in names, epsilon=epsilon, bin=bin and not of_cells
         )
         if patches is not None and colours is None:
             neutral = balanced(photo, won.picture)
             colours = chart_matrix(patches, neutral, record, photo.balance, 2 if bin else 1)
         light = replace(photo, told=sentences)
-        results.append(RestoredPhoto.of(light, record, won, blur.told, colours, stops))
+        results.append(RestoredPhoto.of(light, record, won, said, colours, stops))
     progress("photographs", len(paths), len(paths))
     first, *others = results
     onto = [
@@ -223,21 +223,6 @@ class Restoration(FolderResult):
 _PIXEL_TOLERANCE = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
-class Undone:
-    """A blur that is to be undone.
-
-    Attributes:
-        blur: of pictures whose first row is the top.
-        told: sentences on it.
-        of_cells: whether it is of cells of a mosaic alone.
-    """
-
-    blur: Blur
-    told: tuple[str, ...]
-    of_cells: bool = False
-
-
 def blurs_of(
     photos: int,
     *,
@@ -247,8 +232,8 @@ def blurs_of(
     psf: str | Path | Sequence[str | Path] | None,
     pixel: Length | None,
     stands: str | None,
-) -> tuple[Undone, ...]:
-    """The blur of each of so many photographs.
+) -> tuple[tuple[Blur, tuple[str, ...]], ...]:
+    """The blur of each of so many photographs, of pictures whose first row is the top, and sentences on it.
 
     Args:
         photos: how many there are.
@@ -273,16 +258,12 @@ def blurs_of(
                 what = f"{key} goes with a job, and a PSF is given"
                 raise JobError("MF105", what, where=key, cure=f"Remove {key}, or the PSF")
         files = [Path(psf)] if isinstance(psf, str | Path) else [Path(file) for file in psf]
-        return _of_files(files, photos, pixel_um)
+        blurs = read_psfs(files, photos)
+        for blur in blurs:
+            _require_pixel(pixel_um, blur.pixel_um, "the PSF")
+        return tuple((blur, blur.told) for blur in blurs)
     assert job is not None
     return _of_dies(job, die, camera, photos, pixel_um, stands)
-
-
-def _of_files(files: Sequence[Path], photos: int, pixel_um: float | None) -> tuple[Undone, ...]:
-    blurs = read_psfs(files, photos)
-    for blur in blurs:
-        _require_pixel(pixel_um, blur.pixel_um, "the PSF")
-    return tuple(Undone(blur, blur.told, blur.of_cells) for blur in blurs)
 
 
 def _of_dies(
@@ -292,7 +273,7 @@ def _of_dies(
     photos: int,
     pixel_um: float | None,
     stands: str | None,
-) -> tuple[Undone, ...]:
+) -> tuple[tuple[Blur, tuple[str, ...]], ...]:
     loaded = job_of(job, camera)
     panels = loaded.panels()
     asked = dies_of(die, panels) if die is None or isinstance(die, str) else tuple(die)
@@ -310,7 +291,7 @@ def _of_dies(
     for name in dict.fromkeys(asked):
         design, left_out = conditions.design(name, panels[name], Surroundings.of(loaded))
         said = f"die {name} as designed, {stand_words(way)}, pixels of {loaded.camera.pixel_um:g} um"
-        blurs[name] = Undone(StandingBlur(design, way), (said, *left_out, *rest))
+        blurs[name] = StandingBlur(design, way), (said, *left_out, *rest)
     return tuple(blurs[name] for name in (asked if len(asked) == photos else asked * photos))
 
 
