@@ -31,8 +31,6 @@ from maskfab.designs.design import (
 from maskfab.designs.design import design as design_spec
 from maskfab.designs.front import (
     FrontDesign,
-    FrontPoint,
-    JudgedOpening,
     Pareto,
     designs,
     lines_of,
@@ -464,7 +462,7 @@ class ParetoFront(FolderResult):
         return pareto_drawing(self.found)
 
     def __str__(self) -> str:
-        return "\n".join([*_lines(self.found, self.designs), *(f"note: {note}" for note in self.notes)])
+        return "\n".join([*pareto.front_lines(self.found, self.designs), *(f"note: {note}" for note in self.notes)])
 
 
 def _front(
@@ -508,38 +506,3 @@ def _front(
     digest = provenance.job_hash(spec.model_copy(update={"openings": {**spec.openings, **texts}}).dump())
     scenes_words = scenes_line(scenes, None if images is None else Path(images))
     return ParetoFront(swept, made, digest, scenes_words, notes_of(spec, scenes, USES["design --front"], settings))
-
-
-def _lines(front: Pareto, designs: Sequence[FrontDesign]) -> list[str]:
-    best = set(map(id, front.best))
-    names = {id(design.point): design.name for design in designs}
-    lines = []
-    for curve in front.curves:
-        if curve.refusal is not None:
-            lines.append(f"{curve.clear_dots} clear dots: {curve.refusal}")
-            continue
-        cut = "; the budget ended it" if not curve.complete else ""
-        between = f", {curve.left_out} designs between these left out" if curve.left_out else ""
-        lines.append(
-            f"{curve.clear_dots} clear dots ({curve.front[0].judged.open_ratio:.1%} open): {curve.evaluated} openings "
-            f"evaluated, emitters and wires of {curve.measured} measured{between}{cut}"
-        )
-        lines += [
-            f"  {'*' if id(one) in best else ' '} {_told(one.value, one)}, grain {one.grain:.5f}  "
-            f"{names[id(one)]}: {one.shape}"
-            for one in curve.points
-        ]
-        lines += [f"    does not fit on a die: {misfit}" for misfit in curve.misfits]
-    for given in front.compared:
-        gain = front.gain_db(given)
-        more = (
-            "nothing found has so much of both at no more clear dots"
-            if gain is None
-            else f"the best design found, neither mapped, is {gain:+.2f} dB better"
-        )
-        lines.append(f"    {_told(given.value, given)}  {given.shape}, {given.open_ratio:.1%} open; {more}")
-    return lines
-
-
-def _told(value: float, opening: JudgedOpening | FrontPoint) -> str:
-    return f"{value:.2f} dB  emitters {opening.footprint:.2%}  {opening.lines} lines"

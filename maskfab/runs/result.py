@@ -28,15 +28,9 @@ from maskfab.report.figures import display
 from maskfab.report.figures import scene as scene_figures
 from maskfab.report.pages import front
 from maskfab.report.rows.as_written import Written, measure_written
-from maskfab.report.rows.bands import (
-    Expansion,
-    restored_bands,
-)
+from maskfab.report.rows.bands import Expansion, restored_bands
 from maskfab.report.rows.display import display_quantities, footprint_band
-from maskfab.report.rows.optics import (
-    measure_with_bar,
-    view_rows,
-)
+from maskfab.report.rows.optics import measure_with_bar, view_rows
 from maskfab.report.rows.photographs import Photographs, Surroundings, photograph_die
 from maskfab.report.rows.scene import SceneOptics
 from maskfab.report.rows.text import Quantities

@@ -28,17 +28,8 @@ from maskfab.mask.raster import light_box
 from maskfab.optics.scene.plan import Plan
 from maskfab.report.documents import die as die_data
 from maskfab.report.rows.as_written import Written, measure_written
-from maskfab.report.rows.bands import (
-    Expansion,
-    band_quantities,
-    restored_expansion,
-)
-from maskfab.report.rows.optics import (
-    measure_with_bar,
-    plate_as_seen,
-    reach_box,
-    read_openings,
-)
+from maskfab.report.rows.bands import Expansion, band_quantities, restored_expansion
+from maskfab.report.rows.optics import measure_with_bar, plate_as_seen, reach_box, read_openings
 from maskfab.report.rows.photographs import Conditions, Photographs, Restored, Surroundings, photograph_die
 from maskfab.report.rows.scene import SceneOptics, measure_scene, peak_bytes, scene_plan, scene_reach_um
 from maskfab.runs.plate_files import process_spread

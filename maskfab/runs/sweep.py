@@ -10,6 +10,7 @@ import io
 import json
 import math
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -136,22 +137,16 @@ def write_sweep(out: Path, swept: Swept) -> list[Path]:
         return paths
     from maskfab.runs.sweep_page import sweep_page
 
+    rows = rows_of(swept)
+    first, csv_text = next(rows), io.StringIO()
+    table = csv.DictWriter(csv_text, list(first), lineterminator="\n")
+    table.writeheader()
+    table.writerows(chain([first], rows))
     # The document last: where it is up to date, the others are.
-    for path, text in ((paths[0], sweep_page(swept)), (paths[2], _csv(swept)), (paths[1], document)):
+    for path, text in ((paths[0], sweep_page(swept)), (paths[2], csv_text.getvalue()), (paths[1], document)):
         with partial(path) as aside:
             aside.write_text(text, encoding="utf-8", newline="")
     return paths
-
-
-def _csv(swept: Swept) -> str:
-    rows = rows_of(swept)
-    text = io.StringIO()
-    first = next(rows)
-    table = csv.DictWriter(text, list(first), lineterminator="\n")
-    table.writeheader()
-    table.writerow(first)
-    table.writerows(rows)
-    return text.getvalue()
 
 
 def _finite(value: Any) -> Any:

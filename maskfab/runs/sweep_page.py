@@ -7,11 +7,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import cache
 from textwrap import fill
 
 import numpy as np
-from jinja2 import Template
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -113,7 +111,8 @@ def sweep_page(swept: Swept) -> str:
     plan = swept.plan
     figures = {name: quantity_figure(swept, name) for name in plan.quantities}
     strongest = {series.of for name in plan.quantities for series in shown(swept, name)}
-    return _template().render(
+    page = page_environment(number=rounded, short=short).from_string(template("sweep.html.j2"))
+    return page.render(
         style=style(),
         sweep=plan.spec.sweep,
         version=plan.job.signature,
@@ -161,8 +160,3 @@ def _values_text(field: Field) -> str:
         return f"{len(numbers)} {ways}, {short(min(numbers))} to {short(max(numbers))} {field.unit}".rstrip()
     first, last = field.levels[0].stated, field.levels[-1].stated
     return f"{len({level.stated for level in field.levels})} {ways}, {first} to {last}"
-
-
-@cache
-def _template() -> Template:
-    return page_environment(number=rounded, short=short).from_string(template("sweep.html.j2"))

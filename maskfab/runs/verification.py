@@ -182,7 +182,7 @@ def _made_again(
     for name, differs in (
         *_aids_differ(folder, findings),
         *_page_differs(folder, now, pictures, held=all(row.passed is not False for row in rows)),
-        *_overview_differs(folder, overview),
+        (OVERVIEW, "" if differences.alike_images(_bytes(folder / OVERVIEW), overview) else "it shows something else"),
     ):
         yield _again(name, differs, judged=alike and differs != _PHOTOGRAPHS)
 
@@ -255,10 +255,6 @@ def _page_differs(
     yield PAGE, f"other {', '.join(faults)}" if faults else _PHOTOGRAPHS if parts else ""
 
 
-def _overview_differs(folder: Path, made: bytes) -> Iterator[tuple[str, str]]:
-    yield OVERVIEW, "" if differences.alike_images(_bytes(folder / OVERVIEW), made) else "it shows something else"
-
-
 def _bytes(path: Path) -> bytes:
     """Content of a file; nothing if it is not there, which is reported elsewhere."""
     return path.read_bytes() if path.is_file() else b""
@@ -327,8 +323,18 @@ def _reported(folder: Path, now: Document) -> Iterator[Quantity]:
     for name, since, of, reason in (
         ("report_photographs", _PHOTOGRAPHED, _of_photographs, "predicts photographs by a model"),
         ("report_wires", _LAID, _of_wires, "counts the wires of one pixel for all"),
-        ("report_protocol", _LAID, _of_protocol, "does not name the protocol of designs"),
-        ("report_verdicts", _JUDGED, _of_verdicts, "has one verdict for files, optics and displays"),
+        (
+            "report_protocol",
+            _LAID,
+            lambda place: "design" in place and place[-1] == "protocol",
+            "does not name the protocol of designs",
+        ),
+        (
+            "report_verdicts",
+            _JUDGED,
+            lambda place: place[0] == "verdicts",
+            "has one verdict for files, optics and displays",
+        ),
     ):
         places = [place for place, _, _ in changes if earlier and stated < since and of(place)]
         if places:
@@ -353,16 +359,6 @@ def _of_wires(place: Sequence[str]) -> bool:
     """Whether a place in a report tells of wires, or of an answer that rests on them."""
     answered = "display" in place and ("verdict" in place or "proofs" in place)
     return answered or any(part == "wires" or "wire_lines" in part for part in place)
-
-
-def _of_protocol(place: Sequence[str]) -> bool:
-    """Whether a place in a report tells by which protocol a die was designed."""
-    return "design" in place and place[-1] == "protocol"
-
-
-def _of_verdicts(place: Sequence[str]) -> bool:
-    """Whether a place in a report tells of its three verdicts."""
-    return place[0] == "verdicts"
 
 
 def _former_unit(place: tuple[str, ...], now: object, then: object) -> bool:

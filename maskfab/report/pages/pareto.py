@@ -349,3 +349,39 @@ def _numbers(each: JudgedOpening, levels: Sequence[float]) -> dict[str, Any]:
 
 def _text(path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8")
+
+
+def front_lines(front: Pareto, designs: Sequence[FrontDesign]) -> list[str]:
+    """The curves with their designs, and what they are compared with, as lines of text."""
+    best = set(map(id, front.best))
+    names = {id(design.point): design.name for design in designs}
+    lines = []
+    for curve in front.curves:
+        if curve.refusal is not None:
+            lines.append(f"{curve.clear_dots} clear dots: {curve.refusal}")
+            continue
+        cut = "; the budget ended it" if not curve.complete else ""
+        between = f", {curve.left_out} designs between these left out" if curve.left_out else ""
+        lines.append(
+            f"{curve.clear_dots} clear dots ({curve.front[0].judged.open_ratio:.1%} open): {curve.evaluated} openings "
+            f"evaluated, emitters and wires of {curve.measured} measured{between}{cut}"
+        )
+        lines += [
+            f"  {'*' if id(one) in best else ' '} {_judged_text(one.value, one)}, grain {one.grain:.5f}  "
+            f"{names[id(one)]}: {one.shape}"
+            for one in curve.points
+        ]
+        lines += [f"    does not fit on a die: {misfit}" for misfit in curve.misfits]
+    for given in front.compared:
+        gain = front.gain_db(given)
+        more = (
+            "nothing found has so much of both at no more clear dots"
+            if gain is None
+            else f"the best design found, neither mapped, is {gain:+.2f} dB better"
+        )
+        lines.append(f"    {_judged_text(given.value, given)}  {given.shape}, {given.open_ratio:.1%} open; {more}")
+    return lines
+
+
+def _judged_text(value: float, opening: JudgedOpening | FrontPoint) -> str:
+    return f"{value:.2f} dB  emitters {opening.footprint:.2%}  {opening.lines} lines"
