@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, overload
@@ -289,7 +289,10 @@ def design(
     given = {key: value for key, value in stated.items() if value is not None}
     if job is not None:
         others = {"camera": camera, "emitters": emitters, "wires": wires, "sections": sections}
-        _refuse_beside_job([*given, *(key for key, value in others.items() if value is not None)])
+        beside_job = [*given, *(key for key, value in others.items() if value is not None)]
+        if beside_job:
+            what = f"{', '.join(beside_job)} cannot be stated beside a job, which says what is designed"
+            raise JobError("MF105", what, where=beside_job[0], cure="State it in the job, or leave the job out")
         spec, where = read(Path(job)), str(job)
         command = f"maskfab design {Path(job).as_posix()}"
         command += "" if images is None else f" --images {Path(images).as_posix()}"
@@ -302,7 +305,12 @@ def design(
         if section.get("map") == "none":
             del section["map"]
         display = _display(emitters, wires)
-        more = _further(sections or {})
+        more = dict(sections or {})
+        for key in more:
+            if key not in _FURTHER:
+                what = f"a design has no use for a section {key!r}"
+                cure = f"Use {', '.join(_FURTHER)}; emitters, wires and camera are arguments of their own"
+                raise JobError("MF102", what, where="design(): sections", cure=cure)
         spec = validate({"camera": lens, "design": section, **display, **more}, where=where)
         stated = {**section, **display, **({"sections": more} if more else {})}
         command = _call(stated, camera=None if camera is None else lens, images=images)
@@ -384,12 +392,6 @@ def _targets(spec: JobSpec, job: Path, out: Path | None) -> dict[str, Path]:
     return targets
 
 
-def _refuse_beside_job(given: Sequence[str]) -> None:
-    if given:
-        what = f"{', '.join(given)} cannot be stated beside a job, which says what is designed"
-        raise JobError("MF105", what, where=given[0], cure="State it in the job, or leave the job out")
-
-
 def _display(emitters: Mapping[str, Any] | None, wires: Mapping[str, Any] | None) -> dict[str, Any]:
     """[emitters] and [wires] as a job file has them, of those that are stated."""
     stated: dict[str, tuple[Mapping[str, Any] | None, type[AnySection]]] = {
@@ -402,19 +404,6 @@ def _display(emitters: Mapping[str, Any] | None, wires: Mapping[str, Any] | None
         for key, (held, kind) in stated.items()
         if held is not None
     }
-
-
-def _further(sections: Mapping[str, Any]) -> dict[str, Any]:
-    """Sections that are not stated otherwise.
-
-    Raises:
-        JobError: MF102 for those that no design uses.
-    """
-    for key in sections:
-        if key not in _FURTHER:
-            cure = f"Use {', '.join(_FURTHER)}; emitters, wires and camera are arguments of their own"
-            raise JobError("MF102", f"a design has no use for a section {key!r}", where="design(): sections", cure=cure)
-    return dict(sections)
 
 
 def _call(section: Mapping[str, Any], *, camera: Mapping[str, Any] | None, images: object) -> str:

@@ -110,7 +110,11 @@ def restore(
         what = f"a strength of {epsilon:g} is not above 0"
         raise JobError("MF104", what, where="epsilon", cure="Give a number such as 0.03")
     paths = [Path(photos)] if isinstance(photos, str | Path) else [Path(photo) for photo in photos]
-    _require_names(paths)
+    stems = [path.stem for path in paths]
+    if not stems or len(set(stems)) < len(stems):
+        twice = next((stem for stem in stems if stems.count(stem) > 1), "")
+        what = f"two photographs have the name {twice}" if stems else "there is no photograph"
+        raise JobError("MF105", what, where="photos", cure="Give one or more, each with a name of its own")
     names = (restore,) if isinstance(restore, str) else tuple(restore)
     restorers = named([name for name in names if name != AUTO])
     stated = Stated(black, white, mosaic, gain, read_noise)
@@ -150,14 +154,6 @@ def _restore(asked: Asked) -> Told:
     answer = saved(asked)
     assert asked.out is not None
     return replace(answer, document={**answer.document, "files": [str(file) for file in sorted(asked.out.iterdir())]})
-
-
-def _require_names(paths: Sequence[Path]) -> None:
-    names = [path.stem for path in paths]
-    if not names or len(set(names)) < len(names):
-        twice = next((name for name in names if names.count(name) > 1), "")
-        what = f"two photographs have the name {twice}" if names else "there is no photograph"
-        raise JobError("MF105", what, where="photos", cure="Give one or more, each with a name of its own")
 
 
 DOCUMENT = "restore.json"
