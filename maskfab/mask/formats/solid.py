@@ -23,6 +23,7 @@ import numpy as np
 from klayout import db
 
 from maskfab.base.arrays import Floats, Ints
+from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import OutputError
 from maskfab.base.model import CLEAR, ORIENTATIONS, Die, Panel, Point, Polygon
 from maskfab.mask.formats.format import Stack
@@ -146,8 +147,6 @@ def _too_large(die: Die, kind: str, what: str, instead: str = "") -> OutputError
     return OutputError("MF412", f"{what} of a {kind}", where=f"die {die.name}", cure=cure)
 
 
-Triangle = tuple[int, int, int]
-
 _FLAT_NM = 5.0
 """Triangles of less height are flat: float32 millimetres within a die could take their area."""
 _BAND_CORNERS = 4_000
@@ -239,7 +238,8 @@ def _face(die: Die, clear: db.Region) -> tuple[Ints, Ints, Ints]:
     for low, high in pairwise(cuts):
         band = db.Box(x0, low, x0 + width, high)
         near = db.Region([shape.polygon for shape in shapes.each_overlapping(band)])
-        for contours in _contours(db.Region(band) - near):
+        for piece in _contours(db.Region(band) - near):
+            contours = [_divided(contour, (x0, y0), die.panel.cell_size) for contour in piece]
             triangles.append(triangulated(contours) + len(points))
             for contour in contours:
                 first = len(points)
@@ -273,10 +273,30 @@ def _contours(chrome: db.Region) -> Iterator[list[Polygon]]:
         yield [tuple((point.x, point.y) for point in contour)[::-1] for contour in (piece.each_point_hull(), *holes)]
 
 
+def _divided(contour: Polygon, low_nm: Point, cell: CellSize) -> Polygon:
+    """The contour with a corner about every dot of sides that are longer than a cell, such as those of the frame.
+
+    Between a long side and short ones beside it triangles would be needles from its far ends. Corners are where both
+    bands that a side parts have them, and not within half a dot of its ends.
+    """
+    corners: list[Point] = []
+    for (x, y), (to_x, to_y) in zip(contour, (*contour[1:], contour[0]), strict=True):
+        corners.append((x, y))
+        start, end, low = (x, to_x, low_nm[0]) if y == to_y else (y, to_y, low_nm[1])
+        if abs(end - start) > cell.pitch_nm and (x == to_x or y == to_y):
+            near, far = sorted((start, end))
+            first = near + cell.dot_nm // 2 + 1
+            first += -(first - low) % cell.dot_nm
+            places = range(first, far - cell.dot_nm // 2, cell.dot_nm)
+            for place in places if end > start else reversed(places):
+                corners.append((place, y) if y == to_y else (x, place))
+    return tuple(corners)
+
+
 def triangulated(contours: Sequence[Polygon]) -> Ints:
     """Triangles between the corners of a polygon: int64 [m, 3], counter-clockwise, counting through all contours.
 
-    All have an area, and none is lower than 5 nm where another diagonal helps.
+    All have an area, and are Delaunay's where some were lower than 5 nm.
 
     Args:
         contours: hull counter-clockwise, holes clockwise, in nanometres. They may touch themselves in a corner, where
@@ -291,53 +311,37 @@ def triangulated(contours: Sequence[Polygon]) -> Ints:
     flat = np.flatnonzero(doubled < _FLAT_NM * np.hypot(sides[..., 0], sides[..., 1]).max(axis=1))
     if not flat.size:
         return triangles
-    return np.array(_turned(points.tolist(), [(a, b, c) for a, b, c in triangles.tolist()], flat.tolist()), np.int64)
+    return _delaunay(points.tolist(), triangles.tolist())
 
 
-def _turned(points: Sequence[Point], triangles: list[Triangle], flat: list[int]) -> list[Triangle]:
-    """The triangles, diagonals of the flat ones turned wherever that raises the lower of two neighbours.
+def _delaunay(points: Sequence[Point], triangles: list[Sequence[int]]) -> Ints:
+    """The triangles, diagonals turned until no corner lies in the circle of a neighbour.
 
-    Two neighbours on one line stay there, but get a shorter diagonal. So no turn is ever taken back.
+    That makes the least angle as large as it can be (C. L. Lawson, Software for C1 surface interpolation, 1977).
     """
     owner = {side: n for n, (a, b, c) in enumerate(triangles) for side in ((a, b), (b, c), (c, a))}
-    turned = set(flat)
-    while turned:
-        flat = [n for n in sorted({*flat, *turned}) if _height(points, triangles[n]) < _FLAT_NM]
-        turned = set()
-        # The longest first: of several on one line it is the one with a neighbour off the line.
-        for n in sorted(flat, key=lambda n: _longest(points, triangles[n]), reverse=True):
-            a, b, c = max(_rotations(triangles[n]), key=lambda turn: _distance(points, turn[0], turn[2]))
-            across = owner.get((a, c))
-            if across is None or _height(points, (a, b, c)) >= _FLAT_NM:
-                continue
-            (d,) = {*triangles[across]} - {a, c}
-            one: Triangle = (a, b, d)
-            two: Triangle = (b, c, d)
-            old = [_height(points, (a, b, c)), _height(points, (a, c, d))]
-            new = [_height(points, one), _height(points, two)]
-            closer = not any(old + new) and _distance(points, b, d) < _distance(points, a, c)
-            if min(new) > min(old) or closer:
-                triangles[n], triangles[across] = one, two
-                del owner[a, c], owner[c, a]
-                owner |= {(b, d): n, (d, a): n, (d, b): across, (c, d): across, (a, b): n, (b, c): across}
-                turned |= {n, across}
-    return triangles
+    waiting = list(owner)
+    while waiting:
+        a, c = waiting.pop()
+        n, across = owner.get((a, c)), owner.get((c, a))
+        if n is None or across is None:
+            continue
+        (b,), (d,) = {*triangles[n]} - {a, c}, {*triangles[across]} - {a, c}
+        if _turns(points[a], points[c], points[b], points[d]):
+            triangles[n], triangles[across] = (b, a, d), (d, c, b)
+            del owner[a, c], owner[c, a]
+            owner |= {(b, a): n, (a, d): n, (d, b): n, (d, c): across, (c, b): across, (b, d): across}
+            waiting += [(b, a), (a, d), (d, c), (c, b)]
+    return np.array(triangles, dtype=np.int64)
 
 
-def _rotations(triangle: Triangle) -> tuple[Triangle, Triangle, Triangle]:
-    a, b, c = triangle
-    return (a, b, c), (b, c, a), (c, a, b)
+def _turns(a: Point, c: Point, b: Point, d: Point) -> bool:
+    """Whether the diagonal b d replaces a c: if d is inside the circle through a, c and b, exact in whole numbers.
 
-
-def _distance(points: Sequence[Point], a: int, b: int) -> float:
-    return math.dist(points[a], points[b])
-
-
-def _longest(points: Sequence[Point], triangle: Triangle) -> float:
-    return max(_distance(points, a, c) for a, _, c in _rotations(triangle))
-
-
-def _height(points: Sequence[Point], triangle: Triangle) -> float:
-    """Over the longest side; 0 exactly on a line, negative clockwise."""
-    (xa, ya), (xb, yb), (xc, yc) = (points[n] for n in triangle)
-    return ((xb - xa) * (yc - ya) - (yb - ya) * (xc - xa)) / _longest(points, triangle)
+    Of four corners on one line the shorter diagonal is taken, until one of its triangles has a neighbour off the line.
+    """
+    (ax, ay), (cx, cy), (bx, by) = ((x - d[0], y - d[1]) for x, y in (a, c, b))
+    areas = cx * by - cy * bx, bx * ay - by * ax, ax * cy - ay * cx
+    if not any(areas):
+        return math.dist(b, d) < math.dist(a, c)
+    return sum(area * (x * x + y * y) for area, (x, y) in zip(areas, ((ax, ay), (cx, cy), (bx, by)), strict=True)) > 0

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import assume, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from scipy import ndimage
 from sweeps import examples
@@ -150,6 +150,7 @@ def test_corners_that_float32_cannot_part_are_refused(tmp_path):
 
 
 @examples(60)
+@example(dots=11, clear=0.5, seed=0, gutter_nm=400, dot_nm=8000, corners="gap", band=4000)
 @given(
     dots=st.integers(1, 12),
     clear=st.floats(0, 1),
@@ -160,10 +161,7 @@ def test_corners_that_float32_cannot_part_are_refused(tmp_path):
     band=st.sampled_from([10, 4000]),
 )
 def test_every_triangle_of_a_film_has_an_area_and_every_side_two(dots, clear, seed, gutter_nm, dot_nm, corners, band):
-    """Corners on one line, holes, touching corners, parted chrome, bands, in float32 millimetres as STL holds them too.
-
-    A needle between far corners may be flatter than 5 nm, which float32 still resolves in a die of this size.
-    """
+    """Corners on one line, holes, touching corners, parted chrome, bands, strips between the frame and openings."""
     rng = np.random.default_rng(seed)
     opening = Opening("noise", rng.random((dots, dots)) < clear, dot_nm)
     assume(gutter_nm or not opening.mask.all())
@@ -172,9 +170,7 @@ def test_every_triangle_of_a_film_has_an_area_and_every_side_two(dots, clear, se
         patch.setattr("maskfab.mask.formats.solid._BAND_CORNERS", band)
         mesh, touches = film(die, Stack(corners=corners))
     found = mesh.vertices_nm[mesh.triangles]
-    written = np.float32(found * 1e-6).astype(np.float64) * 1e6
-    assert heights_nm(written) == pytest.approx(heights_nm(found), rel=0.1)
-    assert heights_nm(found).min() > 0.5
+    assert heights_nm(found).min() >= 5
     assert len(np.unique(mesh.vertices_nm, axis=0)) == len(mesh.vertices_nm)
     assert is_manifold(mesh.triangles)
     area, expected = chrome_nm2(die, corners)
