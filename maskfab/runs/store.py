@@ -1,15 +1,12 @@
-"""Fingerprints of values: equal only for values from which the same is found.
+"""Findings that are kept: one folder of theirs, whole output directories, and the cases of sweeps.
 
-A folder of findings, each bound to what it was found from, and checked before it is used.
-
-Findings are plain data, see :mod:`maskfab.base.plain_data`: whoever wrote them, nothing in them is run. What cannot be
+What a finding was found from is known by fingerprints, equal only for values from which the same is found. An entry is
+one file: the SHA-256 of the rest, a line of JSON that says what it was found from, and the finding as plain data (see
+:mod:`maskfab.base.plain_data`): whoever wrote it, nothing in it is run. It is checked before it is used. What cannot be
 written is not kept, and what is refused is found anew: no run fails by its cache.
 
-An entry is one file: the SHA-256 of the rest, a line of JSON that says what it was found from, and the data.
-
-Finished output directories, kept whole: an unchanged job is made once.
-
-One file for each case of a sweep, under the hash of what it was found from.
+An unchanged job is made once, for its output directory is kept whole. The cases of a sweep are files beside it, each
+under the hash of what it was found from.
 """
 
 from __future__ import annotations

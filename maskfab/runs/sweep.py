@@ -1,7 +1,4 @@
-"""A sweep, made: cases that were found before are taken as they are, the others found.
-
-The files of a sweep: its page, and its table as JSON and as CSV.
-"""
+"""A sweep, made: cases that were found before are taken as they are, the others found; then its page and its tables."""
 
 from __future__ import annotations
 

@@ -1,8 +1,6 @@
-"""The numbers that a sweep can ask of a case, each with the least work that gives it.
+"""The cases of a sweep, found: each number that is wanted, by the least work that gives it.
 
-One case, found: plain data, the same whoever finds it.
-
-Who finds the cases of a sweep: this process, several, or a Dask cluster; the findings are the same.
+A case is plain data, the same whoever finds it: this process, several, or a Dask cluster.
 """
 
 from __future__ import annotations

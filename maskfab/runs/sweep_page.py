@@ -1,6 +1,6 @@
-"""The figures of a sweep: one for each quantity, with a field of the sweep along each axis and a curve for each die.
+"""The page of a sweep: figures, spread, sensitivities, yield, and the cases that failed.
 
-The page of a sweep: figures, spread, sensitivities, yield, and the cases that failed.
+There is one figure for each quantity, with a field of the sweep along each axis and a curve for each die.
 """
 
 from __future__ import annotations

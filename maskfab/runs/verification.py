@@ -1,6 +1,7 @@
-"""A finished output directory checked again from its files alone, and any mask file held against a job.
+"""A finished output directory checked: again from its files alone, or byte against byte, made once more from its job.
 
-A finished output directory made once more from its own job, byte against byte.
+Any mask file can be held against a job, too. Which rows repeat within the noise of photographs only, and which work
+makes a file, tells :mod:`maskfab.base.findings`.
 """
 
 from __future__ import annotations
