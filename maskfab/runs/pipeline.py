@@ -6,10 +6,12 @@ import time
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from maskfab.base.folders import OVERVIEW, PAGE, REPORT, TIMES, Account, check_target, staged, times_text
 from maskfab.base.model import Quantity, Report
+from maskfab.base.processes import SerialExecutor
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.display.feasibility import displays
 from maskfab.mask.formats.exr import check_psf_file
@@ -95,7 +97,8 @@ def _make(
     """Every stage, in order; the directory is entered when all is known that could be refused."""
     seconds: dict[str, float] = {}
     with executor_of(job, cache) as executor:
-        with _timed("layout", seconds), report_cache_hits("displays", executor, progress):
+        stage = partial(_stage, seconds=seconds, executor=executor, progress=progress)
+        with stage("layout", of="displays"):
             plate = job.plate()
             check_processes(job, plate)
             check_pictures(job, plate)
@@ -104,34 +107,33 @@ def _make(
             photographs = begin_photographs(job, plate, executor)
             plate = built.plate
             seen = plate_as_seen(job, plate)
-        with _timed("draw", seconds):
+        with stage("draw"):
             made = draw_files(job, plate)
             check_readers(made)
-        with _timed("plan", seconds):
+        with stage("plan"):
             plans = plan_scenes(job, seen, progress)
         # Before anything is written, for it takes the most memory, and libraries of solids and what is read back stay.
-        with _timed("process", seconds), report_cache_hits("process", executor, progress):
+        with stage("process"):
             written = measure_process(job, seen, progress, seconds, executor)
         with aside as folder:
-            with _timed("write", seconds):
+            with stage("write"):
                 files = write_files(job, made, folder, progress, measured)
-            with _timed("read back", seconds):
+            with stage("read back"):
                 back = read_own(made, folder, progress)
             layout = layout_as_seen(job, back.trips[0].layout)
-            with _timed("optics", seconds), report_cache_hits("optics", executor, progress):
+            with stage("optics"):
                 optics = measure_dies(seen, job.camera, layout, progress, seconds, job.blank, executor)
-                psfs = psfs_as_files(job, made, optics)
-                files += write_psfs(psfs, folder)
-            with _timed("scene", seconds), report_cache_hits("scene", executor, progress):
+                files += write_psfs(psfs := psfs_as_files(job, made, optics), folder)
+            with stage("scene"):
                 scenes = measure_scenes(job, seen, plans, layout, progress, seconds, executor)
             of_psfs = (row for psf in psfs for row in check_psf_file(psf, folder))
             read = (*back.quantities, *of_psfs, *made.account(), *shop_quantities(job, made))
             restored = photographs.result(progress, seconds)
-            with _timed("tolerance", seconds), report_cache_hits("tolerance", executor, progress):
+            with stage("tolerance"):
                 changes = expand_photographs(job, seen, progress, seconds, executor)
             findings = PlateFindings(job, built, read, optics, scenes, restored, written, changes, measured)
             report = findings.report(files, seconds)
-            with _timed("figures", seconds), report_cache_hits("figures", executor, progress):
+            with stage("figures"):
                 overview, pictures = draw_pictures(findings, findings.document(report), executor, progress)
             document = findings.document(report)
             (folder / OVERVIEW).write_bytes(overview)
@@ -199,3 +201,12 @@ def _timed(stage: str, seconds: dict[str, float]) -> Iterator[None]:
     start = time.perf_counter()
     yield
     seconds[stage] = round(time.perf_counter() - start, 3)
+
+
+@contextmanager
+def _stage(
+    name: str, *, seconds: dict[str, float], executor: SerialExecutor, progress: Progress, of: str = ""
+) -> Iterator[None]:
+    """One stage, whose time is added to ``seconds``; progress is told how many findings ``of`` what were kept."""
+    with _timed(name, seconds), report_cache_hits(of or name, executor, progress):
+        yield
