@@ -21,7 +21,7 @@ from maskfab.base import __version__, provenance
 from maskfab.base import resources as error_codes
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import CATALOGUE, InternalError, JobError
-from maskfab.base.findings import origins
+from maskfab.base.findings import LIMITS, origins
 from maskfab.base.quantities import FAMILIES, registered
 from maskfab.base.work import Progress, silent
 
@@ -122,10 +122,11 @@ def _of_quantity(name: str) -> Answer | None:
     if not sources or any(f"{{{word}}}" in entry.name for word, form in FAMILIES.items() if form == ".*"):
         return None
     unit = "" if entry.takes_detail or entry.unit == "1" else entry.unit
-    stated = {"Meaning": entry.meaning, "Unit": unit, "Verdict": entry.subject, "Cure": entry.cure}
+    limit = f"limits.{LIMITS[name]}" if name in LIMITS else ""
+    stated = {"Meaning": entry.meaning, "Unit": unit, "Limit": limit, "Verdict": entry.subject, "Cure": entry.cure}
     parts = [(title, text) for title, text in stated.items() if text]
     body = _parts(*parts, ("Found by", "\n".join(sources)))
-    document = {"quantity": name, **asdict(entry), "found_by": sources}
+    document = {"quantity": name, **asdict(entry), "limit": limit or None, "found_by": sources}
     return Answer(f"{name}  {entry.title}\n\n{body}", document)
 
 

@@ -55,6 +55,7 @@ class Finding:
         gives: names of the quantities that it finds from the design alone.
         rows: names of the other rows that it finds, and of places in reports, parted by spaces; ``*`` stands for any
             letters.
+        limits: of its quantities, the key of [limits] that judges each.
         noisy: whether another last bit of light may draw another photon, so that its rows repeat within noise only.
         files: of a finished folder that it makes.
         seconds: of a processor that the functions take, each with its arguments.
@@ -68,6 +69,7 @@ class Finding:
     sweep: str | None = None
     gives: tuple[str, ...] = ()
     rows: str = ""
+    limits: tuple[tuple[str, str], ...] = ()
     noisy: bool = False
     files: tuple[str, ...] = ()
     seconds: tuple[Callable[..., float], ...] = ()
@@ -201,6 +203,13 @@ FINDINGS: tuple[Finding, ...] = (
         sweep="runs.sweep_cases.features",
         gives=("min_feature", "min_space", "written_min_feature", "written_min_space"),
         rows="corner_touches",
+        limits=(
+            ("corner_touches", "corner_touches"),
+            ("min_feature", "min_feature"),
+            ("min_space", "min_space"),
+            ("written_min_feature", "min_feature"),
+            ("written_min_space", "min_space"),
+        ),
     ),
     Finding(
         "psf as written",
@@ -362,3 +371,6 @@ STAGE_OF_QUANTITY: Mapping[str, Finding] = MappingProxyType(
     {name: finding for finding in FINDINGS for name in finding.gives}
 )
 """The least work that finds a quantity from the design alone, by the quantity's name, the cheapest first."""
+
+LIMITS: Mapping[str, str] = MappingProxyType({name: key for finding in FINDINGS for name, key in finding.limits})
+"""Keys of [limits] by the quantities that they judge: the least that a width may be, the most that a number may."""

@@ -13,6 +13,7 @@ import numpy as np
 from klayout import db, rdb
 
 from maskfab.base.errors import SourceError
+from maskfab.base.findings import LIMITS
 from maskfab.base.model import CLEAR, Box, Die, Layer, Mark, Plate, Polygon, Quantity
 from maskfab.base.units import NM_PER_UM
 from maskfab.job.process import Process
@@ -244,13 +245,7 @@ def limits_as_rules(limits: LimitsSection) -> DesignRules:
 
 def judged(quantity: Quantity, limits: LimitsSection) -> Quantity:
     """The quantity with the job's limit and verdict, where the job sets one."""
-    limit = {
-        "corner_touches": limits.corner_touches,
-        "min_feature": limits.min_feature,
-        "min_space": limits.min_space,
-        "written_min_feature": limits.min_feature,
-        "written_min_space": limits.min_space,
-    }.get(quantity.name)
+    limit = getattr(limits, LIMITS[quantity.name]) if quantity.name in LIMITS else None
     if limit is None or isinstance(quantity.value, str):
         return quantity
     if quantity.value is None:
