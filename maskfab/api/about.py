@@ -21,8 +21,6 @@ from maskfab.base import __version__, provenance
 from maskfab.base import resources as error_codes
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import CATALOGUE, InternalError, JobError
-from maskfab.base.findings import LIMITS, origins
-from maskfab.base.quantities import FAMILIES, registered
 from maskfab.base.work import Progress, silent
 
 if TYPE_CHECKING:
@@ -114,6 +112,9 @@ def _schema(of: str) -> dict[str, Any]:
 
 def _of_quantity(name: str) -> Answer | None:
     """A number of report.json, and what finds it; None for what is no quantity, or stands for any name."""
+    from maskfab.base.findings import LIMITS, origins
+    from maskfab.base.quantities import FAMILIES, registered
+
     try:
         entry = registered(name)
     except InternalError:
