@@ -9,7 +9,8 @@ import tomllib
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-from maskfab.base.quantities import QUANTITIES
+from maskfab.base.findings import origins
+from maskfab.base.quantities import quantities
 from maskfab.base.resources import explained, grouped
 from maskfab.cli.command import Parameter, command_of, summary_of
 from maskfab.cli.program import GROUPS
@@ -32,7 +33,7 @@ def _table(heads: Iterable[str], rows: Iterable[tuple[str, ...]]) -> Iterator[st
 
 def _plain(text: str) -> str:
     """Text as Markdown: names of modules and literals as code, brackets and angles as they are."""
-    marked = re.sub(r":\w+:`([^`]*)`|``([^`]*)``", lambda found: f"`{found[1] or found[2]}`", text)
+    marked = re.sub(r":\w+:`([^`]*)`|``([^`]*)``", lambda mark: f"`{mark[1] or mark[2]}`", text)
     return re.sub(r"([][])(?=[^`]*(?:`[^`]*`[^`]*)*$)", r"\\\1", marked).replace("<", "&lt;")
 
 
@@ -79,7 +80,7 @@ def _reference() -> Iterator[str]:
             command = command_of(name)
             yield f"### maskfab {name}\n\n{_plain(command.summary)}\n\n{_plain(command.text)}\n"
             yield "\n".join(("```sh", *command.examples, "```"))
-            rows = ((f"`{each.shown}`", _plain(each.help + _default(each))) for each in command.parameters)
+            rows = ((f"`{word.shown}`", _plain(word.help + _default(word))) for word in command.parameters)
             yield from _table(("word", "meaning"), rows)
 
 
@@ -89,10 +90,13 @@ def _default(parameter: Parameter) -> str:
 
 def _quantities() -> Iterator[str]:
     yield from _table(
-        ("name", "title", "unit", "meaning", "if its check fails"),
+        ("name", "title", "unit", "meaning", "if its check fails", "found by"),
         (
-            (f"`{each.name}`", each.title, each.unit, _plain(each.meaning), _plain(each.cure))
-            for each in QUANTITIES.values()
+            (
+                *(f"`{entry.name}`", entry.title, entry.unit, _plain(entry.meaning), _plain(entry.cure)),
+                ", ".join(work.name for work in origins(entry.name)),
+            )
+            for entry in quantities().values()
         ),
     )
 
@@ -110,14 +114,14 @@ def _rules() -> Iterator[str]:
 def _rooms() -> Iterator[str]:
     """Every floor from the top, and each room on it by the sentence that its own file begins with."""
     settings = tomllib.loads((_ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    (plan,) = (each for each in settings["tool"]["importlinter"]["contracts"] if each["type"] == "layers")
+    (plan,) = (rule for rule in settings["tool"]["importlinter"]["contracts"] if rule["type"] == "layers")
     rows = []
     for floor in plan["layers"]:
         for number, room in enumerate(floor.replace("maskfab.", "").split(" | ")):
             folder = _ROOT / "maskfab" / room
             source = folder / "__init__.py" if folder.is_dir() else folder.with_suffix(".py")
             text = ast.get_docstring(ast.parse(source.read_text(encoding="utf-8"))) or ""
-            inner = ", ".join(f"`{each.parent.name}`" for each in sorted(folder.glob("*/__init__.py")))
+            inner = ", ".join(f"`{path.parent.name}`" for path in sorted(folder.glob("*/__init__.py")))
             rows.append(("" if number else "floor", f"`{room}`", _plain(text.partition("\n\n")[0]), inner))
     yield from _table(("", "room", "content", "inner rooms"), rows)
 

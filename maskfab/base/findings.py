@@ -258,7 +258,7 @@ FINDINGS: tuple[Finding, ...] = (
         (Need.PANEL, Need.CAMERA, Need.WINDOW, Need.FILES, Need.BLANK),
         ("report.rows.optics.measure_with_bar",),
         rows=(
-            "open_ratio stop_open_ratio auc_radial_min mtf[0-9]* mtf_worst_* mtf_aliasing mtf_phase_range "
+            "open_ratio stop_open_ratio auc_radial_min mtf[0-9{]* mtf_worst_* mtf_aliasing mtf_phase_range "
             "wiener_* psf_energy_in_window ensquared_energy encircled_energy halo_energy *side_lobe streak_index "
             "*strehl order* *colour_distance edge_colour_difference *_invariant_error model_* fast_lens "
             "readback_psf_difference"
@@ -332,7 +332,7 @@ FINDINGS: tuple[Finding, ...] = (
     Finding(
         "look",
         (Need.PANEL, Need.DISPLAY),
-        rows="pixels_per_degree centroid_offset grain_predicted grain_slow grain_fine *_delta_e_* *_jod edge_fringe",
+        rows="pixels_per_degree centroid_offset grain_predicted grain_[sf{]* *_delta_e_* *_jod edge_fringe",
     ),
     Finding(
         "file of any maker",

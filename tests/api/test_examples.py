@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import doctest
+import re
 import runpy
 from importlib import import_module
 from pathlib import Path
@@ -49,3 +50,12 @@ def test_examples_in_docstrings_give_what_they_say():
         runner.run(test)
     assert runner.summarize(verbose=False).failed == 0
     assert runner.tries >= 12
+
+
+def test_every_table_of_the_manual_is_made_and_has_its_place():
+    docs = Path(mf.__file__).parents[1] / "docs"
+    made = runpy.run_path(str(docs / "tables.py"))["_MADE"]
+    marked = {mark for page in docs.glob("*.md") for mark in re.findall(r"<!-- (\w+) -->", page.read_text("utf-8"))}
+    assert marked == set(made)
+    for lines in made.values():
+        assert len("\n".join(lines())) > 1000
