@@ -79,7 +79,7 @@ class Protocol:
         restorers: that belong to it; none where any may be asked for.
         brackets: exposures that are taken of every scene and merged, as the times by which their light is less than
             the level's; of scenes with highlights. Empty for one exposure, of any scene.
-        smooth: electrons are counted by normal distributions, see :meth:`maskfab.camera.sensor.Sensor.record`: for
+        smooth: electrons are counted by normal distributions, see :func:`maskfab.camera.sensor.record_light`: for
             designs that differ by less than Poisson's draws do.
 
     Raises:
