@@ -5,23 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from maskfab.api.asked import AnyJob, dies_of, given_folder, job_of
 from maskfab.api.results import Asked, FolderResult, Told, answers
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
 from maskfab.base.folders import Place, check_target
-from maskfab.base.quantities import columns
 from maskfab.base.work import Progress, silent
 from maskfab.job.reference import in_words
-from maskfab.report.pages.study import blocks, finding_text, limits_text, study_document, write_study
+from maskfab.report.pages.study import study_document, study_lines, write_study
 from maskfab.report.rows import study as studies
 from maskfab.report.rows.photographs import learned_restorers, read_checkpoints
 from maskfab.report.rows.study import Claim
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,36 +51,7 @@ class Study(FolderResult):
         return write_study(place, self.found)
 
     def __str__(self) -> str:
-        stated = self.found.plan.study
-        return "\n".join(
-            [f"{stated.figure}: {stated.title}", *self._tables(), *self._claims(), *in_words(self.found.plan.unused)]
-        )
-
-    def _tables(self) -> list[str]:
-        lines = []
-        for block in blocks(self.found):
-            lines += ["", block.setting.case, *block.setting.conditions.lines]
-            rows = [("die", "restorer", *(f"{level:.4g} dB" for level in block.levels))]
-            rows += [
-                (
-                    die,
-                    restorer,
-                    *(f"{cell.psnr:.2f}" + (f" ({cell.gain.psnr.told('')})" if cell.gain else "") for cell in cells),
-                )
-                for die, restorer, cells in block.rows
-            ]
-            lines += columns(rows)
-        return lines
-
-    def _claims(self) -> list[str]:
-        lines = []
-        for claim in self.claims:
-            lines += ["", f"{claim.stated.says} ({claim.stated.measure}, {limits_text(claim)})"]
-            for finding in claim.findings:
-                text, value, many = finding_text(claim, finding)
-                lines.append(f"  {finding.of.protocol or 'optics'}: {text}: {value}, {many}: {finding.verdict}")
-            lines += [f"  {protocol or 'optics'}: {verdict.upper()}" for protocol, verdict in claim.verdicts.items()]
-        return lines
+        return "\n".join([*study_lines(self.found), *in_words(self.found.plan.unused)])
 
 
 def plan(

@@ -8,7 +8,7 @@ The files of a study: its page, and its numbers as JSON.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -25,6 +25,7 @@ from maskfab.base import __version__
 from maskfab.base.arrays import Floats
 from maskfab.base.folders import Place, staged, write_mark
 from maskfab.base.model import Die, DieOptics, Panel, Psf
+from maskfab.base.quantities import columns
 from maskfab.base.units import dpi
 from maskfab.camera.scores import CONFIDENCE, Gain, Score, ScoreTable
 from maskfab.optics.metrics import auc_radial_min
@@ -499,3 +500,22 @@ def _take(take: Take) -> dict[str, Any]:
 def _finite(values: Mapping[str, Any]) -> dict[str, Any]:
     """With None for what is not a number: JSON has none."""
     return {key: None if isinstance(each, float) and math.isnan(each) else each for key, each in values.items()}
+
+
+def study_lines(study: Study) -> Iterator[str]:
+    """Tables of scores by protocol and case, and claims with their verdicts, as lines of text."""
+    yield f"{study.plan.study.figure}: {study.plan.study.title}"
+    for block in blocks(study):
+        yield from ("", block.setting.case, *block.setting.conditions.lines)
+        rows = [("die", "restorer", *(f"{level:.4g} dB" for level in block.levels))]
+        for die, restorer, cells in block.rows:
+            gains = (f" ({cell.gain.psnr.told('')})" if cell.gain else "" for cell in cells)
+            scores = (f"{cell.psnr:.2f}{gain}" for cell, gain in zip(cells, gains, strict=True))
+            rows.append((die, restorer, *scores))
+        yield from columns(rows)
+    for claim in study.claims:
+        yield from ("", f"{claim.stated.says} ({claim.stated.measure}, {limits_text(claim)})")
+        for finding in claim.findings:
+            text, value, many = finding_text(claim, finding)
+            yield f"  {finding.of.protocol or 'optics'}: {text}: {value}, {many}: {finding.verdict}"
+        yield from (f"  {protocol or 'optics'}: {verdict.upper()}" for protocol, verdict in claim.verdicts.items())
