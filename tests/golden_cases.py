@@ -62,7 +62,10 @@ class Case:
 
 
 SMALL = ("small.toml", "ring.toml")
-LOOK = "--stop '400 um' --focal '5 mm' --wavelengths '530 nm' --window '64 um'"
+_STOP = 'stop = { shape = "circle", diameter = "400 um" }, focal = "5 mm", wavelengths = ["530 nm"]'
+LOOK = f"--camera '{{ {_STOP}, window = \"64 um\" }}'"
+WIDE = LOOK.replace("64 um", "240 um")
+SQUARE = LOOK.replace("circle", "square").replace(" }'", ', pixel = "1 um" }\'')
 LAYOUTS = ("layouts",)
 PHOTOGRAPHS = ("layouts", "photographs")
 FRONT = ("front.toml", "given.toml")
@@ -72,8 +75,9 @@ NO_PARETO = (
     "",
 )
 VERBS = (
-    "new run design pareto analyse measure verify shape bench plan check shops order package render simulate restore "
-    "learn study compare sweep view explain schema reproduce doctor cite cache"
+    "design check compare new run view verify order analyse simulate learn restore measure edge study "
+    "sweep explain self",
+    "order_list order_compare order_fill order_pack self_doctor self_cache self_bench self_cite",
 )
 EXAMPLES = "analyse_a_file display_in_the_eye opening_from_array plate_of_two psf_and_mtf sweep_of_gutters"
 
@@ -137,58 +141,66 @@ _CASES = (
         after="package/film",
     ),
     Case("verify/solids", "verify out", after="run/all_formats"),
-    Case("reproduce/small", "reproduce out", after="run/small"),
-    Case("reproduce/edited", "reproduce out", after="run/small", edits=(("out/report.json", "SMALL", "LARGE"),)),
-    Case("reproduce/no_run", "reproduce .", SMALL),
-    Case("cite/program", "cite", quick=True),
-    Case("cite/run", "cite out", after="run/small"),
-    Case("cite/no_run", "cite nothing"),
+    Case("reproduce/small", "verify --again out", after="run/small"),
+    Case("reproduce/edited", "verify --again out", after="run/small", edits=(("out/report.json", "SMALL", "LARGE"),)),
+    Case("reproduce/no_run", "verify --again .", SMALL),
+    Case("cite/program", "self cite", quick=True),
+    Case("cite/run", "self cite out", after="run/small"),
+    Case("cite/no_run", "self cite nothing"),
     # decide
     Case("analyse/ring", f"analyse ring.toml {LOOK} --out seen", SMALL, quick=True),
-    Case("analyse/light", f"analyse ring.toml {LOOK} --window '240 um' --out seen", SMALL),
+    Case("analyse/light", f"analyse ring.toml {WIDE} --out seen", SMALL),
     Case("analyse/in_words", f"analyse ring.toml {LOOK}", SMALL, text=True),
     Case("analyse/random", "analyse layouts/openings/toled.toml --tiling random --seed 1 --gutter '8 um'", LAYOUTS),
     Case("analyse/mask", f"analyse out/SMALL.gds --cell TURNED {LOOK}", after="run/small"),
     Case("analyse/drawing", f"analyse out/SMALL_R2010.dxf --cell PLAIN {LOOK} --unit um", after="run/small"),
     Case(
         "analyse/scene",
-        "analyse layouts/openings/toled.toml --stop '1 mm' --depth '0.3 m, inf' --gap '0.5 mm' --field '0.5 mm' "
-        "--aberration 4:0.05 --distortion '0.02:2 mm' --accuracy draft",
+        'analyse layouts/openings/toled.toml --camera \'{ stop = { shape = "circle", diameter = "1 mm" } }\' --scene '
+        '\'{ depth = ["0.3 m", "inf"], gap = "0.5 mm", field = "0.5 mm", aberrations = [[4, 0.05]], '
+        'distortion = { ratio = 0.02, height = "2 mm" }, accuracy = "draft" }\'',
         LAYOUTS,
     ),
-    Case("analyse/lines", f"analyse ring.toml {LOOK} --spectrum lines --illuminant '6500 K'", SMALL),
+    Case(
+        "analyse/lines", f'analyse ring.toml {LOOK} --scene \'{{ spectrum = "lines", illuminant = "6500 K" }}\'', SMALL
+    ),
     Case(
         "analyse/stop_and_chrome",
-        'analyse layouts/openings/stripe.toml --stop \'{ shape = "ellipse", width = "2 mm", height = "1.9 mm" }\' '
-        "--plate '{ optical_density = 3, film_phase = 0.4 }' --wavelengths '530 nm'",
+        "analyse layouts/openings/stripe.toml --plate '{ optical_density = 3, film_phase = 0.4 }' --camera '{ stop = "
+        '{ shape = "ellipse", width = "2 mm", height = "1.9 mm" }, wavelengths = ["530 nm"] }\'',
         LAYOUTS,
     ),
-    Case("analyse/square_stop", f"analyse ring.toml {LOOK} --stop-shape square --pixel '1 um'", SMALL),
+    Case("analyse/square_stop", f"analyse ring.toml {SQUARE}", SMALL),
     Case("analyse/random_without_seed", f"analyse ring.toml {LOOK} --tiling random", SMALL, quick=True),
     Case("analyse/no_unit", f"analyse ring.toml {LOOK} --gutter 8", SMALL, quick=True),
     Case("analyse/not_a_layout", f"analyse small.toml {LOOK}", SMALL),
     Case("analyse/no_such_option", "analyse ring.toml --nothing", SMALL),
-    Case("plan/upc12", "plan layouts/upc12.toml --die TOLED_P150", LAYOUTS, quick=True),
-    Case("plan/scene", "plan small.toml", SMALL, edits=(SCENE,)),
-    Case("plan/in_words", "plan small.toml", SMALL, text=True),
-    Case("plan/no_die", "plan small.toml --die NONE", SMALL),
+    Case("plan/upc12", "check --optics layouts/upc12.toml --die TOLED_P150", LAYOUTS, quick=True),
+    Case("plan/scene", "check --optics small.toml", SMALL, edits=(SCENE,)),
+    Case("plan/in_words", "check --optics small.toml", SMALL, text=True),
+    Case("plan/no_die", "check --optics small.toml --die NONE", SMALL),
     Case("check/fits", "check layouts/display_that_fits.toml", LAYOUTS),
     Case("check/fits_in_words", "check layouts/display_that_fits.toml --die FITS", LAYOUTS, text=True),
     Case("check/largest_gap", "check layouts/first_plate.toml --die OURS --largest-gap", LAYOUTS),
     Case("check/cluster", "check layouts/display_cluster.toml", LAYOUTS, quick=True),
     Case("check/density", "check layouts/display_density.toml", LAYOUTS),
     Case("check/no_emitters", "check layouts/displays.toml", LAYOUTS),
-    Case("check/shop", "check small.toml --shop generic-chrome --format gdsii", SMALL),
-    Case("check/no_shop", "check small.toml --shop nobody", SMALL),
+    Case("check/shop", "order pack small.toml --shop generic-chrome --format gdsii --dry-run", SMALL),
+    Case("check/no_shop", "order pack small.toml --shop nobody --dry-run", SMALL),
     Case("check/no_display", "check small.toml", SMALL),
-    Case("render/fits", "render layouts/display_that_fits.toml --die FITS --pixels 12 --samples 9 --out seen", LAYOUTS),
+    Case(
+        "render/fits",
+        "check --look layouts/display_that_fits.toml --die FITS --pixels 12 --samples 9 --out seen",
+        LAYOUTS,
+    ),
     Case(
         "render/picture",
-        "render layouts/displays.toml photographs/leaves.tif --pixels 10 --samples 9 --dpi 300 --distance '400 mm'",
+        "check --look layouts/displays.toml photographs/leaves.tif --pixels 10 --samples 9 --dpi 300 "
+        "--distance '400 mm'",
         (*LAYOUTS, "photographs"),
         quick=True,
     ),
-    Case("render/no_emitters", "render small.toml", SMALL),
+    Case("render/no_emitters", "check --look small.toml", SMALL),
     Case("compare/dies", "compare out --out side", after="run/toled_against_ours"),
     Case("compare/reference", "compare out --die TOLED --die OURS --reference OURS", after="run/toled_against_ours"),
     Case("compare/runs", "compare out old --reference old:PLAIN", after="run/small_twice"),
@@ -198,20 +210,20 @@ _CASES = (
     # find a design
     Case(
         "shape/stripe",
-        "shape stripe --dots 21 --pitch '168 um' --width-dots 5 --clear-dots 90 --out s.toml",
+        "new s.toml --shape stripe --dots 21 --pitch '168 um' --width-dots 5 --clear-dots 90",
         quick=True,
     ),
-    Case("shape/blobs", "shape blobs --clear-dots 88 --size-ratio 0.6 --aspect 1.5 --exponent 3 --name B --out b.toml"),
-    Case("shape/diamond_discs", "shape diamond-discs --clear-dots 89 --out d.toml"),
-    Case("shape/not_reached", "shape diamond-discs --clear-dots 90 --out d.toml"),
+    Case("shape/blobs", "new b.toml --shape blobs --clear-dots 88 --size-ratio 0.6 --aspect 1.5 --exponent 3 --name B"),
+    Case("shape/diamond_discs", "new d.toml --shape diamond-discs --clear-dots 89"),
+    Case("shape/not_reached", "new d.toml --shape diamond-discs --clear-dots 90"),
     *(
-        Case(f"shape/{kind}", f"shape {kind} --out shape.toml")
+        Case(f"shape/{kind}", f"new shape.toml --shape {kind}")
         for kind in ("rgb-stripe", "pentile-diamond", "delta", "circular", "window")
     ),
-    Case("shape/ring", "shape circular --length diameter=18 --out ring.toml --force", ("ring.toml",)),
-    Case("shape/in_use", "shape circular --out ring.toml", ("ring.toml",)),
-    Case("shape/no_such_kind", "shape heart --out s.toml", quick=True),
-    Case("shape/picture", "shape stripe --clear-dots 90 --out s.png"),
+    Case("shape/ring", "new ring.toml --shape circular --length diameter=18 --force", ("ring.toml",)),
+    Case("shape/in_use", "new ring.toml --shape circular", ("ring.toml",)),
+    Case("shape/no_such_kind", "new s.toml --shape heart", quick=True),
+    Case("shape/picture", "new s.png --shape stripe --clear-dots 90"),
     Case("design/bars", "design front.toml --out found", FRONT, edits=(NO_PARETO,), timed=DESIGNED),
     Case("design/priced", "design front.toml --out f.toml --price-rules --checkpoint c.npz", FRONT, edits=(NO_PARETO,)),
     Case("design/resumed", "design front.toml --out f.toml --checkpoint c.npz --force", after="design/priced"),
@@ -230,46 +242,55 @@ _CASES = (
         edits=(NO_PARETO, ("front.toml", "clear_dots = 12", "clear_dots = 65")),
     ),
     Case("design/budget", "design front.toml --out found --budget '1 ms'", FRONT, edits=(NO_PARETO,), shape=True),
-    Case("pareto/front", "pareto front.toml --out front", FRONT, quick=True),
-    Case("pareto/no_section", "pareto small.toml --out front", SMALL),
+    Case("pareto/front", "design --front front.toml --out front", FRONT, quick=True),
+    Case("pareto/no_section", "design --front small.toml --out front", SMALL),
     # order
-    Case("shops/all", "shops", quick=True),
-    Case("shops/in_words", "shops", text=True),
-    *(Case(f"shops/{shop}", f"shops {shop}") for shop in ("generic-chrome", "compugraphics", "jd_photo_data_film")),
-    Case("shops/compared", "shops --compare layouts/upc12.toml", LAYOUTS),
-    Case("shops/compared_on_film", "shops --compare layouts/order_film.toml", LAYOUTS),
-    Case("shops/nobody", "shops nobody", quick=True),
-    Case("order/asked", "order small.toml --shop compugraphics", SMALL, quick=True),
+    Case("shops/all", "order list", quick=True),
+    Case("shops/in_words", "order list", text=True),
+    *(
+        Case(f"shops/{shop}", f"order list {shop}")
+        for shop in ("generic-chrome", "compugraphics", "jd_photo_data_film")
+    ),
+    Case("shops/compared", "order compare layouts/upc12.toml", LAYOUTS),
+    Case("shops/compared_on_film", "order compare layouts/order_film.toml", LAYOUTS),
+    Case("shops/nobody", "order list nobody", quick=True),
+    Case("order/asked", "order fill small.toml --shop compugraphics", SMALL, quick=True),
     Case(
         "order/answered",
-        "order small.toml --shop compugraphics --set quantity=1 --set glass='soda lime' --set contact.name='A. Reader'",
+        "order fill small.toml --shop compugraphics --set quantity=1 --set 'glass=soda lime' --set "
+        "'contact.name=A. Reader'",
         SMALL,
     ),
-    Case("order/film", "order layouts/order_film.toml --shop jd_photo_data_film", LAYOUTS),
-    Case("order/wrong_answer", "order small.toml --shop compugraphics --set quantity=many", SMALL),
+    Case("order/film", "order fill layouts/order_film.toml --shop jd_photo_data_film", LAYOUTS),
+    Case("order/wrong_answer", "order fill small.toml --shop compugraphics --set quantity=many", SMALL),
     Case(
-        "package/film", "package layouts/order_film.toml --shop jd_photo_data_film --out film.zip", LAYOUTS, quick=True
+        "package/film",
+        "order pack layouts/order_film.toml --shop jd_photo_data_film --out film.zip",
+        LAYOUTS,
+        quick=True,
     ),
-    Case("package/chrome", "package layouts/order_chrome.toml --shop compugraphics --out .", LAYOUTS),
+    Case("package/chrome", "order pack layouts/order_chrome.toml --shop compugraphics --out .", LAYOUTS),
     Case(
         "package/through_glass",
-        "package layouts/order_through_glass.toml --shop generic-chrome --format oasis",
+        "order pack layouts/order_through_glass.toml --shop generic-chrome --format oasis",
         LAYOUTS,
     ),
     Case(
-        "package/small", "package small.toml --shop compugraphics --out small.zip --format gdsii --format oasis", SMALL
+        "package/small",
+        "order pack small.toml --shop compugraphics --out small.zip --format gdsii --format oasis",
+        SMALL,
     ),
-    Case("package/refused", "package small.toml --shop jd_photo_data_film", SMALL),
-    Case("package/not_a_package", "package small.toml --shop compugraphics --out packed", SMALL),
+    Case("package/refused", "order pack small.toml --shop jd_photo_data_film", SMALL),
+    Case("package/not_a_package", "order pack small.toml --shop compugraphics --out packed", SMALL),
     Case(
         "package/in_use",
-        "package layouts/order_film.toml --shop jd_photo_data_film --out film.zip",
+        "order pack layouts/order_film.toml --shop jd_photo_data_film --out film.zip",
         after="package/film",
     ),
     # photograph and measure
     Case(
         "simulate/wiener",
-        "simulate layouts/toled_against_ours.toml --images photographs --level 32 --restore wiener --picture seen.png",
+        "simulate layouts/toled_against_ours.toml --images photographs --level 32 --restore wiener --out seen.png",
         PHOTOGRAPHS,
         quick=True,
     ),
@@ -330,20 +351,18 @@ _CASES = (
     Case("measure/no_gain", "measure 1ms.tif --job small.toml", ("exposures",), after="analyse/light"),
     Case(
         "measure/edge",
-        "measure --edge edge.tif --black 500 --white 60000 --pixel '2 um' -o measured",
+        "edge edge.tif --black 500 --white 60000 --pixel '2 um' -o measured",
         ("edge",),
         quick=True,
     ),
     Case(
         "measure/edge_of_a_die",
-        "measure --edge edge.tif --black 500 --white 60000 --job small.toml --die PLAIN --line '530 nm'",
+        "edge edge.tif --black 500 --white 60000 --job small.toml --die PLAIN --line '530 nm'",
         (*SMALL, "edge"),
     ),
-    Case("measure/no_edge", "measure --edge 1ms.tif --black 64 --white 8190", ("exposures",), after="analyse/light"),
-    Case(
-        "measure/mtf", "measure --mtf curve.csv --job small.toml --die PLAIN --angle 90 -o measured", (*SMALL, "curve")
-    ),
-    Case("measure/no_mtf", "measure --mtf none.csv --job small.toml --die PLAIN", SMALL),
+    Case("measure/no_edge", "edge 1ms.tif --black 64 --white 8190", ("exposures",), after="analyse/light"),
+    Case("measure/mtf", "edge curve.csv --job small.toml --die PLAIN --angle 90 -o measured", (*SMALL, "curve")),
+    Case("measure/no_mtf", "edge none.csv --job small.toml --die PLAIN", SMALL),
     Case(
         "restore/by_job",
         "restore photographs/leaves.tif --job layouts/toled_against_ours.toml --die OURS --restore wiener "
@@ -377,21 +396,35 @@ _CASES = (
     Case("sweep/resumed", "sweep bias.toml -o swept --engine serial", after="sweep/bias"),
     Case("sweep/no_such_engine", "sweep bias.toml -o swept --engine nothing", (*SMALL, "bias.toml")),
     # about
-    *(Case(f"schema/{document}", f"schema {document}", quick=True) for document in ("job", "report", "check")),
-    Case("schema/no_such_document", "schema nothing", quick=True),
+    *(
+        Case(f"schema/{document}", f"explain --schema {document}", quick=True)
+        for document in ("job", "report", "check")
+    ),
+    Case("schema/no_such_document", "explain --schema nothing", quick=True),
     Case("explain/codes", "explain", quick=True),
     Case("explain/code", "explain MF106", text=True, quick=True),
     Case("explain/nothing", "explain camera.nothing", quick=True),
     Case("explain/everything", "python {tests}/golden_probes.py explain", quick=True),
     Case("names/python", "python {tests}/golden_probes.py names", quick=True),
     Case("errors/exits", "python {tests}/golden_probes.py exits", LAYOUTS, quick=True),
-    Case("doctor/here", "doctor", shape=True),
-    Case("bench/quick", "bench small.toml --die PLAIN --rounds 2 --out bench", SMALL, shape=True, quick=True),
-    Case("bench/no_die", "bench small.toml --die NONE", SMALL),
-    Case("cache/small", "cache", after="run/small", store=True, quick=True),
-    Case("cache/emptied", "cache --limit 0", after="run/small", store=True),
-    Case("cache/bad_limit", "cache --limit much", quick=True),
-    *(Case(f"help/{verb}", f"{verb} --help", text=True, longest_text=9000) for verb in VERBS.split()),
+    Case("doctor/here", "self doctor", shape=True),
+    Case("bench/quick", "self bench small.toml --die PLAIN --rounds 2 --out bench", SMALL, shape=True, quick=True),
+    Case("bench/no_die", "self bench small.toml --die NONE", SMALL),
+    Case("cache/small", "self cache", after="run/small", store=True, quick=True),
+    Case("cache/emptied", "self cache --limit 0", after="run/small", store=True),
+    Case("cache/bad_limit", "self cache --limit much", quick=True),
+    *(
+        Case(f"help/{verb}", f"{verb.replace('_', ' ')} --help", text=True, longest_text=9000)
+        for verb in " ".join(VERBS).split()
+    ),
+    # words of the last release
+    Case("old/schema", "schema check", quick=True),
+    Case("old/shape", "shape stripe --clear-dots 90 --out s.toml"),
+    Case("old/check_shop", "check small.toml --shop generic-chrome --format gdsii", SMALL),
+    Case("old/cite", "cite", quick=True),
+    Case(
+        "old/analyse", "analyse ring.toml --stop '400 um' --focal '5 mm' --wavelengths '530 nm' --gap '0.2 mm'", SMALL
+    ),
     Case("help/all", "--help", text=True, longest_text=9000, quick=True),
     Case("help/no_such_verb", "nothing", quick=True),
     *(Case(f"example/{name}", f"python examples/{name}.py", (*LAYOUTS, "examples")) for name in EXAMPLES.split()),
