@@ -19,8 +19,12 @@ MEASURED = re.compile(
     # Of a run: a kept finding is known by the module that found it, the time of day, and a hash of the program's files.
     r"|\.findings\[\]\.(since|what|entry|version)"
     r"|\.kept|\.removed\.bytes"  # of the store, for the same reason
+    r"|\.digest|\.key|\.cases\[\]\.key"  # of a sweep, for the same reason
 )
 """Places in documents where no two runs, machines or arrangements of modules agree."""
+
+KEYED = re.compile(r"[0-9a-f]{2}/[0-9a-f]{64}")
+"""Part of a file's name that is such a key; files of one such name are recorded as a list."""
 
 UNORDERED = re.compile(r"\.findings")
 """Lists in the order in which two processes happen to finish."""

@@ -32,7 +32,7 @@ from threading import Timer
 from typing import Any
 
 import golden_inputs
-from golden_cases import CASES, DROPPED, MEASURED, UNORDERED, Case
+from golden_cases import CASES, DROPPED, KEYED, MEASURED, UNORDERED, Case
 
 ROOT = Path(__file__).resolve().parents[1]
 RECORD = Path(__file__).resolve().parent / "golden"
@@ -158,11 +158,13 @@ def run(case: Case, work: Path) -> Outcome:
         process.returncode = os.waitstatus_to_exitcode(status)
     clean = Cleaner(case, {str(folder): "{work}", str(place): "{place}", str(ROOT): "{checkout}"})
     record: dict[str, Any] = {"exit": process.returncode, "stdout": clean.text((place / "stdout").read_bytes())}
-    files = {
-        path.relative_to(folder).as_posix(): clean.file(path)
-        for path in _files(folder)
-        if before.get(path) != _digest(path.read_bytes())
-    }
+    files: dict[str, Any] = {}
+    for path in _files(folder):
+        if before.get(path) != _digest(path.read_bytes()):
+            name = KEYED.sub("KEY", path.relative_to(folder).as_posix())
+            files[name] = [*files.get(name, []), clean.file(path)] if "KEY" in name else clean.file(path)
+    for name in (name for name in files if "KEY" in name):
+        files[name].sort()
     if files:
         record["files"] = files
     if gone := sorted(path.relative_to(folder).as_posix() for path in before if not path.exists()):

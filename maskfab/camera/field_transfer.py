@@ -270,7 +270,7 @@ class _Places:
     def of(cls, transfer: DieTransfer, accuracy: float, corner: Place) -> _Places:
         """With diffraction over the gap if its change to the corner takes more than half of the accuracy."""
         view, samples = transfer.view, transfer.samples
-        lines = tuple(replace(each, shadow=gathered(each.shadow, MOST_LINES)) for each in transfer.lines)
+        lines = tuple(replace(line, shadow=gathered(line.shadow, MOST_LINES)) for line in transfer.lines)
         plain, left_out = view.without_gap(), 0.0
         if view.choice.diffraction:
             green = lines[1:2]
@@ -287,7 +287,7 @@ class _Places:
     @property
     def phased(self) -> bool:
         """Whether places take long."""
-        return any(self.view.has_phase(each.shadow.centroid_nm) for each in self.lines)
+        return any(self.view.has_phase(line.shadow.centroid_nm) for line in self.lines)
 
     def change(self, place: Place) -> Singles:
         """To one place, [3 n n], relative to the norm of the axis's."""
@@ -304,7 +304,7 @@ def _spread(view: StopView, samples: Samples, lines: tuple[Lines, ...]) -> Singl
     side = 2 * REACH + 1
     # Half of the frequencies tell the others. To have half of the rows takes the least work.
     y, x = np.asarray(scipy.fft.rfftfreq(side)), np.asarray(scipy.fft.fftfreq(side))
-    transfers = np.stack([view.transfer(each, samples, y, x) for each in lines])
+    transfers = np.stack([view.transfer(line, samples, y, x) for line in lines])
     return np.asarray(scipy.fft.irfft2(transfers, s=(side, side), axes=(2, 1), workers=1), dtype=np.float32).ravel()
 
 

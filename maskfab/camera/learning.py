@@ -205,7 +205,7 @@ class Training:
     def advance(self) -> float:
         """One step; the loss before it, 1 for the picture that is mended."""
         course = self.course
-        shown, true, weight = (torch.from_numpy(each).to(self.device) for each in self._patches())
+        shown, true, weight = (torch.from_numpy(patch).to(self.device) for patch in self._patches())
         rate = course.rate * min(1.0, (self.step + 1) / _WARM) * min(1.0, (_SLOWER / (self.step + 1)) ** 0.5)
         for group in self._descent.param_groups:
             group["lr"] = rate
@@ -601,7 +601,7 @@ class Run:
         restorer, rows = Learned(self.training.mean, self.view), []
         for scene in self.scenes:
             pictures = scene.shown[:COLOURS], scene.shown[COLOURS : 2 * COLOURS]
-            before = [psnr(code_of_light(light_of(each)), scene.true) for each in pictures]
+            before = [psnr(code_of_light(light_of(picture)), scene.true) for picture in pictures]
             now = psnr(code_of_light(restorer.restored(scene.shown, self.design)), scene.true)
             rows.append([now - each for each in before])
         over_tv, over_filter = np.mean(rows, axis=0)

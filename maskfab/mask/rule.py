@@ -200,14 +200,14 @@ class DesignRules:
     extent_nm: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
-        for each in fields(self):
-            value = getattr(self, each.name)
-            numbers = value if each.name == "extent_nm" and value is not None else (value,)
+        for field in fields(self):
+            value = getattr(self, field.name)
+            numbers = value if field.name == "extent_nm" and value is not None else (value,)
             for number in numbers:
                 if isinstance(number, int) and not isinstance(number, bool) and number <= 0:
                     raise JobError(
                         "MF417",
-                        f"the design rule {each.name} is {number}; it must be positive",
+                        f"the design rule {field.name} is {number}; it must be positive",
                         cure="Give a positive number, or leave the rule out",
                     )
         if self.name_pattern is not None:

@@ -46,7 +46,7 @@ def veil(panel: Panel) -> tuple[Floats, Floats]:
     lines = panel.cell_size.dot_edges_nm
     drawn = [track for track in panel.tracks if track.transmission < 1]
     points = [np.array(polygon).ravel() for track in drawn for polygon in track.polygons]
-    cuts = np.concatenate([lines, *points, *(panel.pitch_nm - each for each in points)])
+    cuts = np.concatenate([lines, *points, *(panel.pitch_nm - point for point in points)])
     # The same cuts in x and y, and mirrored, so that a turn is a turn of the array.
     edges = np.unique(cuts[(cuts >= lines[0]) & (cuts <= lines[-1])])
     middle = (edges[1:] + edges[:-1]) / 2

@@ -403,7 +403,9 @@ class DieImage:
         held = Aperture(x, y, orient(openings.transmission, way_round), orient(openings.variance, way_round))
         step = 1 / (2 * camera.stop.diameter_um * OVERSAMPLING)
         shortest = min(float(lines.wavelengths_nm.min()) for lines in light.values()) * UM_PER_NM
-        half = max(abs(axis).max() for each in pixels for axis in (each.x_um, each.y_um)) + _SPARE_PX * camera.pixel_um
+        half = (
+            max(abs(axis).max() for pixel in pixels for axis in (pixel.x_um, pixel.y_um)) + _SPARE_PX * camera.pixel_um
+        )
         count = math.ceil(half / (shortest * camera.focal_um) / step) + MARGIN
         die = DieField.of(cut(held, camera.stop), camera.stop, step * np.arange(count + 1))
         few = {colour: gathered(lines, camera, half) for colour, lines in light.items()}
@@ -502,7 +504,7 @@ class DieImage:
     ) -> list[list[Floats]]:
         """Pixels of several intensities, each told at the nodes; [given][grid of pixels]."""
         nodes = self._nodes(setting)
-        taken = [[np.zeros((each.y_um.size, each.x_um.size)) for each in self.pixels] for _ in given]
+        taken = [[np.zeros((pixel.y_um.size, pixel.x_um.size)) for pixel in self.pixels] for _ in given]
         samples = given[0][0].shape[0]
         for colour, lines in light.items():
             mine = [k for k, each in enumerate(self.pixels) if each.colour == colour]

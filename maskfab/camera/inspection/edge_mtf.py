@@ -515,7 +515,7 @@ def frame_edges(
     left_out: list[str] = []
     refused: list[SourceError] = []
     die = None
-    for colour in dict.fromkeys(each.colour for each in frame.lattices):
+    for colour in dict.fromkeys(lattice.colour for lattice in frame.lattices):
         values, grid, clipped_at = _light(frame, colour)
         try:
             found = measured_edges(
@@ -560,11 +560,11 @@ _TOLD = ("edge_mtf50_per_pixel", "edge_mtf50", "edge_mtf_difference", "edge_mtf_
 
 def edge_verdict(found: MeasuredEdges) -> tuple[str, ...]:
     """A sentence for each edge, and one for each light that it is held against."""
-    return tuple(sentence for each in found.edges for sentence in _sentences(each, found.die))
+    return tuple(sentence for edge in found.edges for sentence in _sentences(edge, found.die))
 
 
 def _sentences(measured: MeasuredEdge, die: str | None) -> list[str]:
-    of = {name: [each for each in measured.quantities if each.name == name] for name in _TOLD}
+    of = {name: [quantity for quantity in measured.quantities if quantity.name == name] for name in _TOLD}
     half = [str(each) for name in ("edge_mtf50_per_pixel", "edge_mtf50") for each in of[name] if each.value is not None]
     fall = f"is one half at {', '.join(half)}" if half else "does not fall below one half"
     sentences = [f"{measured.title[0].upper()}{measured.title[1:]}: the MTF {fall}."]

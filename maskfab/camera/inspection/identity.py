@@ -177,7 +177,7 @@ def _shift(taken: Sequence[Taken], pictures: Sequence[Floats]) -> tuple[float, f
         up = step_y * (y - (picture.shape[0] - 1) + _summit(correlation[max(0, y - 1) : y + 2, x]))
         totals.append((float(correlation.max()), across, up))
     weights = np.array([weight for weight, _, _ in totals])
-    return tuple(float(weights @ np.array([each[k] for each in totals]) / weights.sum()) for k in (1, 2))  # type: ignore[return-value]
+    return tuple(float(weights @ np.array([total[k] for total in totals]) / weights.sum()) for k in (1, 2))  # type: ignore[return-value]
 
 
 def _summit(values: Floats) -> float:

@@ -211,7 +211,7 @@ def costs(image: DieImage, setting: Setting, seen: Sequence[str], drawn_way_roun
 
 def _only(setting: Setting, name: str) -> Setting:
     """A die as drawn but for one value of a setting."""
-    terms = tuple(each for each in setting.terms if f"z{each[0]}" == name)
+    terms = tuple(term for term in setting.terms if f"z{term[0]}" == name)
     return Setting(terms=terms) if terms else replace(Setting(), **{name: getattr(setting, name)})
 
 
@@ -306,7 +306,7 @@ def _cost_sentences(costs: Sequence[Cost]) -> list[str]:
     whole = next(each.by_design for each in costs if each.of == ALL)
     if whole.tie or whole.mean < 0:
         return []
-    worst = max(costs, key=lambda each: (each.of != ALL, each.by_design.mean))
+    worst = max(costs, key=lambda cost: (cost.of != ALL, cost.by_design.mean))
     most = "" if worst.of == ALL else f", most of it by {cause(worst.of)}"
     return [f"Photographs that are restored as if the die were as drawn lose {whole.told()} of PSNR{most}."]
 
@@ -446,11 +446,11 @@ def measured(
 
 
 def _priced(best: Hypothesis, prices: Sequence[Cost]) -> Iterator[Quantity]:
-    for each in prices:
-        detail = cause(each.of)
+    for price in prices:
+        detail = cause(price.of)
         for name, lost, against in (
-            ("captured_cost", each.by_design, "against restoring them by the PSF of that die"),
-            ("captured_loss", each.for_good, "by the PSF of that die, against a die as drawn restored as drawn"),
+            ("captured_cost", price.by_design, "against restoring them by the PSF of that die"),
+            ("captured_loss", price.for_good, "by the PSF of that die, against a die as drawn restored as drawn"),
         ):
             yield Quantity(name, lost.mean, f"{COST_METHOD}; {against}", lost.half_width, die=best.die, detail=detail)
 

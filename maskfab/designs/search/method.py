@@ -465,7 +465,7 @@ def mapped(
         return Mapped(unit)
     mode, seed = MapMode(section.map), map_seed(section)
     kicks = 0 if clock.over else _KICKS
-    notes = ("The budget left the maps one descent each.",) if clock.over else ()
+    notes = ("Time ran out: each map got one pass of its search.",) if clock.over else ()
     if section.density is not None:
         made = graded(unit, error, section.density, find, constraints=rules, seed=seed, kicks=kicks, progress=progress)
         return _of_two(section, made, error, facts, "middle", notes)

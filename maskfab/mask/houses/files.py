@@ -265,8 +265,8 @@ def check_package(
     plotted = check_plotter(drawn, spec, shop, sent)
     # A plotter's dots are far coarser than a bias that they should be short of.
     limit, cure = "polygons, for the data are biased", 'Send polygons, or set order.bias = "house" or "none"'
-    dots = [each for each in PLATE_BITMAPS if each in sent] if spec.data_bias_nm else []
-    coarse = [Finding("biased_format", False, each, limit, cure=cure) for each in dots]
+    dots = [bitmap for bitmap in PLATE_BITMAPS if bitmap in sent] if spec.data_bias_nm else []
+    coarse = [Finding("biased_format", False, dot, limit, cure=cure) for dot in dots]
     return check_ordered((*found, *coarse, *plotted), spec, plate, drawn, shop, facts)
 
 

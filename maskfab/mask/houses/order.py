@@ -155,7 +155,7 @@ def _density(spec: JobSpec, stated: OrderSection, usual: OrderSection) -> Answer
 
 def _cd(stated: OrderSection, usual: OrderSection, plate: Plate, *, published: bool) -> Answer:
     section = stated.cd or usual.cd
-    smallest = min(plate.gauges, key=lambda each: each.target_nm, default=None)
+    smallest = min(plate.gauges, key=lambda gauge: gauge.target_nm, default=None)
     if section is None or (section.tolerance is None and section.mean_to_target is None):
         text = "within the tolerance that the house publishes" if published else _NO_WISH
     else:
@@ -434,7 +434,7 @@ class OrderForm:
     @property
     def refused(self) -> tuple[Finding, ...]:
         """Wishes that the house does not offer."""
-        return tuple(each for each in check_offers(self.spec, self.plate, self.shop) if each.passed is False)
+        return tuple(offer for offer in check_offers(self.spec, self.plate, self.shop) if offer.passed is False)
 
     def _question(self, line: Answer) -> Question:
         glasses, films, protections = self.shop.offers.glasses, self.shop.offers.films, self.shop.offers.protections
@@ -498,7 +498,7 @@ def _section_with(stated: Mapping[str, Any], path: list[str], text: str, where: 
         except JobError as error:
             problems.append(error)
     # A number out of its range is a number; else what is wrong is wrong with the text.
-    raise next((each for each in problems if each.code == "MF104"), problems[0])
+    raise next((problem for problem in problems if problem.code == "MF104"), problems[0])
 
 
 def write_answers(path: Path, answers: Mapping[str, str], form: OrderForm, shop: str, day: date) -> tuple[str, ...]:

@@ -217,7 +217,7 @@ def _placements(layout: db.Layout, cells: Sequence[db.Cell]) -> list[tuple[int, 
     try:
         for number, cell in enumerate(cells, 1):
             corners = ((0, 0), (2 * number, 0), (0, number))
-            cell.shapes(layer).insert(db.Polygon([db.Point(*each) for each in corners]))
+            cell.shapes(layer).insert(db.Polygon([db.Point(*corner) for corner in corners]))
         found = db.Region(layout.top_cell().begin_shapes_rec(layer))
         points = _rings(found.to_s(found.count()))[0].reshape(-1, 3, 2)
     finally:

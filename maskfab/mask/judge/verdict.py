@@ -193,12 +193,12 @@ def _left_over(read: db.Layout, plate: Asked) -> Boundary:
     """Difference of what the file makes clear and what the job asks for, its text apart."""
     drawn: list[list[Boundary]] = [[] for _ in range(len(plate.dies) + 1)]
     for layer, factor in ((_CHROME if plate.dark else _CLEAR, 1), (_CUT, -1)):
-        for each in figures(read, layer):
-            for number, part in _by_die(each, plate.dies):
+        for figure in figures(read, layer):
+            for number, part in _by_die(figure, plate.dies):
                 drawn[number].append(part.times(factor))
     *of_dies_drawn, rest = drawn
     if not plate.dark:
-        marks = [*rest, *(each.times(-1) for each in plate.clear_marks)]
+        marks = [*rest, *(mark.times(-1) for mark in plate.clear_marks)]
         pairs = zip(plate.boundaries, of_dies_drawn, strict=True)
         return total([*(total([*parts, clear.times(-1)]) for clear, parts in pairs), total(marks)])
     # Chrome is asked for where the writable area is neither die nor mark, and in dies where nothing is clear.
@@ -395,7 +395,7 @@ def _miscoded(code: Code, found: Boundary, plate: Asked) -> str:
     picture = np.where(light[::-1], 255, 0).astype(np.uint8)
     # A few pixels a module and some room around it, as a camera has.
     scaled = np.pad(picture.repeat(8, axis=0).repeat(8, axis=1), 32, constant_values=255)
-    texts = [each.text for each in zxingcpp.read_barcodes(scaled)]
+    texts = [barcode.text for barcode in zxingcpp.read_barcodes(scaled)]
     if texts != [code.text]:
         return f"{code.name} reads {texts[0]!r}, not {code.text!r}" if texts else f"{code.name} cannot be read"
     light = light[:, ::-1] if plate.mirror else light

@@ -314,7 +314,7 @@ def order_sheet(
     groups: dict[str, list[tuple[str, str]]] = {heading: [] for heading in (_DATA, _MADE, _BUSINESS, _BUYER)}
     smallest = smallest_of_plate(figures.plate)
     answers["min_cd_and_location"] = _smallest(figures.plate, smallest)
-    groups[_DATA] = [(_LABELS[each], answers[each]) for each in fields]
+    groups[_DATA] = [(_LABELS[field], answers[field]) for field in fields]
     groups[_DATA] += [(f"smallest, {kind.of}", str(kind)) for kind in smallest]
     if edges is not None:
         dots = f"{edges.dpi} dpi; 1 (white) is digitized data, as seen on the chrome side"

@@ -382,7 +382,7 @@ class SampledField:
             precision: of the samples and of what they are carried with.
         """
         nodes = [frequency_nodes(*each, precision) for each in zip(reach_um, highest, strict=True)]
-        found = field(*(each.frequency[::-1] for each in nodes))
+        found = field(*(node.frequency[::-1] for node in nodes))
         parts = np.array([[found.even_even, found.even_odd], [found.odd_even, found.odd_odd]])[:, :, ::-1, ::-1]
         return cls(nodes[0], nodes[1], parts.astype(real_type(precision), order="C"))
 

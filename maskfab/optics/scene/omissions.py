@@ -225,7 +225,7 @@ def _defocus(means: list[MeanPsf], camera: Camera, scene: Scene, uneven: float) 
 
 def _lens_share(camera: Camera, wavefront: Wavefront) -> float:
     """The share of a clear pupil that even aberrations turn out of phase, sqrt(1 - Strehl), at the worst line."""
-    even = replace(wavefront, terms=tuple(each for each in wavefront.terms if noll_degrees(each[0])[0] % 2 == 0))
+    even = replace(wavefront, terms=tuple(term for term in wavefront.terms if noll_degrees(term[0])[0] % 2 == 0))
     strehls = [
         marechal_strehl(even.rms_waves(line)) if camera.stop.shape == "circle" else _strehl(even, camera.stop, line)
         for line in camera.wavelengths_nm

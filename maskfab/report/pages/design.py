@@ -285,7 +285,7 @@ def _restored(told: Told) -> list[tuple[str, Mapping[str, str]]]:
     robust = told["robust"]
     if robust and robust["tiling_db"]:
         spread = {level: f"±{value:.2f}" for level, value in robust["tiling_db"].items()}
-        plain.append(("One random tiling from another, standard deviation", spread))
+        plain.append(("Spread between random seeds, 1 σ", spread))
     for key, name in (("bias", "bias"), ("centre", "the stop's centre")):
         varied = robust[key] if robust else None
         if varied:

@@ -120,7 +120,7 @@ def stamps(document: Document) -> tuple[Stamp, Stamp, Stamp]:
     """Verdicts on files, optics and displays."""
     verdicts = document["verdicts"]
     shops = sorted({row["name"] for row in document["checks"] if row["name"].startswith("shop_")})
-    house = f"{len(shops)} rules of the mask house" if shops else "rules of a mask house not asked for"
+    house = f"{len(shops)} rules of the mask house" if shops else "no mask house chosen"
     return (
         _of_checks("FILES", verdicts["files"], ("CAN BE ORDERED", "DO NOT ORDER"), f"; {house}"),
         _of_checks("OPTICS", verdicts["optics"], ("PROVED", "NOT PROVED"), " on the files read back"),
