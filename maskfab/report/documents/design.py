@@ -28,24 +28,24 @@ if TYPE_CHECKING:
     from maskfab.designs.search.result import Designed, SceneDesign
 
 
-def alternatives_document(found: Alternatives) -> dict[str, Any]:
+def alternatives_document(alternatives: Alternatives) -> dict[str, Any]:
     """Alternatives as plain data; shares of the pixel, micrometres, dB."""
     return {
         "within_db": WITHIN_DB,
-        "bias_um": found.bias_um,
-        "of_the_display": found.own_emitters,
-        "judged_within": found.within,
-        "kinds": found.kinds,
-        "unlisted": found.unlisted,
-        "untried": found.untried,
-        "chosen": _told(found.chosen),
+        "bias_um": alternatives.bias_um,
+        "of_the_display": alternatives.own_emitters,
+        "judged_within": alternatives.within,
+        "kinds": alternatives.kinds,
+        "unlisted": alternatives.unlisted,
+        "untried": alternatives.untried,
+        "chosen": _told(alternatives.chosen),
         "others": [
             {
-                **_told(each),
-                "below_db": found.chosen.value - each.value + 0.0,
-                "better_at": list(each.better_at(found.chosen)),
+                **_told(other),
+                "below_db": alternatives.chosen.value - other.value + 0.0,
+                "better_at": list(other.better_at(alternatives.chosen)),
             }
-            for each in found.others
+            for other in alternatives.others
         ],
     }
 
@@ -55,17 +55,17 @@ def drawn_rows(unit: NDArray[np.bool_]) -> list[str]:
     return ["".join(".#"[dot] for dot in row) for row in unit[::-1].astype(int).tolist()]
 
 
-def _told(each: Alternative) -> dict[str, Any]:
+def _told(alternative: Alternative) -> dict[str, Any]:
     return {
-        "shape": each.name,
-        "rows": drawn_rows(each.unit),
-        "clear_dots": int(each.unit.sum()),
-        "open_ratio": each.open_ratio,
-        "expected_psnr_db": each.value,
-        "emitters": each.emitters,
-        "rim_um": each.rim_um,
-        "moved_by_bias_db": each.moved_db,
-        "alike": each.alike,
+        "shape": alternative.name,
+        "rows": drawn_rows(alternative.unit),
+        "clear_dots": int(alternative.unit.sum()),
+        "open_ratio": alternative.open_ratio,
+        "expected_psnr_db": alternative.value,
+        "emitters": alternative.emitters,
+        "rim_um": alternative.rim_um,
+        "moved_by_bias_db": alternative.moved_db,
+        "alike": alternative.alike,
     }
 
 
@@ -89,57 +89,57 @@ class Made:
 
 
 def designed_document(
-    found: Designed, paths: Mapping[str, Path], notes: Sequence[str], made: Made | None = None
+    design: Designed, paths: Mapping[str, Path], notes: Sequence[str], made: Made | None = None
 ) -> dict[str, Any]:
     """The result as plain data; infinite values are null. Equal designs give equal documents but for ``time``.
 
     Args:
-        found: by a design.
+        design: what a search found.
         paths: of its files, by part.
         notes: what a user should know, as sentences.
         made: how it came about; null where that is not known.
     """
-    designed, account = found.designed, found.account
+    designed, account = design.designed, design.account
     return {
         "schema_version": SCHEMA_VERSION,
         "maskfab_version": __version__,
         "job_hash": None if made is None else made.job_hash,
         "time": None if made is None else _time(made, account),
-        "name": found.opening.name,
+        "name": design.opening.name,
         "path": str(paths["opening"]),
-        "shape": found.shape,
-        "clear_dots": found.opening.clear_dots,
-        "open_ratio": found.opening.open_ratio,
-        "designed_for": found.camera,
-        "dot_um": found.opening.dot_nm / NM_PER_UM,
-        "pitch_um": found.opening.dots * found.opening.dot_nm / NM_PER_UM,
-        "rows": drawn_rows(found.opening.mask),
-        "panel": None if account is None else _panel(found, account),
-        "expected_psnr_db": by_level(found.levels, found.psnr),
-        "head_room_db": None if found.head_room is None else by_level(found.levels, found.head_room),
-        "bounds": None if found.gap is None else _bounds(found, found.gap),
-        "evaluated": found.evaluated,
+        "shape": design.shape,
+        "clear_dots": design.opening.clear_dots,
+        "open_ratio": design.opening.open_ratio,
+        "designed_for": design.camera,
+        "dot_um": design.opening.dot_nm / NM_PER_UM,
+        "pitch_um": design.opening.dots * design.opening.dot_nm / NM_PER_UM,
+        "rows": drawn_rows(design.opening.mask),
+        "panel": None if account is None else _panel(design, account),
+        "expected_psnr_db": by_level(design.levels, design.psnr),
+        "head_room_db": None if design.head_room is None else by_level(design.levels, design.head_room),
+        "bounds": None if design.gap is None else _bounds(design, design.gap),
+        "evaluated": design.evaluated,
         "search": None if account is None else _search(account),
-        **prices_document(found.prices),
-        "alternatives": None if found.alternatives is None else alternatives_document(found.alternatives),
-        "alternatives_absent": _absent(found),
+        **prices_document(design.prices),
+        "alternatives": None if design.alternatives is None else alternatives_document(design.alternatives),
+        "alternatives_absent": _absent(design),
         "map": None
         if designed is None
         else {
             "path": str(paths["map"]),
-            "gain_db": by_level(found.levels, designed.gain_db),
-            "expected_psnr_db": by_level(found.levels, designed.psnr),
-            "head_room_db": None if found.map_head_room is None else by_level(found.levels, found.map_head_room),
+            "gain_db": by_level(design.levels, designed.gain_db),
+            "expected_psnr_db": by_level(design.levels, designed.psnr),
+            "head_room_db": None if design.map_head_room is None else by_level(design.levels, design.map_head_room),
             "clear_dots": designed.clear_dots,
             "random_clear_dots": designed.start_clear_dots,
             "positions": max(1, len(designed.shifts)),
         },
-        "robust": None if found.robust is None else _robust(found, found.robust),
-        "fit": None if found.fit is None else _fit(found.fit),
-        "scene": None if found.scene is None else _scene(found, found.scene),
-        "outer": None if found.outer is None else str(paths["outer"]),
+        "robust": None if design.robust is None else _robust(design, design.robust),
+        "fit": None if design.fit is None else _fit(design.fit),
+        "scene": None if design.scene is None else _scene(design, design.scene),
+        "outer": None if design.outer is None else str(paths["outer"]),
         "notes": list(notes),
-        "provenance": dict(found.opening.provenance),
+        "provenance": dict(design.opening.provenance),
     }
 
 
@@ -153,57 +153,57 @@ def _fit(fit: DieFit) -> dict[str, object]:
     }
 
 
-def _scene(found: Designed, scene: SceneDesign) -> dict[str, object]:
+def _scene(designed: Designed, scene: SceneDesign) -> dict[str, object]:
     """Lengths in micrometres; null for an infinite distance."""
     panel, random = scene.panel, scene.random
     return {
         "accuracy": scene.seen.plan.accuracy,
         "modelled": list(scene.seen.modelled),
         "left_out": list(scene.seen.neglected),
-        "mean_psnr_db": by_level(found.levels, panel.mean),
-        "random_mean_psnr_db": None if random is None else by_level(found.levels, random.mean),
+        "mean_psnr_db": by_level(designed.levels, panel.mean),
+        "random_mean_psnr_db": None if random is None else by_level(designed.levels, random.mean),
         "conditions": [
             {
-                "object_um": _finite(each.object_um),
-                "image_um": list(each.image_um),
-                "weight": each.weight,
-                "psnr_db": by_level(found.levels, psnr),
-                "random_psnr_db": None if random is None else by_level(found.levels, random.psnr[k]),
+                "object_um": _finite(condition.object_um),
+                "image_um": list(condition.image_um),
+                "weight": condition.weight,
+                "psnr_db": by_level(designed.levels, psnr),
+                "random_psnr_db": None if random is None else by_level(designed.levels, random.psnr[k]),
             }
-            for k, (each, psnr) in enumerate(zip(panel.conditions, panel.psnr, strict=True))
+            for k, (condition, psnr) in enumerate(zip(panel.conditions, panel.psnr, strict=True))
         ],
     }
 
 
-def _robust(found: Designed, robust: Robustness) -> dict[str, object]:
+def _robust(designed: Designed, robust: Robustness) -> dict[str, object]:
     return {
-        "panel_psnr_db": by_level(found.levels, robust.psnr),
-        "tiling_db": None if robust.tiling is None else by_level(found.levels, robust.tiling),
+        "panel_psnr_db": by_level(designed.levels, robust.psnr),
+        "tiling_db": None if robust.tiling is None else by_level(designed.levels, robust.tiling),
         "map_gain_off_centre_db": {
-            f"{away:g}": by_level(found.levels, each) for away, each in robust.off_centre.items()
+            f"{away:g}": by_level(designed.levels, losses) for away, losses in robust.off_centre.items()
         },
-        **{name: _varied(found, getattr(robust, name)) for name in ("bias", "centre")},
+        **{name: _varied(designed, getattr(robust, name)) for name in ("bias", "centre")},
     }
 
 
-def _varied(found: Designed, varied: Varied | None) -> dict[str, object] | None:
+def _varied(designed: Designed, varied: Varied | None) -> dict[str, object] | None:
     if varied is None:
         return None
     return {
         "deviation_um": varied.deviation_um,
-        "psnr_db": [by_level(found.levels, each) for each in varied.psnr],
-        "loss_db": by_level(found.levels, varied.loss),
+        "psnr_db": [by_level(designed.levels, losses) for losses in varied.psnr],
+        "loss_db": by_level(designed.levels, varied.loss),
     }
 
 
-def _bounds(found: Designed, gap: Gap) -> dict[str, object]:
+def _bounds(designed: Designed, gap: Gap) -> dict[str, object]:
     limit = gap.bounds
     return {
-        "interior_psnr_db": by_level(found.levels, gap.psnr),
-        "most_interior_psnr_db": by_level(found.levels, limit.psnr),
-        "most_frame_psnr_db": by_level(found.levels, limit.frame),
-        "grey_psnr_db": by_level(found.levels, limit.grey),
-        "open_stop_psnr_db": by_level(found.levels, limit.open_stop),
+        "interior_psnr_db": by_level(designed.levels, gap.psnr),
+        "most_interior_psnr_db": by_level(designed.levels, limit.psnr),
+        "most_frame_psnr_db": by_level(designed.levels, limit.frame),
+        "grey_psnr_db": by_level(designed.levels, limit.grey),
+        "open_stop_psnr_db": by_level(designed.levels, limit.open_stop),
         "auc": gap.auc,
         "most_auc": limit.auc,
         "method": list(limit.method),
@@ -214,8 +214,8 @@ def prices_document(prices: Prices | None) -> dict[str, Any]:
     """Costs of rules, dB; null where no opening judged tells it, and of all where nothing is priced."""
     if prices is None:
         return {"rules_cost_db": None, "prices_db": {}}
-    each = {one.rule: {"alone": _finite(one.alone), "last": _finite(one.last)} for one in prices.each}
-    return {"rules_cost_db": _finite(prices.together), "prices_db": each}
+    rules = {one.rule: {"alone": _finite(one.alone), "last": _finite(one.last)} for one in prices.each}
+    return {"rules_cost_db": _finite(prices.together), "prices_db": rules}
 
 
 def _finite(value: float) -> float | None:
@@ -224,10 +224,10 @@ def _finite(value: float) -> float | None:
 
 def _time(made: Made, account: Account | None) -> dict[str, float]:
     """Seconds; of them those of the processor that annealings without a rule took."""
-    known = {"wall_s": made.wall_s, "processor_s": made.processor_s}
+    seconds = {"wall_s": made.wall_s, "processor_s": made.processor_s}
     if account is not None and account.without is not None:
-        known["annealed_without_s"] = account.without[1]
-    return {name: round(value, 1) for name, value in known.items()}
+        seconds["annealed_without_s"] = account.without[1]
+    return {name: round(value, 1) for name, value in seconds.items()}
 
 
 def _search(account: Account) -> dict[str, Any]:
@@ -239,17 +239,17 @@ def _search(account: Account) -> dict[str, Any]:
         "budget_s": account.budget_s,
         "ended_by": account.stopped,
         "value": account.value,
-        "bettered": [list(each) for each in account.bettered],
+        "bettered": [list(step) for step in account.bettered],
         "rules": [{"rule": rule, "asked": asked} for rule, asked in account.asked.items()],
         "priced_among": account.priced_among,
         "annealed_without_db": None if account.without is None else dict(account.without[0]),
     }
 
 
-def _panel(found: Designed, account: Account) -> dict[str, Any]:
+def _panel(design: Designed, account: Account) -> dict[str, Any]:
     """The middle of the panel, its rows from the top."""
-    designed, unit = found.designed, found.opening.mask
-    units = [unit] if found.outer is None else [unit, found.outer.mask]
+    designed, unit = design.designed, design.opening.mask
+    units = [unit] if design.outer is None else [unit, design.outer.mask]
     if designed is None:
         kinds = orientations(account.tiling, _SHOWN_CELLS, _SHOWN_CELLS, account.tiling_seed)
     else:
@@ -263,12 +263,12 @@ def _panel(found: Designed, account: Account) -> dict[str, Any]:
     }
 
 
-def _absent(found: Designed) -> str | None:
+def _absent(designed: Designed) -> str | None:
     """Why there are no alternatives; None where there are some, or were looked for."""
-    if found.alternatives is not None:
+    if designed.alternatives is not None:
         return None
-    if found.outer is not None:
+    if designed.outer is not None:
         return "A panel of two openings is judged as a whole, and no other one was."
-    if found.account is None or found.prices is None:
+    if designed.account is None or designed.prices is None:
         return "No other opening was judged in decibels."
     return "The budget is shorter than what they take."

@@ -49,14 +49,14 @@ class Stated:
 
 def stated(job: Job) -> dict[str, Stated]:
     """Statements of files on dies whose opening or map was designed, by die."""
-    found = {}
+    statements = {}
     for die in job.spec.die:
         opening: Opening = job.openings[die.name][0]
         cells = None if die.map is None else panels.parse_map(job.spec.maps[die.map])
         facts = None if cells is None else cells.provenance
         if _designed(opening.provenance) or (facts is not None and _designed(facts)):
-            found[die.name] = Stated(opening.provenance, opening.dot_nm / NM_PER_UM, facts, die.map)
-    return found
+            statements[die.name] = Stated(opening.provenance, opening.dot_nm / NM_PER_UM, facts, die.map)
+    return statements
 
 
 def camera_notes(job: Job) -> dict[str, Quantity]:
@@ -64,10 +64,10 @@ def camera_notes(job: Job) -> dict[str, Quantity]:
     here = camera_line(job.camera)
     notes = {}
     for name, said in stated(job).items():
-        others = [each for each in (_camera(said.opening), _camera(said.cells or {})) if each not in (None, here)]
+        others = [camera for camera in (_camera(said.opening), _camera(said.cells or {})) if camera not in (None, here)]
         if others:
-            told = f"camera that this die was designed for; the job's is: {here}. What its files state holds there"
-            notes[name] = Quantity("designed_for", _plain(str(others[0])), told, die=name)
+            note = f"camera that this die was designed for; the job's is: {here}. What its files state holds there"
+            notes[name] = Quantity("designed_for", _plain(str(others[0])), note, die=name)
     return notes
 
 

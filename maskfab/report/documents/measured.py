@@ -156,14 +156,14 @@ def measured_beside(job: Job) -> Beside | None:
             raise TypeError("it is no table")
         if _OF_A_DIE not in document:
             return None
-        told = _Measured.model_validate(document)
+        measured = _Measured.model_validate(document)
     except (OSError, ValueError, TypeError, RecursionError) as error:
         reason = error.errors()[0]["msg"] if isinstance(error, ValidationError) else str(error)
         what = f"{path} cannot be read as a measurement: {reason[:200]}"
         cure = "Measure the plate again with maskfab measure, or move the file out of the job's folder"
         raise SourceError("MF303", what, where=str(path), cure=cure) from error
-    rows = [row for band in told.mtf for row in _rows(band, job.spec.frequencies_cy_per_mm)]
-    return Beside(content, told.job_hash, told.die, tuple(told.verdict), tuple(rows))
+    rows = [row for band in measured.mtf for row in _rows(band, job.spec.frequencies_cy_per_mm)]
+    return Beside(content, measured.job_hash, measured.die, tuple(measured.verdict), tuple(rows))
 
 
 def _rows(band: _Band, frequencies_cy_per_mm: tuple[float, ...]) -> list[Document]:
@@ -179,11 +179,13 @@ def _rows(band: _Band, frequencies_cy_per_mm: tuple[float, ...]) -> list[Documen
     ]
 
 
-def edge_document(found: MeasuredEdges, name: str, digest: str, job_hash: str | None, notes: Sequence[str]) -> Document:
+def edge_document(
+    measured: MeasuredEdges, name: str, digest: str, job_hash: str | None, notes: Sequence[str]
+) -> Document:
     """Everything that was measured; what measure.json and ``--json`` say.
 
     Args:
-        found: the edges, or the curve.
+        measured: the edges, or the curve.
         name: of the file that they were read from.
         digest: SHA-256 of that file.
         job_hash: of the job; None without one.
@@ -193,20 +195,20 @@ def edge_document(found: MeasuredEdges, name: str, digest: str, job_hash: str | 
         "schema_version": SCHEMA_VERSION,
         "maskfab_version": __version__,
         "job_hash": job_hash,
-        "verdict": list(edge_verdict(found)),
+        "verdict": list(edge_verdict(measured)),
         "file": {"name": name, "sha256": digest},
-        **edges_document(found),
+        **edges_document(measured),
         "notes": list(notes),
     }
 
 
-def edges_document(found: MeasuredEdges) -> Document:
+def edges_document(measured: MeasuredEdges) -> Document:
     """Of plain Python types; a unit stands in every name, rows count from the picture's top.
 
     What only a picture tells is None of a curve that was measured elsewhere, and cycles per millimetre are where the
     pixel is not known.
     """
-    return {"die": found.die, "edges": [_edge(each) for each in found.edges], "left_out": list(found.left_out)}
+    return {"die": measured.die, "edges": [_edge(edge) for edge in measured.edges], "left_out": list(measured.left_out)}
 
 
 def _edge(measured: MeasuredEdge) -> Document:
@@ -229,8 +231,8 @@ def _edge(measured: MeasuredEdge) -> Document:
         "mtf": edge.mtf.tolist(),
         "low": _list(edge.low),
         "high": _list(edge.high),
-        "designed": [_designed(each) for each in measured.designed],
-        "quantities": [quantity_document(each) for each in measured.quantities],
+        "designed": [_designed(designed) for designed in measured.designed],
+        "quantities": [quantity_document(quantity) for quantity in measured.quantities],
     }
 
 

@@ -90,11 +90,11 @@ def pictures(
     drawn = [Figures(PLATE, of_plate, (plate, _failed_dies(document), dies, tuple(stressed)))]
     drawn += [Figures(item.die.name, of_die, (item, field_nm, peak)) for item in dies]
     drawn += more
-    found: dict[str, dict[str, str]] = {each.die: {} for each in drawn}
-    tasks = (executor or SerialExecutor()).run_all([(each.function, each.arguments) for each in drawn])
-    for each, task in zip(drawn, tasks, strict=True):
-        found[each.die] |= task.result()
-    return found
+    images: dict[str, dict[str, str]] = {drawing.die: {} for drawing in drawn}
+    tasks = (executor or SerialExecutor()).run_all([(drawing.function, drawing.arguments) for drawing in drawn])
+    for drawing, task in zip(drawn, tasks, strict=True):
+        images[drawing.die] |= task.result()
+    return images
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,14 +267,14 @@ def _name_ends(axes: Axes) -> None:
 
 def spread(wanted: Sequence[float], apart: float, low: float, high: float) -> list[float]:
     """Rising heights moved until they are ``apart``, between two bounds; below the lower one if there is no room."""
-    found: list[float] = []
-    for each in wanted:
-        found.append(max(each, low, *(last + apart for last in found[-1:])))
+    chosen: list[float] = []
+    for target in wanted:
+        chosen.append(max(target, low, *(last + apart for last in chosen[-1:])))
     top = high
-    for index in reversed(range(len(found))):
-        found[index] = min(found[index], top)
-        top = found[index] - apart
-    return found
+    for index in reversed(range(len(chosen))):
+        chosen[index] = min(chosen[index], top)
+        top = chosen[index] - apart
+    return chosen
 
 
 @styled

@@ -61,17 +61,17 @@ _MOST_SHOWN = 8
 _LIT_PIXELS, _LIT_SAMPLES = 24, 21
 
 
-def pictures(panel: Panel, found: Feasibility) -> dict[str, str]:
+def pictures(panel: Panel, feasibility: Feasibility) -> dict[str, str]:
     """The figures of one die's display as ``<img>`` elements.
 
     ``display_placement`` is always there; ``display_wires`` where there are wires, or a proof that there are none;
     ``display_lit`` where there are emitters.
     """
-    proof = None if found.emitters else found.footprint.certificate
-    drawn = {"display_placement": placement(panel, proof, found.broken)}
-    wires = found.wiring
+    proof = None if feasibility.emitters else feasibility.footprint.certificate
+    drawn = {"display_placement": placement(panel, proof, feasibility.broken)}
+    wires = feasibility.wiring
     if wires is not None and (wires.tracks or wires.laid or wires.failed is not None):
-        drawn["display_wires"] = wiring_picture(panel, wires, found.stranded, found.reaches)
+        drawn["display_wires"] = wiring_picture(panel, wires, feasibility.stranded, feasibility.reaches)
     if panel.emitters is not None:
         drawn["display_lit"] = lit(panel)
     return drawn
@@ -102,8 +102,8 @@ def placement(panel: Panel, certificate: Certificate | None = None, broken: Iter
     _letters(single, panel)
     if certificate is not None and certificate.witness is not None:
         _outline(single, panel, certificate.witness, certificate.cell_nm)
-    for each in broken:
-        _dash(single, [_moved(polygon, 0, 0) for polygon in each.outlines])
+    for rule in broken:
+        _dash(single, [_moved(polygon, 0, 0) for polygon in rule.outlines])
     single.set_title("one pixel")
     _draw(several, panel, panel.orientations[_middle(panel, 4)], (BLACK, GUTTER, CLEAR, *EMITTERS))
     several.set_title("pixels as they meet")

@@ -79,19 +79,19 @@ def _file(figure: Figure) -> bytes:
 
 @styled
 def _figures(scene: SceneOptics) -> dict[str, tuple[Figure, str]]:
-    found: dict[str, tuple[Figure, str]] = {}
+    figures: dict[str, tuple[Figure, str]] = {}
     if scene.field:
         line = scene.field[0][0].psf.wavelength_nm
         words = f"PSF over the field at {line:g} nm, and what deblurring with the PSF of the centre leaves of each"
-        found["scene_field"] = _over_field(scene.field), words
+        figures["scene_field"] = _over_field(scene.field), words
     if scene.depth:
         line = scene.depth[0].psf.wavelength_nm
         words = f"PSF over the depth at {line:g} nm, and what deblurring with the PSF in focus leaves of each"
-        found["scene_depth"] = _over_depth(scene.depth), words
+        figures["scene_depth"] = _over_depth(scene.depth), words
     if scene.colours:
         names = ", ".join(band.name for band in scene.scene.bands)
-        found["scene_colours"] = _of_colours(scene), f"PSF of the bands {names}, logarithmic"
-    return found
+        figures["scene_colours"] = _of_colours(scene), f"PSF of the bands {names}, logarithmic"
+    return figures
 
 
 def _over_field(field: Sequence[Sequence[PointView]]) -> Figure:
@@ -148,7 +148,7 @@ def _pair(
     columns: Sequence[str],
     rows: Sequence[str],
     pixels: int,
-    known: str,
+    stated: str,
 ) -> tuple[_Tiles, _Tiles]:
     """PSFs with their change, and what is left of them with its residual."""
     line = centre.psf.wavelength_nm
@@ -173,7 +173,7 @@ def _pair(
             width,
             "cividis",
             _LEFT_DECADES,
-            f"deblurred with {known}, |value| / peak; below: residual",
+            f"deblurred with {stated}, |value| / peak; below: residual",
         ),
     )
 
@@ -318,7 +318,7 @@ def sheet(truth: Singles, scene: str, taken: Mapping[str, Sequence[Shot]], how: 
     figure.set_facecolor("white")
     for row, level in enumerate(levels):
         bottom = height - _TOP - (row + 1) * high - row * _CAPTION
-        cells = [("truth", truth, ""), *((name, *_captioned(each[row])) for name, each in taken.items())]
+        cells = [("truth", truth, ""), *((name, *_captioned(pictures[row])) for name, pictures in taken.items())]
         for column, (title, picture, caption) in enumerate(cells):
             axes = place(figure, (_LEFT + column * (_WIDTH + _PHOTO_GAP), bottom, _WIDTH, high))
             axes.imshow(_levels(picture), interpolation="none")

@@ -62,9 +62,9 @@ def log_intensity(psf: Psf, pixels: int, peak: float | None = None) -> NDArray[n
     peak = float(values.max()) if peak is None else peak
     samples = len(values)
     if samples > pixels:
-        kept = pixels if pixels % 2 else pixels - 1  # odd, so that the optical axis stays in the middle of a sample
-        edges = np.linspace(0.0, samples, kept + 1)
-        mean = _overlap(edges, np.arange(samples + 1.0)) * (kept / samples)
+        odd = pixels if pixels % 2 else pixels - 1  # odd, so that the optical axis stays in the middle of a sample
+        edges = np.linspace(0.0, samples, odd + 1)
+        mean = _overlap(edges, np.arange(samples + 1.0)) * (odd / samples)
         values = mean @ values @ mean.T
     if peak <= 0:
         return np.full(values.shape, -float(DECADES))
@@ -318,12 +318,12 @@ def short_path(path: str) -> str:
         return _FINER.sub("", path)
     moves: list[tuple[str, int, int]] = []
     x = y = x0 = y0 = 0
-    for each in _TO.findall(path):
-        if each == "z":
+    for step in _TO.findall(path):
+        if step == "z":
             moves.append(("z", 0, 0))
             x, y = x0, y0
             continue
-        letter, *numbers = each.split(" ")
+        letter, *numbers = step.split(" ")
         x1, y1 = (round(100 * float(number)) for number in numbers)
         if letter == "M":
             moves.append(("M", x1, y1))

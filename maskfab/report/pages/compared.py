@@ -70,8 +70,8 @@ class Compared:
         taken = self.document.get("photographs")
         return {
             "reports": [
-                {"name": each.name, "job_hash": each.document["job_hash"], "proved": each.proved}
-                for each in self.reports
+                {"name": report.name, "job_hash": report.document["job_hash"], "proved": report.proved}
+                for report in self.reports
             ],
             "levels": [] if taken is None else [_ranked(taken, level) for level in taken["levels_db"]],
             "dies": [
@@ -79,7 +79,7 @@ class Compared:
                 for die in self.document["dies"]
             ],
             "left_out": list(self.left_out),
-            "job_differences": [vars(each) for each in self.differences],
+            "job_differences": [vars(difference) for difference in self.differences],
         }
 
 
@@ -98,10 +98,10 @@ def compare_reports(
     """
     first, left_out = reports[0], list[str]()
     alone = len(reports) == 1
-    chosen = {_name(each, die["name"], alone): (each, die) for each in reports for die in each.document["dies"]}
+    chosen = {_name(report, die["name"], alone): (report, die) for report in reports for die in report.document["dies"]}
     if dies:
         wanted = [_found(name, chosen, "--die") for name in dies]
-        chosen = {name: each for name, each in chosen.items() if name in wanted}
+        chosen = {name: place for name, place in chosen.items() if name in wanted}
     if len(chosen) < 2:
         cure = "Name two dies, or two reports"
         raise JobError("MF105", "there is nothing to compare with", where="--die" if dies else "REPORT", cure=cure)
@@ -109,15 +109,15 @@ def compare_reports(
     merged = []
     for name, (report, die) in chosen.items():
         other = report.document["camera"] != first.document["camera"]
-        kept = [row for row in die["quantities"] if not other or row["name"] in _OF_ITS_OWN]
-        merged.append({**die, "name": name, "quantities": [_renamed(row, name) for row in kept]})
+        rows = [row for row in die["quantities"] if not other or row["name"] in _OF_ITS_OWN]
+        merged.append({**die, "name": name, "quantities": [_renamed(row, name) for row in rows]})
     for report in reports[1:]:
         if report.document["camera"] != first.document["camera"]:
-            told = ", ".join(_parted(first.document["camera"], report.document["camera"]))
+            camera = ", ".join(_parted(first.document["camera"], report.document["camera"]))
             left_out.append(
-                f"{report.name} has another camera than {first.name} ({told}): its optics are not compared."
+                f"{report.name} has another camera than {first.name} ({camera}): its optics are not compared."
             )
-        if any("spread" in each.document for each in (first, report)) and _made(report) != _made(first):
+        if any("spread" in run.document for run in (first, report)) and _made(report) != _made(first):
             left_out.append(
                 f"{report.name} states another process of the writer than {first.name}, or another spread of it: bands "
                 "of the displays made are not comparable."
@@ -130,9 +130,9 @@ def compare_reports(
     if photographs is not None:
         document["photographs"] = photographs
     left_out += [
-        f"{each.name} has no manifest beside it: whether it was edited is not known."
-        for each in reports
-        if not each.proved
+        f"{report.name} has no manifest beside it: whether it was edited is not known."
+        for report in reports
+        if not report.proved
     ]
     return Compared(tuple(reports), document, tuple(left_out), tuple(_job_differences(reports)))
 
@@ -145,7 +145,7 @@ def _photographs(
     left_out: list[str],
 ) -> dict[str, Any] | None:
     """Photographs of the first report that has some, with those of others that were taken of the same scenes alike."""
-    first = next((each for each in reports if "photographs" in each.document), None)
+    first = next((report for report in reports if "photographs" in report.document), None)
     if first is None:
         left_out.append("No report has photographs: dies are not ranked.")
         return None
@@ -155,18 +155,18 @@ def _photographs(
         if other is None:
             left_out.append(f"{report.name} has no photographs.")
             continue
-        told = ", ".join(_parted(_taken(taken), _taken(other)))
-        if told:
+        parts = ", ".join(_parted(_taken(taken), _taken(other)))
+        if parts:
             left_out.append(
-                f"Photographs of {report.name} were taken otherwise than those of {first.name} ({told}): they are not "
+                f"Photographs of {report.name} were taken otherwise than those of {first.name} ({parts}): they are not "
                 "compared."
             )
             continue
         names = {_name(report, die["name"], alone): die for die in other["dies"]}
         dies += [{**die, "name": name} for name, die in names.items() if name in chosen]
-    known = {die["name"] for die in dies if not die["refused"]}
+    photographed = {die["name"] for die in dies if not die["refused"]}
     own = None if taken["reference"] is None else _name(first, taken["reference"], alone)
-    over = next((each for each in (reference, own) if each in known), next(iter(sorted(known)), None))
+    over = next((name for name in (reference, own) if name in photographed), next(iter(sorted(photographed)), None))
     if reference is not None and over != reference:
         left_out.append(f"The reference {reference} has no photographs of these scenes: gains are over {over}.")
     return {**taken, "dies": dies, "reference": over, "reference_stated": reference}
@@ -192,8 +192,8 @@ def _taken(photographs: Document) -> Document:
 
 def _ranked(taken: Document, level: float) -> dict[str, Any]:
     """Dies from the highest mean down, each with its paired difference to the first."""
-    known = scores(taken, level)
-    means = {name: sum(own) / len(own) for name, own in known.items()}
+    by_die = scores(taken, level)
+    means = {name: sum(own) / len(own) for name, own in by_die.items()}
     order = sorted(means, key=lambda name: -means[name])
     best = best_photographed(taken, level)
     rows = []
@@ -220,16 +220,16 @@ def _ranked(taken: Document, level: float) -> dict[str, Any]:
 
 
 def _job_differences(reports: Sequence[FinishedReport]) -> Iterator[JobDifference]:
-    stated = [each.job for each in reports if each.job is not None]
+    stated = [report.job for report in reports if report.job is not None]
     if len(stated) < len(reports):
         return
     dies = [{die["name"]: die for die in job.get("die", ())} for job in stated]
-    shared = [name for name in dies[0] if all(name in each for each in dies)]
-    for name in dict.fromkeys(name for each in dies for name in each if name not in shared):
-        yield JobDifference(f"die.{name}", tuple(each[name]["label"] if name in each else None for each in dies))
+    shared = [name for name in dies[0] if all(name in own for own in dies)]
+    for name in dict.fromkeys(name for own in dies for name in own if name not in shared):
+        yield JobDifference(f"die.{name}", tuple(own[name]["label"] if name in own else None for own in dies))
     jobs = [
-        dict(_fields({**job, "die": [die for name, die in each.items() if name in shared]}))
-        for job, each in zip(stated, dies, strict=True)
+        dict(_fields({**job, "die": [die for name, die in own.items() if name in shared]}))
+        for job, own in zip(stated, dies, strict=True)
     ]
     for field in dict.fromkeys(field for job in jobs for field in job):
         values = tuple(job.get(field) for job in jobs)
@@ -240,11 +240,11 @@ def _job_differences(reports: Sequence[FinishedReport]) -> Iterator[JobDifferenc
 def _fields(value: object, path: str = "") -> Iterator[tuple[str, str]]:
     """Every field of a job with its value as text; dies by their names."""
     if isinstance(value, Mapping):
-        for key, each in value.items():
-            yield from _fields(each, f"{path}.{key}".lstrip("."))
-    elif isinstance(value, list) and value and all(isinstance(each, Mapping) and "name" in each for each in value):
-        for each in value:
-            yield from _fields({key: inner for key, inner in each.items() if key != "name"}, f"{path}.{each['name']}")
+        for key, part in value.items():
+            yield from _fields(part, f"{path}.{key}".lstrip("."))
+    elif isinstance(value, list) and value and all(isinstance(part, Mapping) and "name" in part for part in value):
+        for part in value:
+            yield from _fields({key: inner for key, inner in part.items() if key != "name"}, f"{path}.{part['name']}")
     elif value is not None:
         text = " ".join(str(value).split())
         yield path, text if len(text) <= _MOST_TEXT else f"{text[:_MOST_TEXT]}…"
@@ -269,7 +269,7 @@ def _found(name: str, chosen: Mapping[str, object], where: str) -> str:
     """The full name of a die that may be named without its report."""
     if name in chosen:
         return name
-    alike = [each for each in chosen if each.rpartition(":")[2] == name]
+    alike = [candidate for candidate in chosen if candidate.rpartition(":")[2] == name]
     if len(alike) == 1:
         return alike[0]
     what = f"several reports have a die {name!r}" if alike else f"no report has a die {name!r}"
@@ -345,12 +345,12 @@ def verdict(compared: Compared) -> str:
     if table.level_db is None:
         return "No photographs to rank by."
     taken, level = compared.document["photographs"], table.level_db
-    known, best = scores(taken, level), best_photographed(taken, level)
+    by_die, best = scores(taken, level), best_photographed(taken, level)
     count = f"{len(taken['scenes'])} photographs at {level:g} dB of light"
-    if len(known) < 2:
-        return f"One die alone has photographs that can be compared: {next(iter(known), 'none')}."
+    if len(by_die) < 2:
+        return f"One die alone has photographs that can be compared: {next(iter(by_die), 'none')}."
     if not best:
-        return f"Nobody can tell which is best: all {len(known)} dies tie over {count}."
+        return f"Nobody can tell which is best: all {len(by_die)} dies tie over {count}."
     if len(best) == 1:
         return f"Best: {next(iter(best))}; every other die is worse over {count}."
     tied = [line.name for line in table.lines if line.name in best]
@@ -360,7 +360,13 @@ def verdict(compared: Compared) -> str:
 def compare_text(compared: Compared) -> Iterator[str]:
     """Lines for a terminal."""
     table = compared.table
-    heading = ["die", "PSNR dB", f"gain over {table.reference}", "display", *(" ".join(each) for each in table.columns)]
+    heading = [
+        "die",
+        "PSNR dB",
+        f"gain over {table.reference}",
+        "display",
+        *(" ".join(words) for words in table.columns),
+    ]
     rows = [
         [line.name, line.psnr, line.gain, line.display or "-", *(cell.text if cell else "-" for cell in line.cells)]
         for line in table.lines
@@ -368,9 +374,9 @@ def compare_text(compared: Compared) -> Iterator[str]:
     yield from columns([heading, *rows])
     yield verdict(compared)
     yield from compared.left_out
-    names = [each.name for each in compared.reports]
-    for each in compared.differences[:_MOST_FIELDS]:
-        values = (f"{name} {'-' if value is None else value}" for name, value in zip(names, each.values, strict=True))
-        yield f"{each.field}: {', '.join(values)}"
+    names = [report.name for report in compared.reports]
+    for field in compared.differences[:_MOST_FIELDS]:
+        values = (f"{name} {'-' if value is None else value}" for name, value in zip(names, field.values, strict=True))
+        yield f"{field.field}: {', '.join(values)}"
     if len(compared.differences) > _MOST_FIELDS:
         yield f"{len(compared.differences) - _MOST_FIELDS} more fields differ: --json or --out lists all"

@@ -61,13 +61,13 @@ def rules_part(
     """
     rows = [
         {
-            "rule": each["rule"].replace("_", " "),
-            "asked": each["asked"] or "as the job has it",
-            "priced": each["rule"] in prices,
-            "without": (without or {}).get(each["rule"]),
-            **prices.get(each["rule"], {"alone": None, "last": None}),
+            "rule": rule["rule"].replace("_", " "),
+            "asked": rule["asked"] or "as the job has it",
+            "priced": rule["rule"] in prices,
+            "without": (without or {}).get(rule["rule"]),
+            **prices.get(rule["rule"], {"alone": None, "last": None}),
         }
-        for each in rules
+        for rule in rules
     ]
     return Markup(_macros().rules(rows, together, judged, among, annealed, without is not None))
 
@@ -85,8 +85,8 @@ def alternatives_part(near: Mapping[str, Any] | None, absent: str | None) -> Mar
         **near,
         "chosen": _shown(near["chosen"]),
         "others": [
-            {**_shown(each), "against": f"{-each['below_db'] + 0.0:+.3f}", "better": _better(each["better_at"])}
-            for each in near["others"]
+            {**_shown(other), "against": f"{-other['below_db'] + 0.0:+.3f}", "better": _better(other["better_at"])}
+            for other in near["others"]
         ],
     }
     return Markup(_macros().alternatives(shown, None))
@@ -98,8 +98,8 @@ def dots_image(rows: Sequence[str], words: str) -> Markup:
     return Markup(img(data_uri(png(levels, _PALETTE)), words, "small"))
 
 
-def _shown(each: Mapping[str, Any]) -> dict[str, Any]:
-    return {**each, "picture": dots_image(each["rows"], f"the opening {each['shape']}")}
+def _shown(opening: Mapping[str, Any]) -> dict[str, Any]:
+    return {**opening, "picture": dots_image(opening["rows"], f"the opening {opening['shape']}")}
 
 
 def _better(names: Sequence[str]) -> str:
@@ -147,59 +147,59 @@ def search_drawing(bettered: Sequence[Sequence[float]], last: int, value: str, j
 def stages(bettered: Sequence[Sequence[float]]) -> list[list[Sequence[float]]]:
     """Parts in which the values go one way, that of the first two: an annealing under rules may begin below a scan."""
     upwards = bettered[1][1] > bettered[0][1]
-    found = [[bettered[0]]]
-    for before, each in pairwise(bettered):
-        if (each[1] > before[1]) is upwards:
-            found[-1].append(each)
+    stretches = [[bettered[0]]]
+    for before, step in pairwise(bettered):
+        if (step[1] > before[1]) is upwards:
+            stretches[-1].append(step)
         else:
-            found.append([each])
-    return found
+            stretches.append([step])
+    return stretches
 
 
 Told = Mapping[str, Any]
 
 
-def design_page(told: Told) -> str:
+def design_page(document: Told) -> str:
     """The page, with nothing from outside it; equal documents give equal pages.
 
     Args:
-        told: design.json, as :func:`maskfab.report.documents.design.designed_document` makes it.
+        document: design.json, as :func:`maskfab.report.documents.design.designed_document` makes it.
     """
-    search, panel = told["search"], told["panel"]
-    laid = told["map"]["expected_psnr_db"] if told["map"] else told["expected_psnr_db"]
+    search, panel = document["search"], document["panel"]
+    laid = document["map"]["expected_psnr_db"] if document["map"] else document["expected_psnr_db"]
     levels = list(laid)
     drawing = None
     if search:
-        drawing = search_drawing(search["bettered"], told["evaluated"], search["value"], _judged(search))
+        drawing = search_drawing(search["bettered"], document["evaluated"], search["value"], _judged(search))
     return page_template("design.html.j2").render(
         style=style(),
-        told=told,
+        told=document,
         search=search,
         levels=levels,
         headline=sum(laid.values()) / len(laid),
         turned=_turned(panel),
-        display=_display(told["fit"]),
-        room=_room(told, levels),
-        rules_line=_rules_line(told, search),
-        cell=dots_image(told["rows"], f"the opening {told['name']}"),
+        display=_display(document["fit"]),
+        room=_room(document, levels),
+        rules_line=_rules_line(document, search),
+        cell=dots_image(document["rows"], f"the opening {document['name']}"),
         tiles=dots_image(panel["rows"], "the middle of its panel") if panel else None,
-        tiles_told=_tiles_told(told, panel),
-        restored=_restored(told),
-        command=told["provenance"].get("command"),
+        tiles_told=_tiles_told(document, panel),
+        restored=_restored(document),
+        command=document["provenance"].get("command"),
         steps=None if drawing is None else Markup(drawing.img()),
         steps_told=_steps_told(search),
-        bounds=_bounds(told, levels),
-        ideals=_ideals(told),
+        bounds=_bounds(document, levels),
+        ideals=_ideals(document),
         rules=rules_part(
             search["rules"] if search else [],
-            told["prices_db"],
-            told["rules_cost_db"],
-            told["evaluated"],
+            document["prices_db"],
+            document["rules_cost_db"],
+            document["evaluated"],
             search["priced_among"] if search else 0,
             search["annealed_without_db"] if search else None,
             annealed=_annealed(search),
         ),
-        alternatives=alternatives_part(told["alternatives"], told["alternatives_absent"]),
+        alternatives=alternatives_part(document["alternatives"], document["alternatives_absent"]),
     )
 
 
@@ -212,9 +212,9 @@ def _steps_told(search: Told | None) -> str:
         return ""
     if "descent" in search["method"]:
         return "Steps of all starts, one after the other; a descent that went on from a checkpoint, from there on."
-    told = "The best of all openings judged"
-    told += ", whether or not it keeps the rules" if search["rules"] else ""
-    return told + ("; then of the annealing, which keeps them." if search["rules"] and _annealed(search) else ".")
+    words = "The best of all openings judged"
+    words += ", whether or not it keeps the rules" if search["rules"] else ""
+    return words + ("; then of the annealing, which keeps them." if search["rules"] and _annealed(search) else ".")
 
 
 def _annealed(search: Told | None) -> bool:
@@ -225,10 +225,10 @@ def _turned(panel: Told | None) -> str:
     return "all alike" if panel and panel["tiling"] == "periodic" else "turned at random"
 
 
-def _tiles_told(told: Told, panel: Told | None) -> str:
+def _tiles_told(document: Told, panel: Told | None) -> str:
     if not panel:
         return ""
-    return f"The middle of its {'map' if told['map'] else 'panel: ' + panel['tiling']}."
+    return f"The middle of its {'map' if document['map'] else 'panel: ' + panel['tiling']}."
 
 
 def _display(fit: Told | None) -> str:
@@ -243,46 +243,46 @@ def _useful(values: Mapping[str, float]) -> Mapping[str, float]:
     return {level: value for level, value in values.items() if value <= USEFUL_DB}
 
 
-def _room(told: Told, levels: Sequence[str]) -> str:
+def _room(document: Told, levels: Sequence[str]) -> str:
     """In one line, of the opening in the picture's interior."""
-    if not told["head_room_db"]:
+    if not document["head_room_db"]:
         return "not proved"
-    useful = _useful(told["head_room_db"])
+    useful = _useful(document["head_room_db"])
     parts = [f"{useful[level]:.2f} dB at {level}" for level in levels if level in useful]
     where = "far from the frame's edge, no opening of as many dots gains more than "
     return where + ", ".join(parts) if parts else "no useful bound"
 
 
-def _rules_line(told: Told, search: Told | None) -> str:
+def _rules_line(document: Told, search: Told | None) -> str:
     rules = search["rules"] if search else []
     if not rules:
         return "none but the number of clear dots"
-    cost = told["rules_cost_db"]
-    named = ", ".join(each["rule"].replace("_", " ") for each in rules)
+    cost = document["rules_cost_db"]
+    named = ", ".join(rule["rule"].replace("_", " ") for rule in rules)
     return named if cost is None else f"{named}: {cost:.3f} dB together"
 
 
-def _restored(told: Told) -> list[tuple[str, Mapping[str, str]]]:
+def _restored(document: Told) -> list[tuple[str, Mapping[str, str]]]:
     """Rows of decibels by level."""
     rows: list[tuple[str, Mapping[str, float]]] = []
-    if not (told["map"] and told["outer"]):
-        rows.append((f"Cells {_turned(told['panel'])}", told["expected_psnr_db"]))
-    if told["map"]:
-        rows += [("With its map", told["map"]["expected_psnr_db"])]
-    if told["scene"]:
-        rows.append(("Over the scene, mean", told["scene"]["mean_psnr_db"]))
+    if not (document["map"] and document["outer"]):
+        rows.append((f"Cells {_turned(document['panel'])}", document["expected_psnr_db"]))
+    if document["map"]:
+        rows += [("With its map", document["map"]["expected_psnr_db"])]
+    if document["scene"]:
+        rows.append(("Over the scene, mean", document["scene"]["mean_psnr_db"]))
     plain: list[tuple[str, Mapping[str, str]]] = [
         (name, {level: f"{value:.2f}" for level, value in values.items()}) for name, values in rows
     ]
-    if told["map"]:
-        gains = told["map"]["gain_db"]
+    if document["map"]:
+        gains = document["map"]["gain_db"]
         plain.append(
             (
                 "Gain of the map over the random one that it began from",
                 {level: f"{gain:+.2f}" for level, gain in gains.items()},
             )
         )
-    robust = told["robust"]
+    robust = document["robust"]
     if robust and robust["tiling_db"]:
         spread = {level: f"±{value:.2f}" for level, value in robust["tiling_db"].items()}
         plain.append(("Spread between random seeds, 1 σ", spread))
@@ -294,15 +294,17 @@ def _restored(told: Told) -> list[tuple[str, Mapping[str, str]]]:
     return plain
 
 
-def _bounds(told: Told, levels: Sequence[str]) -> list[dict[str, Any]]:
+def _bounds(document: Told, levels: Sequence[str]) -> list[dict[str, Any]]:
     """Head rooms, what they hold for, and which is the least at each level."""
-    bounds, cells = told["bounds"], told["map"]
+    bounds, cells = document["bounds"], document["map"]
     rows: list[tuple[str, Mapping[str, float], str]] = []
-    if told["head_room_db"]:
-        rows.append(("Opening, far from the frame's edge", told["head_room_db"], "any opening of as many clear dots"))
+    if document["head_room_db"]:
+        rows.append(
+            ("Opening, far from the frame's edge", document["head_room_db"], "any opening of as many clear dots")
+        )
     if bounds:
-        whole = {level: bounds["most_frame_psnr_db"][level] - told["expected_psnr_db"][level] for level in levels}
-        if not told["scene"]:
+        whole = {level: bounds["most_frame_psnr_db"][level] - document["expected_psnr_db"][level] for level in levels}
+        if not document["scene"]:
             whole = {level: max(0.0, value) for level, value in whole.items()}
             rows.append(("Opening, the whole frame", whole, "the same, the edge's leak counted as nothing at least"))
     if cells and cells["head_room_db"]:
@@ -324,8 +326,8 @@ def _bounds(told: Told, levels: Sequence[str]) -> list[dict[str, Any]]:
     ]
 
 
-def _ideals(told: Told) -> list[tuple[str, Mapping[str, float]]]:
-    bounds = told["bounds"]
+def _ideals(document: Told) -> list[tuple[str, Mapping[str, float]]]:
+    bounds = document["bounds"]
     if not bounds:
         return []
     return [

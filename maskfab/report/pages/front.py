@@ -88,7 +88,7 @@ class Best:
     @property
     def shown(self) -> tuple[str, ...]:
         """The reference, if there is one, and the best die: those whose pictures stand for all."""
-        return tuple(dict.fromkeys(each for each in (self.reference, self.name) if each is not None))
+        return tuple(dict.fromkeys(name for name in (self.reference, self.name) if name is not None))
 
     @property
     def gain_words(self) -> str:
@@ -134,11 +134,11 @@ def best(document: Document) -> Best | str:
     if taken is None or not document["dies"]:
         return "No photographs: the plate has no die that could be photographed. Add one as [[die]]."
     level = middle_level(taken["levels_db"])
-    found = scores(taken, level)
-    if not found:
+    by_die = scores(taken, level)
+    if not by_die:
         return f"No photographs: {_refusal(next(die['refused'] for die in taken['dies']))}"
-    name = max(found, key=lambda each: mean_psnr(taken, level, each))
-    die = next(each for each in document["dies"] if each["name"] == name)
+    name = max(by_die, key=lambda candidate: mean_psnr(taken, level, candidate))
+    die = next(row for row in document["dies"] if row["name"] == name)
     reference, stated = taken["reference"], taken["reference_stated"]
     compared = reference is not None and reference != name
     open_ratio = next((row for row in die["quantities"] if row["name"] == "stop_open_ratio"), None)
@@ -152,11 +152,11 @@ def best(document: Document) -> Best | str:
         reference=reference,
         stated=stated is not None,
         scenes=len(taken["scenes"]),
-        others=len(found) - 1,
-        ties=tuple(each for each in found if each != name and difference(taken, level, each, name).tie),
+        others=len(by_die) - 1,
+        ties=tuple(other for other in by_die if other != name and difference(taken, level, other, name).tie),
         open_ratio=open_ratio,
         display=die["display"]["verdict"] if "display" in die else None,
-        missing=_missing(taken, name, len(found)),
+        missing=_missing(taken, name, len(by_die)),
         psnr_made=psnr_made,
         gain_made=gain_made,
         open_ratio_made="" if open_ratio is None else edges(band_of(die, open_ratio)),
@@ -174,9 +174,9 @@ def shown_dies(document: Document) -> tuple[str, ...]:
     names: list[str] = [die["name"] for die in document["dies"]]
     if (count := shown_count(len(names))) == len(names):
         return tuple(names)
-    found = best(document)
+    leader = best(document)
     failed = {check["die"] for check in document["checks"] if not check["passed"] and "die" in check}
-    first = () if isinstance(found, str) else found.shown
+    first = () if isinstance(leader, str) else leader.shown
     ranked = [line.name for line in die_table(document).lines]
     chosen = list(dict.fromkeys([*first, *(name for name in names if name in failed), *ranked]))[:count]
     return tuple(name for name in names if name in chosen)
@@ -193,7 +193,7 @@ def assumed(document: Document) -> str:
     if taken is None:
         return f"Assumed: {'; '.join([*said, f'spectrum: lines of {lines} nm', spread_words(document)])}."
     scene = taken["scene"]
-    said += [each for each in taken["told"] if each.startswith(("sensor", "light"))]
+    said += [sentence for sentence in taken["told"] if sentence.startswith(("sensor", "light"))]
     spectrum = f"as [scene] says ({scene['spectrum']})" if "spectrum" in scene else f"lines of {lines} nm"
     said += [f"spectrum: {spectrum}", "restorer: Wiener filter", f"{len(taken['scenes'])} drawn scenes"]
     rest = [key for key in scene if key not in {"spectrum", "accuracy"}]
@@ -202,14 +202,14 @@ def assumed(document: Document) -> str:
     return f"Assumed: {'; '.join(said)}."
 
 
-def crops(document: Document, found: Best | str) -> Iterator[tuple[str, str]]:
+def crops(document: Document, leader: Best | str) -> Iterator[tuple[str, str]]:
     """Dies whose restored photograph the front shows, each with its caption."""
-    if isinstance(found, str):
+    if isinstance(leader, str):
         return
     taken = document["photographs"]
-    for name in found.shown:
-        role = "reference" if name == found.reference else "best"
-        yield name, f"{name} ({role}): {scores(taken, found.level_db)[name][0]:.1f} dB"
+    for name in leader.shown:
+        role = "reference" if name == leader.reference else "best"
+        yield name, f"{name} ({role}): {scores(taken, leader.level_db)[name][0]:.1f} dB"
 
 
 def _of_checks(name: str, tally: Document, words: tuple[str, str], rest: str) -> Stamp:

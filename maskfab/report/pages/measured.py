@@ -44,15 +44,15 @@ _COLOURS = {"R": "#D55E00", "G": "#009E73", "B": "#0072B2", "-": INK}
 
 
 @styled
-def captured_drawing(found: Measured) -> Drawing:
+def captured_drawing(measured: Measured) -> Drawing:
     """Captured, expected, and their difference in standard deviations, a row for each colour."""
-    chosen = _first_of_each(found)
+    chosen = _first_of_each(measured)
     width = _LEFT + 3 * (_SIDE + _GAP) + _BAR
     height = _TOP + len(chosen) * (_SIDE + _GAP) + _FOOT
     figure = Figure(figsize=(width, height), dpi=120)
     for row, k in enumerate(chosen):
-        taken, expected = found.taken[k], found.fit.predicted[k]
-        beneath = found.fit.beneath[taken.pixels.colour]
+        taken, expected = measured.taken[k], measured.fit.predicted[k]
+        beneath = measured.fit.beneath[taken.pixels.colour]
         peak = float((expected - beneath).max())
         bottom = height - _TOP - (row + 1) * _SIDE - row * _GAP
         shown = (
@@ -69,7 +69,7 @@ def captured_drawing(found: Measured) -> Drawing:
             if column == 0:
                 axes.set_ylabel(f"{PIXELS_OF[taken.pixels.colour]}, y (µm)")
         axes = _axes(figure, 2, bottom)
-        residual = np.where(taken.valid, found.fit.residuals[k], np.nan)
+        residual = np.where(taken.valid, measured.fit.residuals[k], np.nan)
         drawn = axes.imshow(
             residual, cmap="PuOr", vmin=-_MOST_SIGMA, vmax=_MOST_SIGMA, extent=ends, interpolation="none"
         )
@@ -81,12 +81,12 @@ def captured_drawing(found: Measured) -> Drawing:
 
 
 @styled
-def capture_mtf_drawing(found: Measured) -> Drawing:
+def capture_mtf_drawing(measured: Measured) -> Drawing:
     """MTF of what was captured over the band that noise allows the fitted die, for each grid of pixels."""
     figure = Figure(figsize=(9.0, 3.6), dpi=120)
     axes = place(figure, (0.75, 0.5, 5.6, 2.9))
     seen: set[str] = set()
-    for band in found.bands:
+    for band in measured.bands:
         if band.colour in seen:
             continue
         seen.add(band.colour)
@@ -113,8 +113,8 @@ def _curves(axes: Axes, band: MtfBand) -> None:
         axes.axvline(band.parted_per_mm, color=colour, linewidth=0.8, dashes=(2, 2))
 
 
-def _first_of_each(found: Measured) -> list[int]:
-    colours = [each.pixels.colour for each in found.taken]
+def _first_of_each(measured: Measured) -> list[int]:
+    colours = [capture.pixels.colour for capture in measured.taken]
     return [colours.index(colour) for colour in dict.fromkeys(colours)]
 
 
@@ -145,11 +145,11 @@ _PRICES = ("captured_cost", "captured_loss")
 """Numbers that have a table of their own."""
 
 
-def capture_page(found: Measured, document: Mapping[str, Any], notes: Sequence[str]) -> str:
+def capture_page(measured: Measured, document: Mapping[str, Any], notes: Sequence[str]) -> str:
     """The page, with nothing from outside it; equal captures give equal pages.
 
     Args:
-        found: what was measured.
+        measured: all that was read of the capture.
         document: what measure.json says of it.
         notes: what a reader should know, as sentences.
     """
@@ -157,11 +157,13 @@ def capture_page(found: Measured, document: Mapping[str, Any], notes: Sequence[s
         style=style(),
         version=document["maskfab_version"],
         digest=document["job_hash"],
-        verdict=found.verdict,
-        captured=Markup(captured_drawing(found).img()),
-        mtf=Markup(capture_mtf_drawing(found).img()),
-        rows=[(each, registered(each.name)) for each in found.quantities if each.name not in _PRICES],
-        costs=[(cause(each.of), each) for each in found.costs],
+        verdict=measured.verdict,
+        captured=Markup(captured_drawing(measured).img()),
+        mtf=Markup(capture_mtf_drawing(measured).img()),
+        rows=[
+            (quantity, registered(quantity.name)) for quantity in measured.quantities if quantity.name not in _PRICES
+        ],
+        costs=[(cause(cost.of), cost) for cost in measured.costs],
         cost_method=COST_METHOD,
         rivals=document["hypotheses"],
         frames=document["frames"],
@@ -174,18 +176,18 @@ LIGHT, SIGMA, FITTED = "captured.exr", "captured_sigma.exr", "fitted_psf.exr"
 _SHOWN = 12
 
 
-def capture_document(found: Measured, job_hash: str, notes: Sequence[str]) -> dict[str, Any]:
+def capture_document(measured: Measured, job_hash: str, notes: Sequence[str]) -> dict[str, Any]:
     """Everything that was measured; what measure.json and ``--json`` say."""
-    best, fit = found.identified.best, found.fit
+    best, fit = measured.identified.best, measured.fit
     return {
         "schema_version": SCHEMA_VERSION,
         "maskfab_version": __version__,
         "job_hash": job_hash,
-        "verdict": list(found.verdict),
-        "die": best.die if found.identified.certain else None,
-        "stands": stands(best) if found.identified.certain else None,
-        "turn_the_plate_over": found.mirrored if found.identified.certain else None,
-        "quantities": Quantities(found.quantities).to_dict(),
+        "verdict": list(measured.verdict),
+        "die": best.die if measured.identified.certain else None,
+        "stands": stands(best) if measured.identified.certain else None,
+        "turn_the_plate_over": measured.mirrored if measured.identified.certain else None,
+        "quantities": Quantities(measured.quantities).to_dict(),
         "light": {
             colour: {"electrons_per_s": value, "beneath_electrons_per_s": fit.beneath[colour]}
             for colour, value in fit.light.items()
@@ -194,8 +196,8 @@ def capture_document(found: Measured, job_hash: str, notes: Sequence[str]) -> di
         "hypotheses": {
             "certain": CERTAIN,
             "others": [
-                {"die": each.die, "stands": stands(each), "chi2_above": margin}
-                for each, margin in found.identified.ahead[:_SHOWN]
+                {"die": candidate.die, "stands": stands(candidate), "chi2_above": margin}
+                for candidate, margin in measured.identified.ahead[:_SHOWN]
             ],
         },
         "mtf": [
@@ -213,24 +215,26 @@ def capture_document(found: Measured, job_hash: str, notes: Sequence[str]) -> di
                     )
                 },
             }
-            for band in found.bands
+            for band in measured.bands
         ],
         "frames": [
             {
-                "name": each.name,
-                "sha256": each.sha256,
-                "exposure_s": each.exposure_s,
-                "drift": each.drift.taken_out,
-                "full": each.full,
+                "name": capture.name,
+                "sha256": capture.sha256,
+                "exposure_s": capture.exposure_s,
+                "drift": capture.drift.taken_out,
+                "full": capture.full,
             }
-            for each in found.merged.used
+            for capture in measured.merged.used
         ],
-        "pixels_left_out": {name: len(getattr(found.merged, name)) for name in ("hot", "disagreeing", "full", "dust")},
+        "pixels_left_out": {
+            name: len(getattr(measured.merged, name)) for name in ("hot", "disagreeing", "full", "dust")
+        },
         "notes": list(notes),
     }
 
 
-def write_capture(place: Place, found: Measured, document: Mapping[str, Any], notes: Sequence[str]) -> list[Path]:
+def write_capture(place: Place, measured: Measured, document: Mapping[str, Any], notes: Sequence[str]) -> list[Path]:
     """Write everything into a directory that appears whole, and return the paths.
 
     Raises:
@@ -238,10 +242,10 @@ def write_capture(place: Place, found: Measured, document: Mapping[str, Any], no
     """
 
     def write_light(folder: Path) -> None:
-        write_merged(found.merged, folder / LIGHT, folder / SIGMA)
-        write_fitted_psf(found, folder / FITTED)
+        write_merged(measured.merged, folder / LIGHT, folder / SIGMA)
+        write_fitted_psf(measured, folder / FITTED)
 
-    return write_measured(place, document, capture_page(found, document, notes), write_light)
+    return write_measured(place, document, capture_page(measured, document, notes), write_light)
 
 
 _EDGE_LEFT, _EDGE_FOOT, _WIDE, _HIGH, _ACROSS, _UP, _LEGEND = 0.55, 0.85, 3.2, 2.4, 0.35, 0.35, 0.35
@@ -252,20 +256,20 @@ _LIMIT_CY_PER_PX = 0.5
 
 
 @styled
-def edges_drawing(found: MeasuredEdges, title: str = "") -> Drawing:
+def edges_drawing(measured: MeasuredEdges, title: str = "") -> Drawing:
     """Every edge's MTF with its band, and the designed ones through the same window, up to one cycle per pixel."""
-    columns = min(len(found.edges), _MOST_ACROSS)
-    rows = -(-len(found.edges) // columns)
+    columns = min(len(measured.edges), _MOST_ACROSS)
+    rows = -(-len(measured.edges) // columns)
     width = _EDGE_LEFT + columns * (_WIDE + _ACROSS)
     height = _LEGEND + rows * (_EDGE_FOOT + _HIGH) + _UP
     figure = Figure(figsize=(width, height), dpi=160)
     figure.set_facecolor("white")
-    lights = list(dict.fromkeys(designed.light for each in found.edges for designed in each.designed))
-    for k, each in enumerate(found.edges):
+    lights = list(dict.fromkeys(designed.light for edge in measured.edges for designed in edge.designed))
+    for k, curve in enumerate(measured.edges):
         left = _EDGE_LEFT + (k % columns) * (_WIDE + _ACROSS)
         bottom = _LEGEND + (rows - 1 - k // columns) * (_EDGE_FOOT + _HIGH) + _EDGE_FOOT - 0.3
         axes = place(figure, (left, bottom, _WIDE, _HIGH))
-        _draw(axes, each, lights)
+        _draw(axes, curve, lights)
         if k % columns == 0:
             axes.set_ylabel("MTF")
     named = {}
@@ -275,7 +279,7 @@ def edges_drawing(found: MeasuredEdges, title: str = "") -> Drawing:
     figure.legend(named.values(), named, loc="lower center", ncols=across, fontsize=7.5)
     if title:
         figure.text(_EDGE_LEFT / width, 1 - 0.08 / height, title, va="top", fontsize=10)
-    return Drawing(figure, _words(found.edges, found.die))
+    return Drawing(figure, _words(measured.edges, measured.die))
 
 
 def _draw(axes: Axes, measured: MeasuredEdge, lights: Sequence[str]) -> None:
@@ -320,19 +324,19 @@ def _words(edges: Sequence[MeasuredEdge], die: str | None) -> str:
     return f"MTF across {len(edges)} slanted edge{'s' if len(edges) > 1 else ''} with 95 % bands{beside}"
 
 
-def edge_page(found: MeasuredEdges, document: Document) -> str:
+def edge_page(measured: MeasuredEdges, document: Document) -> str:
     """The page, with nothing from outside it; equal edges give equal pages.
 
     Args:
-        found: what was measured.
+        measured: the edges, or the curve.
         document: what measure.json says of it.
     """
     return page_template("edge.html.j2").render(
         style=style(),
         document=document,
-        drawing=Markup(edges_drawing(found).img()),
-        alone=len(found.edges) == 1,
-        elsewhere=any(isinstance(each.edge, MtfCurve) for each in found.edges),
-        banded=all(each.edge.low is not None for each in found.edges),
-        edges=[(each, [(row, registered(row.name)) for row in each.quantities]) for each in found.edges],
+        drawing=Markup(edges_drawing(measured).img()),
+        alone=len(measured.edges) == 1,
+        elsewhere=any(isinstance(edge.edge, MtfCurve) for edge in measured.edges),
+        banded=all(edge.edge.low is not None for edge in measured.edges),
+        edges=[(edge, [(row, registered(row.name)) for row in edge.quantities]) for edge in measured.edges],
     )

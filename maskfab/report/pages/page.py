@@ -120,8 +120,8 @@ def html_page(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, s
         whole=drawn.get(die_figures.PLATE, {}),
         drawn=drawn,
         stamps=stamps(document),
-        best=(found := best(document)),
-        crops=list(crops(document, found)),
+        best=(leader := best(document)),
+        crops=list(crops(document, leader)),
         assumed=assumed(document),
         unfolded=(unfolded := shown_dies(document)),
         many=len(unfolded) < len(document["dies"]),
@@ -235,13 +235,13 @@ def _lines(die: Mapping[str, Any], folded: bool) -> list[Line]:
     for row in die["quantities"]:
         if "wavelength_nm" in row:
             groups.setdefault(row["name"], {})[row["wavelength_nm"]] = row
-    found = []
+    lines = []
     for rows in groups.values():
         first = next(iter(rows.values()))
         judged = min(rows.values(), key=lambda row: (row["passed"] is not False, row["passed"] is None))
         if _is_folded(judged) == folded:
-            found.append(Line(first, judged, tuple(rows.get(wavelength) for wavelength in wavelengths)))
-    return found
+            lines.append(Line(first, judged, tuple(rows.get(wavelength) for wavelength in wavelengths)))
+    return lines
 
 
 def _plain(die: Mapping[str, Any], folded: bool) -> list[Row]:
@@ -291,11 +291,11 @@ def _distance(length_um: float | None) -> str:
 def _modelled(plan: Row) -> str:
     rim = "grey" if plan["grey_rim"] else "exact"
     counts = [(plan[f"{kind}s"], kind) for kind in ("wavelength", "depth", "place")]
-    told = ", ".join(f"{count} {kind}{'s' * (count > 1)}" for count, kind in counts)
+    sizes = ", ".join(f"{count} {kind}{'s' * (count > 1)}" for count, kind in counts)
     psfs = math.prod(count for count, _ in counts)
     return (
         f"{plan['path']}, {plan['precision']} precision, {rim} rim; {rounded(psfs)} PSF{'s' * (psfs > 1)} of "
-        f"{plan['samples']} x {plan['samples']} samples ({told})"
+        f"{plan['samples']} x {plan['samples']} samples ({sizes})"
     )
 
 
@@ -377,7 +377,7 @@ def differences(then: str, now: str, pictures: Mapping[str, Mapping[str, str]]) 
     """
     if _PICTURE.split(then) != _PICTURE.split(now):
         yield TEXT
-    names = {drawn: f"{place} {name}" for place, each in pictures.items() for name, drawn in each.items()}
+    names = {drawn: f"{place} {name}" for place, images in pictures.items() for name, drawn in images.items()}
     for old, new in zip_longest(_PICTURE.findall(then), _PICTURE.findall(now), fillvalue=""):
         if old == new or _alike(old, new):
             continue
@@ -387,30 +387,30 @@ def differences(then: str, now: str, pictures: Mapping[str, Mapping[str, str]]) 
 
 def _alike(one: str, other: str) -> bool:
     """Whether two pictures of a page show the same: equal words and shapes, and images with equal shades."""
-    one, other = (unquote(unescape(each)) for each in (one, other))
-    images = [_EMBEDDED.findall(each) for each in (one, other)]
+    one, other = (unquote(unescape(picture)) for picture in (one, other))
+    images = [_EMBEDDED.findall(picture) for picture in (one, other)]
     if len(images[0]) != len(images[1]):
         return False
-    drawn = [_EMBEDDED.sub("", each) for each in (one, other)]
-    if _WORDS.findall(drawn[0]) != _WORDS.findall(drawn[1]) or len({_COORDINATE.sub("", each) for each in drawn}) > 1:
+    drawn = [_EMBEDDED.sub("", picture) for picture in (one, other)]
+    if _WORDS.findall(drawn[0]) != _WORDS.findall(drawn[1]) or len({_COORDINATE.sub("", words) for words in drawn}) > 1:
         return False
-    places = [np.array([float(found) for found in _COORDINATE.findall(each)]) for each in drawn]
+    places = [np.array([float(number) for number in _COORDINATE.findall(words)]) for words in drawn]
     if places[0].size and np.abs(places[0] - places[1]).max() > _SHIFT:
         return False
-    return all(alike_images(*(base64.b64decode(each) for each in pair)) for pair in zip(*images, strict=True))
+    return all(alike_images(*(base64.b64decode(image) for image in pair)) for pair in zip(*images, strict=True))
 
 
 def _alike_but_for_noise(one: str, other: str) -> bool:
     """Whether two photographs show the same, each in noise of its own."""
-    one, other = (unquote(unescape(each)) for each in (one, other))
-    images = [_EMBEDDED.findall(each) for each in (one, other)]
-    words = [_EMBEDDED.sub("", each) for each in (one, other)]
-    if [len(each) for each in images] != [1, 1] or len({_COORDINATE.sub("", each) for each in words}) > 1:
+    one, other = (unquote(unescape(picture)) for picture in (one, other))
+    images = [_EMBEDDED.findall(picture) for picture in (one, other)]
+    words = [_EMBEDDED.sub("", picture) for picture in (one, other)]
+    if [len(image) for image in images] != [1, 1] or len({_COORDINATE.sub("", text) for text in words}) > 1:
         return False
-    told = [np.array([float(found) for found in _COORDINATE.findall(each)]) for each in words]
-    if np.abs(told[0] - told[1]).max(initial=0.0) > DECIBELS:
+    numbers = [np.array([float(number) for number in _COORDINATE.findall(word)]) for word in words]
+    if np.abs(numbers[0] - numbers[1]).max(initial=0.0) > DECIBELS:
         return False
-    first, second = (_pixels(base64.b64decode(found)) for (found,) in images)
+    first, second = (_pixels(base64.b64decode(image)) for (image,) in images)
     return first is not None and second is not None and first.shape == second.shape and _one_scene(first, second)
 
 
@@ -434,7 +434,7 @@ def alike_images(one: bytes, other: bytes) -> bool:
     """Whether two PNG files show the same."""
     if one == other:
         return True
-    first, second = (_pixels(each) for each in (one, other))
+    first, second = (_pixels(image) for image in (one, other))
     if first is None or second is None or first.shape != second.shape:
         return False
     return bool(np.abs(first - second).max(initial=0.0) <= _SHADE)
@@ -443,7 +443,7 @@ def alike_images(one: bytes, other: bytes) -> bool:
 def _pixels(image: bytes) -> NDArray[np.float64] | None:
     """A PNG file as float64 [rows, columns, channels], 0 to 1; None if it is none."""
     try:
-        found = np.asarray(imread(io.BytesIO(image), format="png"), dtype=np.float64)
+        pixels = np.asarray(imread(io.BytesIO(image), format="png"), dtype=np.float64)
     except (OSError, ValueError, SyntaxError):
         return None
-    return found.reshape(*found.shape[:2], -1)
+    return pixels.reshape(*pixels.shape[:2], -1)

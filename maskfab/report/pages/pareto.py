@@ -44,35 +44,35 @@ _MOST_IN_LEGEND = 22
 
 
 @styled
-def pareto_png(found: Pareto) -> bytes:
+def pareto_png(pareto: Pareto) -> bytes:
     """The figure as a PNG file."""
-    return bitmap(_drawn(found))
+    return bitmap(_drawn(pareto))
 
 
 @styled
-def pareto_drawing(found: Pareto) -> Drawing:
+def pareto_drawing(pareto: Pareto) -> Drawing:
     """The figure, to be looked at or saved."""
-    said = f"Restored PSNR against footprint of emitters, {len(found.curves)} open ratios"
-    return Drawing(_drawn(found), f"{said}, {' and '.join(map(str, _fields(found)))} lines")
+    said = f"Restored PSNR against footprint of emitters, {len(pareto.curves)} open ratios"
+    return Drawing(_drawn(pareto), f"{said}, {' and '.join(map(str, _fields(pareto)))} lines")
 
 
 @styled
-def svg(found: Pareto) -> str:
+def svg(pareto: Pareto) -> str:
     """The figure as an SVG file; equal sweeps give equal text."""
     buffer = io.StringIO()
-    _drawn(found).savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+    _drawn(pareto).savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     return buffer.getvalue()
 
 
-def _fields(found: Pareto) -> tuple[int, ...]:
+def _fields(pareto: Pareto) -> tuple[int, ...]:
     """Numbers of lines that some design serves, at most so many."""
-    most = max(each.lines for each in found.points)
-    served = [lines for lines in found.lines if lines <= most]
+    most = max(point.lines for point in pareto.points)
+    served = [lines for lines in pareto.lines if lines <= most]
     return tuple(served[-_MOST_FIELDS:])
 
 
-def _drawn(found: Pareto) -> Figure:
-    fields = _fields(found)
+def _drawn(pareto: Pareto) -> Figure:
+    fields = _fields(pareto)
     width = _LEFT + len(fields) * (_WIDE + _GAP) + _LEGEND
     height = _FOOT + _HIGH + 0.4
     figure = Figure(figsize=(width, height), dpi=160)
@@ -85,7 +85,7 @@ def _drawn(found: Pareto) -> Figure:
             axes.sharey(first)
             axes.tick_params(labelleft=False)
         first = first or axes
-        _field(axes, found, lines)
+        _field(axes, pareto, lines)
         axes.set_title(f"{lines} lines each way" if lines else "not wired", loc="left")
     assert first is not None
     first.set_ylabel("expected restored PSNR (dB)")
@@ -102,25 +102,25 @@ def _drawn(found: Pareto) -> Figure:
     return figure
 
 
-def _field(axes: Axes, found: Pareto, lines: int) -> None:
-    curves = [curve for curve in found.curves if curve.front]
+def _field(axes: Axes, pareto: Pareto, lines: int) -> None:
+    curves = [curve for curve in pareto.curves if curve.front]
     shades = mpl.colormaps["cividis"](np.linspace(0, _LIGHTEST, len(curves)))
-    across = [100 * each.footprint for each in found.points]
-    across += [100 * each.footprint for each in found.compared]
+    across = [100 * point.footprint for point in pareto.points]
+    across += [100 * other.footprint for other in pareto.compared]
     room = 0.06 * (max(across) - min(across)) + 0.3
     left = max(0.0, min(across) - room)
     # The most open stands highest in the figure, so it is the first in the legend.
     for k, curve in reversed(list(enumerate(curves))):
         ratio = curve.front[0].judged.open_ratio
         label = f"{ratio:.1%} open, {curve.clear_dots} dots"
-        serving = [each for each in curve.front if each.lines >= lines]
+        serving = [point for point in curve.front if point.lines >= lines]
         mark = _MARKS[k % len(_MARKS)]
         _curve(axes, serving, left, shades[k], mark, label)
-        _denser(axes, [each for each in curve.denser if each.lines >= lines], shades[k], mark)
-    for number, each in enumerate(found.compared, start=1):
-        label = f"{number}  {each.shape}, {each.open_ratio:.1%}, {each.lines} lines"
-        x, y = 100 * each.footprint, each.value
-        filled = INK if each.lines >= lines else "white"
+        _denser(axes, [point for point in curve.denser if point.lines >= lines], shades[k], mark)
+    for number, other in enumerate(pareto.compared, start=1):
+        label = f"{number}  {other.shape}, {other.open_ratio:.1%}, {other.lines} lines"
+        x, y = 100 * other.footprint, other.value
+        filled = INK if other.lines >= lines else "white"
         axes.plot(x, y, "*", color=INK, markerfacecolor=filled, markersize=9, zorder=4, label=label)
         axes.annotate(f"{number}", (x, y), (5, 4), textcoords="offset points", fontsize=7.5)
     axes.set_xlabel("area of each colour's emitter (% of the pixel)")
@@ -134,18 +134,18 @@ def _field(axes: Axes, found: Pareto, lines: int) -> None:
 
 def _denser(axes: Axes, serving: list[FrontPoint], colour: object, mark: str) -> None:
     """Hollow marks with the clear share of the middle beside them."""
-    for each in serving:
-        x, y = 100 * each.footprint, each.value
+    for point in serving:
+        x, y = 100 * point.footprint, point.value
         axes.plot(
             x, y, mark, markerfacecolor="white", markeredgecolor=colour, markeredgewidth=1.4, markersize=7, zorder=3
         )
-        axes.annotate(f"{each.densest:.0%}", (x, y), (6, -3), textcoords="offset points", fontsize=6.5, color=INK)
+        axes.annotate(f"{point.densest:.0%}", (x, y), (6, -3), textcoords="offset points", fontsize=6.5, color=INK)
 
 
 def _curve(axes: Axes, serving: list[FrontPoint], left: float, colour: object, mark: str, label: str) -> None:
     """The stair of those that none betters in this field, and marks for all that serve."""
-    across = [100 * each.footprint for each in serving]
-    up = [each.value for each in serving]
+    across = [100 * point.footprint for point in serving]
+    up = [point.value for point in serving]
     widest, stair_x, stair_y = left, [left], []
     for x, y in sorted(zip(across, up, strict=True), key=lambda pair: (-pair[1], -pair[0])):
         if x > widest:
@@ -162,30 +162,32 @@ def _curve(axes: Axes, serving: list[FrontPoint], left: float, colour: object, m
 _ABSENT = "The budget was over before they were compared."
 
 
-def pareto_page(found: Pareto, designs: Sequence[FrontDesign], document: Mapping[str, Any]) -> str:
+def pareto_page(pareto: Pareto, designs: Sequence[FrontDesign], document: Mapping[str, Any]) -> str:
     """The page, with nothing from outside it; equal fronts give equal pages.
 
     Args:
         found, designs: of a sweep.
         document: what pareto.json says of it.
     """
-    best = set(map(id, found.best))
+    best = set(map(id, pareto.best))
     return page_template("pareto.html.j2").render(
         style=style(),
         version=document["maskfab_version"],
         digest=document["job_hash"],
-        figure=Markup(pareto_drawing(found).img()),
-        levels=[f"{level:g}" for level in found.levels],
-        rows=[(each, id(each.point) in best) for each in sorted(designs, key=lambda each: -each.point.value)],
-        drawn={each.name: dots_image(drawn_rows(each.opening.mask), f"the opening {each.name}") for each in designs},
+        figure=Markup(pareto_drawing(pareto).img()),
+        levels=[f"{level:g}" for level in pareto.levels],
+        rows=[(design, id(design.point) in best) for design in sorted(designs, key=lambda design: -design.point.value)],
+        drawn={
+            design.name: dots_image(drawn_rows(design.opening.mask), f"the opening {design.name}") for design in designs
+        },
         compared=document["compared"],
         curves=[{**curve, **_tradeoffs(curve)} for curve in document["curves"]],
         notes=document["notes"],
         seed=document["seed"],
         assumes=f"{document['designed_for']}; {document['scenes']}",
         rules_kept=", ".join(rule.replace("_", " ") for rule in document["rules_kept"]),
-        uneven=any(each.outer is not None for each in designs),
-        mapped=any(each.point.mapped is not None for each in designs),
+        uneven=any(design.outer is not None for design in designs),
+        mapped=any(design.point.mapped is not None for design in designs),
     )
 
 
@@ -209,7 +211,7 @@ Designs = Sequence[FrontDesign]
 
 
 def pareto_document(
-    found: Pareto, designs: Designs, job_hash: str, notes: Sequence[str], scenes: str
+    pareto: Pareto, designs: Designs, job_hash: str, notes: Sequence[str], scenes: str
 ) -> dict[str, Any]:
     """Everything that was found, and notes for a user; what pareto.json and ``--json`` say.
 
@@ -219,35 +221,35 @@ def pareto_document(
         notes: as sentences.
         scenes: that openings were judged by, in words.
     """
-    best = set(map(id, found.best))
-    by_point = {id(each.point): each for each in designs}
+    best = set(map(id, pareto.best))
+    by_point = {id(design.point): design for design in designs}
 
-    def told(each: FrontDesign) -> dict[str, Any]:
-        point = each.point
+    def point_document(design: FrontDesign) -> dict[str, Any]:
+        point = design.point
         return {
-            "name": each.name,
-            **_numbers(point.judged, found.levels),
+            "name": design.name,
+            **_numbers(point.judged, pareto.levels),
             "shape": point.shape,
             "density": point.densest,
             "footprint": point.footprint,
             "lines": point.lines,
             "mapped": point.mapped is not None,
             "panel_psnr_db": point.value,
-            "panel_psnr_by_level_db": by_level(found.levels, point.psnr),
+            "panel_psnr_by_level_db": by_level(pareto.levels, point.psnr),
             "grain_rms": point.grain,
             "best": id(point) in best,
-            **_files(each),
+            **_files(design),
         }
 
     return {
         "schema_version": SCHEMA_VERSION,
         "maskfab_version": __version__,
         "job_hash": job_hash,
-        "seed": found.seed,
-        "designed_for": found.designed_for,
+        "seed": pareto.seed,
+        "designed_for": pareto.designed_for,
         "scenes": scenes,
-        "rules_kept": list(found.kept),
-        "lines": list(found.lines),
+        "rules_kept": list(pareto.kept),
+        "lines": list(pareto.lines),
         "curves": [
             {
                 "clear_dots": curve.clear_dots,
@@ -261,23 +263,23 @@ def pareto_document(
                 **prices_document(curve.prices),
                 "priced_among": curve.priced_among,
                 "alternatives": None if curve.alternatives is None else alternatives_document(curve.alternatives),
-                "designs": [told(by_point[id(each)]) for each in curve.points],
+                "designs": [point_document(by_point[id(point)]) for point in curve.points],
             }
-            for curve in found.curves
+            for curve in pareto.curves
         ],
         "compared": [
-            {"name": each.shape, **_numbers(each, found.levels), "best_gain_db": found.gain_db(each)}
-            for each in found.compared
+            {"name": other.shape, **_numbers(other, pareto.levels), "best_gain_db": pareto.gain_db(other)}
+            for other in pareto.compared
         ],
         "notes": list(notes),
     }
 
 
-def table(found: Pareto, designs: Designs) -> str:
+def table(pareto: Pareto, designs: Designs) -> str:
     """One line for each opening, of curves and given ones, as CSV."""
     buffer = io.StringIO()
     rows = csv.writer(buffer, lineterminator="\n")
-    psnr = [f"panel_psnr_{level:g}_db" for level in found.levels]
+    psnr = [f"panel_psnr_{level:g}_db" for level in pareto.levels]
     columns = [
         "open_ratio",
         "density",
@@ -290,60 +292,60 @@ def table(found: Pareto, designs: Designs) -> str:
         "best",
     ]
     rows.writerow(["kind", "name", "shape", "clear_dots", *columns])
-    best = set(map(id, found.best))
-    for each in designs:
-        point, judged = each.point, each.point.judged
+    best = set(map(id, pareto.best))
+    for design in designs:
+        point, judged = design.point, design.point.judged
         numbers = [judged.open_ratio, point.densest, judged.value, point.value, *point.psnr, point.footprint]
-        told = [*(f"{number:.6f}" for number in numbers), point.lines, f"{point.grain:.6f}", int(id(point) in best)]
-        rows.writerow(["design", each.name, point.shape, judged.clear_dots, *told])
-    for other in found.compared:
+        row = [*(f"{number:.6f}" for number in numbers), point.lines, f"{point.grain:.6f}", int(id(point) in best)]
+        rows.writerow(["design", design.name, point.shape, judged.clear_dots, *row])
+    for other in pareto.compared:
         alone = [f"{number:.6f}" for number in (other.open_ratio, other.open_ratio, other.value)]
-        unlaid = [""] * (1 + len(found.levels))
-        told = [*alone, *unlaid, f"{other.footprint:.6f}", other.lines, "", 0]
-        rows.writerow(["given", other.shape, other.shape, other.clear_dots, *told])
+        unlaid = [""] * (1 + len(pareto.levels))
+        row = [*alone, *unlaid, f"{other.footprint:.6f}", other.lines, "", 0]
+        rows.writerow(["given", other.shape, other.shape, other.clear_dots, *row])
     return buffer.getvalue()
 
 
-def write_pareto(place: Place, found: Pareto, document: Mapping[str, Any], designs: Designs) -> list[Path]:
+def write_pareto(place: Place, pareto: Pareto, document: Mapping[str, Any], designs: Designs) -> list[Path]:
     """Write everything, and its document, into a directory that appears whole, and return the paths.
 
     Raises:
         OutputError: MF401 or MF404 as :func:`maskfab.base.folders.staged`.
     """
     with staged(place) as folder:
-        for each in designs:
-            names = _files(each)
-            _text(folder / names["opening"], opening_text(each.opening))
-            if each.outer is not None:
-                _text(folder / names["outer"], opening_text(each.outer))
-            _text(folder / names["job"], each.job)
-            if each.map is not None:
-                _text(folder / names["map"], map_text(each.map))
-        _text(folder / TABLE, table(found, designs))
-        _text(folder / DRAWING, svg(found))
-        (folder / FIGURE).write_bytes(pareto_png(found))
-        _text(folder / PAGE, pareto_page(found, designs, document))
+        for design in designs:
+            names = _files(design)
+            _text(folder / names["opening"], opening_text(design.opening))
+            if design.outer is not None:
+                _text(folder / names["outer"], opening_text(design.outer))
+            _text(folder / names["job"], design.job)
+            if design.map is not None:
+                _text(folder / names["map"], map_text(design.map))
+        _text(folder / TABLE, table(pareto, designs))
+        _text(folder / DRAWING, svg(pareto))
+        (folder / FIGURE).write_bytes(pareto_png(pareto))
+        _text(folder / PAGE, pareto_page(pareto, designs, document))
         _text(folder / DOCUMENT, document_text(document))
         write_mark(folder, document["job_hash"])
     return sorted(place.asked.iterdir())
 
 
-def _files(each: FrontDesign) -> dict[str, str]:
-    named = {"opening": f"{each.name}.toml", "job": f"{each.name}_job.toml"}
-    if each.outer is not None:
-        named["outer"] = f"{each.name}_outer.toml"
-    return named if each.map is None else {**named, "map": f"{each.name}_map.toml"}
+def _files(design: FrontDesign) -> dict[str, str]:
+    named = {"opening": f"{design.name}.toml", "job": f"{design.name}_job.toml"}
+    if design.outer is not None:
+        named["outer"] = f"{design.name}_outer.toml"
+    return named if design.map is None else {**named, "map": f"{design.name}_map.toml"}
 
 
-def _numbers(each: JudgedOpening, levels: Sequence[float]) -> dict[str, Any]:
+def _numbers(judged: JudgedOpening, levels: Sequence[float]) -> dict[str, Any]:
     return {
-        "shape": each.shape,
-        "clear_dots": each.clear_dots,
-        "open_ratio": each.open_ratio,
-        "footprint": each.footprint,
-        "lines": each.lines,
-        "expected_psnr_db": each.value,
-        "expected_psnr_by_level_db": by_level(levels, each.psnr),
+        "shape": judged.shape,
+        "clear_dots": judged.clear_dots,
+        "open_ratio": judged.open_ratio,
+        "footprint": judged.footprint,
+        "lines": judged.lines,
+        "expected_psnr_db": judged.value,
+        "expected_psnr_by_level_db": by_level(levels, judged.psnr),
     }
 
 

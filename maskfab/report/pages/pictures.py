@@ -68,8 +68,8 @@ def comparison(panels: Sequence[SeenPanel]) -> bytes:
     height = _TOP + rows * (_CELL + _CAPTION) + _FOOT
     figure = Figure(figsize=(width, height), dpi=130)
     figure.set_facecolor("white")
-    window = max(_side_um(each) for each in panels)
-    pitches = [each.viewing.pitch_um for each in panels]
+    window = max(_side_um(panel) for panel in panels)
+    pitches = [panel.viewing.pitch_um for panel in panels]
     close = max(_CLOSE_UP_PIXELS * min(pitches), _LEAST_PIXELS * max(pitches))
 
     def axes_at(row: int, column: int) -> Axes:
@@ -123,8 +123,8 @@ def _caption(judged: SeenPanel, name: str, view: PictureView) -> str:
 
 
 def _value(judged: SeenPanel, name: str) -> float:
-    found: Any = next(quantity.value for quantity in judged.quantities if quantity.name == name)
-    return float(found)
+    value: Any = next(quantity.value for quantity in judged.quantities if quantity.name == name)
+    return float(value)
 
 
 def _close_up(axes: Axes, judged: SeenPanel, side_um: float, *, perfect: bool) -> None:
@@ -190,12 +190,12 @@ def render_document(
         "viewing": {"distance_mm": viewing.distance_um / UM_PER_MM, "samples_per_pixel": samples},
         "dies": [
             {
-                "name": each.name,
-                "pitch_um": each.viewing.pitch_um,
-                "dpi": dpi(each.viewing.pitch_um),
-                "quantities": [quantity_document(quantity) for quantity in each.quantities],
+                "name": panel.name,
+                "pitch_um": panel.viewing.pitch_um,
+                "dpi": dpi(panel.viewing.pitch_um),
+                "quantities": [quantity_document(quantity) for quantity in panel.quantities],
             }
-            for each in panels
+            for panel in panels
         ],
         "unused": list(unused),
     }
@@ -217,27 +217,27 @@ def write_rendering(
     Raises:
         OutputError: MF401, MF402 if the directory cannot be written or is not empty.
     """
-    total = sum(len(each.images) for each in panels)
+    total = sum(len(panel.images) for panel in panels)
     with staged(check_target(target, force=False)) as folder:
         done = 0
-        for each in panels:
-            for title, image in each.images.items():
+        for die in panels:
+            for title, image in die.images.items():
                 progress("files", done, total)
-                light = show(each.panel, image, samples).rgb
+                light = show(die.panel, image, samples).rgb
                 facts: dict[str, str | float] = {
-                    "die": each.name,
+                    "die": die.name,
                     "picture": title,
-                    "pitch_um": each.viewing.pitch_um,
-                    "dpi": dpi(each.viewing.pitch_um),
-                    "distance_mm": each.viewing.distance_um / UM_PER_MM,
+                    "pitch_um": die.viewing.pitch_um,
+                    "dpi": dpi(die.viewing.pitch_um),
+                    "distance_mm": die.viewing.distance_um / UM_PER_MM,
                     "samples_per_pixel": float(samples),
                     "job": job_hash,
                     "software": f"maskfab {__version__}",
                 }
-                stem = f"{each.name}_{title}"
+                stem = f"{die.name}_{title}"
                 write_exr(light, folder / f"{stem}.exr", facts)
                 write_png(light, folder / f"{stem}.png", white=max(float(light.max()), 1e-12))
-                write_png(each.views[title].seen.astype(np.float64), folder / f"{stem}_seen.png")
+                write_png(die.views[title].seen.astype(np.float64), folder / f"{stem}_seen.png")
                 done += 1
         progress("files", total, total)
         (folder / FIGURE).write_bytes(comparison(panels))
@@ -245,8 +245,8 @@ def write_rendering(
             {"path": path.name, "bytes": path.stat().st_size, "sha256": provenance.sha256_of_file(path)}
             for path in sorted(folder.iterdir())
         ]
-        told = {**render_document(panels, samples, job_hash, unused), "files": files}
-        (folder / DOCUMENT).write_text(document_text(told), encoding="utf-8")
+        document = {**render_document(panels, samples, job_hash, unused), "files": files}
+        (folder / DOCUMENT).write_text(document_text(document), encoding="utf-8")
     return sorted(target.iterdir())
 
 

@@ -74,9 +74,9 @@ def scores_figure(study: Study) -> Drawing:
             axes.set_title(f"protocol {protocol}", loc="left")
         if lowest:
             axes.set_xlabel(_AXES[axis])
-    handles, told = figure.axes[0].get_legend_handles_labels()
+    handles, texts = figure.axes[0].get_legend_handles_labels()
     beside = (1 - _LEGEND / figure.get_size_inches()[0], 0.5)
-    figure.legend(handles, told, loc="center left", bbox_to_anchor=beside, borderaxespad=0, fontsize=7.5)
+    figure.legend(handles, texts, loc="center left", bbox_to_anchor=beside, borderaxespad=0, fontsize=7.5)
     return Drawing(figure, f"{study.plan.study.figure}: mean PSNR and SSIM of {len(study.scenes)} scenes, by {axis}")
 
 
@@ -96,7 +96,7 @@ def _curves(study: Study) -> dict[tuple[str, str], list[tuple[float | str, Take]
         for protocol in study.plan.study.protocols
         for key in ("case", "level_db", "restorer")
     }
-    found: dict[tuple[str, str], list[tuple[float | str, Take]]] = {}
+    curves: dict[tuple[str, str], list[tuple[float | str, Take]]] = {}
     for take in study.scores:
         along: Mapping[str, float | str] = {
             "level": take.level_db,
@@ -109,10 +109,10 @@ def _curves(study: Study) -> dict[tuple[str, str], list[tuple[float | str, Take]
         more = [take.case] if kinds[take.protocol, "case"] and axis != "case" else []
         more += [f"{take.level_db:g} dB"] if kinds[take.protocol, "level_db"] and axis != "level" else []
         more += [take.restorer] if kinds[take.protocol, "restorer"] and axis != "restorer" else []
-        found.setdefault((take.protocol, ", ".join([label, *more])), []).append((along[axis], take))
+        curves.setdefault((take.protocol, ", ".join([label, *more])), []).append((along[axis], take))
     return {
         key: points if any(isinstance(x, str) for x, _ in points) else sorted(points, key=lambda point: point[0])
-        for key, points in found.items()
+        for key, points in curves.items()
     }
 
 
@@ -141,15 +141,15 @@ def _dress(axes: Axes, words: Sequence[object] | None, *, lowest: bool, title: s
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     if words is not None:
-        axes.set_xticks(range(len(words)), [str(each) for each in words], rotation=20, ha="right")
+        axes.set_xticks(range(len(words)), [str(word) for word in words], rotation=20, ha="right")
     axes.tick_params(labelbottom=lowest)
 
 
 def optics_figure(study: Study) -> Drawing:
     """Radial-minimum MTF of every die at the longest wavelength."""
     dies = [
-        DieOptics(_alone(name, study.plan.panels[name]), (each.psf,), each.mtfs[:1], ())
-        for name, each in study.optics.items()
+        DieOptics(_alone(name, study.plan.panels[name]), (optics.psf,), optics.mtfs[:1], ())
+        for name, optics in study.optics.items()
     ]
     return mtf_comparison(dies)
 
@@ -164,10 +164,10 @@ def optics_tiles(study: Study) -> dict[str, dict[str, str]]:
     return {
         name: {
             "cells": panel_thumbnail(study.plan.panels[name], side, 240, "photograph"),
-            "psf": _psf_tile(each.psf),
-            "autocorrelation": _modulation_tile(each.autocorrelation, name),
+            "psf": _psf_tile(optics.psf),
+            "autocorrelation": _modulation_tile(optics.autocorrelation, name),
         }
-        for name, each in study.optics.items()
+        for name, optics in study.optics.items()
     }
 
 
@@ -205,12 +205,12 @@ def photograph_tiles(study: Study) -> list[tuple[Take | None, str]]:
     middle = levels[len(levels) // 2]
     factor = np.float32(brightening(study))
     scene = tile(factor * study.truth, f"part of the scene {study.scenes[0]}")
-    found: list[tuple[Take | None, str]] = [(None, scene)]
+    tiles: list[tuple[Take | None, str]] = [(None, scene)]
     for take, picture in study.shown.items():
         if take.protocol == protocol and take.level_db == middle:
             words = f"the same through {take.die}, {take.case}, restored by {take.restorer}"
-            found.append((take, tile(factor * picture, words)))
-    return found
+            tiles.append((take, tile(factor * picture, words)))
+    return tiles
 
 
 _UNITS: Mapping[str, tuple[str, int]] = {
@@ -270,7 +270,7 @@ def study_page(study: Study) -> str:
         drawn["scores"] = Markup(scores_figure(study).img())
     if study.optics:
         drawn["mtf"] = Markup(optics_figure(study).img())
-    tiles = {name: _safe(each) for name, each in optics_tiles(study).items()} if study.optics else {}
+    tiles = {name: _safe(images) for name, images in optics_tiles(study).items()} if study.optics else {}
     return page_template("study.html.j2", short=short, minus=_minus, measure=MEASURES.__getitem__).render(
         style=style(),
         study=plan.study,
@@ -315,25 +315,25 @@ def limits_text(claim: Claim) -> str:
 def finding_text(claim: Claim, finding: Finding) -> tuple[str, str, str]:
     """The thing measured, its value with its interval, and of how many photographs."""
     unit, digits = _UNITS[claim.stated.measure]
-    of, over, found = finding.of, finding.over, finding.found
+    of, over, difference = finding.of, finding.over, finding.found
     said = [of.die]
     if of.protocol:
-        said += [each for each in (of.case if of.case != OWN_SCENE else "", f"{of.level_db:g} dB") if each]
+        said += [part for part in (of.case if of.case != OWN_SCENE else "", f"{of.level_db:g} dB") if part]
         said += [of.restorer] if of.restorer else []
     elif finding.wavelength_nm is not None:
         said.append(f"{finding.wavelength_nm:g} nm")
-    told = ", ".join(said)
+    words = ", ".join(said)
     if over is not None:
         other = [getattr(over, key) for key in ("die", "case", "restorer") if getattr(over, key) != getattr(of, key)]
-        told += f", over {', '.join(other)}"
-    many = f"{found.count} photograph{'s' * (found.count != 1)}" if found.count else "computed"
-    if not found.count:
+        words += f", over {', '.join(other)}"
+    many = f"{difference.count} photograph{'s' * (difference.count != 1)}" if difference.count else "computed"
+    if not difference.count:
         sign = "+" if over is not None and claim.stated.measure != "psf_difference" else ""
-        return told, f"{found.mean:{sign}z.{digits}f} {unit}".rstrip(), many
+        return words, f"{difference.mean:{sign}z.{digits}f} {unit}".rstrip(), many
     if over is None:
-        half = "" if math.isnan(found.half_width) else f" ± {found.half_width:.{digits}f}"
-        return told, f"{found.mean:z.{digits}f}{half} {unit}".rstrip(), many
-    return told, found.told(unit, digits), many
+        half = "" if math.isnan(difference.half_width) else f" ± {difference.half_width:.{digits}f}"
+        return words, f"{difference.mean:z.{digits}f}{half} {unit}".rstrip(), many
+    return words, difference.told(unit, digits), many
 
 
 def _tally(study: Study) -> tuple[int, int] | None:
@@ -425,10 +425,10 @@ def study_document(study: Study) -> dict[str, Any]:
         "optics": [
             {
                 "die": name,
-                "open_ratio": each.open_ratio,
-                "auc_radial_min": {f"{mtf.wavelength_nm:g}": auc_radial_min(mtf, name).value for mtf in each.mtfs},
+                "open_ratio": optics.open_ratio,
+                "auc_radial_min": {f"{mtf.wavelength_nm:g}": auc_radial_min(mtf, name).value for mtf in optics.mtfs},
             }
-            for name, each in study.optics.items()
+            for name, optics in study.optics.items()
         ],
         "settings": [
             {
@@ -477,19 +477,19 @@ def _claim(claim: Claim) -> dict[str, Any]:
         "at_most": stated.at_most,
         "why": stated.why,
         "verdicts": {protocol or "optics": verdict.value for protocol, verdict in claim.verdicts.items()},
-        "findings": [_finding(each) for each in claim.findings],
+        "findings": [_finding(finding) for finding in claim.findings],
     }
 
 
-def _finding(each: Finding) -> dict[str, Any]:
+def _finding(finding: Finding) -> dict[str, Any]:
     return {
-        "of": _take(each.of),
-        "over": None if each.over is None else _take(each.over),
-        "wavelength_nm": each.wavelength_nm,
-        **_finite({"mean": each.found.mean, "half_width_95": each.found.half_width}),
-        "photographs": each.found.count,
-        "tie": each.over is not None and each.found.tie,
-        "verdict": each.verdict.value,
+        "of": _take(finding.of),
+        "over": None if finding.over is None else _take(finding.over),
+        "wavelength_nm": finding.wavelength_nm,
+        **_finite({"mean": finding.found.mean, "half_width_95": finding.found.half_width}),
+        "photographs": finding.found.count,
+        "tie": finding.over is not None and finding.found.tie,
+        "verdict": finding.verdict.value,
     }
 
 
@@ -499,7 +499,7 @@ def _take(take: Take) -> dict[str, Any]:
 
 def _finite(values: Mapping[str, Any]) -> dict[str, Any]:
     """With None for what is not a number: JSON has none."""
-    return {key: None if isinstance(each, float) and math.isnan(each) else each for key, each in values.items()}
+    return {key: None if isinstance(value, float) and math.isnan(value) else value for key, value in values.items()}
 
 
 def study_lines(study: Study) -> Iterator[str]:

@@ -87,12 +87,12 @@ def photograph_table(taken: Document) -> Table:
 
 def best_photographed(taken: Document, level_db: float) -> frozenset[str]:
     """The die of the highest mean, and those whose difference to it is a tie; none where there is nothing to choose."""
-    known = scores(taken, level_db)
-    if len(known) < 2:
+    by_die = scores(taken, level_db)
+    if len(by_die) < 2:
         return frozenset()
-    first = max(known, key=lambda name: mean_psnr(taken, level_db, name))
-    found = {name for name in known if name == first or difference(taken, level_db, name, first).tie}
-    return frozenset(found) if len(found) < len(known) else frozenset()
+    first = max(by_die, key=lambda name: mean_psnr(taken, level_db, name))
+    leaders = {name for name in by_die if name == first or difference(taken, level_db, name, first).tie}
+    return frozenset(leaders) if len(leaders) < len(by_die) else frozenset()
 
 
 def scores(taken: Document, level_db: float) -> dict[str, list[float]]:
@@ -109,8 +109,8 @@ def mean_psnr(taken: Document, level_db: float, name: str) -> float:
 
 def difference(taken: Document, level_db: float, name: str, other: str) -> MeanDifference:
     """Difference of two dies' photographs, scene by scene, in dB."""
-    known = scores(taken, level_db)
-    return MeanDifference.of([one - two for one, two in zip(known[name], known[other], strict=True)])
+    by_die = scores(taken, level_db)
+    return MeanDifference.of([one - two for one, two in zip(by_die[name], by_die[other], strict=True)])
 
 
 def gain_words(taken: Document, level_db: float, name: str) -> str:
@@ -148,13 +148,13 @@ class Ranked:
 def band_of(die: Document, row: Row) -> Row | None:
     """The band of a number, as a row of the same die; None if it has none."""
     places = [row.get(key) for key in ("wavelength_nm", "level_db")]
-    for each in die["quantities"]:
-        if each["name"] != f"band_{row['name']}" or each.get("between") is None:
+    for quantity in die["quantities"]:
+        if quantity["name"] != f"band_{row['name']}" or quantity.get("between") is None:
             continue
         if all(
-            place in (None, each.get(key)) for key, place in zip(("wavelength_nm", "level_db"), places, strict=True)
+            place in (None, quantity.get(key)) for key, place in zip(("wavelength_nm", "level_db"), places, strict=True)
         ):
-            return each  # type: ignore[no-any-return]
+            return quantity  # type: ignore[no-any-return]
     return None
 
 
@@ -163,7 +163,7 @@ def edges(band: Row | None, scale: float = 1.0, decimals: int = 3, *, sign: bool
     without one."""
     if band is None:
         return ""
-    low, high = (scale * each for each in band["between"])
+    low, high = (scale * edge for edge in band["between"])
     needed = math.ceil(-math.log10(high - low)) if high > low else 0
     digits = max(decimals, needed) if needed <= decimals + _MORE_DECIMALS else decimals
     plus = "+" if sign else ""
@@ -193,28 +193,28 @@ def spread_words(document: Document) -> str:
 
 def ranked(document: Document) -> Ranked | None:
     """From report.json; None without a spread of the bias."""
-    found = [
+    sensitivities = [
         Sensitivity(die["name"], float(shape), _value(die, "sensitivity_restored_psnr"))
         for die in document["dies"]
         if (shape := _value(die, "sensitivity_psf_shape")) is not None
     ]
-    if not found:
+    if not sensitivities:
         return None
-    dies = sorted(found, key=lambda each: -each.shape)
-    photographed = sorted((each for each in found if each.psnr is not None), key=lambda each: -abs(each.psnr or 0.0))
-    told = []
+    dies = sorted(sensitivities, key=lambda die: -die.shape)
+    photographed = sorted((die for die in sensitivities if die.psnr is not None), key=lambda die: -abs(die.psnr or 0.0))
+    notes = []
     if len(dies) > 1:
-        told.append(
+        notes.append(
             f"{BIAS_UM:g} µm of CD bias changes the shape of the PSF most behind {dies[0].name} "
             f"({rounded(dies[0].shape, 3)}), least behind {dies[-1].name} ({rounded(dies[-1].shape, 3)})."
         )
     if len(photographed) > 1:
         most, least = photographed[0], photographed[-1]
-        told.append(
+        notes.append(
             f"It changes restored photographs most behind {most.name} ({decibels(most.psnr)} dB), least behind "
             f"{least.name} ({decibels(least.psnr)} dB)."
         )
-    return Ranked(BIAS_UM, dies, told)
+    return Ranked(BIAS_UM, dies, notes)
 
 
 def decibels(change: float | None) -> str:
@@ -223,7 +223,7 @@ def decibels(change: float | None) -> str:
 
 
 def _value(die: Document, name: str) -> float | None:
-    return next((each["value"] for each in die["quantities"] if each["name"] == name), None)
+    return next((quantity["value"] for quantity in die["quantities"] if quantity["name"] == name), None)
 
 
 @dataclass(frozen=True)
@@ -325,7 +325,7 @@ def _columns(document: Document) -> dict[tuple[str, ...], Callable[[Document], D
         ("Open", "ratio"): _number("stop_open_ratio"),
         **{
             ("MTF, worst", f"{name.removeprefix(WORST)} cy/mm"): _number(name, middle)
-            for name in sorted(worst, key=lambda each: float(each.removeprefix(WORST)))
+            for name in sorted(worst, key=lambda name: float(name.removeprefix(WORST)))
         },
         ("Halo, %", at): _number("halo_energy", middle, scale=100.0, decimals=1),
         ("Emitters, %", "(margin)"): _footprint,
@@ -358,11 +358,11 @@ def _cell(row: Row, scale: float, decimals: int, made: str) -> DieCell | None:
 def _bare(find: Callable[[Document], DieCell | None]) -> Callable[[Document], DieCell | None]:
     """Without bands, for numbers that are told for their history."""
 
-    def found(die: Document) -> DieCell | None:
+    def bare(die: Document) -> DieCell | None:
         cell = find(die)
         return None if cell is None else replace(cell, made="")
 
-    return found
+    return bare
 
 
 def _footprint(die: Document) -> DieCell | None:
@@ -420,27 +420,31 @@ def model_table(die: Document, levels_db: list[float]) -> list[ModelLine]:
 def _lines(die: Document, seconds: Mapping[str, float], levels_db: list[float]) -> Iterator[ModelLine]:
     if "optics" in seconds:
         error = _largest(_rows(die, *_AGAINST), "value")
-        told = "largest distance from the PSF of an independent path, and from the invariants of Strehl and MTF volume"
-        yield ModelLine("PSF and MTF on the axis", seconds["optics"], error, False, "1", told)
+        meaning = (
+            "largest distance from the PSF of an independent path, and from the invariants of Strehl and MTF volume"
+        )
+        yield ModelLine("PSF and MTF on the axis", seconds["optics"], error, False, "1", meaning)
     if "written" in seconds:
         rows = [row for row in die["quantities"] if row["name"].startswith("written_psf_difference")]
-        told = "of the relative L2 difference between the PSF as written and as drawn"
-        yield ModelLine("PSF and MTF as written", seconds["written"], _largest(rows, "uncertainty"), False, "1", told)
+        meaning = "of the relative L2 difference between the PSF as written and as drawn"
+        yield ModelLine(
+            "PSF and MTF as written", seconds["written"], _largest(rows, "uncertainty"), False, "1", meaning
+        )
     if "scene" in die:
         plan = die["scene"]["plan"]
-        told = "of the PSF in the scene of the job, relative L2, by the plan that was chosen for it"
-        yield ModelLine("PSF in the scene", plan["predicted_seconds"], plan["error"], True, "1", told)
+        meaning = "of the PSF in the scene of the job, relative L2, by the plan that was chosen for it"
+        yield ModelLine("PSF in the scene", plan["predicted_seconds"], plan["error"], True, "1", meaning)
     if "photographs" in seconds and levels_db:
         level = middle_level(levels_db)
         rows = [row for row in _rows(die, "restored_psnr") if row["level_db"] == level]
-        told = f"of the mean PSNR at {level:g} dB of light, from its method; scenes differ by more, see its interval"
+        meaning = f"of the mean PSNR at {level:g} dB of light, from its method; scenes differ by more, see its interval"
         yield ModelLine(
-            "Restored photographs", seconds["photographs"], _largest(rows, "uncertainty"), False, "dB", told
+            "Restored photographs", seconds["photographs"], _largest(rows, "uncertainty"), False, "dB", meaning
         )
     left_out = _largest(_rows(die, "model_bar"), "value")
     if left_out is not None:
-        told = "sum of what no model here has, relative L2 of the PSF; listed by size below"
-        yield ModelLine("Left out by all", None, left_out, False, "1", told)
+        meaning = "sum of what no model here has, relative L2 of the PSF; listed by size below"
+        yield ModelLine("Left out by all", None, left_out, False, "1", meaning)
 
 
 def _rows(die: Document, *names: str) -> list[Row]:
@@ -489,7 +493,7 @@ def stage_table(die: Document, wavelength_nm: float) -> StageTable | None:
     xor = value("readback_xor_area")
     if xor is None:
         return None
-    readings = [each for each in _HEADINGS if value(f"written_psf_difference_{each}") is not None]
+    readings = [heading for heading in _HEADINGS if value(f"written_psf_difference_{heading}") is not None]
 
     units = {row["name"]: row["unit"] for row in die["quantities"]}
 
@@ -497,7 +501,7 @@ def stage_table(die: Document, wavelength_nm: float) -> StageTable | None:
         return StageLine(
             title,
             units.get(read, "1"),
-            (drawn, value(read), *(value(f"written_{written}_{each}") for each in readings)),
+            (drawn, value(read), *(value(f"written_{written}_{reading}") for reading in readings)),
         )
 
     lines = [
@@ -505,7 +509,7 @@ def stage_table(die: Document, wavelength_nm: float) -> StageTable | None:
         line("PSF that differs from the drawing's", 0.0, "readback_psf_difference", "psf_difference"),
         *(line(title, None if xor else value(read), read, written) for title, read, written in _NUMBERS),
     ]
-    return StageTable(("Drawn", "Read back", *(_HEADINGS[each] for each in readings)), tuple(lines))
+    return StageTable(("Drawn", "Read back", *(_HEADINGS[reading] for reading in readings)), tuple(lines))
 
 
 def _finder(die: Document, wavelength_nm: float) -> Callable[[str], float | None]:

@@ -64,7 +64,7 @@ def packed(values: ArrayLike) -> str:
 
 Document: TypeAlias = dict[str, Any]
 
-_PURPOSES = {(each.number, each.datatype): each for each in (*LAYERS, CHROME)}
+_PURPOSES = {(layer.number, layer.datatype): layer for layer in (*LAYERS, CHROME)}
 
 
 def drawn_cells(layout: db.Layout) -> Document:
@@ -169,9 +169,9 @@ def _groups(cell: db.Cell, places: dict[int, int]) -> Iterator[Document]:
 
 def _matrix(degrees: float, mirrored: bool, scale: float) -> list[float]:
     """Matrix of a reference: mirrored at the x axis, then turned and scaled."""
-    sine, cosine = (scale * each(np.deg2rad(degrees)) for each in (np.sin, np.cos))
+    sine, cosine = (scale * function(np.deg2rad(degrees)) for function in (np.sin, np.cos))
     up = -1.0 if mirrored else 1.0
-    return [round(float(each), 15) + 0.0 for each in (cosine, sine, -sine * up, cosine * up)]
+    return [round(float(entry), 15) + 0.0 for entry in (cosine, sine, -sine * up, cosine * up)]
 
 
 def rule_places(path: Path) -> list[dict[str, Any]]:
@@ -188,23 +188,23 @@ def rule_places(path: Path) -> list[dict[str, Any]]:
     except RuntimeError as error:
         what = f"{path} cannot be read: {error}"
         raise OutputError("MF407", what, cure="Run its job again with this version") from error
-    return [_category(database, each) for each in database.each_category()]
+    return [_category(database, category) for category in database.each_category()]
 
 
 def _category(database: rdb.ReportDatabase, category: rdb.RdbCategory) -> dict[str, Any]:
-    told, boxes = [], []
+    sentences, boxes = [], []
     for item in database.each_item_per_category(category.rdb_id()):
         for value in item.each_value():
             if value.is_box():
                 box = value.box()
-                boxes.append([round(each / DBU_UM) for each in (box.left, box.bottom, box.right, box.top)])
+                boxes.append([round(edge / DBU_UM) for edge in (box.left, box.bottom, box.right, box.top)])
             elif value.is_string():
-                told.append(str(value.string()))
+                sentences.append(str(value.string()))
     places = np.array(boxes, dtype=np.int64).reshape(-1, 4)
     return {
         "name": str(category.name()),
         "description": str(category.description),
-        "told": told,
+        "told": sentences,
         "places": packed(np.diff(places, axis=0, prepend=np.zeros((1, 4), dtype=np.int64))),
     }
 
@@ -231,12 +231,12 @@ class _Reader(HTMLParser):
         self._die: str | None = None
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        told = dict(attrs)
+        attributes = dict(attrs)
         if tag == "section":
-            name = told.get("id") or ""
+            name = attributes.get("id") or ""
             self._die = name.removeprefix(_SECTION) if name.startswith(_SECTION) else None
         elif tag == "img" and self._die is not None and self._die not in self.found:
-            words, address = told.get("alt") or "", told.get("src") or ""
+            words, address = attributes.get("alt") or "", attributes.get("src") or ""
             if words.startswith(_WORDS) and address.startswith(_INERT):
                 self.found[self._die] = address, words
 
@@ -324,7 +324,7 @@ def _dies(report: RunDocument, layout: db.Layout, pictures: Mapping[str, tuple[s
     """Dies of a report in its order, each with its numbers, its place in the layout, nm, and its PSF."""
     table = die_table(report)
     lines = {line.name: line for line in table.lines}
-    found = []
+    documents = []
     for die, box in zip(report["dies"], _boxes(report, layout), strict=True):
         line = lines[die["name"]]
         ratio = next((row["value"] for row in die["quantities"] if row["name"] == "open_ratio"), None)
@@ -340,9 +340,9 @@ def _dies(report: RunDocument, layout: db.Layout, pictures: Mapping[str, tuple[s
             ["Opening", die["opening"]],
             ["Tiling", die["tiling"] if die["seed"] is None else f"{die['tiling']}, seed {die['seed']}"],
             ["Pitch, µm", f"{die['pitch_um']:g}"],
-            ["Cells", " × ".join(str(each) for each in die["cells"])],
+            ["Cells", " × ".join(str(cell) for cell in die["cells"])],
         ]
-        found.append(
+        documents.append(
             {
                 "name": die["name"],
                 "label": die["label"],
@@ -353,12 +353,12 @@ def _dies(report: RunDocument, layout: db.Layout, pictures: Mapping[str, tuple[s
                 "psf_words": words,
             }
         )
-    return found
+    return documents
 
 
-def _decibels(told: str) -> str:
+def _decibels(number: str) -> str:
     """A number with its unit; words as they are."""
-    return f"{told} dB" if any(each.isdigit() for each in told) else told
+    return f"{number} dB" if any(letter.isdigit() for letter in number) else number
 
 
 def _boxes(report: RunDocument, layout: db.Layout) -> list[list[int]]:
@@ -366,7 +366,7 @@ def _boxes(report: RunDocument, layout: db.Layout) -> list[list[int]]:
     names = CellNames()
     top = layout.top_cell()
     names.unique(top.name)
-    corners = {each.cell.name: (each.trans.disp.x, each.trans.disp.y) for each in top.each_inst()}
+    corners = {reference.cell.name: (reference.trans.disp.x, reference.trans.disp.y) for reference in top.each_inst()}
     boxes = []
     for die in report["dies"]:
         size = [round(count * die["pitch_um"] / UM_PER_NM) for count in die["cells"]]

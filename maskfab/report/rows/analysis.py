@@ -266,9 +266,9 @@ def _scaled(opening: Opening, request: Request) -> Opening:
 
 def _name(path: Path) -> str:
     """A file's stem made into a name that layouts take."""
-    kept = "".join(c if c.isascii() and c.isalnum() else "_" for c in path.stem)
-    kept = re.sub("(?i)(m)(ain)", r"\1_\2", kept)[:22]
-    return kept if kept[:1].isalpha() else f"O_{kept}"
+    name = "".join(c if c.isascii() and c.isalnum() else "_" for c in path.stem)
+    name = re.sub("(?i)(m)(ain)", r"\1_\2", name)[:22]
+    return name if name[:1].isalpha() else f"O_{name}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -377,16 +377,16 @@ def _measure_seen(seen: _Seen, request: Request, progress: Progress) -> Analysis
         method = f"relative L2 between the polygons' PSF and that of their raster of {seen.dot_um:g} um"
         return Quantity("readback_psf_difference", error, method, uncertainty=1e-8, wavelength_nm=wavelength)
 
-    found = measure_pupils(
+    measured = measure_pupils(
         seen.pupil, None, lit, seen.outline, camera, INVARIANT_LIMIT_ROUND, difference, progress=progress
     )
-    return Analysis(seen.name, found.psfs, found.mtfs, (*header, *found.quantities))
+    return Analysis(seen.name, measured.psfs, measured.mtfs, (*header, *measured.quantities))
 
 
 def _polygons_box(layout: db.Layout, index: int, cell: db.Cell) -> db.Box:
     """Bounding box of all polygons on a layer of a cell; its texts are dropped."""
-    for each in layout.each_cell():
-        shapes = each.shapes(index)
+    for part in layout.each_cell():
+        shapes = part.shapes(index)
         for text in list(shapes.each(db.Shapes.STexts)):
             shapes.erase(text)
     return cell.bbox(index)

@@ -170,13 +170,13 @@ class _Parts:
         parts = shares.shape[1]
         spare = parts // 2 - self.margin
         cells_y, rows, cells_x, columns = held.shape
-        found = np.empty((cells_y, self.y.dots, cells_x, self.x.dots))
+        parts_clear = np.empty((cells_y, self.y.dots, cells_x, self.x.dots))
         for cell, index in enumerate(self.y.dot_index()):
             strip = shares[held[cell]].transpose(0, 3, 1, 2, 4).reshape(rows * parts, cells_x, columns * parts)
-            kept = strip[spare : rows * parts - spare, :, spare : columns * parts - spare]
+            inner = strip[spare : rows * parts - spare, :, spare : columns * parts - spare]
             stop = self.stop[np.ix_(index, self.x.dot_index().ravel())]
-            np.multiply(kept, stop.reshape(kept.shape), out=found[cell])
-        return found
+            np.multiply(inner, stop.reshape(inner.shape), out=parts_clear[cell])
+        return parts_clear
 
 
 def measure_written(die: Die, camera: Camera, process: Process, where: str = "") -> Written:
@@ -297,7 +297,7 @@ def parts_about_edges(die: Die, camera: Camera, process: Process, where: str = "
         beyond = 3 if process.cd_bias_um > dot / parts or process.roughness is not None else 1
         return not gutter or beyond * dot / parts <= gutter
 
-    usual = next((each for each in range(max(3, even - 1), _MOST_PARTS + 2, 2) if held(each)), None)
+    usual = next((count for count in range(max(3, even - 1), _MOST_PARTS + 2, 2) if held(count)), None)
     if usual is None:
         what = (
             f"a gutter of {gutter:g} um is too narrow for photographs through cells as they are written, with dots of "
@@ -306,7 +306,7 @@ def parts_about_edges(die: Die, camera: Camera, process: Process, where: str = "
         cure = f"Use a gutter of at least {3 * dot / (_MOST_PARTS + 1):g} um, or leave process.spread out"
         raise JobError("MF127", what, where=where, cure=cure)
     others = (1 if usual == 3 else 3, usual - 2, usual + 2)
-    return usual, next(each for each in others if held(each))
+    return usual, next(other for other in others if held(other))
 
 
 def _designed(die: Die, camera: Camera, half_width_um: float | None = None) -> Aperture:
@@ -362,7 +362,7 @@ def _lengths(vertices: _Vertices, corners: tuple[WrittenCorner, ...], stop: Stop
     within = inside(stop, vertices.x_um, vertices.y_um[..., None, None])
     outlines = [corner.outline_um for corner in corners]
     counts = np.bincount(vertices.held[within], minlength=CONFIGURATIONS).astype(np.float64)
-    return EdgeLengths.of(np.concatenate(outlines), np.repeat(counts, [len(each) for each in outlines]))
+    return EdgeLengths.of(np.concatenate(outlines), np.repeat(counts, [len(outline) for outline in outlines]))
 
 
 def _psf(vertices: _Vertices, corners: tuple[WrittenCorner, ...], camera: Camera, like: Psf) -> tuple[Psf, float]:
@@ -597,8 +597,8 @@ def _mtfs(pupil: Pupil, camera: Camera, area_um2: float) -> list[Mtf]:
     table.values.flags.writeable = True
     table.values[0, 0, 0, 0] = area_um2
     table.values.flags.writeable = False
-    known = replace(table, energy_um2=area_um2)
-    return [presampled_mtf(known, camera, wavelength) for wavelength in camera.wavelengths_nm]
+    corrected = replace(table, energy_um2=area_um2)
+    return [presampled_mtf(corrected, camera, wavelength) for wavelength in camera.wavelengths_nm]
 
 
 def _how(process: Process, reading: Reading) -> str:
@@ -611,7 +611,7 @@ def _how(process: Process, reading: Reading) -> str:
 def _image_quantities(die: Die, camera: Camera, process: Process, written: WrittenImage, drawn: Psf) -> list[Quantity]:
     reading, how = written.reading.value, _how(process, written.reading)
     difference = metrics.relative_difference(written.psf, drawn)
-    found = [
+    quantities = [
         Quantity(
             f"written_open_ratio_{reading}",
             written.open_ratio,
@@ -638,7 +638,7 @@ def _image_quantities(die: Die, camera: Camera, process: Process, written: Writt
         ),
     ]
     if process.roughness is not None:
-        found.append(
+        quantities.append(
             Quantity(
                 f"written_scattered_{reading}",
                 written.scattered,
@@ -647,18 +647,18 @@ def _image_quantities(die: Die, camera: Camera, process: Process, written: Writt
                 die=die.name,
             )
         )
-    return found
+    return quantities
 
 
 def _mtf_quantities(die: Die, camera: Camera, process: Process, written: WrittenOptics) -> list[Quantity]:
     reading, how = written.reading.value, _how(process, written.reading)
-    found = []
+    quantities = []
     for mtf, radial, area in zip(written.mtfs, written.radial_errors, written.auc_errors, strict=True):
-        known = replace(mtf, falls=replace(mtf.falls, error=mtf.falls.error + radial))
-        told = {each.name: each for each in metrics.mtf_quantities(known, camera.pixel_um, die.name)}
-        for each in (replace(told["auc_radial_min"], uncertainty=area), told["mtf50"]):
-            found.append(replace(each, name=f"written_{each.name}_{reading}", method=f"{each.method}; {how}"))
-    return found
+        corrected = replace(mtf, falls=replace(mtf.falls, error=mtf.falls.error + radial))
+        by_name = {quantity.name: quantity for quantity in metrics.mtf_quantities(corrected, camera.pixel_um, die.name)}
+        for row in (replace(by_name["auc_radial_min"], uncertainty=area), by_name["mtf50"]):
+            quantities.append(replace(row, name=f"written_{row.name}_{reading}", method=f"{row.method}; {how}"))
+    return quantities
 
 
 def _to_peak(psf: Psf) -> Psf:

@@ -169,13 +169,13 @@ class Cases(Generic[Case]):
     def terms(self, number: Callable[[Case], Floats]) -> Terms:
         """a, c, b and d of a number, or of an array of them."""
         f0 = number(self.nominal)
-        bias = _parabola(_SIDES, *(number(each) - f0 for each in self.bias))
-        return (*bias, *_parabola(self.sides, *(number(each) - f0 for each in self.radius)))
+        bias = _parabola(_SIDES, *(number(case) - f0 for case in self.bias))
+        return (*bias, *_parabola(self.sides, *(number(case) - f0 for case in self.radius)))
 
     def expansion(self, number: Callable[[Case], Floats]) -> Expansion:
         """Expansion of a number."""
         f0, terms = number(self.nominal), self.terms(number)
-        a, c, b, d = (float(each) for each in terms)
+        a, c, b, d = (float(term) for term in terms)
         return Expansion(float(f0), (a, c, b, d), (float(number(self.corner) - f0 - at_corner(terms)),))
 
 
@@ -240,17 +240,17 @@ class Band:
     by_radius: float
 
     @classmethod
-    def of(cls, name: str, line: float | None, found: Expansion, process: Process, spread: ProcessSpread) -> Band:
+    def of(cls, name: str, line: float | None, expansion: Expansion, process: Process, spread: ProcessSpread) -> Band:
         """Band of a number that was expanded about a process."""
-        low, high = found.edges(spread.deviations(process))
-        return cls(name, line, found.nominal, low, high, found.error, found.terms[0], found.terms[2])
+        low, high = expansion.edges(spread.deviations(process))
+        return cls(name, line, expansion.nominal, low, high, expansion.error, expansion.terms[0], expansion.terms[2])
 
     def row(self, die: str, spread: ProcessSpread, how: str = HOW, level_db: float | None = None) -> Quantity:
         """As a row of a report; of a change the band begins at 0, and its value is the upper edge."""
         change = self.low == self.nominal == 0
         said = ", ".join(
-            f"{each:+.2g} by {deviation:g} um of {what}"
-            for each, deviation, what in (
+            f"{term:+.2g} by {deviation:g} um of {what}"
+            for term, deviation, what in (
                 (self.by_bias, spread.bias_um, "bias"),
                 (self.by_radius, spread.radius_um, "corner radius"),
             )
@@ -297,10 +297,10 @@ def band_quantities(
     Raises:
         JobError: MF104, MF127 for a spread that dots or gutters do not bear.
     """
-    name, found = written.die.name, bands(written, camera, spread, frequencies, where)
-    rows = [band.row(name, spread) for band in found]
-    if found and spread.bias_um:
-        rows.append(sensitivity("sensitivity_psf_shape", found[-1], name, spread))
+    name, named = written.die.name, bands(written, camera, spread, frequencies, where)
+    rows = [band.row(name, spread) for band in named]
+    if named and spread.bias_um:
+        rows.append(sensitivity("sensitivity_psf_shape", named[-1], name, spread))
     return tuple(rows)
 
 
@@ -321,16 +321,18 @@ def bands(
     def band(name: str, line: float | None, number: Callable[[WrittenOptics], Floats]) -> Band:
         return Band.of(name, line, cases.expansion(number), process, spread)
 
-    found = [band("band_stop_open_ratio", None, _open_ratio)]
+    rows = [band("band_stop_open_ratio", None, _open_ratio)]
     for i, line in enumerate(camera.wavelengths_nm):
-        found.append(band("band_auc_radial_min", line, partial(_auc, i)))
-        if all(frequency_at(each.mtfs[i], 0.5) for each in (nominal, *cases.bias, *cases.radius, cases.corner)):
-            found.append(band("band_mtf50", line, partial(_mtf50, i)))
-        found += [band(f"band_mtf_worst_{each:g}", line, partial(_worst, i, each)) for each in frequencies]
+        rows.append(band("band_auc_radial_min", line, partial(_auc, i)))
+        if all(frequency_at(optics.mtfs[i], 0.5) for optics in (nominal, *cases.bias, *cases.radius, cases.corner)):
+            rows.append(band("band_mtf50", line, partial(_mtf50, i)))
+        rows += [
+            band(f"band_mtf_worst_{frequency:g}", line, partial(_worst, i, frequency)) for frequency in frequencies
+        ]
     pixels = _inner(camera)
     if pixels is not None:
-        found.append(band("band_halo_energy", nominal.psf.wavelength_nm, partial(_halo, pixels)))
-    return (*found, _shape_band(cases, spread.deviations(process)))
+        rows.append(band("band_halo_energy", nominal.psf.wavelength_nm, partial(_halo, pixels)))
+    return (*rows, _shape_band(cases, spread.deviations(process)))
 
 
 def _open_ratio(optics: WrittenOptics) -> Floats:
@@ -342,15 +344,15 @@ def _auc(line: int, optics: WrittenOptics) -> Floats:
 
 
 def _mtf50(line: int, optics: WrittenOptics) -> Floats:
-    found = frequency_at(optics.mtfs[line], 0.5)
-    assert found is not None
-    return np.array(found[0])
+    frequency = frequency_at(optics.mtfs[line], 0.5)
+    assert frequency is not None
+    return np.array(frequency[0])
 
 
 def _worst(line: int, frequency: float, optics: WrittenOptics) -> Floats:
-    (found,) = worst_directions(optics.mtfs[line], (frequency,), None)
+    (modulation,) = worst_directions(optics.mtfs[line], (frequency,), None)
     # Where a direction is lost altogether, what is left of it is rounding.
-    return np.array(float(found) if float(found) > _ROUNDING else 0.0)
+    return np.array(float(modulation) if float(modulation) > _ROUNDING else 0.0)
 
 
 def _halo(camera: Camera, optics: WrittenOptics) -> Floats:
@@ -423,8 +425,8 @@ class _Photographed:
 
     def _scored(self, protocol: Protocol, design: Design) -> tuple[float, float]:
         scenes = drawn_scenes(highlights=bool(protocol.brackets))
-        found = evaluate([design], scenes, scenes, [self._level_db], protocol=protocol, details=False).scores
-        return found[0].epsilon, float(np.mean([score.psnr for score in found]))
+        scores = evaluate([design], scenes, scenes, [self._level_db], protocol=protocol, details=False).scores
+        return scores[0].epsilon, float(np.mean([score.psnr for score in scores]))
 
 
 def restored_expansion(
@@ -461,12 +463,12 @@ def restored_expansion(
         return f"{refusal.code} {refusal.what}"
     corner = spread.moved(process, *CORNER)
     cases = Cases.about(process, spread, seen.psnr, stated)
-    found = cases.expansion(np.array)
+    expansion = cases.expansion(np.array)
     by_others = seen.psnr(corner, others) - seen.psnr(process, others)
     # As of an error in proportion to the width of parts.
     by_parts = others / (parts - others) * (cases.corner - stated - by_others)
     drawn_psnr = stated if process == DRAWN else seen.psnr(DRAWN)
-    return Expansion(stated - drawn_psnr, found.terms, (*found.missed, by_parts))
+    return Expansion(stated - drawn_psnr, expansion.terms, (*expansion.missed, by_parts))
 
 
 def restored_bands(

@@ -49,8 +49,8 @@ def wired_quantities(die: Die, camera: Camera) -> tuple[Quantity, ...]:
         return ()
     wavelength = camera.wavelengths_nm[len(camera.wavelengths_nm) // 2]
     bare, wired = (
-        point_psf(cut(panel_aperture(each, camera.stop.diameter_um / 2), camera.stop), camera, wavelength)
-        for each in (replace(panel, tracks=()), panel)
+        point_psf(cut(panel_aperture(version, camera.stop.diameter_um / 2), camera.stop), camera, wavelength)
+        for version in (replace(panel, tracks=()), panel)
     )
     return (
         Quantity(
@@ -70,26 +70,26 @@ def wired_quantities(die: Die, camera: Camera) -> tuple[Quantity, ...]:
     )
 
 
-def display_quantities(die: Die, found: Feasibility, camera: Camera | None = None) -> tuple[Quantity, ...]:
+def display_quantities(die: Die, feasibility: Feasibility, camera: Camera | None = None) -> tuple[Quantity, ...]:
     """The numbers of one die's display; the footprint is judged if one is required, broken rules always.
 
     Args:
         die: with its emitters and wires.
-        found: what was found of it.
+        feasibility: what was found of it.
         camera: what looks through its wires; without one nothing is told of what they do to the picture.
     """
     through = () if camera is None else wired_quantities(die, camera)
-    return (*_emitters(die, found), *through)
+    return (*_emitters(die, feasibility), *through)
 
 
-def _emitters(die: Die, found: Feasibility) -> Iterator[Quantity]:
-    footprint, name, required = found.footprint, die.name, found.required
+def _emitters(die: Die, feasibility: Feasibility) -> Iterator[Quantity]:
+    footprint, name, required = feasibility.footprint, die.name, feasibility.required
     yield Quantity(
         "led_footprint",
-        found.share,
+        feasibility.share,
         "share of a pixel, gutter included, that one colour of the emitters drawn covers; areas counted in cells",
         limit=required or None,
-        passed=found.share >= required - 1e-12 if required else None,
+        passed=feasibility.share >= required - 1e-12 if required else None,
         die=name,
     )
     yield Quantity(
@@ -108,7 +108,7 @@ def _emitters(die: Die, found: Feasibility) -> Iterator[Quantity]:
         "the largest share of three rectangles, exact: window table and two straight cuts",
         die=name,
     )
-    room = found.room
+    room = feasibility.room
     yield Quantity(
         "circuit_room",
         room.area_um2,
@@ -116,58 +116,58 @@ def _emitters(die: Die, found: Feasibility) -> Iterator[Quantity]:
         "of them placed",
         die=name,
     )
-    yield from _wires(die, found)
-    if found.emitters is None:
+    yield from _wires(die, feasibility)
+    if feasibility.emitters is None:
         return
-    for colour, own in zip(COLOURS, found.own_rooms, strict=False):
+    for colour, own in zip(COLOURS, feasibility.own_rooms, strict=False):
         yield Quantity(
             f"circuit_room_{colour}",
             own.area_um2,
             f"the same under the {colour} emitter, where a circuit of its own needs {own.need_um2:.0f} um^2",
             die=name,
         )
-    if found.reaches:
+    if feasibility.reaches:
         yield Quantity(
             "emitters_stranded",
-            len(found.stranded),
-            f"of {len(found.reaches)} connected emitters, those from which no chain of closed dots that share sides "
-            "leads to the pixel's side, and no transparent wire does",
+            len(feasibility.stranded),
+            f"of {len(feasibility.reaches)} connected emitters, those from which no chain of closed dots that share "
+            "sides leads to the pixel's side, and no transparent wire does",
             die=name,
         )
-    broken = "; ".join(f"{each.rule}, {each.area_um2:g} um^2" for each in found.broken[:3])
+    broken = "; ".join(f"{rule.rule}, {rule.area_um2:g} um^2" for rule in feasibility.broken[:3])
     yield Quantity(
         "emitter_rules_broken",
-        len(found.broken),
+        len(feasibility.broken),
         "rules of gap and width that the emitters' polygons break, measured by KLayout on a tile in which all pairs of "
         f"neighbours meet{': ' if broken else ''}{broken}",
         limit=0,
-        passed=not found.broken,
+        passed=not feasibility.broken,
         die=name,
     )
     yield Quantity(
         "luminance_centroid",
-        (found.centroid_px[0] ** 2 + found.centroid_px[1] ** 2) ** 0.5,
+        (feasibility.centroid_px[0] ** 2 + feasibility.centroid_px[1] ** 2) ** 0.5,
         "distance of the light's centroid from the pixel's centre, colours weighted with their share of white",
         die=name,
     )
     viewing = Viewing(die.panel.cell_size.pitch_um, TELEPHONE_UM)
     yield Quantity(
         "grain_rms",
-        predicted_rms(found.wander_px, viewing),
+        predicted_rms(feasibility.wander_px, viewing),
         f"luminance contrast of an even field up to {SLOW_CPD:g} cycles per degree at {TELEPHONE_UM / UM_PER_MM:g} mm, "
         "5.57 (F/ppd)² |c|, c the centroid off its mean over the orientations",
         die=name,
     )
-    light, usual = found.light, LightDemand()
+    light, usual = feasibility.light, LightDemand()
     assumed = light.efficacy_cd_per_a == usual.efficacy_cd_per_a
     judged = " (a judgement; no source was found)" if assumed else ""
     claimed = light.ageing_exponent == usual.ageing_exponent
     source = ", from a vendor's claim of three times the life at 60 % emitting area instead of 28 %" if claimed else ""
     for number, colour in enumerate(COLOURS):
-        if found.density_ma_per_cm2 is not None and found.life is not None:
+        if feasibility.density_ma_per_cm2 is not None and feasibility.life is not None:
             yield Quantity(
                 f"current_density_{colour}",
-                found.density_ma_per_cm2[number],
+                feasibility.density_ma_per_cm2[number],
                 f"luminance of white, {light.luminance_cd_per_m2:g} cd/m2, x the share {light.shares[number]:g} that "
                 f"{colour} has of it (BT.709) / (efficacy, {light.efficacy_cd_per_a[number]:g} cd/A{judged}, x share "
                 "of the pixel)",
@@ -175,15 +175,15 @@ def _emitters(die: Die, found: Feasibility) -> Iterator[Quantity]:
             )
             yield Quantity(
                 f"relative_life_{colour}",
-                found.life[number],
+                feasibility.life[number],
                 "life over that of an emitter of 9.3 % of the pixel (a vendor's claim for panels of 300 DPI) at the "
                 f"same luminance, (J / J')^-n with n = {light.ageing_exponent:g}{source}",
                 die=name,
             )
 
 
-def _wires(die: Die, found: Feasibility) -> Iterator[Quantity]:
-    wires, name = found.wiring, die.name
+def _wires(die: Die, feasibility: Feasibility) -> Iterator[Quantity]:
+    wires, name = feasibility.wiring, die.name
     if wires is None:
         return
     how = (
@@ -205,18 +205,18 @@ _ROUNDING_UM = 1 / NM_PER_UM
 
 
 def footprint_band(
-    die: Die, found: Feasibility, rules: EmitterRules, process: Process, spread: ProcessSpread
+    die: Die, feasibility: Feasibility, rules: EmitterRules, process: Process, spread: ProcessSpread
 ) -> tuple[Quantity, ...]:
     """The band of a die's footprint, as a row of a report; none without emitters or a spread of the bias.
 
     Args:
         die: with its emitters.
-        found: of its display.
+        feasibility: of its display.
         rules: of its emitters.
         process: of the openings, as stated.
         spread: of it.
     """
-    drawn = found.emitters
+    drawn = feasibility.emitters
     if drawn is None or not spread.bias_um:
         return ()
     pixel_um2 = die.panel.cell_size.pitch_um**2
@@ -227,7 +227,7 @@ def footprint_band(
         return footprint_of((red, green, blue), rules)
 
     off = float(ndtri((1 + SHARE) / 2)) * spread.bias_um
-    wide, narrow = (footprint(process.cd_bias_um + each) for each in (off, -off))
+    wide, narrow = (footprint(process.cd_bias_um + change) for change in (off, -off))
     rounding = abs(wide - footprint(process.cd_bias_um + off + 2 * _ROUNDING_UM))
     return (
         Quantity(

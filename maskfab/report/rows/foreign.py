@@ -103,11 +103,11 @@ def optics_of_like(
     if not sees_light(die, camera.stop, shapes):
         yield Quantity("optics", "dark", "nothing is clear before the stop", limit="ok", passed=False, die=die.name)
         return
-    found = measure(bare, camera, shapes, blank)
-    yield from (quantity for quantity in found.quantities if quantity.name in _TOLD_OF_LIKE)
-    expected = found if equal else measure(bare, camera, clear_shapes(design, box), blank)
+    measured = measure(bare, camera, shapes, blank)
+    yield from (quantity for quantity in measured.quantities if quantity.name in _TOLD_OF_LIKE)
+    expected = measured if equal else measure(bare, camera, clear_shapes(design, box), blank)
     alike = "; the polygons are the same" if equal else ""
-    yield from _mtf_differences(found.mtfs, expected.mtfs, die.name, alike)
+    yield from _mtf_differences(measured.mtfs, expected.mtfs, die.name, alike)
 
 
 def optics_of_unlike(
@@ -120,13 +120,13 @@ def optics_of_unlike(
             dark = False
             yield _not_measured(die.name)
             continue
-        found = _measured(read, axis_nm(die), camera, blank, die.panel.dot_nm, die.name)
-        if found is None:
+        measured = _measured(read, axis_nm(die), camera, blank, die.panel.dot_nm, die.name)
+        if measured is None:
             continue
         dark = False
-        yield from found.quantities
+        yield from measured.quantities
         expected = measure(_bare(die), camera, clear_shapes(design, light_box(die, camera.stop)), blank)
-        yield from _mtf_differences(found.mtfs, expected.mtfs, die.name, "")
+        yield from _mtf_differences(measured.mtfs, expected.mtfs, die.name, "")
     if not dark:
         return
     middle = clear_box(read).center()
@@ -135,13 +135,13 @@ def optics_of_unlike(
     if _too_many(read, stop_box(camera.stop, axis, dot_nm)):
         yield _not_measured(None)
         return
-    found = _measured(read, axis, camera, blank, dot_nm, None)
+    measured = _measured(read, axis, camera, blank, dot_nm, None)
     x, y = middle.x / NM_PER_UM, middle.y / NM_PER_UM
     where = f"the middle of the file, ({x:g}, {y:g}) um, for it has nothing where dies are"
-    if found is None:
+    if measured is None:
         yield Quantity("optics", "dark", f"nothing is clear before the stop at {where}", limit="ok", passed=False)
         return
-    yield from (replace(each, method=f"{each.method}; at {where}") for each in found.quantities)
+    yield from (replace(quantity, method=f"{quantity.method}; at {where}") for quantity in measured.quantities)
 
 
 def _too_many(read: db.Layout, box_nm: Box) -> bool:
@@ -177,15 +177,17 @@ def _measured(
         return Quantity("raster_psf_difference", error, method, die=name, wavelength_nm=wavelength)
 
     outline = stop_boundary(edges, area, camera, pixel_margin(camera))
-    found = measure_pupils(pupil, None, lit, outline, camera, INVARIANT_LIMIT_ROUND, difference, name)
-    told = [metrics.stop_open_ratio(area, camera, name, "area of the file's polygons inside the stop over the stop's")]
+    measured = measure_pupils(pupil, None, lit, outline, camera, INVARIANT_LIMIT_ROUND, difference, name)
+    quantities = [
+        metrics.stop_open_ratio(area, camera, name, "area of the file's polygons inside the stop over the stop's")
+    ]
     about = f"; {raster}, on which every edge lies" if exact else f"; {raster}, finer than which nothing is resolved"
-    for quantity in found.quantities:
+    for quantity in measured.quantities:
         if quantity.name in _TOLD_OF_UNLIKE:
-            told.append(replace(quantity, method=quantity.method + about, limit=None, passed=None))
+            quantities.append(replace(quantity, method=quantity.method + about, limit=None, passed=None))
         elif quantity.name == "raster_psf_difference":
-            told.append(quantity)
-    return replace(found, quantities=tuple(told))
+            quantities.append(quantity)
+    return replace(measured, quantities=tuple(quantities))
 
 
 def _lattice(shapes: db.Region, axis: tuple[float, float], camera: Camera, largest_nm: int) -> tuple[Lattice, bool]:
@@ -205,8 +207,8 @@ def _lattice(shapes: db.Region, axis: tuple[float, float], camera: Camera, large
     return Lattice(-count * dot_um / 2, count, 1, dot_um, dot_um), exact
 
 
-def _mtf_differences(found: tuple[Mtf, ...], expected: tuple[Mtf, ...], name: str, alike: str) -> Iterator[Quantity]:
-    for one, other in zip(found, expected, strict=True):
+def _mtf_differences(curves: tuple[Mtf, ...], expected: tuple[Mtf, ...], name: str, alike: str) -> Iterator[Quantity]:
+    for one, other in zip(curves, expected, strict=True):
         difference = max(float(np.abs(one.cuts[way] - other.cuts[way]).max()) for way in one.cuts)
         yield Quantity(
             "mtf_difference",
@@ -355,8 +357,8 @@ def check_foreign(
     progress("rules", 0, 1)
     quantities += rules_of_like(plate, design, laid, trip.slivers.faults, wanted)
     if simple:
-        known = Known(design, trip.differing, how.tolerance_nm)
-        drawn = list(drawn_figures(laid, path, max_vertices, known))
+        tolerated = Known(design, trip.differing, how.tolerance_nm)
+        drawn = list(drawn_figures(laid, path, max_vertices, tolerated))
     quantities += [*drawn, slanted(laid, design), reach(plate, box, wanted.size)]
     for done, die in enumerate(plate.dies):
         allow(_SECONDS_PER_DIE)
@@ -396,21 +398,21 @@ def _turn_over(read: db.Layout, alignment: Alignment, path: Path) -> None:
     clear = (db.Region(drawn.bbox()) - drawn).merged(True, 1)
     top = read.create_cell("INVERTED")
     top.shapes(read.find_layer(layer_info(CLEAR))).insert(clear)
-    for other in [each.cell_index() for each in read.top_cells() if each.cell_index() != top.cell_index()]:
+    for other in [cell.cell_index() for cell in read.top_cells() if cell.cell_index() != top.cell_index()]:
         read.prune_cell(other, -1)
 
 
 def _own_cds(plate: Plate, design: db.Layout, read: db.Layout, alignment: Alignment) -> tuple[CdCheck, ...]:
     """The gauges of a plate, measured in the file where it lies, at the size that it has."""
     back = alignment.trans.inverted()
-    found = []
+    quantities = []
     for gauge in plate.gauges:
         centre = back.trans(db.Point(*gauge.centre_nm))
         across: Literal["x", "y"] = "x" if (gauge.axis == "x") == (alignment.turn % 2 == 0) else "y"
         reach_nm = round(gauge.reach_nm / alignment.scale)
         there = replace(gauge, centre_nm=(centre.x, centre.y), axis=across, reach_nm=reach_nm)
-        found.append(CdCheck(gauge, clear_length_nm(design, gauge), clear_length_nm(read, there)))
-    return tuple(found)
+        quantities.append(CdCheck(gauge, clear_length_nm(design, gauge), clear_length_nm(read, there)))
+    return tuple(quantities)
 
 
 def _laid(plate: Plate, read: db.Layout, alignment: Alignment) -> db.Layout:

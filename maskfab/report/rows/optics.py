@@ -130,14 +130,16 @@ def measure(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank = UNSTATE
     ]
     if die.panel.tiling is Tiling.PERIODIC:
         quantities += order_quantities(die.panel, die.name)
-    found = measure_pupils(pupil, design_pupil, lit, outline, camera, limit, partial(_difference, die.name), die.name)
-    return DieOptics(die, found.psfs, found.mtfs, (*quantities, *found.quantities))
+    measured = measure_pupils(
+        pupil, design_pupil, lit, outline, camera, limit, partial(_difference, die.name), die.name
+    )
+    return DieOptics(die, measured.psfs, measured.mtfs, (*quantities, *measured.quantities))
 
 
 def measure_with_bar(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank = UNSTATED) -> DieOptics:
     """:func:`measure`, and how far the PSF may be from the truth by what is not modelled."""
-    found = measure(die, camera, shapes, blank)
-    return replace(found, quantities=(*found.quantities, *bar_of_panel(die.panel, camera, blank, die.name)))
+    measured = measure(die, camera, shapes, blank)
+    return replace(measured, quantities=(*measured.quantities, *bar_of_panel(die.panel, camera, blank, die.name)))
 
 
 def _pupils(
@@ -258,7 +260,7 @@ def lit_pupils(pupil: Pupil, parts: Iterable[Pupil], leak: Leak | None, camera: 
 
     # The variable of a loop would keep every part until the next one is made.
     tables, along = zip(*map(lags, parts), strict=True)
-    x, y = (replace(each[0], values=sum(part.values for part in each)) for each in zip(*along, strict=True))
+    x, y = (replace(pieces[0], values=sum(part.values for part in pieces)) for pieces in zip(*along, strict=True))
     return LitPupils(leak.lag_table(pupil, tables, reach), (x, y), leak)
 
 

@@ -131,7 +131,7 @@ class Conditions:
         if light not in (None, "linear", "code"):
             raise JobError("MF105", f"there is no light {light!r}", where="light", cure="Use linear or code")
         sensor = job.spec.sensor or Sensor()
-        chosen, told = (
+        chosen, notes = (
             stated_light(job.spec.exposure, sensor, job.camera)
             if levels is None
             else (tuple(levels), in_decibels(levels))
@@ -142,7 +142,7 @@ class Conditions:
             brackets = (None if job.spec.exposure is None else job.spec.exposure.brackets) or ()
         kind = _lit(Protocol("camera", sensor, linear=light != "code", brackets=tuple(brackets)), chosen)
         left = unused(job.spec, *uses_of(job, protocol), *_ELSEWHERE)
-        return cls(kind, job.camera, chosen, told + _merging(kind.brackets), scene, left)
+        return cls(kind, job.camera, chosen, notes + _merging(kind.brackets), scene, left)
 
     def restorers(self, names: str | Sequence[str] | None) -> tuple[tuple[Restorer, ...], bool]:
         """Restorers that are asked for, and whether one of them is to be chosen for each photograph.
@@ -158,8 +158,8 @@ class Conditions:
         if names is None:
             return own or WIENER, False
         if own:
-            told = ", ".join(each.name for each in own)
-            what = f"protocol {self.protocol.name} restores by its own {told}"
+            listed = ", ".join(restorer.name for restorer in own)
+            what = f"protocol {self.protocol.name} restores by its own {listed}"
             raise JobError("MF105", what, where="restore", cure="Name no restorer, or use protocol camera or f1")
         given = (names,) if isinstance(names, str) else tuple(names)
         others = tuple(name for name in given if name != AUTO)
@@ -179,8 +179,8 @@ class Conditions:
             return die_transfer(name, panel, self.camera, scene), left_out(panel, scene, around.blank)
         chosen = plan(panel, self.camera, scene, around.accuracy)
         seen: DieTransfer = die_transfer(name, panel, self.camera, scene, chosen)
-        told = left_out(panel, scene, around.blank, chosen)
-        return (OverField(seen, chosen) if chosen.choice.places > 1 else seen), told
+        notes = left_out(panel, scene, around.blank, chosen)
+        return (OverField(seen, chosen) if chosen.choice.places > 1 else seen), notes
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -202,10 +202,10 @@ class Conditions:
         kind = self.protocol
         if not kind.restorers:
             return []
-        told = ["darkness round the sensor"] if kind.dark else []
-        told += ["pictures scored as bright as the die leaves them"] if kind.dimmed else []
-        told += [f"restored by {each.name}, epsilon {kind.strengths[0]:.4f}" for each in kind.restorers]
-        return ["; ".join(told)]
+        notes = ["darkness round the sensor"] if kind.dark else []
+        notes += ["pictures scored as bright as the die leaves them"] if kind.dimmed else []
+        notes += [f"restored by {restorer.name}, epsilon {kind.strengths[0]:.4f}" for restorer in kind.restorers]
+        return ["; ".join(notes)]
 
     def to_dict(self) -> dict[str, Any]:
         """As data."""
@@ -310,8 +310,8 @@ class Photographs:
         """Rows of a die: its PSNR and its gain at every level of light, or why there is none."""
         die = self.dies[name]
         if die.refused is not None:
-            told = "photographs behind this die are not taken, for this reason"
-            return (Quantity("photographs_refused", die.refused, told, die=name),)
+            method = "photographs behind this die are not taken, for this reason"
+            return (Quantity("photographs_refused", die.refused, method, die=name),)
         scenes = len({score.scene for score in die.scores})
         how = f"{'; '.join(self.conditions.lines)}; {scenes} drawn scenes, restored by the Wiener filter"
         means = [
@@ -366,14 +366,14 @@ def photograph_die(conditions: Conditions, around: Surroundings, name: str, pane
             shots.append(Shot(score, CROP.of(whole)))
 
     try:
-        design, told = conditions.design(name, panel, around)
+        design, notes = conditions.design(name, panel, around)
         table = evaluate(
             [design], scenes, scenes, conditions.levels, protocol=conditions.protocol, details=False, show=keep
         )
     except JobError as refusal:
         return Restored(refused=f"{refusal.code} {refusal.what}")
-    told += design.told
-    return Restored(table.scores, told, None, scenes[0].name, truth_of(scenes[0], CROP), tuple(shots))
+    notes += design.told
+    return Restored(table.scores, notes, None, scenes[0].name, truth_of(scenes[0], CROP), tuple(shots))
 
 
 @cache

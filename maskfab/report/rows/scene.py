@@ -187,9 +187,9 @@ class _Shown:
     @property
     def middle_nm(self) -> float:
         """The camera's middle line, or the mean of the middle band, to a nanometre."""
-        bands, known = self.scene.bands, self.camera.wavelengths_nm
+        bands, lines = self.scene.bands, self.camera.wavelengths_nm
         if not bands:
-            return known[len(known) // 2]
+            return lines[len(lines) // 2]
         return float(round(band_lines(bands[len(bands) // 2], 1).wavelengths_nm[0]))
 
     def psf(
@@ -219,14 +219,14 @@ class _Shown:
         everywhere = replace(self.plan, choice=replace(self.plan.choice, places=PLACES[-1]))
         points = self.psf(self.middle_nm, image_um, away, plan=everywhere, margin=self.plan.pixel_margin)
         pixels = pixel_psf(points, self.camera)
-        known = centre or pixels
+        chosen = centre or pixels
         return PointView(
             image_um,
             object_um,
             pixels,
-            relative_difference(pixels, known),
-            residual_blur(pixels, known, NOISE_TO_SIGNAL),
-            deblurring_residual(pixels, known, NOISE_TO_SIGNAL) if centre else 0.0,
+            relative_difference(pixels, chosen),
+            residual_blur(pixels, chosen, NOISE_TO_SIGNAL),
+            deblurring_residual(pixels, chosen, NOISE_TO_SIGNAL) if centre else 0.0,
         )
 
     def over_field(self) -> tuple[tuple[PointView, ...], ...]:
@@ -245,7 +245,9 @@ class _Shown:
         scene = self.scene
         centre = self.view(AXIS, scene.focus_um, None)
         distances = sorted({scene.nearest_um, scene.focus_um, scene.farthest_um})
-        return tuple(centre if each == scene.focus_um else self.view(AXIS, each, centre.psf) for each in distances)
+        return tuple(
+            centre if place_um == scene.focus_um else self.view(AXIS, place_um, centre.psf) for place_um in distances
+        )
 
     def of_bands(self) -> tuple[Psf, ...]:
         return tuple(

@@ -53,12 +53,12 @@ class Verdict(StrEnum):
     OPEN = "cannot be told"
 
 
-def verdict(found: MeanDifference, at_least: float | None, at_most: float | None) -> Verdict:
+def verdict(difference: MeanDifference, at_least: float | None, at_most: float | None) -> Verdict:
     """Whether an interval lies within limits, outside them, or across one; across one too where it is not known."""
-    if math.isnan(found.half_width):
+    if math.isnan(difference.half_width):
         return Verdict.OPEN
     least, most = -math.inf if at_least is None else at_least, math.inf if at_most is None else at_most
-    low, high = found.mean - found.half_width, found.mean + found.half_width
+    low, high = difference.mean - difference.half_width, difference.mean + difference.half_width
     if least <= low and high <= most:
         return Verdict.AGREES
     return Verdict.DISAGREES if high < least or most < low else Verdict.OPEN
@@ -110,8 +110,10 @@ class Claim:
     @property
     def verdicts(self) -> Mapping[str, Verdict]:
         """Verdicts by protocol; those of the optics under an empty name."""
-        names = dict.fromkeys(each.of.protocol for each in self.findings)
-        return {name: worst([each.verdict for each in self.findings if each.of.protocol == name]) for name in names}
+        names = dict.fromkeys(finding.of.protocol for finding in self.findings)
+        return {
+            name: worst([finding.verdict for finding in self.findings if finding.of.protocol == name]) for name in names
+        }
 
 
 def _of_scores(claim: ClaimSection) -> bool:
@@ -142,12 +144,12 @@ def of_photographs(claim: ClaimSection, scores: Mapping[Take, Sequence[Score]]) 
         if take not in scores:
             continue
         other = Take(protocol, claim.over_case or case, over or die, level, claim.over_restorer or restorer)
-        mine = [getattr(each, claim.measure) for each in scores[take]]
+        mine = [getattr(score, claim.measure) for score in scores[take]]
         if other != take:
             mine = [a - getattr(b, claim.measure) for a, b in zip(mine, scores[other], strict=True)]
-        found = MeanDifference.of(mine)
-        judged = verdict(found, claim.at_least, claim.at_most)
-        findings.append(Finding(take, None if other == take else other, None, found, judged))
+        difference = MeanDifference.of(mine)
+        judged = verdict(difference, claim.at_least, claim.at_most)
+        findings.append(Finding(take, None if other == take else other, None, difference, judged))
     return Claim(claim, tuple(findings))
 
 
@@ -171,12 +173,12 @@ def of_optics(claim: ClaimSection, numbers: Mapping[tuple[str, float | None], tu
 
 
 def finding_of_optics(
-    claim: ClaimSection, die: str, over: str | None, wavelength_nm: float | None, found: MeanDifference
+    claim: ClaimSection, die: str, over: str | None, wavelength_nm: float | None, value: MeanDifference
 ) -> Finding:
     """One number of the optics, judged."""
     mine, other = (None if name is None else Take("", "", name, math.nan, "") for name in (die, over))
     assert mine is not None
-    return Finding(mine, other, wavelength_nm, found, verdict(found, claim.at_least, claim.at_most))
+    return Finding(mine, other, wavelength_nm, value, verdict(value, claim.at_least, claim.at_most))
 
 
 Learned: TypeAlias = Mapping[str, tuple[Restorer, ...]]
@@ -216,7 +218,7 @@ class Setting:
         restorers: for every die.
         choose: whether one of them is chosen for each photograph too.
         colours: whether S-CIELAB is scored.
-        known: whose blur restorers are given; None for its own.
+        reference: whose blur restorers are given; None for its own.
         learned: restorers trained behind dies, by their names.
     """
 
@@ -226,7 +228,7 @@ class Setting:
     restorers: tuple[Restorer, ...]
     choose: bool
     colours: bool
-    known: Setting | None = None
+    reference: Setting | None = None
     learned: Learned = field(default_factory=dict)
 
     @property
@@ -234,13 +236,13 @@ class Setting:
         return self.conditions.protocol
 
     def design(self, name: str, panel: Panel) -> tuple[Design, tuple[str, ...]]:
-        """As :meth:`maskfab.report.rows.photographs.Conditions.design`, restored by the blur that is ``known``, if any
-        other is."""
-        design, told = self.conditions.design(name, panel, Surroundings.of(self.job))
-        if self.known is None:
-            return design, told
-        other, _ = self.known.design(name, panel)
-        return RestoredBy(design, other), (*told, f"restored by the blur of the case {self.known.case!r}")
+        """As :meth:`maskfab.report.rows.photographs.Conditions.design`, restored by the blur of the reference, if
+        it is given."""
+        design, notes = self.conditions.design(name, panel, Surroundings.of(self.job))
+        if self.reference is None:
+            return design, notes
+        other, _ = self.reference.design(name, panel)
+        return RestoredBy(design, other), (*notes, f"restored by the blur of the case {self.reference.case!r}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,13 +316,13 @@ class Study:
 
     def _difference(self, claim: ClaimSection, die: str, over: str) -> Any:
         one, other = self.optics[die].psf, self.optics[over].psf
-        found = MeanDifference(relative_difference(one, other), 0.0, 0)
-        return finding_of_optics(claim, die, over, one.wavelength_nm, found)
+        difference = MeanDifference(relative_difference(one, other), 0.0, 0)
+        return finding_of_optics(claim, die, over, one.wavelength_nm, difference)
 
     def _numbers(self, measure: str) -> dict[tuple[str, float | None], tuple[float, float]]:
         if measure == "open_ratio":
-            return {(die, None): (each.open_ratio, 0.0) for die, each in self.optics.items()}
-        areas = [(die, auc_radial_min(mtf, die)) for die, each in self.optics.items() for mtf in each.mtfs]
+            return {(die, None): (optics.open_ratio, 0.0) for die, optics in self.optics.items()}
+        areas = [(die, auc_radial_min(mtf, die)) for die, optics in self.optics.items() for mtf in optics.mtfs]
         return {
             (die, area.wavelength_nm): (float(area.value or 0.0), float(area.uncertainty or 0.0)) for die, area in areas
         }
@@ -365,7 +367,7 @@ def planned(job: Job, given: Folder | None = None, learned: Callable[[Setting], 
                 problem = f"the case {case.name!r} is restored by {other!r}, which is no case"
                 raise JobError("MF145", problem, where=f"{where}: study.case[{i}]", cure=f"Use one of {', '.join(own)}")
             mine = own[case.name]
-            settings.append(mine if other in (None, case.name) else replace(mine, known=own[other]))
+            settings.append(mine if other in (None, case.name) else replace(mine, reference=own[other]))
     if study.case and any(setting.protocol.name != "camera" for setting in settings):
         what = "the study has cases of the scene, which protocols f1 and paper do not know"
         raise JobError("MF146", what, where=f"{where}: study.protocols", cure='Use protocols = ["camera"]')
@@ -386,14 +388,14 @@ def _serving(given: Folder | None, settings: Sequence[Setting]) -> tuple[tuple[P
     if given is None:
         return (), ()
     serving, skipped = [], list(given.skipped)
-    for each in given.photographs:
+    for photograph in given.photographs:
         try:
             for setting in settings:
-                setting.protocol.check(each)
+                setting.protocol.check(photograph)
         except JobError:
-            skipped.append(f"{each.name} without highlights")
+            skipped.append(f"{photograph.name} without highlights")
         else:
-            serving.append(each)
+            serving.append(photograph)
     return tuple(serving), tuple(skipped)
 
 
@@ -404,9 +406,9 @@ def _in_case(job: Job, case: CaseSection, i: int) -> Job:
     section = job.spec.scene
     stated = {} if section is None else section.model_dump(mode="json", exclude_defaults=True)
     scene = parse_section(SceneSection, {**stated, **case.scene}, where=f"{job.where}: study.case[{i}].scene")
-    found = replace(job, spec=job.spec.model_copy(update={"scene": scene}))
-    _ = found.scene
-    return found
+    changed = replace(job, spec=job.spec.model_copy(update={"scene": scene}))
+    _ = changed.scene
+    return changed
 
 
 def _check_claim(claim: ClaimSection, plan: Plan, where: str) -> None:
@@ -419,23 +421,25 @@ def _check_claim(claim: ClaimSection, plan: Plan, where: str) -> None:
             where=where,
             cure="Add optics = true to [study]" if optical else 'Add protocols = ["camera"] to [study]',
         )
-    restorers = {each.name for setting in plan.settings for each in setting.restorers}
-    restorers |= {each.name for setting in plan.settings for every in setting.learned.values() for each in every}
+    restorers = {restorer.name for setting in plan.settings for restorer in setting.restorers}
+    restorers |= {
+        restorer.name for setting in plan.settings for every in setting.learned.values() for restorer in every
+    }
     restorers |= {AUTO} if any(setting.choose for setting in plan.settings) else set()
     levels = {level for setting in plan.settings for level in setting.conditions.levels}
     cases = {setting.case for setting in plan.settings}
-    for what, named, known in (
+    for what, named, names in (
         ("die", (*claim.die, *(claim.over or ())), plan.panels),
         ("level", claim.levels or (), levels),
         ("protocol", claim.protocols or (), study.protocols),
-        ("case", [each for each in (claim.case, claim.over_case) if each], cases),
-        ("restorer", [each for each in (claim.restorer, claim.over_restorer) if each], restorers),
+        ("case", [case for case in (claim.case, claim.over_case) if case], cases),
+        ("restorer", [restorer for restorer in (claim.restorer, claim.over_restorer) if restorer], restorers),
     ):
-        for each in named:
-            if each not in known:
-                listed = ", ".join(f"{one:g}" if isinstance(one, float) else str(one) for one in known) or "none"
-                told = f"{each:g} dB" if isinstance(each, float) else repr(each)
-                problem = f"the claim names the {what} {told}, which the study does not have"
+        for place in named:
+            if place not in names:
+                listed = ", ".join(f"{one:g}" if isinstance(one, float) else str(one) for one in names) or "none"
+                words = f"{place:g} dB" if isinstance(place, float) else repr(place)
+                problem = f"the claim names the {what} {words}, which the study does not have"
                 raise JobError("MF145", problem, where=where, cure=f"Use one of {listed}")
     if len(claim.over or ()) not in (0, 1, len(claim.die)):
         problem = f"the claim compares {len(claim.die)} dies with {len(claim.over or ())}"
@@ -466,7 +470,7 @@ def made(plan: Plan, progress: Progress = silent) -> Study:
     scenes = (*plan.photographs, *drawn(plan.study.scenes, highlights=lamps))
     # What cannot be photographed is refused before the first photograph.
     designs = [(setting, name) for setting in plan.settings for name in plan.panels]
-    told = {
+    conditions = {
         (setting.protocol.name, setting.case, name): _told(*setting.design(name, plan.panels[name]), plan.photographs)
         for setting, name in designs
     }
@@ -489,12 +493,12 @@ def made(plan: Plan, progress: Progress = silent) -> Study:
     scores: dict[Take, tuple[Score, ...]] = {}
     shown: dict[Take, Singles] = {}
     for (setting, name), task in zip(designs, tasks, strict=True):
-        found, pictures, more = task.result()
-        scores |= found
+        taken_scores, pictures, more = task.result()
+        scores |= taken_scores
         shown |= pictures
-        told[setting.protocol.name, setting.case, name] += more
+        conditions[setting.protocol.name, setting.case, name] += more
     truth = truth_of(scenes[0], CROP)
-    return Study(plan, optics, tuple(each.name for each in scenes), scores, told, truth, shown)
+    return Study(plan, optics, tuple(scene.name for scene in scenes), scores, conditions, truth, shown)
 
 
 def _told(design: Design, left_out: tuple[str, ...], photographs: Sequence[Photograph]) -> tuple[str, ...]:
@@ -526,7 +530,7 @@ def _photographed(
         colours=setting.colours,
         show=take,
     )
-    return {of: tuple(each) for of, each in taken.items()}, shown, design.told
+    return {of: tuple(parts) for of, parts in taken.items()}, shown, design.told
 
 
 def optics_of(panel: Panel, camera: Camera) -> Optics:

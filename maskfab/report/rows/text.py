@@ -110,11 +110,11 @@ class Quantities(Sequence[Quantity]):
         alike = [quantity for quantity in self._all if quantity.name == name]
         if not alike:
             raise UnknownNameError("MF432", f"there is no number {name!r}", cure=f"Use one of {', '.join(self.names)}")
-        found = [quantity for quantity in alike if at is None or at in (quantity.wavelength_nm, quantity.level_db)]
-        if len(found) == 1:
-            return found[0]
+        chosen = [quantity for quantity in alike if at is None or at in (quantity.wavelength_nm, quantity.level_db)]
+        if len(chosen) == 1:
+            return chosen[0]
         places = ", ".join(f"{p:g}" for q in alike for p in (q.wavelength_nm, q.level_db) if p is not None)
-        problem = f"stands {len(found)} times in these results" if found else f"is not given at {at!r}"
+        problem = f"stands {len(chosen)} times in these results" if chosen else f"is not given at {at!r}"
         cure = f'Ask for numbers["{name}", one of {places}]' if places else f"Look for {name!r} in the whole list"
         raise UnknownNameError("MF432", f"{name!r} {problem}", cure=cure)
 
@@ -191,7 +191,7 @@ def dataframe(rows: Sequence[Mapping[str, Any]]) -> DataFrame:
 
 def _rows(quantities: Iterable[Quantity], dies: bool) -> list[tuple[str, ...]]:
     shown = [name for name in _COLUMNS if dies or name != "die"]
-    return [tuple(shown), *(tuple(_COLUMNS[name](each) for name in shown) for each in quantities)]
+    return [tuple(shown), *(tuple(_COLUMNS[name](quantity) for name in shown) for quantity in quantities)]
 
 
 def _value(value: object) -> str:
@@ -227,94 +227,107 @@ USEFUL_DB = 20.0
 """Headroom above which a bound says nothing: an open stop gains less over any opening."""
 
 
-def designed_lines(found: Designed, notes: Sequence[str]) -> list[str]:
+def designed_lines(designed: Designed, notes: Sequence[str]) -> list[str]:
     """The opening, its bound, what the rules cost, the map, and the notes."""
-    told = [
-        f"{found.shape}: {found.opening.clear_dots} clear dots, expected restored PSNR {_levels(found, found.psnr)}"
-    ]
-    told.append(f"for {found.camera}")
-    if found.scene is not None:
-        told += _scene_lines(found, found.scene)
-    focus = "" if found.scene is None else ", in focus"
-    if found.head_room is not None:
-        told.append(f"proven headroom (frame interior{focus}): {_most(found, found.head_room)}")
-    if found.gap is not None:
-        limit, part = found.gap.bounds, f"(frame interior{focus})"
-        told.append(f"proven headroom (whole frame{focus}): {_most(found, found.gap.head_room_frame)}")
-        told.append(f"grey filter of the same transmission: {_levels(found, limit.grey)} {part}")
-        told.append(f"unobstructed stop with the same open area: {_levels(found, limit.open_stop)} {part}")
+    psnr = _levels(designed, designed.psnr)
+    lines = [f"{designed.shape}: {designed.opening.clear_dots} clear dots, expected restored PSNR {psnr}"]
+    lines.append(f"for {designed.camera}")
+    if designed.scene is not None:
+        lines += _scene_lines(designed, designed.scene)
+    focus = "" if designed.scene is None else ", in focus"
+    if designed.head_room is not None:
+        lines.append(f"proven headroom (frame interior{focus}): {_most(designed, designed.head_room)}")
+    if designed.gap is not None:
+        limit, part = designed.gap.bounds, f"(frame interior{focus})"
+        lines.append(f"proven headroom (whole frame{focus}): {_most(designed, designed.gap.head_room_frame)}")
+        lines.append(f"grey filter of the same transmission: {_levels(designed, limit.grey)} {part}")
+        lines.append(f"unobstructed stop with the same open area: {_levels(designed, limit.open_stop)} {part}")
         most = "" if limit.auc is None else f" of at most {limit.auc:.4f}"
-        told.append(f"area under the radial minimum of the blue MTF: {found.gap.auc:.4f}{most}")
-    if found.prices is not None and found.prices.each:
-        told.append(f"all rules together cost {_db(found.prices.together)} ({found.evaluated} openings evaluated)")
-        told += [
+        lines.append(f"area under the radial minimum of the blue MTF: {designed.gap.auc:.4f}{most}")
+    if designed.prices is not None and designed.prices.each:
+        lines.append(
+            f"all rules together cost {_db(designed.prices.together)} ({designed.evaluated} openings evaluated)"
+        )
+        lines += [
             f"  {price.rule}: {_db(price.alone)} if it is the only rule, {_db(price.last)} on top of the others"
-            for price in found.prices.each
+            for price in designed.prices.each
         ]
     else:
-        told.append(f"{found.evaluated} openings evaluated")
-    if found.designed is not None:
-        gains = _levels(found, found.designed.gain_db, "+")
-        told.append(f"gain of the designed map over a random one: {gains}; transmission {_light(found.designed):+.2%}")
-    if found.map_head_room is not None:
-        told.append(f"proven headroom of the map (same dots, same transmission): {_most(found, found.map_head_room)}")
-    if found.robust is not None:
-        told += _robust_lines(found, found.robust)
-    if found.fit is not None:
-        told += _fit_lines(found.fit, mapped=found.designed is not None)
-    return [*told, *(f"note: {note}" for note in notes)]
+        lines.append(f"{designed.evaluated} openings evaluated")
+    if designed.designed is not None:
+        gains = _levels(designed, designed.designed.gain_db, "+")
+        lines.append(
+            f"gain of the designed map over a random one: {gains}; transmission {_light(designed.designed):+.2%}"
+        )
+    if designed.map_head_room is not None:
+        lines.append(
+            f"proven headroom of the map (same dots, same transmission): {_most(designed, designed.map_head_room)}"
+        )
+    if designed.robust is not None:
+        lines += _robust_lines(designed, designed.robust)
+    if designed.fit is not None:
+        lines += _fit_lines(designed.fit, mapped=designed.designed is not None)
+    return [*lines, *(f"note: {note}" for note in notes)]
 
 
 def _fit_lines(fit: DieFit, *, mapped: bool) -> list[str]:
     drawn = "beyond its map" if mapped else "of its tiling"
     size = f"{fit.across} x {fit.across} pixels, {fit.side_um / UM_PER_MM:g} mm"
-    told = [
+    lines = [
         f"the display fits a die of {size}, with seed {fit.seed} {drawn} (checked in {fit.seconds:.1f} s of processor)"
     ]
     if fit.failed:
         tried = ", ".join(map(str, fit.failed))
-        told.append(f"  state seed = {fit.seed} in its [[die]]: with seed {tried} it does not fit, {fit.first_failure}")
-    return told
+        lines.append(
+            f"  state seed = {fit.seed} in its [[die]]: with seed {tried} it does not fit, {fit.first_failure}"
+        )
+    return lines
 
 
-def _robust_lines(found: Designed, robust: Robustness) -> list[str]:
-    told = []
+def _robust_lines(designed: Designed, robust: Robustness) -> list[str]:
+    lines = []
     if robust.tiling is not None:
-        told.append(f"one random tiling differs from another by {_levels(found, robust.tiling)} (standard deviation)")
+        lines.append(
+            f"one random tiling differs from another by {_levels(designed, robust.tiling)} (standard deviation)"
+        )
     for away, gains in robust.off_centre.items():
         where = f"with the stop {away:g} um off its centre" if away else "over the mean of random tilings"
-        told.append(f"gain of the designed map {where}: {_levels(found, gains, '+')}")
+        lines.append(f"gain of the designed map {where}: {_levels(designed, gains, '+')}")
     if robust.bias is not None:
         bias, (narrow, wide) = robust.bias, robust.bias.psnr
-        told.append(f"panel as drawn: {_levels(found, robust.psnr)}")
-        told.append(f"clear features narrower by {bias.deviation_um:g} um: {_levels(found, narrow)}")
-        told.append(f"clear features wider by {bias.deviation_um:g} um: {_levels(found, wide)}")
-        told.append(f"expected loss over that bias: {_losses(found, bias)}")
+        lines.append(f"panel as drawn: {_levels(designed, robust.psnr)}")
+        lines.append(f"clear features narrower by {bias.deviation_um:g} um: {_levels(designed, narrow)}")
+        lines.append(f"clear features wider by {bias.deviation_um:g} um: {_levels(designed, wide)}")
+        lines.append(f"expected loss over that bias: {_losses(designed, bias)}")
     if robust.centre is not None:
         away = robust.centre.deviation_um
-        told.append(f"expected loss with the stop's centre off by {away:g} um: {_losses(found, robust.centre)}")
-    return told
+        lines.append(f"expected loss with the stop's centre off by {away:g} um: {_losses(designed, robust.centre)}")
+    return lines
 
 
-def _scene_lines(found: Designed, scene: SceneDesign) -> list[str]:
+def _scene_lines(designed: Designed, scene: SceneDesign) -> list[str]:
     from maskfab.optics.gap import AXIS
     from maskfab.report.rows.scene import distance
 
     seen, panel = scene.seen, scene.panel
-    told = [f"this panel over the scene (modelled: {', '.join(seen.modelled)}): {_levels(found, panel.mean)}, mean"]
-    for each, psnr in zip(panel.conditions, panel.psnr, strict=True):
-        x, y = each.image_um
-        place = "on the axis" if each.image_um == AXIS else f"{x:.0f} um right and {y:.0f} um down from the axis"
-        told.append(f"  at {distance(each.object_um)}, {place} ({each.weight:.1%}): {_levels(found, psnr)}")
+    lines = [f"this panel over the scene (modelled: {', '.join(seen.modelled)}): {_levels(designed, panel.mean)}, mean"]
+    for condition, psnr in zip(panel.conditions, panel.psnr, strict=True):
+        x, y = condition.image_um
+        place = "on the axis" if condition.image_um == AXIS else f"{x:.0f} um right and {y:.0f} um down from the axis"
+        lines.append(
+            f"  at {distance(condition.object_um)}, {place} ({condition.weight:.1%}): {_levels(designed, psnr)}"
+        )
     if scene.random is not None:
         gains = [ours - random for ours, random in zip(panel.mean, scene.random.mean, strict=True)]
-        told.append(f"gain of the designed map over a random one, over the scene: {_levels(found, gains, '+')}")
-    return told
+        lines.append(f"gain of the designed map over a random one, over the scene: {_levels(designed, gains, '+')}")
+    return lines
 
 
-def _losses(found: Designed, varied: Varied) -> str:
+def _losses(designed: Designed, varied: Varied) -> str:
     """To a thousandth of a decibel: most are smaller than what others are rounded to."""
-    return ", ".join(f"{value + 0.0:.3f} dB at {level}" for level, value in by_level(found.levels, varied.loss).items())
+    return ", ".join(
+        f"{value + 0.0:.3f} dB at {level}" for level, value in by_level(designed.levels, varied.loss).items()
+    )
 
 
 def _light(designed: DesignedMap) -> float:
@@ -326,16 +339,16 @@ def by_level(levels: Sequence[float], values: Sequence[float]) -> dict[str, floa
     return {f"{level:g}": value for level, value in zip(levels, values, strict=True)}
 
 
-def _most(found: Designed, values: Sequence[float]) -> str:
+def _most(designed: Designed, values: Sequence[float]) -> str:
     """Bounds by level; one that no design could come near says nothing, and is told as such."""
     return ", ".join(
         f"at most {value:.2f} dB at {level}" if value <= USEFUL_DB else f"no useful bound at {level}"
-        for level, value in by_level(found.levels, values).items()
+        for level, value in by_level(designed.levels, values).items()
     )
 
 
-def _levels(found: Designed, values: Sequence[float], sign: str = "") -> str:
-    return ", ".join(f"{value:{sign}.2f} dB at {level}" for level, value in by_level(found.levels, values).items())
+def _levels(designed: Designed, values: Sequence[float], sign: str = "") -> str:
+    return ", ".join(f"{value:{sign}.2f} dB at {level}" for level, value in by_level(designed.levels, values).items())
 
 
 def _db(value: float) -> str:

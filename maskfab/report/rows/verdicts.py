@@ -89,8 +89,8 @@ class Verdicts:
     def of(cls, checks: Iterable[Quantity], displays: Mapping[str, Feasibility], dies: int) -> Verdicts:
         """From the checks of a plate, and what was found of the displays of those of its ``dies`` that have one."""
         judged = [check for check in checks if check.passed is not None]
-        answers = [found.verdict for found in displays.values()]
-        counts = (answers.count(each) for each in (Verdict.FITS, Verdict.DOES_NOT_FIT, Verdict.UNKNOWN))
+        answers = [feasibility.verdict for feasibility in displays.values()]
+        counts = (answers.count(verdict) for verdict in (Verdict.FITS, Verdict.DOES_NOT_FIT, Verdict.UNKNOWN))
         return cls(_tally(judged, Subject.FILES), _tally(judged, Subject.OPTICS), Displays(dies, *counts))
 
     @property
@@ -122,8 +122,8 @@ def _tally(checks: Iterable[Quantity], subject: Subject) -> Tally:
     return Tally(len(own), sum(check.passed is False for check in own))
 
 
-def _line(name: str, found: Tally, said: tuple[str, str]) -> str:
-    if found.passed is None:
+def _line(name: str, tally: Tally, said: tuple[str, str]) -> str:
+    if tally.passed is None:
         return f"{name}: NOT CHECKED"
-    verdict, words = ("PASS", said[0]) if found.passed else ("FAIL", said[1])
-    return f"{name}: {verdict}, {words}: {found.checks - found.failed} of {found.checks} checks pass"
+    verdict, words = ("PASS", said[0]) if tally.passed else ("FAIL", said[1])
+    return f"{name}: {verdict}, {words}: {tally.checks - tally.failed} of {tally.checks} checks pass"
