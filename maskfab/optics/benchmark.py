@@ -364,7 +364,7 @@ def _judged(
     contestant: _Contestant,
     cold: Sequence[float],
     warm: Sequence[float],
-    found: NDArray[Any],
+    values: NDArray[Any],
     exact: Floats,
     workload: Workload,
 ) -> Timing:
@@ -372,9 +372,9 @@ def _judged(
         unit_sum = intensity / intensity.sum(dtype=np.float64)
         return float(np.linalg.norm(unit_sum - exact) / np.linalg.norm(exact))
 
-    given = error(found)
+    given = error(values)
     factor = np.sinc(workload.frequencies(0.0) * workload.panel.dot_nm / NM_PER_UM) ** 2
-    with_dots = given if contestant.kind == "ours" else error(found * factor * factor[:, None])
+    with_dots = given if contestant.kind == "ours" else error(values * factor * factor[:, None])
     low, _, high = quantiles(warm, n=4)
     return Timing(
         contestant.name,

@@ -51,11 +51,11 @@ def code_of_light(light: Reals) -> Reals:
 def _by_parts(curve: Callable[[Reals], Reals], values: Reals) -> Reals:
     """A function of every value; a few at a time, so that a large picture takes little more than itself."""
     flat = values.ravel()
-    found = np.empty_like(flat)
+    curved = np.empty_like(flat)
     for start in range(0, flat.size, _AT_ONCE):
         part = slice(start, start + _AT_ONCE)
-        found[part] = curve(flat[part])
-    return found.reshape(values.shape)
+        curved[part] = curve(flat[part])
+    return curved.reshape(values.shape)
 
 
 def lab_of_linear_srgb(rgb: Floats) -> Floats:

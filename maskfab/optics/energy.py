@@ -343,7 +343,8 @@ def colour_distance(first: Psf, second: Psf, die: str | None = None) -> Quantity
     Raises:
         InternalError: MF901 if they do not share a grid.
     """
-    _same_grid(first, second)
+    if first.values.shape != second.values.shape or not math.isclose(first.step_um, second.step_um):
+        raise InternalError("MF901", "two PSFs on different grids were compared")
     within = 0.5 * float(abs(first.values - second.values).sum()) * first.step_um**2
     outside = [max(0.0, 1 - psf.energy_in_window) for psf in (first, second)]
     return Quantity(
@@ -362,20 +363,15 @@ def _peak(psf: Psf) -> float:
     return float(psf.values[middle, middle])
 
 
-def _same_grid(first: Psf, second: Psf) -> None:
-    if first.values.shape != second.values.shape or not math.isclose(first.step_um, second.step_um):
-        raise InternalError("MF901", "two PSFs on different grids were compared")
-
-
 def _side_lobes(psf: Psf) -> Floats:
     """Distance, height and uncertainty of the height of every side lobe, [k, 3]."""
     values, middle = psf.values, psf.values.shape[0] // 2
-    found = values > _FAINTEST * values[middle, middle]
-    found[middle, middle] = False
-    found[[0, -1]] = found[:, [0, -1]] = False
+    is_lobe = values > _FAINTEST * values[middle, middle]
+    is_lobe[middle, middle] = False
+    is_lobe[[0, -1]] = is_lobe[:, [0, -1]] = False
     across = np.maximum(np.maximum(values[:, :-2], values[:, 1:-1]), values[:, 2:])
-    found[1:-1, 1:-1] &= values[1:-1, 1:-1] >= np.maximum(np.maximum(across[:-2], across[1:-1]), across[2:])
-    row, column = np.nonzero(found)
+    is_lobe[1:-1, 1:-1] &= values[1:-1, 1:-1] >= np.maximum(np.maximum(across[:-2], across[1:-1]), across[2:])
+    row, column = np.nonzero(is_lobe)
     if not row.size:
         return np.empty((0, 3))
     near = np.stack([[values[row + j, column + i] for i in (-1, 0, 1)] for j in (-1, 0, 1)])
@@ -440,10 +436,10 @@ def order_quantities(panel: Panel, die: str | None = None) -> tuple[Quantity, ..
         ("order_zero", zero, "zero order"),
         ("orders_lowest_five", five, "orders (0,0), (±1,0) and (0,±1)"),
     )
-    found = []
+    quantities = []
     for name, value, what in named:
         for light, whole in (("incident", 1.0), ("transmitted", panel.open_ratio)):
-            found.append(
+            quantities.append(
                 Quantity(
                     f"{name}_{light}",
                     value / whole,
@@ -453,4 +449,4 @@ def order_quantities(panel: Panel, die: str | None = None) -> tuple[Quantity, ..
                     die=die,
                 )
             )
-    return tuple(found)
+    return tuple(quantities)

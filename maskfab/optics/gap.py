@@ -204,17 +204,17 @@ def gap_psf(
             so coarse that the phase turns by more than an eighth of a wave from one to the next.
     """
     distance = camera.focal_um if distance_um is None else distance_um
-    found = stop_field(
+    behind = stop_field(
         openings, camera, wavelength_nm, gap_um, image_um, samples_per_dot, waves=waves, distance_um=distance
     )  # fmt: skip
-    middle = found.amplitude.shape[0]
-    place = found.sample_um * (np.arange(middle, dtype=np.float64) - middle // 2)
+    middle = behind.amplitude.shape[0]
+    place = behind.sample_um * (np.arange(middle, dtype=np.float64) - middle // 2)
     step, scale = point_step_um(camera), image_scale_um2(camera, wavelength_nm, distance)
     reach = odd_samples(camera.window_um, step) // 2 + margin
     u = step * np.arange(-reach, reach + 1, dtype=np.float64) / scale
-    kernel = found.sample_um * np.exp(-2j * np.pi * u[:, None] * place)
-    field = kernel @ found.amplitude @ kernel.T
-    return Psf(abs(field) ** 2 / psf_norm_um6(scale, found.energy_um2), step, wavelength_nm, "point")
+    kernel = behind.sample_um * np.exp(-2j * np.pi * u[:, None] * place)
+    field = kernel @ behind.amplitude @ kernel.T
+    return Psf(abs(field) ** 2 / psf_norm_um6(scale, behind.energy_um2), step, wavelength_nm, "point")
 
 
 def stop_field(
@@ -285,7 +285,10 @@ def _cut_fields(
     wavelength, radius = wavelength_nm * UM_PER_NM, camera.stop.diameter_um / 2
     sample = openings.x.dot_um / samples_per_dot
     top = 0.5 / sample
-    carrier = _carrier(wavelength, distance, image_um)
+    x, y = image_um
+    length = wavelength * math.sqrt(distance**2 + x**2 + y**2)
+    # Spatial frequency of the incoming wave in x and y, and its size.
+    carrier = x / length, y / length, math.hypot(x, y) / length
     if wavelength * (top + carrier[2]) >= 1:
         raise JobError("MF115", f"samples of {sample:g} um resolve evanescent waves", cure="Ask for fewer per dot")
     guard = gap_guard_um(gap_um, wavelength_nm, sample)
@@ -344,13 +347,6 @@ def _intervals(whole: Lattice, part: Lattice) -> slice:
     """Where the intervals of some of a lattice's cells stand among all of them."""
     first = round((part.start_um - whole.start_um) / whole.pitch_um) * whole.period
     return slice(first, first + part.edges_um().size - 1)
-
-
-def _carrier(wavelength: float, distance: float, image_um: Place) -> tuple[float, float, float]:
-    """Spatial frequency of the incoming wave in x and y, and its size, cycles per micrometre."""
-    x, y = image_um
-    length = wavelength * math.sqrt(distance**2 + x**2 + y**2)
-    return x / length, y / length, math.hypot(x, y) / length
 
 
 def _spectrum(aperture: Aperture, samples_per_dot: int, count: int) -> Complexes:
@@ -617,9 +613,9 @@ def _seen(openings: Aperture, place: Floats) -> Floats:
     inside = np.ones(place.shape[:-1], dtype=np.bool_)
     for axis, lattice in enumerate((openings.x, openings.y)):
         edges = lattice.edges_um()
-        found = np.searchsorted(edges, place[..., axis], side="right") - 1
-        inside &= (found >= 0) & (found < edges.size - 1)
-        index.append(np.clip(found, 0, edges.size - 2))
+        interval = np.searchsorted(edges, place[..., axis], side="right") - 1
+        inside &= (interval >= 0) & (interval < edges.size - 1)
+        index.append(np.clip(interval, 0, edges.size - 2))
     return np.where(inside, openings.transmission[index[1], index[0]], 0.0)
 
 

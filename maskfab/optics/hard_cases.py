@@ -72,10 +72,10 @@ def clear_region(laid_out: Panel) -> db.Region:
     """The panel's clear dots as merged polygons about its middle, in nanometres, straight from the aperture's grid."""
     aperture = panel_aperture(laid_out)
     x, y = (np.rint(NM_PER_UM * lattice.edges_um()).astype(int).tolist() for lattice in (aperture.x, aperture.y))
-    found = db.Region()
+    region = db.Region()
     for j, i in zip(*np.nonzero(aperture.transmission), strict=True):
-        found.insert(db.Box(x[i], y[j], x[i + 1], y[j + 1]))
-    return found.merged(True, 1)
+        region.insert(db.Box(x[i], y[j], x[i + 1], y[j + 1]))
+    return region.merged(True, 1)
 
 
 @dataclass(frozen=True)
@@ -118,9 +118,9 @@ def run_cases(cases: Iterable[Case]) -> Iterator[CaseResult]:
         yield CaseResult(case, error, time.perf_counter() - start)
 
 
-def relative(found: NDArray[np.number[Any]], expected: NDArray[np.number[Any]]) -> float:
+def relative(values: NDArray[np.number[Any]], expected: NDArray[np.number[Any]]) -> float:
     """Relative L2 distance."""
-    return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
+    return float(np.linalg.norm(values - expected) / np.linalg.norm(expected))
 
 
 def _two_paths(panel: Panel, stop: Stop) -> float:
@@ -146,15 +146,15 @@ def airy(diameter_um: float, *wavelengths_nm: float) -> float:
     camera = example_camera(diameter_um, wavelengths=wavelengths_nm)
     cells = 2 * int(np.ceil(diameter_um / 80))
     worst = 0.0
-    for found in point_psfs(
+    for psf in point_psfs(
         example_pupil(example_panel(np.ones((5, 5), dtype=np.bool_), cells=cells), camera.stop), camera
     ):
-        scale = image_scale_um2(camera, found.wavelength_nm)
-        axis = point_step_um(camera) * (np.arange(len(found.values), dtype=np.float64) - len(found.values) // 2)
+        scale = image_scale_um2(camera, psf.wavelength_nm)
+        axis = point_step_um(camera) * (np.arange(len(psf.values), dtype=np.float64) - len(psf.values) // 2)
         argument = np.pi * diameter_um * np.hypot(axis[:, None], axis) / scale
         argument[argument == 0] = 1e-30
         expected = camera.stop.area_um2 * (2 * j1(argument) / argument) ** 2 / scale**2
-        worst = max(worst, relative(found.values, expected))
+        worst = max(worst, relative(psf.values, expected))
     return worst
 
 
@@ -181,8 +181,8 @@ def fine_dots() -> float:
     """A round stop of 4 mm over 4011 x 4011 dots of 1 um: cell by cell against complex products, few frequencies."""
     pupil = example_pupil(example_panel(noise(21, 0.2, 1), dot_nm=1000, cells=191, seed=1), Stop("circle", 4000.0))
     u = 1.5e-2 * np.arange(3, dtype=np.float64)
-    found = prepare_cells(pupil, float(u[-1]), float(u[-1])).field(u, u).amplitude()
-    return relative(found[2:, 2:], direct_field(pupil, u, u))
+    amplitude = prepare_cells(pupil, float(u[-1]), float(u[-1])).field(u, u).amplitude()
+    return relative(amplitude[2:, 2:], direct_field(pupil, u, u))
 
 
 def incommensurate_gutter() -> float:
@@ -202,8 +202,8 @@ def gutters_dot_by_dot() -> float:
     waves = 4.03 * np.sinc(4.03 * u) * np.exp(-2e-3j * np.pi * (low + panel.dot_nm / 2)[:, None] * u)
     clear = np.block([[orient(panel.opening.mask, int(k)) for k in row] for row in panel.orientations])
     row, column = np.nonzero(clear)
-    found = parity_field(example_pupil(panel, Stop("square", 2e-3 * half_nm)), u, u).amplitude()
-    return relative(found[32:, 32:], waves[row].T @ waves[column])
+    amplitude = parity_field(example_pupil(panel, Stop("square", 2e-3 * half_nm)), u, u).amplitude()
+    return relative(amplitude[32:, 32:], waves[row].T @ waves[column])
 
 
 def half_grid_ties() -> float:
@@ -252,10 +252,10 @@ def along_edges() -> float:
     """Frequencies along an edge's direction, where vertex formulas divide 0 by 0: one rectangle against its sinc."""
     region = db.Region(db.Box(-40_000, -30_000, 40_000, 30_000))
     edges, area = edges_in_stop(region, Stop("square", 200.0), (0.0, 0.0))
-    found = boundary(edges, area, 0.05).field(1e-3, 61)
+    amplitude = boundary(edges, area, 0.05).field(1e-3, 61)
     q = 1e-3 * np.arange(-30, 31, dtype=np.float64)
     expected = 80.0 * np.sinc(80.0 * q) * (60.0 * np.sinc(60.0 * q))[:, None]
-    return relative(found, expected.astype(np.complex128))
+    return relative(amplitude, expected.astype(np.complex128))
 
 
 def replica() -> float:
@@ -280,14 +280,14 @@ def single_precision_far_away() -> float:
 def million_polygons() -> float:
     """Squares of 2 um, 4 um apart, 1000 x 1000 in a square stop of 4 mm: polygons against the product of two sums."""
     low = 4000 * np.arange(-500, 500, dtype=np.int64) + 1000
-    x, y = (each.ravel() for each in np.meshgrid(low, low))
+    x, y = (offset.ravel() for offset in np.meshgrid(low, low))
     boxes = np.stack([x, y, x + 2000, y + 2000], axis=1)
     edges, area = edges_in_stop(boxes, Stop("square", 4000.0), (0.0, 0.0))
     step, u = 1e-4, 1e-4 * np.arange(-32, 33, dtype=np.float64)
-    found = boundary(edges, area, float(u[-1]) * np.sqrt(2)).field(step, 65)
+    amplitude = boundary(edges, area, float(u[-1]) * np.sqrt(2)).field(step, 65)
     centres = (low + 1000) * UM_PER_NM
     axis = 2.0 * np.sinc(2.0 * u) * np.exp(-2j * np.pi * u[:, None] * centres).sum(axis=1)
-    return relative(found, axis * axis[:, None])
+    return relative(amplitude, axis * axis[:, None])
 
 
 def aliased_samples() -> float:
@@ -335,8 +335,8 @@ def no_noise() -> float:
     )
     for square in (nulls, open_):
         for ratio in (1e-2, 1e-6, 1e-16, 1e-100, 1e-300):
-            found = [measure(square, ratio) for measure in (worst_wiener, noise_gain)]
-            values = np.array([(_number(each), each.uncertainty) for each in found], dtype=np.float64)
+            quantities = [measure(square, ratio) for measure in (worst_wiener, noise_gain)]
+            values = np.array([(_number(quantity), quantity.uncertainty) for quantity in quantities], dtype=np.float64)
             # |O| / (|O|² + ε) is largest where |O|² = ε.
             if not np.isfinite(values).all() or values[1, 0] > 0.5 / np.sqrt(ratio) * (1 + 1e-12):
                 return np.inf

@@ -209,7 +209,13 @@ def lag_table(pupil: Pupil, reach_um: float = np.inf) -> LagTable:
         reach_um: the largest lag along either axis that will be asked for; a shorter reach is a smaller transform.
     """
     dot_area = pupil.x.dot_um * pupil.y.dot_um
-    values = _autocorrelation(pupil, dot_blocks(pupil.x, pupil.y, pupil.mean_transmission), reach_um)
+    blocks = dot_blocks(pupil.x, pupil.y, pupil.mean_transmission)
+    # Padded so that nothing folds onto lags within reach.
+    sizes = [
+        scipy.fft.next_fast_len(min(2 * n - 1, n + extra), real=True) if n > 1 else 1
+        for n, extra in zip(blocks.shape, (*_extra(pupil.y, reach_um), *_extra(pupil.x, reach_um)), strict=True)
+    ]
+    values = correlated(blocks, sizes)
     values *= dot_area
     spread = float(pupil.variance.sum()) * dot_area
     values[0, 0, 0, 0] += spread
@@ -256,8 +262,8 @@ def _largest_overlap(variance: Floats) -> float:
         value = np.sqrt(variance[row, column])
         place = row * 2 * width + column
         first, second = np.nonzero(place[:, None] > place)
-        found = np.bincount(place[first] - place[second], value[first] * value[second])
-        return float(found.max(initial=0.0))
+        overlap = np.bincount(place[first] - place[second], value[first] * value[second])
+        return float(overlap.max(initial=0.0))
     sizes = [scipy.fft.next_fast_len(2 * n - 1, real=True) for n in (height, width)]
     # A bound needs no more than single precision, whose error is added.
     deviation, padded = np.empty(variance.shape, dtype=np.float32), [sizes[0], 1, 1, sizes[1]]
@@ -280,15 +286,6 @@ def dot_blocks(x: Lattice, y: Lattice, values: NDArray[Scalar]) -> NDArray[Scala
 def _periods(lattice: Lattice) -> tuple[int, int]:
     """Cells and dots that must be told apart: without gutters every dot is its own cell."""
     return (lattice.cells, lattice.dots) if lattice.has_gutter else (lattice.cells * lattice.dots, 1)
-
-
-def _autocorrelation(pupil: Pupil, blocks: Floats, reach_um: float) -> Floats:
-    """Autocorrelation along all four axes, padded so that nothing folds onto lags within reach."""
-    sizes = [
-        scipy.fft.next_fast_len(min(2 * n - 1, n + extra), real=True) if n > 1 else 1
-        for n, extra in zip(blocks.shape, (*_extra(pupil.y, reach_um), *_extra(pupil.x, reach_um)), strict=True)
-    ]
-    return correlated(blocks, sizes)
 
 
 def correlated(blocks: Floats, sizes: list[int]) -> Floats:
@@ -419,7 +416,7 @@ def axis_lags(pupil: Pupil, energy_um2: float) -> tuple[AxisLags, AxisLags]:
     """
     grey = pupil.mean_transmission[np.ix_(pupil.y.dot_index().ravel(), pupil.x.dot_index().ravel())]
     area = pupil.x.dot_um * pupil.y.dot_um
-    found = []
+    tables = []
     for lattice, rows in ((pupil.x, grey), (pupil.y, grey.T)):
         # Without gutters every dot is a cell, as in the lag table.
         period = (lattice.cells, lattice.dots) if lattice.has_gutter else (lattice.cells * lattice.dots, 1)
@@ -432,5 +429,5 @@ def axis_lags(pupil: Pupil, energy_um2: float) -> tuple[AxisLags, AxisLags]:
             power = power + (spectrum.real**2 + spectrum.imag**2).sum(axis=0)
         values = scipy.fft.irfftn(power, sizes, axes=[axis - 1 for axis in axes]) * area
         values[0, 0] = energy_um2
-        found.append(AxisLags(lattice, values))
-    return found[0], found[1]
+        tables.append(AxisLags(lattice, values))
+    return tables[0], tables[1]

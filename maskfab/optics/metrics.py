@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError
 from maskfab.base.model import Mtf, Psf, Quantity
 from maskfab.base.units import UM_PER_MM
@@ -283,16 +282,11 @@ def aliased_cuts(lags: tuple[AxisLags, AxisLags], table: LagTable, mtf: Mtf, cam
     turn = np.exp(2j * np.pi * phase[:, None] * orders)
     pixel = np.where(abs(alias) < highest, np.sinc(alias * camera.pixel_um), 0.0)
     along_x, along_y = (abs(turn @ (axis.at(scale * alias) / table.energy_um2 * pixel)) for axis in lags)
-    values = _over_phases(along_x, along_y)
+    shape = (PHASES, PHASES, along_x.shape[1])
+    values = np.concatenate([np.broadcast_to(along_x[None], shape), np.broadcast_to(along_y[:, None], shape)], axis=-1)
     none = np.zeros_like(nu)
     frequency = UM_PER_MM * np.stack([np.concatenate([nu, none]), np.concatenate([none, nu])])
     return AliasedMtf(frequency, values, phase, "pixel", 2 * orders.size * table.coarse_uncertainty)
-
-
-def _over_phases(along_x: Floats, along_y: Floats) -> Floats:
-    """Cuts by the phase along their own axis, [phases, n] each, as [phases y, phases x, 2 n]."""
-    shape = (PHASES, PHASES, along_x.shape[1])
-    return np.concatenate([np.broadcast_to(along_x[None], shape), np.broadcast_to(along_y[:, None], shape)], axis=-1)
 
 
 def restoration_quantities(table: LagTable, camera: Camera, wavelength_nm: float, die: str | None) -> list[Quantity]:
@@ -316,10 +310,14 @@ def shape_quantities(points: Psf, pixels: Psf, camera: Camera, die: str | None) 
     """
     highest = _highest(camera, points.wavelength_nm)
     core = min(_CORE_PIXELS, pixels.values.shape[0]) * pixels.step_um
+    reach = _NEAR_ORDERS / cutoff(camera, points.wavelength_nm)
+    nearest = first_side_lobe(_middle_part(points, reach), die)
+    # Of a square's corners only what lies within its inner circle is known to be the nearest.
+    near = isinstance(nearest.value, float) and nearest.value < reach - points.step_um
     return [
         ensquared_energy(pixels, core, highest, die),
         halo_of(pixels, camera, die),
-        _nearest_side_lobe(points, camera, die),
+        nearest if near else first_side_lobe(points, die),
         _streaks(points, die),
         energy_normalised_strehl(points, camera, die),
     ]
@@ -364,17 +362,8 @@ def _if_known(quantity: Quantity, least: float) -> Quantity:
     value, error = quantity.value, quantity.uncertainty or 0.0
     if not isinstance(value, float) or error <= max(_LARGEST_BAR * value, least):
         return quantity
-    told = f"; not told, for its error would be {error:.2g} of {value:.2g}: widen camera.window"
-    return replace(quantity, value=None, uncertainty=None, method=quantity.method + told)
-
-
-def _nearest_side_lobe(points: Psf, camera: Camera, die: str | None) -> Quantity:
-    """The side lobe nearest to the axis; the whole window is searched only if none is near."""
-    reach = _NEAR_ORDERS / cutoff(camera, points.wavelength_nm)
-    found = first_side_lobe(_middle_part(points, reach), die)
-    # Of a square's corners only what lies within its inner circle is known to be the nearest.
-    near = isinstance(found.value, float) and found.value < reach - points.step_um
-    return found if near else first_side_lobe(points, die)
+    reason = f"; not told, for its error would be {error:.2g} of {value:.2g}: widen camera.window"
+    return replace(quantity, value=None, uncertainty=None, method=quantity.method + reason)
 
 
 def _streaks(points: Psf, die: str | None) -> Quantity:
@@ -390,8 +379,8 @@ def _streaks(points: Psf, die: str | None) -> Quantity:
 def _middle_part(psf: Psf, reach_um: float) -> Psf:
     """The samples of a PSF up to a distance from the axis, along x and y."""
     middle = psf.values.shape[0] // 2
-    kept = min(middle, math.ceil(reach_um / psf.step_um - 1e-9))
-    part = slice(middle - kept, middle + kept + 1)
+    reach = min(middle, math.ceil(reach_um / psf.step_um - 1e-9))
+    part = slice(middle - reach, middle + reach + 1)
     return Psf(psf.values[part, part], psf.step_um, psf.wavelength_nm, psf.kind)
 
 

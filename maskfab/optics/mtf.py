@@ -107,14 +107,16 @@ def frequency_at(mtf: Mtf, level: float) -> tuple[float, float] | None:
         None if it stays above to the end.
     """
     mean = mtf.falls
-    found = first_below(mean.frequency_cy_per_mm, mean.modulation, level)
-    if found is None:
+    frequency = first_below(mean.frequency_cy_per_mm, mean.modulation, level)
+    if frequency is None:
         return None
     least, most = (
         first_below(mean.frequency_cy_per_mm, mean.modulation + sign * mean.error, level) for sign in (-1, 1)
     )
     last = float(mtf.frequency_cy_per_mm[-1])
-    return found, max(found - (found if least is None else least), (last if most is None else most) - found)
+    return frequency, max(
+        frequency - (frequency if least is None else least), (last if most is None else most) - frequency
+    )
 
 
 def first_below(frequency: Floats, values: Floats, level: float) -> float | None:
@@ -250,7 +252,7 @@ def _least(group: Indices, values: Floats, count: int) -> Indices:
 def _falls(view: _View, rings: _Rings, step: float, levels: Sequence[float]) -> RadialMean:
     """The mean over directions on exact radii, wherever it may first fall below one of the levels."""
     chosen = np.zeros(RINGS, dtype=np.bool_)
-    found = []
+    means = []
     for level in levels:
         may, must = (np.flatnonzero(rings.mean + sign * rings.error < level / 100) for sign in (-1, 1))
         first = int(may[0]) if may.size else RINGS
@@ -261,10 +263,10 @@ def _falls(view: _View, rings: _Rings, step: float, levels: Sequence[float]) -> 
         rings_of_level = np.flatnonzero(about & ~chosen)
         chosen |= about
         if rings_of_level.size:
-            found.append(_directional_mean(view, step, rings_of_level))
-    if not found:
-        found.append(_directional_mean(view, step, np.zeros(1, dtype=np.intp)))
-    frequency, mean, error = np.concatenate(found, axis=1)
+            means.append(_directional_mean(view, step, rings_of_level))
+    if not means:
+        means.append(_directional_mean(view, step, np.zeros(1, dtype=np.intp)))
+    frequency, mean, error = np.concatenate(means, axis=1)
     return RadialMean(UM_PER_MM * frequency, mean, error)
 
 
@@ -301,12 +303,12 @@ def worst_directions(mtf: Mtf, frequencies_cy_per_mm: Sequence[float], die: str 
         Between two rings the minimum is interpolated; it may lie anywhere between theirs, so that the error holds both.
     """
     rings, least = mtf.frequency_cy_per_mm, mtf.cuts["radial_min"]
-    found = []
+    directions = []
     for frequency in frequencies_cy_per_mm:
         value = float(np.interp(frequency, rings, least))
         after = int(np.clip(np.searchsorted(rings, frequency), 1, rings.size - 1))
         near = least[after - 1 : after + 1] if frequency < rings[after] else least[after : after + 1]
-        found.append(
+        directions.append(
             Quantity(
                 f"mtf_worst_{frequency:g}",
                 value,
@@ -316,7 +318,7 @@ def worst_directions(mtf: Mtf, frequencies_cy_per_mm: Sequence[float], die: str 
                 wavelength_nm=mtf.wavelength_nm,
             )
         )
-    return found
+    return directions
 
 
 PHASES = 16
@@ -445,19 +447,14 @@ def _transfer(
     within = (abs(nu_x) < highest) & (abs(nu_y) < highest)
     values = np.zeros(nu_x.shape)
     kept_x, kept_y = nu_x[within], nu_y[within]
-    values[within] = _sum_of_lines(table, camera, spectrum, kept_x, kept_y)
-    return values * pixel_transfer(camera, nu_x, nu_y) if sampled == "pixel" else values
-
-
-def _sum_of_lines(table: LagTable, camera: Camera, spectrum: Spectrum, nu_x: Floats, nu_y: Floats) -> Floats:
-    """Polychromatic OTF at frequencies that are beyond the cutoff of some lines."""
-    total = np.zeros(nu_x.shape)
+    total = np.zeros(kept_x.shape)
     for wavelength, weight in zip(spectrum.wavelengths_nm, spectrum.weights, strict=True):
         highest = cutoff(camera, float(wavelength))
-        seen = (abs(nu_x) < highest) & (abs(nu_y) < highest)
+        seen = (abs(kept_x) < highest) & (abs(kept_y) < highest)
         line = Spectrum(np.array([wavelength]), np.ones(1), spectrum.name)
-        total[seen] += weight * polychromatic_otf(table, camera, line, nu_x[seen], nu_y[seen])
-    return total
+        total[seen] += weight * polychromatic_otf(table, camera, line, kept_x[seen], kept_y[seen])
+    values[within] = total
+    return values * pixel_transfer(camera, nu_x, nu_y) if sampled == "pixel" else values
 
 
 _FEWEST_NODES = 5
@@ -510,21 +507,19 @@ def edge_spread(lags: tuple[AxisLags, AxisLags], table: LagTable, camera: Camera
     meet = half_pixel + starts[::2]
     near, beyond = table.coarse_errors
     error = near * _wave_mean(meet * table.near_um / scale) + beyond * _wave_mean(meet * highest) + _QUADRATURE_ERROR
-    return EdgeSpread(0.5 + _odd(np.array(sides)), _even(error), 0.0, wavelength_nm)
+    side = np.array(sides)
+    return EdgeSpread(
+        0.5 + np.concatenate([-side[..., ::-1], side], axis=-1),
+        np.concatenate([error[..., ::-1], error], axis=-1),
+        0.0,
+        wavelength_nm,
+    )
 
 
 def _wave_mean(cycles: Floats) -> Floats:
     """Bound of ∫ |sin 2πνx| / (πν) dν up to so many cycles νx: of sines below their arguments, then of half waves."""
     turn = 2 * np.pi * cycles
     return np.minimum(turn, 2 + 2 / np.pi * np.log(np.maximum(turn / np.pi, 1.0))) / np.pi
-
-
-def _even(side: Floats) -> Floats:
-    return np.concatenate([side[..., ::-1], side], axis=-1)
-
-
-def _odd(side: Floats) -> Floats:
-    return np.concatenate([-side[..., ::-1], side], axis=-1)
 
 
 def edge_in_window(pixels: Psf) -> EdgeSpread:
@@ -557,7 +552,7 @@ def edge_colour_difference(red: EdgeSpread, green: EdgeSpread, blue: EdgeSpread,
     moved = np.stack([_colour(channels + errors * signs) for signs in product((-1, 1), repeat=3)])
     least, most = float(moved.min(axis=0).max()), float(moved.max())
     outside = max(edge.outside for edge in edges)
-    known = (
+    extent = (
         f"up to {outside:.2g} of a colour's light lies outside the window, and the error bar is what it could change"
         if outside
         else "from the lags, all light included"
@@ -566,7 +561,7 @@ def edge_colour_difference(red: EdgeSpread, green: EdgeSpread, blue: EdgeSpread,
         "edge_colour_difference",
         largest,
         "largest CIE 1976 colour difference of a black and white edge, along x or y, in linear sRGB under D65, from "
-        f"the same edge in grey; {known}",
+        f"the same edge in grey; {extent}",
         uncertainty=max(most - largest, largest - least),
         die=die,
     )

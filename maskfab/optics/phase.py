@@ -201,8 +201,8 @@ def phased(pupil: Pupil, waves: Waves, highest: float, tolerance: float = 1e-6) 
         if good.size:
             degree = int(good[0]) + 1
             rim = _rim_moments(pupil, waves, nodes + 3)
-            kept = np.ascontiguousarray(moments[:, :degree, :degree])
-            return PhasedPupil(pupil, row, column, kept, rim, degree, highest, float(error[degree]))
+            whole = np.ascontiguousarray(moments[:, :degree, :degree])
+            return PhasedPupil(pupil, row, column, whole, rim, degree, highest, float(error[degree]))
     if pupil.whole.size * 4 > _MOST_DOTS:
         what = f"the phase turns too fast: {pupil.whole.size} dots do not resolve it to the {tolerance:.1e} asked for"
         raise JobError("MF115", what, cure="Ask for a larger error or a weaker wavefront")

@@ -89,11 +89,11 @@ def wave_degree(phase: float, tolerance: float, place: Callable[[Floats], Floats
 
 def spherical_bessel(argument: Floats, orders: int) -> Floats:
     """j_0, j_1, ... at arguments that are not negative, [orders, ...], each to about 1e-16."""
-    found = np.empty((orders, *argument.shape))
+    values = np.empty((orders, *argument.shape))
     large = argument >= orders
-    found[:, large] = _upwards(argument[large], orders)
-    found[:, ~large] = _downwards(argument[~large], orders)
-    return found
+    values[:, large] = _upwards(argument[large], orders)
+    values[:, ~large] = _downwards(argument[~large], orders)
+    return values
 
 
 def spherical_bessel_bounds(argument: Floats, orders: int) -> Floats:
@@ -103,12 +103,12 @@ def spherical_bessel_bounds(argument: Floats, orders: int) -> Floats:
 
 
 def _upwards(z: Floats, orders: int) -> Floats:
-    found = np.empty((max(orders, 2), *z.shape))
-    found[0] = np.sin(z) / z
-    found[1] = (found[0] - np.cos(z)) / z
+    values = np.empty((max(orders, 2), *z.shape))
+    values[0] = np.sin(z) / z
+    values[1] = (values[0] - np.cos(z)) / z
     for n in range(1, orders - 1):
-        found[n + 1] = (2 * n + 1) / z * found[n] - found[n - 1]
-    return found[:orders]
+        values[n + 1] = (2 * n + 1) / z * values[n] - values[n - 1]
+    return values[:orders]
 
 
 def _downwards(z: Floats, orders: int) -> Floats:
@@ -119,10 +119,10 @@ def _downwards(z: Floats, orders: int) -> Floats:
     ratio = np.ones((last + 2, *z.shape))
     for n in range(last, 0, -1):
         ratio[n - 1] = ratio[n] - square * (ratio[n + 1] / ((2 * n + 1) * (2 * n + 3)))
-    found = spherical_bessel_bounds(z, last + 2) * ratio
+    values = spherical_bessel_bounds(z, last + 2) * ratio
     # The sum of (2n + 1) j_n² is 1 (DLMF 10.60.12), and above the argument no j_n is negative.
-    found /= np.sqrt(np.tensordot(2 * np.arange(last + 2) + 1, found**2, 1))
-    return found[:orders]
+    values /= np.sqrt(np.tensordot(2 * np.arange(last + 2) + 1, values**2, 1))
+    return values[:orders]
 
 
 def gauss_rules(places: Floats, weights: Floats, starts: Indices, nodes: int) -> tuple[Floats, Floats]:
@@ -162,7 +162,7 @@ def gauss_rules(places: Floats, weights: Floats, starts: Indices, nodes: int) ->
         coupling = np.sqrt(np.divide(after, norm, out=np.zeros_like(norm), where=seen))
         jacobi[:, k, k + 1] = jacobi[:, k + 1, k] = coupling
         norm = after
-    found, vectors = np.linalg.eigh(jacobi)
+    roots, vectors = np.linalg.eigh(jacobi)
     # Rounding must not carry a node beyond the points.
-    places = np.clip(middle[:, None] + half[:, None] * found, lowest[:, None], highest[:, None])
+    places = np.clip(middle[:, None] + half[:, None] * roots, lowest[:, None], highest[:, None])
     return places, mass[:, None] * vectors[:, 0, :] ** 2

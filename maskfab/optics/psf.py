@@ -137,7 +137,7 @@ class Leak:
         missing = 2 * np.sqrt(strips / energy) + strips / energy
         lost = missing + self._imaginary_um2(openings, min(reach_um, self.stop.diameter_um)) / energy
         near, beyond = (
-            float(np.dot(shares, each) + lost) for each in zip(*(table.errors for table in tables), strict=True)
+            float(np.dot(shares, errors) + lost) for errors in zip(*(table.errors for table in tables), strict=True)
         )
         return replace(
             tables[0],
@@ -249,9 +249,9 @@ def _point_psf(quadrant: ParityField, pupil: Pupil, camera: Camera, wavelength_n
 def _leaking_psf(
     quadrant: ParityField, pupil: Pupil, camera: Camera, wavelength_nm: float, frequency: Floats, leak: Leak
 ) -> Psf:
-    found = leak.field(quadrant.amplitude(), np.concatenate([-frequency[:0:-1], frequency]))
+    field = leak.field(quadrant.amplitude(), np.concatenate([-frequency[:0:-1], frequency]))
     norm = psf_norm_um6(image_scale_um2(camera, wavelength_nm), leak.energy_um2(pupil.energy_um2))
-    values = (found.real**2 + found.imag**2) / norm
+    values = (field.real**2 + field.imag**2) / norm
     return Psf(values, point_step_um(camera), wavelength_nm, "point")
 
 
@@ -380,16 +380,16 @@ def halo_um3(across: Floats, along: Floats, roughness: Roughness) -> Floats:
     """
     a = (2 * np.pi * across * roughness.sigma_um) ** 2
     decay = (np.pi * along * roughness.correlation_um) ** 2
-    found = np.zeros(np.broadcast(a, decay).shape)
+    halo = np.zeros(np.broadcast(a, decay).shape)
     power, k = np.exp(-a), 1
     while True:
-        found += power / np.sqrt(k) * np.exp(-decay / k)
+        halo += power / np.sqrt(k) * np.exp(-decay / k)
         k += 1
         power = power * a / k
         if k > a.max(initial=0.0) and power.max(initial=0.0) < _LEAST_TERM:
             break
     scale = roughness.sigma_um**2 * roughness.correlation_um * np.sqrt(np.pi)
-    return np.asarray(scale * found)
+    return np.asarray(scale * halo)
 
 
 def rough_psf(smooth: Psf, edges: EdgeLengths, area_um2: float, scale_um2: float, roughness: Roughness) -> Psf:

@@ -122,10 +122,10 @@ class Lattice:
         edge falls on the limit, rounding would else keep it on one side alone.
         """
         first = self.start_um + self.pitch_um * np.arange(self.cells)
-        kept = np.flatnonzero((first < half_width_um) & (first + self.dots * self.dot_um > -half_width_um))
-        if not kept.size:
+        near = np.flatnonzero((first < half_width_um) & (first + self.dots * self.dot_um > -half_width_um))
+        if not near.size:
             return self
-        spare = min(int(kept[0]), self.cells - 1 - int(kept[-1]))
+        spare = min(int(near[0]), self.cells - 1 - int(near[-1]))
         start = self.start_um + spare * self.pitch_um
         return Lattice(start, self.cells - 2 * spare, self.dots, self.dot_um, self.pitch_um)
 
@@ -160,10 +160,10 @@ def finer_aperture(openings: Aperture, times: int) -> Aperture:
         shape = y.edges_um().size - 1, x.edges_um().size - 1
         if not any(values.strides):
             return zeros(shape)
-        found = np.zeros(shape)
-        found[fine] = refined(values[coarse], times)
-        found.flags.writeable = False
-        return found
+        repeated = np.zeros(shape)
+        repeated[fine] = refined(values[coarse], times)
+        repeated.flags.writeable = False
+        return repeated
 
     return Aperture(x, y, spread(openings.transmission), spread(openings.variance))
 
@@ -467,18 +467,18 @@ def _middle(stop: Stop) -> Stop:
 def _within(values: Floats, first: Indices, last: Indices) -> Floats:
     """The values in columns first to last - 1 of every row, zero elsewhere; read-only."""
     column, start, stop = (number.astype(np.int32) for number in (np.arange(values.shape[1]), first, last))
-    kept = np.where((column >= start[:, None]) & (column < stop[:, None]), values, 0.0)
-    kept.flags.writeable = False
-    return kept
+    clipped = np.where((column >= start[:, None]) & (column < stop[:, None]), values, 0.0)
+    clipped.flags.writeable = False
+    return clipped
 
 
 def _without(values: Floats, begin: Indices, end: Indices) -> Floats:
     """The values, zero in columns begin to end - 1 of every row; read-only."""
-    kept = values.copy()
+    rest = values.copy()
     for j in np.flatnonzero(begin < end):
-        kept[j, begin[j] : end[j]] = 0.0
-    kept.flags.writeable = False
-    return kept
+        rest[j, begin[j] : end[j]] = 0.0
+    rest.flags.writeable = False
+    return rest
 
 
 def _between(begin: Indices, end: Indices, first: Indices, last: Indices) -> tuple[Indices, Indices]:
@@ -547,20 +547,15 @@ def _stop_moments(boxes: Floats, stop: Stop, orders: int) -> Floats:
     if stop.outline_um:
         return polygon_moments(boxes, np.array(stop.outline_um), orders)
     if not stop.round:
-        return _box_moments(boxes, stop, orders)
+        along = []
+        for k, side in zip((0, 2), stop.sides_um, strict=True):
+            low, high = boxes[:, k], boxes[:, k + 1]
+            start, end = (np.clip(2 * (x - low) / (high - low) - 1, -1, 1) for x in (-side / 2, side / 2))
+            along.append((legendre_integrals(end, orders) - legendre_integrals(start, orders)).T / 2)
+        along_x, along_y = along
+        return along_y[:, :, None] * along_x[:, None, :]
     moments = _circle_moments(boxes * np.repeat(_to_circle(stop), 2), stop.diameter_um / 2, orders)
     return moments - _stop_moments(boxes, _middle(stop), orders) if stop.inner_share else moments
-
-
-def _box_moments(boxes: Floats, stop: Stop, orders: int) -> Floats:
-    """Moments of box x rectangle: products of one-dimensional ones, exact by Gauss-Legendre."""
-    moments = []
-    for k, side in zip((0, 2), stop.sides_um, strict=True):
-        low, high = boxes[:, k], boxes[:, k + 1]
-        start, end = (np.clip(2 * (x - low) / (high - low) - 1, -1, 1) for x in (-side / 2, side / 2))
-        moments.append((legendre_integrals(end, orders) - legendre_integrals(start, orders)).T / 2)
-    along_x, along_y = moments
-    return along_y[:, :, None] * along_x[:, None, :]
 
 
 def _circle_moments(boxes: Floats, radius: float, orders: int) -> Floats:
@@ -591,7 +586,7 @@ def _sliced_moments(boxes: Floats, radius: float, orders: int, rule: tuple[Float
     low, high = (legendre_integrals(np.clip(eta, -1, 1), orders) for eta in heights)
     _add_by_box(moments[:, :, 0], box[full], (high - low).T / 2)
     slices, side = np.nonzero(np.stack([(left < -chord) & (-chord < right), (left < chord) & (chord < right)], axis=1))
-    first, last, left, right, bottom, top = (each[slices, None] for each in (first, last, left, right, bottom, top))
+    first, last, left, right, bottom, top = (bound[slices, None] for bound in (first, last, left, right, bottom, top))
     nodes, weights = rule
     theta = first + (last - first) * ((nodes + 1) / 2)
     edge = radius * np.cos(theta) * np.where(side, 1.0, -1.0)[:, None]

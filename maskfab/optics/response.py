@@ -149,23 +149,23 @@ def numeric_table(text: str, where: str, first: Sequence[str]) -> tuple[list[str
     Raises:
         SourceError: MF302 if there is no table, MF303 for a header, row or number that is damaged.
     """
-    kept = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
-    if not kept:
+    lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
+    if not lines:
         raise SourceError("MF302", "there is no table", where=where, cure="Add a header and rows")
-    header = _cells(kept[0][1])
+    header = _cells(lines[0][1])
     if len(header) < 2 or header[0] not in first or len(set(header)) < len(header) or "" in header:
-        what = f"the header {kept[0][1]!r} is not {' or '.join(first)} and different names"
-        raise _damaged(where, kept[0][0], what)
-    if len(kept) < 3:
-        raise _damaged(where, kept[-1][0], "there are fewer than two rows of numbers")
-    return header, np.array([_numbers(where, number, line, header) for number, line in kept[1:]])
+        what = f"the header {lines[0][1]!r} is not {' or '.join(first)} and different names"
+        raise _damaged(where, lines[0][0], what)
+    if len(lines) < 3:
+        raise _damaged(where, lines[-1][0], "there are fewer than two rows of numbers")
+    return header, np.array([_numbers(where, number, line, header) for number, line in lines[1:]])
 
 
 def _support(curve: Curve) -> Curve:
     """The curve without rows that are zero up to either end: they would widen the range of its band."""
     seen = np.flatnonzero(curve.values)
-    kept = slice(max(int(seen[0]) - 1, 0), int(seen[-1]) + 2)
-    return Curve(curve.wavelengths_nm[kept], curve.values[kept], curve.name)
+    part = slice(max(int(seen[0]) - 1, 0), int(seen[-1]) + 2)
+    return Curve(curve.wavelengths_nm[part], curve.values[part], curve.name)
 
 
 def _numbers(where: str, number: int, line: str, header: Iterable[str]) -> list[float]:

@@ -86,9 +86,9 @@ def wiener_filter(transfer: Response, noise_to_signal: NDArray[np.floating[Any]]
     Designs descend along its slope by :func:`maskfab.designs.model.panel_error.wiener_tensor`, the same on tensors.
     """
     below, above = np.asarray(squared_modulus(transfer) + noise_to_signal), transfer.conj()
-    found = below if below.dtype == transfer.dtype else np.empty_like(transfer)
+    out = below if below.dtype == transfer.dtype else np.empty_like(transfer)
     if below.min(initial=1) > 0:  # nearly always; nothing then needs to be asked, or filled, element by element
-        return np.asarray(np.divide(above, below, out=found))
+        return np.asarray(np.divide(above, below, out=out))
     return np.asarray(np.divide(above, below, out=np.zeros_like(transfer), where=below > 0))
 
 

@@ -42,11 +42,6 @@ from maskfab.optics.pupil import Lattice, Pupil
 _AT_A_TIME = 4_096
 
 
-def has_closed_form(stop: Stop) -> bool:
-    """Whether the areas of this module are known for a stop: for all but polygons."""
-    return not stop.outline_um
-
-
 def apart(stop: Stop, lag_x_um: Floats, lag_y_um: Floats) -> Mask:
     """Whether a stop moved by lags surely shares nothing with itself."""
     width, height = stop.sides_um
@@ -173,9 +168,9 @@ def _beside(x: Floats, y: Floats, height: Floats, normal: Floats) -> tuple[Float
     share = height / np.where(crosses, height - following, 1.0)
 
     def clipped(corner: Floats, along: Floats) -> Floats:
-        kept = corner - back * along
-        between = np.where(crosses, corner + share * (_next(corner) - corner), kept)
-        return np.stack([kept, between], axis=1).reshape(2 * len(corner), -1 if corner.size else 0)
+        inside = corner - back * along
+        between = np.where(crosses, corner + share * (_next(corner) - corner), inside)
+        return np.stack([inside, between], axis=1).reshape(2 * len(corner), -1 if corner.size else 0)
 
     return clipped(x, normal[0]), clipped(y, normal[1])
 
@@ -266,8 +261,8 @@ class RimParts:
         """
         held = slice(part[0], part[-1] + 1)
         count = np.diff(np.searchsorted(part, np.arange(held.start, held.stop + 1)))
-        found = np.repeat(self.table[..., held], count, axis=2)
-        weight, clear = found[-1]
+        columns = np.repeat(self.table[..., held], count, axis=2)
+        weight, clear = columns[-1]
         mirrored = np.repeat(self.mirrored[:, held], count, axis=1)
         here, right, above = quarters[:3] - quarters[3]
         twist = here - right - above
@@ -278,7 +273,7 @@ class RimParts:
         steps *= turn
         twist *= turn[0] * turn[1]
         share = abs(share - mirrored)
-        lines = _Lines.of(_Along(*found[:-1]), share)
+        lines = _Lines.of(_Along(*columns[:-1]), share)
         sides = lines.before
         sides *= weight
         both = lines.rectangle()
@@ -442,8 +437,8 @@ class RimLags:
                 lag = sign * np.stack([lag_x_um[part], lag_y_um[part]])
                 for along_y in _shifts(self.y, lag[1], self.margin[0]):
                     for along_x in _shifts(self.x, lag[0], self.margin[1]):
-                        found = _sifted(self.kind.ravel(), place_of_part, along_y.intervals * width + along_x.intervals)
-                        meeting = _Meeting(self, along_x, along_y, *found)
+                        pairs = _sifted(self.kind.ravel(), place_of_part, along_y.intervals * width + along_x.intervals)
+                        meeting = _Meeting(self, along_x, along_y, *pairs)
                         for some in meeting.few_at_a_time():
                             total[part] += some.with_whole_um2()
                         if sign > 0:
@@ -500,7 +495,8 @@ def rim_lags(pupil: Pupil, reach_um: float) -> RimLags | None:
     """The cut dots of a pupil, for lags up to a reach along either axis; None if there are none, or of a polygon."""
     row, column = pupil.rim_row, pupil.rim_column
     chosen = np.flatnonzero((row % pupil.y.period < pupil.y.dots) & (column % pupil.x.period < pupil.x.dots))
-    if not chosen.size or not has_closed_form(pupil.stop):
+    # Circles, rings, ellipses and rectangles have closed forms, polygons have none.
+    if not chosen.size or pupil.stop.outline_um:
         return None
     dots = CutDots.of(pupil, chosen)
     margin_y, margin_x = (
@@ -537,10 +533,10 @@ def _sifted(
     for start in range(0, place.size, rows):
         where = (place[start : start + rows, None] + offset).ravel()
         met = kind.take(where)
-        found = np.flatnonzero(met & (_UNLIKE | _NEAR_CUT) != 0)
-        pairs.append(found + start * offset.size)
-        places.append(where.take(found))
-        kinds.append(met.take(found))
+        meeting = np.flatnonzero(met & (_UNLIKE | _NEAR_CUT) != 0)
+        pairs.append(meeting + start * offset.size)
+        places.append(where.take(meeting))
+        kinds.append(met.take(meeting))
     pair = np.concatenate(pairs)
     ends = np.searchsorted(pair, offset.size * np.arange(place.size + 1))
     part = np.repeat(np.arange(place.size), np.diff(ends))
@@ -655,5 +651,5 @@ class _Meeting:
                 meant &= shift.meets(at, interval[first], step)
         shared = shared_area(dots.stop, np.stack(box), lag_um[:, at])
         area = (box[1] - box[0]) * (box[3] - box[2])
-        found = clear[first] * clear[second] * shared - mean[first] * mean[second] * area
-        return np.asarray(np.bincount(at, found * meant, lag_um.shape[1]), dtype=np.float64)
+        excess = clear[first] * clear[second] * shared - mean[first] * mean[second] * area
+        return np.asarray(np.bincount(at, excess * meant, lag_um.shape[1]), dtype=np.float64)

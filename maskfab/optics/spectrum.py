@@ -245,16 +245,16 @@ def quadrature(band: Band, table: LagTable, camera: Camera, tolerance: float, nu
     if not tolerance > 0:
         raise JobError("MF104", f"the tolerance {tolerance:g} is not positive", cure="Give one such as 1e-4")
     panels = 1
-    found = band.quadrature(panels)
-    before = polychromatic_otf(table, camera, found, nu_x, nu_y)
+    rule = band.quadrature(panels)
+    before = polychromatic_otf(table, camera, rule, nu_x, nu_y)
     error = np.inf
     while panels < _MOST_PANELS:
         panels *= 2
-        found = band.quadrature(panels)
-        after = polychromatic_otf(table, camera, found, nu_x, nu_y)
+        rule = band.quadrature(panels)
+        after = polychromatic_otf(table, camera, rule, nu_x, nu_y)
         error = float(abs(after - before).max(initial=0.0))
         if error < tolerance:
-            return Quadrature(found, error)
+            return Quadrature(rule, error)
         before = after
     what = f"{_NODES_PER_PANEL * _MOST_PANELS} lines leave the band {band.name} {error:.1e} off, over {tolerance:.1e}"
     raise JobError("MF115", what, cure=f"Ask for a tolerance of {2 * error:.1e} or more")
@@ -386,17 +386,17 @@ class Rays:
             # Beyond the diagonal no ray needs the field, but for the neighbours of those close to it.
             inner = t[: start + block.size + _TAPS]
             along_x, along_y = (field.field(*axes).quadrants() for axes in ((block, inner), (inner, block)))
-            tall = [each.T for each in along_x]
+            tall = [quadrant.T for quadrant in along_x]
             # The four that share their neighbours side by side in memory.
             sides = [_mirrored(*pair) for pair in (tall, tall[::-1], along_y, along_y[::-1])]
-            known = np.stack(sides, axis=-1).reshape(-1, 4)
+            quartets = np.stack(sides, axis=-1).reshape(-1, 4)
             first, weights = _neighbours(np.arange(start, start + block.size)[:, None] * slopes)
             first += _TAPS + (inner.size + _TAPS) * np.arange(block.size)[:, None]
             near = weights[..., None]
-            found = values[start : start + block.size]
-            np.multiply(near[0], known[first], out=found)
+            rows = values[start : start + block.size]
+            np.multiply(near[0], quartets[first], out=rows)
             for k in range(1, _TAPS):
-                found += near[k] * known[first + k]
+                rows += near[k] * quartets[first + k]
         return cls(step, values.reshape(count, -1))
 
     def combined(self, places: Floats, scales: Floats, weights: Floats) -> Floats:
@@ -407,7 +407,7 @@ class Rays:
             scales, weights: c_k and w_k, float64 [k].
         """
         count = self.values.shape[0]
-        found = np.empty((places.size, self.values.shape[1]))
+        total = np.empty((places.size, self.values.shape[1]))
         for start in range(0, places.size, _PLACES):
             some = places[start : start + _PLACES]
             first, near = _neighbours(some[:, None] / scales / self.step)
@@ -416,8 +416,8 @@ class Rays:
             used = slice(int(index.min()), int(index.max()) + 1)
             index += count * np.arange(some.size)[:, None]
             matrix = np.bincount(index.ravel(), near.ravel(), count * some.size).reshape(-1, count)[:, used]
-            np.matmul(matrix, self.values[used], out=found[start : start + some.size])
-        return found
+            np.matmul(matrix, self.values[used], out=total[start : start + some.size])
+        return total
 
 
 def beyond(reach_um: float, highest: float) -> float:
@@ -475,26 +475,7 @@ def band_errors(pupil: Pupil, camera: Camera, bands: Sequence[Band]) -> dict[int
     half, shortest_nm = camera.window_um / 2, min(band.range_nm[0] for band in bands)
     samples = max(_LEAST_SAMPLES, math.ceil(1.5 * half * cutoff(camera, shortest_nm)))
     slopes = (np.arange(samples, dtype=np.float64) + 0.5) / samples
-    rays, own = _rays(pupil, half / image_scale_um2(camera, shortest_nm), slopes)
-    # Evenly in the angle whose cosine it is, places see the peak on the axis, where even ones hardly do.
-    count = math.ceil(np.pi / 2 * samples)
-    angle = np.pi * (np.arange(count, dtype=np.float64) + 0.5) / count
-    place = half * (1 - np.cos(angle)) / 2
-    root = np.sqrt(place * np.sin(angle))[:, None]
-
-    def seen(spectrum: Spectrum) -> Floats:
-        """The PSF, weighted with the root of the area that a place stands for."""
-        scales = np.array([image_scale_um2(camera, float(line)) for line in spectrum.wavelengths_nm])
-        found = rays.combined(place, scales, spectrum.weights / scales**2)
-        found *= root
-        return found
-
-    found = [_errors(band, seen, own) for band in bands]
-    return {count: max(each.get(count, each[max(each)]) for each in found) for count in max(found, key=len)}
-
-
-def _rays(pupil: Pupil, highest: float, slopes: Floats) -> tuple[Rays, float]:
-    """A pupil's intensity along rays up to a frequency along the axes, and the error of what it shows."""
+    highest = half / image_scale_um2(camera, shortest_nm)
     reach = [float(abs(axis.edges_um()).max()) for axis in (pupil.x, pupil.y)]
     sides = pupil.stop.sides_um
     farthest = max(sides) / math.sqrt(2) if pupil.stop.round else sum(sides) / 2
@@ -504,15 +485,33 @@ def _rays(pupil: Pupil, highest: float, slopes: Floats) -> tuple[Rays, float]:
     )
     end = (beyond(farthest, highest),) * 2
     sampled = SampledField.of(path.prepare(pupil, *end, "double").field, (reach[0], reach[1]), end)
-    return Rays.of(sampled, farthest, highest, slopes), path.error["double"] + RAYS_ERROR
+    rays, own = Rays.of(sampled, farthest, highest, slopes), path.error["double"] + RAYS_ERROR
+    # Evenly in the angle whose cosine it is, places see the peak on the axis, where even ones hardly do.
+    count = math.ceil(np.pi / 2 * samples)
+    angle = np.pi * (np.arange(count, dtype=np.float64) + 0.5) / count
+    place = half * (1 - np.cos(angle)) / 2
+    root = np.sqrt(place * np.sin(angle))[:, None]
+
+    def seen(spectrum: Spectrum) -> Floats:
+        """The PSF, weighted with the root of the area that a place stands for."""
+        scales = np.array([image_scale_um2(camera, float(line)) for line in spectrum.wavelengths_nm])
+        psf = rays.combined(place, scales, spectrum.weights / scales**2)
+        psf *= root
+        return psf
+
+    errors = [_errors(band, seen, own) for band in bands]
+    return {
+        count: max(by_count.get(count, by_count[max(by_count)]) for by_count in errors)
+        for count in max(errors, key=len)
+    }
 
 
 def _errors(band: Band, seen: Callable[[Spectrum], Floats], own: float) -> dict[int, float]:
-    found: dict[int, Floats] = {}
+    values: dict[int, Floats] = {}
     for count in (1, *(4 * 2**k for k in range(20))):
-        found[count] = seen(band_lines(band, count))
-        size = float(np.linalg.norm(found[count]))
-        if count > 4 and (2 * count > _MOST_LINES or np.linalg.norm(found[count] - found[count // 2]) < own * size):
-            errors = {n: float(np.linalg.norm(found[n] - found[count])) / size for n in found}
+        values[count] = seen(band_lines(band, count))
+        size = float(np.linalg.norm(values[count]))
+        if count > 4 and (2 * count > _MOST_LINES or np.linalg.norm(values[count] - values[count // 2]) < own * size):
+            errors = {n: float(np.linalg.norm(values[n] - values[count])) / size for n in values}
             return {n: BAND_SAFETY * (error + own) for n, error in errors.items() if n != count}
     raise InternalError("MF901", "a band was doubled without end")

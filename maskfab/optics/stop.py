@@ -160,7 +160,17 @@ def clear_field(stop: Stop, u: Floats, v: Floats) -> Complexes:
     """
     u, v = np.broadcast_arrays(u, v)
     if stop.outline_um:
-        return _polygon_field(stop, u, v)
+        total = np.zeros(u.shape, dtype=np.complex128)
+        middle = np.zeros(2)
+        for (px, py), (qx, qy) in sides(stop):
+            dx, dy = qx - px, qy - py
+            turn = np.exp(-1j * np.pi * (u * (px + qx) + v * (py + qy)))
+            total += (u * dy - v * dx) * np.sinc(u * dx + v * dy) * turn
+            middle += np.array([px + qx, py + qy]) * (px * qy - qx * py) / (6 * stop.area_um2)
+        squared = u**2 + v**2
+        near = squared < (_FEWEST_CYCLES / stop.diameter_um) ** 2
+        smooth = stop.area_um2 * np.exp(-2j * np.pi * (u * middle[0] + v * middle[1]))
+        return np.where(near, smooth, 1j * total / (2 * np.pi * np.where(near, 1.0, squared)))
     width, height = stop.sides_um
     if not stop.round:
         return (width * height * np.sinc(width * u) * np.sinc(height * v)).astype(np.complex128)
@@ -172,19 +182,5 @@ def clear_field(stop: Stop, u: Floats, v: Floats) -> Complexes:
 
 def _ellipse_field(width: float, height: float, u: Floats, v: Floats) -> Floats:
     q = np.pi * np.hypot(width * u, height * v)
-    known = np.where(q > 0, q, 1.0)
-    return np.asarray(np.pi / 4 * width * height * np.where(q > 0, 2 * scipy.special.j1(known) / known, 1.0))
-
-
-def _polygon_field(stop: Stop, u: Floats, v: Floats) -> Complexes:
-    total = np.zeros(u.shape, dtype=np.complex128)
-    middle = np.zeros(2)
-    for (px, py), (qx, qy) in sides(stop):
-        dx, dy = qx - px, qy - py
-        turn = np.exp(-1j * np.pi * (u * (px + qx) + v * (py + qy)))
-        total += (u * dy - v * dx) * np.sinc(u * dx + v * dy) * turn
-        middle += np.array([px + qx, py + qy]) * (px * qy - qx * py) / (6 * stop.area_um2)
-    squared = u**2 + v**2
-    near = squared < (_FEWEST_CYCLES / stop.diameter_um) ** 2
-    smooth = stop.area_um2 * np.exp(-2j * np.pi * (u * middle[0] + v * middle[1]))
-    return np.where(near, smooth, 1j * total / (2 * np.pi * np.where(near, 1.0, squared)))
+    safe = np.where(q > 0, q, 1.0)
+    return np.asarray(np.pi / 4 * width * height * np.where(q > 0, 2 * scipy.special.j1(safe) / safe, 1.0))

@@ -114,7 +114,25 @@ def whole_or_away(stop: Stop, x0: Floats, y0: Floats, x1: Floats, y1: Floats) ->
         x0, y0, x1, y1: ends of boxes about the stop's middle, in nanometres, of shapes that broadcast.
     """
     if stop.outline_um:
-        return _beside_polygon(x0, y0, x1, y1, np.array(stop.outline_um))
+        corners = np.array(stop.outline_um)
+        middle_x, middle_y, half_x, half_y = (x0 + x1) / 2, (y0 + y1) / 2, (x1 - x0) / 2, (y1 - y0) / 2
+        shape = np.broadcast(middle_x, middle_y, half_x, half_y).shape
+        met, within = np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_)
+        for (px, py), (qx, qy) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            length = np.hypot(qx - px, qy - py)
+            across, up = (qx - px) / length, (qy - py) / length
+            # Box and side are apart if they are so along an axis or along the side's normal.
+            off_x, off_y = middle_x - (px + qx) / 2, middle_y - (py + qy) / 2
+            met |= (
+                (abs(off_x) < half_x + abs(qx - px) / 2 + 1)
+                & (abs(off_y) < half_y + abs(qy - py) / 2 + 1)
+                & (abs(off_x * up - off_y * across) < half_x * abs(up) + half_y * abs(across) + 1)
+            )
+            if py != qy:
+                within ^= ((py <= middle_y) != (qy <= middle_y)) & (
+                    middle_x > px + (middle_y - py) * ((qx - px) / (qy - py))
+                )
+        return within & ~met, ~within & ~met
     (far_x, near_x), (far_y, near_y) = (_far_and_near(low, high) for low, high in ((x0, x1), (y0, y1)))
     width, height = stop.sides_um
     if not stop.round:
@@ -136,26 +154,3 @@ def _far_and_near(low: Floats, high: Floats) -> tuple[Floats, Floats]:
     """The largest and the least distance from 0 along one axis."""
     far, near = np.maximum(abs(low), abs(high)), np.minimum(abs(low), abs(high))
     return far, np.where((low < 0) & (high > 0), 0.0, near)
-
-
-def _beside_polygon(x0: Floats, y0: Floats, x1: Floats, y1: Floats, corners: Floats) -> tuple[Flags, Flags]:
-    """As for a circle, for a polygon: no side, rounded by a nanometre, comes near, and the box's middle is inside or
-    not."""
-    middle_x, middle_y, half_x, half_y = (x0 + x1) / 2, (y0 + y1) / 2, (x1 - x0) / 2, (y1 - y0) / 2
-    shape = np.broadcast(middle_x, middle_y, half_x, half_y).shape
-    met, within = np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_)
-    for (px, py), (qx, qy) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        length = np.hypot(qx - px, qy - py)
-        across, up = (qx - px) / length, (qy - py) / length
-        # Box and side are apart if they are so along an axis or along the side's normal.
-        off_x, off_y = middle_x - (px + qx) / 2, middle_y - (py + qy) / 2
-        met |= (
-            (abs(off_x) < half_x + abs(qx - px) / 2 + 1)
-            & (abs(off_y) < half_y + abs(qy - py) / 2 + 1)
-            & (abs(off_x * up - off_y * across) < half_x * abs(up) + half_y * abs(across) + 1)
-        )
-        if py != qy:
-            within ^= ((py <= middle_y) != (qy <= middle_y)) & (
-                middle_x > px + (middle_y - py) * ((qx - px) / (qy - py))
-            )
-    return within & ~met, ~within & ~met

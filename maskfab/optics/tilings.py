@@ -166,8 +166,8 @@ def mean_lag_table(
         rim_moments=pupil.rim_moments / root[:, None, None],
         rim_transmission=root,
     )
-    found = (shape_errors(each, cells.energy_um2, cut_dots=True) for each in (pupil, spread))
-    near, beyond = (max(pair) + 1e-15 for pair in zip(*found, strict=True))
+    errors = (shape_errors(part, cells.energy_um2, cut_dots=True) for part in (pupil, spread))
+    near, beyond = (max(pair) + 1e-15 for pair in zip(*errors, strict=True))
     return LagTable(table.x, table.y, values, reach_um, cells.energy_um2, (near, beyond))
 
 
@@ -245,7 +245,18 @@ def _random_cells(panel: Panel, stop: Stop, elements: tuple[int, ...]) -> _Rando
     frame = panel_aperture(panel, stop.diameter_um / 2)
     dots = _tiled(frame, np.ones_like(patterns[0]))
     clear = cut(Aperture(frame.x, frame.y, dots, np.zeros_like(dots)), stop)
-    grey = _masked(clear, _tiled(frame, patterns.mean(axis=0)))
+    # The clear stop's cut with the grey cells in it, sparing a second integration of the rim.
+    values = _tiled(frame, patterns.mean(axis=0))
+    at_rim = values[clear.rim_row, clear.rim_column]
+    clear_there = at_rim != 0
+    grey = replace(
+        clear,
+        whole=clear.whole * values,
+        rim_row=clear.rim_row[clear_there],
+        rim_column=clear.rim_column[clear_there],
+        rim_moments=clear.rim_moments[clear_there] * at_rim[clear_there, None, None],
+        rim_transmission=at_rim[clear_there],
+    )
     inside = clear.mean_transmission[np.ix_(clear.y.dot_index().ravel(), clear.x.dot_index().ravel())]
     share = inside.reshape(clear.y.cells, clear.y.dots, clear.x.cells, clear.x.dots).mean(axis=(1, 3))
     share[share > 1 - 1e-12] = 1.0
@@ -260,20 +271,6 @@ def _tiled(frame: Aperture, cell: Floats) -> Floats:
         cell, (frame.y.cells, frame.x.cells)
     )
     return values
-
-
-def _masked(clear: Pupil, values: Floats) -> Pupil:
-    """The clear stop's cut with another transmission in it, sparing a second integration of the rim."""
-    at_rim = values[clear.rim_row, clear.rim_column]
-    kept = at_rim != 0
-    return replace(
-        clear,
-        whole=clear.whole * values,
-        rim_row=clear.rim_row[kept],
-        rim_column=clear.rim_column[kept],
-        rim_moments=clear.rim_moments[kept] * at_rim[kept, None, None],
-        rim_transmission=at_rim[kept],
-    )
 
 
 def _chebyshev(axis: Floats, pitch_um: float) -> tuple[Floats, Floats]:
@@ -325,13 +322,13 @@ def _representatives(cells: _RandomCells) -> tuple[dict[tuple[int, int], int], b
     centred = abs(2 * x.start_um + (x.cells - 1) * x.pitch_um + x.dots * x.dot_um) < 1e-9 * x.pitch_um
     if not (cells.is_group and x == y and centred):
         return dict.fromkeys(places, 1), False
-    found: dict[tuple[int, int], int] = {}
+    counts: dict[tuple[int, int], int] = {}
     first: dict[tuple[int, int], tuple[int, int]] = {}
     for j, i in places:
         across, up = abs(2 * i - x.cells + 1), abs(2 * j - x.cells + 1)
         chosen = first.setdefault((max(across, up), min(across, up)), (j, i))
-        found[chosen] = found.get(chosen, 0) + 1
-    return found, True
+        counts[chosen] = counts.get(chosen, 0) + 1
+    return counts, True
 
 
 def _dot_kernels(lattice: Lattice, frequency: Floats, orders: int) -> list[Complexes]:
@@ -351,11 +348,11 @@ def _rim_orders(x: Lattice, y: Lattice, nodes: Floats) -> int:
 def _rim_by_cell(cells: _RandomCells) -> dict[tuple[int, int], Indices]:
     """Numbers of the clear stop's cut dots, by cell."""
     x, y = cells.clear.x, cells.clear.y
-    found: dict[tuple[int, int], list[int]] = {}
+    members: dict[tuple[int, int], list[int]] = {}
     stride_x, stride_y = x.period, y.period
     for k, (row, column) in enumerate(zip(cells.clear.rim_row, cells.clear.rim_column, strict=True)):
-        found.setdefault((int(row) // stride_y, int(column) // stride_x), []).append(k)
-    return {cell: np.array(numbers, dtype=np.intp) for cell, numbers in found.items()}
+        members.setdefault((int(row) // stride_y, int(column) // stride_x), []).append(k)
+    return {cell: np.array(numbers, dtype=np.intp) for cell, numbers in members.items()}
 
 
 def _cut_cell_fields(

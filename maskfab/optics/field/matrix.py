@@ -137,8 +137,8 @@ class _Side:
     moments: Floats
 
     def of(self, index: Indices) -> Floats:
-        found: Floats = self.moments[np.searchsorted(self.index, index)]
-        return found
+        taken: Floats = self.moments[np.searchsorted(self.index, index)]
+        return taken
 
 
 def _side(edges: Floats, index: Indices, highest: float, orders: int) -> _Side:
@@ -343,8 +343,8 @@ class PreparedField:
     def _parts(self, u: Floats, v: Floats) -> Reals:
         """The parts of the field that are even or odd in v and in u, [2, 2, nv, nu]."""
         of_u = _waves_by_source([term.x for term in self.terms], u, self.precision, {})
-        known = of_u if np.array_equal(u, v) else {}
-        of_v = _waves_by_source([term.y for term in self.terms], v, self.precision, known)
+        shared = of_u if np.array_equal(u, v) else {}
+        of_v = _waves_by_source([term.y for term in self.terms], v, self.precision, shared)
         parts = np.zeros((2, 2, v.size, u.size), dtype=real_type(self.precision))
         for term in self.terms:
             for odd_y, odd_x in np.ndindex(2, 2):
@@ -381,9 +381,9 @@ class SampledField:
             highest: u and v that will be asked for, cycles per micrometre.
             precision: of the samples and of what they are carried with.
         """
-        nodes = [frequency_nodes(*each, precision) for each in zip(reach_um, highest, strict=True)]
-        found = field(*(node.frequency[::-1] for node in nodes))
-        parts = np.array([[found.even_even, found.even_odd], [found.odd_even, found.odd_odd]])[:, :, ::-1, ::-1]
+        nodes = [frequency_nodes(reach, top, precision) for reach, top in zip(reach_um, highest, strict=True)]
+        sampled = field(*(node.frequency[::-1] for node in nodes))
+        parts = np.array([[sampled.even_even, sampled.even_odd], [sampled.odd_even, sampled.odd_odd]])[:, :, ::-1, ::-1]
         return cls(nodes[0], nodes[1], parts.astype(real_type(precision), order="C"))
 
     def field(self, u: Floats, v: Floats) -> ParityField:
@@ -405,10 +405,10 @@ def _whole(parts: Reals, on_axis: bool) -> ParityField:
 
 
 def _waves_by_source(
-    sources: Sequence[Positions], frequency: Floats, precision: Precision, known: Mapping[int, Waves]
+    sources: Sequence[Positions], frequency: Floats, precision: Precision, shared: Mapping[int, Waves]
 ) -> dict[int, Waves]:
     """Waves of each different object among the sources, by its id."""
-    waves = dict(known)
+    waves = dict(shared)
     for source in sources:
         if id(source) not in waves:
             waves[id(source)] = source.waves(frequency, precision)

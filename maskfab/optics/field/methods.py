@@ -85,7 +85,18 @@ def prepare_cells(pupil: Pupil, highest_u: float, highest_v: float, precision: P
     along_x = _cell(pupil.x, highest_u, orders)
     along_y = along_x if pupil.x == pupil.y and highest_u == highest_v else _cell(pupil.y, highest_v, orders)
     strength = _whole_strengths(pupil, along_x, along_y)
-    _add_rim(pupil, along_x, along_y, strength)
+    # Cut dots go to the nodes of their cells.
+    row, dot_y = np.divmod(pupil.rim_row, pupil.y.period)
+    column, dot_x = np.divmod(pupil.rim_column, pupil.x.period)
+    orders = along_x.rim.shape[1]
+    moments = pupil.moments(orders)
+    place = row * pupil.x.cells + column
+    order = np.argsort(place, kind="stable")
+    for members in np.split(order, np.flatnonzero(np.diff(place[order])) + 1) if order.size else []:
+        across = moments[members] @ along_x.rim[dot_x[members]]
+        up = along_y.rim[dot_y[members]]
+        sources = up.reshape(-1, along_y.nodes).T @ across.reshape(-1, along_x.nodes)
+        strength[row[members[0]], :, column[members[0]]] += sources
     rows, columns = strength.shape[0] * strength.shape[1], strength.shape[2] * strength.shape[3]
     core = fold(strength.reshape(rows, columns))
     return PreparedField(
@@ -167,21 +178,6 @@ def _whole_strengths(pupil: Pupil, along_x: _Cell, along_y: _Cell) -> Floats:
         np.matmul(of_rows, dots, out=summed[:, : dots.shape[1]])
         strength[j, :, begin:end] = summed.reshape(along_y.nodes, end - begin, -1) @ along_x.whole
     return strength
-
-
-def _add_rim(pupil: Pupil, along_x: _Cell, along_y: _Cell, strength: Floats) -> None:
-    """Add the cut dots to the nodes of their cells."""
-    row, dot_y = np.divmod(pupil.rim_row, pupil.y.period)
-    column, dot_x = np.divmod(pupil.rim_column, pupil.x.period)
-    orders = along_x.rim.shape[1]
-    moments = pupil.moments(orders)
-    place = row * pupil.x.cells + column
-    order = np.argsort(place, kind="stable")
-    for members in np.split(order, np.flatnonzero(np.diff(place[order])) + 1) if order.size else []:
-        across = moments[members] @ along_x.rim[dot_x[members]]
-        up = along_y.rim[dot_y[members]]
-        sources = up.reshape(-1, along_y.nodes).T @ across.reshape(-1, along_x.nodes)
-        strength[row[members[0]], :, column[members[0]]] += sources
 
 
 def _strips(lattice: Lattice) -> Indices:
@@ -398,7 +394,11 @@ class FieldPath:
         Raises:
             InternalError: MF901 if the path refuses the task, or the frequencies are not as they must be.
         """
-        _require_quadrant(u, v)
+        for frequency in (u, v):
+            if not frequency.size or frequency[0] < 0 or (np.diff(frequency) <= 0).any():
+                raise InternalError("MF901", "frequencies must be non-negative and ascending")
+        if (u[0] == 0) != (v[0] == 0):
+            raise InternalError("MF901", "u and v must both begin at 0, or neither")
         reason = self.refusal(FieldTask.of(pupil, u, v))
         if reason:
             raise InternalError("MF901", f"the {self.name} path does not take this pupil: {reason}")
@@ -430,14 +430,6 @@ def admissible(task: FieldTask) -> tuple[FieldPath, ...]:
 def field(pupil: Pupil, u: Floats, v: Floats, precision: Precision = "double") -> ParityField:
     """The field by the cheapest path that takes the pupil; see :meth:`FieldPath.field`."""
     return admissible(FieldTask.of(pupil, u, v))[0].field(pupil, u, v, precision)
-
-
-def _require_quadrant(u: Floats, v: Floats) -> None:
-    for frequency in (u, v):
-        if not frequency.size or frequency[0] < 0 or (np.diff(frequency) <= 0).any():
-            raise InternalError("MF901", "frequencies must be non-negative and ascending")
-    if (u[0] == 0) != (v[0] == 0):
-        raise InternalError("MF901", "u and v must both begin at 0, or neither")
 
 
 @dataclass(frozen=True, eq=False)
@@ -485,15 +477,11 @@ def _rim_flops(task: FieldTask) -> float:
     """The two bands of a round stop's rim: between 45° and the axes a side is 0.71 long and 0.29 wide, in radii."""
     if not task.rim:
         return 0.0
-    long, narrow = _rim_nodes(task)
+    highest = max(task.u[-1], task.v[-1])
+    long, narrow = node_count(0.71 * task.radius_um, highest), node_count(0.3 * task.radius_um, highest)
     orders = 8
     gathering = _GATHERING * 2 * task.rim * orders * long * narrow
     return gathering + 2 * _products(long, narrow, task.v.size, task.u.size)
-
-
-def _rim_nodes(task: FieldTask) -> tuple[int, int]:
-    highest = max(task.u[-1], task.v[-1])
-    return node_count(0.71 * task.radius_um, highest), node_count(0.3 * task.radius_um, highest)
 
 
 def _grid_flops(task: FieldTask) -> float:

@@ -98,8 +98,8 @@ class Positions:
         even, odd = cosine * fine_cosine, sine * fine_cosine
         even -= sine * fine_sine
         odd += cosine * fine_sine
-        kept = slice(self.first, self.first + self.count)
-        return even.reshape(-1, frequency.size)[kept], odd.reshape(-1, frequency.size)[kept]
+        part = slice(self.first, self.first + self.count)
+        return even.reshape(-1, frequency.size)[part], odd.reshape(-1, frequency.size)[part]
 
 
 def point_sources(position_um: Floats) -> Positions:

@@ -90,7 +90,7 @@ def model_bar(pupil: Pupil, camera: Camera, blank: MaskBlank) -> tuple[Omission,
         camera: what looks through them; the middle one of its lines is taken.
         blank: what the job states of the plate.
     """
-    return _by_size(_on_axis(_Known.of(pupil, camera), blank))
+    return _by_size(_on_axis(_DieField.of(pupil, camera), blank))
 
 
 def scene_bar(pupil: Pupil, camera: Camera, field_um: float, blank: MaskBlank) -> tuple[Omission, ...]:
@@ -106,7 +106,7 @@ def scene_bar(pupil: Pupil, camera: Camera, field_um: float, blank: MaskBlank) -
     """
     if not (field_um or Leak.of(blank, camera.stop)):
         return ()
-    return _by_size(_of_scene(_Known.of(pupil, camera), field_um, blank))
+    return _by_size(_of_scene(_DieField.of(pupil, camera), field_um, blank))
 
 
 def bar_of_panel(panel: Panel, camera: Camera, blank: MaskBlank, die: str | None) -> tuple[Quantity, ...]:
@@ -118,45 +118,54 @@ def bar_of_panel(panel: Panel, camera: Camera, blank: MaskBlank, die: str | None
 def bar_of_scene(panel: Panel, camera: Camera, blank: MaskBlank, field_um: float) -> tuple[Omission, ...]:
     """Omissions of a scene's PSFs, on the axis and off it, the largest first."""
     pupil = cut(panel_aperture(panel, camera.stop.diameter_um / 2), camera.stop)
-    known = _Known.of(pupil, camera)
-    return _by_size([*_on_axis(known, blank), *_of_scene(known, field_um, blank)])
+    die = _DieField.of(pupil, camera)
+    return _by_size([*_on_axis(die, blank), *_of_scene(die, field_um, blank)])
 
 
-def weighed(found: Sequence[Omission], accuracy: float) -> list[dict[str, object]]:
+def weighed(omissions: Sequence[Omission], accuracy: float) -> list[dict[str, object]]:
     """Omissions as plain data for JSON, and whether each is more than the admissible relative L2 error of the PSF."""
     return [
-        {"name": each.name, "error": each.size, "above_accuracy": each.size > accuracy, "method": each.method}
-        for each in found
+        {
+            "name": omission.name,
+            "error": omission.size,
+            "above_accuracy": omission.size > accuracy,
+            "method": omission.method,
+        }
+        for omission in omissions
     ]
 
 
-def weighed_table(found: Sequence[Omission], accuracy: float) -> list[str]:
+def weighed_table(omissions: Sequence[Omission], accuracy: float) -> list[str]:
     """The omissions as lines of text; none for no omissions."""
-    if not found:
+    if not omissions:
         return []
     rows = [
-        (each.name, "matters" if each.size > accuracy else "within", f"{each.size:.1e}", each.method) for each in found
+        (omission.name, "matters" if omission.size > accuracy else "within", f"{omission.size:.1e}", omission.method)
+        for omission in omissions
     ]
-    above = sum(each.size for each in found if each.size > accuracy)
-    told = f"{above:.2g} of it matters beside the accuracy" if above else "all within the accuracy"
-    return [f"not modelled, whatever is asked for: {told} of {accuracy:g}", *columns(rows)]
+    above = sum(omission.size for omission in omissions if omission.size > accuracy)
+    verdict = f"{above:.2g} of it matters beside the accuracy" if above else "all within the accuracy"
+    return [f"not modelled, whatever is asked for: {verdict} of {accuracy:g}", *columns(rows)]
 
 
-def bar_quantities(found: Sequence[Omission], camera: Camera, die: str | None) -> tuple[Quantity, ...]:
+def bar_quantities(omissions: Sequence[Omission], camera: Camera, die: str | None) -> tuple[Quantity, ...]:
     """The rows of a report: the sum of all, then each."""
     total = Quantity(
         f"{MODEL_BAR}bar",
-        sum(each.size for each in found),
+        sum(omission.size for omission in omissions),
         "sum of what is not modelled, each estimated as the relative L2 change of the PSF over the window at "
         f"{middle_line_nm(camera):g} nm; numerical errors stand beside each number",
         die=die,
     )
-    return total, *rows_of(found, die)
+    return total, *rows_of(omissions, die)
 
 
-def rows_of(found: Sequence[Omission], die: str | None) -> tuple[Quantity, ...]:
+def rows_of(omissions: Sequence[Omission], die: str | None) -> tuple[Quantity, ...]:
     """A row of a report for each."""
-    return tuple(Quantity(MODEL_BAR + each.name.replace(" ", "_"), each.size, each.method, die=die) for each in found)
+    return tuple(
+        Quantity(MODEL_BAR + omission.name.replace(" ", "_"), omission.size, omission.method, die=die)
+        for omission in omissions
+    )
 
 
 def middle_line_nm(camera: Camera) -> float:
@@ -165,7 +174,7 @@ def middle_line_nm(camera: Camera) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class _Known:
+class _DieField:
     """A die's field and intensity on the samples of its PSF, and the axes of frequency.
 
     Attributes:
@@ -181,7 +190,7 @@ class _Known:
     field: Complexes
 
     @classmethod
-    def of(cls, pupil: Pupil, camera: Camera) -> _Known:
+    def of(cls, pupil: Pupil, camera: Camera) -> _DieField:
         line = middle_line_nm(camera)
         camera = replace(camera, wavelengths_nm=(line,))
         step = point_step_um(camera)
@@ -226,33 +235,33 @@ class _Known:
         return float(np.linalg.norm(change) / np.linalg.norm(self.intensity))
 
 
-def _on_axis(known: _Known, blank: MaskBlank) -> Iterator[Omission]:
-    yield from _leak(known, blank)
-    yield from _lens(known)
-    yield from _glass(known, blank)
-    yield _ghosts(known, blank)
-    yield _bias(known)
+def _on_axis(die: _DieField, blank: MaskBlank) -> Iterator[Omission]:
+    yield from _leak(die, blank)
+    yield from _lens(die)
+    yield from _glass(die, blank)
+    yield _ghosts(die, blank)
+    yield _bias(die)
 
 
-def _of_scene(known: _Known, field_um: float, blank: MaskBlank) -> Iterator[Omission]:
-    if Leak.of(blank, known.camera.stop) is not None:
-        yield leak_omission(known.field, known.pupil, known.axis, blank)
+def _of_scene(die: _DieField, field_um: float, blank: MaskBlank) -> Iterator[Omission]:
+    if Leak.of(blank, die.camera.stop) is not None:
+        yield leak_omission(die.field, die.pupil, die.axis, blank)
     if field_um:
-        yield from _foreshortened(known, field_um)
+        yield from _foreshortened(die, field_um)
 
 
-def _by_size(found: Iterable[Omission]) -> tuple[Omission, ...]:
-    return tuple(sorted((each for each in found if each.size > 0), key=lambda each: -each.size))
+def _by_size(omissions: Iterable[Omission]) -> tuple[Omission, ...]:
+    return tuple(sorted((omission for omission in omissions if omission.size > 0), key=lambda omission: -omission.size))
 
 
 def _square(values: Complexes) -> Floats:
     return np.asarray(values.real**2 + values.imag**2)
 
 
-def _leak(known: _Known, blank: MaskBlank) -> Iterator[Omission]:
-    if Leak.of(blank, known.camera.stop) is not None:
+def _leak(die: _DieField, blank: MaskBlank) -> Iterator[Omission]:
+    if Leak.of(blank, die.camera.stop) is not None:
         return
-    yield leak_omission(known.field, known.pupil, known.axis, blank)
+    yield leak_omission(die.field, die.pupil, die.axis, blank)
 
 
 def leak_omission(openings: Complexes, pupil: Pupil, axis: Floats, blank: MaskBlank) -> Omission:
@@ -260,12 +269,12 @@ def leak_omission(openings: Complexes, pupil: Pupil, axis: Floats, blank: MaskBl
     density = ASSUMED_DENSITY if blank.optical_density is None else blank.optical_density
     phase = blank.film_phase_waves
     size = leak_change(openings, pupil, axis, density, phase)
-    told = "assumed, as mask houses promise" if blank.optical_density is None else "stated"
+    source = "assumed, as mask houses promise" if blank.optical_density is None else "stated"
     at = "at the worst phase of the film, which nothing states" if phase is None else f"{phase:g} waves behind, stated"
     return Omission(
         "chrome leak",
         size,
-        f"optical density {density:g} ({told}), {at}",
+        f"optical density {density:g} ({source}), {at}",
     )
 
 
@@ -298,87 +307,87 @@ def leak_change(
     return float(np.sqrt(squared.max()) / np.linalg.norm(plain))
 
 
-def _foreshortened(known: _Known, field_um: float) -> Iterator[Omission]:
-    angle = math.atan(field_um / known.camera.focal_um)
+def _foreshortened(die: _DieField, field_um: float) -> Iterator[Omission]:
+    angle = math.atan(field_um / die.camera.focal_um)
     narrow = math.cos(angle)
     where = f"{math.degrees(angle):.3g} degrees off the axis, the largest image height that is asked for"
-    seen = narrow * _square(_at(known, narrow, 1.0)) / known.pupil.energy_um2
+    seen = narrow * _square(_at(die, narrow, 1.0)) / die.pupil.energy_um2
     yield Omission(
         "foreshortening",
-        known.relative(seen - known.intensity),
+        die.relative(seen - die.intensity),
         f"openings and stop seen {narrow:.4g} as wide, {where}",
     )
-    mapped = narrow**3 * _square(_at(known, narrow**2, narrow)) / known.pupil.energy_um2
+    mapped = narrow**3 * _square(_at(die, narrow**2, narrow)) / die.pupil.energy_um2
     yield Omission(
         "tangent off axis",
-        known.relative(mapped - known.intensity),
+        die.relative(mapped - die.intensity),
         f"a lens without distortion, image height f tan θ, {where}",
     )
 
 
-def _at(known: _Known, across: float, up: float) -> Complexes:
+def _at(die: _DieField, across: float, up: float) -> Complexes:
     """The field at frequencies that many times as high."""
-    return field(known.pupil, known.u * across, known.u * up, "single").amplitude()
+    return field(die.pupil, die.u * across, die.u * up, "single").amplitude()
 
 
-def _lens(known: _Known) -> Iterator[Omission]:
+def _lens(die: _DieField) -> Iterator[Omission]:
     """Vector field, apodisation and the sine condition, which share their fields."""
-    focal, energy = known.camera.focal_um, known.pupil.energy_um2
-    x, y = ((edges[1:] + edges[:-1]) / 2 / focal for edges in (known.pupil.x.edges_um(), known.pupil.y.edges_um()))
+    focal, energy = die.camera.focal_um, die.pupil.energy_um2
+    x, y = ((edges[1:] + edges[:-1]) / 2 / focal for edges in (die.pupil.x.edges_um(), die.pupil.y.edges_um()))
     along_x, along_y = (
-        known.weighted(np.broadcast_to(x, (y.size, x.size))),
-        known.weighted(np.broadcast_to(y[:, None], (y.size, x.size))),
+        die.weighted(np.broadcast_to(x, (y.size, x.size))),
+        die.weighted(np.broadcast_to(y[:, None], (y.size, x.size))),
     )
     square = x**2 + y[:, None] ** 2
-    second = (known.field.conj() * known.weighted(square)).real / energy
-    number = known.camera.focal_um / known.camera.stop.diameter_um
+    second = (die.field.conj() * die.weighted(square)).real / energy
+    number = die.camera.focal_um / die.camera.stop.diameter_um
     vector = (_square(along_x) + _square(along_y)) / (2 * energy) - second / 2
-    yield Omission("vector field", known.relative(vector), f"unpolarised light focused at f/{number:.3g}, second order")
-    widths, heights = np.diff(known.pupil.x.edges_um()), np.diff(known.pupil.y.edges_um())
-    spread = float(heights @ (known.pupil.mean_transmission * square) @ widths) / energy
-    apodised = (second - spread * known.intensity) / 2
-    yield Omission("lens apodisation", known.relative(apodised), "amplitude cos^½ θ or cos^-½ θ over the stop")
-    scale = image_scale_um2(known.camera, known.line_nm)
-    place = scale * known.axis
+    yield Omission("vector field", die.relative(vector), f"unpolarised light focused at f/{number:.3g}, second order")
+    widths, heights = np.diff(die.pupil.x.edges_um()), np.diff(die.pupil.y.edges_um())
+    spread = float(heights @ (die.pupil.mean_transmission * square) @ widths) / energy
+    apodised = (second - spread * die.intensity) / 2
+    yield Omission("lens apodisation", die.relative(apodised), "amplitude cos^½ θ or cos^-½ θ over the stop")
+    scale = image_scale_um2(die.camera, die.line_nm)
+    place = scale * die.axis
     radius = (place**2 + place[:, None] ** 2) / focal**2
     # dF/dx = -2πi / (λf) F[x a], and the weights hold x / f.
     slope = 4 * np.pi * focal / scale / energy
-    falls = slope * (place * (known.field.conj() * along_x).imag + place[:, None] * (known.field.conj() * along_y).imag)
-    moved = radius * (falls / 2 + 2 * known.intensity)
+    falls = slope * (place * (die.field.conj() * along_x).imag + place[:, None] * (die.field.conj() * along_y).imag)
+    moved = radius * (falls / 2 + 2 * die.intensity)
     yield Omission(
-        "tangent for sine", known.relative(moved), "a lens without distortion, image height f tan θ, over the window"
+        "tangent for sine", die.relative(moved), "a lens without distortion, image height f tan θ, over the window"
     )
 
 
-def _glass(known: _Known, blank: MaskBlank) -> Iterator[Omission]:
+def _glass(die: _DieField, blank: MaskBlank) -> Iterator[Omission]:
     glass = blank.glass or ASSUMED_GLASS
     if glass.gap_um == 0:
         return
-    inner = known.axis[known.u.size // 2 :][: known.u.size - known.u.size % 2 + 1]
-    size = gap_change(_coarse(known), known.camera, known.line_nm, glass.gap_um, inner)
-    told = "stated" if blank.glass else "assumed"
+    inner = die.axis[die.u.size // 2 :][: die.u.size - die.u.size % 2 + 1]
+    size = gap_change(_coarse(die), die.camera, die.line_nm, glass.gap_um, inner)
+    origin = "stated" if blank.glass else "assumed"
     yield Omission(
         "glass",
         size,
-        f"{glass.thickness_um / UM_PER_MM:.4g} mm of index {glass.index:g}, chrome away from the lens ({told}): a gap "
-        f"of {glass.gap_um / UM_PER_MM:.3g} mm by the angular spectrum, over the window's middle half, within a factor "
-        "of two",
+        f"{glass.thickness_um / UM_PER_MM:.4g} mm of index {glass.index:g}, chrome away from the lens ({origin}): a "
+        f"gap of {glass.gap_um / UM_PER_MM:.3g} mm by the angular spectrum, over the window's middle half, within a "
+        "factor of two",
     )
 
 
-def _coarse(known: _Known) -> Aperture:
+def _coarse(die: _DieField) -> Aperture:
     """The openings with dots in squares gathered to one, as far as the window does not tell them apart."""
-    openings = known.openings
+    openings = die.openings
     x, y = openings.x, openings.y
-    widest = image_scale_um2(known.camera, known.line_nm) / known.camera.window_um
-    sample = max(known.camera.stop.diameter_um / _MOST_GAP_SIDE, widest / _GAP_DETAIL)
+    widest = image_scale_um2(die.camera, die.line_nm) / die.camera.window_um
+    sample = max(die.camera.stop.diameter_um / _MOST_GAP_SIDE, widest / _GAP_DETAIL)
     factor = int(min(sample, widest) / x.dot_um)
     if factor < 2 or x.has_gutter or y.has_gutter:
         return openings
     spare = [(axis.cells * axis.dots) % (2 * factor) // 2 for axis in (x, y)]
     counts = [axis.cells * axis.dots // (2 * factor) * 2 for axis in (x, y)]
-    kept = openings.transmission[spare[1] :, spare[0] :][: counts[1] * factor, : counts[0] * factor]
-    means = kept.reshape(counts[1], factor, counts[0], factor).mean(axis=(1, 3))
+    clear = openings.transmission[spare[1] :, spare[0] :][: counts[1] * factor, : counts[0] * factor]
+    means = clear.reshape(counts[1], factor, counts[0], factor).mean(axis=(1, 3))
     along_x, along_y = (
         Lattice(axis.start_um + skip * axis.dot_um, count, 1, factor * axis.dot_um, factor * axis.dot_um)
         for axis, skip, count in zip((x, y), spare, counts, strict=True)
@@ -386,10 +395,10 @@ def _coarse(known: _Known) -> Aperture:
     return Aperture(along_x, along_y, means, zeros(means.shape))
 
 
-def _ghosts(known: _Known, blank: MaskBlank) -> Omission:
+def _ghosts(die: _DieField, blank: MaskBlank) -> Omission:
     glass = blank.glass or ASSUMED_GLASS
     surface = ((glass.index - 1) / (glass.index + 1)) ** 2
-    back = CHROME_REFLECTS * (1 - known.open_ratio) + surface * known.open_ratio
+    back = CHROME_REFLECTS * (1 - die.open_ratio) + surface * die.open_ratio
     share = surface * back
     return Omission(
         "ghosts",
@@ -399,8 +408,8 @@ def _ghosts(known: _Known, blank: MaskBlank) -> Omission:
     )
 
 
-def _bias(known: _Known) -> Omission:
-    openings = known.openings
+def _bias(die: _DieField) -> Omission:
+    openings = die.openings
     clear = openings.transmission
     beside = np.zeros(clear.shape)
     beside[1:] += clear[:-1]
@@ -412,11 +421,11 @@ def _bias(known: _Known) -> Omission:
         rows = slice(start, start + _ROWS_AT_A_TIME)
         beside[rows] *= 1 - clear[rows]
         beside[rows] *= ASSUMED_BIAS_UM / 2 / openings.x.dot_um
-        beside[rows] *= inside(known.camera.stop, x, y[rows, None])
+        beside[rows] *= inside(die.camera.stop, x, y[rows, None])
     beside.flags.writeable = False
-    wider = Pupil.of_whole_dots(openings.x, openings.y, beside, known.camera.stop)
-    change = field(wider, known.u, known.u, "single").amplitude()
-    more = 2 * (known.field.conj() * change).real / known.pupil.energy_um2
-    gained = wider.field_integral_um2 / known.pupil.energy_um2
-    size = known.relative(more - gained * known.intensity)
+    wider = Pupil.of_whole_dots(openings.x, openings.y, beside, die.camera.stop)
+    change = field(wider, die.u, die.u, "single").amplitude()
+    more = 2 * (die.field.conj() * change).real / die.pupil.energy_um2
+    gained = wider.field_integral_um2 / die.pupil.energy_um2
+    size = die.relative(more - gained * die.intensity)
     return Omission("cd bias", size, f"clear widths {ASSUMED_BIAS_UM * NM_PER_UM:g} nm off everywhere (assumed)")

@@ -194,28 +194,28 @@ class CostModel:
 
     def choices(self) -> Iterator[Choice]:
         """Every choice that can be computed, whatever its error."""
-        known = self.estimates
-        gap = _options(known.diffraction)
+        estimates = self.estimates
+        gap = _options(estimates.diffraction)
         options = itertools.product(
             (*(path.name for path in PATHS), PHASED, SPECTRUM),
             RATES,
             (False, True),
-            _options(known.scale),
-            _options(known.defocus),
-            _options(known.aberrations),
+            _options(estimates.scale),
+            _options(estimates.defocus),
+            _options(estimates.aberrations),
             gap,
             (0, *GAP_SAMPLES) if any(gap) else (0,),
-            resamplings(known.distortion.error, self.accuracy),
-            known.places,
+            resamplings(estimates.distortion.error, self.accuracy),
+            estimates.places,
         )
         for path, precision, grey, scale, defocus, aberrations, diffraction, samples, finer, places in options:
             # Whether there is a function for it does not depend on how many lines it is called for.
-            lines = min(known.bands)
+            lines = min(estimates.bands)
             choice = Choice(
                 path, precision, grey, scale, defocus, aberrations, diffraction, places, lines, samples, finer
             )
             if self.possible(choice):
-                yield from (replace(choice, lines=lines) for lines in known.bands)
+                yield from (replace(choice, lines=lines) for lines in estimates.bands)
 
     def priced(self) -> Iterator[tuple[Choice, SceneCost]]:
         """Every choice that can be computed, with its price."""
@@ -271,23 +271,27 @@ class CostModel:
 
     def ingredients(self, choice: Choice) -> tuple[Ingredient, ...]:
         """The rows of a choice."""
-        known = self.estimates
-        spread = Estimate(known.bands[min(known.bands)], "PSF in the window against that of many lines", BAND_SAFETY)
-        between = Estimate(known.places[choice.places], "the shift half a diagonal from the nearest place", GAP_SAFETY)
+        estimates = self.estimates
+        spread = Estimate(
+            estimates.bands[min(estimates.bands)], "PSF in the window against that of many lines", BAND_SAFETY
+        )
+        between = Estimate(
+            estimates.places[choice.places], "the shift half a diagonal from the nearest place", GAP_SAFETY
+        )
         rows = [
-            _row("scale of a near focus", choice.scale, known.scale),
-            _row("defocus over the depth", choice.defocus, known.defocus),
-            _row("lens aberrations", choice.aberrations, known.aberrations),
-            _row("lens distortion", choice.distortion > 0, known.distortion, RESAMPLED.get(choice.distortion, 0.0)),
-            _row("shift through the gap", choice.places > 1, known.shift),
-            _row("diffraction over the gap", choice.diffraction, known.diffraction),
+            _row("scale of a near focus", choice.scale, estimates.scale),
+            _row("defocus over the depth", choice.defocus, estimates.defocus),
+            _row("lens aberrations", choice.aberrations, estimates.aberrations),
+            _row("lens distortion", choice.distortion > 0, estimates.distortion, RESAMPLED.get(choice.distortion, 0.0)),
+            _row("shift through the gap", choice.places > 1, estimates.shift),
+            _row("diffraction over the gap", choice.diffraction, estimates.diffraction),
             _row("field between places", False, between),
-            _row("width of the bands", choice.lines > 1, spread, known.bands[choice.lines]),
-            _row("curve of the rim", not choice.grey_rim, known.rim),
+            _row("width of the bands", choice.lines > 1, spread, estimates.bands[choice.lines]),
+            _row("curve of the rim", not choice.grey_rim, estimates.rim),
         ]
-        if known.layout:
+        if estimates.layout:
             # The mean over layouts takes more than one layout's PSF, so it is never the cheaper one.
-            rows.append(_row("the layout itself", True, known.layout))
+            rows.append(_row("the layout itself", True, estimates.layout))
         if self.scene.saturation:
             rows.append(_row("saturation", True, Estimate(0.0, "clipped by the capture; the PSF stays as it is")))
         return tuple(rows)
@@ -377,12 +381,14 @@ def resamplings(left_out: float, accuracy: float) -> tuple[int, ...]:
     return (0, *fine) if left_out <= max(accuracy, RESAMPLED[FINEST]) else fine
 
 
-def _options(known: Estimate) -> tuple[bool, ...]:
-    return (False, True) if known.error else (False,)
+def _options(estimate: Estimate) -> tuple[bool, ...]:
+    return (False, True) if estimate.error else (False,)
 
 
-def _row(name: str, modelled: bool, known: Estimate, remaining: float = 0.0) -> Ingredient:
-    return Ingredient(name, modelled, known.error, known.method, known.safety, remaining if modelled else known.error)
+def _row(name: str, modelled: bool, estimate: Estimate, remaining: float = 0.0) -> Ingredient:
+    return Ingredient(
+        name, modelled, estimate.error, estimate.method, estimate.safety, remaining if modelled else estimate.error
+    )
 
 
 AT_MOST = "at most"
@@ -433,7 +439,11 @@ def sampling_camera(camera: Camera, scene: Scene) -> Camera:
 def cost_model(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> CostModel:
     """Everything that pricing needs; arguments and errors as for :func:`plan`."""
     check_accuracy(accuracy)
-    _check_field(panel, camera, scene)
+    # The openings must cover the stop from the corner of the field too.
+    farthest = max(scene.field_um, scene.steepest_um)
+    moved = shift_um(camera, scene.gap_um, (farthest, farthest))
+    if moved[0]:
+        moved_pupil(panel_aperture(panel), camera.stop, moved)
     sampled = sampling_camera(camera, scene)
     pupil = cut(panel_aperture(panel, camera.stop.diameter_um / 2), camera.stop)
     estimates = estimate(panel, pupil, camera, scene)
@@ -479,39 +489,32 @@ def plan(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Plan:
         JobError: MF104 for an accuracy, a distance or an aberration out of range; MF114 if the panel does not cover the
             stop from the edge of the field; MF115 if nothing that maskfab can compute meets the accuracy.
     """
-    known = cost_model(panel, camera, scene, accuracy)
-    priced = list(known.priced())
-    fitting = [each for each in priced if each[1].error <= accuracy]
+    model = cost_model(panel, camera, scene, accuracy)
+    priced = list(model.priced())
+    fitting = [candidate for candidate in priced if candidate[1].error <= accuracy]
     if not fitting:
         least = min((price.error for _, price in priced), default=math.inf)
         what = f"no model of this scene meets an accuracy of {accuracy:g}; the best errs by {least:.2g}"
         cure = f"Ask for {1.1 * least:.2g} or more, or for less of the scene"
         raise JobError("MF115", what, where="scene.accuracy", cure=cure)
-    choice, price = min(fitting, key=lambda each: (each[1].seconds, each[1].error))
-    step = point_step_um(known.camera)
-    fullest = _fullest(known, priced, choice)
+    choice, price = min(fitting, key=lambda candidate: (candidate[1].seconds, candidate[1].error))
+    step = point_step_um(model.camera)
+    fullest = _fullest(model, priced, choice)
     return Plan(
         accuracy,
         choice,
         price,
-        known.ingredients(choice),
+        model.ingredients(choice),
         step,
         odd_samples(camera.window_um, step),
-        pixel_margin(known.camera),
-        known.wavelengths(choice),
+        pixel_margin(model.camera),
+        model.wavelengths(choice),
         DEPTHS if choice.defocus else 1,
         PHASE_SHARE * accuracy if choice.path == PHASED else 0.0,
-        nearest_object_um(known.estimates.pilot, camera, accuracy),
+        nearest_object_um(model.estimates.pilot, camera, accuracy),
         fullest,
-        known.own_error(fullest) + (RESAMPLED[FINEST] if fullest.distortion else 0.0),
+        model.own_error(fullest) + (RESAMPLED[FINEST] if fullest.distortion else 0.0),
     )
-
-
-def _check_field(panel: Panel, camera: Camera, scene: Scene) -> None:
-    farthest = max(scene.field_um, scene.steepest_um)
-    moved = shift_um(camera, scene.gap_um, (farthest, farthest))
-    if moved[0]:
-        moved_pupil(panel_aperture(panel), camera.stop, moved)
 
 
 def _steepest(camera: Camera, scene: Scene, wavelength_nm: float) -> float:
@@ -534,16 +537,18 @@ def _steepest(camera: Camera, scene: Scene, wavelength_nm: float) -> float:
     return steepest
 
 
-def _fullest(known: CostModel, priced: Sequence[tuple[Choice, SceneCost]], choice: Choice) -> Choice:
+def _fullest(model: CostModel, priced: Sequence[tuple[Choice, SceneCost]], choice: Choice) -> Choice:
     """The fullest choice; of its samples over a gap no more than tell the error of the plan's own choice."""
-    bands = known.estimates.bands
-    lines = next((count for count, error in bands.items() if error <= known.accuracy / 4), max(bands))
-    best = max((each for each in priced if each[0].lines == lines), key=_fullness)[0]
+    bands = model.estimates.bands
+    lines = next((count for count, error in bands.items() if error <= model.accuracy / 4), max(bands))
+    best = max((similar for similar in priced if similar[0].lines == lines), key=_fullness)[0]
     alike = (replace(best, samples_per_dot=count) for count in GAP_SAMPLES if count <= best.samples_per_dot)
-    for each in alike:
-        enough = each.samples_per_dot >= 2 * choice.samples_per_dot and known.own_error(each) <= known.accuracy / 2
-        if enough and known.possible(each):
-            return each
+    for similar in alike:
+        enough = (
+            similar.samples_per_dot >= 2 * choice.samples_per_dot and model.own_error(similar) <= model.accuracy / 2
+        )
+        if enough and model.possible(similar):
+            return similar
     return best
 
 
@@ -554,22 +559,22 @@ def _fullness(priced: tuple[Choice, SceneCost]) -> tuple[float, ...]:
     return sum(asked) + (choice.distortion > 0), choice.places, -price.error, -price.seconds
 
 
-def plan_document(die: str, found: Plan) -> dict[str, object]:
+def plan_document(die: str, plan: Plan) -> dict[str, object]:
     """A die's plan as plain data for JSON: lengths in micrometres, times in seconds; null for an infinite distance."""
-    choice, price = found.choice, found.price
-    near = found.nearest_object_um
+    choice, price = plan.choice, plan.price
+    near = plan.nearest_object_um
     return {
         "die": die,
         "path": choice.path,
         "precision": choice.precision,
         "grey_rim": choice.grey_rim,
-        "step_um": found.step_um,
-        "samples": found.samples,
-        "pixel_margin": found.pixel_margin,
-        "wavelengths": found.wavelengths,
-        "depths": found.depths,
+        "step_um": plan.step_um,
+        "samples": plan.samples,
+        "pixel_margin": plan.pixel_margin,
+        "wavelengths": plan.wavelengths,
+        "depths": plan.depths,
         "places": choice.places**2,
-        "phase_tolerance": found.phase_tolerance,
+        "phase_tolerance": plan.phase_tolerance,
         "samples_per_dot": choice.samples_per_dot,
         "predicted_flops": price.flops,
         "predicted_seconds": price.seconds,
@@ -586,27 +591,27 @@ def plan_document(die: str, found: Plan) -> dict[str, object]:
                 "method": row.method,
                 "safety": row.safety,
             }
-            for row in found.ingredients
+            for row in plan.ingredients
         ],
     }
 
 
-def plan_table(die: str, found: Plan) -> list[str]:
+def plan_table(die: str, plan: Plan) -> list[str]:
     """A die's plan as lines of text."""
-    choice, price = found.choice, found.price
+    choice, price = plan.choice, plan.price
     rows = [("ingredient", "", "error without", "counted", "method")]
-    for row in found.ingredients:
+    for row in plan.ingredients:
         state = "modelled" if row.modelled else "left out"
         safety = f" (x {row.safety:g})" if row.safety != 1 and row.error else ""
         rows.append((row.name, state, _at_most(row.error), _at_most(row.remaining), row.method + safety))
-    lines = [f"{die}: accuracy {found.accuracy:g}, estimated error {_at_most(price.error)}"]
+    lines = [f"{die}: accuracy {plan.accuracy:g}, estimated error {_at_most(price.error)}"]
     lines += columns(rows)
     rim = "grey" if choice.grey_rim else "exact"
     lines += [
         f"path         {choice.path}, {choice.precision} precision, {rim} rim",
-        f"samples      {found.samples} x {found.samples}, {found.step_um:g} um apart, "
-        f"{found.pixel_margin} more for the pixel filter",
-        f"wavelengths  {found.wavelengths}, depths {found.depths}, places {choice.places**2}",
+        f"samples      {plan.samples} x {plan.samples}, {plan.step_um:g} um apart, "
+        f"{plan.pixel_margin} more for the pixel filter",
+        f"wavelengths  {plan.wavelengths}, depths {plan.depths}, places {choice.places**2}",
         f"predicted    {price.seconds:.2g} s, {price.memory / 1e6:.3g} MB",
     ]
     return lines

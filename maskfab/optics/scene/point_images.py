@@ -333,7 +333,7 @@ def residual_blur(psf: Psf, centre: Psf, noise_to_signal: float) -> Floats:
     Both are normalised to sum 1, as a camera's own calibration would have it.
     """
     sizes = [scipy.fft.next_fast_len(2 * n, real=True) for n in psf.values.shape]
-    seen, assumed = (scipy.fft.rfft2(each.values / each.values.sum(), sizes) for each in (psf, centre))
+    seen, assumed = (scipy.fft.rfft2(image.values / image.values.sum(), sizes) for image in (psf, centre))
     restored = scipy.fft.irfft2(seen * assumed.conj() / (abs(assumed) ** 2 + noise_to_signal), sizes)
     half = [n // 2 for n in psf.values.shape]
     rolled: Floats = np.roll(restored, half, axis=(0, 1))[: psf.values.shape[0], : psf.values.shape[1]]

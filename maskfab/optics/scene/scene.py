@@ -82,14 +82,14 @@ class Distortion:
             cure = "State less distortion, a smaller field or a smaller window"
             raise JobError("MF104", what, where="scene.distortion", cure=cure)
         # Newton's steps from within fall or rise to the root without a turn, as the cubic bends one way up to the fold.
-        found = radius
+        root = radius
         for _ in range(_STEPS):
-            share = self.ratio * (found / self.height_um) ** 2
-            change = (found * (1 + share) - radius) / (1 + 3 * share)
-            found = found - change
+            share = self.ratio * (root / self.height_um) ** 2
+            change = (root * (1 + share) - radius) / (1 + 3 * share)
+            root = root - change
             if float(np.max(abs(change))) <= _STILL * self.height_um:
                 break
-        inward = np.divide(found, radius, out=np.ones_like(found), where=radius > 0)
+        inward = np.divide(root, radius, out=np.ones_like(root), where=radius > 0)
         return x_um * inward, y_um * inward
 
     def magnification(self, x_um: Floats, y_um: Floats) -> Floats:
@@ -234,14 +234,14 @@ def _illuminant(
         return None
     if isinstance(stated, float):
         # Over all that the camera sees: a curve is zero where it ends, a black body is not.
-        low = min(float(each.wavelengths_nm[0]) for each in response.values())
-        return black_body(stated, low, max(float(each.wavelengths_nm[-1]) for each in response.values()))
-    found = _curves(stated, curves, where)
-    if len(found) != 1:
-        what = f"the illuminant {stated!r} has {len(found)} curves ({', '.join(found)}) where one is needed"
+        low = min(float(curve.wavelengths_nm[0]) for curve in response.values())
+        return black_body(stated, low, max(float(curve.wavelengths_nm[-1]) for curve in response.values()))
+    table = _curves(stated, curves, where)
+    if len(table) != 1:
+        what = f"the illuminant {stated!r} has {len(table)} curves ({', '.join(table)}) where one is needed"
         cure = "Give a table of two columns: wavelength_nm and the light's energy"
         raise JobError("MF105", what, where=where, cure=cure)
-    return next(iter(found.values()))
+    return next(iter(table.values()))
 
 
 def _curves(name: str, curves: Mapping[str, str], where: str) -> Mapping[str, Curve]:
