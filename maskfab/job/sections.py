@@ -231,8 +231,6 @@ class RelaxSection(DesignSection):
     """Regularisation of the invertibility objective."""
     worst_fraction: float = Field(default=0.3, gt=0, le=1, allow_inf_nan=False)
     """Share of frequencies, the weakest, that the invertibility objective counts."""
-    normalisation: Literal["light", "own_sum"] = "light"
-    """Scale of the PSF: by the light of an open stop, or to a sum of 1."""
     iterations: int = Field(default=300, ge=1, le=100_000)
     """Steps of the descent."""
     starts: int = Field(default=1, ge=1, le=1000)
@@ -245,8 +243,6 @@ class RelaxSection(DesignSection):
     """Mean logit of the dots at the start; 1 is 0.73 open."""
     start_noise: float = Field(default=0.5, ge=0, le=100, allow_inf_nan=False)
     """Standard deviation of the logits at the start."""
-    straight_through: bool = False
-    """Round dots to 0 or 1 on the way forward, with the gradient of the relaxed ones."""
     patience: int = Field(default=0, ge=0)
     """Judgements without a better candidate after which a start ends; 0 for no end."""
 

@@ -119,9 +119,9 @@ def test_the_area_is_led_with_its_own_weight_or_not_at_all(scenes: tuple[Photogr
 
 @pytest.mark.usefixtures("bound_closely")
 def test_options_reach_the_descent(scenes: tuple[Photograph, ...], estimate: Surrogate) -> None:
-    wanted = section(optimiser="sgd", rate=0.7, starts=3, straight_through=True, start_noise=0.1, patience=4)
+    wanted = section(optimiser="sgd", rate=0.7, starts=3, start_noise=0.1, patience=4)
     how = schedule(wanted, constraints_of(wanted), LENS, scenes, estimate).descent
-    assert (how.optimiser, how.rate, how.starts, how.straight_through) == ("sgd", 0.7, 3, True)
+    assert (how.optimiser, how.rate, how.starts) == ("sgd", 0.7, 3)
     assert (how.start_noise, how.patience, how.iterations, how.seed) == (0.1, 4, 30, 1)
     result = relax(wanted, LENS, scenes, "x")
     assert result.opening.clear_dots == 14

@@ -197,7 +197,6 @@ def schedule(
         rate=section.rate,
         start_logit=section.start_logit,
         start_noise=section.start_noise,
-        straight_through=section.straight_through,
         patience=section.patience,
     )
     name = " + ".join(name if weight == 1 else f"{weight:g} {name}" for name, weight in weights.items())
@@ -223,7 +222,6 @@ def _objectives(
             target,
             epsilon=section.epsilon,
             worst_fraction=section.worst_fraction,
-            own_sum=section.normalisation == "own_sum",
         ),
         "top_residual": lambda: top_residual(stop, scenes, seed=section.seed),
         "expected_error": lambda: expected_error(estimate, laid),
