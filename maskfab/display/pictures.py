@@ -82,7 +82,16 @@ def _of_image(image: Any, where: str) -> Picture:
 
     try:
         spec = image.spec()
-        _check_spec(spec, where)
+        if spec.width < 1 or spec.height < 1:
+            raise JobError("MF121", "the picture is empty", where=where, cure="Give a picture with pixels")
+        if spec.depth > 1:
+            raise JobError("MF121", "the picture is a volume", where=where, cure="Give one slice of it")
+        if spec.nchannels > MOST_CHANNELS:
+            what = f"the picture has {spec.nchannels} channels, more than {MOST_CHANNELS}"
+            raise JobError("MF121", what, where=where, cure="Save it as grey or as red, green and blue")
+        if spec.width * spec.height > LARGEST:
+            what = f"the picture has {spec.width} x {spec.height} pixels, more than {LARGEST // 1_000_000} million"
+            raise JobError("MF121", what, where=where, cure="Scale the picture down")
         channels = _channels(spec, where)
         pixels = image.read_image(oiio.FLOAT)
         problem = said_by(image)
@@ -150,19 +159,6 @@ def _shares(size: int, count: int, scale: float) -> Floats:
     shared = np.minimum(bounds[1:, None], edges[1:]) - np.maximum(bounds[:-1, None], edges[:-1])
     share = np.maximum(shared, 0.0)
     return np.asarray(share / share.sum(axis=1, keepdims=True))
-
-
-def _check_spec(spec: Any, where: str) -> None:
-    if spec.width < 1 or spec.height < 1:
-        raise JobError("MF121", "the picture is empty", where=where, cure="Give a picture with pixels")
-    if spec.depth > 1:
-        raise JobError("MF121", "the picture is a volume", where=where, cure="Give one slice of it")
-    if spec.nchannels > MOST_CHANNELS:
-        what = f"the picture has {spec.nchannels} channels, more than {MOST_CHANNELS}"
-        raise JobError("MF121", what, where=where, cure="Save it as grey or as red, green and blue")
-    if spec.width * spec.height > LARGEST:
-        what = f"the picture has {spec.width} x {spec.height} pixels, more than {LARGEST // 1_000_000} million"
-        raise JobError("MF121", what, where=where, cure="Scale the picture down")
 
 
 def _channels(spec: Any, where: str) -> list[int]:
@@ -239,7 +235,8 @@ def leaves(pixels: int, seed: int = 1) -> Floats:
         part = draw.random()
         radius = (smallest**-2 - part * (smallest**-2 - largest**-2)) ** -0.5
         x, y = draw.uniform(0, side, size=2)
-        colour = _muted(draw)
+        grey = draw.uniform(0.02, 0.85)
+        colour = np.clip(grey * (1 + 0.45 * draw.uniform(-1, 1, size=3)), 0.0, 1.0)
         box = tuple(slice(max(0, int(at - radius)), int(at + radius) + 2) for at in (y, x))
         rows, columns = np.ogrid[: bare[box].shape[0], : bare[box].shape[1]]
         disc = (columns + box[1].start - x) ** 2 + (rows + box[0].start - y) ** 2 < radius**2
@@ -251,12 +248,6 @@ def leaves(pixels: int, seed: int = 1) -> Floats:
             break
     picture[bare] = 0.18
     return np.asarray(picture.reshape(pixels, scale, pixels, scale, 3).mean(axis=(1, 3)))
-
-
-def _muted(draw: np.random.Generator) -> Floats:
-    """A grey of any lightness with some colour to it."""
-    grey = draw.uniform(0.02, 0.85)
-    return np.clip(grey * (1 + 0.45 * draw.uniform(-1, 1, size=3)), 0.0, 1.0)
 
 
 def _letters(strip: Floats, pixels: int, line: int) -> None:

@@ -7,7 +7,7 @@ Each emitter also needs a path to a gutter through closed dots.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -111,16 +111,6 @@ def gutter_tracks(pitch_nm: int, gutter_nm: int, count: int, rules: WireRules) -
     across = tuple(_box(0, low, pitch_nm, high) for low, high in bars)
     upright = tuple(_box(low, 0, high, pitch_nm) for low, high in bars)
     return (Track("gutter", "x", across, False), Track("gutter", "y", upright, False)) if bars else ()
-
-
-def routed_track(
-    grid: RoutingGrid, direction: Direction, places: Iterable[int], pitch_nm: int, rules: WireRules
-) -> Track:
-    """One line for each port, along free nodes from border to border; port i comes out as port i."""
-    ports = np.array(sorted(places), dtype=np.intp)
-    paths = Net(grid.free, direction).paths(ports)
-    polygons = tuple(_line(path, grid.places_nm, direction, pitch_nm, rules.line_nm) for path in paths)
-    return Track("line", _AXES[direction], polygons, True)
 
 
 def transparent_tracks(pitch_nm: int, width_nm: int, transmission: float) -> tuple[Track, Track]:
@@ -279,7 +269,12 @@ def _alike(panel: Panel, opening: Opening, demand: WireDemand, wanted: int) -> W
         for direction in group:
             through[direction] = len(places)
             if places:
-                tracks.append(routed_track(grid, direction, places, panel.pitch_nm, rules))
+                # One line for each port, along free nodes from border to border; port i comes out as port i.
+                paths = Net(grid.free, direction).paths(np.array(sorted(places), dtype=np.intp))
+                polygons = tuple(
+                    _line(path, grid.places_nm, direction, panel.pitch_nm, rules.line_nm) for path in paths
+                )
+                tracks.append(Track("line", _AXES[direction], polygons, True))
     both = through["horizontal"], through["vertical"]
     return Wiring(demand.lines, in_gutter, both, 0, None, None, tuple(track for track in tracks if track.polygons))
 

@@ -339,8 +339,7 @@ def _ends_um(lattice: Lattice) -> Place:
 
 
 def _centred(lattice: Lattice) -> Lattice:
-    length = (lattice.cells - 1) * lattice.pitch_um + lattice.dots * lattice.dot_um
-    return replace(lattice, start_um=-length / 2)
+    return replace(lattice, start_um=-lattice.length_um / 2)
 
 
 def _intervals(whole: Lattice, part: Lattice) -> slice:

@@ -192,8 +192,10 @@ def phased(pupil: Pupil, waves: Waves, highest: float, tolerance: float = 1e-6) 
             f"{_MOST_DOTS} dots"
         )
         raise JobError("MF115", what, cure="Ask for a weaker wavefront")
+    # The dots that transmit and are whole.
+    row, column = np.nonzero(pupil.whole)
     for nodes in _NODES:
-        row, column, moments = _whole_moments(pupil, waves, nodes)
+        moments = pupil.whole[row, column][:, None, None] * _phase_moments(pupil, row, column, waves, nodes)
         if not _resolved(pupil, row, column, moments, tolerance):
             continue
         error = _truncation_errors(pupil, row, column, moments, highest)
@@ -254,13 +256,6 @@ def _steepest(pupil: Pupil, waves: Waves) -> float:
     if not all(np.isfinite(values).all() for values in (corner, beside, above)):
         raise JobError("MF104", "the wavefront is not finite inside the stop", cure="Give finite coefficients")
     return float(max(abs(beside - corner).max(), abs(above - corner).max()))
-
-
-def _whole_moments(pupil: Pupil, waves: Waves, nodes: int) -> tuple[Indices, Indices, Complexes]:
-    """The dots that transmit and are whole, and their moments of all degrees below ``nodes``, [k, nodes, nodes]."""
-    row, column = np.nonzero(pupil.whole)
-    moments = _phase_moments(pupil, row, column, waves, nodes)
-    return row, column, pupil.whole[row, column][:, None, None] * moments
 
 
 def _phase_moments(pupil: Pupil, row: Indices, column: Indices, waves: Waves, nodes: int) -> Complexes:

@@ -104,6 +104,11 @@ class Lattice:
         """Intervals from one cell to the next: its dots, and the strip if there is one."""
         return self.dots + 1 if self.has_gutter else self.dots
 
+    @property
+    def length_um(self) -> float:
+        """From the lower edge of the first dot to the upper one of the last."""
+        return (self.cells - 1) * self.pitch_um + self.dots * self.dot_um
+
     def edges_um(self) -> Floats:
         """Every dot edge once, ascending. With gutters the strip between two cells is one interval."""
         if not self.has_gutter:
@@ -177,17 +182,6 @@ def covered_aperture(x: Lattice, y: Lattice, coverage: Floats) -> Aperture:
     return Aperture(x, y, coverage, variance)
 
 
-def panel_lattices(panel: Panel) -> tuple[Lattice, Lattice]:
-    """The x and y lattices of a panel whose middle lies on the optical axis."""
-    dot, pitch, gutter = panel.dot_nm / NM_PER_UM, panel.cell_size.pitch_um, panel.gutter_nm / NM_PER_UM
-    rows, columns = panel.orientations.shape
-
-    def lattice(cells: int) -> Lattice:
-        return Lattice(-cells * pitch / 2 + gutter / 2, cells, panel.opening.dots, dot, pitch)
-
-    return lattice(columns), lattice(rows)
-
-
 def panel_aperture(panel: Panel, half_width_um: float = np.inf) -> Aperture:
     """The design's own aperture: dots straight from the opening and the orientation map, no polygons involved.
 
@@ -195,7 +189,13 @@ def panel_aperture(panel: Panel, half_width_um: float = np.inf) -> Aperture:
         panel: what is laid out.
         half_width_um: cells farther than this from the axis are left out.
     """
-    whole_x, whole_y = panel_lattices(panel)
+    dot, pitch, gutter = panel.dot_nm / NM_PER_UM, panel.cell_size.pitch_um, panel.gutter_nm / NM_PER_UM
+    rows, columns = panel.orientations.shape
+
+    def lattice(cells: int) -> Lattice:
+        return Lattice(-cells * pitch / 2 + gutter / 2, cells, panel.opening.dots, dot, pitch)
+
+    whole_x, whole_y = lattice(columns), lattice(rows)
     x, y = whole_x.trimmed(half_width_um), whole_y.trimmed(half_width_um)
     column = round((x.start_um - whole_x.start_um) / x.pitch_um)
     row = round((y.start_um - whole_y.start_um) / y.pitch_um)

@@ -442,10 +442,6 @@ class _Direct:
         return parity_of(above, below, on_axis=bool(u[0] == 0))
 
 
-def _prepare_direct(pupil: Pupil, highest_u: float, highest_v: float, precision: Precision) -> Prepared:
-    return _Direct(pupil, precision)
-
-
 def _intervals(lattice: Lattice) -> int:
     return lattice.cells * lattice.period
 
@@ -454,18 +450,9 @@ def _parity_refusal(task: FieldTask) -> str | None:
     return None if task.symmetric else "the parity split needs a lattice that is symmetric about the axis"
 
 
-def _direct_refusal(task: FieldTask) -> str | None:
-    return None
-
-
 def _structure_refusal(task: FieldTask) -> str | None:
-    if not task.symmetric:
-        return "the parity split needs a lattice that is symmetric about the axis"
-    return "light passes the strips between cells, which belong to no cell" if task.strips_clear else None
-
-
-def _pruned_refusal(task: FieldTask) -> str | None:
-    return pruned_refusal(task.x, task.y, task.rim > 0, task.u, task.v)
+    strips = "light passes the strips between cells, which belong to no cell"
+    return _parity_refusal(task) or (strips if task.strips_clear else None)
 
 
 def _products(ny: float, nx: float, nv: int, nu: int) -> float:
@@ -572,10 +559,10 @@ DIRECT = FieldPath(
     "direct",
     "lattices that are not symmetric about the axis; a check of all others",
     _OF_PRODUCTS,
-    _direct_refusal,
+    lambda task: None,
     _direct_flops,
     _direct_memory,
-    _prepare_direct,
+    lambda pupil, highest_u, highest_v, precision: _Direct(pupil, precision),
 )
 STRUCTURE = FieldPath(
     "structure",
@@ -590,7 +577,7 @@ PRUNED = FieldPath(
     "pruned",
     "uniform lattices on a sensor whose step divides λf / dot a whole number of times",
     _OF_TRANSFORMS,
-    _pruned_refusal,
+    lambda task: pruned_refusal(task.x, task.y, task.rim > 0, task.u, task.v),
     _pruned_flops,
     _pruned_memory,
     prepare_pruned,

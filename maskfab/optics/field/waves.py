@@ -136,8 +136,7 @@ def right_half(lattice: Lattice) -> Positions:
 
 def is_symmetric(lattice: Lattice) -> bool:
     """Whether a lattice is its own mirror image about the axis."""
-    length = (lattice.cells - 1) * lattice.pitch_um + lattice.dots * lattice.dot_um
-    return abs(lattice.start_um + length / 2) <= _SYMMETRY * length
+    return abs(lattice.start_um + lattice.length_um / 2) <= _SYMMETRY * lattice.length_um
 
 
 def real_type(precision: Precision) -> type[np.float64] | type[np.float32]:

@@ -236,7 +236,8 @@ class _DieField:
 
 
 def _on_axis(die: _DieField, blank: MaskBlank) -> Iterator[Omission]:
-    yield from _leak(die, blank)
+    if Leak.of(blank, die.camera.stop) is None:
+        yield leak_omission(die.field, die.pupil, die.axis, blank)
     yield from _lens(die)
     yield from _glass(die, blank)
     yield _ghosts(die, blank)
@@ -256,12 +257,6 @@ def _by_size(omissions: Iterable[Omission]) -> tuple[Omission, ...]:
 
 def _square(values: Complexes) -> Floats:
     return np.asarray(values.real**2 + values.imag**2)
-
-
-def _leak(die: _DieField, blank: MaskBlank) -> Iterator[Omission]:
-    if Leak.of(blank, die.camera.stop) is not None:
-        return
-    yield leak_omission(die.field, die.pupil, die.axis, blank)
 
 
 def leak_omission(openings: Complexes, pupil: Pupil, axis: Floats, blank: MaskBlank) -> Omission:
