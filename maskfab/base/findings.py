@@ -92,7 +92,7 @@ def words(function: Callable[..., Any]) -> str:
 
 @lru_cache(maxsize=4096)
 def origins(name: str) -> tuple[Finding, ...]:
-    """All that finds a quantity, or a place in a report, the cheapest first."""
+    """Works that find a quantity, or a place in a report, the cheapest first."""
     return tuple(
         finding
         for finding in FINDINGS
