@@ -53,23 +53,8 @@ _MOST_ORDERS = 64
 _LEAST_ENERGY_UM2 = 1e-290
 
 
-@dataclass(frozen=True, eq=False)
-class NodeGrid:
-    """Sources on a grid of nodes right of and above the axis.
-
-    Attributes:
-        x, y: the nodes' positions along either axis.
-        strength: float64 [2, 2, y.count, x.count] in square micrometres, for the parts of the field that are even or
-            odd in y and in x.
-    """
-
-    x: Positions
-    y: Positions
-    strength: Floats
-
-
-def rim_bands(pupil: Pupil, highest_u: float, highest_v: float) -> tuple[NodeGrid, ...]:
-    """The cut dots of a pupil as at most two bands of sources, good for frequencies up to the highest given."""
+def rim_terms(pupil: Pupil, highest_u: float, highest_v: float, precision: Precision) -> tuple[WaveProduct, ...]:
+    """The dots that the stop cuts as at most two bands of sources, good for frequencies up to the highest given."""
     if not pupil.rim_row.size:
         return ()
     x, y = pupil.x.edges_um(), pupil.y.edges_um()
@@ -88,7 +73,11 @@ def rim_bands(pupil: Pupil, highest_u: float, highest_v: float) -> tuple[NodeGri
             if chosen.any()
         ]
     return tuple(
-        _band(pupil, np.flatnonzero(chosen), along_x, along_y) for chosen, along_x, along_y in bands if chosen.any()
+        slim_term(
+            along_x.positions, along_y.positions, _band(pupil, np.flatnonzero(chosen), along_x, along_y), precision
+        )
+        for chosen, along_x, along_y in bands
+        if chosen.any()
     )
 
 
@@ -154,7 +143,8 @@ def _folded(index: Indices, count: int) -> Indices:
     return np.maximum(index, count - 1 - index)
 
 
-def _band(pupil: Pupil, chosen: Indices, along_x: _Side, along_y: _Side) -> NodeGrid:
+def _band(pupil: Pupil, chosen: Indices, along_x: _Side, along_y: _Side) -> Floats:
+    """Strengths of a band's nodes in square micrometres, [2, 2, ny, nx], for parts even or odd in y and in x."""
     rows, columns = pupil.whole.shape
     row, column = _folded(pupil.rim_row[chosen], rows), _folded(pupil.rim_column[chosen], columns)
     below, left = row != pupil.rim_row[chosen], column != pupil.rim_column[chosen]
@@ -175,7 +165,7 @@ def _band(pupil: Pupil, chosen: Indices, along_x: _Side, along_y: _Side) -> Node
         odd = turned[0] - turned[1]
         turned[0] += turned[1]
         turned[1] = odd
-    return NodeGrid(along_x.positions, along_y.positions, quadrants)
+    return quadrants
 
 
 Waves = tuple[Reals, Reals]
@@ -439,12 +429,6 @@ def slim_term(along_x: Positions, along_y: Positions, core: Reals, precision: Pr
     blocks = [filled[:, start : start + _BLOCK].any(axis=1) for start in range(0, columns, _BLOCK)]
     reach = tuple(int(np.flatnonzero(rows)[-1]) + 1 if rows.any() else 0 for rows in blocks)
     return WaveProduct(along_x, along_y, core.astype(real_type(precision), copy=False), reach)
-
-
-def rim_terms(pupil: Pupil, highest_u: float, highest_v: float, precision: Precision) -> tuple[WaveProduct, ...]:
-    """The dots that the stop cuts, as terms."""
-    bands = rim_bands(pupil, highest_u, highest_v)
-    return tuple(slim_term(band.x, band.y, band.strength, precision) for band in bands)
 
 
 def parity_field(pupil: Pupil, u: Floats, v: Floats, precision: Precision = "double") -> ParityField:
