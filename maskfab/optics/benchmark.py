@@ -1,25 +1,21 @@
-"""Other libraries' ways to the same PSF, for those that are installed (``pip install 'maskfab[peers]'``).
-
-Each takes the dots as points, as its users would give them, and returns intensity at multiples of the step from
--samples/2. None is imported before it is asked for.
-
-The published recipe for the PSF of a display panel: our own port, kept as the baseline that benchmarks compare with.
-
-Dots become points of a square array that is padded with zeros to λf / (dot x step) samples, rounded down to an even
-number, and sent through one complex FFT; a window is cut from the middle of the squared modulus.
-
-Notes:
-    A dot as a point lacks the factor sinc(u dot) sinc(v dot), 1.8e-2 of the PSF. The rounding of the size changes the
-    wavelength by up to a part in a thousand, to another value for every colour, which costs 1.6e-2 to 3.4e-2 more.
-
-Speed against error: every way to the PSF of one panel, timed side by side and held against an exact answer.
+"""Speed against error: every way to the PSF of one panel, timed side by side and held against an exact answer.
 
 All contestants see the same dots behind a stop that takes whole dots by their centres, and give as many samples of the
 same window. The exact answer is the complex matrix transform of whole dots in float64, taken at each contestant's own
 sample positions; tests hold it to 1e-14 of a direct sum. Peers treat a dot as a point, so each is judged twice: as
 given, and multiplied by the dot's factor sinc(u dot) sinc(v dot) afterwards.
 
-The result of a benchmark as a table, a figure and JSON.
+**Other libraries** are timed where they are installed (``pip install 'maskfab[peers]'``). Each takes the dots as
+points, as its users would give them, and returns intensity at multiples of the step from -samples/2. None is imported
+before it is asked for.
+
+**The published recipe** for the PSF of a display panel is our own port, the baseline. Dots become points of a square
+array that is padded with zeros to λf / (dot x step) samples, rounded down to an even number, and sent through one
+complex FFT; a window is cut from the middle of the squared modulus.
+
+Notes:
+    A dot as a point lacks the factor sinc(u dot) sinc(v dot), 1.8e-2 of the PSF. The rounding of the size changes the
+    wavelength by up to a part in a thousand, to another value for every colour, which costs 1.6e-2 to 3.4e-2 more.
 """
 
 from __future__ import annotations

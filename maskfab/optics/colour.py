@@ -1,7 +1,4 @@
-"""sRGB code values and the light they stand for, CIE L*a*b* of it, and the colour difference ΔE of 1976.
-
-Where the light of a pixel comes from: the mean place of its emitters, each colour with its share of white.
-"""
+"""sRGB codes and the light they stand for, CIE L*a*b* and ΔE of 1976, and where a pixel's luminance comes from."""
 
 from __future__ import annotations
 

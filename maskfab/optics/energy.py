@@ -1,7 +1,8 @@
-"""Energy inside circles and squares on the sensor, from samples of a PSF.
+"""Numbers of a PSF: energy inside circles and squares, side lobes, streaks, colour fringes, and diffraction orders.
 
-A PSF holds no frequency above B. The indicator of a region, low-passed by any φ̂ that is 1 up to B and 0 beyond
-1/h - B, then has the same integral against it, and the sum over samples at distance h is that integral exactly:
+**Energy** inside a region comes from samples alone. A PSF holds no frequency above B. The indicator of a region,
+low-passed by any φ̂ that is 1 up to B and 0 beyond 1/h - B, then has the same integral against it, and the sum over
+samples at distance h is that integral exactly:
 
     ∫_region PSF d²x = h² Σ_n PSF(nh) W(nh),    Ŵ(ν) = φ̂(ν) x transform of the indicator.
 
@@ -14,15 +15,13 @@ Notes:
     pixels that the rim crosses (for points: of the two next to it on either side). The smaller bound decides, and is
     the uncertainty.
 
-Numbers of a PSF's shape: side lobes, streaks, colour fringes, and the Strehl ratio that no shape can change.
+**Shape** leaves the Strehl ratio alone, which no shape can change.
 
 Notes:
     Samples of a real, dark-and-clear pupil's PSF are symmetric about the axis and nowhere above its value there.
     All sums use that the PSF's samples are closer than 1 / (2B): then sums against smooth weights are integrals.
 
-Diffraction orders of a periodic panel, in closed form from the transform of one cell.
-
-A periodic panel of pitch T sends the share
+**Diffraction orders** are closed forms of the transform of one cell. A periodic panel of pitch T sends the share
 
     η_mn = |M(m/T, n/T)|² / T⁴                                   (Goodman, Fourier Optics, 4.4.3, for any cell)
 

@@ -21,7 +21,7 @@ Notes:
     All functions but :func:`magnified` take the wave that meets the panel as plane: an object at infinity.
     A panel that ends inside the light that reaches the stop is taken as opaque beyond its edge.
 
-Autocorrelation of the amplitude behind a stop, one that carries a phase included.
+The autocorrelation of the amplitude behind a stop takes a phase too:
 
     O(ν) = C(λdν) / C(0),    C(s) = ∫∫ a(r) a*(r + s) d²r                       (Goodman, Fourier Optics, 6.3)
 
@@ -32,7 +32,7 @@ Notes:
     Dots that the stop cuts enter with their mean amplitude, and lag 0 with all energy, as in
     :mod:`maskfab.optics.lags`, which knows their shapes too and no phase.
 
-Change of a PSF by a gap between panel and stop, estimated from the mean PSF over layouts.
+What a gap changes is also estimated, from the mean PSF over layouts.
 """
 
 from __future__ import annotations

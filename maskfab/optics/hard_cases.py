@@ -1,9 +1,8 @@
-"""Small panels, pupils and cameras with nothing left to chance, which the hard cases and the tests share.
+"""Hard cases of the optics, each with a known answer and the error that may remain: ``maskfab self bench --hard``.
 
-Hard cases of the optics, each with a known answer and the error that may remain: ``maskfab self bench --hard``.
-
-The cases are those that break transforms in practice: nulls, cancellation, incommensurate lengths, replicas, far
-origins, tiny stops, and the symmetries that every correct result must have.
+Panels, pupils and cameras are small, with nothing left to chance. The cases are those that break transforms in
+practice: nulls, cancellation, incommensurate lengths, replicas, far origins, tiny stops, and the symmetries that every
+correct result must have.
 """
 
 from __future__ import annotations

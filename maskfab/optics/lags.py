@@ -11,11 +11,9 @@ Notes:
     added lag by lag (see ``rim_lags``). That costs time in proportion to lags times cut dots; where many lags are asked
     for, the table alone will do, within an error that is measured at some lags and doubled.
 
-The pupil's autocorrelation along the two axes, at every lag, and what it tells of lines and edges.
-
-A line or an edge along y is imaged through the OTF along x alone: its profile needs no light of the other axis and no
-window. Between the lags of the table the autocorrelation is linear for whole dots, a sum of triangles one dot to either
-side, so its transform is that of the table times dot sinc².
+Along the two axes the autocorrelation is had at every lag. A line or an edge along y is imaged through the OTF along x
+alone: its profile needs no light of the other axis and no window. Between the lags of the table the autocorrelation is
+linear for whole dots, a sum of triangles one dot to either side, so its transform is that of the table times dot sinc².
 """
 
 from __future__ import annotations

@@ -1,26 +1,24 @@
-"""Cuts and radial statistics of the presampled MTF: optics x sensor pixel, before any sampling can alias it.
+"""The MTF: presampled along cuts, rings and the worst direction, aliased by sampling, and as images of edges.
 
-The MTF at stated frequencies, in the direction in which it is lowest.
+**Presampled** it is that of optics and sensor pixel, before any sampling can alias it.
 
-MTF of a sampled picture: the aliased modulation transfer, and its change with the sub-pixel phase.
-
-Samples h((n + φ) p) of a PSF with transfer function O have the discrete transform
+**Aliased** it is that of a sampled picture, and changes with the sub-pixel phase. Samples h((n + φ) p) of a PSF with
+transfer function O have the discrete transform
 
     A(ν; φ) = Σ_k O(ν + k/p) exp(2πi k·φ),                      (Poisson summation; Goodman, Fourier Optics, 2.4)
 
 k running over all whole vectors. O ends at D / (λf), so the sum is finite and exact. The aliased MTF is
 |A(ν; φ)| / |A(0; φ)|, what one computes from sampled values that were scaled to sum 1. It is no property of the optics
-alone: for that, see :mod:`maskfab.optics.mtf`.
+alone, as the presampled one is.
 
 Notes:
     A(0; φ) is the sum of the samples and can be small or zero if a PSF without pixels is sampled too coarsely; a
     pixel's own sinc has its zeros at all k/p, so for pixel means the sum is 1 whatever the phase.
 
-Images of black and white edges, and the colour that three wavelengths give them.
-
-An edge along y is a step of the scene; its image is the integral of the line spread function, the transform of the OTF
-along x (Goodman, Fourier Optics, 6.2). From lags it is known without a window. From pixels in a window it is known
-within half of what falls outside, for a PSF that is alike on opposite sides.
+**Edges** between black and white take colour from three wavelengths. An edge along y is a step of the scene; its image
+is the integral of the line spread function, the transform of the OTF along x (Goodman, Fourier Optics, 6.2). From lags
+it is known without a window. From pixels in a window it is known within half of what falls outside, for a PSF that is
+alike on opposite sides.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""The far field of a pupil that also carries a smooth phase: aberrations, defocus.
+"""Smooth phases on a pupil: its far field with one, the aberrations of a lens, and the defocus of near objects.
 
-The amplitude a(x, y) exp(2πi W(x, y)) is projected, dot by dot, on Legendre polynomials of total degree below K, whose
-transforms are known exactly (see ``field``). K = 1 is a constant phase per dot, K = 2 adds the tilt, K = 3 the
-curvature. With m_qp the mean of a exp(2πiW) P_q P_p over a dot of area A, the part of the field that one pair of orders
-makes is a kernel (2q+1)(2p+1) j_q j_p times a sum over dots that repeats with period 1/dot in frequency, so that
+**The field.** The amplitude a(x, y) exp(2πi W(x, y)) is projected, dot by dot, on Legendre polynomials of total degree
+below K, whose transforms are known exactly (see ``field``). K = 1 is a constant phase per dot, K = 2 adds the tilt, K =
+3 the curvature. With m_qp the mean of a exp(2πiW) P_q P_p over a dot of area A, the part of the field that one pair of
+orders makes is a kernel (2q+1)(2p+1) j_q j_p times a sum over dots that repeats with period 1/dot in frequency, so that
 Parseval over one period bounds what dropping the pair costs below a highest frequency b:
 
     ‖F_qp‖ <= max_{|u|, |v| <= b} |j_q(πuw) j_p(πvh)| (2q+1)(2p+1) sqrt(Z A Σ_dots |m_qp|²),
@@ -18,11 +18,9 @@ Notes:
     Dots that the stop cuts multiply their exact moments by the phase's own expansion (products of Legendre polynomials
     are linearised); degrees beyond the rim's 10 are lost, where both factors are already tiny.
 
-Lens aberrations: a wavefront in Zernike terms, and the PSF it leaves.
-
-A wavefront is Σ c_j Z_j in waves, Z_j the Zernike polynomials in Noll's order (R. J. Noll, J. Opt. Soc. Am. 66, 207,
-1976), orthonormal on the round stop: the mean of Z_j Z_k over it is 1 if j = k, else 0, so that the rms of the
-wavefront is the root of the sum of squares of its coefficients (piston aside). The pupil is multiplied by
+**Aberrations.** A wavefront is Σ c_j Z_j in waves, Z_j the Zernike polynomials in Noll's order (R. J. Noll, J. Opt.
+Soc. Am. 66, 207, 1976), orthonormal on the round stop: the mean of Z_j Z_k over it is 1 if j = k, else 0, so that the
+rms of the wavefront is the root of the sum of squares of its coefficients (piston aside). The pupil is multiplied by
 exp(+2πi W): a wavefront that rises towards +x moves the image towards +x.
 
 Notes:
@@ -31,10 +29,9 @@ Notes:
     Noll's order counts cosine terms as even numbers and sine terms as odd ones, which is neither the OSA/ANSI nor the
     fringe order.
 
-Objects at a finite distance: in focus they scale the PSF, out of focus they put a parabola of phase on the pupil.
-
-A thin lens images an object at distance z at z' = f z / (z - f). With the sensor at d, the image distance of whatever
-the camera is focused on, the openings in the stop's plane are seen at frequencies u = x / (λ d), with the phase
+**Near objects** scale the PSF in focus, and put a parabola of phase on the pupil out of focus. A thin lens images an
+object at distance z at z' = f z / (z - f). With the sensor at d, the image distance of whatever the camera is focused
+on, the openings in the stop's plane are seen at frequencies u = x / (λ d), with the phase
 
     W(r) = ½ r² (1/d - 1/z') / λ     waves                                        (Goodman, Fourier Optics, 6.4.1)
 

@@ -1,18 +1,16 @@
-"""Legendre polynomials and their integrals, for many places at once; an order is a block of memory.
+"""Polynomials, their transforms and Gauss rules, in the forms that the optics needs and scipy does not have.
 
-Chebyshev nodes of the first kind, cos θ_k with θ_k = π (k + 1/2) / n: interpolation by them, and its degree.
+Legendre polynomials and their integrals are for many places at once; an order is a block of memory. Chebyshev nodes are
+those of the first kind, cos θ_k with θ_k = π (k + 1/2) / n. Spherical Bessel functions, the transforms of Legendre
+polynomials, are all orders at once: upwards the recurrence keeps its accuracy below the argument, downwards above it
+(DLMF 3.6(ii), 10.51.1).
 
-Spherical Bessel functions, the transforms of Legendre polynomials, all orders at once.
-
-Upwards the recurrence keeps its accuracy below the argument, downwards above it (DLMF 3.6(ii), 10.51.1).
-
-Gauss quadrature for the weight at hand: few nodes that integrate polynomials as exactly as many points do.
-
-For points x_j of weights w_j >= 0 there are n nodes and weights that sum every polynomial of degree 2n - 1 alike. They
-are the eigenvalues of the n x n Jacobi matrix of the polynomials that are orthogonal on the points, and the points'
-whole weight times the squares of the eigenvectors' first entries (G. H. Golub, J. H. Welsch, Math. Comp. 23, 221,
-1969); the matrix follows by Stieltjes' procedure, which is stable for the few nodes wanted here (W. Gautschi,
-Orthogonal Polynomials, 2.2.3). However narrow a peak of the weight, it is met.
+A Gauss rule for the weight at hand has few nodes that integrate polynomials as exactly as many points do. For points
+x_j of weights w_j >= 0 there are n nodes and weights that sum every polynomial of degree 2n - 1 alike. They are the
+eigenvalues of the n x n Jacobi matrix of the polynomials that are orthogonal on the points, and the points' whole
+weight times the squares of the eigenvectors' first entries (G. H. Golub, J. H. Welsch, Math. Comp. 23, 221, 1969); the
+matrix follows by Stieltjes' procedure, which is stable for the few nodes wanted here (W. Gautschi, Orthogonal
+Polynomials, 2.2.3). However narrow a peak of the weight, it is met.
 """
 
 from __future__ import annotations

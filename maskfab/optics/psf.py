@@ -1,4 +1,14 @@
-"""Chrome that light leaks through: amplitude τ = 10^(-OD / 2) exp(2πi φ) where the openings have 1.
+"""Point spread functions on the sensor, of film that leaks light and of rough edges too.
+
+**The PSF** is the field's intensity, at points or averaged over pixels. The intensity at sensor position x is |F(x /
+(λf))|² / ((λf)² E), with E the transmitted energy, so that it integrates to 1 over the whole sensor plane (Parseval):
+what lies outside the window is missing from the window's sum, not hidden.
+
+It holds no frequency above B = D / (λf), so samples closer than 1 / (2B) say all about it, averages over pixels
+included: a short symmetric filter w with Σ w_n cos(2πν n h) = sinc(νp) for all |ν| <= B turns samples at distance h
+into means over pixels of side p, exactly but for the residual of that equation.
+
+**A leak** is an amplitude τ = 10^(-OD / 2) exp(2πi φ) of the chrome where the openings have 1.
 
 With o the openings and s the clear stop, the amplitude is a = o + τ (s - o), and so is its field: that of s is known in
 closed form, so a leak costs one PSF nothing but a sum. Of a binary mask of open ratio η the mean amplitude is
@@ -10,20 +20,10 @@ Notes:
     where the openings on one side of the stop differ from those on the other, and enters the modulus squared. Strips
     between cells are no dots; what leaks through them is missing from the autocorrelation. Both are in its uncertainty.
 
-Point spread functions: the field's intensity on the sensor, at points or averaged over pixels.
-
-The intensity at sensor position x is |F(x / (λf))|² / ((λf)² E), with E the transmitted energy, so that it integrates
-to 1 over the whole sensor plane (Parseval): what lies outside the window is missing from the window's sum, not hidden.
-
-It holds no frequency above B = D / (λf), so samples closer than 1 / (2B) say all about it, averages over pixels
-included: a short symmetric filter w with Σ w_n cos(2πν n h) = sinc(νp) for all |ν| <= B turns samples at distance h
-into means over pixels of side p, exactly but for the residual of that equation.
-
-The PSF of openings whose edges are rough: what is left of the orders, and the halo that they feed.
-
-An edge is displaced along its normal by ξ(s), normally distributed with the root mean square σ and the correlation
-ρ(s) = exp(-(s / l)²). The mean field is that of the smooth openings times exp(-(2π f σ)² / 2), the Debye-Waller
-factor, and the light that the orders lose is spread about them: an edge of length L adds
+**Rough edges** leave less of the orders and feed a halo. An edge is displaced along its normal by ξ(s), normally
+distributed with the root mean square σ and the correlation ρ(s) = exp(-(s / l)²). The mean field is that of the smooth
+openings times exp(-(2π f σ)² / 2), the Debye-Waller factor, and the light that the orders lose is spread about them: an
+edge of length L adds
 
     L ∫ ds exp(-2πi f_t s) (exp(-a (1 - ρ)) - exp(-a)) / (2π f_n)²,    a = (2π f_n σ)²,
 

@@ -1,20 +1,17 @@
-"""Transmission of wires over each dot that they cross: mean amplitude and mean power, exact for upright outlines.
+"""The pupil: openings cut by the lens stop, the stop's edge integrated instead of stepped.
 
-A transmission on a rectilinear grid, in the plane of the lens stop, optical axis at the origin.
+A transmission lies on a rectilinear grid in the plane of the stop, the optical axis at the origin. Wires dim the dots
+that they cross, with a mean amplitude and a mean power that are exact for upright outlines. A dot that the stop cuts
+keeps the exact shape of what is left of it, as its moments in Legendre polynomials: the zeroth alone is the usual grey
+rim, the higher ones carry the curve.
 
-Parts of dots inside a stop of straight sides that cuts them.
-
-By Green's theorem an integral over what a polygon and a box have in common is one along the polygon's edges,
+Of a stop of straight sides the moments are sums over its edges. By Green's theorem an integral over what a polygon and
+a box have in common is one along the polygon's edges,
 
     ∫∫ P_q(η) P_p(ξ) dξ dη = ∮ A_p(ξ) P_q(η) dη,    A_p(ξ) = ∫_{-1}^ξ P_p,
 
 in the box's own coordinates ξ, η, both kept within [-1, 1]. On an edge the integrand is a polynomial between the points
 at which it enters and leaves the box's width, so Gauss-Legendre nodes between these give it exactly.
-
-The pupil: openings cut by the lens stop, the stop's edge integrated instead of stepped.
-
-A dot that the stop cuts keeps the exact shape of what is left of it, as its moments in Legendre polynomials.
-The zeroth moment alone is the usual grey rim; the higher ones carry the curve.
 """
 
 from __future__ import annotations

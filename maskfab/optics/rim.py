@@ -1,22 +1,18 @@
-"""Areas of rectangles inside a stop and its shifted copy, in closed form.
+"""The shapes of dots that the stop cuts, in the autocorrelation of a pupil: closed forms at every lag.
 
 A stop is a unit disc or a square of side 2 about the origin, stretched along x and y; an annulus is the difference of
-two discs.
-
-Parts inside a stop of the dots that it cuts, left of lines and below others, in closed form.
-
-Stretched so that its half sides are 1, a stop is a unit disc or a square; the dark middle of an annulus is one more
-disc, taken away. Cut dots are parted at the axes, and every part is mirrored into the first quadrant. There the rim
-y(x) = sqrt(1 - x²) falls, and of a part that begins at l and b
+two discs. Areas of rectangles inside a stop and its shifted copy are closed forms, and so are the parts of cut dots
+left of lines and below others. Stretched so that its half sides are 1, a stop is a unit disc or a square; the dark
+middle of an annulus is one more disc, taken away. Cut dots are parted at the axes, and every part is mirrored into the
+first quadrant. There the rim y(x) = sqrt(1 - x²) falls, and of a part that begins at l and b
 
     ∫_l^x clip(y(u), b, y₁) - b du = (y₁ - b)(min(x, x₁) - l) + ∫_{x₁}^{max(x, x₁)} y(u) - b du,    y(x₁) = y₁,
 
 is clear, with ∫_0^x y = (x y(x) + asin x) / 2. Left of and below a point of the disc all is clear; right of and above
 one outside it nothing is, so that what two lines leave follows from what either does.
 
-Contribution of the shapes of cut dots to an autocorrelation into which they enter with their mean transmissions.
-
-A shifted cut dot meets up to four whole ones in rectangles, and what of these is clear follows from
+The dots enter the autocorrelation with their mean transmissions, and their shapes add to it. A shifted cut dot meets up
+to four whole ones in rectangles, and what of these is clear follows from
 
     D_i(ξ, η) = clear area of dot i left of ξ and below η, less the mean's share of it,
 

@@ -12,17 +12,16 @@ Notes:
     C is piecewise bilinear, so along λ it has a kink wherever a lag λfν crosses a dot's edge: about one per
     dot / (f ν) of wavelength. High order buys nothing there; the error falls as the square of the number of lines.
 
-A window's intensity along rays from the axis, on which all wavelengths are one function.
-
-A mask that only dims has at the place p of the sensor the intensity I(p / (λf)) / (λf)² for every wavelength, I the
-squared modulus of one field (Goodman, Fourier Optics, 4.4.2 and 6.3). On the ray t -> (t, st) it is one even function
-of t, whose Fourier integral ends at the longest lag of the pupil along the ray. So samples of I on rays, taken once,
-give any sum over wavelengths by one product: its matrix interpolates I to all the p / (λf) and adds them up.
+**Rays** from the axis are where all wavelengths are one function. A mask that only dims has at the place p of the
+sensor the intensity I(p / (λf)) / (λf)² for every wavelength, I the squared modulus of one field (Goodman, Fourier
+Optics, 4.4.2 and 6.3). On the ray t -> (t, st) it is one even function of t, whose Fourier integral ends at the longest
+lag of the pupil along the ray. So samples of I on rays, taken once, give any sum over wavelengths by one product: its
+matrix interpolates I to all the p / (λf) and adds them up.
 
 Both interpolations are polynomials through the nearest samples of an even grid. Their errors fall as the power of the
 number of samples that a wave's phase from one to the next is of π.
 
-Number of lines that stand for a band of light in a point PSF, by the error of each number.
+Such rays say how many lines stand for a band in a point PSF, by the error of each number.
 
 Notes:
     The PSF in a window is smooth in the wavelength, so the error of Gauss nodes falls fast once the speckle at the

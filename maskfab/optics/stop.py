@@ -1,6 +1,6 @@
-"""Properties of a stop's shape alone: its area, its loss when moved, its Strehl ratio under a phase.
+"""Properties of a stop's shape alone: its loss when moved, its Strehl ratio under a phase, its field when clear.
 
-The field of the stop itself, clear, in closed form.
+The field is a closed form:
 
     ellipse     π/4 w h 2 J₁(πq)/(πq),  q² = (wu)² + (hv)²                      (Goodman, Fourier Optics, 2.1)
     rectangle   w h sinc(wu) sinc(hv)

@@ -1,11 +1,4 @@
-"""The rim as a small grid of sources: dots that the stop cuts, moved to the nodes of two bands.
-
-A rim has few dots but a column of moments each, and as a matrix over all intervals it costs more than everything that
-is not cut. Folded into one quadrant it lies in two bands: dots nearer to the x axis fill a tall, narrow one, the
-others a low, wide one. Each is narrow one way, so its sources on Chebyshev nodes (see ``nodes``) are a slim matrix,
-and the frequencies alone decide how many there are, not the dots.
-
-The far field of a pupil by a matrix transform, exact for every interval.
+"""The far field of a pupil by a matrix transform, exact for every interval.
 
 The field at spatial frequency (u, v) is the Fourier integral of the amplitude,
 
@@ -17,6 +10,12 @@ and an interval of width w centred at c with Legendre profile P_p contributes, e
 
 whose p = 0 case is the familiar w sinc(uw). On a grid that is symmetric about the axis the real amplitude splits into
 parts even and odd in x and in y, and four real products of a quarter of the size replace one complex one.
+
+The dots that the stop cuts become a small grid of sources. A rim has few dots but a column of moments each, and as a
+matrix over all intervals it costs more than everything that is not cut. Folded into one quadrant it lies in two bands:
+dots nearer to the x axis fill a tall, narrow one, the others a low, wide one. Each is narrow one way, so its sources on
+Chebyshev nodes (:mod:`maskfab.optics.field.waves`) are a slim matrix, and the frequencies alone decide how many there
+are, not the dots.
 """
 
 from __future__ import annotations

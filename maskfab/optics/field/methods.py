@@ -1,28 +1,26 @@
-"""The far field of a panel of many fine dots, cell by cell.
+"""The ways to a far field, one interface: what each accepts, what it costs, how far it errs, and the field itself.
 
-A cell of d dots needs d waves along an axis, but waves change little over a cell: a few Chebyshev nodes, some twenty
-more than the highest phase over half a cell, carry its light at all frequencies (see ``nodes``). One small matrix, the
-same for all cells because their dots lie in the same places, takes each cell to its nodes; dots that the stop cuts
-enter with their moments. What remains is a coarser lattice of sources, which the parity split transforms like dots.
+All paths give the same field and differ in what they need. Work is counted in flops of a matrix product, the unit in
+which all of them are bounded; a flop of a Fourier transform moves more data and counts as several.
+
+**Structure** is for panels of many fine dots, cell by cell. A cell of d dots needs d waves along an axis, but waves
+change little over a cell: a few Chebyshev nodes, some twenty more than the highest phase over half a cell, carry its
+light at all frequencies (:mod:`maskfab.optics.field.waves`). One small matrix, the same for all cells because their
+dots lie in the same places, takes each cell to its nodes; dots that the stop cuts enter with their moments. What
+remains is a coarser lattice of sources, which the parity split transforms like dots.
 
 Notes:
     Cells need not be alike. The classical structure factor, sums over like cells times the transform of one, must treat
     the cells that the stop cuts on their own; here they cost no more than others.
 
-The far field by fast Fourier transforms that skip what is dark and what is not asked for.
-
-On a lattice of equal dots d and frequencies k h, or (k + 1/2) h, the sum over dots is a discrete Fourier transform
-of 1 / (d h) points where that is a whole number (on a sensor, λf / (d step)), and d sinc(ud) d sinc(vd) makes it the
-exact field. Rows without light need no transform along x, and columns outside the window none along y.
+**Pruned** transforms are fast ones that skip what is dark and what is not asked for. On a lattice of equal dots d and
+frequencies k h, or (k + 1/2) h, the sum over dots is a discrete Fourier transform of 1 / (d h) points where that is a
+whole number (on a sensor, λf / (d step)), and d sinc(ud) d sinc(vd) makes it the exact field. Rows without light need
+no transform along x, and columns outside the window none along y.
 
 Notes:
     The transform repeats every 1 / d in frequency and must not reach half of that along u; a point beyond it would
     still be right, but numpy's half spectrum does not hold it. Sizes with large prime factors are slow, not inexact.
-
-The ways to a far field, one interface: what each accepts, what it costs, how far it errs, and the field itself.
-
-All paths give the same field and differ in what they need. Work is counted in flops of a matrix product, the unit in
-which all of them are bounded; a flop of a Fourier transform moves more data and counts as several.
 """
 
 from __future__ import annotations

@@ -1,17 +1,17 @@
-"""Cosines and sines of 2πux, the waves that the matrix transforms are made of.
+"""Waves that the matrix transforms are made of, and the few nodes that stand for many frequencies or sources.
 
-A lattice repeats, so the waves of its intervals are products of a few coarse and a few fine ones (addition theorem,
-DLMF 4.21.2), and the interval's own transform, w sinc(uw), goes into the fine ones.
+**Waves** are cosines and sines of 2πux. A lattice repeats, so the waves of its intervals are products of a few coarse
+and a few fine ones (addition theorem, DLMF 4.21.2), and the interval's own transform, w sinc(uw), goes into the fine
+ones.
 
 Notes:
     A phase of thousands of cycles has lost its digits by the time a single-precision cosine sees it. Phases are
     therefore counted in cycles and reduced to half a cycle in double precision, whatever the precision of the result.
 
-A field at all frequencies of a window from few of them.
-
-Light from within X of the axis makes a field that is smooth in frequency: up to U it holds about 2UX + a few
-independent waves of either parity, often far fewer than a window has samples. Its values at as many nodes u_k give all
-others by interpolation, without a factorisation.
+**Nodes of frequency** give a field at all frequencies of a window from few of them. Light from within X of the axis
+makes a field that is smooth in frequency: up to U it holds about 2UX + a few independent waves of either parity, often
+far fewer than a window has samples. Its values at as many nodes u_k give all others by interpolation, without a
+factorisation.
 
 Polynomials in u waste π/2 of their nodes, crowded at the ends of [-U, U]. In y = sin(γu/U) / sin γ the Chebyshev nodes
 y_k = cos θ_k are spaced nearly evenly in u (Kosloff and Tal-Ezer, J. Comput. Phys. 104 (1993) 457). A polynomial
@@ -24,11 +24,10 @@ Notes:
     The fastest wave, that of the outermost source, needs the most nodes: its own Chebyshev coefficients in y say how
     many.
 
-Light from anywhere on an interval, moved to a few nodes of it.
-
-On an interval of half width h the wave exp(-2πiux) is a polynomial in x up to rounding, of a degree little above
-2π|u|h: its Chebyshev coefficients are 2 (-i)^n J_n(2πuh) (Jacobi and Anger, DLMF 10.12.2), and J_n falls faster than
-any power beyond n = 2πuh. Interpolation between Chebyshev nodes x_k therefore carries any source s on the interval,
+**Nodes of place** take light from anywhere on an interval. On an interval of half width h the wave exp(-2πiux) is a
+polynomial in x up to rounding, of a degree little above 2π|u|h: its Chebyshev coefficients are 2 (-i)^n J_n(2πuh)
+(Jacobi and Anger, DLMF 10.12.2), and J_n falls faster than any power beyond n = 2πuh. Interpolation between Chebyshev
+nodes x_k therefore carries any source s on the interval,
 
     ∫ s(x) exp(-2πiux) dx = Σ_k exp(-2πi u x_k) ∫ s(x) l_k(x) dx    with l_k the node's Lagrange polynomial,
 

@@ -1,17 +1,15 @@
-"""Every way to model a scene, and its price: flops, time, memory, and the error of what it leaves out.
+"""The planner: the cheapest model of a scene that meets an accuracy, what it leaves out, and what it costs.
+
+Every way to model the scene is a :class:`maskfab.optics.scene.plan.Choice`. Its error is the sum of the estimates
+(:mod:`maskfab.optics.scene.omissions`) of all that it leaves out and of its own numerical error; its time is its
+flops over a rate of matrix products, and an overhead for each PSF. There are a few thousand choices, so all of them are
+priced and none is passed over.
 
 Notes:
     Rates are those of one thread, see ``RATES``; predicted times rank choices and tell seconds from minutes. Cutting
     the pupil is not counted, nor the planner's own pilot PSFs.
     No function takes a grey rim together with a phase or with diffraction over the gap, which see the rim through
     moments or samples of their own, so there is no such choice.
-
-The planner: the cheapest model of a scene that meets an accuracy, what it leaves out, and what it costs.
-
-Every way to model the scene is a :class:`maskfab.optics.scene.plan.Choice`. Its error is the sum of the estimates
-(:mod:`maskfab.optics.scene.omissions`) of all that it leaves out and of its own numerical error; its time is its
-flops over a rate of matrix products, and an overhead for each PSF. There are a few thousand choices, so all of them are
-priced and none is passed over.
 """
 
 from __future__ import annotations

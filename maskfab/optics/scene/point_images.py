@@ -2,9 +2,8 @@
 
 All of them lie on the samples that the plan states, whatever the wavelength, so that they can be summed and compared.
 
-PSF and MTF of image points over the field: behind a gap as shifts, tangential and sagittal cuts, and deblurring.
-
-The optics' transfer is the transform of the point PSF (Goodman, Fourier Optics, 6.3),
+Over the field there are PSFs behind a gap as shifts, tangential and sagittal cuts, and deblurring. The optics' transfer
+is the transform of the point PSF (Goodman, Fourier Optics, 6.3),
 
     O(ν) = s² Σ_n I(x_n) exp(-2πi ν·x_n),
 

@@ -1,9 +1,8 @@
-"""A lens's radial distortion, pincushion or barrel, and what it does to a PSF off the axis.
+"""The scene of a camera: distances, field, gap, aberrations, distortion and the bands of light, as [scene] states them.
 
-The third order alone: r becomes r (1 + k (r / h)²) (Born and Wolf, Principles of Optics, 5.3). Light that the openings
-diffract comes to the lens under another angle, so it lands where the lens images an object under that angle.
-
-The scene of a camera: distances, field, gap, aberrations and the bands of light, as stated in [scene].
+Distortion is radial, pincushion or barrel, of the third order alone: r becomes r (1 + k (r / h)²) (Born and Wolf,
+Principles of Optics, 5.3). Light that the openings diffract comes to the lens under another angle, so it lands where
+the lens images an object under that angle.
 """
 
 from __future__ import annotations
