@@ -56,15 +56,15 @@ def test_the_front_has_the_bands_of_the_best_die(document):
 
 def test_dies_side_by_side_have_theirs(document):
     best, reference = die_table(document).lines
-    assert (best.psnr_made, best.gain_made) == ("30.15–30.25", "+5.12–5.28")
-    assert (reference.psnr_made, reference.gain_made) == ("24.90–25.10", "")
+    assert (best.psnr.made, best.gain.made) == ("30.15–30.25", "+5.12–5.28")
+    assert (reference.psnr.made, reference.gain.made) == ("24.90–25.10", "")
     assert best.cells[0].made == "0.226–0.228"
     assert "30.15–30.25" in page.html_page(document, {})
 
 
 def test_dies_are_ranked_and_the_most_and_the_least_sensitive_are_named(document):
     found = ranked(document)
-    assert [each.name for each in found.dies] == ["PLAIN", "TURNED"]
+    assert [each.name for each in found.lines] == ["PLAIN", "TURNED"]
     words = " ".join(" ".join(read(page.html_page(document, {})).text).split())
     assert "most behind PLAIN (0.00250), least behind TURNED (2.9 × 10⁻⁴)" in words
     assert "restored photographs most behind TURNED (−0.020 dB), least behind PLAIN (+0.009 dB)" in words

@@ -71,7 +71,7 @@ def test_dies_that_cannot_be_told_apart_are_tied(run):
     words = front_of(document)
     assert "Tied with it: PLAIN. It may be as good, for the 95 % interval of the paired difference includes 0." in words
     assert "a tie, for the interval holds 0" in words
-    assert not any(line.best for line in die_table(document).lines)
+    assert not any(line.psnr.best for line in die_table(document).lines)
 
 
 def test_one_photograph_gives_no_interval(run):
@@ -122,11 +122,11 @@ def test_displays_that_do_not_fit_are_no_pass(run):
 def test_the_table_puts_photographs_first_and_marks_the_group_of_the_best(run):
     document = document_of(run, taken(PLAIN=A, TURNED=B))
     table = die_table(document)
-    assert [(line.name, line.psnr, line.best) for line in table.lines] == [
+    assert [(line.name, line.psnr.text, line.psnr.best) for line in table.lines] == [
         ("TURNED", "30.20", True), ("PLAIN", "25.00", False),
     ]  # fmt: skip
-    assert table.lines[0].gain.startswith("+5.20 ± ")
-    assert table.lines[1].gain == "reference"
+    assert table.lines[0].gain.text.startswith("+5.20 ± ")
+    assert table.lines[1].gain.text == "reference"
     page = html.html_page(document, {})
     table_text = page[page.index('<table class="dies">') :]
     assert table_text.index("Restored<br>PSNR") < table_text.index("Open<br>ratio") < table_text.index("AUC<br>")

@@ -120,8 +120,8 @@ def test_bands_stand_beside_numbers_and_gains_over_another_die_have_none(documen
     made = replace(one, document={**one.document, "dies": dies})
     for reference, gain in ((None, "1.50–1.60"), ("TURNED", "")):
         lines = {line.name: line for line in compare_reports([made], reference=reference).table.lines}
-        assert {line.psnr_made for line in lines.values()} == {"1.50–1.60"}
-        assert lines["PLAIN"].gain_made.lstrip("+") == gain
+        assert {line.psnr.made for line in lines.values()} == {"1.50–1.60"}
+        assert lines["PLAIN"].gain.made.lstrip("+") == gain
     assert "1.50–1.60" in compare_page(compare_reports([made]))
 
 

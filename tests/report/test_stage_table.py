@@ -21,13 +21,13 @@ WRITTEN = (
 
 
 def cells(table) -> dict[str, tuple]:
-    return {line.title.split()[0]: line.cells for line in table.lines}
+    return {line.name.split()[0]: line.cells for line in table.lines}
 
 
 def test_stages_stand_side_by_side_at_one_wavelength():
     exact = (row("readback_xor_area", 0.0), row("readback_xor_area", 0.0), row("readback_psf_difference", 1e-9, 530.0))
     table = stage_table(die(*exact, *READ, *WRITTEN), 530.0)
-    assert table.stages == ("Drawn", "Read back", "As written, touching dots fused")
+    assert table.columns == ("Drawn", "Read back", "As written, touching dots fused")
     told = cells(table)
     assert told["PSF"] == (0.0, 1e-9, 0.02)
     assert told["Open"] == (0.2, 0.2, 0.21)
@@ -37,7 +37,7 @@ def test_stages_stand_side_by_side_at_one_wavelength():
 
 def test_a_file_that_differs_says_nothing_of_the_drawing():
     table = stage_table(die(row("readback_xor_area", 0.0), row("readback_xor_area", 2.5), *READ), 530.0)
-    assert table.stages == ("Drawn", "Read back")
+    assert table.columns == ("Drawn", "Read back")
     assert cells(table)["Open"] == (None, 0.2)
     assert table.lines[0].cells == (0.0, 2.5)
 

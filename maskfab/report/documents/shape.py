@@ -19,6 +19,8 @@ from maskfab.base.errors import InputError
 from maskfab.job.values import check_name
 
 Document: TypeAlias = dict[str, Any]
+Record: TypeAlias = Mapping[str, Any]
+"""A document, or part of one, that is only read."""
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 WORST = "mtf_worst_"

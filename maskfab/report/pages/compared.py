@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from markupsafe import Markup
 from matplotlib.figure import Figure
@@ -20,13 +19,12 @@ from maskfab.base.errors import JobError
 from maskfab.base.quantities import columns
 from maskfab.camera.scores import CONFIDENCE
 from maskfab.report.documents.report import FinishedReport
+from maskfab.report.documents.shape import Document, Record
 from maskfab.report.figures.die import OKABE_ITO
 from maskfab.report.figures.sheet import INK, QUIET, Drawing, place, styled
-from maskfab.report.pages.tables import DieTable, best_photographed, die_table, difference, mean_psnr, scores
+from maskfab.report.pages.tables import DieLine, Table, best_photographed, die_table, difference, mean_psnr, scores
 from maskfab.report.pages.template import page_template, style
 from maskfab.report.rows.photographs import middle_level
-
-Document = Mapping[str, Any]
 
 _WORDS = frozenset({"told", "reference", "reference_stated", "scenes", "dies", "unused"})
 """Parts of a report's photographs that say nothing of how they were taken."""
@@ -56,16 +54,16 @@ class Compared:
     """
 
     reports: tuple[FinishedReport, ...]
-    document: Document
+    document: Record
     left_out: tuple[str, ...]
     differences: tuple[JobDifference, ...]
 
     @property
-    def table(self) -> DieTable:
+    def table(self) -> Table[DieLine]:
         """Dies, the best first."""
         return die_table(self.document)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Document:
         """The ranking at every level of light, with paired differences to the best, and what else was found."""
         taken = self.document.get("photographs")
         return {
@@ -139,11 +137,11 @@ def compare_reports(
 
 def _photographs(
     reports: Sequence[FinishedReport],
-    chosen: Mapping[str, tuple[FinishedReport, Document]],
+    chosen: Mapping[str, tuple[FinishedReport, Record]],
     reference: str | None,
     alone: bool,
     left_out: list[str],
-) -> dict[str, Any] | None:
+) -> Document | None:
     """Photographs of the first report that has some, with those of others that were taken of the same scenes alike."""
     first = next((report for report in reports if "photographs" in report.document), None)
     if first is None:
@@ -172,7 +170,7 @@ def _photographs(
     return {**taken, "dies": dies, "reference": over, "reference_stated": reference}
 
 
-def _without_other_gains(die: dict[str, Any], report: FinishedReport, over: str | None, alone: bool) -> dict[str, Any]:
+def _without_other_gains(die: Document, report: FinishedReport, over: str | None, alone: bool) -> Document:
     """A die without bands of gains over another die than all are held against here."""
     own = report.document.get("photographs", {}).get("reference")
     if own is not None and _name(report, own, alone) == over:
@@ -185,12 +183,12 @@ def _made(report: FinishedReport) -> tuple[object, object]:
     return report.document.get("process"), report.document.get("spread")
 
 
-def _taken(photographs: Document) -> Document:
+def _taken(photographs: Record) -> Record:
     """Conditions and scenes of photographs."""
     return {key: value for key, value in photographs.items() if key not in _WORDS} | {"scenes": photographs["scenes"]}
 
 
-def _ranked(taken: Document, level: float) -> dict[str, Any]:
+def _ranked(taken: Record, level: float) -> Document:
     """Dies from the highest mean down, each with its paired difference to the first."""
     by_die = scores(taken, level)
     means = {name: sum(own) / len(own) for name, own in by_die.items()}
@@ -250,14 +248,14 @@ def _fields(value: object, path: str = "") -> Iterator[tuple[str, str]]:
         yield path, text if len(text) <= _MOST_TEXT else f"{text[:_MOST_TEXT]}…"
 
 
-def _parted(one: Document, other: Document) -> Iterator[str]:
+def _parted(one: Record, other: Record) -> Iterator[str]:
     """Names of what differs."""
     for key in dict.fromkeys([*one, *other]):
         if one.get(key) != other.get(key):
             yield key.replace("_", " ")
 
 
-def _renamed(row: Document, name: str) -> Document:
+def _renamed(row: Record, name: str) -> Record:
     return {**row, "die": name} if "die" in row else row
 
 
@@ -280,7 +278,7 @@ _MARKS = "osD^vphX"
 
 
 @styled
-def trade(document: Mapping[str, Any]) -> Drawing:
+def trade(document: Record) -> Drawing:
     """Open ratio against gain over the reference, one mark for each die; a die that none betters in both is filled."""
     taken = document["photographs"]
     level, reference = middle_level(taken["levels_db"]), taken["reference"]
@@ -368,7 +366,13 @@ def compare_text(compared: Compared) -> Iterator[str]:
         *(" ".join(words) for words in table.columns),
     ]
     rows = [
-        [line.name, line.psnr, line.gain, line.display or "-", *(cell.text if cell else "-" for cell in line.cells)]
+        [
+            line.name,
+            line.psnr.text,
+            line.gain.text,
+            line.display or "-",
+            *(cell.text if cell else "-" for cell in line.cells),
+        ]
         for line in table.lines
     ]
     yield from columns([heading, *rows])

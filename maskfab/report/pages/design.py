@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 from maskfab.base.folders import Place, staged, write_mark
 from maskfab.base.units import UM_PER_MM
 from maskfab.designs.search.result import ANNEALING
-from maskfab.report.documents.shape import document_text
+from maskfab.report.documents.shape import Record, document_text
 from maskfab.report.figures.sheet import INK, QUIET, Drawing, data_uri, img, place, png, styled
 from maskfab.report.pages.template import page_template, style
 from maskfab.report.rows.text import USEFUL_DB
@@ -72,7 +72,7 @@ def rules_part(
     return Markup(_macros().rules(rows, together, judged, among, annealed, without is not None))
 
 
-def alternatives_part(near: Mapping[str, Any] | None, absent: str | None) -> Markup:
+def alternatives_part(near: Record | None, absent: str | None) -> Markup:
     """Openings of nearly the PSNR of a chosen one.
 
     Args:
@@ -98,7 +98,7 @@ def dots_image(rows: Sequence[str], words: str) -> Markup:
     return Markup(img(data_uri(png(levels, _PALETTE)), words, "small"))
 
 
-def _shown(opening: Mapping[str, Any]) -> dict[str, Any]:
+def _shown(opening: Record) -> dict[str, Any]:
     return {**opening, "picture": dots_image(opening["rows"], f"the opening {opening['shape']}")}
 
 
@@ -156,10 +156,7 @@ def stages(bettered: Sequence[Sequence[float]]) -> list[list[Sequence[float]]]:
     return stretches
 
 
-Told = Mapping[str, Any]
-
-
-def design_page(document: Told) -> str:
+def design_page(document: Record) -> str:
     """The page, with nothing from outside it; equal documents give equal pages.
 
     Args:
@@ -203,11 +200,11 @@ def design_page(document: Told) -> str:
     )
 
 
-def _judged(search: Told) -> str:
+def _judged(search: Record) -> str:
     return "steps of descent" if "descent" in search["method"] else "openings judged"
 
 
-def _steps_told(search: Told | None) -> str:
+def _steps_told(search: Record | None) -> str:
     if not search:
         return ""
     if "descent" in search["method"]:
@@ -217,21 +214,21 @@ def _steps_told(search: Told | None) -> str:
     return words + ("; then of the annealing, which keeps them." if search["rules"] and _annealed(search) else ".")
 
 
-def _annealed(search: Told | None) -> bool:
+def _annealed(search: Record | None) -> bool:
     return search is not None and any(stage["what"] == ANNEALING for stage in search["stages"])
 
 
-def _turned(panel: Told | None) -> str:
+def _turned(panel: Record | None) -> str:
     return "all alike" if panel and panel["tiling"] == "periodic" else "turned at random"
 
 
-def _tiles_told(document: Told, panel: Told | None) -> str:
+def _tiles_told(document: Record, panel: Record | None) -> str:
     if not panel:
         return ""
     return f"The middle of its {'map' if document['map'] else 'panel: ' + panel['tiling']}."
 
 
-def _display(fit: Told | None) -> str:
+def _display(fit: Record | None) -> str:
     if fit is None:
         return "not judged: the design has to hold none"
     across = fit["pixels"][0]
@@ -243,7 +240,7 @@ def _useful(values: Mapping[str, float]) -> Mapping[str, float]:
     return {level: value for level, value in values.items() if value <= USEFUL_DB}
 
 
-def _room(document: Told, levels: Sequence[str]) -> str:
+def _room(document: Record, levels: Sequence[str]) -> str:
     """In one line, of the opening in the picture's interior."""
     if not document["head_room_db"]:
         return "not proved"
@@ -253,7 +250,7 @@ def _room(document: Told, levels: Sequence[str]) -> str:
     return where + ", ".join(parts) if parts else "no useful bound"
 
 
-def _rules_line(document: Told, search: Told | None) -> str:
+def _rules_line(document: Record, search: Record | None) -> str:
     rules = search["rules"] if search else []
     if not rules:
         return "none but the number of clear dots"
@@ -262,7 +259,7 @@ def _rules_line(document: Told, search: Told | None) -> str:
     return named if cost is None else f"{named}: {cost:.3f} dB together"
 
 
-def _restored(document: Told) -> list[tuple[str, Mapping[str, str]]]:
+def _restored(document: Record) -> list[tuple[str, Mapping[str, str]]]:
     """Rows of decibels by level."""
     rows: list[tuple[str, Mapping[str, float]]] = []
     if not (document["map"] and document["outer"]):
@@ -294,7 +291,7 @@ def _restored(document: Told) -> list[tuple[str, Mapping[str, str]]]:
     return plain
 
 
-def _bounds(document: Told, levels: Sequence[str]) -> list[dict[str, Any]]:
+def _bounds(document: Record, levels: Sequence[str]) -> list[dict[str, Any]]:
     """Head rooms, what they hold for, and which is the least at each level."""
     bounds, cells = document["bounds"], document["map"]
     rows: list[tuple[str, Mapping[str, float], str]] = []
@@ -326,7 +323,7 @@ def _bounds(document: Told, levels: Sequence[str]) -> list[dict[str, Any]]:
     ]
 
 
-def _ideals(document: Told) -> list[tuple[str, Mapping[str, float]]]:
+def _ideals(document: Record) -> list[tuple[str, Mapping[str, float]]]:
     bounds = document["bounds"]
     if not bounds:
         return []
@@ -339,7 +336,7 @@ def _ideals(document: Told) -> list[tuple[str, Mapping[str, float]]]:
 DOCUMENT, PAGE = "design.json", "design.html"
 
 
-def write_design(place: Place, document: Mapping[str, Any], files: Mapping[str, str]) -> list[Path]:
+def write_design(place: Place, document: Record, files: Mapping[str, str]) -> list[Path]:
     """Write everything into a directory that appears whole, and return the paths.
 
     Args:

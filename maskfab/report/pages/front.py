@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 from maskfab.base.errors import CATALOGUE
 from maskfab.base.resources import explained
 from maskfab.base.units import UM_PER_MM
 from maskfab.camera.scores import CONFIDENCE, MeanDifference
 from maskfab.display.emitter_rules import Verdict
+from maskfab.report.documents.shape import Record
 from maskfab.report.pages.tables import (
     band_of,
     die_table,
@@ -24,7 +25,6 @@ from maskfab.report.pages.tables import (
 from maskfab.report.rows.photographs import middle_level
 from maskfab.report.rows.text import short
 
-Document = Mapping[str, Any]
 Mood = Literal["good", "bad", "open"]
 
 _FEW, _CHOSEN = 32, 16
@@ -78,7 +78,7 @@ class Best:
     scenes: int
     others: int
     ties: tuple[str, ...]
-    open_ratio: Document | None
+    open_ratio: Record | None
     display: str | None
     missing: str
     psnr_made: str
@@ -116,7 +116,7 @@ class Best:
         return f"Tied with it: {who}. {they} may be as good, for {how}.{rest}"
 
 
-def stamps(document: Document) -> tuple[Stamp, Stamp, Stamp]:
+def stamps(document: Record) -> tuple[Stamp, Stamp, Stamp]:
     """Verdicts on files, optics and displays."""
     verdicts = document["verdicts"]
     shops = sorted({row["name"] for row in document["checks"] if row["name"].startswith("shop_")})
@@ -128,7 +128,7 @@ def stamps(document: Document) -> tuple[Stamp, Stamp, Stamp]:
     )
 
 
-def best(document: Document) -> Best | str:
+def best(document: Record) -> Best | str:
     """The best die; in its place a sentence that says what is missing, and what to add."""
     taken = document.get("photographs")
     if taken is None or not document["dies"]:
@@ -168,7 +168,7 @@ def shown_count(dies: int) -> int:
     return dies if dies <= _FEW else _CHOSEN
 
 
-def shown_dies(document: Document) -> tuple[str, ...]:
+def shown_dies(document: Record) -> tuple[str, ...]:
     """Dies that the page shows with figures and all their numbers: all, or of more than 32 the reference and the best,
     then those that failed a check, then those that photographs find best."""
     names: list[str] = [die["name"] for die in document["dies"]]
@@ -182,7 +182,7 @@ def shown_dies(document: Document) -> tuple[str, ...]:
     return tuple(name for name in names if name in chosen)
 
 
-def assumed(document: Document) -> str:
+def assumed(document: Record) -> str:
     """Camera, light, spectrum and restorer that the numbers of the front rest on, in one line."""
     camera = document["camera"]
     focal, stop = camera["focal_um"], camera["stop"]["diameter_um"]
@@ -202,7 +202,7 @@ def assumed(document: Document) -> str:
     return f"Assumed: {'; '.join(said)}."
 
 
-def crops(document: Document, leader: Best | str) -> Iterator[tuple[str, str]]:
+def crops(document: Record, leader: Best | str) -> Iterator[tuple[str, str]]:
     """Dies whose restored photograph the front shows, each with its caption."""
     if isinstance(leader, str):
         return
@@ -212,7 +212,7 @@ def crops(document: Document, leader: Best | str) -> Iterator[tuple[str, str]]:
         yield name, f"{name} ({role}): {scores(taken, leader.level_db)[name][0]:.1f} dB"
 
 
-def _of_checks(name: str, tally: Document, words: tuple[str, str], rest: str) -> Stamp:
+def _of_checks(name: str, tally: Record, words: tuple[str, str], rest: str) -> Stamp:
     if tally["passed"] is None:
         return Stamp(name, "NOT CHECKED", "open", "no check was made")
     if tally["passed"]:
@@ -220,7 +220,7 @@ def _of_checks(name: str, tally: Document, words: tuple[str, str], rest: str) ->
     return Stamp(name, words[1], "bad", f"{tally['failed']} of {tally['checks']} checks failed{rest}")
 
 
-def _of_displays(counts: Document) -> Stamp:
+def _of_displays(counts: Record) -> Stamp:
     verdict, dies = counts["verdict"], counts["dies"]
     if verdict is None:
         return Stamp("DISPLAY", "NOT JUDGED", "open", "the job has no [emitters]")
@@ -236,7 +236,7 @@ def _of_displays(counts: Document) -> Stamp:
     return Stamp("DISPLAY", f"{counts['fits']} OF {dies} FIT", mood, "; ".join([", ".join(rest), *circuits]))
 
 
-def _missing(taken: Document, name: str, photographed: int) -> str:
+def _missing(taken: Record, name: str, photographed: int) -> str:
     stated = taken["reference_stated"]
     if taken["reference"] is None and stated is not None:
         why = next(die["refused"] for die in taken["dies"] if die["name"] == stated)

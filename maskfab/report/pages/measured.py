@@ -11,7 +11,7 @@ The page of measured edges: the verdict, every MTF beside the design's, and the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,7 @@ from maskfab.camera.inspection.fit import MtfBand
 from maskfab.camera.inspection.identity import CERTAIN
 from maskfab.camera.inspection.verdict import COST_METHOD, Measured, cause, stands, write_fitted_psf
 from maskfab.report.documents.measured import SCHEMA_VERSION, write_measured
-from maskfab.report.documents.shape import Document
+from maskfab.report.documents.shape import Document, Record
 from maskfab.report.figures.die import OKABE_ITO
 from maskfab.report.figures.sheet import INK, QUIET, Drawing, place, styled
 from maskfab.report.pages.template import page_template, style
@@ -145,7 +145,7 @@ _PRICES = ("captured_cost", "captured_loss")
 """Numbers that have a table of their own."""
 
 
-def capture_page(measured: Measured, document: Mapping[str, Any], notes: Sequence[str]) -> str:
+def capture_page(measured: Measured, document: Record, notes: Sequence[str]) -> str:
     """The page, with nothing from outside it; equal captures give equal pages.
 
     Args:
@@ -234,7 +234,7 @@ def capture_document(measured: Measured, job_hash: str, notes: Sequence[str]) ->
     }
 
 
-def write_capture(place: Place, measured: Measured, document: Mapping[str, Any], notes: Sequence[str]) -> list[Path]:
+def write_capture(place: Place, measured: Measured, document: Record, notes: Sequence[str]) -> list[Path]:
     """Write everything into a directory that appears whole, and return the paths.
 
     Raises:

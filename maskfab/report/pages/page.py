@@ -14,12 +14,10 @@ import io
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from html import unescape
 from itertools import zip_longest
 from types import MappingProxyType
-from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
@@ -31,31 +29,16 @@ from numpy.typing import NDArray
 from maskfab.base.quantities import Entry, quantities, registered
 from maskfab.base.resources import template
 from maskfab.base.units import UM_PER_MM
+from maskfab.camera.scores import CONFIDENCE
 from maskfab.optics.scene.model_bar import MODEL_BAR
+from maskfab.report.documents.shape import Record
 from maskfab.report.figures import die as die_figures
 from maskfab.report.pages.front import assumed, best, crops, shown_dies, stamps
 from maskfab.report.pages.tables import band_of, decibels, die_table, model_table, photograph_table, ranked, stage_table
 from maskfab.report.pages.template import WORDS, page_environment, style
+from maskfab.report.rows.bands import BIAS_UM
 from maskfab.report.rows.scene import distance
 from maskfab.report.rows.text import rounded, short
-
-Row = Mapping[str, Any]
-
-
-@dataclass(frozen=True)
-class Line:
-    """One quantity of a die at all its wavelengths.
-
-    Attributes:
-        first: the row of the first wavelength that has one; name, symbol, unit and method are its.
-        judged: the row whose limit and verdict are shown: one that failed, else the first that was judged, else any.
-        rows: one for each wavelength, None where there is none.
-    """
-
-    first: Row
-    judged: Row
-    rows: tuple[Row | None, ...]
-
 
 _RARELY_READ = frozenset(
     {
@@ -100,7 +83,7 @@ def _page() -> Template:
     return environment.from_string(template("report.html.j2"))
 
 
-def html_page(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, str]]) -> str:
+def html_page(document: Record, pictures: Mapping[str, Mapping[str, str]]) -> str:
     """The report as one HTML page.
 
     Args:
@@ -111,7 +94,7 @@ def html_page(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, s
     Equal documents and pictures give equal pages.
     """
     drawn = {place: {name: Markup(image) for name, image in images.items()} for place, images in pictures.items()}
-    checks: Sequence[Row] = document["checks"]
+    checks: Sequence[Record] = document["checks"]
     lines_nm = document["camera"]["wavelengths_nm"]
     middle_nm = lines_nm[len(lines_nm) // 2]
     return _page().render(
@@ -134,6 +117,8 @@ def html_page(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, s
         middle_nm=middle_nm,
         model_table=lambda die: model_table(die, document.get("photographs", {}).get("levels_db", [])),
         ranked=ranked(document),
+        bias_um=BIAS_UM,
+        confidence=CONFIDENCE,
         decibels=decibels,
         made=_made(document),
         stage_table=lambda die: stage_table(die, middle_nm),
@@ -150,11 +135,11 @@ def html_page(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, s
     )
 
 
-def _made(document: Mapping[str, Any]) -> Callable[[Row], str]:
+def _made(document: Record) -> Callable[[Record], str]:
     """Finds the edges of the band of a row, in words; empty where it has none."""
     dies = {die["name"]: die for die in document["dies"]} if "spread" in document else {}
 
-    def made(row: Row) -> str:
+    def made(row: Record) -> str:
         die = dies.get(row.get("die", ""))
         band = None if die is None else band_of(die, row)
         return "" if band is None else f"made {' to '.join(rounded(edge) for edge in band['between'])}"
@@ -162,29 +147,29 @@ def _made(document: Mapping[str, Any]) -> Callable[[Row], str]:
     return made
 
 
-def plusminus(row: Row) -> str:
+def plusminus(row: Record) -> str:
     """The error bar with its sign, to two digits; nothing where the value is exact."""
     error = row["uncertainty"]
     return f"± {rounded(float(error), 2)}" if error else ""
 
 
-def unit(row: Row) -> str:
+def unit(row: Record) -> str:
     """The unit as a reader writes it; a plain number has none."""
     return _UNITS.get(row["unit"], row["unit"])
 
 
-def amount(text: str, row: Row) -> str:
+def amount(text: str, row: Record) -> str:
     """A number's text with the unit of its row, if it has one."""
     return f"{text} {unit(row)}".rstrip()
 
 
-def full(row: Row) -> str:
+def full(row: Record) -> str:
     """The value with every digit that report.json has."""
     error = f" ± {row['uncertainty']!r}" if row["uncertainty"] else ""
     return f"{row['value']!r}{error} {unit(row)}".rstrip()
 
 
-def limit_text(row: Row) -> str:
+def limit_text(row: Record) -> str:
     """The limit with the side on which a value must lie, as far as value and verdict tell it."""
     bound, value = row["limit"], row["value"]
     if bound is None:
@@ -194,19 +179,19 @@ def limit_text(row: Row) -> str:
     return f"{'≤' if (abs(value) < bound) == bool(row['passed']) else '≥'} {short(bound)}"
 
 
-def verdict(row: Row) -> str:
+def verdict(row: Record) -> str:
     """Pass or fail in words, since colour alone does not reach everybody; a dash where nothing was required."""
     return "–" if row["passed"] is None else "✓ pass" if row["passed"] else "✗ FAIL"
 
 
-def where(row: Row) -> str:
+def where(row: Record) -> str:
     """Die, wavelength and level of light of a row, as far as it has them."""
     places = [row["die"]] if "die" in row else []
     places += [f"{row['wavelength_nm']:g} nm"] if "wavelength_nm" in row else []
     return ", ".join(places + ([f"{row['level_db']:g} dB"] if "level_db" in row else []))
 
 
-def _glossary(document: Mapping[str, Any]) -> list[Entry]:
+def _glossary(document: Record) -> list[Entry]:
     """The registered quantities that the document has, families once."""
     rows = [*document["plate"], *document["checks"]]
     for die in document["dies"]:
@@ -215,23 +200,27 @@ def _glossary(document: Mapping[str, Any]) -> list[Entry]:
     return [entry for name, entry in quantities().items() if name in present]
 
 
-def _by_name(checks: Iterable[Row]) -> list[tuple[str, list[Row], Row]]:
+def _by_name(checks: Iterable[Record]) -> list[tuple[str, list[Record], Record]]:
     """Checks gathered by quantity: name, its rows, and the row to show, failed before passed, then the largest."""
-    groups: dict[str, list[Row]] = {}
+    groups: dict[str, list[Record]] = {}
     for check in checks:
         groups.setdefault(check["name"], []).append(check)
     return [(name, rows, max(rows, key=lambda row: (not row["passed"], _value(row)))) for name, rows in groups.items()]
 
 
-def _wavelengths(die: Mapping[str, Any]) -> list[float]:
+def _wavelengths(die: Record) -> list[float]:
     """The wavelengths at which a die has numbers, in their order of appearance."""
     return list(dict.fromkeys(row["wavelength_nm"] for row in die["quantities"] if "wavelength_nm" in row))
 
 
-def _lines(die: Mapping[str, Any], folded: bool) -> list[Line]:
-    """A die's numbers that depend on the wavelength, each in one line; those that are folded, or the others."""
+def _lines(die: Record, folded: bool) -> list[tuple[Record, Record, tuple[Record | None, ...]]]:
+    """A die's numbers that depend on the wavelength; those that are folded, or the others.
+
+    Of each the row of the first wavelength that has one, the row whose limit and verdict are shown (one that failed,
+    else the first that was judged, else any), and a row for each wavelength, None where there is none.
+    """
     wavelengths = _wavelengths(die)
-    groups: dict[str, dict[float, Row]] = {}
+    groups: dict[str, dict[float, Record]] = {}
     for row in die["quantities"]:
         if "wavelength_nm" in row:
             groups.setdefault(row["name"], {})[row["wavelength_nm"]] = row
@@ -240,11 +229,11 @@ def _lines(die: Mapping[str, Any], folded: bool) -> list[Line]:
         first = next(iter(rows.values()))
         judged = min(rows.values(), key=lambda row: (row["passed"] is not False, row["passed"] is None))
         if _is_folded(judged) == folded:
-            lines.append(Line(first, judged, tuple(rows.get(wavelength) for wavelength in wavelengths)))
+            lines.append((first, judged, tuple(rows.get(wavelength) for wavelength in wavelengths)))
     return lines
 
 
-def _plain(die: Mapping[str, Any], folded: bool) -> list[Row]:
+def _plain(die: Record, folded: bool) -> list[Record]:
     """A die's numbers that do not depend on the wavelength; those that are folded, or the others."""
     return [
         row
@@ -253,12 +242,12 @@ def _plain(die: Mapping[str, Any], folded: bool) -> list[Row]:
     ]
 
 
-def _left_out(die: Mapping[str, Any]) -> list[Row]:
+def _left_out(die: Record) -> list[Record]:
     """Effects not modelled for a die, the largest first."""
     return [row for row in die["quantities"] if row["name"].startswith(MODEL_BAR)]
 
 
-def _asked(asked: Row) -> list[tuple[str, str]]:
+def _asked(asked: Record) -> list[tuple[str, str]]:
     """Settings of a scene, by name; those at their default are left out."""
     said = []
     near, far, focus = (_distance(asked[key]) for key in ("nearest_um", "farthest_um", "focus_um"))
@@ -288,7 +277,7 @@ def _distance(length_um: float | None) -> str:
     return distance(math.inf if length_um is None else length_um)
 
 
-def _modelled(plan: Row) -> str:
+def _modelled(plan: Record) -> str:
     rim = "grey" if plan["grey_rim"] else "exact"
     counts = [(plan[f"{kind}s"], kind) for kind in ("wavelength", "depth", "place")]
     sizes = ", ".join(f"{count} {kind}{'s' * (count > 1)}" for count, kind in counts)
@@ -299,14 +288,14 @@ def _modelled(plan: Row) -> str:
     )
 
 
-def _takes(plan: Row) -> str:
+def _takes(plan: Record) -> str:
     return (
         f"predicted {rounded(plan['predicted_seconds'], 2)} s on one thread and "
         f"{rounded(plan['predicted_bytes'] / 1e6, 2)} MB"
     )
 
 
-def _not_shown(scene: Row) -> list[str]:
+def _not_shown(scene: Record) -> list[str]:
     """Why a scene has no figure over its field or its depth."""
     asked, errors = scene["asked"], {row["name"]: row["error_if_left_out"] for row in scene["plan"]["ingredients"]}
     reasons = []
@@ -333,12 +322,12 @@ def _not_shown(scene: Row) -> list[str]:
     return reasons
 
 
-def _is_folded(row: Row) -> bool:
+def _is_folded(row: Record) -> bool:
     name = row["name"]
     return (name in _RARELY_READ or name.startswith(_RARELY_READ_FAMILIES)) and row["passed"] is not False
 
 
-def _value(row: Row) -> float:
+def _value(row: Record) -> float:
     return float(row["value"]) if _is_number(row["value"]) else -math.inf
 
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +30,7 @@ from maskfab.designs.front import FrontDesign, FrontPoint, JudgedOpening, Pareto
 from maskfab.mask.opening_file import opening_text
 from maskfab.mask.panels import map_text
 from maskfab.report.documents.design import alternatives_document, drawn_rows, prices_document
-from maskfab.report.documents.shape import document_text
+from maskfab.report.documents.shape import Record, document_text
 from maskfab.report.figures.sheet import INK, QUIET, Drawing, bitmap, place, styled
 from maskfab.report.pages.design import alternatives_part, dots_image, rules_part
 from maskfab.report.pages.template import page_template, style
@@ -162,7 +162,7 @@ def _curve(axes: Axes, serving: list[FrontPoint], left: float, colour: object, m
 _ABSENT = "The budget was over before they were compared."
 
 
-def pareto_page(pareto: Pareto, designs: Sequence[FrontDesign], document: Mapping[str, Any]) -> str:
+def pareto_page(pareto: Pareto, designs: Sequence[FrontDesign], document: Record) -> str:
     """The page, with nothing from outside it; equal fronts give equal pages.
 
     Args:
@@ -191,7 +191,7 @@ def pareto_page(pareto: Pareto, designs: Sequence[FrontDesign], document: Mappin
     )
 
 
-def _tradeoffs(curve: Mapping[str, Any]) -> dict[str, Markup]:
+def _tradeoffs(curve: Record) -> dict[str, Markup]:
     """Costs of the display to designs of one size, and openings beside the best of them."""
     rules = rules_part(
         curve["rules"],
@@ -306,7 +306,7 @@ def table(pareto: Pareto, designs: Designs) -> str:
     return buffer.getvalue()
 
 
-def write_pareto(place: Place, pareto: Pareto, document: Mapping[str, Any], designs: Designs) -> list[Path]:
+def write_pareto(place: Place, pareto: Pareto, document: Record, designs: Designs) -> list[Path]:
     """Write everything, and its document, into a directory that appears whole, and return the paths.
 
     Raises:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -27,13 +26,15 @@ from maskfab.base.folders import Place, staged, write_mark
 from maskfab.base.model import Die, DieOptics, Panel, Psf
 from maskfab.base.quantities import columns
 from maskfab.base.units import dpi
-from maskfab.camera.scores import CONFIDENCE, Gain, Score, ScoreTable
+from maskfab.camera.die_transfer import by_sentence
+from maskfab.camera.scores import CONFIDENCE, Score, ScoreTable
 from maskfab.optics.metrics import auc_radial_min
-from maskfab.report.documents.shape import document_text
+from maskfab.report.documents.shape import Record, document_text
 from maskfab.report.figures import sheet
 from maskfab.report.figures.die import OKABE_ITO, mtf_comparison, panel_thumbnail
 from maskfab.report.figures.scene import tile
 from maskfab.report.figures.sheet import QUIET, Drawing, img, place, styled
+from maskfab.report.pages.tables import Line, Table
 from maskfab.report.pages.template import page_template, style
 from maskfab.report.rows.study import OWN_SCENE, Claim, Finding, Setting, Study, Take, Verdict
 from maskfab.report.rows.text import short
@@ -234,34 +235,6 @@ MEASURES: Mapping[str, str] = {
 }
 
 
-@dataclass(frozen=True)
-class Cell:
-    """Mean scores of one die at one level: PSNR, SSIM, and the gain in PSNR over the first die."""
-
-    psnr: float
-    ssim: float
-    gain: Gain | None
-
-
-@dataclass(frozen=True, eq=False)
-class Block:
-    """The table of one protocol in one case.
-
-    Attributes:
-        setting: protocol and case.
-        levels: columns.
-        rows: die, restorer, and a cell for each level.
-        reference: die that gains are over.
-        left_out: sentences, with the dies that they are about.
-    """
-
-    setting: Setting
-    levels: tuple[float, ...]
-    rows: tuple[tuple[str, str, tuple[Cell, ...]], ...]
-    reference: str
-    left_out: tuple[str, ...]
-
-
 def study_page(study: Study) -> str:
     """The page, with nothing from outside it; equal studies give equal pages."""
     plan = study.plan
@@ -294,9 +267,13 @@ def study_page(study: Study) -> str:
     )
 
 
-def blocks(study: Study) -> list[Block]:
-    """Tables of scores, one for each protocol in each case."""
-    return [_block(study, setting) for setting in study.plan.settings]
+def blocks(study: Study) -> list[tuple[Setting, Table[Line]]]:
+    """Tables of scores, one for each protocol in each case.
+
+    Columns are levels of light in dB. A cell is the mean PSNR and SSIM of one die, and its gain over the first; the
+    note of a line is its restorer.
+    """
+    return [(setting, _block(study, setting)) for setting in study.plan.settings]
 
 
 def limits_text(claim: Claim) -> str:
@@ -342,31 +319,22 @@ def _tally(study: Study) -> tuple[int, int] | None:
     return (first.count(Verdict.AGREES), len(first)) if first else None
 
 
-def _block(study: Study, setting: Setting) -> Block:
+def _block(study: Study, setting: Setting) -> Table[Line]:
     takes = [t for t in study.scores if (t.protocol, t.case) == (setting.protocol.name, setting.case)]
     levels = tuple(sorted({take.level_db for take in takes}))
     table = ScoreTable(tuple(score for take in takes for score in study.scores[take]))
     reference = next(iter(study.plan.panels))
     gains = {(gain.design, gain.level_db, gain.restorer): gain for gain in table.gains(reference)}
-    rows = []
+    lines = []
     for die, restorer in dict.fromkeys((take.die, take.restorer) for take in takes):
         of = [study.scores[Take(setting.protocol.name, setting.case, die, level, restorer)] for level in levels]
         cells = tuple(
-            Cell(_study_mean(scores, "psnr"), _study_mean(scores, "ssim"), gains.get((die, level, restorer)))
+            (_study_mean(scores, "psnr"), _study_mean(scores, "ssim"), gains.get((die, level, restorer)))
             for level, scores in zip(levels, of, strict=True)
         )
-        rows.append((die, table.winners([score for scores in of for score in scores]), cells))
-    return Block(setting, levels, tuple(rows), reference, _left_out(study, setting))
-
-
-def _left_out(study: Study, setting: Setting) -> tuple[str, ...]:
-    """A sentence once, with the dies that it is about where they are not all."""
-    dies: dict[str, list[str]] = {}
-    for name in study.plan.panels:
-        for sentence in study.left_out[setting.protocol.name, setting.case, name]:
-            dies.setdefault(sentence, []).append(name)
-    every = len(study.plan.panels)
-    return tuple(f"{'' if len(n) == every else ', '.join(n) + ': '}{sentence}" for sentence, n in dies.items())
+        lines.append(Line(die, cells, note=table.winners([score for scores in of for score in scores])))
+    left_out = {name: study.left_out[setting.protocol.name, setting.case, name] for name in study.plan.panels}
+    return Table(levels, tuple(lines), reference=reference, notes=tuple(by_sentence(left_out)))
 
 
 def _study_mean(scores: Sequence[Score], key: str) -> float:
@@ -497,7 +465,7 @@ def _take(take: Take) -> dict[str, Any]:
     return vars(take) if take.protocol else {"die": take.die}
 
 
-def _finite(values: Mapping[str, Any]) -> dict[str, Any]:
+def _finite(values: Record) -> dict[str, Any]:
     """With None for what is not a number: JSON has none."""
     return {key: None if isinstance(value, float) and math.isnan(value) else value for key, value in values.items()}
 
@@ -505,13 +473,12 @@ def _finite(values: Mapping[str, Any]) -> dict[str, Any]:
 def study_lines(study: Study) -> Iterator[str]:
     """Tables of scores by protocol and case, and claims with their verdicts, as lines of text."""
     yield f"{study.plan.study.figure}: {study.plan.study.title}"
-    for block in blocks(study):
-        yield from ("", block.setting.case, *block.setting.conditions.lines)
-        rows = [("die", "restorer", *(f"{level:.4g} dB" for level in block.levels))]
-        for die, restorer, cells in block.rows:
-            gains = (f" ({cell.gain.psnr.told('')})" if cell.gain else "" for cell in cells)
-            scores = (f"{cell.psnr:.2f}{gain}" for cell, gain in zip(cells, gains, strict=True))
-            rows.append((die, restorer, *scores))
+    for setting, table in blocks(study):
+        yield from ("", setting.case, *setting.conditions.lines)
+        rows = [("die", "restorer", *(f"{level:.4g} dB" for level in table.columns))]
+        for line in table.lines:
+            scores = (f"{psnr:.2f}" + (f" ({gain.psnr.told('')})" if gain else "") for psnr, _, gain in line.cells)
+            rows.append((line.name, line.note, *scores))
         yield from columns(rows)
     for claim in study.claims:
         yield from ("", f"{claim.stated.says} ({claim.stated.measure}, {limits_text(claim)})")

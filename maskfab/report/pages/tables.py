@@ -12,80 +12,113 @@ One die from drawing to plate in one table: as drawn, as read back from the file
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
 from maskfab.camera.die_transfer import by_sentence
-from maskfab.camera.scores import CONFIDENCE, MeanDifference
+from maskfab.camera.scores import MeanDifference
 from maskfab.mask.writer import Reading
-from maskfab.report.documents.shape import WORST
+from maskfab.report.documents.shape import WORST, Record
 from maskfab.report.rows.bands import BIAS_UM, SHARE
 from maskfab.report.rows.photographs import middle_level
 from maskfab.report.rows.text import rounded, short
 
-Document = Mapping[str, Any]
-
 
 @dataclass(frozen=True)
 class Cell:
-    """One die at one level of light.
+    """One number of a table.
 
     Attributes:
-        psnr: mean over the scenes, whole frame, dB.
-        gain: as :func:`gain_words` tells it.
-        best: whether no other die is better for sure.
+        text: as it is printed.
+        full: with all its digits.
+        failed: whether its check failed.
+        made: edges of its band over the displays made; empty without.
+        best: whether no other die is better for sure, and some are worse.
     """
 
-    psnr: float
-    gain: str
-    best: bool
+    text: str
+    full: str = ""
+    failed: bool = False
+    made: str = ""
+    best: bool = False
 
 
 @dataclass(frozen=True)
-class Table:
-    """All dies.
+class Line:
+    """One line of a table.
 
     Attributes:
-        levels_db: of light, one column each.
-        rows: by die, its cells; none where it was refused.
-        refused: by die, why it was not photographed.
-        left_out: sentences, with the dies that each is about where these are not all.
-        confidence: of the intervals, a share.
+        name: of a die, or a number in words.
+        cells: one for each column, None where there is no such number.
+        unit: of numbers, as report.json spells it.
+        note: what is said of it.
     """
 
-    levels_db: Sequence[float]
-    rows: Mapping[str, Sequence[Cell]]
-    refused: Mapping[str, str]
-    left_out: Sequence[str]
-    confidence: float
+    name: str
+    cells: tuple[Any, ...]
+    unit: str = ""
+    note: str = ""
 
 
-def photograph_table(taken: Document) -> Table:
-    """From the photographs of report.json."""
+@dataclass(frozen=True)
+class DieLine(Line):
+    """One die beside others.
+
+    Attributes:
+        psnr: mean of its restored photographs, dB.
+        gain: over the reference, with its interval.
+        display: verdict; None where no display was asked for.
+    """
+
+    psnr: Cell = Cell("–")
+    gain: Cell = Cell("–")
+    display: str | None = None
+
+
+AnyLine = TypeVar("AnyLine", bound=Line)
+
+
+@dataclass(frozen=True)
+class Table(Generic[AnyLine]):
+    """Lines under headings.
+
+    Attributes:
+        columns: headings.
+        lines: from the top.
+        level_db: light of the photographs; None without any, or where columns tell it.
+        reference: die that gains are over; None if there is none.
+        notes: sentences on it.
+    """
+
+    columns: tuple[Any, ...]
+    lines: tuple[AnyLine, ...]
+    level_db: float | None = None
+    reference: str | None = None
+    notes: tuple[str, ...] = ()
+
+
+def photograph_table(taken: Record) -> Table[Line]:
+    """From the photographs of report.json, a column for each level of light; what refused a die is its note."""
     levels: list[float] = taken["levels_db"]
     best = {level: best_photographed(taken, level) for level in levels}
-    rows = {}
+    lines = []
     for die in taken["dies"]:
         name = die["name"]
-        rows[name] = [
-            Cell(
-                float(np.mean(own)),
-                gain_words(taken, level, name),
-                name in best[level],
-            )
+        cells = (
+            Cell(f"{np.mean(own):.2f}", made=gain_words(taken, level, name), best=name in best[level])
             for level in levels
             if (own := scores(taken, level).get(name)) is not None
-        ]
+        )
+        lines.append(Line(name, tuple(cells), note=die["refused"] or ""))
     left_out = {die["name"]: die["left_out"] for die in taken["dies"] if not die["refused"]}
-    refused = {die["name"]: die["refused"] for die in taken["dies"] if die["refused"]}
-    return Table(levels, rows, refused, by_sentence(left_out), CONFIDENCE)
+    return Table(tuple(levels), tuple(lines), notes=tuple(by_sentence(left_out)))
 
 
-def best_photographed(taken: Document, level_db: float) -> frozenset[str]:
+def best_photographed(taken: Record, level_db: float) -> frozenset[str]:
     """The die of the highest mean, and those whose difference to it is a tie; none where there is nothing to choose."""
     by_die = scores(taken, level_db)
     if len(by_die) < 2:
@@ -95,25 +128,25 @@ def best_photographed(taken: Document, level_db: float) -> frozenset[str]:
     return frozenset(leaders) if len(leaders) < len(by_die) else frozenset()
 
 
-def scores(taken: Document, level_db: float) -> dict[str, list[float]]:
+def scores(taken: Record, level_db: float) -> dict[str, list[float]]:
     """PSNR of every photograph in dB, by die, of those that were photographed."""
     return {
         die["name"]: level["psnr"] for die in taken["dies"] for level in die["levels"] if level["level_db"] == level_db
     }
 
 
-def mean_psnr(taken: Document, level_db: float, name: str) -> float:
+def mean_psnr(taken: Record, level_db: float, name: str) -> float:
     """Mean PSNR over the photographs of a die, in dB."""
     return float(np.mean(scores(taken, level_db)[name]))
 
 
-def difference(taken: Document, level_db: float, name: str, other: str) -> MeanDifference:
+def difference(taken: Record, level_db: float, name: str, other: str) -> MeanDifference:
     """Difference of two dies' photographs, scene by scene, in dB."""
     by_die = scores(taken, level_db)
     return MeanDifference.of([one - two for one, two in zip(by_die[name], by_die[other], strict=True)])
 
 
-def gain_words(taken: Document, level_db: float, name: str) -> str:
+def gain_words(taken: Record, level_db: float, name: str) -> str:
     """The gain over the reference with its interval; a word where the die is the reference, or there is none."""
     reference = taken["reference"]
     if reference is None or name == reference:
@@ -121,31 +154,10 @@ def gain_words(taken: Document, level_db: float, name: str) -> str:
     return difference(taken, level_db, name, reference).told("")
 
 
-Row = Mapping[str, Any]
-
 _MORE_DECIMALS = 2
 
 
-@dataclass(frozen=True)
-class Sensitivity:
-    """One die: change of the PSF's shape by a tenth of a micrometre of bias, and of the restored PSNR in dB; None where
-    it was not photographed."""
-
-    name: str
-    shape: float
-    psnr: float | None
-
-
-@dataclass(frozen=True)
-class Ranked:
-    """Dies by what a bias does to the shape of their PSF, the most sensitive first, and what to say of them."""
-
-    bias_um: float
-    dies: Sequence[Sensitivity]
-    told: Sequence[str]
-
-
-def band_of(die: Document, row: Row) -> Row | None:
+def band_of(die: Record, row: Record) -> Record | None:
     """The band of a number, as a row of the same die; None if it has none."""
     places = [row.get(key) for key in ("wavelength_nm", "level_db")]
     for quantity in die["quantities"]:
@@ -158,7 +170,7 @@ def band_of(die: Document, row: Row) -> Row | None:
     return None
 
 
-def edges(band: Row | None, scale: float = 1.0, decimals: int = 3, *, sign: bool = False) -> str:
+def edges(band: Record | None, scale: float = 1.0, decimals: int = 3, *, sign: bool = False) -> str:
     """From edge to edge, to as many decimals as the number has, or more where these would not show the band; nothing
     without one."""
     if band is None:
@@ -172,7 +184,7 @@ def edges(band: Row | None, scale: float = 1.0, decimals: int = 3, *, sign: bool
     return f"{low:{plus}.{digits}f}–{high:.{digits}f}"
 
 
-def spread_words(document: Document) -> str:
+def spread_words(document: Record) -> str:
     """The process and the spread that bands are over, or that there is none, in one clause."""
     process, spread = document.get("process"), document.get("spread")
     if process is None:
@@ -191,30 +203,32 @@ def spread_words(document: Document) -> str:
     return f"dies as drawn; “made”: {about}"
 
 
-def ranked(document: Document) -> Ranked | None:
-    """From report.json; None without a spread of the bias."""
-    sensitivities = [
-        Sensitivity(die["name"], float(shape), _value(die, "sensitivity_restored_psnr"))
+def ranked(document: Record) -> Table[Line] | None:
+    """Dies by what a bias does to the shape of their PSF, the most sensitive first; None without a spread of the bias.
+
+    Cells are the changes, by a tenth of a micrometre of bias, of the PSF's shape and of the restored PSNR in dB, None
+    where the die was not photographed.
+    """
+    changes = {
+        die["name"]: (float(shape), _value(die, "sensitivity_restored_psnr"))
         for die in document["dies"]
         if (shape := _value(die, "sensitivity_psf_shape")) is not None
-    ]
-    if not sensitivities:
+    }
+    if not changes:
         return None
-    dies = sorted(sensitivities, key=lambda die: -die.shape)
-    photographed = sorted((die for die in sensitivities if die.psnr is not None), key=lambda die: -abs(die.psnr or 0.0))
+    shapes = sorted(changes, key=lambda name: -changes[name][0])
+    psnrs = {name: psnr for name, (_, psnr) in changes.items() if psnr is not None}
     notes = []
-    if len(dies) > 1:
+    if len(shapes) > 1:
+        most, least = (f"{name} ({rounded(changes[name][0], 3)})" for name in (shapes[0], shapes[-1]))
         notes.append(
-            f"{BIAS_UM:g} µm of CD bias changes the shape of the PSF most behind {dies[0].name} "
-            f"({rounded(dies[0].shape, 3)}), least behind {dies[-1].name} ({rounded(dies[-1].shape, 3)})."
+            f"{BIAS_UM:g} µm of CD bias changes the shape of the PSF most behind {most}, least behind {least}."
         )
-    if len(photographed) > 1:
-        most, least = photographed[0], photographed[-1]
-        notes.append(
-            f"It changes restored photographs most behind {most.name} ({decibels(most.psnr)} dB), least behind "
-            f"{least.name} ({decibels(least.psnr)} dB)."
-        )
-    return Ranked(BIAS_UM, dies, notes)
+    if len(psnrs) > 1:
+        photographed = sorted(psnrs, key=lambda name: -abs(psnrs[name]))
+        most, least = (f"{name} ({decibels(psnrs[name])} dB)" for name in (photographed[0], photographed[-1]))
+        notes.append(f"It changes restored photographs most behind {most}, least behind {least}.")
+    return Table((), tuple(Line(name, changes[name]) for name in shapes), notes=tuple(notes))
 
 
 def decibels(change: float | None) -> str:
@@ -222,63 +236,15 @@ def decibels(change: float | None) -> str:
     return "–" if change is None else f"{change:+z.3f}".replace("-", "−")
 
 
-def _value(die: Document, name: str) -> float | None:
+def _value(die: Record, name: str) -> float | None:
     return next((quantity["value"] for quantity in die["quantities"] if quantity["name"] == name), None)
 
 
-@dataclass(frozen=True)
-class DieCell:
-    """One number of a die: as it is printed, with all its digits, whether its check failed, and its band."""
+def die_table(document: Record) -> Table[DieLine]:
+    """Dies of report.json, the highest mean PSNR first, those without photographs last.
 
-    text: str
-    full: str = ""
-    failed: bool = False
-    made: str = ""
-
-
-@dataclass(frozen=True)
-class Line:
-    """One die.
-
-    Attributes:
-        name: of it.
-        psnr: mean of its restored photographs, dB.
-        gain: over the reference, with its interval.
-        best: whether no other die is better for sure, and some are worse.
-        display: verdict; None where no display was asked for.
-        cells: one for each column of the table, None where the die has no such number.
-        psnr_made, gain_made: bands of both over the displays made; empty without.
+    Columns are headings, each in lines, of the numbers that any die has.
     """
-
-    name: str
-    psnr: str
-    gain: str
-    best: bool
-    display: str | None
-    cells: tuple[DieCell | None, ...]
-    psnr_made: str = ""
-    gain_made: str = ""
-
-
-@dataclass(frozen=True)
-class DieTable:
-    """All dies, the highest mean PSNR first, those without photographs last.
-
-    Attributes:
-        columns: headings beside those that every table has, each in lines.
-        lines: of the dies.
-        level_db: light of the photographs; None without any.
-        reference: die that gains are over; None if there is none.
-    """
-
-    columns: tuple[tuple[str, ...], ...]
-    lines: tuple[Line, ...]
-    level_db: float | None
-    reference: str | None
-
-
-def die_table(document: Document) -> DieTable:
-    """From report.json."""
     dies, taken = document["dies"], document.get("photographs")
     columns = {
         heading: cells
@@ -287,26 +253,25 @@ def die_table(document: Document) -> DieTable:
     }
     level = None if taken is None else middle_level(taken["levels_db"])
     means: dict[str, float] = {}
+    best = frozenset[str]()
     if taken is not None and level is not None:
         means = {name: mean_psnr(taken, level, name) for name in scores(taken, level)}
-    best = frozenset[str]() if taken is None or level is None else best_photographed(taken, level)
-    lines = [
-        Line(
-            name := die["name"],
-            f"{means[name]:.2f}" if name in means else "–",
-            gain_words(taken, level, name) if taken is not None and level is not None and name in means else "–",
-            name in best,
-            die["display"]["verdict"] if "display" in die else None,
-            tuple(cells[name] for cells in columns.values()),
-            *(photograph_bands(die, level) if name in means else ()),
-        )
-        for die in dies
-    ]
+        best = best_photographed(taken, level)
+    lines = []
+    for die in dies:
+        name = die["name"]
+        display = die["display"]["verdict"] if "display" in die else None
+        line = DieLine(name, tuple(cells[name] for cells in columns.values()), display=display)
+        if taken is not None and level is not None and name in means:
+            psnr_made, gain_made = photograph_bands(die, level)
+            psnr = Cell(f"{means[name]:.2f}", made=psnr_made, best=name in best)
+            line = replace(line, psnr=psnr, gain=Cell(gain_words(taken, level, name), made=gain_made))
+        lines.append(line)
     lines.sort(key=lambda line: -means.get(line.name, float("-inf")))
-    return DieTable(tuple(columns), tuple(lines), level if means else None, taken["reference"] if taken else None)
+    return Table(tuple(columns), tuple(lines), level if means else None, taken["reference"] if taken else None)
 
 
-def photograph_bands(die: Document, level_db: float | None) -> tuple[str, str]:
+def photograph_bands(die: Record, level_db: float | None) -> tuple[str, str]:
     """Edges of the bands of a die's PSNR and gain at a level of light; empty where it has none."""
     of_psnr, of_gain = (
         band_of(die, {"name": name, "level_db": level_db}) for name in ("restored_psnr", "restored_gain")
@@ -314,7 +279,7 @@ def photograph_bands(die: Document, level_db: float | None) -> tuple[str, str]:
     return edges(of_psnr, decimals=2), edges(of_gain, decimals=2, sign=True)
 
 
-def _columns(document: Document) -> dict[tuple[str, ...], Callable[[Document], DieCell | None]]:
+def _columns(document: Record) -> dict[tuple[str, ...], Callable[[Record], Cell | None]]:
     """Functions that find the cell of a die, by heading."""
     lines = document["camera"]["wavelengths_nm"]
     middle = lines[len(lines) // 2]
@@ -337,8 +302,8 @@ def _columns(document: Document) -> dict[tuple[str, ...], Callable[[Document], D
 
 def _number(
     name: str, wavelength_nm: float | None = None, scale: float = 1.0, decimals: int = 3
-) -> Callable[[Document], DieCell | None]:
-    def find(die: Document) -> DieCell | None:
+) -> Callable[[Record], Cell | None]:
+    def find(die: Record) -> Cell | None:
         for row in die["quantities"]:
             if row["name"] == name and row.get("wavelength_nm", wavelength_nm) == wavelength_nm:
                 return _cell(row, scale, decimals, edges(band_of(die, row), scale, decimals))
@@ -347,43 +312,43 @@ def _number(
     return find
 
 
-def _cell(row: Row, scale: float, decimals: int, made: str) -> DieCell | None:
+def _cell(row: Record, scale: float, decimals: int, made: str) -> Cell | None:
     value = row["value"]
     if not isinstance(value, int | float):
         return None
     error = f" ± {row['uncertainty']!r}" if row["uncertainty"] else ""
-    return DieCell(f"{scale * value:.{decimals}f}", f"{value!r}{error}", row["passed"] is False, made)
+    return Cell(f"{scale * value:.{decimals}f}", f"{value!r}{error}", row["passed"] is False, made)
 
 
-def _bare(find: Callable[[Document], DieCell | None]) -> Callable[[Document], DieCell | None]:
+def _bare(find: Callable[[Record], Cell | None]) -> Callable[[Record], Cell | None]:
     """Without bands, for numbers that are told for their history."""
 
-    def bare(die: Document) -> DieCell | None:
+    def bare(die: Record) -> Cell | None:
         cell = find(die)
         return None if cell is None else replace(cell, made="")
 
     return bare
 
 
-def _footprint(die: Document) -> DieCell | None:
+def _footprint(die: Record) -> Cell | None:
     """Share of the pixel that one colour of the emitters covers, and by how much that is more than required."""
     if "display" not in die:
         return None
     display = die["display"]
     share, required = display["share"], display["required"]
     if display["emitters"] is None:
-        return DieCell("none", f"none drawn; at most {display['bound_share']!r}")
+        return Cell("none", f"none drawn; at most {display['bound_share']!r}")
     margin = f" ({100 * (share - required):+.1f})".replace("-", "−") if required else ""
     made = edges(band_of(die, {"name": "led_footprint"}), 100.0, 1)
-    return DieCell(f"{100 * share:.1f}{margin}", f"{share!r}, required {required!r}", share < required, made)
+    return Cell(f"{100 * share:.1f}{margin}", f"{share!r}, required {required!r}", share < required, made)
 
 
-def _wires(die: Document) -> DieCell | None:
+def _wires(die: Record) -> Cell | None:
     wires = die.get("display", {}).get("wires")
     if wires is None:
         return None
     lines, wanted = wires["lines"], wires["wanted"]
-    return DieCell(f"{lines[0]:g}, {lines[1]:g} / {wanted}", "", min(lines) < wanted)
+    return Cell(f"{lines[0]:g}, {lines[1]:g} / {wanted}", "", min(lines) < wanted)
 
 
 _AGAINST = ("readback_psf_difference", "strehl_invariant_error", "mtf_volume_invariant_error")
@@ -411,13 +376,13 @@ class ModelLine:
     told: str
 
 
-def model_table(die: Document, levels_db: list[float]) -> list[ModelLine]:
+def model_table(die: Record, levels_db: list[float]) -> list[ModelLine]:
     """From a die of report.json, and the levels of light of its photographs; none where nothing is foretold of it."""
     seconds: Mapping[str, float] = die.get("expected_seconds", {})
     return list(_lines(die, seconds, levels_db)) if seconds else []
 
 
-def _lines(die: Document, seconds: Mapping[str, float], levels_db: list[float]) -> Iterator[ModelLine]:
+def _lines(die: Record, seconds: Mapping[str, float], levels_db: list[float]) -> Iterator[ModelLine]:
     if "optics" in seconds:
         error = _largest(_rows(die, *_AGAINST), "value")
         meaning = (
@@ -447,11 +412,11 @@ def _lines(die: Document, seconds: Mapping[str, float], levels_db: list[float]) 
         yield ModelLine("Left out by all", None, left_out, False, "1", meaning)
 
 
-def _rows(die: Document, *names: str) -> list[Row]:
+def _rows(die: Record, *names: str) -> list[Record]:
     return [row for row in die["quantities"] if row["name"] in names]
 
 
-def _largest(rows: list[Row], key: str) -> float | None:
+def _largest(rows: list[Record], key: str) -> float | None:
     return max((float(row[key]) for row in rows if isinstance(row[key], int | float)), default=None)
 
 
@@ -466,54 +431,12 @@ _NUMBERS = (
 """Heading, name as read back, and as written."""
 
 
-@dataclass(frozen=True)
-class StageLine:
-    """One number of the die at every stage, in the unit that report.json spells; None where it has none."""
-
-    title: str
-    unit: str
-    cells: tuple[float | None, ...]
-
-
-@dataclass(frozen=True)
-class StageTable:
-    """Stages from left to right, and the numbers at each."""
-
-    stages: tuple[str, ...]
-    lines: tuple[StageLine, ...]
-
-
-def stage_table(die: Document, wavelength_nm: float) -> StageTable | None:
-    """From a die of report.json; numbers that depend on the light are those at one wavelength.
+def stage_table(die: Record, wavelength_nm: float) -> Table[Line] | None:
+    """One die from drawing to plate, stages as columns; numbers that depend on the light are those at one wavelength.
 
     A drawing has the numbers of the file that is read back where no area tells them apart. None for a die that was
     not read back.
     """
-    value = _finder(die, wavelength_nm)
-    xor = value("readback_xor_area")
-    if xor is None:
-        return None
-    readings = [heading for heading in _HEADINGS if value(f"written_psf_difference_{heading}") is not None]
-
-    units = {row["name"]: row["unit"] for row in die["quantities"]}
-
-    def line(title: str, drawn: float | None, read: str, written: str) -> StageLine:
-        return StageLine(
-            title,
-            units.get(read, "1"),
-            (drawn, value(read), *(value(f"written_{written}_{reading}") for reading in readings)),
-        )
-
-    lines = [
-        line("Area that differs from the drawing", 0.0, "readback_xor_area", "xor_area"),
-        line("PSF that differs from the drawing's", 0.0, "readback_psf_difference", "psf_difference"),
-        *(line(title, None if xor else value(read), read, written) for title, read, written in _NUMBERS),
-    ]
-    return StageTable(("Drawn", "Read back", *(_HEADINGS[reading] for reading in readings)), tuple(lines))
-
-
-def _finder(die: Document, wavelength_nm: float) -> Callable[[str], float | None]:
-    """Finds the largest value of a name, at the wavelength where there are several."""
 
     def value(name: str) -> float | None:
         numbers = [
@@ -525,4 +448,23 @@ def _finder(die: Document, wavelength_nm: float) -> Callable[[str], float | None
         ]
         return max(numbers, default=None)
 
-    return value
+    xor = value("readback_xor_area")
+    if xor is None:
+        return None
+    readings = [heading for heading in _HEADINGS if value(f"written_psf_difference_{heading}") is not None]
+
+    units = {row["name"]: row["unit"] for row in die["quantities"]}
+
+    def line(title: str, drawn: float | None, read: str, written: str) -> Line:
+        return Line(
+            title,
+            (drawn, value(read), *(value(f"written_{written}_{reading}") for reading in readings)),
+            units.get(read, "1"),
+        )
+
+    lines = [
+        line("Area that differs from the drawing", 0.0, "readback_xor_area", "xor_area"),
+        line("PSF that differs from the drawing's", 0.0, "readback_psf_difference", "psf_difference"),
+        *(line(title, None if xor else value(read), read, written) for title, read, written in _NUMBERS),
+    ]
+    return Table(("Drawn", "Read back", *(_HEADINGS[reading] for reading in readings)), tuple(lines))

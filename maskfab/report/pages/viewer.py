@@ -19,7 +19,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from klayout import db, rdb
@@ -36,6 +36,7 @@ from maskfab.mask.formats.content import layer_label
 from maskfab.mask.formats.table import LAYOUT_SUFFIXES, read_layout
 from maskfab.mask.layout import DBU_UM, CellNames
 from maskfab.report.documents.report import read_reports
+from maskfab.report.documents.shape import Document, Record
 from maskfab.report.pages.tables import die_table
 from maskfab.report.pages.template import page_template
 
@@ -61,8 +62,6 @@ def packed(values: ArrayLike) -> str:
         columns[:, place] |= goes_on.astype(np.uint8) << 7
     return base64.b64encode(columns[used].tobytes()).decode("ascii")
 
-
-Document: TypeAlias = dict[str, Any]
 
 _PURPOSES = {(layer.number, layer.datatype): layer for layer in (*LAYERS, CHROME)}
 
@@ -174,7 +173,7 @@ def _matrix(degrees: float, mirrored: bool, scale: float) -> list[float]:
     return [round(float(entry), 15) + 0.0 for entry in (cosine, sine, -sine * up, cosine * up)]
 
 
-def rule_places(path: Path) -> list[dict[str, Any]]:
+def rule_places(path: Path) -> list[Document]:
     """Rules that were broken: ``name``, ``description``, ``told`` in words, and packed ``places``.
 
     Places are x0, y0, x1, y1 in nm, each less the one before.
@@ -191,7 +190,7 @@ def rule_places(path: Path) -> list[dict[str, Any]]:
     return [_category(database, category) for category in database.each_category()]
 
 
-def _category(database: rdb.ReportDatabase, category: rdb.RdbCategory) -> dict[str, Any]:
+def _category(database: rdb.ReportDatabase, category: rdb.RdbCategory) -> Document:
     sentences, boxes = [], []
     for item in database.each_item_per_category(category.rdb_id()):
         for value in item.each_value():
@@ -241,8 +240,6 @@ class _Reader(HTMLParser):
                 self.found[self._die] = address, words
 
 
-RunDocument = Mapping[str, Any]
-
 _CELLS_FIRST = (".gds", ".oas")
 """Files in which cells are placed by references, whatever the job; others may be flat."""
 
@@ -256,8 +253,8 @@ class ShownRun:
         document: all that the page draws and tells.
     """
 
-    file: RunDocument
-    document: RunDocument
+    file: Record
+    document: Record
 
 
 def shown_run(folder: Path) -> ShownRun:
@@ -292,7 +289,7 @@ def shown_run(folder: Path) -> ShownRun:
     )
 
 
-def _mask_file(folder: Path, files: Mapping[str, RunDocument]) -> RunDocument:
+def _mask_file(folder: Path, files: Mapping[str, Record]) -> Record:
     """The first file with cells, else the first with polygons."""
     for suffixes in (_CELLS_FIRST, LAYOUT_SUFFIXES):
         for name, row in files.items():
@@ -304,7 +301,7 @@ def _mask_file(folder: Path, files: Mapping[str, RunDocument]) -> RunDocument:
     raise OutputError("MF409", what, where=str(folder), cure=cure)
 
 
-def _unchanged(folder: Path, row: RunDocument) -> Path:
+def _unchanged(folder: Path, row: Record) -> Path:
     """Path of a file that the manifest knows as it is.
 
     Raises:
@@ -320,7 +317,7 @@ def _unchanged(folder: Path, row: RunDocument) -> Path:
     return path
 
 
-def _dies(report: RunDocument, layout: db.Layout, pictures: Mapping[str, tuple[str, str]]) -> list[dict[str, Any]]:
+def _dies(report: Record, layout: db.Layout, pictures: Mapping[str, tuple[str, str]]) -> list[Document]:
     """Dies of a report in its order, each with its numbers, its place in the layout, nm, and its PSF."""
     table = die_table(report)
     lines = {line.name: line for line in table.lines}
@@ -332,9 +329,9 @@ def _dies(report: RunDocument, layout: db.Layout, pictures: Mapping[str, tuple[s
         rows = [
             [
                 "Restored PSNR" if table.level_db is None else f"PSNR, {table.level_db:g} dB of light",
-                _decibels(line.psnr),
+                _decibels(line.psnr.text),
             ],
-            ["Gain" if table.reference is None else f"Gain over {table.reference}", _decibels(line.gain)],
+            ["Gain" if table.reference is None else f"Gain over {table.reference}", _decibels(line.gain.text)],
             ["Open ratio", "–" if ratio is None else f"{ratio:.4f}"],
             ["Display", line.display or "–"],
             ["Opening", die["opening"]],
@@ -346,7 +343,7 @@ def _dies(report: RunDocument, layout: db.Layout, pictures: Mapping[str, tuple[s
             {
                 "name": die["name"],
                 "label": die["label"],
-                "best": line.best,
+                "best": line.psnr.best,
                 "box": box,
                 "rows": rows,
                 "psf": address,
@@ -361,7 +358,7 @@ def _decibels(number: str) -> str:
     return f"{number} dB" if any(letter.isdigit() for letter in number) else number
 
 
-def _boxes(report: RunDocument, layout: db.Layout) -> list[list[int]]:
+def _boxes(report: Record, layout: db.Layout) -> list[list[int]]:
     """Where panels are in the file: by the reference to the die's cell, else, in a flat file, by the report."""
     names = CellNames()
     top = layout.top_cell()
