@@ -368,8 +368,13 @@ def _draw_psf(axes: Axes, psf: Psf, pixels: int) -> None:
 def _draw_mtf(axes: Axes, mtf: Mtf) -> None:
     low, high = mtf.cuts.get("radial_min"), mtf.cuts.get("radial_max")
     if low is not None and high is not None:
-        band = _pooled(mtf.frequency_cy_per_mm, low, high)
-        axes.fill_between(*band, color="#d5dae0", linewidth=0, label="radial minimum to maximum")
+        # One sample for each point on paper is enough, extremes kept.
+        frequency = mtf.frequency_cy_per_mm
+        starts = np.arange(0, len(frequency), -(-len(frequency) // 220))
+        x = np.append(frequency[starts], frequency[-1])
+        least = np.append(np.minimum.reduceat(low, starts), low[-1])
+        most = np.append(np.maximum.reduceat(high, starts), high[-1])
+        axes.fill_between(x, least, most, color="#d5dae0", linewidth=0, label="radial minimum to maximum")
     for name, (label, colour, style, width) in _CUTS.items():
         if name in mtf.cuts:
             axes.plot(
@@ -377,16 +382,6 @@ def _draw_mtf(axes: Axes, mtf: Mtf) -> None:
             )
     _dress_mtf(axes, mtf)
     axes.set_title(f"{mtf.wavelength_nm:g} nm (± {rounded(float(mtf.uncertainty), 2)})", pad=30)
-
-
-def _pooled(
-    frequency: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64], most: int = 220
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """The band on at most ``most`` + 1 samples, its extremes kept: one sample for each point on paper is enough."""
-    starts = np.arange(0, len(frequency), -(-len(frequency) // most))
-    x = np.append(frequency[starts], frequency[-1])
-    y0 = np.append(np.minimum.reduceat(low, starts), low[-1])
-    return x, y0, np.append(np.maximum.reduceat(high, starts), high[-1])
 
 
 def _dress_mtf(axes: Axes, mtf: Mtf) -> None:
@@ -409,7 +404,8 @@ def _draw_plate(axes: Axes, plate: Plate, failed: frozenset[str]) -> None:
         axes.add_artist(_outline(_slot_mm(die), "#6b737e", (0, (2, 2))))
         x0, y0, x1, y1 = (edge / NM_PER_MM for edge in die.box_nm)
         tone = 0.25 + 0.75 * die.panel.open_ratio  # a panel seen from afar is grey; lifted so that it shows on chrome
-        axes.add_artist(Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor=_mix(tone), linewidth=0))
+        grey = tuple(_GREYS[round(tone * (len(_GREYS) - 1))] / 255)
+        axes.add_artist(Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor=grey, linewidth=0))
         if die.name in failed or len(plate.dies) <= _NAMED:
             _write_name(axes, die, die.name in failed, 2 * half)
     labels = {f"LABEL_{die.name}" for die in plate.dies} if len(plate.dies) > _NAMED else frozenset()
@@ -420,7 +416,14 @@ def _draw_plate(axes: Axes, plate: Plate, failed: frozenset[str]) -> None:
         axes.add_artist(PathPatch(_path_mm(polygons), facecolor=fill, edgecolor=edge, linewidth=0.4))
     for item in plate.marks:
         if item.kind == "fiducial":
-            _write_fiducial(axes, item.polygons, 0.04 * half)
+            pad = 0.04 * half
+            corners = np.concatenate([np.array(polygon) for polygon in item.polygons]) / NM_PER_MM
+            low, high = corners.min(axis=0), corners.max(axis=0)
+            x, y = (low + high) / 2
+            # Outwards of the mark: other marks stand beside it and further in.
+            above = y >= 0
+            height, align = (high[1] + pad, "bottom") if above else (low[1] - pad, "top")
+            axes.text(x, height, f"({x:.5g}, {y:.5g})", color="#c9d1d9", fontsize=6.5, ha="center", va=align)
     _dimension(axes, (-half, -half), (half, -half), -0.055 * half, f"blank {2 * half:.6g} mm")
     _dimension(axes, (-room, -half), (room, -half), -0.135 * half, f"writable {2 * room:.6g} mm")
     _dimension_dies(axes, plate, half)
@@ -445,16 +448,6 @@ def _write_name(axes: Axes, die: Die, failed: bool, span: float) -> None:
     box = {"facecolor": _CHROME, "edgecolor": "none", "boxstyle": "round,pad=0.25"}
     text = f"{die.name}\nFAIL" if failed else die.name
     axes.text(x, y, text, ha="center", va="center", color=_CLEAR, fontsize=size, bbox=box)
-
-
-def _write_fiducial(axes: Axes, polygons: Sequence[Polygon], pad: float) -> None:
-    corners = np.concatenate([np.array(polygon) for polygon in polygons]) / NM_PER_MM
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    x, y = (low + high) / 2
-    # Outwards of the mark: other marks stand beside it and further in.
-    above = y >= 0
-    height, align = (high[1] + pad, "bottom") if above else (low[1] - pad, "top")
-    axes.text(x, height, f"({x:.5g}, {y:.5g})", color="#c9d1d9", fontsize=6.5, ha="center", va=align)
 
 
 def _dimension_dies(axes: Axes, plate: Plate, half: float) -> None:
@@ -498,11 +491,6 @@ def _slot_mm(die: Die) -> tuple[float, float, float, float]:
 def _outline(box: tuple[float, float, float, float], colour: str, style: Any) -> Rectangle:
     x0, y0, x1, y1 = box
     return Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor="none", edgecolor=colour, linestyle=style, linewidth=0.6)
-
-
-def _mix(clear: float) -> tuple[float, float, float]:
-    red, green, blue = _GREYS[round(clear * (len(_GREYS) - 1))] / 255
-    return float(red), float(green), float(blue)
 
 
 def _failed_dies(document: Mapping[str, Any]) -> frozenset[str]:

@@ -83,46 +83,37 @@ def _figures(scene: SceneOptics) -> dict[str, tuple[Figure, str]]:
     if scene.field:
         line = scene.field[0][0].psf.wavelength_nm
         words = f"PSF over the field at {line:g} nm, and what deblurring with the PSF of the centre leaves of each"
-        figures["scene_field"] = _over_field(scene.field), words
+        field = scene.field
+        columns = [f"{view.image_um[0] / UM_PER_MM:.3g}" for view in field[0]]
+        rows = [f"{row[0].image_um[1] / UM_PER_MM:.3g}" for row in field]
+        centre = field[len(field) // 2][len(field) // 2]
+        both = _pair(field, centre, columns, rows, _FIELD_PIXELS, "the PSF of the centre")
+        figures["scene_field"] = _side_by_side(both, (0.75, 5.95), 4.2, "place on the sensor, x (mm)", "y (mm)"), words
     if scene.depth:
         line = scene.depth[0].psf.wavelength_nm
         words = f"PSF over the depth at {line:g} nm, and what deblurring with the PSF in focus leaves of each"
-        figures["scene_depth"] = _over_depth(scene.depth), words
+        depth = scene.depth
+        columns = [distance(view.object_um) for view in depth]
+        centre = next(view for view in depth if view.residual == 0)
+        both = _pair([depth], centre, columns, [""], _STRIP_PIXELS, "the PSF in focus")
+        wide = min(4.5, 1.9 * len(depth))
+        figures["scene_depth"] = _side_by_side(both, (0.3, 5.6), wide, "distance of the object"), words
     if scene.colours:
         names = ", ".join(band.name for band in scene.scene.bands)
-        figures["scene_colours"] = _of_colours(scene), f"PSF of the bands {names}, logarithmic"
+        named = zip(scene.scene.bands, scene.colours, strict=True)
+        tiles = _Tiles(
+            [[_log(psf, _STRIP_PIXELS) for psf in scene.colours]],
+            [],
+            [f"{band.name}, mean {psf.wavelength_nm:.0f} nm" for band, psf in named],
+            [""],
+            _span(scene.colours[0], _STRIP_PIXELS),
+            "magma",
+            png.DECADES,
+            "intensity / peak",
+        )
+        figure = _side_by_side((tiles,), (0.3,), min(1.9 * len(scene.colours), 9.0), "")
+        figures["scene_colours"] = figure, f"PSF of the bands {names}, logarithmic"
     return figures
-
-
-def _over_field(field: Sequence[Sequence[PointView]]) -> Figure:
-    columns = [f"{view.image_um[0] / UM_PER_MM:.3g}" for view in field[0]]
-    rows = [f"{row[0].image_um[1] / UM_PER_MM:.3g}" for row in field]
-    centre = field[len(field) // 2][len(field) // 2]
-    both = _pair(field, centre, columns, rows, _FIELD_PIXELS, "the PSF of the centre")
-    return _side_by_side(both, (0.75, 5.95), 4.2, "place on the sensor, x (mm)", "y (mm)")
-
-
-def _over_depth(depth: Sequence[PointView]) -> Figure:
-    columns = [distance(view.object_um) for view in depth]
-    centre = next(view for view in depth if view.residual == 0)
-    both = _pair([depth], centre, columns, [""], _STRIP_PIXELS, "the PSF in focus")
-    wide = min(4.5, 1.9 * len(depth))
-    return _side_by_side(both, (0.3, 5.6), wide, "distance of the object")
-
-
-def _of_colours(scene: SceneOptics) -> Figure:
-    named = zip(scene.scene.bands, scene.colours, strict=True)
-    tiles = _Tiles(
-        [[_log(psf, _STRIP_PIXELS) for psf in scene.colours]],
-        [],
-        [f"{band.name}, mean {psf.wavelength_nm:.0f} nm" for band, psf in named],
-        [""],
-        _span(scene.colours[0], _STRIP_PIXELS),
-        "magma",
-        png.DECADES,
-        "intensity / peak",
-    )
-    return _side_by_side((tiles,), (0.3,), min(1.9 * len(scene.colours), 9.0), "")
 
 
 def _side_by_side(
@@ -166,7 +157,10 @@ def _pair(
             f"PSF at {line:g} nm, intensity / peak; below: change",
         ),
         _Tiles(
-            [[_log_left(view.left, peak, pixels) for view in row] for row in views],
+            [
+                [np.log10(np.clip(abs(_middle(view.left, pixels)) / peak, 10.0**-_LEFT_DECADES, 1.0)) for view in row]
+                for row in views
+            ],
             [[_told(view.residual, view is centre) for view in row] for row in views],
             columns,
             rows,
@@ -184,10 +178,6 @@ def _told(value: float, centre: bool) -> str:
 
 def _log(psf: Psf, pixels: int) -> Floats:
     return png.log_intensity(Psf(_middle(psf.values, pixels), psf.step_um, psf.wavelength_nm, psf.kind), pixels)
-
-
-def _log_left(left: Floats, peak: float, pixels: int) -> Floats:
-    return np.log10(np.clip(abs(_middle(left, pixels)) / peak, 10.0**-_LEFT_DECADES, 1.0))
 
 
 def _middle(values: Floats, pixels: int) -> Floats:

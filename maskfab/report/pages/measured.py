@@ -46,7 +46,8 @@ _COLOURS = {"R": "#D55E00", "G": "#009E73", "B": "#0072B2", "-": INK}
 @styled
 def captured_drawing(measured: Measured) -> Drawing:
     """Captured, expected, and their difference in standard deviations, a row for each colour."""
-    chosen = _first_of_each(measured)
+    colours = [capture.pixels.colour for capture in measured.taken]
+    chosen = [colours.index(colour) for colour in dict.fromkeys(colours)]
     width = _LEFT + 3 * (_SIDE + _GAP) + _BAR
     height = _TOP + len(chosen) * (_SIDE + _GAP) + _FOOT
     figure = Figure(figsize=(width, height), dpi=120)
@@ -111,11 +112,6 @@ def _curves(axes: Axes, band: MtfBand) -> None:
         axes.plot(band.frequencies, band.measured[row], dashes, color=colour, linewidth=1.2, label=label)
     if band.parted_per_mm is not None:
         axes.axvline(band.parted_per_mm, color=colour, linewidth=0.8, dashes=(2, 2))
-
-
-def _first_of_each(measured: Measured) -> list[int]:
-    colours = [capture.pixels.colour for capture in measured.taken]
-    return [colours.index(colour) for colour in dict.fromkeys(colours)]
 
 
 def _logarithm(values: Floats, peak: float) -> Floats:
@@ -306,15 +302,13 @@ def _draw(axes: Axes, measured: MeasuredEdge, lights: Sequence[str]) -> None:
     title, per_mm = measured.title, edge.frequency_cy_per_mm
     if per_mm is not None:
         title += " (top: cy/mm)"
-        _label_top(axes, float(frequency[-1]), float(per_mm[-1]))
+        most_per_px = float(frequency[-1])
+        most_per_mm = float(per_mm[-1])
+        top = axes.get_xaxis_transform()
+        for share in (0.0, 0.25, 0.5, 0.75, 1.0):
+            place, text = (share * most_per_px, 1), f"{share * most_per_mm:.4g}"
+            axes.annotate(text, place, (0, 3), xycoords=top, textcoords="offset points", ha="center", va="bottom")
     axes.set_title(title, loc="left", pad=14, fontsize=7.5)
-
-
-def _label_top(axes: Axes, most_per_px: float, most_per_mm: float) -> None:
-    top = axes.get_xaxis_transform()
-    for share in (0.0, 0.25, 0.5, 0.75, 1.0):
-        place, text = (share * most_per_px, 1), f"{share * most_per_mm:.4g}"
-        axes.annotate(text, place, (0, 3), xycoords=top, textcoords="offset points", ha="center", va="bottom")
 
 
 def _words(edges: Sequence[MeasuredEdge], die: str | None) -> str:

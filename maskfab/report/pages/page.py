@@ -26,7 +26,7 @@ from markupsafe import Markup
 from matplotlib.image import imread
 from numpy.typing import NDArray
 
-from maskfab.base.quantities import Entry, quantities, registered
+from maskfab.base.quantities import quantities, registered
 from maskfab.base.resources import template
 from maskfab.base.units import UM_PER_MM
 from maskfab.camera.scores import CONFIDENCE
@@ -97,6 +97,10 @@ def html_page(document: Record, pictures: Mapping[str, Mapping[str, str]]) -> st
     checks: Sequence[Record] = document["checks"]
     lines_nm = document["camera"]["wavelengths_nm"]
     middle_nm = lines_nm[len(lines_nm) // 2]
+    rows = [*document["plate"], *checks]
+    for die in document["dies"]:
+        rows += [*die["quantities"], *die.get("scene", {}).get("quantities", ())]
+    present = {registered(row["name"]).name for row in rows}
     return _page().render(
         style=style(),
         document=document,
@@ -130,7 +134,7 @@ def html_page(document: Record, pictures: Mapping[str, Mapping[str, str]]) -> st
         modelled=_modelled,
         takes=_takes,
         not_shown=_not_shown,
-        quantities=_glossary(document),
+        quantities=[entry for name, entry in quantities().items() if name in present],
         words=WORDS,
     )
 
@@ -189,15 +193,6 @@ def where(row: Record) -> str:
     places = [row["die"]] if "die" in row else []
     places += [f"{row['wavelength_nm']:g} nm"] if "wavelength_nm" in row else []
     return ", ".join(places + ([f"{row['level_db']:g} dB"] if "level_db" in row else []))
-
-
-def _glossary(document: Record) -> list[Entry]:
-    """The registered quantities that the document has, families once."""
-    rows = [*document["plate"], *document["checks"]]
-    for die in document["dies"]:
-        rows += [*die["quantities"], *die.get("scene", {}).get("quantities", ())]
-    present = {registered(row["name"]).name for row in rows}
-    return [entry for name, entry in quantities().items() if name in present]
 
 
 def _by_name(checks: Iterable[Record]) -> list[tuple[str, list[Record], Record]]:

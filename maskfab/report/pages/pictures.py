@@ -93,7 +93,14 @@ def comparison(panels: Sequence[SeenPanel]) -> bytes:
                 _label(axes, _TITLES[name])
                 _scale_bar(axes, window)
             else:
-                axes.text(0.5, -0.025, _caption(judged, name, view), transform=axes.transAxes, ha="center", va="top")
+                if name == FLAT:
+                    said = f"ΔE {view.delta_e:.2f}, grain {100 * _value(judged, 'grain_slow'):.2f} %"
+                elif name == "edge":
+                    said = f"ΔE {view.delta_e:.2f}, fringe Δab {view.fringe:.0f}"
+                else:
+                    said = f"ΔE {view.delta_e:.2f} ({view.delta_e_95:.1f}), aligned {view.delta_e_aligned:.2f}"
+                said += "" if view.jod is None else f"\n{view.jod:.2f} JOD"
+                axes.text(0.5, -0.025, said, transform=axes.transAxes, ha="center", va="top")
     figure.text(_LEFT / width, 0.12 / height, _EXPLAINED, color=QUIET, fontsize=7, va="bottom", linespacing=1.4)
     return bitmap(figure)
 
@@ -109,17 +116,6 @@ def _heading(judged: SeenPanel, *, perfect: bool) -> str:
         return f"even pixels\n{density:.0f} DPI at {distance:.0f} mm"
     offset = _value(judged, "centroid_offset")
     return f"{judged.name}\n{density:.0f} DPI, centroid offset {offset:.3f} px"
-
-
-def _caption(judged: SeenPanel, name: str, view: PictureView) -> str:
-    if name == FLAT:
-        slow = 100 * _value(judged, "grain_slow")
-        said = f"ΔE {view.delta_e:.2f}, grain {slow:.2f} %"
-    else:
-        said = f"ΔE {view.delta_e:.2f} ({view.delta_e_95:.1f}), aligned {view.delta_e_aligned:.2f}"
-        if name == "edge":
-            said = f"ΔE {view.delta_e:.2f}, fringe Δab {view.fringe:.0f}"
-    return said if view.jod is None else f"{said}\n{view.jod:.2f} JOD"
 
 
 def _value(judged: SeenPanel, name: str) -> float:
@@ -257,11 +253,8 @@ def write_analysis(analysis: Analysis, target: Path, facts: Facts) -> list[Path]
         for psf in analysis.psfs:
             name = f"psf_{psf.kind}_{psf.wavelength_nm:.12g}nm.exr"
             write_psf(psf, folder / name, {**psf_facts(psf), **facts}, signature)
-        for name, picture in _scene_pictures(analysis).items():
+        pictures = {} if analysis.scene is None else scene.bitmaps(analysis.scene)
+        for name, picture in pictures.items():
             (folder / f"{name}.png").write_bytes(picture)
         (folder / "optics.png").write_bytes(die.optics(analysis.psfs, analysis.mtfs, analysis.name))
     return sorted(target.iterdir())
-
-
-def _scene_pictures(analysis: Analysis) -> dict[str, bytes]:
-    return {} if analysis.scene is None else scene.bitmaps(analysis.scene)

@@ -445,19 +445,18 @@ def _claim(claim: Claim) -> dict[str, Any]:
         "at_most": stated.at_most,
         "why": stated.why,
         "verdicts": {protocol or "optics": verdict.value for protocol, verdict in claim.verdicts.items()},
-        "findings": [_finding(finding) for finding in claim.findings],
-    }
-
-
-def _finding(finding: Finding) -> dict[str, Any]:
-    return {
-        "of": _take(finding.of),
-        "over": None if finding.over is None else _take(finding.over),
-        "wavelength_nm": finding.wavelength_nm,
-        **_finite({"mean": finding.found.mean, "half_width_95": finding.found.half_width}),
-        "photographs": finding.found.count,
-        "tie": finding.over is not None and finding.found.tie,
-        "verdict": finding.verdict.value,
+        "findings": [
+            {
+                "of": _take(finding.of),
+                "over": None if finding.over is None else _take(finding.over),
+                "wavelength_nm": finding.wavelength_nm,
+                **_finite({"mean": finding.found.mean, "half_width_95": finding.found.half_width}),
+                "photographs": finding.found.count,
+                "tie": finding.over is not None and finding.found.tie,
+                "verdict": finding.verdict.value,
+            }
+            for finding in claim.findings
+        ],
     }
 
 

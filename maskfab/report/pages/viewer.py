@@ -83,21 +83,18 @@ def drawn_cells(layout: db.Layout) -> Document:
     reached = {top.cell_index(), *top.called_cells()}
     order = [index for index in layout.each_cell_bottom_up() if index in reached]
     places = {index: place for place, index in enumerate(order)}
-    layers = [index for index in layout.layer_indexes() if not top.bbox(index).empty() or _has_texts(layout, index)]
-    layers.sort(key=lambda index: _sorted_by(layout.get_info(index)))
+    layers = [
+        index
+        for index in layout.layer_indexes()
+        if not top.bbox(index).empty() or any(not cell.shapes(index).is_empty() for cell in layout.each_cell())
+    ]
+    infos = {index: layout.get_info(index) for index in layers}
+    layers.sort(key=lambda index: (infos[index].layer, infos[index].datatype, str(infos[index].name)))
     return {
-        "layers": [_layer(layout.get_info(index)) for index in layers],
+        "layers": [_layer(infos[index]) for index in layers],
         "cells": [_cell(layout.cell(index), layers, places) for index in order],
         "top": places[top.cell_index()],
     }
-
-
-def _has_texts(layout: db.Layout, index: int) -> bool:
-    return any(not cell.shapes(index).is_empty() for cell in layout.each_cell())
-
-
-def _sorted_by(info: db.LayerInfo) -> tuple[int, int, str]:
-    return info.layer, info.datatype, str(info.name)
 
 
 def _layer(info: db.LayerInfo) -> Document:

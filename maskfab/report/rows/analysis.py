@@ -34,9 +34,8 @@ from maskfab.mask.panels import check_light, check_panel_size
 from maskfab.mask.raster import aperture_in_stop, edge_distances
 from maskfab.mask.sandbox import bounded
 from maskfab.optics import metrics
-from maskfab.optics.field.polygons import Boundary
 from maskfab.optics.psf import Leak, pixel_margin
-from maskfab.optics.pupil import Aperture, Lattice, Pupil, cut
+from maskfab.optics.pupil import Aperture, Lattice, cut
 from maskfab.optics.response import curves_text
 from maskfab.optics.scene.model_bar import bar_of_panel, bar_quantities, model_bar
 from maskfab.optics.scene.plan import sampling_camera
@@ -45,7 +44,6 @@ from maskfab.optics.stop_edges import edges_in_stop, stop_box
 from maskfab.optics.tiling import orientations
 from maskfab.report.rows.optics import (
     INVARIANT_LIMIT_ROUND,
-    LitPupils,
     lit_pupils,
     measure,
     measure_pupils,
@@ -140,7 +138,9 @@ def analyse(path: str | Path, request: Request, progress: Progress = silent) -> 
             what = f"a scene needs an opening and its tiling, which {path.name} does not state"
             cure = "If the file holds one opening, add --tiling, --dot and --pitch; else leave the scene out"
             raise JobError("MF105", what, where="--tiling", cure=cure)
-        _check_finest(path, request)
+        # Refused before anything is read: what no grid over the polygons could make good.
+        finest = request.camera.stop.diameter_um / _FINEST_GRID
+        check_optics(request.camera, min(finest, request.dot_um or finest), where=str(path))
         kind = tuple[str, tuple[Psf, ...], tuple[Mtf, ...], tuple[Quantity, ...]]
         return Analysis(*bounded(path, lambda tell: _analyse_mask(path, request, tell), progress, kind=kind))
     return analyse_opening(_load(path, request), request, progress)
@@ -192,12 +192,6 @@ def analyse_opening(opening: Opening, request: Request, progress: Progress = sil
     seen = measure_scene(die, camera, scene, read_openings(die, read, reach), plan, request.blank)
     progress("scene", 1, 1)
     return Analysis(opening.name, result.psfs, result.mtfs, (*standard, *seen.quantities), seen)
-
-
-def _check_finest(path: Path, request: Request) -> None:
-    """Refuse before anything is read what no grid over the file's polygons could make good: the finest is the best."""
-    finest = request.camera.stop.diameter_um / _FINEST_GRID
-    check_optics(request.camera, min(finest, request.dot_um or finest), where=str(path))
 
 
 def _load(path: Path, request: Request) -> Opening:
@@ -271,70 +265,42 @@ def _name(path: Path) -> str:
     return name if name[:1].isalpha() else f"O_{name}"
 
 
-@dataclass(frozen=True, eq=False)
-class _Drawn:
-    """A mask file as far as the stop sees it; the polygons themselves, which take more memory than all else, are gone.
-
-    Attributes:
-        name: of the cell.
-        edges_um: float64 [n, 4], see :func:`maskfab.optics.stop_edges.edges_in_stop`.
-        area_um2: clear area before the stop.
-        lattice: the grid that the aperture is on.
-        aperture: clear shares of its dots.
-    """
-
-    name: str
-    edges_um: NDArray[np.float64]
-    area_um2: float
-    lattice: Lattice
-    aperture: Aperture
-
-
-@dataclass(frozen=True, eq=False)
-class _Seen:
-    """Parts of a mask file that the optics needs; edges and aperture, as large as all of these, are gone.
-
-    Attributes:
-        name: of the cell.
-        area_um2: clear area before the stop.
-        dot_um: side of the raster's dots.
-        outline: the polygons, cut by the stop.
-        pupil: their raster inside the stop.
-        lit: the lags.
-    """
-
-    name: str
-    area_um2: float
-    dot_um: float
-    outline: Boundary
-    pupil: Pupil
-    lit: LitPupils
-
-
 def _analyse_mask(
     path: Path, request: Request, progress: Progress
 ) -> tuple[str, tuple[Psf, ...], tuple[Mtf, ...], tuple[Quantity, ...]]:
-    seen = _see(path, request)
+    # Polygons, edges and aperture, then outline and lags take more memory than all after them, and go when used.
+    name, edges, area, lattice, aperture = _draw(path, request)
     release_memory()
-    standard, pupil = _measure_seen(seen, request, progress), seen.pupil
-    del seen
+    camera, leak = request.camera, Leak.of(request.blank, request.camera.stop)
+    outline = stop_boundary(edges, area, camera, pixel_margin(camera))
+    pupil, parts = cut(aperture, camera.stop), () if leak is None else leak.pupils(aperture)
+    del edges, aperture
+    lit = lit_pupils(pupil, parts, leak, camera)
+    del parts
     release_memory()
-    bar = bar_quantities(model_bar(pupil, request.camera, request.blank), request.camera, None)
-    return standard.name, standard.psfs, standard.mtfs, (*standard.quantities, *bar)
+    header = (
+        metrics.stop_open_ratio(area, camera, None, "area of the file's polygons inside the stop over the stop's"),
+        metrics.mtf_volume(lit.table, area, None, INVARIANT_LIMIT_ROUND, leak),
+    )
 
+    def difference(error: float, wavelength: float) -> Quantity:
+        method = f"relative L2 between the polygons' PSF and that of their raster of {lattice.dot_um:g} um"
+        return Quantity("readback_psf_difference", error, method, uncertainty=1e-8, wavelength_nm=wavelength)
 
-def _see(path: Path, request: Request) -> _Seen:
-    drawn, camera = _draw(path, request), request.camera
+    measured = measure_pupils(pupil, None, lit, outline, camera, INVARIANT_LIMIT_ROUND, difference, progress=progress)
+    del lit, outline
     release_memory()
-    name, area, dot_um, aperture = drawn.name, drawn.area_um2, drawn.lattice.dot_um, drawn.aperture
-    outline = stop_boundary(drawn.edges_um, area, camera, pixel_margin(camera))
-    pupil, leak = cut(aperture, camera.stop), Leak.of(request.blank, camera.stop)
-    parts = () if leak is None else leak.pupils(aperture)
-    del drawn, aperture
-    return _Seen(name, area, dot_um, outline, pupil, lit_pupils(pupil, parts, leak, camera))
+    bar = bar_quantities(model_bar(pupil, camera, request.blank), camera, None)
+    return name, measured.psfs, measured.mtfs, (*header, *measured.quantities, *bar)
 
 
-def _draw(path: Path, request: Request) -> _Drawn:
+def _draw(path: Path, request: Request) -> tuple[str, NDArray[np.float64], float, Lattice, Aperture]:
+    """A mask file as far as the stop sees it.
+
+    The name of the cell, edges [n, 4] as of :func:`maskfab.optics.stop_edges.edges_in_stop`, the clear area before the
+    stop in um^2, and the grid of the aperture with the clear shares of its dots. The polygons themselves, which take
+    more memory than all else, are gone.
+    """
     dots = _dots(request)
     name, layer, inside = _polygons(path, request)
     camera, stop = request.camera, request.camera.stop
@@ -343,9 +309,11 @@ def _draw(path: Path, request: Request) -> _Drawn:
         what = f"{path} has nothing clear inside a stop of {stop.diameter_um:g} um round the middle of its geometry"
         cure = "Name another --cell or --layer, or use a larger --stop"
         raise SourceError("MF309", what, where=f"cell {name}, layer {layer}", cure=cure)
-    lattice = _lattice(_coordinates_nm(inside, stop), request, dots)
+    twice, _ = edge_distances(inside, stop, (0.0, 0.0))
+    # Without an edge in sight every grid is exact.
+    lattice = _lattice(sorted(distance // 2 for distance in twice) or [_LARGEST_DOT_NM], request, dots)
     check_optics(camera, lattice.dot_um, where=str(path))
-    return _Drawn(name, edges, area, lattice, aperture_in_stop(lattice, lattice, inside, edges, stop, (0.0, 0.0)))
+    return name, edges, area, lattice, aperture_in_stop(lattice, lattice, inside, edges, stop, (0.0, 0.0))
 
 
 def _polygons(path: Path, request: Request) -> tuple[str, db.LayerInfo, db.Region]:
@@ -357,39 +325,16 @@ def _polygons(path: Path, request: Request) -> tuple[str, db.LayerInfo, db.Regio
     except SourceError as problem:  # these two know the layout, but not its file
         raise SourceError(problem.code, problem.what, where=str(path), cure=problem.cure) from None
     index = layout.find_layer(layer)
-    box = _polygons_box(layout, index, cell)
-    centre = ((box.left + box.right) // 2, (box.bottom + box.top) // 2)
-    near = stop_box(request.camera.stop, centre, _LARGEST_DOT_NM)
-    _allow_optics(path, cell.begin_shapes_rec_overlapping(index, db.Box(*near)), request.camera.stop)
-    return cell.name, layer, region(layout, layer, near, cell.name).moved(-centre[0], -centre[1])
-
-
-def _measure_seen(seen: _Seen, request: Request, progress: Progress) -> Analysis:
-    camera, lit = request.camera, seen.lit
-    header = (
-        metrics.stop_open_ratio(
-            seen.area_um2, camera, None, "area of the file's polygons inside the stop over the stop's"
-        ),
-        metrics.mtf_volume(lit.table, seen.area_um2, None, INVARIANT_LIMIT_ROUND, lit.leak),
-    )
-
-    def difference(error: float, wavelength: float) -> Quantity:
-        method = f"relative L2 between the polygons' PSF and that of their raster of {seen.dot_um:g} um"
-        return Quantity("readback_psf_difference", error, method, uncertainty=1e-8, wavelength_nm=wavelength)
-
-    measured = measure_pupils(
-        seen.pupil, None, lit, seen.outline, camera, INVARIANT_LIMIT_ROUND, difference, progress=progress
-    )
-    return Analysis(seen.name, measured.psfs, measured.mtfs, (*header, *measured.quantities))
-
-
-def _polygons_box(layout: db.Layout, index: int, cell: db.Cell) -> db.Box:
-    """Bounding box of all polygons on a layer of a cell; its texts are dropped."""
+    # Texts are no part of the box.
     for part in layout.each_cell():
         shapes = part.shapes(index)
         for text in list(shapes.each(db.Shapes.STexts)):
             shapes.erase(text)
-    return cell.bbox(index)
+    box = cell.bbox(index)
+    centre = ((box.left + box.right) // 2, (box.bottom + box.top) // 2)
+    near = stop_box(request.camera.stop, centre, _LARGEST_DOT_NM)
+    _allow_optics(path, cell.begin_shapes_rec_overlapping(index, db.Box(*near)), request.camera.stop)
+    return cell.name, layer, region(layout, layer, near, cell.name).moved(-centre[0], -centre[1])
 
 
 def _allow_optics(path: Path, shapes: db.RecursiveShapeIterator, stop: Stop) -> None:
@@ -405,13 +350,6 @@ def _allow_optics(path: Path, shapes: db.RecursiveShapeIterator, stop: Stop) -> 
         raise SourceError("MF313", what, where=str(path), cure=cure)
     seconds = _SECONDS_OF_OPTICS * max(1.0, stop.diameter_um / _USUAL_STOP_UM) ** 2
     allow(seconds + count / _SHAPES_PER_SECOND, _MEMORY_OF_OPTICS + count * _MEMORY_PER_SHAPE)
-
-
-def _coordinates_nm(inside: db.Region, stop: Stop) -> list[int]:
-    """Distances from the axis at which upright and level edges before the stop lie."""
-    twice, _ = edge_distances(inside, stop, (0.0, 0.0))
-    # Without an edge in sight every grid is exact.
-    return sorted(distance // 2 for distance in twice) or [_LARGEST_DOT_NM]
 
 
 def _lattice(coordinates_nm: list[int], request: Request, dots: int | None) -> Lattice:
@@ -436,15 +374,8 @@ def _lattice(coordinates_nm: list[int], request: Request, dots: int | None) -> L
         step_nm = finest_nm
     else:
         # A coarse grid would leave the phase across a dot large and the window short.
-        step_nm = _divided(step_nm, _LARGEST_DOT_NM)
+        whole = range(max(1, step_nm // _LARGEST_DOT_NM), step_nm + 1)
+        step_nm //= next(n for n in whole if step_nm % n == 0 and step_nm // n <= _LARGEST_DOT_NM)
     count = 2 * math.ceil(diameter * NM_PER_UM / step_nm / 2)
     dot_um = step_nm / NM_PER_UM
     return Lattice(-count * dot_um / 2, count, 1, dot_um, dot_um)
-
-
-def _divided(step_nm: int, largest_nm: int) -> int:
-    """The largest divisor of a step that is not above a limit."""
-    pieces = next(
-        n for n in range(max(1, step_nm // largest_nm), step_nm + 1) if step_nm % n == 0 and step_nm // n <= largest_nm
-    )
-    return step_nm // pieces

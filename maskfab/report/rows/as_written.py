@@ -339,7 +339,9 @@ def _image(
     like: Psf,
 ) -> tuple[WrittenImage, float]:
     """The image by the outlines, and their clear area in the stop."""
-    psf, area = _psf(vertices, corners, camera, like)
+    inside, area = _edges_in_stop(vertices, corners, camera.stop)
+    outline = stop_boundary(inside, area, replace(camera, wavelengths_nm=(like.wavelength_nm,)))
+    psf = polygon_psf(outline, camera, like)
     ratio, rough = area / camera.stop.area_um2, process.roughness
     edges = _lengths(vertices, corners, camera.stop)
     if rough is None or edges.total_um == 0:
@@ -363,13 +365,6 @@ def _lengths(vertices: _Vertices, corners: tuple[WrittenCorner, ...], stop: Stop
     outlines = [corner.outline_um for corner in corners]
     counts = np.bincount(vertices.held[within], minlength=CONFIGURATIONS).astype(np.float64)
     return EdgeLengths.of(np.concatenate(outlines), np.repeat(counts, [len(outline) for outline in outlines]))
-
-
-def _psf(vertices: _Vertices, corners: tuple[WrittenCorner, ...], camera: Camera, like: Psf) -> tuple[Psf, float]:
-    """The PSF of the tiles' outlines on the grid of another one, and their clear area in the stop."""
-    edges, area = _edges_in_stop(vertices, corners, camera.stop)
-    outline = stop_boundary(edges, area, replace(camera, wavelengths_nm=(like.wavelength_nm,)))
-    return polygon_psf(outline, camera, like), area
 
 
 def _transfer(

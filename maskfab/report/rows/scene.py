@@ -153,7 +153,15 @@ def measure_scene(
     """
     shown = _Shown(die, camera, scene, openings, plan)
     field, depth, colours = shown.over_field(), shown.over_depth(), shown.of_bands()
-    quantities = [*shown.errors(), *shown.of_field(field), *shown.of_depth(depth), _nearest(plan, die.name)]
+    near = plan.nearest_object_um
+    nearest = Quantity(
+        "nearest_object",
+        near / 1e6 if math.isfinite(near) else None,
+        f"distance at which the PSF of an object in focus has changed by the accuracy of {plan.accuracy:g} by its "
+        "scale alone, from the stretch sensitivity of the PSF at infinity",
+        die=die.name,
+    )
+    quantities = [*shown.errors(), *shown.of_field(field), *shown.of_depth(depth), nearest]
     if colours:
         quantities += metrics.colour_quantities(colours, die.name)
     pupil = cut(moved_aperture(openings, AXIS, camera.stop.diameter_um / 2), camera.stop)
@@ -367,14 +375,3 @@ class _Shown:
 
 def _curvature(object_um: float) -> float:
     return 0.0 if math.isinf(object_um) else 1 / object_um
-
-
-def _nearest(plan: Plan, die: str) -> Quantity:
-    near = plan.nearest_object_um
-    return Quantity(
-        "nearest_object",
-        near / 1e6 if math.isfinite(near) else None,
-        f"distance at which the PSF of an object in focus has changed by the accuracy of {plan.accuracy:g} by its "
-        "scale alone, from the stretch sensitivity of the PSF at infinity",
-        die=die,
-    )
