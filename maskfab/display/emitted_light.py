@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from maskfab.base.arrays import Floats
+from maskfab.base.arrays import Complexes, Floats
 from maskfab.base.errors import JobError
 from maskfab.base.model import COLOURS, ORIENTATIONS, Emitters, Opening, Panel, frozen, orient
 from maskfab.base.units import UM_PER_MM
@@ -235,7 +234,7 @@ class Series:
         pixel_deg: the same as an angle.
     """
 
-    coefficients: NDArray[np.complex128]
+    coefficients: Complexes
     y_cpd: Floats
     x_cpd: Floats
     pixels: tuple[int, int]

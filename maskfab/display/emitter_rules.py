@@ -10,9 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-import numpy as np
-from numpy.typing import NDArray
-
+from maskfab.base.arrays import Mask
 from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import JobError
 from maskfab.base.model import Emitters, Opening, Point, frozen
@@ -165,7 +163,7 @@ class Certificate:
     proof: Proof
     statement: str
     numbers: Mapping[str, float] = field(default_factory=dict)
-    witness: NDArray[np.bool_] | None = None
+    witness: Mask | None = None
     cell_nm: int = 0
     chain_nm: tuple[Point, ...] = ()
 

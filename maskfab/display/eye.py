@@ -47,9 +47,8 @@ from dataclasses import dataclass
 from types import ModuleType
 
 import numpy as np
-from numpy.typing import NDArray
 
-from maskfab.base.arrays import Floats
+from maskfab.base.arrays import Floats, Singles
 from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, Emitters, Panel, Quantity, frozen, orient
 from maskfab.display import pictures
@@ -250,7 +249,7 @@ def jod(test: EmittedLight, reference: EmittedLight, viewing: Viewing, white_cd_
     return float(quality)
 
 
-def _absolute(light: EmittedLight, viewing: Viewing, white_cd_m2: float) -> NDArray[np.float32]:
+def _absolute(light: EmittedLight, viewing: Viewing, white_cd_m2: float) -> Singles:
     """Luminous light [y, x, 3] in cd/m2, top row first, without what is finer than the eye resolves."""
     passed = series(light, viewing, _STOP_CPD).filtered(_fade)
     values = passed.values(carrying(_STOP_CPD, viewing))
@@ -283,8 +282,8 @@ class PictureView:
         jod: ColorVideoVDP's judgement; None if it was not asked.
     """
 
-    seen: NDArray[np.float32]
-    reference: NDArray[np.float32]
+    seen: Singles
+    reference: Singles
     samples: int
     delta_e: float
     delta_e_95: float

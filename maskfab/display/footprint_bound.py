@@ -35,8 +35,8 @@ from itertools import combinations
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Ints, Mask
 from maskfab.base.units import NM_PER_UM
 from maskfab.display.emitter_rules import Certificate, EmitterGrid, Proof
 from maskfab.display.free_area import Squares
@@ -49,7 +49,7 @@ _SUBSETS = tuple(subset for size in (1, 2, 3) for subset in combinations(range(3
 
 
 def upper_bound(
-    region: NDArray[np.bool_],
+    region: Mask,
     grid: EmitterGrid,
     ratio: tuple[float, float, float],
     *,
@@ -95,10 +95,10 @@ class _Piece:
         cuts: int64 [total + 1] the shortest line by the cells on one side of it, once measured.
     """
 
-    cells: NDArray[np.bool_]
+    cells: Mask
     total: int
     lanes: int
-    cuts: NDArray[np.int64] | None = None
+    cuts: Ints | None = None
 
     def measured(self, longest: int) -> _Piece:
         rows, columns = np.flatnonzero(self.cells.any(1)), np.flatnonzero(self.cells.any(0))
@@ -139,7 +139,7 @@ class _Piece:
         return [min(alone[k], alone[k - 1] + alone[k - 2] - 1) for k in range(3)]
 
 
-def _pieces(region: NDArray[np.bool_], grid: EmitterGrid) -> list[_Piece]:
+def _pieces(region: Mask, grid: EmitterGrid) -> list[_Piece]:
     squares = Squares.of(region, grid.min_width, grid.colour_gap)
     left, pieces = squares.free, []
     while left:
@@ -230,7 +230,7 @@ def _certificate(
     return Certificate(proof, text, numbers, witness, grid.cell_nm)
 
 
-def shortest_cuts(piece: NDArray[np.bool_], longest: int) -> NDArray[np.int64]:
+def shortest_cuts(piece: Mask, longest: int) -> Ints:
     """The least number of the piece's cells on a closed walk with ``s`` of its cells on the left, for every ``s``.
 
     Cells below the walk may be counted on either side, so a walk with at least ``p`` cells strictly on one side and at
@@ -274,7 +274,7 @@ class _Walks:
     Within a face all ways are free and sweep the same number of cells (modulo the whole piece), hence one place.
     """
 
-    def __init__(self, piece: NDArray[np.bool_]) -> None:
+    def __init__(self, piece: Mask) -> None:
         padded = np.pad(piece, 1)
         self.total = total = int(piece.sum())
         width = padded.shape[1]

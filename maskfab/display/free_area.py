@@ -27,7 +27,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from maskfab.base.arrays import Labels, Mask
+from maskfab.base.arrays import Indices, Ints, Labels, Mask
 from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, orient
 from maskfab.display.emitter_rules import EmitterGrid
@@ -35,9 +35,7 @@ from maskfab.display.emitter_rules import EmitterGrid
 EVERY = tuple(range(ORIENTATIONS))
 
 
-def free_region(
-    mask: NDArray[np.bool_], grid: EmitterGrid, orientations: Iterable[int] = EVERY, *, margin: int = 0
-) -> NDArray[np.bool_]:
+def free_region(mask: Mask, grid: EmitterGrid, orientations: Iterable[int] = EVERY, *, margin: int = 0) -> Mask:
     """The cells in which an emitter may lie, whichever of the orientations the pixel and its neighbours have.
 
     A neighbour's opening counts where the gap is wider than the gutter. As emitters turn with their opening, what
@@ -90,9 +88,7 @@ def relative_orientations(orientations: Iterable[int]) -> tuple[int, ...]:
     )
 
 
-def _with_neighbours(
-    clear: NDArray[np.bool_], depth: int, gutter: int, orientations: tuple[int, ...]
-) -> NDArray[np.bool_]:
+def _with_neighbours(clear: Mask, depth: int, gutter: int, orientations: tuple[int, ...]) -> Mask:
     """The pixel with a rim: an empty gutter, then the outermost cells of all its eight neighbours."""
     n = clear.shape[-1]
     around = np.zeros_like(clear)
@@ -112,7 +108,7 @@ def _with_neighbours(
     return whole
 
 
-def _grown(clear: NDArray[np.bool_], gap: int) -> NDArray[np.bool_]:
+def _grown(clear: Mask, gap: int) -> Mask:
     """Cells within ``gap`` cells of a clear one along both axes."""
     grown = clear.copy()
     for axis in (-2, -1):
@@ -142,7 +138,7 @@ def _shifts(step: int, times: int) -> tuple[int, ...]:
     return tuple(shifts)
 
 
-def _pack(cells: NDArray[np.bool_], stride: int) -> int:
+def _pack(cells: Mask, stride: int) -> int:
     rows = np.zeros((cells.shape[0], stride), dtype=np.bool_)
     rows[:, : cells.shape[1]] = cells
     return int.from_bytes(np.packbits(rows, bitorder="little").tobytes(), "little")
@@ -174,7 +170,7 @@ class Squares:
     """Squares that sets of squares of the edge forbid together, where it was asked: a search asks again and again."""
 
     @classmethod
-    def of(cls, region: NDArray[np.bool_], width: int, gap: int) -> Squares:
+    def of(cls, region: Mask, width: int, gap: int) -> Squares:
         """Squares of a bool [n, n] region."""
         n = region.shape[0]
         stride = n + gap + 1
@@ -199,7 +195,7 @@ class Squares:
         """The places in these rows and columns, upper ends excluded, of which there is at least one each."""
         return _spread(((1 << x1 - x0) - 1) << y0 * self.stride + x0, self.stride, y1 - y0 - 1)
 
-    def places(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def places(self) -> tuple[Indices, Indices]:
         """Lowest row and leftmost column of every free square."""
         ys, xs = np.divmod(np.flatnonzero(self._unpacked(self.free)), self.stride)
         return ys, xs
@@ -277,12 +273,12 @@ class Squares:
             self._beyond[edge] = forbidden
         return forbidden
 
-    def picture(self, squares: int) -> NDArray[np.bool_]:
+    def picture(self, squares: int) -> Mask:
         """bool [n, n] the cells that these squares cover."""
         rows = self._unpacked(self.cover(squares)).reshape(self.cells, self.stride)
         return rows[:, : self.cells].astype(np.bool_)
 
-    def among(self, cells: NDArray[np.bool_]) -> int:
+    def among(self, cells: Mask) -> int:
         """The squares that lie within bool [n, n] cells."""
         return self.within(_pack(cells, self.stride))
 
@@ -296,7 +292,7 @@ def border_margin(grid: EmitterGrid) -> int:
     return max(0, -(-(grid.colour_gap - grid.gutter) // 2))
 
 
-def facing_squares(region: NDArray[np.bool_], grid: EmitterGrid, orientations: Iterable[int] = EVERY) -> Squares:
+def facing_squares(region: Mask, grid: EmitterGrid, orientations: Iterable[int] = EVERY) -> Squares:
     """The squares of a region, of which those near a border know what they forbid within the neighbours.
 
     Args:
@@ -403,7 +399,7 @@ def margin(grid: EmitterGrid) -> int:
     return max(border_margin(grid), grid.to_opening - grid.gutter)
 
 
-def meetings(orientations: NDArray[np.int8]) -> tuple[frozenset[Pair], frozenset[Pair]]:
+def meetings(orientations: Labels) -> tuple[frozenset[Pair], frozenset[Pair]]:
     """The pairs of a map that share a side, and those that share a corner, each as if beside or up to the right."""
     turned = np.array(TURNED_BACK)[orientations % ORIENTATIONS]
     plain = orientations % ORIENTATIONS
@@ -418,7 +414,7 @@ def meetings(orientations: NDArray[np.int8]) -> tuple[frozenset[Pair], frozenset
     return frozenset(beside), frozenset(across)
 
 
-def borders(labels: Labels, opening: Mask, grid: EmitterGrid, orientations: NDArray[np.int8]) -> Borders:
+def borders(labels: Labels, opening: Mask, grid: EmitterGrid, orientations: Labels) -> Borders:
     """Check every pair of neighbours of a panel.
 
     Args:
@@ -443,7 +439,7 @@ def borders(labels: Labels, opening: Mask, grid: EmitterGrid, orientations: NDAr
     )  # fmt: skip
 
 
-Near = tuple[tuple[NDArray[np.int64], ...], NDArray[np.int64]]
+Near = tuple[tuple[Ints, ...], Ints]
 
 
 def _distances(labels: Labels, opening: Mask, grid: EmitterGrid, diagonal: bool) -> Near:
@@ -452,7 +448,7 @@ def _distances(labels: Labels, opening: Mask, grid: EmitterGrid, diagonal: bool)
     The last of the first part is the gap from emitters of any colour.
     """
 
-    def gaps(mask: Mask) -> NDArray[np.int64]:
+    def gaps(mask: Mask) -> Ints:
         n, reach = grid.cells, max(grid.colour_gap, grid.to_opening)
         far = n + grid.gutter
         canvas = np.ones((far + n if diagonal else n, far + n), dtype=bool)

@@ -25,11 +25,10 @@ from typing import Literal
 
 import numpy as np
 from klayout import db
-from numpy.typing import NDArray
 from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 
-from maskfab.base.arrays import Ints
+from maskfab.base.arrays import Ints, Mask
 from maskfab.base.model import Panel, Point, side_by_side
 from maskfab.base.units import NM_PER_UM
 from maskfab.display.emitter_rules import Certificate, Proof
@@ -115,7 +114,7 @@ class _Runs:
     low: Ints
     high: Ints
 
-    def kept(self, where: NDArray[np.bool_]) -> _Runs:
+    def kept(self, where: Mask) -> _Runs:
         return _Runs(self.slab[where], self.low[where], self.high[where])
 
 
@@ -216,7 +215,7 @@ class _Column:
         used = self._used(low <= high)
         return None if used is None else _Passage(free.kept(used), _Runs(free.slab, low, high).kept(used), self.slabs)
 
-    def _used(self, left: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
+    def _used(self, left: Mask) -> Mask | None:
         """Which stretches, of those that are left, lie on a way from the first slab to the last; None without a way."""
         usable = left[self.steps[0]] & left[self.steps[1]]
         last = int(self.free.slab.searchsorted(self.slabs - 1))
@@ -226,7 +225,7 @@ class _Column:
         used = forth & back
         return used if used.any() else None
 
-    def _reached(self, side: Literal[0, 1], usable: NDArray[np.bool_], starts: Ints) -> NDArray[np.bool_]:
+    def _reached(self, side: Literal[0, 1], usable: Mask, starts: Ints) -> Mask:
         """Which stretches ways from some of them come to, by the steps that are kept, from that side of each."""
         many = np.concatenate(([0], np.cumsum(usable)))[self._begins[side]]
         onward = np.concatenate((self.steps[1 - side, usable], starts))
@@ -568,7 +567,7 @@ def _least(tail: Ints, head: Ints, cost: Ints, size: int) -> sparse.coo_matrix:
     return sparse.coo_matrix((cost[first], (low[first], high[first])), shape=(size, size))
 
 
-def _pieces(upright: NDArray[np.bool_], panel: Panel) -> list[Ints]:
+def _pieces(upright: Mask, panel: Panel) -> list[Ints]:
     """Openings of a cell, each as the lower left corners of its rim's dots, along and across, from the cell's own."""
     labels, count = ndimage.label(upright, structure=_TOUCHING)
     padded = np.pad(upright, 1)

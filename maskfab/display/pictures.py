@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from maskfab.base.arrays import Floats
+from maskfab.base.arrays import Floats, Singles
 from maskfab.base.errors import JobError, SourceError
 from maskfab.mask.formats.tiff import said_by, shown_alike
 from maskfab.optics.colour import light_of_code
@@ -36,7 +35,7 @@ class Picture:
         where: the file.
     """
 
-    values: NDArray[np.float32]
+    values: Singles
     coded: bool
     associated: bool
     where: str
@@ -129,7 +128,7 @@ def on_pixels(picture: Picture, rows: int, columns: int) -> Floats:
     return np.ascontiguousarray(np.clip(mean, 0.0, 1.0)[::-1])  # the mean of ones may be 1 + 1e-16
 
 
-def _linear(picture: Picture, values: NDArray[np.float32]) -> Floats:
+def _linear(picture: Picture, values: Singles) -> Floats:
     """Linear light [y, x, 3] of some lines of a picture."""
     with np.errstate(invalid="ignore"):  # what is not finite is refused next
         numbers = values.astype(np.float64)

@@ -21,7 +21,7 @@ import scipy
 from numpy.typing import NDArray
 from scipy.sparse import csgraph
 
-from maskfab.base.arrays import Indices, Mask
+from maskfab.base.arrays import Indices, Ints, Mask
 from maskfab.base.errors import JobError
 from maskfab.base.model import Opening
 
@@ -177,7 +177,7 @@ class Ports:
 
 
 def ports(
-    closed: NDArray[np.bool_],
+    closed: Mask,
     directions: Sequence[Direction] = DIRECTIONS,
     *,
     symmetric: bool = True,
@@ -246,7 +246,7 @@ class RoutingGrid:
     """
 
     free: Mask
-    places_nm: NDArray[np.int64]
+    places_nm: Ints
 
 
 def routing_grids(opening: Opening, dot_nm: int, gutter_nm: int, rules: WireRules) -> Iterator[RoutingGrid]:

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from itertools import permutations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Labels, Mask
 from maskfab.base.model import ORIENTATIONS, Emitters, Opening, orient
 from maskfab.base.units import NM_PER_UM
 from maskfab.display.emitter_rules import Certificate, EmitterGrid, EmitterRules, Footprint, Proof, Verdict, grid_of
@@ -166,7 +166,7 @@ def largest_gap(
     )
 
 
-def three_squares(region: NDArray[np.bool_], grid: EmitterGrid) -> Certificate | None:
+def three_squares(region: Mask, grid: EmitterGrid) -> Certificate | None:
     """A proof that no three emitters of any shape fit; None if three do. Exact.
 
     Each emitter holds a square of the least width, so three emitters fit exactly if three such squares do.
@@ -191,8 +191,8 @@ def three_squares(region: NDArray[np.bool_], grid: EmitterGrid) -> Certificate |
 
 
 def _across_borders(
-    region: NDArray[np.bool_], grid: EmitterGrid, orientations: tuple[int, ...]
-) -> tuple[Certificate | None, NDArray[np.int8]]:
+    region: Mask, grid: EmitterGrid, orientations: tuple[int, ...]
+) -> tuple[Certificate | None, Labels]:
     """Three squares that keep the gap to all neighbours without a margin, or a proof that there are none."""
     squares = facing_squares(region, grid, orientations)
     placed = three_facing_squares(squares)
@@ -260,7 +260,7 @@ def centred(
     largest: Emitters | None,
     opening: Opening,
     grid: EmitterGrid,
-    orientations: NDArray[np.int8],
+    orientations: Labels,
     rules: EmitterRules,
     *,
     keep: float,

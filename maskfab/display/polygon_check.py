@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from klayout import db
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Labels
 from maskfab.base.model import CLEAR, EMITTERS, Layer, Panel, Polygon
 from maskfab.display.emitter_rules import EmitterRules
 from maskfab.display.free_area import meetings
@@ -98,7 +98,7 @@ def left_of_emitters(panel: Panel, rules: EmitterRules, growth_nm: int) -> tuple
     return red, green, blue
 
 
-def _middle(panel: Panel) -> NDArray[np.int8]:
+def _middle(panel: Panel) -> Labels:
     """Orientations of the middle cells of a panel and a ring of neighbours round them; a narrow panel is repeated."""
     cells = panel.orientations
     first, size = zip(*((max(0, (extent - _BLOCK) // 2), min(extent, _BLOCK)) for extent in cells.shape), strict=True)

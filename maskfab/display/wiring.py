@@ -14,8 +14,8 @@ from typing import Literal
 import numpy as np
 import scipy
 from klayout import db
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Indices, Ints, Mask
 from maskfab.base.errors import JobError
 from maskfab.base.model import COLOURS, ORIENTATIONS, Emitters, Opening, Panel, Polygon, Track
 from maskfab.base.units import NM_PER_UM
@@ -45,11 +45,11 @@ class Reach:
     """
 
     colour: int
-    path: NDArray[np.intp] | None
+    path: Indices | None
     certificate: Certificate | None
 
 
-def reaches(closed: NDArray[np.bool_], emitters: Emitters) -> tuple[Reach, ...]:
+def reaches(closed: Mask, emitters: Emitters) -> tuple[Reach, ...]:
     """The shortest way of every connected emitter, by colour, through closed dots that share sides.
 
     Args:
@@ -68,7 +68,7 @@ def reaches(closed: NDArray[np.bool_], emitters: Emitters) -> tuple[Reach, ...]:
     return tuple(ways)
 
 
-def _reach(closed: NDArray[np.bool_], start: NDArray[np.bool_], colour: int, dot_nm: int) -> Reach:
+def _reach(closed: Mask, start: Mask, colour: int, dot_nm: int) -> Reach:
     n = closed.shape[0]
     before: dict[tuple[int, int], tuple[int, int] | None] = {(int(y), int(x)): None for y, x in np.argwhere(start)}
     queue = list(before)
@@ -122,9 +122,7 @@ def transparent_tracks(pitch_nm: int, width_nm: int, transmission: float) -> tup
     )
 
 
-def _line(
-    path: NDArray[np.intp], places_nm: NDArray[np.int64], direction: Direction, pitch_nm: int, width_nm: int
-) -> Polygon:
+def _line(path: Indices, places_nm: Ints, direction: Direction, pitch_nm: int, width_nm: int) -> Polygon:
     """The outline of a line along nodes (row, column), drawn on to both borders."""
     points = [(int(places_nm[column]), int(places_nm[row])) for row, column in path]
     (x0, y0), (x1, y1) = points[0], points[-1]

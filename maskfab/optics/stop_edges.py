@@ -10,8 +10,6 @@ from maskfab.base.model import Box
 from maskfab.base.units import NM_PER_UM, UM_PER_NM
 from maskfab.job.camera import Stop
 
-Flags = Mask
-
 _RIM_VERTICES = 4096
 _LARGEST_COORDINATE = 400_000_000
 
@@ -106,7 +104,7 @@ def _polygon(corners: Floats) -> db.Polygon:
     return db.Polygon([db.Point(int(px), int(py)) for px, py in np.rint(corners)])
 
 
-def whole_or_away(stop: Stop, x0: Floats, y0: Floats, x1: Floats, y1: Floats) -> tuple[Flags, Flags]:
+def whole_or_away(stop: Stop, x0: Floats, y0: Floats, x1: Floats, y1: Floats) -> tuple[Mask, Mask]:
     """Which boxes the region that stands for a stop surely holds, and which lie surely outside.
 
     Args:
