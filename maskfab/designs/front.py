@@ -763,6 +763,6 @@ def _job(spec: JobSpec, section: SearchSection, point: FrontPoint, name: str) ->
         wires = spec.wires.model_copy(update={"lines": point.lines})
     held = {"design": section.model_copy(update=asked), "emitters": emitters, "wires": wires}
     changed = spec.model_copy(update=held)
-    plain = changed.model_dump(mode="json", exclude_none=True, exclude_defaults=True, by_alias=True)
+    plain = changed.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
     # A section that is stated asks for something, though all that it states are defaults.
     return dumps({key: plain.get(key, {}) for key in _SECTIONS if getattr(changed, key) is not None})

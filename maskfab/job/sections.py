@@ -590,7 +590,7 @@ class JobSpec(Section):
 
         Left out are ``curves``, ``maps`` and ``shops`` where they are empty, and what [export] leaves to its shop.
         """
-        data = self.model_dump(mode="json", exclude_none=True, by_alias=True)
+        data = self.model_dump(mode="json", exclude_none=True)
         # A job without tables, maps or profiles keeps the hash that it had before jobs could name any.
         return {key: value for key, value in data.items() if value or key not in {"curves", "maps", "shops"}}
 

@@ -40,6 +40,10 @@ class Section(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
+    def model_dump(self, **options: Any) -> dict[str, Any]:
+        """Plain data by the keys of a job, those of tables that are :class:`Stated` too."""
+        return super().model_dump(**{"by_alias": True, **options})
+
 
 class _Fields:
     """Fields of a dataclass by their keys in a job, as pydantic has them of a :class:`Section`."""
