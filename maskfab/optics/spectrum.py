@@ -186,8 +186,8 @@ class Band:
         energies = half * weights * self.density(places)
         panel = np.minimum((middles * (panels / ends[-1])).astype(np.intp), panels - 1)
         starts = np.flatnonzero(np.diff(panel, prepend=-1)) * nodes.size
-        found, shares = gauss_rules(places.ravel(), energies.ravel(), starts, _NODES_PER_PANEL)
-        return line_spectrum(found.ravel(), shares.ravel(), self.name)
+        lines, shares = gauss_rules(places.ravel(), energies.ravel(), starts, _NODES_PER_PANEL)
+        return line_spectrum(lines.ravel(), shares.ravel(), self.name)
 
     def _lit(self) -> tuple[Floats, Floats]:
         """Ends of the intervals between the curves' samples on which there is light, [k] each."""

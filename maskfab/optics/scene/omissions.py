@@ -29,7 +29,6 @@ from functools import cache
 import numpy as np
 
 from maskfab.base.arrays import Floats
-from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, Panel, Psf, Tiling
 from maskfab.base.units import UM_PER_NM
 from maskfab.job.camera import Camera, Stop
@@ -332,13 +331,3 @@ def _rim(pupil: Pupil, pilots: list[Psf], camera: Camera) -> Estimate:
     own = max(path.error["double"] for path in PATHS)
     worst = max(map(relative_difference, point_psfs(plain, camera), pilots)) + own
     return Estimate(RIM_SAFETY * worst, "grey rim's PSF against the exact one, at the ends of the spectrum", RIM_SAFETY)
-
-
-def check_accuracy(accuracy: float) -> None:
-    """Refuse an accuracy outside (0, 1).
-
-    Raises:
-        JobError: MF104.
-    """
-    if not 0 < accuracy < 1:
-        raise JobError("MF104", f"an accuracy of {accuracy:g} is outside 0 to 1", cure="Give a ratio: 1e-3 for 0.1 %")

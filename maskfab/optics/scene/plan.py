@@ -39,7 +39,6 @@ from maskfab.optics.scene.omissions import (
     GAP_SAFETY,
     Estimate,
     Estimates,
-    check_accuracy,
     estimate,
     wavelength_range_nm,
 )
@@ -436,7 +435,8 @@ def sampling_camera(camera: Camera, scene: Scene) -> Camera:
 
 def cost_model(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> CostModel:
     """Everything that pricing needs; arguments and errors as for :func:`plan`."""
-    check_accuracy(accuracy)
+    if not 0 < accuracy < 1:
+        raise JobError("MF104", f"an accuracy of {accuracy:g} is outside 0 to 1", cure="Give a ratio: 1e-3 for 0.1 %")
     # The openings must cover the stop from the corner of the field too.
     farthest = max(scene.field_um, scene.steepest_um)
     moved = shift_um(camera, scene.gap_um, (farthest, farthest))
