@@ -47,9 +47,8 @@ from maskfab.job.values import AnySection
 from maskfab.mask import opening_file, panels
 from maskfab.mask.opening_file import load_opening, opening_text
 from maskfab.mask.panels import CellMap
-from maskfab.report.documents.design import Made, designed_document
 from maskfab.report.pages import pareto
-from maskfab.report.pages.design import write_design
+from maskfab.report.pages.design import Made, designed_document, write_design
 from maskfab.report.rows.text import designed_lines
 
 if TYPE_CHECKING:

@@ -21,6 +21,7 @@ from maskfab.mask.plate_rules import judged, smallest_features
 from maskfab.optics.mtf import area_under_radial_min, worst_directions
 from maskfab.report.documents import die as die_data
 from maskfab.report.documents import report as report_data
+from maskfab.report.documents.display import display_quantities, footprint_band
 from maskfab.report.documents.measured import Beside
 from maskfab.report.documents.shape import Document
 from maskfab.report.figures import die as die_figures
@@ -29,7 +30,6 @@ from maskfab.report.figures import scene as scene_figures
 from maskfab.report.pages import front
 from maskfab.report.rows.as_written import Written, measure_written
 from maskfab.report.rows.bands import Expansion, restored_bands
-from maskfab.report.rows.display import display_quantities, footprint_band
 from maskfab.report.rows.optics import measure_with_bar, view_rows
 from maskfab.report.rows.photographs import Photographs, Surroundings, photograph_die
 from maskfab.report.rows.scene import SceneOptics

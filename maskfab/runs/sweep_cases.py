@@ -36,8 +36,8 @@ from maskfab.optics import metrics
 from maskfab.optics.lags import LagTable, lag_table
 from maskfab.optics.mtf import longest_lag_um, presampled_mtf
 from maskfab.optics.pupil import cut, panel_aperture
+from maskfab.report.documents.display import display_quantities
 from maskfab.report.rows.as_written import measure_written, written_psf_quantities
-from maskfab.report.rows.display import display_quantities
 from maskfab.report.rows.photographs import Conditions, Photographs, Surroundings, photograph_die
 from maskfab.report.rows.scene import measure_scene, scene_plan, scene_reach_um
 from maskfab.runs.store import Record, keep, make_folder, of_installation

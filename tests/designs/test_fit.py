@@ -25,7 +25,7 @@ from maskfab.mask.job import load_job
 from maskfab.mask.opening_file import opening_text
 from maskfab.mask.panels import CellMap, map_text
 from maskfab.optics.tiling import orientations
-from maskfab.report.documents.design import designed_document
+from maskfab.report.pages.design import designed_document
 from maskfab.report.rows.text import designed_lines
 
 pytestmark = pytest.mark.usefixtures("bound_loosely")

@@ -21,8 +21,8 @@ from maskfab.mask.formats.table import read_layout
 from maskfab.mask.job import load_job
 from maskfab.mask.layout import plate_layout, region
 from maskfab.optics.pupil import veil
+from maskfab.report.documents.display import wired_quantities
 from maskfab.report.figures.display import pictures
-from maskfab.report.rows.display import wired_quantities
 from maskfab.runs.pipeline import run
 from maskfab.runs.verification import verify
 

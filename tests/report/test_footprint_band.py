@@ -13,8 +13,8 @@ from maskfab.base.model import Die, Emitters, Opening, Panel, Tiling
 from maskfab.display.emitter_rules import EmitterRules
 from maskfab.display.polygon_check import left_of_emitters
 from maskfab.job.process import Process
+from maskfab.report.documents.display import footprint_band
 from maskfab.report.rows.bands import ProcessSpread
-from maskfab.report.rows.display import footprint_band
 
 STRIPE = np.zeros((7, 7), dtype=bool)
 STRIPE[:, 3] = True

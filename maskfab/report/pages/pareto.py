@@ -29,10 +29,16 @@ from maskfab.base.folders import Place, staged, write_mark
 from maskfab.designs.front import FrontDesign, FrontPoint, JudgedOpening, Pareto
 from maskfab.mask.opening_file import opening_text
 from maskfab.mask.panels import map_text
-from maskfab.report.documents.design import alternatives_document, drawn_rows, prices_document
 from maskfab.report.documents.shape import Record, document_text
 from maskfab.report.figures.sheet import INK, QUIET, Drawing, bitmap, place, styled
-from maskfab.report.pages.design import alternatives_part, dots_image, rules_part
+from maskfab.report.pages.design import (
+    alternatives_document,
+    alternatives_part,
+    dots_image,
+    drawn_rows,
+    prices_document,
+    rules_part,
+)
 from maskfab.report.pages.template import page_template, style
 from maskfab.report.rows.text import by_level
 
