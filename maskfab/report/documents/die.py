@@ -138,13 +138,15 @@ def stated_design(said: Stated, levels_db: Sequence[float], restored: Restored |
     shots = {} if restored is None else {shot.score.level_db: shot.score for shot in restored.shots}
     photographed = restored is not None and bool(restored.scores)
     texts = ("command", "version", "seed")
+    rules = {key: rule for key in map(str, opening) if (rule := priced_rule(key)) is not None}
+    prices = [(rule.replace("_", " "), _number(opening, key)) for key, rule in list(rules.items())[:_MOST_PRICES]]
     return DesignPart.document(
         restored,
         **{key: _text(opening, key) for key in ("shape", *texts, "protocol")},
         evaluated=_number(opening, "evaluated"),
         dot_um=said.dot_um,
         rules_cost=_number(opening, "rules_cost_db"),
-        prices=_prices(opening),
+        prices=[{"rule": _plain(rule), "price": price} for rule, price in prices if price is not None],
         map=None
         if said.cells is None
         else _Map.document(
@@ -169,13 +171,6 @@ def stated_design(said: Stated, levels_db: Sequence[float], restored: Restored |
 
 def _designed(facts: Facts) -> bool:
     return any(str(key) in _NAMES or str(key).startswith(_STARTS) for key in facts)
-
-
-def _prices(facts: Facts) -> list[Document]:
-    """Costs of the rules, in the order in which they are stated."""
-    rules = {key: rule for key in map(str, facts) if (rule := priced_rule(key)) is not None}
-    priced = [(rule, _number(facts, key)) for key, rule in list(rules.items())[:_MOST_PRICES]]
-    return [{"rule": _plain(rule.replace("_", " ")), "price": price} for rule, price in priced if price is not None]
 
 
 def _number(facts: Facts, key: str) -> float | int | None:

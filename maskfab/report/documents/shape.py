@@ -88,7 +88,7 @@ class Part(BaseModel):
         fields = cls.model_fields.items()
         return {
             "type": "object",
-            "properties": {name: _field_schema(field) for name, field in fields},
+            "properties": {name: _schema(field) for name, field in fields},
             "required": [name for name, field in fields if not _is_optional(field)],
             "additionalProperties": False,
         }
@@ -108,14 +108,12 @@ def _is_optional(field: FieldInfo) -> bool:
     return not field.is_required() and field.json_schema_extra is not _WRITTEN
 
 
-def _field_schema(field: FieldInfo) -> Document:
-    annotation = field.annotation
-    schema = _schema(Annotated[annotation, *field.metadata] if field.metadata else annotation)
-    return schema if field.description is None else {**schema, "description": field.description}
-
-
 def _schema(annotation: Any) -> Document:
     """Schema of a type: lengths that leave no choice, and no marks of what is checked where a document is read."""
+    if isinstance(annotation, FieldInfo):
+        field = annotation
+        schema = _schema(Annotated[field.annotation, *field.metadata] if field.metadata else field.annotation)
+        return schema if field.description is None else {**schema, "description": field.description}
     if get_origin(annotation) is Annotated:
         kind, *marks = get_args(annotation)
         for mark in marks:

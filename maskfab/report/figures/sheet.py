@@ -228,7 +228,7 @@ def vector(figure: Figure) -> str:
 def image(figure: Figure, words: str) -> str:
     """The figure as an ``<img>`` that holds its own SVG."""
     # Only a namespace, but a page that shows no address at all is seen to need none.
-    address = _UNSAFE.sub(_quoted, vector(figure)).replace("//", "%2F%2F")
+    address = _UNSAFE.sub(lambda characters: quote(characters[0]), vector(figure)).replace("//", "%2F%2F")
     return img(f"data:image/svg+xml,{address}", words, "figure")
 
 
@@ -280,10 +280,6 @@ class Drawing:
         return f"<Drawing: {self.words}>"
 
 
-def _quoted(characters: re.Match[str]) -> str:
-    return quote(characters[0])
-
-
 def img(address: str, words: str, kind: str) -> str:
     """An ``<img>`` of a ``data:`` address, with words for who cannot see it."""
     return f"""<img class="{kind}" src='{escape(address, quote=False)}' alt="{escape(words)}">"""
@@ -328,14 +324,10 @@ def short_path(path: str) -> str:
             moves.append(("l", x1 - x, y1 - y))
         x, y = x1, y1
     square = all(letter != "l" or not dx or not dy for letter, dx, dy in moves)
-    return "".join(_square_move(*move) if square else _move(*move) for move in moves)
+    return "".join(_move(*move, square) for move in moves)
 
 
-def _square_move(letter: str, dx: int, dy: int) -> str:
-    if letter != "l":
-        return _move(letter, dx, dy)
-    return f"v{dy / 100:g}" if dy else f"h{dx / 100:g}"
-
-
-def _move(letter: str, dx: int, dy: int) -> str:
+def _move(letter: str, dx: int, dy: int, square: bool) -> str:
+    if letter == "l" and square:
+        return f"v{dy / 100:g}" if dy else f"h{dx / 100:g}"
     return letter if letter == "z" else f"{letter}{dx / 100!r} {dy / 100!r}"

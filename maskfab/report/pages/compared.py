@@ -122,7 +122,12 @@ def compare_reports(
             )
     photographs = _photographs(reports, chosen, stated, alone, left_out)
     over = None if photographs is None else photographs["reference"]
-    merged = [_without_other_gains(die, chosen[die["name"]][0], over, alone) for die in merged]
+    # Bands of gains over another die than all are held against here go.
+    for judged in merged:
+        report, _ = chosen[judged["name"]]
+        own = report.document.get("photographs", {}).get("reference")
+        if own is None or _name(report, own, alone) != over:
+            judged["quantities"] = [row for row in judged["quantities"] if row["name"] != "band_restored_gain"]
     document = {**first.document, "dies": merged}
     document.pop("photographs", None)
     if photographs is not None:
@@ -168,14 +173,6 @@ def _photographs(
     if reference is not None and over != reference:
         left_out.append(f"The reference {reference} has no photographs of these scenes: gains are over {over}.")
     return {**taken, "dies": dies, "reference": over, "reference_stated": reference}
-
-
-def _without_other_gains(die: Document, report: FinishedReport, over: str | None, alone: bool) -> Document:
-    """A die without bands of gains over another die than all are held against here."""
-    own = report.document.get("photographs", {}).get("reference")
-    if own is not None and _name(report, own, alone) == over:
-        return die
-    return {**die, "quantities": [row for row in die["quantities"] if row["name"] != "band_restored_gain"]}
 
 
 def _made(report: FinishedReport) -> tuple[object, object]:

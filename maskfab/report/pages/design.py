@@ -340,7 +340,11 @@ def alternatives_part(near: Record | None, absent: str | None) -> Markup:
         **near,
         "chosen": _shown(near["chosen"]),
         "others": [
-            {**_shown(other), "against": f"{-other['below_db'] + 0.0:+.3f}", "better": _better(other["better_at"])}
+            {
+                **_shown(other),
+                "against": f"{-other['below_db'] + 0.0:+.3f}",
+                "better": ", ".join(_BETTER[name] for name in other["better_at"]) or "nothing of this",
+            }
             for other in near["others"]
         ],
     }
@@ -355,10 +359,6 @@ def dots_image(rows: Sequence[str], words: str) -> Markup:
 
 def _shown(opening: Record) -> dict[str, Any]:
     return {**opening, "picture": dots_image(opening["rows"], f"the opening {opening['shape']}")}
-
-
-def _better(names: Sequence[str]) -> str:
-    return ", ".join(_BETTER[name] for name in names) or "nothing of this"
 
 
 def _macros() -> Any:
@@ -417,12 +417,16 @@ def design_page(document: Record) -> str:
     Args:
         document: design.json, as :func:`maskfab.report.pages.design.designed_document` makes it.
     """
-    search, panel = document["search"], document["panel"]
+    search, panel, bounds = document["search"], document["panel"], document["bounds"]
     laid = document["map"]["expected_psnr_db"] if document["map"] else document["expected_psnr_db"]
     levels = list(laid)
     drawing = None
     if search:
         drawing = search_drawing(search["bettered"], document["evaluated"], search["value"], _judged(search))
+    ideals = []
+    if bounds:
+        ideals.append(("a grey filter of the same transmission", bounds["grey_psnr_db"]))
+        ideals.append(("an unobstructed stop with the same open area", bounds["open_stop_psnr_db"]))
     return page_template("design.html.j2").render(
         style=style(),
         told=document,
@@ -435,13 +439,13 @@ def design_page(document: Record) -> str:
         rules_line=_rules_line(document, search),
         cell=dots_image(document["rows"], f"the opening {document['name']}"),
         tiles=dots_image(panel["rows"], "the middle of its panel") if panel else None,
-        tiles_told=_tiles_told(document, panel),
+        tiles_told=f"The middle of its {'map' if document['map'] else 'panel: ' + panel['tiling']}." if panel else "",
         restored=_restored(document),
         command=document["provenance"].get("command"),
         steps=None if drawing is None else Markup(drawing.img()),
         steps_told=_steps_told(search),
         bounds=_bounds(document, levels),
-        ideals=_ideals(document),
+        ideals=ideals,
         rules=rules_part(
             search["rules"] if search else [],
             document["prices_db"],
@@ -475,12 +479,6 @@ def _annealed(search: Record | None) -> bool:
 
 def _turned(panel: Record | None) -> str:
     return "all alike" if panel and panel["tiling"] == "periodic" else "turned at random"
-
-
-def _tiles_told(document: Record, panel: Record | None) -> str:
-    if not panel:
-        return ""
-    return f"The middle of its {'map' if document['map'] else 'panel: ' + panel['tiling']}."
 
 
 def _display(fit: Record | None) -> str:
@@ -575,16 +573,6 @@ def _bounds(document: Record, levels: Sequence[str]) -> list[dict[str, Any]]:
             ],
         }
         for name, values, holds in rows
-    ]
-
-
-def _ideals(document: Record) -> list[tuple[str, Mapping[str, float]]]:
-    bounds = document["bounds"]
-    if not bounds:
-        return []
-    return [
-        ("a grey filter of the same transmission", bounds["grey_psnr_db"]),
-        ("an unobstructed stop with the same open area", bounds["open_stop_psnr_db"]),
     ]
 
 

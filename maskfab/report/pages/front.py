@@ -40,7 +40,7 @@ class Stamp:
     name: str
     word: str
     mood: Mood
-    told: str
+    basis: str
 
     @property
     def sign(self) -> str:

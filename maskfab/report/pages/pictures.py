@@ -68,7 +68,8 @@ def comparison(panels: Sequence[SeenPanel]) -> bytes:
     height = _TOP + rows * (_CELL + _CAPTION) + _FOOT
     figure = Figure(figsize=(width, height), dpi=130)
     figure.set_facecolor("white")
-    window = max(_side_um(panel) for panel in panels)
+    firsts = [(next(iter(panel.views.values())), panel.viewing.pitch_um) for panel in panels]
+    window = max(float(max(view.seen.shape[:2]) / view.samples * pitch_um) for view, pitch_um in firsts)
     pitches = [panel.viewing.pitch_um for panel in panels]
     close = max(_CLOSE_UP_PIXELS * min(pitches), _LEAST_PIXELS * max(pitches))
 
@@ -103,11 +104,6 @@ def comparison(panels: Sequence[SeenPanel]) -> bytes:
                 axes.text(0.5, -0.025, said, transform=axes.transAxes, ha="center", va="top")
     figure.text(_LEFT / width, 0.12 / height, _EXPLAINED, color=QUIET, fontsize=7, va="bottom", linespacing=1.4)
     return bitmap(figure)
-
-
-def _side_um(judged: SeenPanel) -> float:
-    view = next(iter(judged.views.values()))
-    return float(max(view.seen.shape[:2]) / view.samples * judged.viewing.pitch_um)
 
 
 def _heading(judged: SeenPanel, *, perfect: bool) -> str:

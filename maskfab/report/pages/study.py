@@ -18,12 +18,11 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from maskfab.base import __version__
 from maskfab.base.arrays import Floats
 from maskfab.base.folders import Place, staged, write_mark
-from maskfab.base.model import Die, DieOptics, Panel, Psf
+from maskfab.base.model import Die, DieOptics
 from maskfab.base.quantities import columns
 from maskfab.base.units import dpi
 from maskfab.camera.die_transfer import by_sentence
@@ -148,15 +147,12 @@ def _dress(axes: Axes, words: Sequence[object] | None, *, lowest: bool, title: s
 
 def optics_figure(study: Study) -> Drawing:
     """Radial-minimum MTF of every die at the longest wavelength."""
-    dies = [
-        DieOptics(_alone(name, study.plan.panels[name]), (optics.psf,), optics.mtfs[:1], ())
-        for name, optics in study.optics.items()
-    ]
+    dies = []
+    for name, optics in study.optics.items():
+        panel = study.plan.panels[name]
+        die = Die(name, name, panel, (0, 0), max(panel.size_nm))
+        dies.append(DieOptics(die, (optics.psf,), optics.mtfs[:1], ()))
     return mtf_comparison(dies)
-
-
-def _alone(name: str, panel: Panel) -> Die:
-    return Die(name, name, panel, (0, 0), max(panel.size_nm))
 
 
 def optics_tiles(study: Study) -> dict[str, dict[str, str]]:
@@ -165,27 +161,24 @@ def optics_tiles(study: Study) -> dict[str, dict[str, str]]:
     return {
         name: {
             "cells": panel_thumbnail(study.plan.panels[name], side, 240, "photograph"),
-            "psf": _psf_tile(optics.psf),
-            "autocorrelation": _modulation_tile(optics.autocorrelation, name),
+            "psf": _tile(
+                sheet.log_intensity(optics.psf, 161) / sheet.DECADES, "magma", f"PSF at {optics.psf.wavelength_nm:g} nm"
+            ),
+            "autocorrelation": _tile(
+                np.log10(np.clip(optics.autocorrelation, 10.0**-_MODULATION_DECADES, 1)) / _MODULATION_DECADES,
+                "cividis",
+                f"autocorrelation behind {name}",
+            ),
         }
         for name, optics in study.optics.items()
     }
 
 
-def _psf_tile(psf: Psf) -> str:
-    levels = np.rint((sheet.log_intensity(psf, 161) / sheet.DECADES + 1) * 255).astype(np.uint8)
-    return img(_coloured(levels, "magma"), f"PSF at {psf.wavelength_nm:g} nm", "photograph")
-
-
-def _modulation_tile(modulation: Floats, name: str) -> str:
-    decades = np.log10(np.clip(modulation, 10.0**-_MODULATION_DECADES, 1)) / _MODULATION_DECADES + 1
-    levels = np.rint(decades * 255).astype(np.uint8)
-    return img(_coloured(levels, "cividis"), f"autocorrelation behind {name}", "photograph")
-
-
-def _coloured(levels: NDArray[np.uint8], colours: str) -> str:
+def _tile(decades: Floats, colours: str, words: str) -> str:
+    """An image of values from -1 to 0, the lowest to the highest colour."""
+    levels = np.rint((decades + 1) * 255).astype(np.uint8)
     palette = (mpl.colormaps[colours](np.arange(256))[:, :3] * 255).round().astype(np.uint8)
-    return sheet.data_uri(sheet.png(levels, palette))
+    return img(sheet.data_uri(sheet.png(levels, palette)), words, "photograph")
 
 
 def brightening(study: Study) -> float:
@@ -292,7 +285,7 @@ def limits_text(claim: Claim) -> str:
 def finding_text(claim: Claim, finding: Finding) -> tuple[str, str, str]:
     """The thing measured, its value with its interval, and of how many photographs."""
     unit, digits = _UNITS[claim.stated.measure]
-    of, over, difference = finding.of, finding.over, finding.found
+    of, over, difference = finding.of, finding.over, finding.difference
     said = [of.die]
     if of.protocol:
         said += [part for part in (of.case if of.case != OWN_SCENE else "", f"{of.level_db:g} dB") if part]
@@ -450,9 +443,9 @@ def _claim(claim: Claim) -> dict[str, Any]:
                 "of": _take(finding.of),
                 "over": None if finding.over is None else _take(finding.over),
                 "wavelength_nm": finding.wavelength_nm,
-                **_finite({"mean": finding.found.mean, "half_width_95": finding.found.half_width}),
-                "photographs": finding.found.count,
-                "tie": finding.over is not None and finding.found.tie,
+                **_finite({"mean": finding.difference.mean, "half_width_95": finding.difference.half_width}),
+                "photographs": finding.difference.count,
+                "tie": finding.over is not None and finding.difference.tie,
                 "verdict": finding.verdict.value,
             }
             for finding in claim.findings

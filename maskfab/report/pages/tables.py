@@ -365,7 +365,7 @@ class ModelLine:
         error: of it; None where it is not known.
         at_most: whether the truth may lie far below the error.
         unit: of the error, as report.json spells it.
-        told: what the error is.
+        note: what the error is.
     """
 
     title: str
@@ -373,7 +373,7 @@ class ModelLine:
     error: float | None
     at_most: bool
     unit: str
-    told: str
+    note: str
 
 
 def model_table(die: Record, levels_db: list[float]) -> list[ModelLine]:

@@ -321,7 +321,7 @@ def bands(
     def band(name: str, line: float | None, number: Callable[[WrittenOptics], Floats]) -> Band:
         return Band.of(name, line, cases.expansion(number), process, spread)
 
-    rows = [band("band_stop_open_ratio", None, _open_ratio)]
+    rows = [band("band_stop_open_ratio", None, lambda optics: np.array(optics.open_ratio))]
     for i, line in enumerate(camera.wavelengths_nm):
         rows.append(band("band_auc_radial_min", line, partial(_auc, i)))
         if all(frequency_at(optics.mtfs[i], 0.5) for optics in (nominal, *cases.bias, *cases.radius, cases.corner)):
@@ -333,10 +333,6 @@ def bands(
     if pixels is not None:
         rows.append(band("band_halo_energy", nominal.psf.wavelength_nm, partial(_halo, pixels)))
     return (*rows, _shape_band(cases, spread.deviations(process)))
-
-
-def _open_ratio(optics: WrittenOptics) -> Floats:
-    return np.array(optics.open_ratio)
 
 
 def _auc(line: int, optics: WrittenOptics) -> Floats:

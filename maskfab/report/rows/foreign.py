@@ -320,7 +320,11 @@ def check_foreign(
     """
     progress("read", 0, 1)
     how, ordered = how or How(), ordered or StatedLayers()
-    _check_tolerance(plate, how.tolerance_nm)
+    largest = min(die.panel.dot_nm for die in plate.dies) * _MOST_TOLERATED
+    if how.tolerance_nm > largest:
+        what = f"a tolerance of {how.tolerance_nm:g} nm is more than {largest:g} nm, a hundredth of the smallest dot"
+        cure = "Give a smaller one; 1 nm is enough for data fractured into trapezoids"
+        raise JobError("MF104", what, where="--tolerance", cure=cure)
     read, layers = _read(path, how, ordered)
     if not draws(read, read.find_layer(layer_info(CLEAR))):
         cure = "Name the layer that is clear with --layer, or export it again"
@@ -367,14 +371,6 @@ def check_foreign(
         quantities += optics_of_like(die, camera, blank, design, laid, equal)
     progress("optics", len(plate.dies), len(plate.dies))
     return Foreign(path, alignment, trip, tuple(quantities), layers)
-
-
-def _check_tolerance(plate: Plate, tolerance_nm: float) -> None:
-    largest = min(die.panel.dot_nm for die in plate.dies) * _MOST_TOLERATED
-    if tolerance_nm > largest:
-        what = f"a tolerance of {tolerance_nm:g} nm is more than {largest:g} nm, a hundredth of the smallest dot"
-        cure = "Give a smaller one; 1 nm is enough for data fractured into trapezoids"
-        raise JobError("MF104", what, where="--tolerance", cure=cure)
 
 
 def _read(path: Path, how: How, ordered: StatedLayers) -> tuple[db.Layout, LayersRead]:

@@ -89,14 +89,15 @@ class Finding:
         of: the photographs, or the die alone for a number of the optics.
         over: those that they are compared with; None for a number that stands alone.
         wavelength_nm: of a number of the optics.
-        found: the mean difference, or mean, with its 95 % interval; of the optics, with its error, and no photographs.
+        difference: the mean difference, or mean, with its 95 % interval; of the optics, with its error, and no
+            photographs.
         verdict: of the claim's limits.
     """
 
     of: Take
     over: Take | None
     wavelength_nm: float | None
-    found: MeanDifference
+    difference: MeanDifference
     verdict: Verdict
 
 
@@ -470,7 +471,7 @@ def made(plan: Plan, progress: Progress = silent) -> Study:
     scenes = (*plan.photographs, *drawn(plan.study.scenes, highlights=lamps))
     # What cannot be photographed is refused before the first photograph.
     designs = [(setting, name) for setting in plan.settings for name in plan.panels]
-    conditions = {
+    left_out = {
         (setting.protocol.name, setting.case, name): _told(*setting.design(name, plan.panels[name]), plan.photographs)
         for setting, name in designs
     }
@@ -493,12 +494,12 @@ def made(plan: Plan, progress: Progress = silent) -> Study:
     scores: dict[Take, tuple[Score, ...]] = {}
     shown: dict[Take, Singles] = {}
     for (setting, name), task in zip(designs, tasks, strict=True):
-        taken_scores, pictures, more = task.result()
-        scores |= taken_scores
+        dies_scores, pictures, more = task.result()
+        scores |= dies_scores
         shown |= pictures
-        conditions[setting.protocol.name, setting.case, name] += more
+        left_out[setting.protocol.name, setting.case, name] += more
     truth = truth_of(scenes[0], CROP)
-    return Study(plan, optics, tuple(scene.name for scene in scenes), scores, conditions, truth, shown)
+    return Study(plan, optics, tuple(scene.name for scene in scenes), scores, left_out, truth, shown)
 
 
 def _told(design: Design, left_out: tuple[str, ...], photographs: Sequence[Photograph]) -> tuple[str, ...]:

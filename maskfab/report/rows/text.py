@@ -142,9 +142,8 @@ class Quantities(Sequence[Quantity]):
     def __str__(self) -> str:
         dies = len({quantity.die for quantity in self._all}) > 1
         judged = [quantity for quantity in self._all if quantity.passed is not None]
-        verdict = [
-            f"{'PASS' if self.passed else 'FAIL'}: {sum(map(_passes, judged))} of {len(judged)} checks pass"
-        ] * bool(judged)
+        passed = sum(quantity.passed is True for quantity in judged)
+        verdict = [f"{'PASS' if self.passed else 'FAIL'}: {passed} of {len(judged)} checks pass"] * bool(judged)
         return "\n".join([*table_lines(self._all, dies=dies), *verdict])
 
     def __repr__(self) -> str:
@@ -152,10 +151,6 @@ class Quantities(Sequence[Quantity]):
 
     def _repr_html_(self) -> str:
         return html_table(self._all)
-
-
-def _passes(quantity: Quantity) -> bool:
-    return quantity.passed is True
 
 
 def table_lines(quantities: Iterable[Quantity], *, dies: bool = False) -> list[str]:

@@ -61,7 +61,7 @@ class Displays:
         return Verdict.UNKNOWN if self.unknown else Verdict.FITS
 
     @property
-    def told(self) -> str:
+    def words(self) -> str:
         """In words, with how circuits were judged."""
         if not self.asked:
             return "the job has no [emitters]" if self.dies else "maskfab check JOB tells what fits"
@@ -100,7 +100,7 @@ class Verdicts:
         return (
             _line("FILES", self.files, ("can be ordered", "do not order")),
             _line("OPTICS", self.optics, ("proved from the files", "not proved")),
-            f"DISPLAY: {verdict}: {self.display.told}",
+            f"DISPLAY: {verdict}: {self.display.words}",
         )
 
     def to_dict(self) -> dict[str, dict[str, int | bool | str | None]]:
