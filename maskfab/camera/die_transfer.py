@@ -41,12 +41,12 @@ from maskfab.optics.gap import (
     AXIS,
     AmplitudeLags,
     Place,
-    StopAmplitude,
     StopField,
     check_cover,
     magnified,
     moved_aperture,
     shift_um,
+    stop_amplitude,
     stop_field,
 )
 from maskfab.optics.phase import image_distance_um
@@ -132,7 +132,7 @@ class StopView:
         """Light behind the stop by that in front of it: an area. Errors as for :meth:`transfer`."""
         if self.choice.diffraction:
             return self._field(line_nm, samples.gap).energy_um2
-        return self._shadow(None, 1).energy_um2
+        return stop_amplitude(self._near(1), self.camera.stop)[1]
 
     def transfer(self, lines: Lines, samples: Samples, y: Floats, x: Floats) -> Transfer:
         """H of some lines at the frequencies where rows y cross columns x, cycles per pixel, [y, x].
@@ -152,7 +152,7 @@ class StopView:
         total: Transfer = np.zeros((y.size, x.size), dtype=np.float32)
         for line, weight in zip(lines.wavelengths_nm, lines.weights, strict=True):
             waves = self._waves(float(line))
-            lags = self._plain if waves is None and times == 1 else AmplitudeLags.of(self._shadow(waves, times))
+            lags = self._plain if waves is None and times == 1 else self._shadow(waves, times)
             total = total + line_transfer(lags, self._cycle_um(float(line)), y, x, float(weight))
         return total
 
@@ -170,11 +170,15 @@ class StopView:
     def _cycle_um(self, line_nm: float) -> float:
         return line_nm * UM_PER_NM * self._distance_um / self.camera.pixel_um
 
-    def _shadow(self, waves: Waves | None, times: int) -> StopAmplitude:
-        """The amplitude behind the stop without diffraction over the gap."""
-        stop = self.camera.stop
-        near = moved_aperture(self.openings, self._moved_um, stop.diameter_um / 2)
-        return StopAmplitude.of(finer_aperture(near, times) if times > 1 else near, stop, waves)
+    def _near(self, times: int) -> Aperture:
+        """The openings whose shadow the stop sees, so many times finer."""
+        near = moved_aperture(self.openings, self._moved_um, self.camera.stop.diameter_um / 2)
+        return finer_aperture(near, times) if times > 1 else near
+
+    def _shadow(self, waves: Waves | None, times: int) -> AmplitudeLags:
+        """Lags of the amplitude behind the stop without diffraction over the gap."""
+        near = self._near(times)
+        return AmplitudeLags.of(near.x, near.y, *stop_amplitude(near, self.camera.stop, waves))
 
     def _field(self, line_nm: float, times: int) -> StopField:
         return stop_field(
@@ -185,7 +189,7 @@ class StopView:
     @cached_property
     def _plain(self) -> AmplitudeLags:
         """Lags of every line without a phase."""
-        return AmplitudeLags.of(self._shadow(None, 1))
+        return self._shadow(None, 1)
 
     @property
     def _distance_um(self) -> float:

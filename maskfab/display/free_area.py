@@ -357,28 +357,14 @@ TURNED_BACK = tuple(k // 4 * 4 + (k + 3) % 4 for k in range(ORIENTATIONS))
 
 
 @dataclass(frozen=True)
-class Meeting:
-    """Two pixels that meet, and what is too close between them.
-
-    Attributes:
-        pair: orientations of the left (or lower left) and the right (or upper right) pixel.
-        diagonal: whether they meet at a corner.
-        gap: smallest Chebyshev gap between what must keep apart, in cells; at most the rule where it is kept.
-    """
-
-    pair: Pair
-    diagonal: bool
-    gap: int
-
-
-@dataclass(frozen=True)
 class Borders:
     """The gaps across borders of a panel.
 
     Attributes:
         side_pairs, diagonal_pairs: how many different pairs meet.
         side_violations, diagonal_violations: how many of them are closer than a rule.
-        worst: the pair that falls shortest of its rule; None if no pixels meet.
+        worst: orientations of the left (or lower left) and the right (or upper right) pixel of the pair that falls
+            shortest of its rule; None if no pixels meet.
         margin_nm: kept free along the pixel's sides, it makes every pair legal without a look at any.
     """
 
@@ -386,7 +372,7 @@ class Borders:
     diagonal_pairs: int
     side_violations: int
     diagonal_violations: int
-    worst: Meeting | None
+    worst: Pair | None
     margin_nm: int
 
     @property
@@ -425,18 +411,15 @@ def borders(labels: Labels, opening: Mask, grid: EmitterGrid, orientations: Labe
     """
     beside, across = meetings(orientations)
     turned = [(orient(labels, k), orient(opening, k)) for k in range(ORIENTATIONS)]
-    shortfalls: list[tuple[int, Meeting]] = []
+    shortfalls: list[tuple[int, Pair]] = []
+    violations = []
     for diagonal, pairs in ((False, beside), (True, across)):
         near = {a: _distances(*turned[a], grid, diagonal) for a in {a for a, _ in pairs}}
-        for a, b in sorted(pairs):
-            gap, rule = _gap(near[a], *turned[b], grid, diagonal)
-            shortfalls.append((rule - gap, Meeting((a, b), diagonal, gap)))
-    worst = max(shortfalls, key=lambda pair: pair[0], default=(0, None))
-    wrong = [meeting for short, meeting in shortfalls if short > 0]
-    at_corner = sum(meeting.diagonal for meeting in wrong)
-    return Borders(
-        len(beside), len(across), len(wrong) - at_corner, at_corner, worst[1], margin(grid) * grid.cell_nm
-    )  # fmt: skip
+        short = [(_shortfall(near[a], *turned[b], grid), (a, b)) for a, b in sorted(pairs)]
+        violations.append(sum(lacking > 0 for lacking, _ in short))
+        shortfalls += short
+    _, worst = max(shortfalls, key=lambda pair: pair[0], default=(0, None))
+    return Borders(len(beside), len(across), violations[0], violations[1], worst, margin(grid) * grid.cell_nm)
 
 
 Near = tuple[tuple[Ints, ...], Ints]
@@ -463,17 +446,17 @@ def _distances(labels: Labels, opening: Mask, grid: EmitterGrid, diagonal: bool)
     return (*(gaps(labels == k) for k in (1, 2, 3)), gaps(emitting)), gaps(opening)
 
 
-def _gap(near: Near, labels: Labels, opening: Mask, grid: EmitterGrid, diagonal: bool) -> tuple[int, int]:
-    """The gap that falls shortest of its rule, and that rule."""
+def _shortfall(near: Near, labels: Labels, opening: Mask, grid: EmitterGrid) -> int:
+    """By how many cells the worst gap falls short of its rule; 0 where rules are kept."""
     colours, from_opening = near
-    gaps = [(grid.colour_gap, grid.colour_gap), (grid.to_opening, grid.to_opening)]
+    lacking = [0]
     for one, other in permutations(range(3), 2):
         place = labels == other + 1
         if place.any():
-            gaps.append((int(colours[one][place].min()), grid.colour_gap))
+            lacking.append(grid.colour_gap - int(colours[one][place].min()))
     emitting = labels > 0
     if opening.any():
-        gaps.append((int(colours[3][opening].min()), grid.to_opening))
+        lacking.append(grid.to_opening - int(colours[3][opening].min()))
     if emitting.any():
-        gaps.append((int(from_opening[emitting].min()), grid.to_opening))
-    return min(gaps, key=lambda pair: (pair[0] - pair[1], pair[0]))
+        lacking.append(grid.to_opening - int(from_opening[emitting].min()))
+    return max(lacking)

@@ -47,7 +47,7 @@ from numpy.typing import NDArray
 
 from maskfab.base.arrays import Complexes, Floats, Mask, Singles
 from maskfab.base.errors import JobError
-from maskfab.base.model import Psf, frozen
+from maskfab.base.model import Psf
 from maskfab.base.units import UM_PER_NM
 from maskfab.job.camera import Camera, Stop
 from maskfab.optics.field.matrix import direct_field
@@ -446,42 +446,27 @@ Table = Singles | NDArray[np.complex64]
 Amplitudes = Floats | NDArray[np.complex64]
 
 
-@dataclass(frozen=True, eq=False)
-class StopAmplitude:
-    """The amplitude behind a stop, dot by dot.
+def stop_amplitude(openings: Aperture, stop: Stop, waves: Waves | None = None) -> tuple[Amplitudes, float]:
+    """Openings cut by a centred stop, with a phase that is constant over each dot, as in its middle.
 
-    Attributes:
-        x, y: lattices of the dots.
-        dots: float64, or complex64 with a phase, [cells y, dots y, cells x, dots x], the mean over each.
-        energy_um2: integral of its squared modulus.
+    Returns:
+        The amplitude, float64, or complex64 with a phase, [cells y, dots y, cells x, dots x], the mean over each dot;
+        and the integral of its squared modulus, in square micrometres.
+
+    Raises:
+        JobError: MF104 for a phase that is not finite; MF115 where it turns by more than an eighth of a wave from one
+            dot to the next.
     """
-
-    x: Lattice
-    y: Lattice
-    dots: Amplitudes
-    energy_um2: float
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "dots", frozen(self.dots))
-
-    @classmethod
-    def of(cls, openings: Aperture, stop: Stop, waves: Waves | None = None) -> StopAmplitude:
-        """Openings cut by a centred stop, with a phase that is constant over each dot, as in its middle.
-
-        Raises:
-            JobError: MF104 for a phase that is not finite; MF115 where it turns by more than an eighth of a wave from
-                one dot to the next.
-        """
-        x, y = openings.x, openings.y
-        share = share_inside(x, y, stop)
-        energy = np.diff(y.edges_um()) @ ((openings.transmission**2 + openings.variance) * share)
-        dots = dot_blocks(x, y, openings.transmission * share)
-        if waves is not None:
-            inside = dot_blocks(x, y, share) > 0
-            flat = inside.reshape(inside.shape[0] * inside.shape[1], -1)
-            turn = turned(waves, _middles(x), _middles(y), flat)
-            dots = (dots * turn.reshape(dots.shape)).astype(np.complex64)
-        return cls(x, y, dots, float(energy @ np.diff(x.edges_um())))
+    x, y = openings.x, openings.y
+    share = share_inside(x, y, stop)
+    energy = np.diff(y.edges_um()) @ ((openings.transmission**2 + openings.variance) * share)
+    dots: Amplitudes = dot_blocks(x, y, openings.transmission * share)
+    if waves is not None:
+        inside = dot_blocks(x, y, share) > 0
+        flat = inside.reshape(inside.shape[0] * inside.shape[1], -1)
+        turn = turned(waves, _middles(x), _middles(y), flat)
+        dots = (dots * turn.reshape(dots.shape)).astype(np.complex64)
+    return dots, float(energy @ np.diff(x.edges_um()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -500,11 +485,10 @@ class AmplitudeLags:
     table: Table
 
     @classmethod
-    def of(cls, amplitude: StopAmplitude) -> AmplitudeLags:
-        """Lags by FFT over cells and dots at once."""
-        dots = amplitude.dots
+    def of(cls, x: Lattice, y: Lattice, dots: Amplitudes, energy_um2: float) -> AmplitudeLags:
+        """Lags by FFT over cells and dots at once, of what :func:`stop_amplitude` gives on those lattices."""
         sizes = [int(scipy.fft.next_fast_len(2 * n - 1)) if n > 1 else 1 for n in dots.shape]
-        scale = amplitude.x.dot_um * amplitude.y.dot_um / amplitude.energy_um2
+        scale = x.dot_um * y.dot_um / energy_um2
         if dots.dtype == np.complex64:
             table: Table = _from_power(_amplitude_power(dots, sizes))
             table *= np.float32(scale)
@@ -512,7 +496,7 @@ class AmplitudeLags:
             table = (scale * correlated(np.asarray(dots, dtype=np.float64), sizes)).astype(np.float32)
         table = table.reshape(sizes[0] * sizes[1], sizes[2] * sizes[3])
         table[0, 0] = 1
-        return cls(amplitude.x, amplitude.y, ((sizes[0], sizes[1]), (sizes[2], sizes[3])), table)
+        return cls(x, y, ((sizes[0], sizes[1]), (sizes[2], sizes[3])), table)
 
     @classmethod
     def across_gap(cls, field: StopField) -> AmplitudeLags:

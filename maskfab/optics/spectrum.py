@@ -199,20 +199,6 @@ class Band:
         return knots[:-1][lit], knots[1:][lit]
 
 
-@dataclass(frozen=True, eq=False)
-class Quadrature:
-    """A band as lines, and how far these are from the band.
-
-    Attributes:
-        spectrum: the lines.
-        error: largest change of the transfer function in the last doubling; an estimate that has been on the safe
-            side by the factor 2 to 4 by which a doubling lowers it.
-    """
-
-    spectrum: Spectrum
-    error: float
-
-
 def line_spectrum(
     wavelengths_nm: Floats | list[float], weights: Floats | list[float] | None = None, name: str = ""
 ) -> Spectrum:
@@ -228,7 +214,9 @@ def line_spectrum(
     return Spectrum(places, energies / energies.sum(), label)
 
 
-def quadrature(band: Band, table: LagTable, camera: Camera, tolerance: float, nu_x: Floats, nu_y: Floats) -> Quadrature:
+def quadrature(
+    band: Band, table: LagTable, camera: Camera, tolerance: float, nu_x: Floats, nu_y: Floats
+) -> tuple[Spectrum, float]:
     """The fewest lines, in powers of two, whose transfer function is within a tolerance of the band's.
 
     Args:
@@ -237,6 +225,10 @@ def quadrature(band: Band, table: LagTable, camera: Camera, tolerance: float, nu
         camera: for its focal length.
         tolerance: largest absolute change of the OTF that counts as none.
         nu_x, nu_y: frequencies of equal shape at which the OTF is watched, cycles per micrometre of sensor.
+
+    Returns:
+        The lines, and the largest change of the transfer function in the last doubling; an estimate that has been on
+        the safe side by the factor 2 to 4 by which a doubling lowers it.
 
     Raises:
         JobError: MF104 for a tolerance that is not positive, MF115 if 4096 lines do not reach it.
@@ -253,7 +245,7 @@ def quadrature(band: Band, table: LagTable, camera: Camera, tolerance: float, nu
         after = polychromatic_otf(table, camera, rule, nu_x, nu_y)
         error = float(abs(after - before).max(initial=0.0))
         if error < tolerance:
-            return Quadrature(rule, error)
+            return rule, error
         before = after
     what = f"{_NODES_PER_PANEL * _MOST_PANELS} lines leave the band {band.name} {error:.1e} off, over {tolerance:.1e}"
     raise JobError("MF115", what, cure=f"Ask for a tolerance of {2 * error:.1e} or more")

@@ -87,7 +87,9 @@ def blue_noise(kinds: int, rows: int, columns: int, seed: int) -> Labels:
             p = kind[a]
             others = draw.integers(size, size=24)
             q = kind[others]
-            between = near.ravel()[_offset(a, others, rows, columns)]
+            up = (others // columns - a // columns) % rows
+            right = (others % columns - a % columns) % columns
+            between = near.ravel()[np.asarray(up * columns + right)]
             gain = flat[p, a] - flat[q, a] + flat[q, others] - flat[p, others] + 2 * (between - near[0, 0])
             gain[q == p] = 0
             best = int(np.argmax(gain))
@@ -113,10 +115,3 @@ def _repulsion(rows: int, columns: int) -> Ints:
     weights = np.rint(_UNIT * np.exp(-square / (2 * _REPULSION_CELLS**2))).astype(np.int64)
     np.add.at(near, (step[:, None] % rows, step % columns), weights)
     return near
-
-
-def _offset(a: int, others: Ints, rows: int, columns: int) -> Ints:
-    """Index into the repulsion of the step from one cell to others."""
-    up = (others // columns - a // columns) % rows
-    right = (others % columns - a % columns) % columns
-    return np.asarray(up * columns + right)

@@ -17,7 +17,7 @@ from maskfab.camera.lens import F1, PhotoCamera, laid_panel, lay, pupil_transfer
 from maskfab.camera.protocol import evaluate
 from maskfab.camera.scenes import Photograph, dead_leaves
 from maskfab.job.camera import Camera, Stop
-from maskfab.optics.gap import AXIS, AmplitudeLags, StopAmplitude, gap_psf, moved_aperture, shift_um
+from maskfab.optics.gap import AXIS, AmplitudeLags, gap_psf, moved_aperture, shift_um
 from maskfab.optics.phase import Wavefront
 from maskfab.optics.pupil import Lattice, cut, panel_aperture
 from maskfab.optics.response import camera_bands, generic_rgb
@@ -79,7 +79,7 @@ def test_through_the_dots_of_f1_the_transfer_is_that_of_f1():
     room = laid.lattice
     axis = Lattice(-room.side * room.dot_um / 2, room.side, 1, room.dot_um, room.dot_um)
     dots = laid.pupil[:, None, :, None]
-    lags = AmplitudeLags.of(StopAmplitude(axis, axis, dots, float((dots**2).sum()) * room.dot_um**2))
+    lags = AmplitudeLags.of(axis, axis, dots, float((dots**2).sum()) * room.dot_um**2)
     expected = pupil_transfer(laid.pupil, room, SHAPE)
     y, x = np.fft.fftfreq(SHAPE[0]), np.fft.rfftfreq(SHAPE[1])
     for colour, line in enumerate(RGB):

@@ -206,7 +206,7 @@ def _lines(light: Light, table: LagTable, camera: Camera, direction: tuple[float
     if not isinstance(light, Band):
         return line_spectrum([light])
     nu = np.linspace(0, highest, 257)
-    return quadrature(light, table, camera, _BAND_TOLERANCE, nu * direction[0], nu * direction[1]).spectrum
+    return quadrature(light, table, camera, _BAND_TOLERANCE, nu * direction[0], nu * direction[1])[0]
 
 
 def _transfer(

@@ -351,7 +351,7 @@ def display_document(display: Feasibility) -> Document:
         borders=borders
         and _Borders.document(
             borders,
-            worst_pair=borders.worst and borders.worst.pair,
+            worst_pair=borders.worst,
             sufficient_margin_um=borders.margin_nm / NM_PER_UM,
         ),
         wires=wiring
