@@ -1,11 +1,7 @@
-"""The directory of something measured: its page, its numbers and a manifest, whole or not at all.
+"""Measurement of a made plate: the folder with its page and numbers, and its place in a report beside the job.
 
-A measurement of a made plate in its report: the measure.json of one die that lies beside the job.
-
-It is a file from outside. What does not read as a measurement is refused before any work; one of an edge, or of another
-job, is left out, the latter with a note.
-
-Measured edges as JSON: every curve with its band, what was designed beside it, and the numbers.
+A measure.json that lies beside a job is a file from outside. What does not read as a measurement is refused before any
+work; one of an edge, or of another job, is left out, the latter with a note.
 """
 
 from __future__ import annotations

@@ -1,11 +1,9 @@
-"""The figures of the report: pure functions from the vocabulary to ``<img>`` elements that need nothing from outside.
+"""Figures of a die and its plate: pure functions from the vocabulary to ``<img>`` elements that need nothing else.
 
 Line drawings are SVG; pictures are palette PNGs inside it. Equal input gives equal bytes: no dates, no random ids.
 An SVG inside ``<img>`` cannot run scripts, cannot load anything, and its ids cannot clash with those of the page.
-
-The figures of a written die: corners as drawn and in both readings of the writer, and their PSF and MTF.
-
 Colours are those of Okabe and Ito, which colour-blind readers tell apart; line styles tell the curves apart in grey.
+A die as it is written has its corners, in both readings of the writer, beside those drawn.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
-"""The figures of a scene: PSFs over the field, the depth and the colours, and what deblurring with one PSF leaves.
+"""Figures of a scene: PSFs over field, depth and colours with what deblurring leaves, and photographs beside the truth.
 
 PSFs have the colours and the six decades of the other figures; what deblurring leaves has colours of its own.
-
-Photographs through a die, restored, beside the truth: in a report, and one sheet that compares dies.
 """
 
 from __future__ import annotations

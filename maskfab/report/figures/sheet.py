@@ -1,6 +1,6 @@
-"""Pictures of openings, panels and PSFs as arrays of grey or colour levels, and as small palette PNGs.
+"""A sheet to draw on, and what becomes of it: an ``<img>`` with its own SVG, or a PNG; equal drawings, equal bytes.
 
-A sheet to draw on, and what becomes of it: an ``<img>`` with its own SVG, or a PNG; equal drawings, equal bytes.
+Pictures of openings, panels and PSFs are arrays of grey or colour levels, and small palette PNGs.
 """
 
 from __future__ import annotations

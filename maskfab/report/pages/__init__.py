@@ -1,6 +1,4 @@
-"""The page of a report, report.html: its text, its glossary, and how two pages differ.
+"""Pages that people read, each one file that needs nothing else: of a run, its plate to look into, and other verbs.
 
-Finished reports side by side: what of them may be compared, who is best, and where their jobs differ.
-
-The plate of a finished run as one page to look into: geometry by references, rules' places, numbers of dies.
+A page is made from a document and its figures alone, and equal ones give equal pages.
 """

@@ -1,10 +1,7 @@
-"""Dies of several reports as if they were of one, as far as the same camera, light and scenes make their numbers equal.
+"""Dies of several reports side by side, as far as the same camera, light and scenes make their numbers equal.
 
-What was measured otherwise is left out, and said.
-
-Dies of several reports: light against restored photographs, with the intervals of their differences.
-
-The page of reports side by side, and the same in words.
+What was measured otherwise is left out, and said. The page, and the same in words, hold light against restored
+photographs, with the intervals of their differences.
 """
 
 from __future__ import annotations

@@ -1,12 +1,7 @@
-"""Figures of a measured die: what was captured beside what is expected, on one scale; and their MTF.
+"""The result of a measurement as a page and a document: a die's capture beside what is expected, or MTFs across edges.
 
-The page of a measured die: the verdict, the pictures side by side, the numbers and what was captured.
-
-The files of a measured die: its page, its numbers, and the merged capture with its standard deviation.
-
-MTFs measured across edges, with their bands, beside what was designed: one field for each edge.
-
-The page of measured edges: the verdict, every MTF beside the design's, and the numbers.
+A capture is shown on the scale of what is expected, with its MTF, the verdict and the numbers; the merged capture and
+its standard deviation are files beside it. Edges have one field each: the MTF with its band, beside what was designed.
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
 """The report a person reads: one HTML file, rendered from report.json and its pictures, that needs nothing else.
 
-A report's page and pictures held against the same made again, perhaps on another machine.
-
-Words must be equal to the letter. A picture may differ by what the last bits of another machine's arithmetic make of a
-line or a shade, which nobody can see. Of a photograph they may make another draw of its noise: then means of patches
-must be equal, grain as coarse, and words the same but for tenths of a decibel.
+Two such pages are held against each other, perhaps made on two machines. Words must be equal to the letter. A picture
+may differ by what the last bits of another machine's arithmetic make of a line or a shade, which nobody can see. Of a
+photograph they may make another draw of its noise: then means of patches must be equal, grain as coarse, and words the
+same but for tenths of a decibel.
 """
 
 from __future__ import annotations

@@ -1,13 +1,9 @@
-"""Designs for a display: restored photographs against emitters, one field for each number of lines.
+"""Designs for a display: restored photographs against emitters, as a figure, a table, a page and a job for each design.
 
-A curve is drawn as what it says: a design serves for its own footprint and every smaller one, and for its own lines and
-fewer, so it is a stair that comes from the left and stands in every field that it serves. A given opening is a star,
-hollow where fewer lines pass it than the field asks for. The colours are those of
-cividis, whose lightness rises alike for colour-blind readers; every curve also has a mark of its own.
-
-The page of a front: its figure, a table of what is traded, and the job of every design.
-
-The files of a front: its page, its numbers as JSON and CSV, its designs with their jobs, and the figure.
+The figure has one field for each number of lines. A curve is drawn as what it says: a design serves for its own
+footprint and every smaller one, and for its own lines and fewer, so it is a stair that comes from the left and stands
+in every field that it serves. A given opening is a star, hollow where fewer lines pass it than the field asks for. The
+colours are those of cividis, whose lightness rises alike for colour-blind readers; every curve also has a mark.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""Panels side by side as the eye sees them, all at one scale.
+"""Pictures as files: a rendering of panels side by side as the eye sees them, and the PSFs of an analysis.
 
-The files of a rendering: emitted light, the image that the eye sees, a comparison, and the results.
-
-The files of one analysis: PSFs as EXR, a picture, and the numbers.
+All panels of a rendering have one scale; the files hold emitted light, the image that the eye sees, a comparison of
+them, and the results. An analysis is its PSFs as EXR, a picture, and the numbers.
 """
 
 from __future__ import annotations

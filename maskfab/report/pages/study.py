@@ -1,8 +1,6 @@
-"""The figures of a study: scores along its axis, and the optics and restored photographs of every die.
+"""The result of a study as a page, a document and text: figures, tables of scores, and what they say of claims.
 
-The page of a study: its figures, the tables under them, and what they say of its claims.
-
-The files of a study: its page, and its numbers as JSON.
+Scores stand along the study's axis; every die has its optics and its restored photographs.
 """
 
 from __future__ import annotations

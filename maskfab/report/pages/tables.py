@@ -1,12 +1,9 @@
-"""The table of photographs on the page, from report.json alone: who is best, and who cannot be told from it.
+"""Tables of the pages, from report.json alone, on one base: lines of cells under headings, and what is said of them.
 
-Bands of a report's numbers over the displays that are made, and the dies ranked by what a bias does to them.
-
-The table that sets the dies side by side: photographs first, then what explains them.
-
-The models behind a die's numbers in one table: the time that each is expected to take, and how far it errs.
-
-One die from drawing to plate in one table: as drawn, as read back from the file, and as its writer makes it.
+Photographs tell who is best, and who cannot be told from it. The table of dies puts photographs first, then what
+explains them. Others are of what a bias does to dies, of one die from drawing to plate (as drawn, as read back from the
+file, and as its writer makes it), and of the models behind a die's numbers, with their time and error. A number has its
+band over the displays made, where the process has a spread.
 """
 
 from __future__ import annotations

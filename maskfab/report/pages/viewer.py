@@ -1,14 +1,8 @@
-"""Whole numbers as text: zigzag, then seven bits a byte, lowest first, then base64.
+"""The plate of a finished run as one page to look into: its document, and the program that draws it, in one file.
 
-A layout as a document that a page can draw: every cell once, placed by references, nothing flattened.
-
-Places of violations as :func:`maskfab.mask.plate_rules.write_markers` has written them, for a page.
-
-Pictures of PSFs, taken from the page of a report.
-
-A finished run as a page shows it: which of its mask files, and what was found of its dies.
-
-The page that shows a plate: the document of a run, and the program that draws it, in one file.
+The layout is told with every cell once, placed by references, nothing flattened. Whole numbers are text: zigzag, then
+seven bits a byte, lowest first, then base64. Places of violations are those of
+:func:`maskfab.mask.plate_rules.write_markers`, and pictures of PSFs are taken from the page of the report.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A number over the displays that are made: full cases about the process stated, and the expansion through them.
+"""Bands of a die's numbers over the displays that are made, from a few full cases about the process stated.
 
 A number f of a written die is expanded about the process stated, in standard deviations x of the bias and y of the
 corner radius,
@@ -9,18 +9,14 @@ from full cases at two deviations either way, where the edges of a band are; whe
 rounder ones by one and by two. A full case wider and rounder, as far from the process stated as the edges are, tells
 the error: what the expansion misses of it are products of x and y and higher powers.
 
-Bands of a die's numbers over the displays that are made, from a few full cases.
+A band lies between the quantiles of 2.5 and 97.5 % of the expansion over two independent normal distributions. The PSF
+is expanded in the same way, point by point, and the change of its shape is the distance that the expansion goes; its
+band is the quantile of 95 %.
 
-A band lies between the quantiles of 2.5 and 97.5 % of the number's expansion over two independent normal
-distributions, see :mod:`maskfab.report.rows.bands`. The PSF is expanded in the same way, point by point, and
-the change of its shape is the distance that the expansion goes; its band is the quantile of 95 %.
-
-Bands of restored photographs over the displays that are made: of a die's PSNR, and of its gain.
-
-The scenes of the report are photographed through the die as full cases of its process make it, in the same noise, and
-restored by the filter of the die as drawn, which is all that the maker of a camera knows of a display. The mean PSNR is
-expanded as every number is, see :mod:`maskfab.report.rows.bands`. Dies of one plate are written alike, so that
-the gain is the difference of two expansions.
+Restored photographs have bands of a die's PSNR, and of its gain. The scenes of the report are photographed through the
+die as full cases of its process make it, in the same noise, and restored by the filter of the die as drawn, which is
+all that the maker of a camera knows of a display. Dies of one plate are written alike, so that the gain is the
+difference of two expansions of the mean PSNR.
 
 Notes:
     Where the light changes a little, draws of Poisson's distribution are others from some pixel on, and the mean of the

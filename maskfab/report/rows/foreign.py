@@ -1,6 +1,4 @@
-"""Optics of a foreign file, die by die, against the design.
-
-Comparison of a foreign mask file with a job: its orientation, offset, scale and tone, differences, and optics.
+"""A foreign mask file held against a job: orientation, offset, scale and tone, differences, and the optics of its dies.
 
 Whatever is wrong with how the file lies is undone first, and told, so that everything else can be compared.
 """

@@ -1,6 +1,6 @@
-"""A plate as the lens sees it: its chrome side, or, through the glass, the mirror image of that.
+"""The optics of a die from the polygons that were read back, against the optics of its design.
 
-The optics of a die from the polygons that were read back, against the optics of its design.
+A plate is seen as the lens sees it: its chrome side, or, through the glass, the mirror image of that.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Conditions of photographs: the camera, sensor and light of a job or of a protocol, and the dies behind them.
+"""Photographs through the dies of a plate, restored and scored: their conditions, and what a report says of them.
 
-Photographs through the dies of a plate, restored and scored by protocol ``camera``: what a report says of them.
-Restorers that were learned behind a die, each held against the conditions that it was learned under.
+Conditions are the camera, sensor and light of a job or of a protocol. Restorers that were learned behind a die are held
+against the conditions that they were learned under.
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-"""Views of a scene: the pictures of single points over the field, the depth and the colours.
-
-A scene as its plan models it: PSFs over field, depth and colours, and how far they and the plan are from the truth.
+"""A scene as its plan models it: PSFs over field, depth and colours, and how far they and the plan are from the truth.
 
 Everything is computed from the polygons that were read back. Changes and errors are relative L2 of point PSFs over the
 camera's window at the shortest wavelength, where they are largest. What is left after deblurring is told of the PSF on

@@ -1,6 +1,6 @@
-"""Claims of a study, held against its numbers: each agrees, does not, or cannot be told from so many photographs.
+"""A study: photographs through the dies of a job under every protocol and in every case, their optics, and claims.
 
-A study: photographs through the dies of a job under every protocol and in every case, their optics, and claims.
+A claim is held against the numbers: it agrees, does not, or cannot be told from so many photographs.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""Numbers as a reader wants them: few digits, thin spaces between thousands, powers of ten where they help.
+"""Numbers and results as text: a value, a table of quantities, and the lines of ``maskfab design``.
 
-Quantities as people read them: a table, a look-up by name and wavelength, a dictionary, a DataFrame.
-
-The result of ``maskfab design`` as text for people.
+A value has few digits, thin spaces between thousands, and powers of ten where they help. Quantities are looked up by
+name and wavelength, and are a table, a dictionary or a DataFrame.
 """
 
 from __future__ import annotations
