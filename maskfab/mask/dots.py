@@ -119,7 +119,7 @@ def dot_rows(plate: Plate, grid: DotGrid, tone: Tone, *, upwards: bool) -> Itera
     marks = _Spans.of([p for mark in plate.marks if mark.layer.written for p in mark.polygons], grid)
     half = plate.writable_nm // 2
     low, high = grid.first(np.array([-half, half])).tolist()
-    starts = np.unique(np.concatenate([[0, low, high, grid.side], marks.changes, *(each.rows for each in dies)]))
+    starts = np.unique(np.concatenate([[0, low, high, grid.side], marks.changes, *(laid.rows for laid in dies)]))
     parts = list(zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True))
     dots = np.zeros(grid.side, dtype=np.bool_)
     for start, stop in parts if upwards else reversed(parts):
@@ -180,8 +180,8 @@ class _Spans:
 
     @classmethod
     def of(cls, polygons: list[Polygon], grid: DotGrid) -> _Spans:
-        found = [_runs(polygon, grid) for polygon in polygons]
-        table = np.concatenate(found) if found else np.empty((0, 3), dtype=np.int64)
+        runs = [_runs(polygon, grid) for polygon in polygons]
+        table = np.concatenate(runs) if runs else np.empty((0, 3), dtype=np.int64)
         table = table[np.lexsort(table.T[::-1])]
         row, ends = table[:, 0], table[:, 1:]
         return cls(row, ends, _changes(row, ends))

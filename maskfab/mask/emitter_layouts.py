@@ -165,7 +165,7 @@ def circular(dots: int, *, diameter: int, colour_gap: int, to_opening: int, bord
     """
     _check(dots, **{k: v for k, v in locals().items() if k != "dots"})
     mask = np.hypot(*_centred(dots)) < diameter / 2  # without the lone dots that a circle's tips may touch
-    x, y = (each / _FINER for each in _centred(dots * _FINER))
+    x, y = (place / _FINER for place in _centred(dots * _FINER))
     radius = np.hypot(x, y)
     clear = refined(mask, _FINER)
     near = scipy.ndimage.maximum_filter(clear, size=2 * _FINER * to_opening + 1, mode="constant")
@@ -311,15 +311,15 @@ def read_lengths(pairs: Iterable[str]) -> dict[str, int]:
     Raises:
         JobError: MF105 for a pair of another form, MF102 for a name given twice.
     """
-    found: dict[str, int] = {}
+    lengths: dict[str, int] = {}
     for pair in pairs:
         name, _, number = (part.strip() for part in pair.partition("="))
         if not (number.isascii() and number.isdigit()):
             raise JobError("MF105", f"{pair!r} is not a length in dots", where=name, cure="Write it as clear_width=38")
-        if name in found:
+        if name in lengths:
             raise JobError("MF102", f"{name} is given twice", where=name, cure="Give each length once")
-        found[name] = int(number)
-    return found
+        lengths[name] = int(number)
+    return lengths
 
 
 def source_facts(display: Display, *, changed: bool) -> dict[str, str]:

@@ -123,19 +123,19 @@ def resolve(stated: JobSpec, path: Path) -> Job:
     Raises:
         JobError, OpeningError, SourceError, OutputError: for the first thing that is wrong.
     """
-    found = {
+    openings = {
         die.name: tuple(_opening(name, die, i, stated, path) for name in (die.opening, *(die.others or ())))
         for i, die in enumerate(stated.die)
     }
     texts: dict[str, str] = {}
     for i, die in enumerate(stated.die):
-        check_alike(found[die.name], f"{path}: die[{i}].others")
-        for opening in found[die.name]:
+        check_alike(openings[die.name], f"{path}: die[{i}].others")
+        for opening in openings[die.name]:
             _keep(texts, opening.name, opening_file.opening_text(opening), "openings", f"{path}: die[{i}].opening")
-    dies = tuple(_resolved(die, found[die.name]) for die in stated.die)
-    named = _with_seeds(_with_maps(stated.model_copy(update={"die": dies, "openings": texts}), path), found, path)
+    dies = tuple(_resolved(die, openings[die.name]) for die in stated.die)
+    named = _with_seeds(_with_maps(stated.model_copy(update={"die": dies, "openings": texts}), path), openings, path)
     resolved = _with_shop(_with_curves(named, path), path)
-    return Job(resolved, _moved(resolved, found, path), provenance.job_hash(resolved.drawn()), str(path))
+    return Job(resolved, _moved(resolved, openings, path), provenance.job_hash(resolved.drawn()), str(path))
 
 
 def _keep(texts: dict[str, str], name: str, text: str, kind: str, where: str) -> None:
@@ -232,11 +232,11 @@ def _with_shop(stated: JobSpec, path: Path) -> JobSpec:
         return stated.model_copy(update={"shops": {}})
     from maskfab.job.shop import dump_shop, parse_shop, read_shop
 
-    name, kept = Path(section.shop).name, stated.shops.get(section.shop)
-    if kept is None:
+    name, text = Path(section.shop).name, stated.shops.get(section.shop)
+    if text is None:
         shop = read_shop(path.parent / section.shop, f"{path}: export.shop")
     else:
-        shop = parse_shop(kept, Path(name).stem, where=f"{path}: shops.{section.shop}")
+        shop = parse_shop(text, Path(name).stem, where=f"{path}: shops.{section.shop}")
     return stated.model_copy(
         update={"export": section.model_copy(update={"shop": name}), "shops": {name: dump_shop(shop)}}
     )

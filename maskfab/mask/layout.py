@@ -50,10 +50,10 @@ def is_plain(corners: Ints, sizes: Ints) -> Mask:
         bool [n]; False too for outlines of so many corners that no record holds them, or of none.
     """
     fit = (sizes >= 3) & (sizes <= _MOST_CORNERS)
-    kept = np.repeat(fit, sizes)
-    if not kept.any():
+    fitting = np.repeat(fit, sizes)
+    if not fitting.any():
         return fit
-    many, own = sizes[fit], corners[kept].astype(np.float64)
+    many, own = sizes[fit], corners[fitting].astype(np.float64)
     ends = np.cumsum(many)
     starts = ends - many
     after = np.arange(1, len(own) + 1)
@@ -272,7 +272,7 @@ def count_vertices(layout: db.Layout) -> int:
         raw = [db.Region(cell.shapes(layer)) for layer in layout.layer_indexes()]
         for each in raw:
             each.merged_semantics = False
-        return sum(each.edges().count() for each in raw)
+        return sum(region.edges().count() for region in raw)
 
     return _count(layout, own)
 
@@ -283,13 +283,13 @@ def weight(shapes: db.RecursiveShapeIterator, most: int, largest: int = 2**31) -
     Counted until there are more than ``most``, for a few cells may place billions of shapes; a shape counts ``largest``
     at most.
     """
-    found = 0
+    count = 0
     for each in shapes.each():
         shape = each.shape()
-        found += 1 if shape.is_box() or not shape.is_polygon() else min(largest, -(-shape.polygon.num_points() // 4))
-        if found > most:
+        count += 1 if shape.is_box() or not shape.is_polygon() else min(largest, -(-shape.polygon.num_points() // 4))
+        if count > most:
             break
-    return found
+    return count
 
 
 def drawn_areas(layout: db.Layout, index: int) -> dict[int, float]:
@@ -300,9 +300,9 @@ def drawn_areas(layout: db.Layout, index: int) -> dict[int, float]:
         own = db.Region(cell.shapes(index))
         own.merged_semantics = False
         areas[cell_index] = own.area()
-        for each in cell.each_inst():
-            larger = each.cplx_trans.mag**2 if each.is_complex() else 1
-            areas[cell_index] += each.cell_inst.size() * larger * areas[each.cell_index]
+        for instance in cell.each_inst():
+            larger = instance.cplx_trans.mag**2 if instance.is_complex() else 1
+            areas[cell_index] += instance.cell_inst.size() * larger * areas[instance.cell_index]
     return areas
 
 
@@ -330,7 +330,7 @@ def _count(layout: db.Layout, own: Callable[[db.Cell], int]) -> int:
     counts: dict[int, int] = {}
     for index in layout.each_cell_bottom_up():
         cell = layout.cell(index)
-        below = sum(each.cell_inst.size() * counts[each.cell_index] for each in cell.each_inst())
+        below = sum(instance.cell_inst.size() * counts[instance.cell_index] for instance in cell.each_inst())
         counts[index] = own(cell) + below
     return sum(counts[cell.cell_index()] for cell in layout.top_cells())
 
@@ -426,14 +426,14 @@ def _refuse_distant(layout: db.Layout, path: Path) -> None:
             (max(abs(box.left), abs(box.bottom), abs(box.right), abs(box.top)) for box in boxes if not box.empty()),
             default=0,
         )
-        for each in cell.each_inst():
-            to = each.trans.disp
+        for instance in cell.each_inst():
+            to = instance.trans.disp
             far = max(abs(to.x), abs(to.y))
-            if each.size() > 1:
-                far += max(0, each.na - 1) * max(abs(each.a.x), abs(each.a.y))
-                far += max(0, each.nb - 1) * max(abs(each.b.x), abs(each.b.y))
-            grown = 1.5 * each.cplx_trans.mag if each.is_complex() else 1.0
-            reach = max(reach, far + round(grown * reaches[each.cell_index]))
+            if instance.size() > 1:
+                far += max(0, instance.na - 1) * max(abs(instance.a.x), abs(instance.a.y))
+                far += max(0, instance.nb - 1) * max(abs(instance.b.x), abs(instance.b.y))
+            grown = 1.5 * instance.cplx_trans.mag if instance.is_complex() else 1.0
+            reach = max(reach, far + round(grown * reaches[instance.cell_index]))
         reaches[index] = reach
         if reach > FARTHEST_NM:
             raise SourceError(
@@ -537,7 +537,7 @@ def clear_box(layout: db.Layout) -> db.Box:
     if index is None:
         return db.Box()
     placed = (reference for cell in layout.each_cell() for reference in cell.each_inst())
-    slanted = any(each.is_complex() and not each.cplx_trans.is_ortho() for each in placed)
+    slanted = any(instance.is_complex() and not instance.cplx_trans.is_ortho() for instance in placed)
     if not slanted or count_shapes(layout, [index]) > _MOST_TURNED:
         return layout.top_cell().bbox(index)
     drawn = db.Region(layout.top_cell().begin_shapes_rec(index))

@@ -588,7 +588,7 @@ def _lengths(template: PlateTemplate) -> Iterator[tuple[str, str, float]]:
         place = f"mark[{number}]"
         for name, value in mark:
             if name in {"at", "room"}:
-                yield from ((f"{place}.{name}", name, each) for each in value)
+                yield from ((f"{place}.{name}", name, length) for length in value)
             elif isinstance(value, float):
                 yield f"{place}.{name}", name, value
 

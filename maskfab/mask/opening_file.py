@@ -317,13 +317,13 @@ def _read_bytes(path: Path) -> bytes:
             where=where,
             cure="Write the opening again; layouts/openings/toled.toml shows how one looks",
         )
-    found = next((kind for kind, starts in _MAGIC.items() if content.startswith(starts)), None)
+    kind_found = next((kind for kind, starts in _MAGIC.items() if content.startswith(starts)), None)
     expected = _FORMAT.get(suffix)
-    if found != expected and not (found is None and expected and _starts_like(content, expected)):
+    if kind_found != expected and not (kind_found is None and expected and _starts_like(content, expected)):
         raise SourceError(
             "MF304",
             f"the suffix {path.suffix} means {expected or 'text'}, but the file begins with {content[:8]!r}"
-            + (f" as {found} does" if found else ""),
+            + (f" as {kind_found} does" if kind_found else ""),
             where=where,
             cure="Give the file the suffix of its content, or write it again",
         )
@@ -339,12 +339,12 @@ def _decode(content: bytes, where: str) -> str:
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as problem:
-        text, found = "", f"byte {problem.start} is not UTF-8"
+        text, fault = "", f"byte {problem.start} is not UTF-8"
     else:
-        found = "it holds a NUL character" if "\0" in text else ""
-    if found:
+        fault = "it holds a NUL character" if "\0" in text else ""
+    if fault:
         raise SourceError(
-            "MF304", f"the file is not text: {found}", where=where, cure="Save it as UTF-8 text, or rename it"
+            "MF304", f"the file is not text: {fault}", where=where, cure="Save it as UTF-8 text, or rename it"
         )
     return text
 

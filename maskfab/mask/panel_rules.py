@@ -191,32 +191,32 @@ def parts(cells: PanelCells, *, clear: bool) -> Parts:
 
 def islands(cells: PanelCells, *, clear: bool) -> Islands:
     """The islands of one tone; the panel lies in chrome."""
-    found = parts(cells, clear=clear)
+    labels = parts(cells, clear=clear)
     codes, (rows, columns) = cells.codes, cells.codes.shape
-    outer = np.flatnonzero(~found.inner)
+    outer = np.flatnonzero(~labels.inner)
     # Parts are numbered cell by cell, so those of one cell that meet its border are consecutive among all such.
-    rank = np.cumsum(~found.inner) - 1
-    many = np.bincount(found.owners[outer], minlength=len(cells.held))
+    rank = np.cumsum(~labels.inner) - 1
+    many = np.bincount(labels.owners[outer], minlength=len(cells.held))
     first_of_code = np.cumsum(many) - many
     lengths = many[codes.ravel()]
     base = np.cumsum(lengths) - lengths
     node_cells = np.repeat(np.arange(codes.size), lengths)
     nodes = outer[expanded(first_of_code[codes.ravel()], lengths)]
-    local = rank - first_of_code[found.owners]
+    local = rank - first_of_code[labels.owners]
     index = np.arange(codes.size).reshape(rows, columns)
     ends = [np.zeros((2, 0), dtype=np.int64)]
     for low, high, last, start in (
-        (index[:, :-1], index[:, 1:], found.labels[:, :, -1], found.labels[:, :, 0]),
-        (index[:-1], index[1:], found.labels[:, -1], found.labels[:, 0]),
+        (index[:, :-1], index[:, 1:], labels.labels[:, :, -1], labels.labels[:, :, 0]),
+        (index[:-1], index[1:], labels.labels[:, -1], labels.labels[:, 0]),
     ):
         ends.append(_joints(codes.ravel(), low.ravel(), high.ravel(), last, start, local, base))
     outside = len(nodes)
     if not clear:
         for border, side in (
-            (index[:, 0], found.labels[:, :, 0]),
-            (index[:, -1], found.labels[:, :, -1]),
-            (index[0], found.labels[:, 0]),
-            (index[-1], found.labels[:, -1]),
+            (index[:, 0], labels.labels[:, :, 0]),
+            (index[:, -1], labels.labels[:, :, -1]),
+            (index[0], labels.labels[:, 0]),
+            (index[-1], labels.labels[:, -1]),
         ):
             touching = side[codes.ravel()[border]]
             met = touching >= 0
@@ -225,7 +225,7 @@ def islands(cells: PanelCells, *, clear: bool) -> Islands:
     one, two = np.concatenate(ends, axis=1)
     graph = coo_array((np.ones(one.size, dtype=np.int8), (one, two)), shape=(outside + 1, outside + 1))
     _, belongs = connected_components(graph, directed=False)
-    return Islands(found, node_cells, nodes, belongs[:-1].astype(np.int64), int(belongs[-1]))
+    return Islands(labels, node_cells, nodes, belongs[:-1].astype(np.int64), int(belongs[-1]))
 
 
 def _joints(codes: Ints, low: Ints, high: Ints, last: Ints, start: Ints, local: Ints, base: Ints) -> Ints:
@@ -412,7 +412,7 @@ def within_polygons(
             Repeated(*alone, rim.items, rim.boxes_nm, rim.values),
             Repeated(items, cells.origins_nm[homes], composed.items, composed.boxes_nm, composed.values),
         ]
-        results.append(joined([each.found(most) for each in found], most))
+        results.append(joined([facing.found(most) for facing in found], most))
     return tuple(results)
 
 
@@ -471,7 +471,7 @@ def _checked(
         sheet = [[(pieces[part], x, y) for part, x, y in drawings[member]] for member in members.tolist()]
         for each, facing in zip(found, canvas.check(sheet, checks), strict=True):
             each.append(Facing(members[facing.items], facing.points, facing.boxes_nm, facing.values))
-    return [together(each) for each in found]
+    return [together(facings) for facings in found]
 
 
 Tone: TypeAlias = Literal["clear", "opaque"]
@@ -503,8 +503,8 @@ def panel_results(die: Die, rules: DesignRules, most: int) -> tuple[RuleResult, 
         repeated = Repeated(cells.codes.ravel(), cells.origins_nm, owners, boxes, values)
         found.append((name, limit, unit, repeated.found(most, largest=name in LARGEST)))
     order = ("width", "space", "notch", "area", "chrome_area", "corner_touch")
-    found.sort(key=lambda each: order.index(each[0]) if each[0] in order else len(order))
-    return tuple(each.result(name, limit, unit, die.name, die.origin_nm) for name, limit, unit, each in found)
+    found.sort(key=lambda row: order.index(row[0]) if row[0] in order else len(order))
+    return tuple(result.result(name, limit, unit, die.name, die.origin_nm) for name, limit, unit, result in found)
 
 
 def _on_islands(
@@ -517,7 +517,9 @@ def _on_islands(
     clear = islands(cells, clear=True)
     if checks:
         results = within_polygons(cells, clear, [check for _, check in checks.values()], rules.reach_nm, most)
-        found += [(name, limit, "nm", each) for (name, (limit, _)), each in zip(checks.items(), results, strict=True)]
+        found += [
+            (name, limit, "nm", result) for (name, (limit, _)), result in zip(checks.items(), results, strict=True)
+        ]
     if rules.min_area_nm2 is not None:
         limit = rules.min_area_nm2
         found.append(("area", limit, "nm2", small_islands(cells, clear, limit, most)))
@@ -545,8 +547,8 @@ def _off_grid(
     key = (cells.codes.ravel() * grid_nm + rest[:, 0]) * grid_nm + rest[:, 1]
     distinct, items = np.unique(key, return_inverse=True)
     owners, boxes, values = [], [], []
-    for item, each in enumerate(distinct.tolist()):
-        code, x, y = each // grid_nm**2, each // grid_nm % grid_nm, each % grid_nm
+    for item, composition in enumerate(distinct.tolist()):
+        code, x, y = composition // grid_nm**2, composition // grid_nm % grid_nm, composition % grid_nm
         box, off = off_grid(shapes[code], grid_nm, (x, y))
         owners.append(np.full(len(off), item))
         boxes.append(box)
@@ -587,10 +589,10 @@ def narrowest(die: Die, tone: Tone, *, placed: bool = False) -> Narrowest:
         return Narrowest(run)
     # Where no row and no column has a run there are few edges, however far one looks.
     reach = run if math.isfinite(run) else math.hypot(*panel.size_nm)
-    found = _below(die, tone, math.ceil(reach) + int(placed))
-    if found.place is None or found.value_nm >= run:
-        return Narrowest(run, found.place)
-    return found if placed else Narrowest(found.value_nm)
+    results = _below(die, tone, math.ceil(reach) + int(placed))
+    if results.place is None or results.value_nm >= run:
+        return Narrowest(run, results.place)
+    return results if placed else Narrowest(results.value_nm)
 
 
 def _below(die: Die, tone: Tone, limit_nm: int) -> Narrowest:

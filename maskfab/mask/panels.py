@@ -367,8 +367,8 @@ def placed(cells: CellMap, rows: int, columns: int, seed: int | None, *, opening
         (max(0, (room - have) // 2), max(0, (have - room) // 2))
         for have, room in zip(cells.cells.shape, (rows, columns), strict=True)
     )
-    kept = cells.cells[low : low + rows, first : first + columns]
-    panel[bottom : bottom + kept.shape[0], left : left + kept.shape[1]] = kept
+    part = cells.cells[low : low + rows, first : first + columns]
+    panel[bottom : bottom + part.shape[0], left : left + part.shape[1]] = part
     return panel
 
 

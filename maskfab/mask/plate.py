@@ -379,11 +379,11 @@ def templated(template: PlateTemplate, setting: Setting, *, where: str) -> Drawn
         drawn.append(figures)
     return DrawnMarks(
         (
-            *(figure for each in drawn for figure in each.marks),
+            *(figure for template_part in drawn for figure in template_part.marks),
             *(label(die) for die in setting.dies),
             *outlines(setting.blank_nm, setting.writable_nm, setting.dies),
         ),
-        tuple(gauge for each in drawn for gauge in each.gauges),
+        tuple(gauge for template_part in drawn for gauge in template_part.gauges),
     )
 
 

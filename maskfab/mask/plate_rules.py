@@ -250,8 +250,8 @@ def judged(quantity: Quantity, limits: LimitsSection) -> Quantity:
         return quantity
     if quantity.value is None:
         return replace(quantity, limit=limit, passed=True)
-    kept = quantity.value <= limit if quantity.name == "corner_touches" else quantity.value >= limit
-    return replace(quantity, limit=limit, passed=kept)
+    passed = quantity.value <= limit if quantity.name == "corner_touches" else quantity.value >= limit
+    return replace(quantity, limit=limit, passed=passed)
 
 
 FINE_ON_PURPOSE = ("resolution", "code")
@@ -300,18 +300,18 @@ def smallest_of_plate(plate: Plate, of_die: Callable[[Die, Tone], Narrowest] = n
         Those of the openings; of the marks and letters; and of the marks that are fine on purpose. Kinds of which the
         plate has none are left out.
     """
-    found = []
+    widths = []
     if plate.dies:
         clear, chrome = (
             min(of_die(die, tone).value_nm / NM_PER_UM for die in plate.dies) for tone in ("clear", "opaque")
         )
-        found.append(Smallest("openings", False, clear, chrome))
+        widths.append(Smallest("openings", False, clear, chrome))
     marks = [mark for mark in plate.marks if mark.layer.written]
     for kind, fine in (("marks and letters", False), ("test figures, fine on purpose", True)):
         alike = tuple(mark for mark in marks if (mark.kind in FINE_ON_PURPOSE) == fine)
         if alike:
-            found.append(Smallest(kind, fine, *(_least_um(plate, alike, rule) for rule in ("width", "space"))))
-    return tuple(found)
+            widths.append(Smallest(kind, fine, *(_least_um(plate, alike, rule) for rule in ("width", "space"))))
+    return tuple(widths)
 
 
 def _least_um(plate: Plate, marks: tuple[Mark, ...], rule: str) -> float:
@@ -320,7 +320,7 @@ def _least_um(plate: Plate, marks: tuple[Mark, ...], rule: str) -> float:
     while reach <= _LAST_NM:
         clear = rule == "width"
         rules = DesignRules(min_width_nm=reach if clear else None, min_space_nm=None if clear else reach, kissing=False)
-        values = [each.value for each in check_plate(alone, rules, most=1) if not each.passed]
+        values = [result.value for result in check_plate(alone, rules, most=1) if not result.passed]
         if values:
             return min(float(value) for value in values if isinstance(value, int | float)) / NM_PER_UM
         reach *= 4

@@ -108,17 +108,17 @@ def placed_boxes(cell: db.Cell, layer: int, window: db.Box | None = None) -> Int
     for (child_index, angle, mirrored), offsets in _placements(instances).items():
         child = cell.layout().cell(child_index)
         turn = db.Trans(angle, mirrored)
-        kept = offsets if window is None else _reaching(child.bbox(layer).transformed(turn), offsets, window)
-        if len(kept) == 0 or child.bbox(layer).empty():
+        reaching = offsets if window is None else _reaching(child.bbox(layer).transformed(turn), offsets, window)
+        if len(reaching) == 0 or child.bbox(layer).empty():
             continue
         near = None
-        if window is not None and len(kept) == 1:
-            near = window.transformed(db.Trans(turn, int(kept[0, 0]), int(kept[0, 1])).inverted())
+        if window is not None and len(reaching) == 1:
+            near = window.transformed(db.Trans(turn, int(reaching[0, 0]), int(reaching[0, 1])).inverted())
         boxes = placed_boxes(child, layer, near)
         if boxes is None:
             return None
         turned = _turned(boxes, turn)
-        parts.append((turned[None, :, :] + np.tile(kept, 2)[:, None, :]).reshape(-1, 4))
+        parts.append((turned[None, :, :] + np.tile(reaching, 2)[:, None, :]).reshape(-1, 4))
     return np.concatenate(parts)
 
 
@@ -141,19 +141,19 @@ def _is_manhattan(region: db.Region) -> bool:
 
 def _placements(instances: Iterable[db.Instance]) -> dict[tuple[int, int, bool], Ints]:
     """Displacements, int64 [n, 2], of child cells by their index, quarter turns and mirroring."""
-    found: dict[tuple[int, int, bool], list[tuple[int, int]]] = {}
+    places: dict[tuple[int, int, bool], list[tuple[int, int]]] = {}
     arrays: dict[tuple[int, int, bool], list[Ints]] = {}
     for instance in instances:
         placed = instance.cell_inst
         first = placed.trans
         key = placed.cell_index, first.angle, first.is_mirror()
         if placed.size() == 1:
-            found.setdefault(key, []).append((first.disp.x, first.disp.y))
+            places.setdefault(key, []).append((first.disp.x, first.disp.y))
         else:
             steps = np.mgrid[0 : max(1, placed.na), 0 : max(1, placed.nb)].reshape(2, -1).T
             vectors = np.array([[placed.a.x, placed.a.y], [placed.b.x, placed.b.y]], dtype=np.int64)
             arrays.setdefault(key, []).append(steps @ vectors + np.array([first.disp.x, first.disp.y], dtype=np.int64))
-    for key, singles in found.items():
+    for key, singles in places.items():
         arrays.setdefault(key, []).append(np.array(singles, dtype=np.int64))
     return {key: np.concatenate(parts) for key, parts in arrays.items()}
 
@@ -164,8 +164,8 @@ def _reaching(box: db.Box, offsets: Ints, window: db.Box) -> Ints:
         return offsets[:0]
     low, high = np.array([box.left, box.bottom]), np.array([box.right, box.top])
     start, stop = np.array([window.left, window.bottom]), np.array([window.right, window.top])
-    kept: Ints = offsets[((offsets + low <= stop) & (offsets + high >= start)).all(axis=1)]
-    return kept
+    reaching: Ints = offsets[((offsets + low <= stop) & (offsets + high >= start)).all(axis=1)]
+    return reaching
 
 
 def _turned(boxes: Ints, turn: db.Trans) -> Ints:
@@ -356,15 +356,15 @@ def _grey_beyond(covered: Floats, stop: Stop, x_um: Floats, y_um: Floats) -> tup
 
     Of foreign polygons most intervals may be clear in part, so they are looked at a few rows at a time.
     """
-    found = []
+    grey = []
     for start in range(0, len(covered), _ROWS_AT_A_TIME):
         some = covered[start : start + _ROWS_AT_A_TIME]
         row, column = np.nonzero((some > 0) & (some < 1))
         row += start
         sides = (x_um[column], y_um[row], x_um[column + 1], y_um[row + 1])
         inside, _ = whole_or_away(stop.scaled(NM_PER_UM, NM_PER_UM), *(NM_PER_UM * side for side in sides))
-        found.append((row[~inside], column[~inside]))
-    row, column = (np.concatenate(each) for each in zip(*found, strict=True))
+        grey.append((row[~inside], column[~inside]))
+    row, column = (np.concatenate(indices) for indices in zip(*grey, strict=True))
     return row, column
 
 

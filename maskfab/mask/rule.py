@@ -119,24 +119,24 @@ class Repeated:
         if not len(self.owners) or not len(self.items):
             return empty
         kinds = int(max(self.items.max(), self.owners.max())) + 1
-        each, times = np.bincount(self.owners, minlength=kinds), np.bincount(self.items, minlength=kinds)
-        count = int(each @ times)
+        owners, times = np.bincount(self.owners, minlength=kinds), np.bincount(self.items, minlength=kinds)
+        count = int(owners @ times)
         if count == 0:
             return empty
         values = self.values[times[self.owners] > 0]
         worst = float(values.max() if largest else values.min())
-        order = np.flatnonzero(each[self.items] > 0)
+        order = np.flatnonzero(owners[self.items] > 0)
         heights = self.origins_nm[order, 1]
         if (heights[1:] < heights[:-1]).any():
             upwards = np.argsort(heights, kind="stable")
             order, heights = order[upwards], heights[upwards]
-        enough = min(int(np.searchsorted(np.cumsum(each[self.items[order]]), most)), len(order) - 1)
+        enough = min(int(np.searchsorted(np.cumsum(owners[self.items[order]]), most)), len(order) - 1)
         highest = heights[enough] + self.boxes_nm[:, 1].max() - self.boxes_nm[:, 1].min()
         chosen = order[heights <= highest]
         by_item = np.argsort(self.owners, kind="stable")
-        starts = np.cumsum(each) - each
-        which = expanded(starts[self.items[chosen]], each[self.items[chosen]])
-        origins = np.repeat(self.origins_nm[chosen], each[self.items[chosen]], axis=0)
+        starts = np.cumsum(owners) - owners
+        which = expanded(starts[self.items[chosen]], owners[self.items[chosen]])
+        origins = np.repeat(self.origins_nm[chosen], owners[self.items[chosen]], axis=0)
         return Found(count, worst, first(self.boxes_nm[by_item][which] + np.tile(origins, 2), most))
 
 
@@ -303,12 +303,12 @@ class Canvas:
                 sheet.insert(db.CellInstArray(pieces[piece], db.Trans(x0 + x, y0 + y)))
         region = db.Region(sheet.begin_shapes_rec(self._layer)).merged(True, 1)
         region.merged_semantics = False
-        found = []
+        sheets = []
         for check in checks:
             facing = facing_edges(check(region))
             column, row = np.rint(facing.points / step).astype(np.int64).T
             origins = np.stack([column, row], axis=1) * step
-            found.append(
+            sheets.append(
                 Facing(
                     before + row * across + column,
                     facing.points - origins,
@@ -316,7 +316,7 @@ class Canvas:
                     facing.values,
                 )
             )
-        return found
+        return sheets
 
 
 def facing_edges(pairs: db.EdgePairs) -> Facing:
@@ -340,13 +340,13 @@ def facing_edges(pairs: db.EdgePairs) -> Facing:
 
 def _distances(ends: Floats) -> Floats:
     """Distances of the two edges of pairs [n, 4, 2] that do not cross: from an end of one to the other."""
-    found = []
+    distances = []
     for point, start, stop in ((0, 2, 3), (1, 2, 3), (2, 0, 1), (3, 0, 1)):
         along, away = ends[:, stop] - ends[:, start], ends[:, point] - ends[:, start]
         length = (along**2).sum(axis=1)
         part = np.clip((away * along).sum(axis=1) / np.where(length > 0, length, 1), 0, 1)
-        found.append(np.hypot(*(away - part[:, None] * along).T))
-    least: Floats = np.min(found, axis=0)
+        distances.append(np.hypot(*(away - part[:, None] * along).T))
+    least: Floats = np.min(distances, axis=0)
     return least
 
 

@@ -93,8 +93,8 @@ def _place(region: db.Region) -> str:
 
 
 def _resized(shapes: db.Region, plate: Plate, by_nm: int) -> db.Region:
-    kept = _kept(plate)
-    return (_moved(shapes - kept, by_nm) + (shapes & kept)).merged(True, 1)
+    unsized = _kept(plate)
+    return (_moved(shapes - unsized, by_nm) + (shapes & unsized)).merged(True, 1)
 
 
 def _moved(shapes: db.Region, by_nm: int) -> db.Region:
@@ -105,11 +105,11 @@ def _moved(shapes: db.Region, by_nm: int) -> db.Region:
 
 def _kept(plate: Plate) -> db.Region:
     """Written marks that stay as they are drawn."""
-    kept = db.Region()
+    unsized = db.Region()
     for mark in plate.marks:
         if mark.layer.written and not _sized(mark):
-            kept += drawn_region(mark.polygons)
-    return kept.merged(True, 1)
+            unsized += drawn_region(mark.polygons)
+    return unsized.merged(True, 1)
 
 
 def _sized(mark: Mark) -> bool:
@@ -295,7 +295,7 @@ def _corner(written: db.Region, half: int, parts: int) -> WrittenCorner:
     flat = (c for e in written.edges().each() for c in (e.x2, e.y2, e.x1, e.y1))
     edges = np.fromiter(flat, dtype=np.float64).reshape(-1, 4)
     along = [(edges[:, axis] == sign * half) & (edges[:, axis + 2] == sign * half) for axis, sign in _SIDES]
-    right, upper, left, lower = (frozen(edges[each] / UNITS_PER_UM) for each in along)
+    right, upper, left, lower = (frozen(edges[side] / UNITS_PER_UM) for side in along)
     lines = np.linspace(-half, half, parts + 1)
     return WrittenCorner(
         outline_um=frozen(edges[~np.any(along, axis=0)] / UNITS_PER_UM),

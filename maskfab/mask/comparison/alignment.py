@@ -188,7 +188,7 @@ def _windows(plate: Plate, design: db.Layout) -> Iterator[_Window]:
     for box in boxes[:_MOST_WINDOWS]:
         shapes = db.Region(design.top_cell().begin_shapes_rec_overlapping(index, box))
         clear = (shapes & db.Region(box)).merged()
-        yield _Window(box, clear, _FEW_SHAPES + _MORE * sum(-(-each.num_points() // 4) for each in clear.each()))
+        yield _Window(box, clear, _FEW_SHAPES + _MORE * sum(-(-polygon.num_points() // 4) for polygon in clear.each()))
 
 
 def _trans(turn: int, scale: float, shift: tuple[int, int]) -> db.ICplxTrans:

@@ -367,7 +367,9 @@ def _xor(design: db.Layout, read: db.Layout, layer: Layer, alike: Sequence[Die] 
     it is drawn: the search for cells in it would take longer than they save.
     """
     if alike:
-        around = db.Region([(each.top_cell().bbox() + db.Box(*alike[0].box_nm)) for each in (design, read)]).merged()
+        around = db.Region(
+            [(layout.top_cell().bbox() + db.Box(*alike[0].box_nm)) for layout in (design, read)]
+        ).merged()
         places = around - db.Region([db.Box(*die.box_nm) for die in alike])
         return (_within(design, layer, places) ^ _within(read, layer, places)).merged(True, 1)
     store = db.DeepShapeStore() if read.top_cell().child_instances() else None

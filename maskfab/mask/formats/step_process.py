@@ -131,8 +131,8 @@ def content(path: Path) -> Parts:
         Placed(name, numbers[part], matrix) for name, part, matrix in _leaves(roots.pop(), children, numbers, {}, 0)
     )
     shapes = tuple(_shape(breps, model) for breps in solids.values())
-    matrices = np.array([each.matrix for each in placed]).reshape(-1, 4, 4)
-    index = np.array([each.part for each in placed], dtype=np.int64)
+    matrices = np.array([solid.matrix for solid in placed]).reshape(-1, 4, 4)
+    index = np.array([solid.part for solid in placed], dtype=np.int64)
     return ReadSolid(shapes, index, matrices[:, :3, :3], matrices[:, :3, 3]), placed
 
 

@@ -45,7 +45,7 @@ def stencilled(mark: Mark, holes: Holes, narrowest_nm: int = 0) -> Mark:
         The mark itself where nothing has to be cut.
     """
     whole = drawn_region(mark.polygons).merged(True, 1)
-    kept, cut = _sorted_out(whole, holes)
+    sound, cut = _sorted_out(whole, holes)
     if cut.is_empty():
         return mark
     half = max(_BAR_NM // 2, narrowest_nm)
@@ -55,7 +55,7 @@ def stencilled(mark: Mark, holes: Holes, narrowest_nm: int = 0) -> Mark:
             break
         cut = (cut - shared.extended(half, half, half, half, False)).merged(True, 1)
     drawn = sorted(
-        map(hull_points, [*simple_pieces(cut), *simple_pieces(kept)]), key=lambda each: [(y, x) for x, y in each]
+        map(hull_points, [*simple_pieces(cut), *simple_pieces(sound)]), key=lambda points: [(y, x) for x, y in points]
     )
     return replace(mark, polygons=tuple(drawn))
 
@@ -75,15 +75,15 @@ def inner_edges(drawn: db.Region) -> db.Edges:
 
 def _sorted_out(whole: db.Region, holes: Holes) -> tuple[db.Region, db.Region]:
     """Polygons that can be drawn as they are, and those that need a bar."""
-    kept, cut = db.Region(), db.Region()
+    sound, cut = db.Region(), db.Region()
     for polygon in whole.each():
         alone = db.Region(polygon)
         hull = db.Polygon(list(polygon.each_point_hull()))
         filled = db.Region(hull)
         touching = next(simple_pieces(filled)).num_points() != hull.num_points()
         inhabited = polygon.holes() > 0 and (holes != "layer" or not ((whole - alone) & filled).is_empty())
-        (cut if touching or inhabited else kept).insert(polygon)
-    return kept, cut
+        (cut if touching or inhabited else sound).insert(polygon)
+    return sound, cut
 
 
 def references(figures: Figures) -> int:
@@ -113,7 +113,7 @@ def flashes(figures: Figures) -> int:
         for grid in die.grids:
             held, times = np.unique(grid.index, return_counts=True)
             bars = (_all_bars(figures.cells[grid.cells[number]]) for number in held.tolist())
-            total += sum(count * each for count, each in zip(times.tolist(), bars, strict=True))
+            total += sum(count * bar for count, bar in zip(times.tolist(), bars, strict=True))
     return total
 
 
@@ -144,16 +144,16 @@ def shared_edges(figures: Figures) -> tuple[Shared, ...]:
     users = {name: f"die {die.name}" for die in reversed(figures.dies) for grid in die.grids for name in grid.cells}
     named = {name: (users[name], shapes) for name, shapes in figures.cells.items()}
     named |= {mark.name: (f"mark {mark.name}", mark.shapes) for mark in figures.marks}
-    found: list[Shared] = []
+    shared: list[Shared] = []
     for name, (owner, shapes) in named.items():
         for layer, polygons in shapes.items():
             if layer.written:
                 edges = _edges(drawn_region(polygons))
-                found += [_shared(owner, name, edges)] if edges is not None else []
+                shared += [_shared(owner, name, edges)] if edges is not None else []
     for region in figures.merged.values():
         edges = _edges(region.dup())
-        found += _by_owner(figures, edges) if edges is not None else []
-    return tuple(found)
+        shared += _by_owner(figures, edges) if edges is not None else []
+    return tuple(shared)
 
 
 def cut_cells(figures: Figures) -> tuple[str, ...]:
@@ -235,10 +235,10 @@ def kept_grid_nm(plate: Plate, shop: Shop) -> int:
 
     A job's own data grid comes first, and then 1 nm, where the house has them.
     """
-    kept = [grid for grid in shop.limits.grid_nm or () if all(lies_on(die, grid) for die in plate.dies)]
-    if plate.snapped is not None and plate.snapped.grid_nm in kept:
+    grids = [grid for grid in shop.limits.grid_nm or () if all(lies_on(die, grid) for die in plate.dies)]
+    if plate.snapped is not None and plate.snapped.grid_nm in grids:
         return plate.snapped.grid_nm
-    return 1 if 1 in kept else max(kept, default=1)
+    return 1 if 1 in grids else max(grids, default=1)
 
 
 @dataclass(frozen=True)
@@ -373,8 +373,8 @@ def written_options(plate: Plate, section: ExportSection, shop: Shop | None, ton
         return PolygonOptions(**stated)
     house = drawing_options(plate, shop, section.hierarchy, tone)
     holes, taken = "bisect" if house.holes == "layer" else house.holes, shop.text.allowed_in
-    noted = (each for each in written_formats(section, shop) if FORMATS[each].notes)
-    lettered = taken is None or all(each in taken for each in noted)
+    noted = (form for form in written_formats(section, shop) if FORMATS[form].notes)
+    lettered = taken is None or all(form in taken for form in noted)
     return replace(house, **{"holes": holes, "notes": "text" if lettered else "polygons", **stated})
 
 

@@ -82,22 +82,22 @@ class DotEdges:
     @property
     def worst(self) -> EdgeError:
         """The largest error of those that are judged, the first of equal ones."""
-        judged = (each for each in self.found if each.judged)
-        return max(judged, key=lambda each: each.largest_um, default=EdgeError("the plate", None, True, 0.0, 0.0))
+        judged = (error for error in self.found if error.judged)
+        return max(judged, key=lambda error: error.largest_um, default=EdgeError("the plate", None, True, 0.0, 0.0))
 
     def quantities(self) -> tuple[Quantity, ...]:
         """Rows of the report."""
         rows, side = [], UM_PER_INCH / self.dpi
         dots = f"dots of {side:g} um ({self.dpi} dpi), each in an opening if its centre is"
-        for each in self.found:
-            about = f"edges along x and y of {each.of}; {dots}; edges at an angle are stairs of such dots"
+        for error in self.found:
+            about = f"edges along x and y of {error.of}; {dots}; edges at an angle are stairs of such dots"
             passed, limit = None, None
-            if self.limit_um is not None and each.judged:
-                passed, limit = each.largest_um <= self.limit_um + _ROUNDING, self.limit_um
+            if self.limit_um is not None and error.judged:
+                passed, limit = error.largest_um <= self.limit_um + _ROUNDING, self.limit_um
                 about += f"; limit: half of {self.limit_by}" + ("" if passed else f". {self._cure()}")
-            rows.append(Quantity("dot_edge_error", each.largest_um, about, limit=limit, passed=passed, die=each.die))
-            about = f"edges along x and y of {each.of}, each by its length"
-            rows.append(Quantity("dot_edge_error_rms", each.rms_um, about, die=each.die))
+            rows.append(Quantity("dot_edge_error", error.largest_um, about, limit=limit, passed=passed, die=error.die))
+            about = f"edges along x and y of {error.of}, each by its length"
+            rows.append(Quantity("dot_edge_error_rms", error.rms_um, about, die=error.die))
         return tuple(rows)
 
     def finding(self) -> Finding:
@@ -111,7 +111,7 @@ class DotEdges:
     def said(self) -> str:
         """Both errors and the limit in words, for an order."""
         limit = "" if self.limit_um is None else f"; at most {self.limit_um:g} um, half of {self.limit_by}"
-        rms = max((each.rms_um for each in self.found if each.judged), default=0.0)
+        rms = max((error.rms_um for error in self.found if error.judged), default=0.0)
         return f"at most {self.worst.largest_um:.3g} um from where they are drawn, rms {rms:.3g} um{limit}"
 
     def _cure(self) -> str:
@@ -151,10 +151,10 @@ def dot_edges(
         _of_marks([mark for mark in marks if mark.kind == "cd"], "CD structures", judged=True),
         _of_marks([mark for mark in marks if mark.kind != "cd"], "other marks", judged=False),
     ]
-    found = tuple(edge.error(grid) for edge in edges if edge.places_nm.size)
+    errors = tuple(edge.error(grid) for edge in edges if edge.places_nm.size)
     limit, by = _limit(plate, spec, shop)
-    judged = np.concatenate([np.empty(0, dtype=np.int64), *(each.places_nm for each in edges if each.judged)])
-    return DotEdges(dpi, found, limit, by, _even_dpi(judged, plate, dpi))
+    judged = np.concatenate([np.empty(0, dtype=np.int64), *(edge.places_nm for edge in edges if edge.judged)])
+    return DotEdges(dpi, errors, limit, by, _even_dpi(judged, plate, dpi))
 
 
 def check_plotter(plate: Plate, spec: JobSpec, shop: Shop, formats: Sequence[str]) -> tuple[Finding, ...]:
@@ -174,9 +174,9 @@ def check_plotter(plate: Plate, spec: JobSpec, shop: Shop, formats: Sequence[str
         return ()
     findings = [edges.finding()]
     if offered is not None:
-        known = " ".join(map(str, sorted(offered)))
+        listed = " ".join(map(str, sorted(offered)))
         cure = "" if dpi in offered else f'Set dpi = "{max(offered)} dpi" in [export]'
-        findings.append(Finding("dpi", dpi in offered, edges.dpi, known, "dpi", cure=cure))
+        findings.append(Finding("dpi", dpi in offered, edges.dpi, listed, "dpi", cure=cure))
     return sourced(findings, shop)
 
 
@@ -232,18 +232,18 @@ def _of_die(die: Die) -> _Edges:
 
 def _of_marks(marks: Sequence[Mark], of: str, *, judged: bool) -> _Edges:
     drawn = drawn_region(polygon for mark in marks for polygon in mark.polygons)
-    edges = [each for each in drawn.merged(True, 1).edges().each() if each.x1 == each.x2 or each.y1 == each.y2]
+    edges = [edge for edge in drawn.merged(True, 1).edges().each() if edge.x1 == edge.x2 or edge.y1 == edge.y2]
     places = np.array([edge.x1 if edge.x1 == edge.x2 else edge.y1 for edge in edges], dtype=np.int64)
-    return _Edges(of, None, judged, places, np.array([each.length() for each in edges], dtype=np.float64))
+    return _Edges(of, None, judged, places, np.array([edge.length() for edge in edges], dtype=np.float64))
 
 
 def _even_dpi(places_nm: Ints, plate: Plate, dpi: int) -> int | None:
     """Fewest dots per inch from ``dpi`` on of which a border of dots lies at every place; None beyond what there is."""
     step = NM_PER_INCH // math.gcd(NM_PER_INCH, int(np.gcd.reduce(places_nm, initial=0)))
-    for each in range(-(-dpi // step) * step, MOST_DPI + 1, step):
+    for even in range(-(-dpi // step) * step, MOST_DPI + 1, step):
         # With an odd number of dots the plate's centre lies in one.
-        if DotGrid.of(plate, each).side % 2 == 0:
-            return each
+        if DotGrid.of(plate, even).side % 2 == 0:
+            return even
     return None
 
 
@@ -261,13 +261,13 @@ def check_package(
     """
     sent = tuple(formats) or shop.formats[:1]
     drawn = fitted(plate, shop, spec.tone)
-    found = check_shop(drawn, shop, sent, package_options(spec, drawn, shop), ordered_blank(spec), facts=facts)
+    findings = check_shop(drawn, shop, sent, package_options(spec, drawn, shop), ordered_blank(spec), facts=facts)
     plotted = check_plotter(drawn, spec, shop, sent)
     # A plotter's dots are far coarser than a bias that they should be short of.
     limit, cure = "polygons, for the data are biased", 'Send polygons, or set order.bias = "house" or "none"'
     dots = [bitmap for bitmap in PLATE_BITMAPS if bitmap in sent] if spec.data_bias_nm else []
     coarse = [Finding("biased_format", False, dot, limit, cure=cure) for dot in dots]
-    return check_ordered((*found, *coarse, *plotted), spec, plate, drawn, shop, facts)
+    return check_ordered((*findings, *coarse, *plotted), spec, plate, drawn, shop, facts)
 
 
 def package_options(spec: JobSpec, plate: Plate, shop: Shop) -> PolygonOptions:

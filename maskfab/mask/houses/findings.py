@@ -215,7 +215,7 @@ def check_written(
         formats: of the files; those that no house is sent, SVG, solids and pictures, are not looked at.
         blank: what the job says of chrome and glass; None leaves them to the order.
     """
-    sent, plate = tuple(each for each in SHOP_FORMATS if each in formats), figures.plate
+    sent, plate = tuple(form for form in SHOP_FORMATS if form in formats), figures.plate
     layers = [*figures.layers, *([NOTE] if figures.notes and NOTE not in figures.layers else [])]
     cells = [figures.top]
     if figures.options.hierarchy == "cells":
@@ -259,9 +259,9 @@ def _as_written(finding: Finding, shop: Shop) -> Finding:
     """The finding with the cure of what a job cannot write and a package can."""
     if finding.passed is not False:
         return finding
-    known = " ".join(shop.formats)
+    listed = " ".join(shop.formats)
     cures = {
-        "format": f"Keep to {known} in formats, or leave it out; or {_PACKAGE}",
+        "format": f"Keep to {listed} in formats, or leave it out; or {_PACKAGE}",
         "extent": f"{_PACKAGE.capitalize()}, which adds marks for the corners, with dies that leave room for them",
         "layers": f"{_PACKAGE.capitalize()}, which has what is written alone",
     }
@@ -273,9 +273,9 @@ def _as_written(finding: Finding, shop: Shop) -> Finding:
 def _of_files(
     shop: Shop, plate: Plate, sent: Sequence[ShopFormat], tone: DataTone, *, noted: bool
 ) -> Iterator[Finding]:
-    known = shop.accepts.formats
+    formats = shop.accepts.formats
     for form in sent:
-        if known is None:
+        if formats is None:
             ruled = shop.accepts.ruled
             if form in ruled:
                 yield Finding("format", True, form, f"{' '.join(ruled)}, of which its rules speak,")
@@ -285,9 +285,9 @@ def _of_files(
             question = f"Do you take {table.FORMATS[form].title} files? If not, which formats do you take?"
             yield Finding("format", None, form, None, cure=cure, question=question)
         else:
-            taken = form in known
-            cure = "" if taken else f"Send {known[0]}"
-            yield Finding("format", taken, form, " ".join(known), cure=cure)
+            taken = form in formats
+            cure = "" if taken else f"Send {formats[0]}"
+            yield Finding("format", taken, form, " ".join(formats), cure=cure)
     tones, words = shop.order.tones, " ".join(shop.order.tones)
     cure = "" if tone in tones else f'Set tone = "{tones[0]}" in [order], or choose another house'
     yield Finding("tone", tone in tones, tone, words, cure=cure)
@@ -302,16 +302,18 @@ def _of_files(
 def _of_texts(shop: Shop, plate: Plate, sent: Sequence[ShopFormat], *, noted: bool) -> Iterator[Finding]:
     lines = _unit_texts(plate, shop, sent)
     texted = [form for form in sent if form in lines or (noted and table.FORMATS[form].notes)]
-    rules, known = shop.text, shop.accepts.formats
+    rules, formats = shop.text, shop.accepts.formats
     if rules.allowed_in is not None:
-        lettered = [each for each in texted if each not in rules.allowed_in]
-        kept = [each for each in known or () if each not in texted]
+        lettered = [form for form in texted if form not in rules.allowed_in]
+        untexted = [form for form in formats or () if form not in texted]
         yield Finding(
             "text",
             not lettered,
             f"{'notes' if noted else 'one line'} in {' '.join(texted)}" if texted else "none",
             f"in {' '.join(rules.allowed_in)}" if rules.allowed_in else "none",
-            cure=f"Send {kept[0] if kept else 'another format'}, in which all text is polygons" if lettered else "",
+            cure=f"Send {untexted[0] if untexted else 'another format'}, in which all text is polygons"
+            if lettered
+            else "",
         )
     if rules.charset is not None:
         strange = next((note.text for note in plate.notes if not note.text.isascii()), None) if noted else None
@@ -350,7 +352,7 @@ def _of_plate(plate: Plate, shop: Shop, spanned: Box | None = None) -> Iterator[
         area = sizes.plot_area_mm
         reach = 2 * max(-x0, x1) / NM_PER_MM, 2 * max(-y0, y1) / NM_PER_MM
         fits = reach[0] <= area[0] and reach[1] <= area[1]
-        named = _templates(lambda each: each.writable_nm <= min(area) * NM_PER_MM)
+        named = _templates(lambda template: template.writable_nm <= min(area) * NM_PER_MM)
         cure = f'{named}set plate.writable to at most "{min(area):g} mm" without one, or use fewer dies'
         place = "" if fits else _spanned((x0, y0, x1, y1))
         cure = "" if fits else cure[0].upper() + cure[1:]
@@ -389,7 +391,7 @@ def _of_blank(blank: Blank, shop: Shop) -> Iterator[Finding]:
         yield _within("chrome", blank.chrome_nm, chrome, "nm", cure)
     if glass is not None:
         thickness = None if blank.glass_nm is None else blank.glass_nm / NM_PER_MM
-        named = _templates(lambda each: glass[0] <= each.thickness / 1000 <= glass[1])
+        named = _templates(lambda template: glass[0] <= template.thickness / 1000 <= glass[1])
         cure = f"{named}set order.thickness to {span_text(glass)} mm, if the plate may be of such glass"
         yield _within("glass", thickness, glass, "mm", cure[0].upper() + cure[1:])
 
@@ -432,9 +434,9 @@ def _of_features(
         width, space = (least_nm, None) if clear else (None, least_nm)
         rules = DesignRules(min_width_nm=width, min_space_nm=space, kissing=False)
         worst = _worst(plate, rules, tone, facts, coarse)
-        found = _narrow(rule, tone, worst, least_um, limits.min_feature_on_request_um)
-        refused = coarse is not None and found.passed is False
-        yield replace(found, cure=_UNBIASED) if refused else found
+        narrow = _narrow(rule, tone, worst, least_um, limits.min_feature_on_request_um)
+        refused = coarse is not None and narrow.passed is False
+        yield replace(narrow, cure=_UNBIASED) if refused else narrow
     if limits.grid_nm is not None:
         yield _grid(plate, shop, limits.grid_nm)
 
@@ -459,7 +461,7 @@ def _worst(
         results = _too_narrow(flat_results(merged(biased), (), rules, 1))
         found = [(value, place.replace("the marks", "the data")) for value, place in results]
     elif dies_apart(coarse, rules.reach_nm):
-        found = [each for die in plate.dies for each in _of_die(die, plate, rules, tone, facts)]
+        found = [width for die in plate.dies for width in _of_die(die, plate, rules, tone, facts)]
         found += _too_narrow(check_plate(replace(coarse, dies=()), rules))
     else:
         found = list(_too_narrow(check_plate(coarse, rules)))
@@ -472,14 +474,14 @@ def _of_die(
 ) -> Iterator[tuple[float, str]]:
     """The narrowest place of a die, in nanometres, if it breaks the rule."""
     least = rules.reach_nm
-    known = facts or PlateFacts()
-    if known.narrowest(die, tone).value_nm >= least:
+    plate_facts = facts or PlateFacts()
+    if plate_facts.narrowest(die, tone).value_nm >= least:
         return
     if facts is None and 2 * least < die.panel.pitch_nm:
         yield from _too_narrow(check_plate(replace(plate, dies=(die,), marks=()), rules))
         return
     # Where every cell meets its neighbours' neighbours, counting all places takes minutes.
-    worst = known.narrowest(die, tone, placed=True)
+    worst = plate_facts.narrowest(die, tone, placed=True)
     at = "" if worst.place is None else f"({worst.place[0] / NM_PER_UM:.3f}, {worst.place[1] / NM_PER_UM:.3f}) um in "
     yield worst.value_nm, f"{at}die {die.name}"
 
@@ -508,9 +510,9 @@ def _narrow(
 
 
 def _grid(plate: Plate, shop: Shop, grids_nm: Sequence[int]) -> Finding:
-    offered, kept = " ".join(map(str, grids_nm)), kept_grid_nm(plate, shop)
-    if kept in grids_nm and (kept == 1 or not _off_grid(plate, kept)):
-        return Finding("grid", True, kept, offered, "nm")
+    offered, grid_nm = " ".join(map(str, grids_nm)), kept_grid_nm(plate, shop)
+    if grid_nm in grids_nm and (grid_nm == 1 or not _off_grid(plate, grid_nm)):
+        return Finding("grid", True, grid_nm, offered, "nm")
     least = min(grids_nm)
     bad = [*_off_grid(replace(plate, marks=()), least), *_off_grid(plate, least)]
     marks = bool(bad) and bad[0].die is None
@@ -587,29 +589,29 @@ def _of_figures(
 
 def _boundaries(plate: Plate, figures: Figures) -> Finding:
     """Judged by the figures as they are written."""
-    found = adaptation.shared_edges(figures)
-    if not found and figures.options.hierarchy != "merged" and figures.options.tone == "dark" and plate.dies:
+    shared = adaptation.shared_edges(figures)
+    if not shared and figures.options.hierarchy != "merged" and figures.options.tone == "dark" and plate.dies:
         die = plate.dies[0]
         around = 2 * sum(die.panel.size_nm) / NM_PER_UM
         cure = 'Use hierarchy = "merged"'
         return Finding("shared_boundaries", False, around, 0, "um", f"die {die.name}, round it", cure)
-    for die in plate.dies if not found and figures.options.hierarchy != "merged" else ():
+    for die in plate.dies if not shared and figures.options.hierarchy != "merged" else ():
         count = adaptation.facing_dots(die)
         if count:
             cure = 'Give the cells a gutter, or use hierarchy = "merged"'
             return Finding("shared_boundaries", False, count, 0, "dots", f"the cells of die {die.name}", cure)
-    if not found:
+    if not shared:
         return Finding("shared_boundaries", True, 0, 0, "um")
-    first = found[0]
+    first = shared[0]
     x, y = (value / NM_PER_UM for value in first.first_nm)
     place = f"({x:.3f}, {y:.3f}) um in {f'cell {first.cell} of ' if first.cell else ''}{first.owner}"
-    length = sum(each.length_nm for each in found) / NM_PER_UM
+    length = sum(edge.length_nm for edge in shared) / NM_PER_UM
     cure = "Use an opening without holes and without clear dots that meet by corners: it is cut there"
     if first.owner.startswith("mark"):
         cure = f"This is a mark of maskfab's own: {_PACKAGE}, which draws it as a stencil"
     elif figures.options.holes == "layer":
         cure = "Use an opening without clear dots inside its holes, or that meet by corners: it is cut there"
-    more = f", and in {len(found) - 1} more" if len(found) > 1 else ""
+    more = f", and in {len(shared) - 1} more" if len(shared) > 1 else ""
     return Finding("shared_boundaries", False, length, 0, "um", place + more, cure)
 
 
@@ -638,9 +640,9 @@ def _of_names(plate: str, cells: Sequence[str], used: Sequence[Layer], shop: Sho
         yield _names("name", rules.pattern, [name for name in every if not re.fullmatch(rules.pattern, name)])
     if rules.max_length is not None:
         limit = f"at most {rules.max_length} characters"
-        yield _names("name", limit, [each for each in every if len(each) > (rules.max_length or 0)])
+        yield _names("name", limit, [name for name in every if len(name) > (rules.max_length or 0)])
     for part in rules.forbidden:
-        yield _names("name", f"no {part!r}", [each for each in every if part.casefold() in each.casefold()])
+        yield _names("name", f"no {part!r}", [layer for layer in every if part.casefold() in layer.casefold()])
     if rules.layer_pattern is not None:
         bad = [each for each in layers if not re.fullmatch(rules.layer_pattern, each)]
         yield _layer_names(rules.layer_pattern, bad, called)
@@ -668,11 +670,11 @@ def _names(rule: str, limit: str, bad: Sequence[str]) -> Finding:
 
 def _layer_names(limit: str, bad: Sequence[str], called: Mapping[str, str]) -> Finding:
     """``called`` holds the plate's own names of layers by those in the files."""
-    found = _names("layer_name", limit, bad)
-    if found.passed:
-        return found
+    finding = _names("layer_name", limit, bad)
+    if finding.passed:
+        return finding
     cure = f'Name it otherwise by [names] layers = {{ {called[bad[0]]} = "..." }} in a profile of your own'
-    return replace(found, cure=cure)
+    return replace(finding, cure=cure)
 
 
 def _shown(value: float | int | str | None) -> str:

@@ -250,9 +250,11 @@ def check_ordered(
     offers = (*check_offers(spec, plate, shop), *unpublished(spec, drawn, shop, facts or PlateFacts()))
     twice = {"glass"} if any(offer.rule == "order_thickness" for offer in offers) else set()
     known = (
-        replace(each, cure=cure) if each.rule == "corner_touches" and each.passed is None and touches else each
-        for each in found
-        if each.rule not in twice
+        replace(finding, cure=cure)
+        if finding.rule == "corner_touches" and finding.passed is None and touches
+        else finding
+        for finding in found
+        if finding.rule not in twice
     )
     return (*known, *offers)
 
@@ -342,9 +344,9 @@ def _numbers(spec: JobSpec, plate: Plate, shop: Shop) -> Iterator[Finding]:
     widths = [gauge.target_nm / NM_PER_UM for gauge in plate.gauges]
     if order.cd is not None and order.cd.feature is not None:
         widths = [gauge.target_nm / NM_PER_UM for gauge in plate.gauges if gauge.name == order.cd.feature]
-        known = ", ".join(sorted(gauge.name for gauge in plate.gauges)) or "none"
-        cure = "" if widths else f"The plate's CD structures are {known}"
-        yield Finding("order_cd_feature", bool(widths), order.cd.feature, known, cure=cure)
+        listed = ", ".join(sorted(gauge.name for gauge in plate.gauges)) or "none"
+        cure = "" if widths else f"The plate's CD structures are {listed}"
+        yield Finding("order_cd_feature", bool(widths), order.cd.feature, listed, cure=cure)
     if order.cd is not None and order.cd.tolerance is not None and widths:
         promised = [deviation for width, deviation in shop.tolerance.cd_um if min(widths) <= width]
         if promised:
@@ -465,10 +467,10 @@ class OrderForm:
         check_order(spec, where or "the answer")
         form = OrderForm(spec, self.plate, self.shop, self.touches)
         rules = (f"order_{key.replace('.', '_')}", f"order_{key.partition('.')[0]}")
-        for each in form.refused:
-            if each.rule in rules:
-                what = f"{self.shop.name} offers {each.limit} {each.unit}".rstrip() + f", not {each.value}"
-                raise JobError("MF128", what, where=where, cure=each.cure)
+        for refusal in form.refused:
+            if refusal.rule in rules:
+                what = f"{self.shop.name} offers {refusal.limit} {refusal.unit}".rstrip() + f", not {refusal.value}"
+                raise JobError("MF128", what, where=where, cure=refusal.cure)
         if key == "tone" and section.tone not in self.shop.order.tones:
             tones = " and ".join(self.shop.order.tones)
             raise JobError("MF128", f"{self.shop.name} writes data that are {tones}", where=where, cure=f"Set {tones}")

@@ -25,13 +25,13 @@ def load_shop(name: str) -> Shop:
         OutputError: MF420 if there is no such profile, with the names of those that there are; MF421 if it is
             malformed.
     """
-    known = shop_names()
+    names = shop_names()
     path = Path(name) if name.endswith(".toml") else None
-    if path is None and name in known:
+    if path is None and name in names:
         path = resources.path(f"{_FOLDER}/{name}.toml")
     if path is None or not os.path.isfile(path):
         raise OutputError(
-            "MF420", f"there is no shop {name!r}", cure=f"Name one of {', '.join(known)}, or a profile of your own.toml"
+            "MF420", f"there is no shop {name!r}", cure=f"Name one of {', '.join(names)}, or a profile of your own.toml"
         )
     return read_shop(path)
 
@@ -45,5 +45,5 @@ def shop_of(spec: JobSpec, where: str) -> Shop | None:
     name = None if spec.export is None else spec.export.shop
     if name is None:
         return None
-    kept = spec.shops.get(name)
-    return load_shop(name) if kept is None else parse_shop(kept, Path(name).stem, where=f"{where}: shops.{name}")
+    text = spec.shops.get(name)
+    return load_shop(name) if text is None else parse_shop(text, Path(name).stem, where=f"{where}: shops.{name}")

@@ -124,10 +124,10 @@ class Boundary:
         gain -= np.repeat((gain - change)[begins], np.diff(np.append(begins, len(gain))))
         columns = np.append(first[1:] - first[:-1], 0)
         columns[begins[1:] - 1] = 0
-        each = np.repeat(np.arange(len(start)), columns)
-        column = np.arange(len(each)) - np.repeat(np.cumsum(columns) - columns - first, columns)
-        row = np.searchsorted(y, (dy[each] * x[column] - line[each]) / dx[each])
-        np.add.at(gains, (row, column), gain[each])
+        owner = np.repeat(np.arange(len(start)), columns)
+        column = np.arange(len(owner)) - np.repeat(np.cumsum(columns) - columns - first, columns)
+        row = np.searchsorted(y, (dy[owner] * x[column] - line[owner]) / dx[owner])
+        np.add.at(gains, (row, column), gain[owner])
         return np.asarray(np.cumsum(gains, axis=0, dtype=np.int32)[:-1, :-1])
 
 
@@ -218,13 +218,13 @@ def _placements(layout: db.Layout, cells: Sequence[db.Cell]) -> list[tuple[int, 
         for number, cell in enumerate(cells, 1):
             corners = ((0, 0), (2 * number, 0), (0, number))
             cell.shapes(layer).insert(db.Polygon([db.Point(*corner) for corner in corners]))
-        found = db.Region(layout.top_cell().begin_shapes_rec(layer))
-        points = _rings(found.to_s(found.count()))[0].reshape(-1, 3, 2)
+        region = db.Region(layout.top_cell().begin_shapes_rec(layer))
+        points = _rings(region.to_s(region.count()))[0].reshape(-1, 3, 2)
     finally:
         layout.delete_layer(layer)
     legs = np.stack([np.roll(points, step, axis=1) - points for step in (-1, 1)], axis=2)
     square = np.argmin(np.abs((legs[:, :, 0] * legs[:, :, 1]).sum(axis=2)), axis=1)
-    places, legs = (each[np.arange(len(points)), square] for each in (points, legs))
+    places, legs = (ends[np.arange(len(points)), square] for ends in (points, legs))
     lengths = np.abs(legs).sum(axis=2)
     number = lengths.min(axis=1)
     turns = np.take_along_axis(legs, np.argsort(-lengths, axis=1)[:, :, None], axis=1).transpose(0, 2, 1)
@@ -465,14 +465,14 @@ def _hexagonal(shape: Mask, dots: int, seed: int) -> Mask:
     turns = np.random.default_rng(seed).integers(6, size=(rows, columns))
     middle = np.arange(dots) + 0.5 - dots / 2
     y, x = np.meshgrid(middle, middle, indexing="ij")
-    found = []
+    cells = []
     for row in (np.floor(y / rise), np.floor(y / rise) + 1):
         column = np.rint((x - width / 2 * (row % 2)) / width)
         away_x, away_y = x - width / 2 * (row % 2) - column * width, y - row * rise
         turn = turns[(row.astype(int) + rows // 2) % rows, (column.astype(int) + columns // 2) % columns]
-        found.append((away_x**2 + away_y**2, away_x, away_y, turn))
-    upper = found[1][0] < found[0][0]
-    right, up, turn = (np.where(upper, found[1][k], found[0][k]) for k in (1, 2, 3))
+        cells.append((away_x**2 + away_y**2, away_x, away_y, turn))
+    upper = cells[1][0] < cells[0][0]
+    right, up, turn = (np.where(upper, cells[1][k], cells[0][k]) for k in (1, 2, 3))
     angle = -np.pi / 3 * turn
     column = np.floor(right * np.cos(angle) - up * np.sin(angle) + width / 2).astype(int)
     row = np.floor(right * np.sin(angle) + up * np.cos(angle) + width / 2).astype(int)
@@ -510,8 +510,8 @@ def boundary(die: AskedDie, bias: int) -> Boundary:
     x, y, clear = die.x, die.y, die.clear
     if bias:
         # Without a dark rim, whose outer line could pass the edges of dots when both are moved.
-        kept = slice(1, -1) if not (clear[[0, -1]].any() or clear[:, [0, -1]].any()) else slice(None)
-        x, y, clear = narrowed(x[kept], y[kept], clear[kept, kept], bias)
+        inner = slice(1, -1) if not (clear[[0, -1]].any() or clear[:, [0, -1]].any()) else slice(None)
+        x, y, clear = narrowed(x[inner], y[inner], clear[inner, inner], bias)
     return Boundary.of_raster(x, y, clear)
 
 

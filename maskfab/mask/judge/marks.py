@@ -460,7 +460,7 @@ def _frame(centre: Place, side: int, line: int) -> Ints:
 
 def corner_squares(extent_mm: tuple[float, float], side_um: float) -> Iterator[Mark]:
     """Squares in the corners of a drawing that must span an extent, as some houses ask."""
-    (x, y), side = (round(each * 1e6) // 2 for each in extent_mm), round(side_um * NM_PER_UM)
+    (x, y), side = (round(side_mm * 1e6) // 2 for side_mm in extent_mm), round(side_um * NM_PER_UM)
     for name, left, low in (("SW", -x, -y), ("SE", x - side, -y), ("NW", -x, y - side), ("NE", x - side, y - side)):
         yield Mark(f"CORNER_{name}", _boxes((left, low, left + side, low + side)), sized=False)
 

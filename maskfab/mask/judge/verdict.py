@@ -138,10 +138,10 @@ def _grids(spec: JobSpec, dies: Sequence[AskedDie], shop: Shop | None) -> tuple[
     if shop is None:
         return own
     lines = [line for die in dies for line in (die.x, die.y)]
-    kept = [grid for grid in shop.limits.grid_nm or () if not any(np.any(line % grid) for line in lines)]
-    if stated in kept or 1 in kept or not kept:
+    grids = [grid for grid in shop.limits.grid_nm or () if not any(np.any(line % grid) for line in lines)]
+    if stated in grids or 1 in grids or not grids:
         return own
-    return (*own, max(kept))
+    return (*own, max(grids))
 
 
 def judged(read: db.Layout, name: str, plate: Asked) -> tuple[Quantity, ...]:
@@ -185,7 +185,7 @@ def judged(read: db.Layout, name: str, plate: Asked) -> tuple[Quantity, ...]:
 
 def _plate_row(quantity: str, method: str, wrong: Sequence[str]) -> Quantity:
     more = f"; and {len(wrong) - _MOST_NAMED} more" if len(wrong) > _MOST_NAMED else ""
-    method += "".join(f"; {each}" for each in wrong[:_MOST_NAMED]) + more
+    method += "".join(f"; {sentence}" for sentence in wrong[:_MOST_NAMED]) + more
     return Quantity(quantity, len(wrong), method, limit=0, passed=not wrong)
 
 
@@ -289,15 +289,18 @@ def _wrong_marks(left: Boundary, plate: Asked) -> Iterator[str]:
 
 def _how(mark: Mark, left: Boundary, clear: Boundary) -> str:
     """In which way a mark is wrong, where that can be told."""
-    found = total([left, clear])
-    if found.empty:
+    boundary = total([left, clear])
+    if boundary.empty:
         return " is missing"
     across = int(mark.box[0] + mark.box[2])
-    x, y = found.corners[: len(found.level)].T
-    if not found.slanted.size and total([Boundary(packed(across - x, y), found.change, found.slanted), clear]).empty:
+    x, y = boundary.corners[: len(boundary.level)].T
+    if (
+        not boundary.slanted.size
+        and total([Boundary(packed(across - x, y), boundary.change, boundary.slanted), clear]).empty
+    ):
         return " is mirrored"
-    shift = found.corners.min(axis=0) - clear.corners.min(axis=0)
-    if total([found, clear.at(shift[None, :]).times(-1)]).empty:
+    shift = boundary.corners.min(axis=0) - clear.corners.min(axis=0)
+    if total([boundary, clear.at(shift[None, :]).times(-1)]).empty:
         return f" lies {shift[0]:+d} nm along x and {shift[1]:+d} nm along y from its place"
     return " has another shape"
 
@@ -352,7 +355,7 @@ def _misread(line: Line, found: Boundary, plate: Asked) -> str:
         return f"{line.name} {text!r} is missing"
     columns = plate.on_plate(line.left + line.step * np.arange(len(text) * ADVANCE + 1), across=True)
     rows = plate.on_plate(line.base + line.step * np.arange(HEIGHT + 1), across=False)
-    x, y = (np.interp(points(len(each) - 1), np.arange(len(each)), each) for each in (columns, rows))
+    x, y = (np.interp(points(len(edges) - 1), np.arange(len(edges)), edges) for edges in (columns, rows))
     seen = found.seen(np.sort(x), y) != 0
     seen = seen[:, ::-1] if plate.mirror else seen
     wanted, corners = drawing(text), found.corners
@@ -389,7 +392,7 @@ def _miscoded(code: Code, found: Boundary, plate: Asked) -> str:
     x, y = (plate.on_plate(start[k] + lines, across=k == 0) for k in (0, 1))
     x = np.sort(x)
     # At nine places of each module, of which a bar may take three.
-    nine = (np.interp((np.arange(3 * count) + 0.5) / 3, np.arange(count + 1), each) for each in (x, y))
+    nine = (np.interp((np.arange(3 * count) + 0.5) / 3, np.arange(count + 1), edges) for edges in (x, y))
     light = found.seen(*nine).reshape(count, 3, count, 3).sum(axis=(1, 3)) > 4
     light = light[:, ::-1] if plate.mirror else light
     picture = np.where(light[::-1], 255, 0).astype(np.uint8)

@@ -125,29 +125,29 @@ def wrapping(package: Path) -> Wrapping:
     Raises:
         SourceError: MF303 for a damaged one.
     """
-    found: list[tuple[int, str]] = []
+    problems: list[tuple[int, str]] = []
     try:
         with zipfile.ZipFile(package) as archive, package.open("rb") as file:
             members = sorted(archive.infolist(), key=lambda member: member.header_offset)
             place = 0
             for member in members:
-                found.append((member.header_offset - place, f"before {member.filename}"))
+                problems.append((member.header_offset - place, f"before {member.filename}"))
                 place = member.header_offset + member.compress_size
-                place += _record(file, member.header_offset, _LOCAL, found, member.filename)
-            found.append((archive.start_dir - place, "behind the last file"))
+                place += _record(file, member.header_offset, _LOCAL, problems, member.filename)
+            problems.append((archive.start_dir - place, "behind the last file"))
             place = archive.start_dir
             for member in members:
-                place += _record(file, place, _CENTRAL, found, member.filename)
+                place += _record(file, place, _CENTRAL, problems, member.filename)
             file.seek(place)
             if file.read(4) == _END_64:
                 place += _END_64_BYTES
-            found.append((len(archive.comment), "of a comment"))
+            problems.append((len(archive.comment), "of a comment"))
             place += _END_BYTES + len(archive.comment)
-            found.append((package.stat().st_size - place, "behind its end"))
+            problems.append((package.stat().st_size - place, "behind its end"))
             folder = PurePosixPath(members[0].filename).parts[0]
     except _DAMAGE as error:
         raise _damaged(package, error) from error
-    parts = [(length, where) for length, where in found if length]
+    parts = [(length, where) for length, where in problems if length]
     return Wrapping(folder, tuple(f"{n} bytes {where}" for n, where in parts), sum(abs(n) for n, _ in parts))
 
 
@@ -262,7 +262,7 @@ def check_same(target: Path, manifest: Mapping[str, Any]) -> None:
     earlier, revision = _manifest(target), manifest.get("revision")
     if earlier is None or revision is None or earlier == json.loads(json.dumps(manifest)):
         return
-    hashes = [{row["path"]: row["sha256"] for row in each.get("files", ())} for each in (earlier, manifest)]
+    hashes = [{row["path"]: row["sha256"] for row in contents.get("files", ())} for contents in (earlier, manifest)]
     other = sorted(name for name in {**hashes[0], **hashes[1]} if hashes[0].get(name) != hashes[1].get(name))
     raise OutputError(
         "MF406",

@@ -73,10 +73,10 @@ def file_box(path: Path, read: db.Layout, style: DrawingStyle) -> Box:
     """
     box = read.top_cell().bbox()
     for index in read.layer_indexes():
-        found = read.top_cell().begin_shapes_rec(index)
-        found.shape_flags = db.Shapes.STexts
-        for each in found.each():
-            text = each.shape().text.transformed(each.trans())
+        shapes = read.top_cell().begin_shapes_rec(index)
+        shapes.shape_flags = db.Shapes.STexts
+        for shape in shapes.each():
+            text = shape.shape().text.transformed(shape.trans())
             height, x, y = text.size, text.trans.disp.x, text.trans.disp.y
             box += db.Box(x, y - round(_BELOW * height), x + height * len(text.string), y + height)
     if path.suffix == ".dxf":
@@ -215,7 +215,7 @@ def as_measured(findings: Sequence[Finding], shop: Shop, boxes: Sequence[Box]) -
     asked = extent_nm(shop)
     if asked is None or not boxes:
         return tuple(findings)
-    judged = sorted((extent(box, asked) for box in boxes), key=lambda each: bool(each.passed))
+    judged = sorted((extent(box, asked) for box in boxes), key=lambda row: bool(row.passed))
     return tuple(
         replace(judged[0], source=finding.source) if finding.rule == "extent" else finding for finding in findings
     )
@@ -292,9 +292,9 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
             plate = fitted(whole, house, made.spec.tone)
             checks.append(_folder_named(wrapped, whole, house, made))
             # Without dots per inch there is no bitmap to compare one with.
-            known = plotted_dpi(made.spec.export, house) is not None
-            kept: tuple[ShopFormat, ...] = tuple(each for each in PACKED if known or each not in PLATE_BITMAPS)
-            drawn = files_for_shop(plate, house, kept, (), safe_stem(plate.name), made.spec, version=version)
+            plotted = plotted_dpi(made.spec.export, house) is not None
+            forms: tuple[ShopFormat, ...] = tuple(form for form in PACKED if plotted or form not in PLATE_BITMAPS)
+            drawn = files_for_shop(plate, house, forms, (), safe_stem(plate.name), made.spec, version=version)
         except InputError as error:
             if job is not None and not isinstance(error, OutputError):
                 raise
@@ -314,11 +314,11 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
             if box is not None:
                 boxes[name] = box
                 checks += _spans(name, box, house)
-            readings += [each for each in rows if each.passed is not None]
+            readings += [row for row in rows if row.passed is not None]
         checks += readings
         if not masks:
             checks.append(Quantity("mask_files", 0, "mask files that the manifest lists", limit=1, passed=False))
-        named = zip(drawn.products, kept, strict=True)
+        named = zip(drawn.products, forms, strict=True)
         kinds = {product.name: kind for product, kind in named if product.name in listed}
         # By the hashes that the manifest gives, which are held against the files above.
         sent = [
@@ -356,9 +356,9 @@ def _spans(name: str, box: Box, shop: Shop) -> Iterator[Quantity]:
     """Extent of everything in a file, where the house asks for an exact extent."""
     asked = extent_nm(shop)
     if asked is not None:
-        found = extent(box, asked)
+        row = extent(box, asked)
         method = f"everything in {name}, texts and header included"
-        yield Quantity("extent", found.value, method, limit=found.limit, passed=found.passed)
+        yield Quantity("extent", row.value, method, limit=row.limit, passed=row.passed)
 
 
 def _packed_job(folder: Path, package: Path) -> Job:
@@ -376,11 +376,11 @@ def _packed_job(folder: Path, package: Path) -> Job:
             cure="Name the job that it was made of",
         )
     spec = read_spec(path)
-    wanted = [(each, spec.openings) for die in spec.die for each in (die.opening, *(die.others or ()))]
+    wanted = [(opening, spec.openings) for die in spec.die for opening in (die.opening, *(die.others or ()))]
     wanted += [(die.map, spec.maps) for die in spec.die if die.map is not None]
     if spec.scene is not None:
-        tables = (each for each in (spec.scene.spectrum, spec.scene.illuminant) if isinstance(each, str))
-        wanted += [(each, spec.curves) for each in tables if is_table(each)]
+        tables = (table for table in (spec.scene.spectrum, spec.scene.illuminant) if isinstance(table, str))
+        wanted += [(table, spec.curves) for table in tables if is_table(table)]
     if spec.export is not None and spec.export.shop is not None and spec.export.shop.endswith(".toml"):
         wanted.append((spec.export.shop, spec.shops))
     for name, held in wanted:
@@ -503,7 +503,7 @@ class Bid:
     def agreed(self) -> tuple[Finding, ...]:
         """Questions to agree with the house before it starts."""
         left = (finding for finding in self.findings if finding.passed is None)
-        return tuple(each for each in left if each.rule != "corner_touches" or each.rule in self.blanks)
+        return tuple(finding for finding in left if finding.rule != "corner_touches" or finding.rule in self.blanks)
 
 
 def compare_shops(spec: JobSpec, plate: Plate, shops: Sequence[Shop], progress: Progress = silent) -> tuple[Bid, ...]:

@@ -310,7 +310,7 @@ def order_sheet(
     answers = _answers(order, figures, shop, formats, remarks)
     if edges is not None and not set(formats) - set(PLATE_BITMAPS):
         answers["units"] = f"1 dot = {UM_PER_INCH / edges.dpi:g} um"
-    fields = dict.fromkeys((*(each for each in shop.order.fields if each != "comments"), *_ALWAYS))
+    fields = dict.fromkeys((*(field for field in shop.order.fields if field != "comments"), *_ALWAYS))
     groups: dict[str, list[tuple[str, str]]] = {heading: [] for heading in (_DATA, _MADE, _BUSINESS, _BUYER)}
     smallest = smallest_of_plate(figures.plate)
     answers["min_cd_and_location"] = _smallest(figures.plate, smallest)
@@ -323,7 +323,7 @@ def order_sheet(
         groups[_heading(answer.key)].append((answer.label, answer.text))
     groups[_MADE] += _promised(shop)
     if questions:
-        groups[_ASKED] = [(str(number), each) for number, each in enumerate(questions, 1)]
+        groups[_ASKED] = [(str(number), question) for number, question in enumerate(questions, 1)]
     plate = figures.plate
     return OrderSheet(
         f"Photomask order: {plate.name}, {shop.title}",
@@ -489,14 +489,14 @@ def papers(ordered: MaskOrder) -> dict[str, bytes]:
     # Corners that meet have a line of their own.
     asked = (finding for finding in ordered.findings if finding.rule != "corner_touches")
     remarks = [
-        _remark(each)
-        for each in asked
-        if each.passed is None and each.place and not each.question and each.rule != "edge_error"
+        _remark(question)
+        for question in asked
+        if question.passed is None and question.place and not question.question and question.rule != "edge_error"
     ]
     files = [(mask.path, mask.sha256) for mask in ordered.masks]
-    questions = [each.question for each in ordered.findings if each.question]
+    questions = [finding.question for finding in ordered.findings if finding.question]
     sheet = order_sheet(order, ordered.figures, shop, ordered.sent, files, remarks, ordered.edges, questions)
-    revision = next(each.text for each in order.answers if each.key == "revision")
+    revision = next(answer.text for answer in order.answers if answer.key == "revision")
     bias = [answer.text for answer in order.answers if answer.key == "bias" and ordered.job.spec.data_bias_nm]
     notes = (f"for {shop.title}", f"revision: {revision}", order.tone, order.parity, *bias, ordered.signature)
     reads_up = not ordered.job.spec.mirrored
@@ -573,7 +573,7 @@ def _facts_held(ordered: MaskOrder, manifest: Mapping[str, Any], *, ours: bool) 
     wanted = package_facts(ordered.job, ordered.shop, ordered.figures, ordered.order)
     for key in dict.fromkeys((*wanted, *manifest)):
         if key not in (*_WRITERS, "files"):
-            said, fact = (_text(known[key]) if key in known else "nothing" for known in (manifest, wanted))
+            said, fact = (_text(facts[key]) if key in facts else "nothing" for facts in (manifest, wanted))
             method = f"{key} of {RESULT_MARK} against its job and profile"
             yield _compared(f"manifest_{key}", said, fact, method, judged=ours or key in _LASTING)
 
@@ -588,8 +588,8 @@ def check_profile(job: Job, shop: Shop, *, ours: bool) -> Iterator[Quantity]:
         shop: as the package has it.
         ours: whether this version wrote it; what another one knew of the house is a note.
     """
-    known = load_shop(shop.name) if shop.name in shop_names() else shop_of(job.spec, job.where)
-    if known is not None and known.name == shop.name and known != shop:
+    profile = load_shop(shop.name) if shop.name in shop_names() else shop_of(job.spec, job.where)
+    if profile is not None and profile.name == shop.name and profile != shop:
         method = f"{PROFILE} holds other rules than those known of {shop.name}"
         yield Quantity("profile", shop.name, method, limit="the known rules", passed=(None, False)[ours])
 
@@ -604,7 +604,7 @@ def _files_held(
         if name not in made:
             yield _compared("files", name, "nothing", f"{name}: no package of this job holds it", judged=ours)
         elif row["sha256"] == made[name].sha256:
-            said, fact = (f"{each.get('format')}, {each.get('bytes')} bytes" for each in (row, vars(made[name])))
+            said, fact = (f"{record.get('format')}, {record.get('bytes')} bytes" for record in (row, vars(made[name])))
             if said != fact:
                 yield _compared("files", said, fact, f"what {RESULT_MARK} says of {name}", judged=True)
 
@@ -612,8 +612,10 @@ def _files_held(
 def _compared(name: str, said: str, made: str, method: str, *, judged: bool) -> Quantity:
     """One row; without a verdict where another version may rightly differ, and does."""
     same = said == made
-    told = method if same or judged else f"{method}; it differs, and another version wrote it, so that it is not judged"
-    return Quantity(name, said, told, limit=made, passed=same if same or judged else None)
+    account = (
+        method if same or judged else f"{method}; it differs, and another version wrote it, so that it is not judged"
+    )
+    return Quantity(name, said, account, limit=made, passed=same if same or judged else None)
 
 
 def _text(said: object) -> str:
