@@ -100,7 +100,7 @@ def read_psf(paths: Sequence[Path]) -> MeasuredBlur:
     files = [read_channels(path, PREFIX, _CURE) for path in paths]
     for path, found in zip(paths, files, strict=True):
         _check(found, path)
-    if all(found.facts.get("kind") == "point" for found in files):
+    if all(channels.facts.get("kind") == "point" for channels in files):
         return _of_design(files, paths)
     if len(files) == 1 and files[0].facts.get("holds") == HOLDS:
         return _of_fit(files[0], paths[0])
@@ -123,46 +123,48 @@ def read_psfs(paths: Sequence[Path], photos: int) -> tuple[MeasuredBlur, ...]:
     return tuple(read_psf([path]) for path in paths)
 
 
-def _check(found: Channels, path: Path) -> None:
-    if len(found.names) not in (1, _COLOURS) or (len(found.names) == _COLOURS and set(found.names) != set("RGB")):
-        what = f"{path.name} has the channels {', '.join(found.names)}, not one, or R, G and B"
+def _check(channels: Channels, path: Path) -> None:
+    if len(channels.names) not in (1, _COLOURS) or (
+        len(channels.names) == _COLOURS and set(channels.names) != set("RGB")
+    ):
+        what = f"{path.name} has the channels {', '.join(channels.names)}, not one, or R, G and B"
         raise SourceError("MF353", what, where=str(path), cure=_CURE)
-    if found.facts.get("holds") == "sigma":
+    if channels.facts.get("holds") == "sigma":
         what = f"{path.name} holds the standard deviation of a capture"
         raise SourceError("MF353", what, where=str(path), cure="Give the file of its light")
-    if not np.isfinite(found.values).all():
+    if not np.isfinite(channels.values).all():
         raise SourceError("MF303", f"{path.name} has values that are not finite", where=str(path), cure=_CURE)
 
 
 def _of_design(files: Sequence[Channels], paths: Sequence[Path]) -> MeasuredBlur:
     """The blur of files that hold intensity at points, of light of the longest wavelength for red."""
-    pixels = sorted({float(found.facts["sensor_pixel_um"]) for found in files})
+    pixels = sorted({float(channels.facts["sensor_pixel_um"]) for channels in files})
     if len(pixels) > 1:
         what = f"the files are for pixels of {pixels[0]:g} and {pixels[-1]:g} um"
         raise SourceError("MF352", what, where=str(paths[0]), cure="Give files of one camera")
     lines = sorted(
-        ((float(found.facts["wavelength_nm"]), found, path) for found, path in zip(files, paths, strict=True)),
-        key=lambda each: -each[0],
+        ((float(channels.facts["wavelength_nm"]), channels, path) for channels, path in zip(files, paths, strict=True)),
+        key=lambda line: -line[0],
     )
-    means = [_pixels(found, path) for _, found, path in lines]
-    side = min(len(each.values) for each in means)
+    means = [_pixels(channels, path) for _, channels, path in lines]
+    side = min(len(mean.values) for mean in means)
     surplus = [(len(mean.values) - side) // 2 for mean in means]
     kernels = np.stack([m.values[k : k + side, k : k + side] for m, k in zip(means, surplus, strict=True)])
     outside = 1 - kernels.sum(axis=(1, 2)) * pixels[0] ** 2
     colours = ", ".join(f"{nm:g}" for nm, *_ in lines)
-    told = [
+    sentences = [
         f"PSF of {colours} nm as designed, {side} x {side} pixels of {pixels[0]:g} um; "
         f"{100 * max(outside.max(), 0):.2g} % of the light falls outside, and is not undone"
     ]
-    return _made(kernels, ((side - 1) / 2, (side - 1) / 2), told, pixels[0])
+    return _made(kernels, ((side - 1) / 2, (side - 1) / 2), sentences, pixels[0])
 
 
-def _pixels(found: Channels, path: Path) -> Psf:
+def _pixels(channels: Channels, path: Path) -> Psf:
     """Means over pixels of intensity at points."""
-    facts: dict[str, Any] = found.facts
+    facts: dict[str, Any] = channels.facts
     step, pixel = float(facts["step_um"]), float(facts["sensor_pixel_um"])
     stride = pixel / step
-    values = found.values[0]
+    values = channels.values[0]
     if abs(stride - round(stride)) > 1e-4 * stride or values.shape[0] != values.shape[1] or values.shape[0] % 2 == 0:
         what = (
             f"{path.name} has {values.shape[1]} x {values.shape[0]} samples {step:g} um apart, which do not make "
@@ -176,25 +178,25 @@ def _pixels(found: Channels, path: Path) -> Psf:
     return pixel_psf(Psf(np.pad(values, _FILTER_REACH), pixel / round(stride), line, "point"), camera)
 
 
-def _of_fit(found: Channels, path: Path) -> MeasuredBlur:
+def _of_fit(channels: Channels, path: Path) -> MeasuredBlur:
     """The blur of a die that was fitted to a capture: the light is in the middle pixel, and nothing lies beneath it."""
-    order = [found.names.index(name) for name in "RGB"] if len(found.names) == _COLOURS else [0]
-    kernels = found.values[order]
+    order = [channels.names.index(name) for name in "RGB"] if len(channels.names) == _COLOURS else [0]
+    kernels = channels.values[order]
     outside = 1 - kernels.sum(axis=(1, 2))
     rows, columns = kernels.shape[1:]
-    told = [
-        f"PSF of die {found.facts['die']} as fitted to a capture, {columns} x {rows} pixels; "
+    sentences = [
+        f"PSF of die {channels.facts['die']} as fitted to a capture, {columns} x {rows} pixels; "
         f"{100 * max(float(outside.max()), 0):.2g} % of the light falls outside, and is not undone"
     ]
-    return _made(kernels, ((rows - 1) / 2, (columns - 1) / 2), told, float(found.facts["sensor_pixel_um"]))
+    return _made(kernels, ((rows - 1) / 2, (columns - 1) / 2), sentences, float(channels.facts["sensor_pixel_um"]))
 
 
-def _of_capture(found: Channels, path: Path) -> MeasuredBlur:
+def _of_capture(channels: Channels, path: Path) -> MeasuredBlur:
     """The blur of the light of pixels about one point light."""
-    mosaic = str(found.facts.get("mosaic", "none"))
-    order = [found.names.index(name) for name in "RGB"] if len(found.names) == _COLOURS else [0]
-    planes = found.values[order]
-    told = [f"PSF measured, {planes.shape[2]} x {planes.shape[1]} pixels of {path.name}"]
+    mosaic = str(channels.facts.get("mosaic", "none"))
+    order = [channels.names.index(name) for name in "RGB"] if len(channels.names) == _COLOURS else [0]
+    planes = channels.values[order]
+    sentences = [f"PSF measured, {planes.shape[2]} x {planes.shape[1]} pixels of {path.name}"]
     if mosaic == "none":
         light, ground = zip(*(_above_ground(plane, path) for plane in planes), strict=True)
         kernels = np.stack(light)
@@ -205,13 +207,15 @@ def _of_capture(found: Channels, path: Path) -> MeasuredBlur:
             *(_above_ground(planes[0][y:rows:2, x:columns:2], path) for y in (0, 1) for x in (0, 1)), strict=True
         )
         kernels = of_cells(np.stack(light), mosaic.upper())
-    told.append(f"background taken off: {', '.join(f'{level:.4g}' for level in ground)}; halo as faint goes with it")
+    sentences.append(
+        f"background taken off: {', '.join(f'{level:.4g}' for level in ground)}; halo as faint goes with it"
+    )
     # The centre is the centroid of what is bright in all colours together.
     together = np.sum([kernel / kernel.max() for kernel in kernels], axis=0)
     bright = np.where(together >= _BRIGHT * together.max(), together, 0.0)
     y, x = np.indices(bright.shape)
     centre = float((y * bright).sum() / bright.sum()), float((x * bright).sum() / bright.sum())
-    return _made(kernels, centre, told, of_cells=mosaic != "none")
+    return _made(kernels, centre, sentences, of_cells=mosaic != "none")
 
 
 def _above_ground(plane: Floats, path: Path) -> tuple[Floats, float]:
@@ -281,15 +285,15 @@ class StandingBlur:
         rows, columns = shape
         mirrored = self.way_round >= 4
         if self.way_round % 2 == 0:
-            known = self.drawn.on(shape)
-            return known.conj() if mirrored else known[:, -np.arange(rows) % rows]
+            grid_values = self.drawn.on(shape)
+            return grid_values.conj() if mirrored else grid_values[:, -np.arange(rows) % rows]
         # Turned, ν_x is along the drawing's y, and ν_y along its x, of which half is kept.
-        known = self.drawn.on((columns, rows))
+        grid_values = self.drawn.on((columns, rows))
         up = np.arange(columns // 2 + 1)
         right = np.arange(rows // 2 + 1)
         left = np.arange(rows - rows // 2 - 1, 0, -1)
         here, there = (up, -up % columns) if not mirrored else (-up % columns, up)
-        ahead = known[:, here[:, None], right]
-        behind = known[:, there[:, None], left].conj()
+        ahead = grid_values[:, here[:, None], right]
+        behind = grid_values[:, there[:, None], left].conj()
         whole = np.concatenate([ahead, behind], axis=2).transpose(0, 2, 1)
         return np.ascontiguousarray(whole if mirrored else whole.conj())

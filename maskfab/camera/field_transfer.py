@@ -275,8 +275,8 @@ class _Places:
         if view.choice.diffraction:
             green = lines[1:2]
             near, far = (
-                _spread(each, samples, green) - _spread(each.without_gap(), samples, green)
-                for each in (view, view.at(corner))
+                _spread(place, samples, green) - _spread(place.without_gap(), samples, green)
+                for place in (view, view.at(corner))
             )
             left_out = float(np.linalg.norm(far - near) / np.linalg.norm(_spread(plain, samples, green)))
             if left_out > _LEFT_OUT * accuracy:
@@ -317,9 +317,9 @@ def _components(changes: Singles, most: float) -> tuple[Singles, Floats]:
     # Few places, long changes: the products of these tell all.
     values, vectors = np.linalg.eigh((changes @ changes.T).astype(np.float64))
     values, vectors = values[::-1], vectors[:, ::-1]
-    kept = np.cumsum(vectors**2 * values, axis=1)
-    missing = np.sqrt(np.maximum(kept[:, -1:] - kept, 0)).max(axis=0)
-    whole = math.sqrt(max(float(kept[:, -1].max()), 0.0))
+    explained = np.cumsum(vectors**2 * values, axis=1)
+    missing = np.sqrt(np.maximum(explained[:, -1:] - explained, 0)).max(axis=0)
+    whole = math.sqrt(max(float(explained[:, -1].max()), 0.0))
     count = 0 if whole <= most else int(np.argmax(missing <= most)) + 1
     chosen = vectors[:, :count]
     return (chosen.T.astype(np.float32) @ changes), chosen

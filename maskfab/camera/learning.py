@@ -137,10 +137,10 @@ def kept_for_validation(
 
     The last photograph is kept where there are several.
     """
-    kept = [drawn(_FIRST - 1 - k, 3 * k, shape, lamps=lamps) for k in range(count)]
+    held_back = [drawn(_FIRST - 1 - k, 3 * k, shape, lamps=lamps) for k in range(count)]
     if len(photographs) < 2:
-        return kept, photographs
-    return [*kept, photographs[-1]], photographs[:-1]
+        return held_back, photographs
+    return [*held_back, photographs[-1]], photographs[:-1]
 
 
 Arrays = dict[str, NDArray[np.generic]]
@@ -236,7 +236,7 @@ class Training:
                 self._known[number] = lesson, float(error)
         draw = np.random.default_rng([self.course.seed, self.step])
         cut = [self._patch(draw, *self._known[int(draw.choice(numbers))]) for _ in range(self.course.patches)]
-        shown, true, weight = (np.stack(each) for each in zip(*cut, strict=True))
+        shown, true, weight = (np.stack(stack) for stack in zip(*cut, strict=True))
         return shown, true, weight
 
     def _patch(self, draw: np.random.Generator, lesson: Lesson, error: float) -> tuple[Singles, Singles, Singles]:
@@ -250,11 +250,11 @@ class Training:
 
     def state(self) -> Arrays:
         """Everything that the next step depends on."""
-        tensors = {f"now_{name}": each for name, each in self.network.state_dict().items()}
-        tensors |= {f"{MEAN}{name}": each for name, each in self.mean.state_dict().items()}
+        tensors = {f"now_{name}": tensor for name, tensor in self.network.state_dict().items()}
+        tensors |= {f"{MEAN}{name}": tensor for name, tensor in self.mean.state_dict().items()}
         for place, moments in self._descent.state_dict()["state"].items():
-            tensors |= {f"moment_{place}_{name}": each for name, each in moments.items()}
-        return {"step": np.array(self.step), **{name: each.cpu().numpy().copy() for name, each in tensors.items()}}
+            tensors |= {f"moment_{place}_{name}": moment for name, moment in moments.items()}
+        return {"step": np.array(self.step), **{name: tensor.cpu().numpy().copy() for name, tensor in tensors.items()}}
 
     def restore(self, state: Mapping[str, NDArray[np.generic]]) -> None:
         """Go back to a state of the same course."""
@@ -406,15 +406,15 @@ class Checkpoint:
 
     def about(self) -> dict[str, Any]:
         """Everything but weights and transfer, as data."""
-        told = asdict(self.trade)
-        del told["transfer"]
+        facts = asdict(self.trade)
+        del facts["transfer"]
         return {
             "maskfab": __version__,
-            **told,
+            **facts,
             "course": asdict(self.course),
             "strengths": sorted(self.view.strengths.items()),
             "seconds": self.seconds,
-            "history": [dict(each) for each in self.history],
+            "history": [dict(entry) for entry in self.history],
         }
 
     def write(self, path: Path) -> None:
@@ -435,12 +435,12 @@ class Checkpoint:
         """
         if not os.path.isfile(path):
             raise SourceError("MF301", f"there is no file {path}", cure="Train one with maskfab learn")
-        found = read_state(path)
-        if str(found.pop(RUN, "")) != _KIND:
+        state = read_state(path)
+        if str(state.pop(RUN, "")) != _KIND:
             what = "the file is no checkpoint of maskfab learn"
             raise SourceError("MF304", what, where=str(path), cure="Train one with it")
         try:
-            read = cls._of(found)
+            read = cls._of(state)
             read.restorer()
         except (KeyError, TypeError, ValueError, RuntimeError, AttributeError) as error:
             what = "the checkpoint is damaged"
@@ -448,18 +448,18 @@ class Checkpoint:
         return read
 
     @classmethod
-    def _of(cls, found: dict[str, NDArray[np.generic]]) -> Checkpoint:
-        about = json.loads(str(found.pop("about")))
+    def _of(cls, state: dict[str, NDArray[np.generic]]) -> Checkpoint:
+        about = json.loads(str(state.pop("about")))
         texts = {key: str(about[key]) for key in ("job", "digest", "die", "camera", "sensor", "light")}
         levels, images = tuple(map(float, about["levels"])), tuple(map(str, about["images"]))
-        trade = Trade(**texts, levels=levels, images=images, transfer=np.asarray(found["transfer"]))
+        trade = Trade(**texts, levels=levels, images=images, transfer=np.asarray(state["transfer"]))
         settings = about["course"]
         course = Course(**(settings | {key: tuple(settings[key]) for key in ("widths", "patch")}))
         view = View({float(electrons): float(epsilon) for electrons, epsilon in about["strengths"]})
         history = tuple({key: float(row[key]) for key in ROW} for row in about["history"])
-        read = cls(trade, course, view, float(about["seconds"]), history, found)
+        read = cls(trade, course, view, float(about["seconds"]), history, state)
         read._check()
-        del found["transfer"]
+        del state["transfer"]
         return read
 
     def _check(self) -> None:
@@ -543,16 +543,16 @@ class Run:
         levels = trade.levels
         # What is to come takes no less than what made the die ready.
         clock.require(clock.spent, SET_UP, "minutes")
-        kept, others = kept_for_validation(photographs, max(2, len(levels)), lamps=bool(protocol.brackets))
-        progress("scenes to judge by", 0, len(kept))
-        view = before.view if before else fitted(protocol, design, levels, kept, clock)
+        held_back, others = kept_for_validation(photographs, max(2, len(levels)), lamps=bool(protocol.brackets))
+        progress("scenes to judge by", 0, len(held_back))
+        view = before.view if before else fitted(protocol, design, levels, held_back, clock)
         lessons = Lessons(protocol, design, levels, view, others, course.seed)
         scenes = []
         begun = clock.spent
-        for done, scene in enumerate(kept, start=1):
+        for done, scene in enumerate(held_back, start=1):
             scenes.append(lessons.of(scene, levels[(done - 1) % len(levels)]))
-            progress("scenes to judge by", done, len(kept))
-            clock.require((clock.spent - begun) / done * (len(kept) - done), SET_UP, "minutes")
+            progress("scenes to judge by", done, len(held_back))
+            clock.require((clock.spent - begun) / done * (len(held_back) - done), SET_UP, "minutes")
         made = cls(path, trade, design, Training(course, lessons, device), view, scenes, clock=clock)
         if before is not None:
             made.training.restore(before.state)
@@ -580,21 +580,21 @@ class Run:
             # The first look tells how long the last one takes.
             if over or not look or spent / seconds >= (looks + 1) / LOOKS:
                 looks = int(spent / seconds * LOOKS)
-                found = self._kept(float(np.mean(losses)))
+                checkpoint = self._kept(float(np.mean(losses)))
                 look = max(look, self.clock.spent - spent, 1e-9)
                 over = over or self.clock.spent + step + look > seconds
                 losses.clear()
                 progress(told(self.history[-1]), LOOKS if over else looks, LOOKS)
                 if over:
-                    return found
+                    return checkpoint
 
     def _kept(self, loss: float) -> Checkpoint:
         seconds = self.earlier_s + self.clock.spent
         self.history.append({"minutes": seconds / 60, "step": self.training.step, "loss": loss, **self.gains()})
         training = self.training
-        found = Checkpoint(self.trade, training.course, self.view, seconds, tuple(self.history), training.state())
-        found.write(self.path)
-        return found
+        checkpoint = Checkpoint(self.trade, training.course, self.view, seconds, tuple(self.history), training.state())
+        checkpoint.write(self.path)
+        return checkpoint
 
     def gains(self) -> dict[str, float]:
         """Mean gains over both pictures that are shown, dB, on scenes that are not taught."""
@@ -603,7 +603,7 @@ class Run:
             pictures = scene.shown[:COLOURS], scene.shown[COLOURS : 2 * COLOURS]
             before = [psnr(code_of_light(light_of(picture)), scene.true) for picture in pictures]
             now = psnr(code_of_light(restorer.restored(scene.shown, self.design)), scene.true)
-            rows.append([now - each for each in before])
+            rows.append([now - score for score in before])
         over_tv, over_filter = np.mean(rows, axis=0)
         return {"gain": float(over_tv), "gain_over_filter": float(over_filter)}
 

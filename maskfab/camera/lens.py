@@ -358,9 +358,9 @@ def lay(
         orientations = np.random.default_rng(seed).integers(kinds, size=size).astype(np.int8)
     turned = np.asarray(orientations)
     if turned.shape != size or turned.min() < 0 or turned.max() >= kinds:
-        told = f" and reach from {turned.min()} to {turned.max()}" if turned.size else ""
+        reach = f" and reach from {turned.min()} to {turned.max()}" if turned.size else ""
         cure = f"Give {room.cells} x {room.cells} integers from 0 to {kinds - 1}"
-        raise JobError("MF122", f"the orientations have the shape {turned.shape}{told}", where=name, cure=cure)
+        raise JobError("MF122", f"the orientations have the shape {turned.shape}{reach}", where=name, cure=cure)
     cells = np.stack([orient(unit, k) for unit in stack for k in range(ORIENTATIONS)]).astype(np.float64)
     return Laid(name, side_by_side(cells[turned]) * room.stop, room)
 
@@ -497,9 +497,9 @@ def _from_lags(frequency: Floats, room: CellGrid, wavelength_nm: float) -> scipy
     row = np.broadcast_to(np.arange(len(frequency))[:, None], nu.shape)
     column = np.concatenate([below, below + 1], axis=1) + side - 1
     weight = np.concatenate([pixel * (1 - beyond), pixel * beyond], axis=1)
-    kept = (column >= 0) & (column < 2 * side - 1) & (weight != 0)
-    place = np.concatenate([row, row], axis=1)[kept], column[kept]
-    return scipy.sparse.csr_array((weight[kept], place), shape=(len(frequency), 2 * side - 1))
+    inside = (column >= 0) & (column < 2 * side - 1) & (weight != 0)
+    place = np.concatenate([row, row], axis=1)[inside], column[inside]
+    return scipy.sparse.csr_array((weight[inside], place), shape=(len(frequency), 2 * side - 1))
 
 
 def laid_panel(name: str, panel: Panel, camera: PhotoCamera = F1) -> Laid:

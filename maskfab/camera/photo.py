@@ -207,7 +207,7 @@ def _of_frame(frame: Frame, stated: Stated, path: Path, *, cells: bool) -> Photo
         raise _no_mosaic(path)
     _check_size(frame.shape, str(path))
     white = frame.white if np.isfinite(frame.white) else float(frame.counts.max())
-    told = [] if np.isfinite(frame.white) else [f"no white is stated: the brightest value, {white:g}, is white"]
+    sentences = [] if np.isfinite(frame.white) else [f"no white is stated: the brightest value, {white:g}, is white"]
     counts, pattern = frame.counts, frame.pattern
     units = np.empty(counts.shape, dtype=np.float32)
     lattices = frame.lattices
@@ -226,7 +226,7 @@ def _of_frame(frame: Frame, stated: Stated, path: Path, *, cells: bool) -> Photo
         full = frame.full[:rows, :columns].reshape(rows // 2, 2, columns // 2, 2).any(axis=(1, 3))
         seen = of_cells(np.stack([plane[: rows // 2, : columns // 2] for plane in planes]), letters(pattern))
         values = np.where(full, np.float32(ceiling), seen)
-        told.append(f"cells of the mosaic {letters(pattern)} taken for pixels, nothing interpolated")
+        sentences.append(f"cells of the mosaic {letters(pattern)} taken for pixels, nothing interpolated")
     elif pattern is not None:
         red = next((y, x) for y in (0, 1) for x in (0, 1) if pattern[y][x] == "R")
         for lattice, plane in zip(lattices, planes, strict=True):
@@ -235,7 +235,7 @@ def _of_frame(frame: Frame, stated: Stated, path: Path, *, cells: bool) -> Photo
         values = interpolated(units[:rows, :columns], red) / np.array(balance, dtype=np.float32)[:, None, None]
         full = frame.full[:rows, :columns]
         values = np.where(full, np.float32(ceiling), np.minimum(values, np.nextafter(np.float32(1), np.float32(0))))
-        told.append(f"mosaic {letters(pattern)} interpolated by linear filters of 5 x 5")
+        sentences.append(f"mosaic {letters(pattern)} interpolated by linear filters of 5 x 5")
     else:
         values = units
     values, cut = _cut(values)
@@ -245,7 +245,7 @@ def _of_frame(frame: Frame, stated: Stated, path: Path, *, cells: bool) -> Photo
         how.append("the file has no balance: its colours stay as they are")
     if frame.colour_matrix is None:
         how.append("the file has no colour matrix: its colours are taken for sRGB")
-    return Photo(path.stem, frame.sha256, record, balance, matrix, (*told, *how, *cut))
+    return Photo(path.stem, frame.sha256, record, balance, matrix, (*sentences, *how, *cut))
 
 
 def _of_picture(path: Path, stated: Stated, why: str) -> Photo:
@@ -265,13 +265,13 @@ def _of_picture(path: Path, stated: Stated, why: str) -> Photo:
     ceiling = float(light_of_code(np.array([_LAST_CODE], dtype=np.float32))[0])
     _check_light(light, ceiling, str(path))
     noise = estimated_noise(list(light), ceiling)
-    told = [
+    sentences = [
         f"{why}; taken for code values of sRGB, and linearised: the camera's tone curve is not undone",
         _estimated(noise),
     ]
     values, cut = _cut(light)
     record = Record(np.ascontiguousarray(values), noise, ceiling)
-    return Photo(path.stem, sha256_of_file(path), record, _ALIKE, np.eye(3), (*told, *cut))
+    return Photo(path.stem, sha256_of_file(path), record, _ALIKE, np.eye(3), (*sentences, *cut))
 
 
 def _noise(stated: Stated, planes: Sequence[Singles], ceiling: float, counts: float) -> tuple[Noise, list[str]]:

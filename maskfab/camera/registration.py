@@ -267,7 +267,7 @@ def _level(first: Singles, first_full: Mask, second: Singles, second_full: Mask,
 def _band(picture: Singles, scale: float) -> Singles:
     """Band between two Gaussians along the last two axes, of pixels so many times as fine as the first picture's."""
     fine = np.empty_like(picture)
-    planes, bands = (each.reshape(-1, *picture.shape[-2:]) for each in (picture, fine))
+    planes, bands = (stack.reshape(-1, *picture.shape[-2:]) for stack in (picture, fine))
     for plane, band in zip(planes, bands, strict=True):
         low = ndimage.gaussian_filter(plane, _SIGMA * scale, mode="nearest")
         band[:] = low - ndimage.gaussian_filter(plane, _WIDER * _SIGMA * scale, mode="nearest")

@@ -52,13 +52,13 @@ def raw_frame(path: Path) -> Frame:
             _check_size(path, sizes.raw_width, sizes.raw_height)
             counts, pattern, places = _of_sensor(path, raw)
             each_black, whites = raw.black_level_per_channel, raw.camera_white_level_per_channel
-            balance = [float(each) for each in raw.camera_whitebalance[:3]]
+            balance = [float(gain) for gain in raw.camera_whitebalance[:3]]
             matrix = np.asarray(raw.color_matrix, dtype=np.float64)[:, :3]
             return Frame(
                 name=path.name,
                 counts=counts,
                 black=tuple(float(each_black[place]) for place in places),
-                white=float(min((each for each in whites or () if each > 0), default=raw.white_level)),
+                white=float(min((level for level in whites or () if level > 0), default=raw.white_level)),
                 pattern=pattern,
                 exposure_s=_decimal(raw.other.shutter_speed),
                 balance=(balance[0], balance[1], balance[2]) if min(balance) > 0 else None,
@@ -89,7 +89,7 @@ def picture_frame(path: Path) -> Frame:
 def _of_sensor(path: Path, raw: Any) -> tuple[Singles, Pattern | None, tuple[int, ...]]:
     """Singles, their mosaic, and for each of its places which of LibRaw's colours it is."""
     seen = raw.raw_image_visible
-    names: list[Colour] = [each if each in PLANE_COLOURS else "-" for each in raw.color_desc.decode()]
+    names: list[Colour] = [letter if letter in PLANE_COLOURS else "-" for letter in raw.color_desc.decode()]
     if seen.ndim == 3:
         return np.ascontiguousarray(seen[:, :, :3].transpose(2, 0, 1).astype(np.float32)), None, (0, 1, 2)
     if raw.num_colors == 1:
@@ -177,8 +177,10 @@ def _check_kind(path: Path, spec: Any, pages: int) -> None:
     names = tuple(str(name).upper() for name in spec.channelnames)
     turned = spec.get_int_attribute("Orientation", 1) != 1
     if pages > 1 or turned or not (names == PLANE_COLOURS or (len(names) == 1 and spec.alpha_channel < 0)):
-        told = "several pages" if pages > 1 else "a tag that turns it" if turned else f"the channels {', '.join(names)}"
-        what = f"{path.name} has {told}; a frame is one picture in grey or in red, green and blue"
+        fault = (
+            "several pages" if pages > 1 else "a tag that turns it" if turned else f"the channels {', '.join(names)}"
+        )
+        what = f"{path.name} has {fault}; a frame is one picture in grey or in red, green and blue"
         cure = "Save one picture a file, not turned and without transparency"
         raise SourceError("MF308", what, where=str(path), cure=cure)
 
@@ -224,8 +226,8 @@ def _damaged(path: Path, what: str) -> SourceError:
 
 
 def _text(error: Exception) -> str:
-    told = error.args[0] if error.args else ""
-    return told.decode(errors="replace") if isinstance(told, bytes) else str(told)
+    reason = error.args[0] if error.args else ""
+    return reason.decode(errors="replace") if isinstance(reason, bytes) else str(reason)
 
 
 if __name__ == "__main__":

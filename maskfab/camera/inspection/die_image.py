@@ -428,16 +428,16 @@ class DieImage:
     def slopes(self, setting: Setting) -> list[list[Floats]]:
         """Changes of pictures with everything that a setting names, in its order; of as few lines as show them."""
         behind = self._behind(setting)
-        here = [each.field(setting.bias_um) for each in behind]
-        flat = [self._intensity(each) for each in here]
-        seen = [turned(each, setting.turn_rad) for each in flat]
-        left, right = ([turned(each, setting.turn_rad + sign * _TURN) for each in flat] for sign in (1, -1))
+        here = [node.field(setting.bias_um) for node in behind]
+        flat = [self._intensity(amplitude) for amplitude in here]
+        seen = [turned(picture, setting.turn_rad) for picture in flat]
+        left, right = ([turned(picture, setting.turn_rad + sign * _TURN) for picture in flat] for sign in (1, -1))
         changes = [[(a - b) / (2 * _TURN) for a, b in zip(left, right, strict=True)]]
-        changes.append(self._changed(setting, here, [each.by_bias(setting.bias_um) for each in behind]))
+        changes.append(self._changed(setting, here, [node.by_bias(setting.bias_um) for node in behind]))
         for term, _ in setting.terms:
             by_term = [
-                self._waves(float(line)) * each.by_term(term)
-                for line, each in zip(self._nodes(setting), behind, strict=True)
+                self._waves(float(line)) * node.by_term(term)
+                for line, node in zip(self._nodes(setting), behind, strict=True)
             ]
             changes.append(self._changed(setting, here, by_term))
         turn, bias, *terms = self._taken(setting, changes, self._few)
@@ -465,7 +465,7 @@ class DieImage:
     def _behind(self, setting: Setting) -> list[LensField]:
         # A picture of another bias, or of a term that is still 0, is seen through the same lens.
         nodes = self._nodes(setting)
-        key = nodes.size, tuple(each for each in setting.terms if each[1])
+        key = nodes.size, tuple(term for term in setting.terms if term[1])
         if key not in self._lens:
             self._lens.clear()
             self._lens[key] = [
@@ -480,7 +480,7 @@ class DieImage:
         if key not in self._last:
             self._last.clear()
             self._last[key] = [
-                turned(self._intensity(each.field(setting.bias_um)), setting.turn_rad) for each in self._behind(setting)
+                turned(self._intensity(node.field(setting.bias_um)), setting.turn_rad) for node in self._behind(setting)
             ]
         return self._last[key]
 
@@ -490,7 +490,7 @@ class DieImage:
     def _changed(self, setting: Setting, here: Sequence[Complexes], by: Sequence[Complexes]) -> list[Floats]:
         """Change of the intensity at each line with that of the field."""
         flat = (2 * (a.real * b.real + a.imag * b.imag) / self._field.energy_um2 for a, b in zip(here, by, strict=True))
-        return [turned(each, setting.turn_rad) for each in flat]
+        return [turned(picture, setting.turn_rad) for picture in flat]
 
     def _moved(self, setting: Setting, seen: list[Floats], key: str, step: float) -> list[Floats]:
         ahead, behind = (
@@ -513,9 +513,9 @@ class DieImage:
                 stretch = (1 + setting.scale) / (line * UM_PER_NM * self.camera.focal_um)
                 width = self.camera.pixel_um * stretch / self._step
                 for k in mine:
-                    each = self.pixels[k]
-                    across = self._means(samples, each.x_um - setting.x_um, stretch / self._step, width)
-                    up = self._means(samples, each.y_um - setting.y_um, stretch / self._step, width)
+                    grid = self.pixels[k]
+                    across = self._means(samples, grid.x_um - setting.x_um, stretch / self._step, width)
+                    up = self._means(samples, grid.y_um - setting.y_um, stretch / self._step, width)
                     factor = weight * (self.camera.pixel_um * stretch) ** 2
                     for total, intensity in zip(taken, at_line, strict=True):
                         total[k] += factor * (up @ intensity @ across.T)
@@ -560,4 +560,4 @@ def _between(nodes: Floats, values: Sequence[Floats], wavelength_nm: float) -> F
         math.prod((at - place[j]) / (place[k] - place[j]) for j in range(place.size) if j != k)
         for k in range(place.size)
     ]
-    return np.asarray(sum(share * each for share, each in zip(shares, values, strict=True)))
+    return np.asarray(sum(share * value for share, value in zip(shares, values, strict=True)))

@@ -518,7 +518,7 @@ def frame_edges(
     for colour in dict.fromkeys(lattice.colour for lattice in frame.lattices):
         values, grid, clipped_at = _light(frame, colour)
         try:
-            found = measured_edges(
+            measured = measured_edges(
                 values,
                 pixel_um,
                 colour=colour,
@@ -533,9 +533,9 @@ def frame_edges(
             refused.append(error)
             left_out.append(f"{PIXELS_OF[colour]}: {error}")
             continue
-        edges += found.edges
-        left_out += [f"{PIXELS_OF[colour]}: {each}" for each in found.left_out]
-        die = found.die
+        edges += measured.edges
+        left_out += [f"{PIXELS_OF[colour]}: {sentence}" for sentence in measured.left_out]
+        die = measured.die
     if not edges:
         raise refused[0]
     return MeasuredEdges(tuple(edges), tuple(left_out), die)
@@ -558,14 +558,14 @@ def _light(frame: Frame, colour: Colour) -> tuple[Floats, Grid, float]:
 _TOLD = ("edge_mtf50_per_pixel", "edge_mtf50", "edge_mtf_difference", "edge_mtf_parting")
 
 
-def edge_verdict(found: MeasuredEdges) -> tuple[str, ...]:
+def edge_verdict(measured: MeasuredEdges) -> tuple[str, ...]:
     """A sentence for each edge, and one for each light that it is held against."""
-    return tuple(sentence for edge in found.edges for sentence in _sentences(edge, found.die))
+    return tuple(sentence for edge in measured.edges for sentence in _sentences(edge, measured.die))
 
 
 def _sentences(measured: MeasuredEdge, die: str | None) -> list[str]:
     of = {name: [quantity for quantity in measured.quantities if quantity.name == name] for name in _TOLD}
-    half = [str(each) for name in ("edge_mtf50_per_pixel", "edge_mtf50") for each in of[name] if each.value is not None]
+    half = [str(row) for name in ("edge_mtf50_per_pixel", "edge_mtf50") for row in of[name] if row.value is not None]
     fall = f"is one half at {', '.join(half)}" if half else "does not fall below one half"
     sentences = [f"{measured.title[0].upper()}{measured.title[1:]}: the MTF {fall}."]
     partings: list[Quantity | None] = [*of["edge_mtf_parting"]] or [None] * len(measured.designed)

@@ -123,7 +123,7 @@ def brightest(planes: Sequence[Plane]) -> tuple[float, float]:
 
 def colours_of(taken: Sequence[Taken]) -> tuple[str, ...]:
     """Colours of the pixels, each once, sorted."""
-    return tuple(sorted({each.pixels.colour for each in taken}))
+    return tuple(sorted({capture.pixels.colour for capture in taken}))
 
 
 _MOST_STEPS = 30
@@ -290,7 +290,7 @@ def _demanded(image: DieImage, taken: Sequence[Taken], fit: Fit) -> list[int]:
     noise = max(1.0, (fit.chi2 - now.gain([*held, *left])) / fit.freedom)
     chosen: list[int] = []
     while left:
-        gains = [now.gain([*held, each]) for each in left]
+        gains = [now.gain([*held, term]) for term in left]
         best = int(np.argmax(gains))
         if gains[best] - now.gain(held) < _PRICE * noise:
             break
@@ -368,9 +368,9 @@ def _solved(
     taken: Sequence[Taken], pictures: Sequence[Floats], colour: str
 ) -> tuple[list[int], Floats, Floats, Floats]:
     """A colour's light and what lies beneath it: places of its grids, weighed signal, base [pixels, 2], and both."""
-    mine = [k for k, each in enumerate(taken) if each.pixels.colour == colour]
-    signal = _weighed(taken, mine, [each.light for each in taken])
-    ones = _weighed(taken, mine, [np.ones(each.light.shape) for each in taken])
+    mine = [k for k, capture in enumerate(taken) if capture.pixels.colour == colour]
+    signal = _weighed(taken, mine, [capture.light for capture in taken])
+    ones = _weighed(taken, mine, [np.ones(capture.light.shape) for capture in taken])
     base = np.stack([_weighed(taken, mine, pictures), ones], axis=1)
     return mine, signal, base, np.asarray(np.linalg.lstsq(base, signal, rcond=None)[0], dtype=np.float64)
 
@@ -386,7 +386,7 @@ def expecting(image: DieImage, taken: Sequence[Taken], at: Setting) -> tuple[Tak
     pictures = image.pictures(at)
     for _ in range(_NOISE_ROUNDS):
         expected = judged(taken, pictures, at).predicted
-        taken = [each.expecting(light) for each, light in zip(taken, expected, strict=True)]
+        taken = [capture.expecting(light) for capture, light in zip(taken, expected, strict=True)]
     return tuple(taken)
 
 
@@ -409,7 +409,7 @@ def with_frames(image: DieImage, taken: Sequence[Taken], fit: Fit) -> Fit:
         taken: what was fitted, merged of exposures.
         fit: the fit.
     """
-    planes = [each.plane for each in taken if each.plane is not None]
+    planes = [capture.plane for capture in taken if capture.plane is not None]
     if len(planes) < len(taken) or len(planes[0].scales) < LEAST_FRAMES:
         return fit
     frames = _frames(taken, planes, image.slopes(fit.setting), image.pictures(fit.setting), fit)
@@ -430,14 +430,14 @@ def _frames(
     colours, size = colours_of(taken), fit.setting.values.size
     total = size + 2 * len(colours)
     gradients, informations = (np.zeros((len(planes[0].scales), total, *rest)) for rest in ((), (total,)))
-    for k, (each, plane) in enumerate(zip(taken, planes, strict=True)):
-        colour = colours.index(each.pixels.colour)
+    for k, (capture, plane) in enumerate(zip(taken, planes, strict=True)):
+        colour = colours.index(capture.pixels.colour)
         own = [*range(size), size + 2 * colour, size + 2 * colour + 1]
-        light = fit.light[each.pixels.colour]
-        every = np.stack([*(light * slope[k] for slope in slopes), pictures[k], np.ones(each.light.shape)], axis=-1)
+        light = fit.light[capture.pixels.colour]
+        every = np.stack([*(light * slope[k] for slope in slopes), pictures[k], np.ones(capture.light.shape)], axis=-1)
         exposed = plane.exposed
         for place, scale in enumerate(plane.scales.tolist()):
-            clear = each.valid & exposed.usable[place]
+            clear = capture.valid & exposed.usable[place]
             per_light = scale * plane.share[clear]
             expected = per_light * fit.predicted[k][clear]
             weight = 1 / np.sqrt(np.maximum(expected, 0.0) + exposed.dark[place])
@@ -456,12 +456,12 @@ def _between(frames: Sequence[NormalEquations], inflation: float) -> Floats:
     scaled = [unit[:, None] * frame.information * unit for frame in frames]
     covariance = np.linalg.pinv(sum(scaled), hermitian=True)
     lent = _RIDGE * np.eye(unit.size)
-    inverses = [np.linalg.inv(each + lent) for each in scaled]
+    inverses = [np.linalg.inv(precision + lent) for precision in scaled]
     steps = np.stack([inverse @ (unit * frame.gradient) for inverse, frame in zip(inverses, frames, strict=True)])
     noise = inflation**2 * np.stack([np.diag(inverse) for inverse in inverses])
     spread = np.array([_variance_between(steps[:, k], noise[:, k]) for k in range(unit.size)])
-    moved = [covariance @ each for each in scaled]
-    between = sum(each @ (spread[:, None] * each.T) for each in moved)
+    moved = [covariance @ precision for precision in scaled]
+    between = sum(move @ (spread[:, None] * move.T) for move in moved)
     return np.asarray(unit[:, None] * between * unit)
 
 
@@ -516,7 +516,7 @@ class MtfBand:
 def mtf_bands(taken: Sequence[Taken], fit: Fit, seed: int = 0) -> tuple[MtfBand, ...]:
     """One for each grid of pixels of a fit, on the same noise for equal seeds."""
     random = np.random.default_rng(seed)
-    return tuple(_band(each, fit, k, random) for k, each in enumerate(taken))
+    return tuple(_band(capture, fit, k, random) for k, capture in enumerate(taken))
 
 
 def _band(taken: Taken, fit: Fit, place: int, random: np.random.Generator) -> MtfBand:

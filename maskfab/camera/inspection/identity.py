@@ -85,7 +85,7 @@ class Identified:
     @property
     def rivals(self) -> tuple[Hypothesis, ...]:
         """Hypotheses that are not told from the best."""
-        return tuple(each for each, margin in self.ahead if margin < CERTAIN)
+        return tuple(hypothesis for hypothesis, margin in self.ahead if margin < CERTAIN)
 
 
 def identified(
@@ -106,13 +106,15 @@ def identified(
     """
 
     def seen(colour: str) -> float:
-        mine = [each for each in taken if each.pixels.colour == colour]
-        return sum(float(np.sum((each.light[each.valid] / each.sigma[each.valid]) ** 2)) for each in mine)
+        mine = [capture for capture in taken if capture.pixels.colour == colour]
+        return sum(
+            float(np.sum((capture.light[capture.valid] / capture.sigma[capture.valid]) ** 2)) for capture in mine
+        )
 
     # The colour that has taken most light over its noise: one line tells dies apart as well as three.
     chosen = max(colours_of(taken), key=seen)
-    taken = [each for each in taken if each.pixels.colour == chosen]
-    middle = [each.within(_REACH_UM) for each in taken]
+    taken = [capture for capture in taken if capture.pixels.colour == chosen]
+    middle = [capture.within(_REACH_UM) for capture in taken]
     mine = {colour: light[colour] for colour in colours_of(taken)}
     few = {colour: gathered(lines, camera, _REACH_UM) for colour, lines in mine.items()}
     placed: list[tuple[float, Hypothesis, Setting]] = []
@@ -122,7 +124,7 @@ def identified(
         for way in WAYS_ROUND:
             if way % 2 and not square:
                 continue
-            image = DieImage.of(panel, way, camera, few, [each.pixels for each in middle])
+            image = DieImage.of(panel, way, camera, few, [capture.pixels for capture in middle])
             setting, chi2, freedom = _placed(image, middle)
             noise = min(noise, chi2 / freedom)
             placed.append((chi2, Hypothesis(name, way), setting))
@@ -136,14 +138,14 @@ def identified(
         image = DieImage.of(panels[each.die], each.way_round, camera, mine, [t.pixels for t in taken])
         start = replace(setting, terms=tuple((term, 0.0) for term in FIRST_TERMS))
         whole.append((each, fitted(image, taken, start, progress)))
-    whole.sort(key=lambda each: each[1].chi2)
+    whole.sort(key=lambda pair: pair[1].chi2)
     best, fit = whole[0]
     left = fit.inflation**2
-    ahead = [(each, (other.chi2 - fit.chi2) / left) for each, other in whole[1:]]
-    tried = {each for each, _ in whole}
-    own = next(chi2 for chi2, each, _ in placed if each == best)
-    ahead += [(each, max(0.0, chi2 - own) / noise) for chi2, each, _ in placed if each not in tried]
-    return Identified(best, fit, tuple(sorted(ahead, key=lambda each: each[1])))
+    ahead = [(hypothesis, (other.chi2 - fit.chi2) / left) for hypothesis, other in whole[1:]]
+    tried = {hypothesis for hypothesis, _ in whole}
+    own = next(chi2 for chi2, hypothesis, _ in placed if hypothesis == best)
+    ahead += [(hypothesis, max(0.0, chi2 - own) / noise) for chi2, hypothesis, _ in placed if hypothesis not in tried]
+    return Identified(best, fit, tuple(sorted(ahead, key=lambda pair: pair[1])))
 
 
 def _placed(image: DieImage, taken: Sequence[Taken]) -> tuple[Setting, float, int]:
@@ -160,9 +162,9 @@ def _placed(image: DieImage, taken: Sequence[Taken]) -> tuple[Setting, float, in
 def _shift(taken: Sequence[Taken], pictures: Sequence[Floats]) -> tuple[float, float]:
     """Shift of pictures in x and y for the best correlation with what was taken, micrometres."""
     totals = []
-    for each, picture in zip(taken, pictures, strict=True):
+    for capture, picture in zip(taken, pictures, strict=True):
         # The root evens out the noise, so that the peak does not drown what tells dies apart.
-        seen = np.sqrt(np.clip(np.where(each.valid, each.light, 0.0), 0, None))
+        seen = np.sqrt(np.clip(np.where(capture.valid, capture.light, 0.0), 0, None))
         expected = np.sqrt(np.clip(picture, 0, None))
         # The full cross-correlation has no move at [rows - 1, columns - 1].
         rows, columns = (2 * length - 1 for length in seen.shape)
@@ -171,8 +173,8 @@ def _shift(taken: Sequence[Taken], pictures: Sequence[Floats]) -> tuple[float, f
         product = scipy.fft.rfft2(seen - seen.mean(), size) * scipy.fft.rfft2(mirrored, size)
         correlation = np.asarray(scipy.fft.irfft2(product, size)[:rows, :columns])
         y, x = np.unravel_index(int(correlation.argmax()), correlation.shape)
-        step_x = float(each.pixels.x_um[1] - each.pixels.x_um[0])
-        step_y = float(each.pixels.y_um[1] - each.pixels.y_um[0])
+        step_x = float(capture.pixels.x_um[1] - capture.pixels.x_um[0])
+        step_y = float(capture.pixels.y_um[1] - capture.pixels.y_um[0])
         across = step_x * (x - (picture.shape[1] - 1) + _summit(correlation[y, max(0, x - 1) : x + 2]))
         up = step_y * (y - (picture.shape[0] - 1) + _summit(correlation[max(0, y - 1) : y + 2, x]))
         totals.append((float(correlation.max()), across, up))

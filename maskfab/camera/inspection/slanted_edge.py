@@ -374,7 +374,7 @@ WHOLE = Grid()
 def edge_mtf(
     values: Floats,
     valid: Mask,
-    found: FoundEdge,
+    edge: FoundEdge,
     pixel_um: float | None,
     *,
     grid: Grid = WHOLE,
@@ -398,20 +398,20 @@ def edge_mtf(
         SourceError: MF341 for an angle at which the lines meet the edge in too few places between pixels, MF342 for too
             few lines or samples that count, MF343 for clipped values.
     """
-    where = str(grid.on_sensor(found.region))
-    if found.direction == "vertical":
+    where = str(grid.on_sensor(edge.region))
+    if edge.direction == "vertical":
         values, valid = values.T, valid.T
-    part = slice(*found.lines)
-    seen = _Lines(np.arange(*found.lines, dtype=np.float64), values[part], valid[part], grid.step)
-    places = found.offset + found.slope * seen.numbers
-    within = abs(seen.samples - places[:, None]) <= found.reach
+    part = slice(*edge.lines)
+    seen = _Lines(np.arange(*edge.lines, dtype=np.float64), values[part], valid[part], grid.step)
+    places = edge.offset + edge.slope * seen.numbers
+    within = abs(seen.samples - places[:, None]) <= edge.reach
     _refuse_clipped(seen.values[within & seen.valid], clipped_at, where)
     _refuse_few(within, seen.valid, where)
 
     line = centroid_line(filled(seen.values, seen.valid), seen.numbers, places, order)
     # A whole number of knots, all of which every line reaches.
-    reach = found.reach - float(abs(line.places(seen.numbers) - places).max())
-    half = STEP_PX * math.floor(grid.step * reach * math.cos(math.atan(abs(found.slope))) / STEP_PX)
+    reach = edge.reach - float(abs(line.places(seen.numbers) - places).max())
+    half = STEP_PX * math.floor(grid.step * reach * math.cos(math.atan(abs(edge.slope))) / STEP_PX)
     if half < NARROWEST_PX / 2:
         raise _too_small(f"{half:g} px to either side of the edge are in every line", f"{NARROWEST_PX / 2:g} px", where)
     line = fitted_line(seen.numbers, seen.matched(line, half), order)
@@ -429,11 +429,11 @@ def edge_mtf(
     slope = float(np.mean(line.slopes(seen.numbers)))
     angle = math.degrees(math.atan(slope))
     return EdgeMtf(
-        found.direction,
+        edge.direction,
         # Line numbers grow downwards, so that an edge whose place grows leans to the left, or falls to the right.
-        -angle if found.direction == "horizontal" else angle,
-        angle if found.direction == "horizontal" else 90 - angle,
-        grid.on_sensor(found.region),
+        -angle if edge.direction == "horizontal" else angle,
+        angle if edge.direction == "horizontal" else 90 - angle,
+        grid.on_sensor(edge.region),
         seen.numbers.size,
         line.order,
         half,

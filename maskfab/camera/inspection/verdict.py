@@ -188,11 +188,11 @@ def costs(image: DieImage, setting: Setting, seen: Sequence[str], drawn_way_roun
 
     def scores(die: _Seen, restored_by: _Seen, strengths: Sequence[tuple[float, ...]]) -> list[Score]:
         """Score of every scene, restored by the blur of another die at the best of some strengths."""
-        design, found = RestoredBy(die, restored_by), list[Score]()
+        design, results = RestoredBy(die, restored_by), list[Score]()
         for scene, epsilons in zip(_scenes(), strengths, strict=True):
             protocol = Protocol("camera", sensor, strengths=epsilons)
-            found += evaluate([design], [scene], [scene], [level_db], protocol=protocol, details=False).scores
-        return found
+            results += evaluate([design], [scene], [scene], [level_db], protocol=protocol, details=False).scores
+        return results
 
     def lost(before: Sequence[Score], after: Sequence[Score]) -> MeanDifference:
         pairs = zip(before, after, strict=True)
@@ -225,9 +225,9 @@ TERM_NAMES = {number: name.replace("_", " ") for name, number in NOLL.items()}
 _CAUSES = {BIAS: "CD bias", "scale": "scale", "turn_rad": "turn"}
 
 
-def stands(each: Hypothesis) -> str:
+def stands(hypothesis: Hypothesis) -> str:
     """The stand of a die, in words."""
-    return stand_words(each.way_round)
+    return stand_words(hypothesis.way_round)
 
 
 def verdict(
@@ -259,7 +259,7 @@ def verdict(
         over = ": turn the plate over" if mirrored else ""
         sentences.append(f"This is die {best.die}, {stands(best)}{over}.")
     else:
-        others = " or ".join(f"{each.die}, {stands(each)}" for each in (best, *found.rivals[:3]))
+        others = " or ".join(f"{hypothesis.die}, {stands(hypothesis)}" for hypothesis in (best, *found.rivals[:3]))
         sentences.append(f"Cannot tell which die this is: {others}.")
     sentences.append(
         "Whether it is turned by 180 degrees beyond that cannot be told: the picture of a mask in focus is point-"
@@ -303,7 +303,7 @@ def _width_sentence(fit: Fit, promise: Promise, width_um: float) -> str:
 
 def _cost_sentences(costs: Sequence[Cost]) -> list[str]:
     """Loss of restoring by the design, where it is more than its error."""
-    whole = next(each.by_design for each in costs if each.of == ALL)
+    whole = next(cost.by_design for cost in costs if cost.of == ALL)
     if whole.tie or whole.mean < 0:
         return []
     worst = max(costs, key=lambda cost: (cost.of != ALL, cost.by_design.mean))
@@ -328,7 +328,7 @@ def _mtf_sentence(bands: tuple[MtfBand, ...]) -> str:
     if not parted:
         most = min(float(band.frequencies[-1]) for band in bands)
         return f"MTF as designed up to {most:.0f} cycles per mm, the most that the pixels of a colour tell."
-    colour, first = min(parted.items(), key=lambda each: each[1])
+    colour, first = min(parted.items(), key=lambda pair: pair[1])
     seen = "" if colour == "-" else f", where {colour} pixels part from it first"
     return f"MTF as designed up to {first:.0f} cycles per mm{seen}."
 
@@ -411,29 +411,29 @@ def measured(
         SourceError: MF339 if nothing in the picture is like any of the dies.
     """
     taken = taken_of(merged, camera.pixel_um, brightest(merged.planes))
-    found = identified(panels, camera, light, taken, progress)
-    best = found.best
-    _check_like(found.fit.setting, best.die, panels[best.die])
-    image = DieImage.of(panels[best.die], best.way_round, camera, light, [each.pixels for each in taken])
-    setting = found.fit.setting
+    identity = identified(panels, camera, light, taken, progress)
+    best = identity.best
+    _check_like(identity.fit.setting, best.die, panels[best.die])
+    image = DieImage.of(panels[best.die], best.way_round, camera, light, [capture.pixels for capture in taken])
+    setting = identity.fit.setting
     # Noise of the light that is expected: that of what was measured favours what came out dark.
     taken = expecting(image, taken, setting)
     image, fit, width = with_width_and_terms(image, taken, fitted(image, taken, setting, progress), progress)
     fit = with_frames(image, taken, fit)
-    if fit.inflation > _UNLIKE and not found.certain:
+    if fit.inflation > _UNLIKE and not identity.certain:
         what = (
             f"the light is like none of the dies {', '.join(panels)}: the best of them leaves residuals of "
             f"{fit.inflation:.1f} standard deviations"
         )
         cure = "Check the camera and the light of the job, and that this is a point light behind its plate"
         raise SourceError("MF339", what, cure=cure)
-    mirrored = (found.best.way_round >= 4) != seen_mirrored
+    mirrored = (identity.best.way_round >= 4) != seen_mirrored
     bands = mtf_bands(taken, fit, seed)
     width_um = panels[best.die].dot_nm * UM_PER_NM
     drawn = 4 if seen_mirrored else 0
     values = dict(zip(fit.setting.names, fit.setting.values.tolist(), strict=True))
     seen = [name for name, error in fit.errors.items() if abs(values[name]) > NORMAL_95 * error]
-    prices = costs(image, fit.setting, seen, drawn if found.certain else best.way_round, sensor)
+    prices = costs(image, fit.setting, seen, drawn if identity.certain else best.way_round, sensor)
     numbers = _quantities(best, fit, _outside(merged, image, fit.setting), promise, width_um)
     numbers += (*_priced(best, prices),)
     if width is not None:
@@ -441,8 +441,8 @@ def measured(
             "Gauss-Newton steps of a Gaussian's variance beside all that the fit holds; 95 % by Fisher's information"
         )
         numbers += (Quantity("captured_light_width", width[0], method, NORMAL_95 * width[1], die=best.die),)
-    sentences = verdict(found, fit, bands, prices, promise, width, mirrored=mirrored, width_um=width_um)
-    return Measured(merged, taken, found, image, fit, bands, tuple(prices), numbers, sentences, mirrored)
+    sentences = verdict(identity, fit, bands, prices, promise, width, mirrored=mirrored, width_um=width_um)
+    return Measured(merged, taken, identity, image, fit, bands, tuple(prices), numbers, sentences, mirrored)
 
 
 def _priced(best: Hypothesis, prices: Sequence[Cost]) -> Iterator[Quantity]:
@@ -529,7 +529,7 @@ def _outside(merged: Merged, image: DieImage, setting: Setting) -> dict[str, flo
     x, y = (pixel_um * (np.arange(count, dtype=np.float64) - (count - 1) / 2) for count in (columns, rows))
     whole = image.on([Pixels(colour, np.asarray(x), np.asarray(-y)) for colour in image.light])
     pictures = whole.pictures(replace(setting, x_um=0.0, y_um=0.0))
-    return {each.colour: 1 - float(picture.sum()) for each, picture in zip(whole.pixels, pictures, strict=True)}
+    return {grid.colour: 1 - float(picture.sum()) for grid, picture in zip(whole.pixels, pictures, strict=True)}
 
 
 def _quantities(
@@ -574,17 +574,17 @@ SIDE = 601
 """Pixels along a side of the PSF that is written, the light in the middle one."""
 
 
-def write_fitted_psf(found: Measured, path: Path) -> None:
+def write_fitted_psf(measured: Measured, path: Path) -> None:
     """Write the PSF as EXR, channels R, G and B, or Y of a sensor without colours; shares of the light as float32.
 
     Raises:
         OutputError: MF401 if the file cannot be written; nothing is left under its name.
     """
     # Of each colour as if all pixels were its, row 0 the top.
-    axis = found.image.camera.pixel_um * (np.arange(SIDE, dtype=np.float64) - SIDE // 2)
-    wide = found.image.on([Pixels(colour, axis, -axis) for colour in found.image.light])
-    pictures = wide.pictures(replace(found.fit.setting, x_um=0.0, y_um=0.0))
-    psf = {each.colour: picture for each, picture in zip(wide.pixels, pictures, strict=True)}
+    axis = measured.image.camera.pixel_um * (np.arange(SIDE, dtype=np.float64) - SIDE // 2)
+    wide = measured.image.on([Pixels(colour, axis, -axis) for colour in measured.image.light])
+    pictures = wide.pictures(replace(measured.fit.setting, x_um=0.0, y_um=0.0))
+    psf = {grid.colour: picture for grid, picture in zip(wide.pixels, pictures, strict=True)}
     names = tuple("RGB" if len(psf) > 1 else "Y")
     pixels = np.stack([psf[name if len(psf) > 1 else next(iter(psf))] for name in names], axis=2).astype(np.float32)
     facts: dict[str, Fact] = {
@@ -592,7 +592,7 @@ def write_fitted_psf(found: Measured, path: Path) -> None:
         "holds": HOLDS,
         "unit": "share of the light in a pixel",
         "axes": "the first row of pixels is the uppermost of the sensor, the light in the middle pixel",
-        "sensor_pixel_um": found.image.camera.pixel_um,
-        "die": found.identified.best.die,
+        "sensor_pixel_um": measured.image.camera.pixel_um,
+        "die": measured.identified.best.die,
     }
     write_channels(pixels, names, path, facts, f"maskfab {__version__}")

@@ -266,8 +266,8 @@ class Choice:
         tried = [(restorer, step * epsilons[restorer.name]) for restorer in self.restorers for step in self.steps]
         best, criteria, expected = 0, dict[str, float](), dict[str, float]()
         if len(tried) > 1:
-            told, errors = self._judged(_middle(record), blur, tried)
-            best, criteria, expected = int(np.argmin(errors)), _least(tried, told), _least(tried, errors)
+            by_halves, errors = self._judged(_middle(record), blur, tried)
+            best, criteria, expected = int(np.argmin(errors)), _least(tried, by_halves), _least(tried, errors)
         winner, epsilon = tried[best]
         return Chosen(winner.name, epsilon, winner.prepare(record, blur)(epsilon), criteria, expected)
 
@@ -278,7 +278,7 @@ class Choice:
         pictures = _restored(judge.shown, blur, tried)
         weight = self._weight(pictures)
         seen = [judge.seen(picture) for picture in pictures]
-        told = np.array([judge.error(passed, weight) for passed in seen])
+        by_halves = np.array([judge.error(passed, weight) for passed in seen])
         noise = judge.covariance(seen, weight)
         mean = np.asarray(sum(pictures) / np.float32(len(pictures)))
         # Of an imagined record errors are known, and what of them is passed.
@@ -287,7 +287,7 @@ class Choice:
         weight, coded = self._weight(pictures), code_of_light if self.coded else np.asarray
         imagined = [np.square(coded(picture) - coded(judge.known)).mean(dtype=np.float64) for picture in pictures]
         passed = [judge.error(judge.seen(picture), weight) for picture in pictures]
-        return told, expected_errors(told, noise, np.array(imagined), np.array(passed))
+        return by_halves, expected_errors(by_halves, noise, np.array(imagined), np.array(passed))
 
     def _weight(self, pictures: Sequence[Singles]) -> Weight:
         """Weight of squared errors: of codes the square of their slope at the mean of all pictures, within 0 to 1."""

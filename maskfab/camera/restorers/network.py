@@ -53,10 +53,10 @@ class DenseBlock(nn.Module):
         self.mix = nn.Conv2d(width + 3 * growth, width, 1, bias=False)
 
     def forward(self, values: torch.Tensor) -> torch.Tensor:
-        known = values
+        features = values
         for layer in self.layers:
-            known = torch.cat([known, functional.relu(layer(known))], dim=1)
-        mixed: torch.Tensor = self.mix(known)
+            features = torch.cat([features, functional.relu(layer(features))], dim=1)
+        mixed: torch.Tensor = self.mix(features)
         return values + mixed
 
 
