@@ -161,7 +161,7 @@ def seen() -> Iterator[Row]:
         bare = panel_of(opening, 8000, 0, cells_of=100)
         found = feasibility(bare, rules)
         assert found is not None
-        panel = replace(bare, emitters=found.footprint.found)
+        panel = replace(bare, emitters=found.footprint.best)
         told = {row.name: float(row.value) for row in eye.judge(name, panel, flat, 21, viewing).quantities}
         offset = eye.centroids(panel)[1]
         error = abs(told["grain_predicted"] / told["grain_slow"] - 1)

@@ -178,17 +178,17 @@ class Footprint:
 
     Attributes:
         verdict: whether the required footprint is reached.
-        found: the best placement that keeps all rules; None if none was found.
+        best: the placement of largest footprint that keeps all rules; None if none was found.
         found_share: its footprint (mean share of the pixel, gutter included, per colour; of the smallest relative to
             its ratio); 0 if none.
         bound_share: no placement under the rules has a larger one.
         rectangles_share: the largest footprint of three rectangles, exact.
         certificate: why not, if the verdict is that it does not fit; also why ``bound_share`` is what it is.
-        method: how ``found`` was found.
+        method: how ``best`` was found.
     """
 
     verdict: Verdict
-    found: Emitters | None
+    best: Emitters | None
     found_share: float
     bound_share: float
     rectangles_share: float

@@ -192,7 +192,7 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = True) -> F
     emitters = _given(panel)
     given = emitters is not None
     if emitters is None:
-        emitters = centred(largest_found.found, opening, grid, panel.orientations, rules.emitters, keep=rules.keep)
+        emitters = centred(largest_found.best, opening, grid, panel.orientations, rules.emitters, keep=rules.keep)
     room = pixel_room(opening, panel.dot_nm, rules.circuit)
     wires = None if rules.wires is None else wiring(panel, opening, rules.wires)
     if emitters is None:
@@ -282,7 +282,7 @@ def _judged(placed: Footprint, emitters: Emitters, shares: tuple[float, ...], ru
     """The answer about a pixel whose emitters were given."""
     share = footprint_of(shares, rules)
     verdict = Verdict.FITS if share >= rules.required - 1e-12 else placed.verdict
-    return replace(placed, found=emitters, found_share=share, verdict=verdict, method="given with the opening")
+    return replace(placed, best=emitters, found_share=share, verdict=verdict, method="given with the opening")
 
 
 def footprint_of(shares: tuple[float, ...], rules: EmitterRules) -> float:

@@ -447,7 +447,7 @@ def _distances(labels: Labels, opening: Mask, grid: EmitterGrid, diagonal: bool)
 
 
 def _shortfall(near: Near, labels: Labels, opening: Mask, grid: EmitterGrid) -> int:
-    """By how many cells the worst gap falls short of its rule; 0 where rules are kept."""
+    """Cells by which the worst gap falls short of its rule; 0 where rules are kept."""
     colours, from_opening = near
     lacking = [0]
     for one, other in permutations(range(3), 2):

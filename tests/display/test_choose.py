@@ -42,7 +42,7 @@ def chosen(opening: Opening, rules: EmitterRules, keep: float, gutter: int = DOT
     """The choice, after all rules were measured again on it."""
     grid = grid_of(opening, DOT, gutter, rules)
     used = range(8)
-    found = footprint(opening, DOT, gutter, used, rules, largest=True).found
+    found = footprint(opening, DOT, gutter, used, rules, largest=True).best
     assert found is not None
     emitters = centred(found, opening, grid, panel, rules, keep=keep)
     assert emitters is not None
@@ -118,7 +118,7 @@ def test_is_the_same_each_time_and_quick() -> None:
     for rules, limit in ((EmitterRules(0, DOT, 2 * DOT), 0.06), (EmitterRules(4000, 16000, 12000), 0.25)):
         opening = fitted()
         grid = grid_of(opening, DOT, DOT, rules)
-        found = footprint(opening, DOT, DOT, range(8), rules).found
+        found = footprint(opening, DOT, DOT, range(8), rules).best
         took, seen = [], set()
         for _ in range(3):
             start = time.process_time()

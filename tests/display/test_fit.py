@@ -40,16 +40,16 @@ def checked(opening, dot, gutter, used, given, **more):
     grid = grid_of(opening, dot, gutter, given)
     assert answer.found_share <= answer.bound_share
     assert answer.rectangles_share <= answer.found_share
-    if answer.found is None:
+    if answer.best is None:
         assert answer.found_share == 0
         assert answer.verdict is not Verdict.FITS
         return answer
     region = free_region(opening.mask, grid, used)
     least = answer.found_share * grid.pitch_nm**2 / grid.cell_nm**2
-    assert broken_rules(answer.found.labels, region, grid, given.ratio, least) == []
+    assert broken_rules(answer.best.labels, region, grid, given.ratio, least) == []
     panel = np.random.default_rng(0).choice(np.array(list(used), dtype=np.int8), (50, 50))
     clear = np.kron(opening.mask, np.ones((grid.per_dot, grid.per_dot), dtype=bool))
-    assert borders(answer.found.labels, clear, grid, panel).legal
+    assert borders(answer.best.labels, clear, grid, panel).legal
     if answer.verdict is Verdict.FITS:
         assert answer.found_share >= given.required - 1e-9
     return answer
@@ -60,7 +60,7 @@ def test_the_slit_fits_with_two_colours_in_one_half():
     assert answer.verdict is Verdict.FITS
     assert answer.method == "rectangles"
     assert answer.found_share == pytest.approx(80 / PIXEL)
-    assert answer.found.areas_um2 == (80 * 64, 80 * 64, 80 * 64)
+    assert answer.best.areas_um2 == (80 * 64, 80 * 64, 80 * 64)
 
 
 def test_a_pixel_without_an_opening():
@@ -83,7 +83,7 @@ def test_no_three_squares_is_proved_and_shown(mask, squares):
     opening = Opening("few", mask, DOT)
     answer = checked(opening, DOT, GUTTER, EVERY, rules(required=0.0))
     assert answer.verdict is Verdict.DOES_NOT_FIT
-    assert (answer.bound_share, answer.found) == (0, None)
+    assert (answer.bound_share, answer.best) == (0, None)
     proof = answer.certificate
     assert proof.proof is Proof.NO_THREE_SQUARES
     assert proof.numbers["squares"] == squares
@@ -97,7 +97,7 @@ def test_more_than_the_bound_is_refused_with_its_proof():
     assert answer.verdict is Verdict.DOES_NOT_FIT
     assert answer.certificate.proof in (Proof.COMPONENT_PACKING, Proof.SEPARATION)
     assert answer.bound_share < 90 / PIXEL
-    assert answer.found is not None
+    assert answer.best is not None
 
 
 def test_crooked_borders_are_looked_for_only_where_they_decide():
@@ -125,15 +125,15 @@ def test_every_colour_order(ratio):
     large = int(np.argmax(ratio)) + 1
     # 8 columns of 21 for the largest; the others share the other half, 8 x 10 each. The areas are trimmed.
     assert answer.found_share * PIXEL == pytest.approx(168 / (7.5 / 4.5))
-    assert (answer.found.labels == large).sum() == 168
+    assert (answer.best.labels == large).sum() == 168
 
 
 @pytest.mark.parametrize(("gap", "used"), sweep(in_turns([2, 3, 1], [EVERY, (0,), (0, 1, 2, 3)]), 3))
 def test_neighbours_keep_the_colours_apart_in_every_orientation(gap, used):
     opening = fitted()
     answer = checked(opening, DOT, GUTTER, used, rules(to_opening=2, gap=gap))
-    assert answer.found is not None
-    assert checked(opening, DOT, GUTTER, used, rules(gap=gap), largest=True).found is not None
+    assert answer.best is not None
+    assert checked(opening, DOT, GUTTER, used, rules(gap=gap), largest=True).best is not None
 
 
 def test_orientation_does_not_matter_to_the_first_answer():

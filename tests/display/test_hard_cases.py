@@ -99,11 +99,11 @@ def test_no_room_with_a_margin_is_no_proof_that_there_is_none() -> None:
     inner = free_region(opening.mask, grid, EVERY, margin=(20000 - GUTTER) // 2 // grid.cell_nm)
     assert three_rectangles(inner, grid, ALIKE)[0] == 0
     answer = footprint(opening, 4000, GUTTER, EVERY, rules)
-    assert answer.found is not None
+    assert answer.best is not None
     assert answer.found_share == pytest.approx(0.017, abs=5e-3)
     panel = np.random.default_rng(3).integers(8, size=(40, 40)).astype(np.int8)
     clear = opening.mask.repeat(grid.per_dot, axis=0).repeat(grid.per_dot, axis=1)
-    assert borders(answer.found.labels, clear, grid, panel).legal
+    assert borders(answer.best.labels, clear, grid, panel).legal
 
 
 def test_emitters_about_the_centre_wander_nowhere() -> None:
@@ -151,5 +151,5 @@ def test_blue_may_be_any_colour(ratio: tuple[float, float, float]) -> None:
     )
     assert answer.bound_share == pytest.approx(plain.bound_share)
     assert answer.rectangles_share == pytest.approx(plain.rectangles_share)
-    assert answer.found is not None
-    assert np.argmax(answer.found.areas_um2) == np.argmax(ratio)
+    assert answer.best is not None
+    assert np.argmax(answer.best.areas_um2) == np.argmax(ratio)

@@ -507,7 +507,7 @@ def display_lines(
 def _footprint(display: Feasibility) -> Iterator[Line]:
     footprint = display.footprint
     required = f"; required {100 * display.required:.2f} %" if display.required else ""
-    method = f" ({footprint.method})" if footprint.found is not None else ""
+    method = f" ({footprint.method})" if footprint.best is not None else ""
     most = f"at most {100 * footprint.bound_share:.2f} %{required}"
     yield "footprint", f"{100 * footprint.found_share:.2f} %{method}, {most}"
     yield "rectangles", f"{100 * footprint.rectangles_share:.2f} %"
