@@ -38,8 +38,15 @@ from maskfab.job.camera import Sensor
 from maskfab.job.reference import USES, Keys, in_words, unused
 from maskfab.mask.houses.profiles import shop_of
 from maskfab.mask.job import Job
-from maskfab.report.documents.measured import edge_document, write_measured
-from maskfab.report.pages.measured import capture_document, captured_drawing, edge_page, edges_drawing, write_capture
+from maskfab.report.pages.measured import (
+    capture_document,
+    captured_drawing,
+    edge_document,
+    edge_page,
+    edges_drawing,
+    write_capture,
+    write_measured,
+)
 from maskfab.report.rows.optics import sees_mirrored
 from maskfab.report.rows.text import Quantities
 

@@ -22,7 +22,7 @@ from maskfab.base.work import silent
 from maskfab.display.feasibility import displays
 from maskfab.mask.houses.files import PlateFiles
 from maskfab.mask.job import Job
-from maskfab.report.documents.measured import measured_beside
+from maskfab.report.documents.die import measured_beside
 from maskfab.report.pages.front import shown_count
 from maskfab.report.rows.optics import layout_as_seen, plate_as_seen
 from maskfab.report.rows.photographs import Conditions

@@ -17,7 +17,7 @@ from maskfab.display.feasibility import displays
 from maskfab.mask.formats.exr import check_psf_file
 from maskfab.mask.job import Job, load_job
 from maskfab.report.documents import report as report_data
-from maskfab.report.documents.measured import Beside, measured_beside
+from maskfab.report.documents.die import Beside, measured_beside
 from maskfab.report.pages import page
 from maskfab.report.rows.optics import layout_as_seen, plate_as_seen
 from maskfab.report.rows.photographs import Conditions

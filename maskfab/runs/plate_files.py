@@ -37,8 +37,8 @@ from maskfab.mask.layout import plate_names
 from maskfab.mask.plate_rules import check_plate, limits_as_rules, write_markers
 from maskfab.mask.rule import RuleResult
 from maskfab.mask.writer import check_bias, check_process
-from maskfab.report.documents.measured import DOCUMENT as MEASURED
-from maskfab.report.documents.measured import Beside
+from maskfab.report.documents.die import DOCUMENT as MEASURED
+from maskfab.report.documents.die import Beside
 from maskfab.report.rows.bands import (
     ProcessSpread,
     check_spread,

@@ -21,8 +21,8 @@ from maskfab.mask.plate_rules import judged, smallest_features
 from maskfab.optics.mtf import area_under_radial_min, worst_directions
 from maskfab.report.documents import die as die_data
 from maskfab.report.documents import report as report_data
+from maskfab.report.documents.die import Beside
 from maskfab.report.documents.display import display_quantities, footprint_band
-from maskfab.report.documents.measured import Beside
 from maskfab.report.documents.shape import Document
 from maskfab.report.figures import die as die_figures
 from maskfab.report.figures import display

@@ -39,8 +39,8 @@ from maskfab.mask.plate import compose
 from maskfab.mask.raster import light_box, sees_light
 from maskfab.mask.sandbox import bounded
 from maskfab.optics.metrics import fast_lens
-from maskfab.report.documents.measured import DOCUMENT as MEASURED
-from maskfab.report.documents.measured import measured_beside
+from maskfab.report.documents.die import DOCUMENT as MEASURED
+from maskfab.report.documents.die import measured_beside
 from maskfab.report.documents.shape import Document
 from maskfab.report.pages import page as differences
 from maskfab.report.pages import page as html

@@ -12,7 +12,7 @@ from small_job import command, write_job
 
 from maskfab.base.errors import SourceError
 from maskfab.mask.job import load_job
-from maskfab.report.documents.measured import MeasuredPart, measured_beside
+from maskfab.report.documents.die import MeasuredPart, measured_beside
 
 RINGS = np.linspace(5.0, 245.0, 49)
 MARKUP = "<script>alert('x')</script>"

@@ -1,18 +1,25 @@
-"""Parts of a die in report.json: its design as files state it, and photographs through it.
+"""Parts of a die in report.json: its design as files state it, photographs through it, and what was measured of it.
 
 Provenance is somebody else's text. What is missing or is no number is told as missing; numbers are never recomputed
 from it, and nothing that is measured here depends on it.
+
+A measure.json that lies beside a job is a file from outside too. What does not read as a measurement is refused before
+any work; one of an edge, or of another job, is left out, the latter with a note.
 """
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+import numpy as np
+from pydantic import Field, ValidationError, model_validator
 
+from maskfab.base.errors import SourceError
 from maskfab.base.model import Opening, Quantity
 from maskfab.base.units import NM_PER_UM
 from maskfab.camera.lens import F1, camera_line
@@ -272,3 +279,126 @@ def photographs_document(taken: Photographs) -> Document:
             for name, die in taken.dies.items()
         ],
     }
+
+
+DOCUMENT = "measure.json"
+_MOST_BYTES = 50_000_000
+_CURVES = ("captured", "expected", "low", "high")
+_OF_A_DIE = "hypotheses"
+"""Key that measurements of a die have, and those of an edge do not."""
+
+
+class _MtfRow(Part):
+    colour: str
+    frequency_cy_per_mm: float
+    captured: float
+    expected: float
+    low: float
+    high: float
+
+
+class MeasuredPart(Part):
+    """The measurement of a die in report.json."""
+
+    verdict: list[str]
+    mtf: list[_MtfRow]
+
+
+class _Curve(Part):
+    minimum: list[float]
+
+
+class _Band(Part):
+    colour: Annotated[str, Field(max_length=40)]
+    frequency_per_mm: Annotated[list[float], Field(min_length=2)]
+    captured: _Curve
+    expected: _Curve
+    low: _Curve
+    high: _Curve
+
+    @model_validator(mode="after")
+    def _of_one_length(self) -> _Band:
+        rings = self.frequency_per_mm
+        if any(len(getattr(self, name).minimum) != len(rings) for name in _CURVES) or np.any(np.diff(rings) <= 0):
+            raise ValueError("curves and their rising frequencies differ in number")
+        return self
+
+
+class _Measured(Part):
+    job_hash: str
+    die: str | None
+    verdict: list[Annotated[str, Field(max_length=2000)]]
+    mtf: list[_Band]
+
+
+@dataclass(frozen=True)
+class Beside:
+    """The measurement that lies beside a job.
+
+    Attributes:
+        content: of its file.
+        job_hash: of the job that it was made for.
+        die: that it is of; None if that could not be told.
+        verdict: sentences on it.
+        rows: by colour and frequency, the MTF in its worst direction as captured and as expected.
+    """
+
+    content: bytes
+    job_hash: str
+    die: str | None
+    verdict: tuple[str, ...]
+    rows: tuple[Document, ...]
+
+    def of_die(self, name: str, digest: str) -> Document | None:
+        """Part of the report of a die; None of any but the one that was measured, and of another job."""
+        if name != self.die or digest != self.job_hash:
+            return None
+        return MeasuredPart.document(self, verdict=list(self.verdict), mtf=list(self.rows))
+
+    def note(self, digest: str) -> tuple[Quantity, ...]:
+        """Why it is left out, where it is."""
+        if digest == self.job_hash and self.die is not None:
+            return ()
+        why = "it is of another job" if digest != self.job_hash else "it could not tell which die it is of"
+        return (Quantity("measurement_left_out", why, f"{DOCUMENT} beside the job is not shown with a die"),)
+
+
+def measured_beside(job: Job) -> Beside | None:
+    """The measurement of a die beside the job's file; None if there is none.
+
+    Raises:
+        SourceError: MF303 for a file of that name that is damaged, or larger than 50 MB.
+    """
+    path = Path(job.where).parent / DOCUMENT
+    if not (Path(job.where).is_file() and path.is_file()):
+        return None
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise ValueError(f"it is larger than {_MOST_BYTES / 1e6:g} MB")
+        content = path.read_bytes()
+        document = json.loads(content)
+        if not isinstance(document, dict):
+            raise TypeError("it is no table")
+        if _OF_A_DIE not in document:
+            return None
+        measured = _Measured.model_validate(document)
+    except (OSError, ValueError, TypeError, RecursionError) as error:
+        reason = error.errors()[0]["msg"] if isinstance(error, ValidationError) else str(error)
+        what = f"{path} cannot be read as a measurement: {reason[:200]}"
+        cure = "Measure the plate again with maskfab measure, or move the file out of the job's folder"
+        raise SourceError("MF303", what, where=str(path), cure=cure) from error
+    rows = [row for band in measured.mtf for row in _rows(band, job.spec.frequencies_cy_per_mm)]
+    return Beside(content, measured.job_hash, measured.die, tuple(measured.verdict), tuple(rows))
+
+
+def _rows(band: _Band, frequencies_cy_per_mm: tuple[float, ...]) -> list[Document]:
+    rings = band.frequency_per_mm
+    return [
+        {
+            "colour": band.colour,
+            "frequency_cy_per_mm": frequency,
+            **{name: float(np.interp(frequency, rings, getattr(band, name).minimum)) for name in _CURVES},
+        }
+        for frequency in frequencies_cy_per_mm
+        if rings[0] <= frequency <= rings[-1]
+    ]

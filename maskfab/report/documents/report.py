@@ -29,9 +29,8 @@ from maskfab.job.camera import Camera, StopShape
 from maskfab.job.process import Process
 from maskfab.mask.formats.exr import stop_facts
 from maskfab.optics.scene.plan import AT_MOST, plan_document
-from maskfab.report.documents.die import DesignPart, PhotographsPart
+from maskfab.report.documents.die import DesignPart, MeasuredPart, PhotographsPart
 from maskfab.report.documents.display import DisplayPart, display_document
-from maskfab.report.documents.measured import MeasuredPart
 from maskfab.report.documents.shape import (
     DRAFT,
     DieName,
@@ -285,7 +284,7 @@ def to_document(
     ``scenes``, ``displays``, ``designs`` and ``measured`` are those of dies that have one; a design is a document of
     :func:`maskfab.report.documents.die.stated_design`, ``photographs`` one of
     :func:`maskfab.report.documents.die.photographs_document`, and a measurement one of
-    :meth:`maskfab.report.documents.measured.Beside.of_die`. ``expected_s`` is the time that models of a die are
+    :meth:`maskfab.report.documents.die.Beside.of_die`. ``expected_s`` is the time that models of a die are
     expected to take, by die and model. ``process`` is that of the mask writer, as stated,
     and ``spread`` what bands are over.
 

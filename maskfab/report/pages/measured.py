@@ -6,7 +6,8 @@ its standard deviation are files beside it. Edges have one field each: the MTF w
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -14,24 +15,28 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from maskfab.base import __version__
 from maskfab.base.arrays import Floats
-from maskfab.base.folders import Place
+from maskfab.base.folders import Place, staged, write_mark
 from maskfab.base.quantities import registered
 from maskfab.camera.frames.frame import PIXELS_OF
 from maskfab.camera.frames.merge import write_merged
-from maskfab.camera.inspection.edge_mtf import MeasuredEdge, MeasuredEdges, MtfCurve
+from maskfab.camera.inspection.edge_mtf import DesignedMtf, MeasuredEdge, MeasuredEdges, MtfCurve, edge_verdict
 from maskfab.camera.inspection.fit import MtfBand
 from maskfab.camera.inspection.identity import CERTAIN
+from maskfab.camera.inspection.slanted_edge import EdgeMtf
 from maskfab.camera.inspection.verdict import COST_METHOD, Measured, cause, stands, write_fitted_psf
-from maskfab.report.documents.measured import SCHEMA_VERSION, write_measured
-from maskfab.report.documents.shape import Document, Record
+from maskfab.report.documents.die import DOCUMENT
+from maskfab.report.documents.shape import Document, Record, document_text
 from maskfab.report.figures.die import OKABE_ITO
 from maskfab.report.figures.sheet import INK, QUIET, Drawing, place, styled
 from maskfab.report.pages.template import page_template, style
-from maskfab.report.rows.text import Quantities, short
+from maskfab.report.rows.text import Quantities, quantity_document, short
 
+SCHEMA_VERSION = 1
+PAGE = "measure.html"
 _SIDE, _LEFT, _TOP, _GAP, _FOOT, _BAR = 2.35, 0.7, 0.3, 0.25, 0.45, 0.7
 _DECADES = 5
 _MOST_SIGMA = 4.0
@@ -313,6 +318,78 @@ def _words(edges: Sequence[MeasuredEdge], die: str | None) -> str:
     return f"MTF across {len(edges)} slanted edge{'s' if len(edges) > 1 else ''} with 95 % bands{beside}"
 
 
+def edge_document(
+    measured: MeasuredEdges, name: str, digest: str, job_hash: str | None, notes: Sequence[str]
+) -> Document:
+    """Everything that was measured; what measure.json and ``--json`` say.
+
+    Args:
+        measured: the edges, or the curve.
+        name: of the file that they were read from.
+        digest: SHA-256 of that file.
+        job_hash: of the job; None without one.
+        notes: what a reader should know, as sentences.
+    """
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "maskfab_version": __version__,
+        "job_hash": job_hash,
+        "verdict": list(edge_verdict(measured)),
+        "file": {"name": name, "sha256": digest},
+        **edges_document(measured),
+        "notes": list(notes),
+    }
+
+
+def edges_document(measured: MeasuredEdges) -> Document:
+    """Of plain Python types; a unit stands in every name, rows count from the picture's top.
+
+    What only a picture tells is None of a curve that was measured elsewhere, and cycles per millimetre are where the
+    pixel is not known.
+    """
+    return {"die": measured.die, "edges": [_edge(edge) for edge in measured.edges], "left_out": list(measured.left_out)}
+
+
+def _edge(measured: MeasuredEdge) -> Document:
+    edge = measured.edge
+    seen = edge if isinstance(edge, EdgeMtf) else None
+    return {
+        "title": measured.title,
+        "colour": measured.colour,
+        "direction": seen and seen.direction,
+        "angle_deg": seen and seen.angle_deg,
+        "normal_deg": edge.normal_deg,
+        "region_px": seen and asdict(seen.region),
+        "lines": seen and seen.lines,
+        "order": seen and seen.order,
+        "window_px": seen and 2 * seen.half_px,
+        "pixel_um": edge.pixel_um,
+        "method": f"read from {edge.name}" if isinstance(edge, MtfCurve) else edge.method,
+        "frequency_cy_per_px": edge.frequency_cy_per_px.tolist(),
+        "frequency_cy_per_mm": _list(edge.frequency_cy_per_mm),
+        "mtf": edge.mtf.tolist(),
+        "low": _list(edge.low),
+        "high": _list(edge.high),
+        "designed": [_designed(designed) for designed in measured.designed],
+        "quantities": [quantity_document(quantity) for quantity in measured.quantities],
+    }
+
+
+def _list(values: NDArray[np.float64] | None) -> list[float] | None:
+    return None if values is None else values.tolist()
+
+
+def _designed(designed: DesignedMtf) -> Document:
+    return {
+        "light": designed.light,
+        "wavelength_nm": designed.wavelength_nm,
+        "mtf": designed.mtf.tolist(),
+        "seen": designed.seen.tolist(),
+        "uncertainty": designed.uncertainty,
+        "method": designed.method,
+    }
+
+
 def edge_page(measured: MeasuredEdges, document: Document) -> str:
     """The page, with nothing from outside it; equal edges give equal pages.
 
@@ -329,3 +406,26 @@ def edge_page(measured: MeasuredEdges, document: Document) -> str:
         banded=all(edge.edge.low is not None for edge in measured.edges),
         edges=[(edge, [(row, registered(row.name)) for row in edge.quantities]) for edge in measured.edges],
     )
+
+
+def write_measured(
+    place: Place, document: Mapping[str, Any], page: str, more: Callable[[Path], None] | None = None
+) -> list[Path]:
+    """Write everything into a directory that appears whole, and return the paths.
+
+    Args:
+        place: where.
+        document: what measure.json says; its ``job_hash`` is None without a job.
+        page: HTML.
+        more: writes other files into the folder that it is given.
+
+    Raises:
+        OutputError: MF401 or MF404 as :func:`maskfab.base.folders.staged`.
+    """
+    with staged(place) as folder:
+        (folder / PAGE).write_text(page, encoding="utf-8")
+        (folder / DOCUMENT).write_text(document_text(document), encoding="utf-8")
+        if more is not None:
+            more(folder)
+        write_mark(folder, document["job_hash"])
+    return sorted(place.asked.iterdir())

@@ -24,9 +24,8 @@ from maskfab.optics.lags import lag_table
 from maskfab.optics.mtf import longest_lag_um, presampled_mtf
 from maskfab.optics.psf import point_psf
 from maskfab.optics.spectrum import Band, Curve
-from maskfab.report.documents.measured import edges_document
 from maskfab.report.documents.report import report_text
-from maskfab.report.pages.measured import edges_drawing
+from maskfab.report.pages.measured import edges_document, edges_drawing
 
 CAMERA = camera(1000.0, window_um=1800.0)
 # Dots so large that nearly all light falls within the window of the PSF; without any symmetry.
