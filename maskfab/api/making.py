@@ -384,7 +384,7 @@ def view(directory: str | Path, out: Annotated[str | Path | None, "PAGE.html"] =
         what = f"{target} lies in the finished run, whose manifest does not know it"
         raise OutputError("MF401", what, where="--out", cure="Give --out a path beside the directory")
     check_file(target, force=force)
-    run = shown_run(folder)
-    page = viewer_page(run)
+    shown = shown_run(folder)
+    page = viewer_page(shown)
     write_text(target, page, replace=force)
-    return View(target, run.file["path"], run.file["sha256"], len(page.encode()))
+    return View(target, shown["file"]["path"], shown["file"]["sha256"], len(page.encode()))

@@ -214,12 +214,12 @@ def test_what_a_page_would_show_must_be_as_the_run_wrote_it(small_result, tmp_pa
 
 def test_a_flat_file_is_shown_with_its_dies_where_they_were(small_result, tmp_path):
     run = shutil.copytree(small_result, tmp_path / "run")
-    before = shown_run(run).document
+    before = shown_run(run)
     edited(run / "SMALL.gds", run / "SMALL.gds", lambda layout: layout.top_cell().flatten(True))
     manifest = json.loads((run / "manifest.json").read_text())
     next(row for row in manifest["files"] if row["path"] == "SMALL.gds")["sha256"] = sha256_of_file(run / "SMALL.gds")
     (run / "manifest.json").write_text(json.dumps(manifest))
-    after = shown_run(run).document
+    after = shown_run(run)
     assert (len(before["cells"]) > 10, sum(bool(cell["shapes"]) for cell in after["cells"])) == (True, 1)
     assert [die["box"] for die in after["dies"]] == [die["box"] for die in before["dies"]]
     assert differences(rebuilt(after), rebuilt(before)) == 0

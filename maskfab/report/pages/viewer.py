@@ -10,7 +10,6 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -235,21 +234,8 @@ _CELLS_FIRST = (".gds", ".oas")
 """Files in which cells are placed by references, whatever the job; others may be flat."""
 
 
-@dataclass(frozen=True)
-class ShownRun:
-    """One run as a page shows it.
-
-    Attributes:
-        file: the mask file whose polygons are shown, as the manifest knows it.
-        document: all that the page draws and tells.
-    """
-
-    file: Record
-    document: Record
-
-
-def shown_run(folder: Path) -> ShownRun:
-    """A finished directory, its mask file read back.
+def shown_run(folder: Path) -> Document:
+    """A finished directory, its mask file read back: all that the page draws and tells.
 
     Raises:
         OutputError: MF403 if it is no finished run, MF407 if a file that would be shown was changed since, MF409 if
@@ -263,21 +249,18 @@ def shown_run(folder: Path) -> ShownRun:
     page = _unchanged(folder, files[PAGE]).read_text(encoding="utf-8") if PAGE in files else ""
     markers = [_unchanged(folder, row) for name, row in files.items() if name.endswith(".lyrdb")]
     box = layout.top_cell().bbox()
-    return ShownRun(
-        mask,
-        {
-            "title": report.document["title"],
-            "folder": report.name,
-            "file": {key: mask[key] for key in ("path", "format", "bytes", "sha256")},
-            "job_hash": report.document["job_hash"],
-            "maskfab_version": report.document["maskfab_version"],
-            "box": [box.left, box.bottom, box.right, box.top],
-            **drawn_cells(layout),
-            "dies": _dies(report.document, layout, psf_pictures(page)),
-            "rules": [rule for path in markers for rule in rule_places(path)],
-            "markers": [path.name for path in markers],
-        },
-    )
+    return {
+        "title": report.document["title"],
+        "folder": report.name,
+        "file": {key: mask[key] for key in ("path", "format", "bytes", "sha256")},
+        "job_hash": report.document["job_hash"],
+        "maskfab_version": report.document["maskfab_version"],
+        "box": [box.left, box.bottom, box.right, box.top],
+        **drawn_cells(layout),
+        "dies": _dies(report.document, layout, psf_pictures(page)),
+        "rules": [rule for path in markers for rule in rule_places(path)],
+        "markers": [path.name for path in markers],
+    }
 
 
 def _mask_file(folder: Path, files: Mapping[str, Record]) -> Record:
@@ -369,13 +352,13 @@ SCRIPTS = ("geometry.js", "paint.js", "tiles.js", "measure.js", "panel.js", "vie
 _INERT_TEXT = {ord("<"): "\\u003c", ord(">"): "\\u003e", ord("&"): "\\u0026"}
 
 
-def viewer_page(run: ShownRun) -> str:
-    """The page, with nothing from outside it; equal runs give equal pages."""
+def viewer_page(document: Record) -> str:
+    """The page of a run, with nothing from outside it; equal documents give equal pages."""
     return page_template("view/view.html.j2").render(
-        title=run.document["title"],
+        title=document["title"],
         style=Markup(template("view/view.css")),
         program=Markup("\n".join(template(f"view/{name}") for name in SCRIPTS)),
-        document=Markup(inert_json(run.document)),
+        document=Markup(inert_json(document)),
     )
 
 

@@ -252,7 +252,7 @@ class _Shown:
         centre = self.view(AXIS, scene.focus_um, None)
         distances = sorted({scene.nearest_um, scene.focus_um, scene.farthest_um})
         return tuple(
-            centre if place_um == scene.focus_um else self.view(AXIS, place_um, centre.psf) for place_um in distances
+            centre if object_um == scene.focus_um else self.view(AXIS, object_um, centre.psf) for object_um in distances
         )
 
     def of_bands(self) -> tuple[Psf, ...]:
