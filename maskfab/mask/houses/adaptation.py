@@ -45,7 +45,14 @@ def stencilled(mark: Mark, holes: Holes, narrowest_nm: int = 0) -> Mark:
         The mark itself where nothing has to be cut.
     """
     whole = drawn_region(mark.polygons).merged(True, 1)
-    sound, cut = _sorted_out(whole, holes)
+    sound, cut = db.Region(), db.Region()
+    for polygon in whole.each():
+        alone = db.Region(polygon)
+        hull = db.Polygon(list(polygon.each_point_hull()))
+        filled = db.Region(hull)
+        touching = next(simple_pieces(filled)).num_points() != hull.num_points()
+        inhabited = polygon.holes() > 0 and (holes != "layer" or not ((whole - alone) & filled).is_empty())
+        (cut if touching or inhabited else sound).insert(polygon)
     if cut.is_empty():
         return mark
     half = max(_BAR_NM // 2, narrowest_nm)
@@ -71,19 +78,6 @@ def inner_edges(drawn: db.Region) -> db.Edges:
     # Or the two sides, which run in opposite directions, cancel.
     shared.merged_semantics = False
     return shared
-
-
-def _sorted_out(whole: db.Region, holes: Holes) -> tuple[db.Region, db.Region]:
-    """Polygons that can be drawn as they are, and those that need a bar."""
-    sound, cut = db.Region(), db.Region()
-    for polygon in whole.each():
-        alone = db.Region(polygon)
-        hull = db.Polygon(list(polygon.each_point_hull()))
-        filled = db.Region(hull)
-        touching = next(simple_pieces(filled)).num_points() != hull.num_points()
-        inhabited = polygon.holes() > 0 and (holes != "layer" or not ((whole - alone) & filled).is_empty())
-        (cut if touching or inhabited else sound).insert(polygon)
-    return sound, cut
 
 
 def references(figures: Figures) -> int:
