@@ -168,13 +168,13 @@ def _with_maps(stated: JobSpec, path: Path) -> JobSpec:
     return stated.model_copy(update={"die": tuple(dies), "maps": texts})
 
 
-def _with_seeds(stated: JobSpec, found: Mapping[str, tuple[Opening, ...]], path: Path) -> JobSpec:
+def _with_seeds(stated: JobSpec, openings: Mapping[str, tuple[Opening, ...]], path: Path) -> JobSpec:
     """The spec with a seed for every die that needs one and states none: the first that its files name.
 
     Raises:
         JobError: MF111 where they name none.
     """
-    dies = tuple(_seeded(die, stated, found[die.name]) for die in stated.die)
+    dies = tuple(_seeded(die, stated, openings[die.name]) for die in stated.die)
     for i, die in enumerate(dies):
         check_seed(die, f"{path}: die[{i}]")
     return stated.model_copy(update={"die": dies})
@@ -195,9 +195,11 @@ def named_seeds(die: DieSection, spec: JobSpec, held: Sequence[Opening]) -> tupl
     return held[0].name, DieSeeds.of(held[0].provenance)
 
 
-def _moved(resolved: JobSpec, found: Mapping[str, tuple[Opening, ...]], path: Path) -> dict[str, tuple[Opening, ...]]:
+def _moved(
+    resolved: JobSpec, openings: Mapping[str, tuple[Opening, ...]], path: Path
+) -> dict[str, tuple[Opening, ...]]:
     """The openings of every die with those that its map makes by moving one."""
-    held = dict(found)
+    held = dict(openings)
     for i, die in enumerate(resolved.die):
         if die.map is not None:
             where = f"{path}: die[{i}].map"

@@ -270,8 +270,8 @@ def count_vertices(layout: db.Layout) -> int:
 
     def own(cell: db.Cell) -> int:
         raw = [db.Region(cell.shapes(layer)) for layer in layout.layer_indexes()]
-        for each in raw:
-            each.merged_semantics = False
+        for shapes in raw:
+            shapes.merged_semantics = False
         return sum(region.edges().count() for region in raw)
 
     return _count(layout, own)
@@ -284,8 +284,8 @@ def weight(shapes: db.RecursiveShapeIterator, most: int, largest: int = 2**31) -
     at most.
     """
     count = 0
-    for each in shapes.each():
-        shape = each.shape()
+    for place in shapes.each():
+        shape = place.shape()
         count += 1 if shape.is_box() or not shape.is_polygon() else min(largest, -(-shape.polygon.num_points() // 4))
         if count > most:
             break

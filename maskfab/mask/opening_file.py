@@ -221,13 +221,13 @@ def _check_number(key: str, value: int | None, where: str) -> None:
 
 
 def _check_stated(opening: Opening, dots: int | None, dot_nm: int | None, where: str) -> None:
-    for key, stated, found in (("dots", dots, opening.dots), ("dot_nm", dot_nm, opening.dot_nm)):
-        if stated is not None and stated != found:
+    for key, stated, actual in (("dots", dots, opening.dots), ("dot_nm", dot_nm, opening.dot_nm)):
+        if stated is not None and stated != actual:
             raise OpeningError(
                 "MF206",
-                f"{key} = {stated} was asked for, but the file has {found}",
+                f"{key} = {stated} was asked for, but the file has {actual}",
                 where=where,
-                cure=f"Leave {key} out or set it to {found}",
+                cure=f"Leave {key} out or set it to {actual}",
             )
 
 
@@ -240,16 +240,16 @@ def _check_open_ratio(stated: object, mask: Mask, where: str) -> None:
             "MF104", f"open_ratio = {ratio} must lie between 0 and 1", where=where, cure="Write open_ratio = 0.2"
         )
     clear = int(mask.sum())
-    found = Decimal(clear) / mask.size
+    share = Decimal(clear) / mask.size
     digits = 0 if isinstance(stated, int) else -int(ratio.as_tuple().exponent)
     # A whole number has no printed decimals to round to, so it must be met exactly.
     half_unit = Decimal(0) if digits <= 0 else Decimal(10) ** -digits / 2
-    if abs(found - ratio) > half_unit:
+    if abs(share - ratio) > half_unit:
         raise OpeningError(
             "MF206",
-            f"open_ratio = {ratio} but {clear} of {mask.size} dots are clear, which is {found:.{max(digits, 4)}f}",
+            f"open_ratio = {ratio} but {clear} of {mask.size} dots are clear, which is {share:.{max(digits, 4)}f}",
             where=where,
-            cure=f"Set open_ratio = {found:.4f} or mend the grid",
+            cure=f"Set open_ratio = {share:.4f} or mend the grid",
         )
 
 
@@ -319,7 +319,9 @@ def _read_bytes(path: Path) -> bytes:
         )
     kind_found = next((kind for kind, starts in _MAGIC.items() if content.startswith(starts)), None)
     expected = _FORMAT.get(suffix)
-    if kind_found != expected and not (kind_found is None and expected and _starts_like(content, expected)):
+    # A file shorter than its signature that begins like one is truncated, not of another kind.
+    truncated = kind_found is None and expected and any(start.startswith(content) for start in _MAGIC[expected])
+    if kind_found != expected and not truncated:
         raise SourceError(
             "MF304",
             f"the suffix {path.suffix} means {expected or 'text'}, but the file begins with {content[:8]!r}"
@@ -328,11 +330,6 @@ def _read_bytes(path: Path) -> bytes:
             cure="Give the file the suffix of its content, or write it again",
         )
     return content
-
-
-def _starts_like(content: bytes, expected: str) -> bool:
-    """Whether a file shorter than its signature is at least the beginning of one: truncated, not of another kind."""
-    return any(start.startswith(content) for start in _MAGIC[expected])
 
 
 def _decode(content: bytes, where: str) -> str:

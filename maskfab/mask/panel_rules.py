@@ -407,12 +407,12 @@ def within_polygons(
     for single, composed in zip(singles, several, strict=True):
         inside = parts.inner[single.items]
         own, rim = single.chosen(inside), single.chosen(~inside)
-        found = [
+        repeats = [
             Repeated(cells.codes.ravel(), cells.origins_nm, parts.owners[own.items], own.boxes_nm, own.values),
             Repeated(*alone, rim.items, rim.boxes_nm, rim.values),
             Repeated(items, cells.origins_nm[homes], composed.items, composed.boxes_nm, composed.values),
         ]
-        results.append(joined([facing.found(most) for facing in found], most))
+        results.append(joined([facing.found(most) for facing in repeats], most))
     return tuple(results)
 
 
@@ -461,7 +461,7 @@ def _checked(
     sizes = np.array([max(max(abs(x), abs(y)) for _, x, y in drawing) for drawing in drawings], dtype=np.int64)
     # Drawings of one size share a sheet: the largest decides how far apart they lie.
     classes = np.ceil(np.log2(sizes + cells.panel.pitch_nm)).astype(np.int64)
-    found: list[list[Facing]] = [[] for _ in checks]
+    violations: list[list[Facing]] = [[] for _ in checks]
     regions = {part: region for labels in parts.labels for part, region in cells.regions(labels).items()}
     for size in np.unique(classes).tolist():
         members = np.flatnonzero(classes == size)
@@ -469,9 +469,9 @@ def _checked(
         used = {part for member in members.tolist() for part, _, _ in drawings[member]}
         pieces = {part: canvas.piece(regions[part]) for part in sorted(used)}
         sheet = [[(pieces[part], x, y) for part, x, y in drawings[member]] for member in members.tolist()]
-        for each, facing in zip(found, canvas.check(sheet, checks), strict=True):
-            each.append(Facing(members[facing.items], facing.points, facing.boxes_nm, facing.values))
-    return [together(facings) for facings in found]
+        for facings, facing in zip(violations, canvas.check(sheet, checks), strict=True):
+            facings.append(Facing(members[facing.items], facing.points, facing.boxes_nm, facing.values))
+    return [together(facings) for facings in violations]
 
 
 Tone: TypeAlias = Literal["clear", "opaque"]
@@ -483,49 +483,49 @@ def panel_results(die: Die, rules: DesignRules, most: int) -> tuple[RuleResult, 
     Places are those of the plate, counts those of the whole panel.
     """
     cells = PanelCells.of(die.panel)
-    found: list[tuple[str, int, str, Found]] = []
+    results: list[tuple[str, int, str, Found]] = []
     checks = distance_checks(rules)
     space = checks.pop("space", None)
-    found += _on_islands(cells, rules, checks, most)
+    results += _on_islands(cells, rules, checks, most)
     if space is not None:
-        found.append(("space", space[0], "nm", _spaces(cells, *space, most)))
+        results.append(("space", space[0], "nm", _spaces(cells, *space, most)))
     if rules.no_corner_touch:
-        found.append(("corner_touch", 0, "nm", kissing_corners(cells, most)))
+        results.append(("corner_touch", 0, "nm", kissing_corners(cells, most)))
     shapes = [unit_shapes(die.panel, cell).get(CLEAR, ()) for cell in cells.held]
     for name, limit, unit, rule in drawn_rules(rules):
         if name == "grid":
-            found.append((name, limit, unit, _off_grid(cells, shapes, limit, die.origin_nm, most)))
+            results.append((name, limit, unit, _off_grid(cells, shapes, limit, die.origin_nm, most)))
             continue
         parts = [rule(polygons) for polygons in shapes]
         owners = np.repeat(np.arange(len(parts)), [len(boxes) for boxes, _ in parts])
         boxes = np.concatenate([boxes for boxes, _ in parts])
         values = np.concatenate([values for _, values in parts])
         repeated = Repeated(cells.codes.ravel(), cells.origins_nm, owners, boxes, values)
-        found.append((name, limit, unit, repeated.found(most, largest=name in LARGEST)))
+        results.append((name, limit, unit, repeated.found(most, largest=name in LARGEST)))
     order = ("width", "space", "notch", "area", "chrome_area", "corner_touch")
-    found.sort(key=lambda row: order.index(row[0]) if row[0] in order else len(order))
-    return tuple(result.result(name, limit, unit, die.name, die.origin_nm) for name, limit, unit, result in found)
+    results.sort(key=lambda row: order.index(row[0]) if row[0] in order else len(order))
+    return tuple(result.result(name, limit, unit, die.name, die.origin_nm) for name, limit, unit, result in results)
 
 
 def _on_islands(
     cells: PanelCells, rules: DesignRules, checks: dict[str, tuple[int, Check]], most: int
 ) -> list[tuple[str, int, str, Found]]:
     """The rules within one polygon: those of ``checks``, and the one on areas."""
-    found: list[tuple[str, int, str, Found]] = []
+    violations: list[tuple[str, int, str, Found]] = []
     if not checks and rules.min_area_nm2 is None:
-        return found
+        return violations
     clear = islands(cells, clear=True)
     if checks:
         results = within_polygons(cells, clear, [check for _, check in checks.values()], rules.reach_nm, most)
-        found += [
+        violations += [
             (name, limit, "nm", result) for (name, (limit, _)), result in zip(checks.items(), results, strict=True)
         ]
     if rules.min_area_nm2 is not None:
         limit = rules.min_area_nm2
-        found.append(("area", limit, "nm2", small_islands(cells, clear, limit, most)))
+        violations.append(("area", limit, "nm2", small_islands(cells, clear, limit, most)))
         chrome = islands(cells, clear=False)
-        found.append(("chrome_area", limit, "nm2", small_islands(cells, chrome, limit, most)))
-    return found
+        violations.append(("chrome_area", limit, "nm2", small_islands(cells, chrome, limit, most)))
+    return violations
 
 
 def _spaces(cells: PanelCells, limit_nm: int, check: Check, most: int) -> Found:
@@ -599,7 +599,7 @@ def _below(die: Die, tone: Tone, limit_nm: int) -> Narrowest:
     """The narrowest place that breaks a limit, the first of its kind."""
     width, space = (limit_nm, None) if tone == "clear" else (None, limit_nm)
     results = panel_results(die, DesignRules(min_width_nm=width, min_space_nm=space, kissing=False), 1)
-    (result,) = (each for each in results if each.rule == ("width" if tone == "clear" else "space"))
+    (result,) = (judged for judged in results if judged.rule == ("width" if tone == "clear" else "space"))
     if result.passed or not isinstance(result.value, int | float):
         return Narrowest(math.inf)
     return Narrowest(float(result.value), result.places[0])

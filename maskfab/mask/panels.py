@@ -83,8 +83,8 @@ def hexagonal_sheet(opening: Opening, dots: int, seed: int) -> Opening:
         nearer = distance < best
         best[nearer] = distance[nearer]
         chosen = turn[(row.astype(int) + rows // 2) % rows, (column.astype(int) + columns // 2) % columns]
-        for kept, found in ((right, away_x), (up, away_y), (cell_turn, chosen)):
-            kept[nearer] = found[nearer]
+        for nearest, other in ((right, away_x), (up, away_y), (cell_turn, chosen)):
+            nearest[nearer] = other[nearer]
     angle = -np.pi / 3 * cell_turn
     unit_x = np.floor(right * np.cos(angle) - up * np.sin(angle) + width / 2).astype(int)
     unit_y = np.floor(right * np.sin(angle) + up * np.cos(angle) + width / 2).astype(int)
@@ -308,10 +308,10 @@ def shifted_openings(cells: CellMap, held: tuple[Opening, ...], *, where: str) -
             where=where,
             cure="Use an opening without emitters, or a map without shifts",
         )
-    found = []
+    openings = []
     for number, shift in enumerate(cells.shifts):
         if shift == (0, 0):
-            found.append(opening)
+            openings.append(opening)
             continue
         mask = shifted(opening.mask, shift)
         if mask.sum() < opening.clear_dots:
@@ -325,8 +325,8 @@ def shifted_openings(cells: CellMap, held: tuple[Opening, ...], *, where: str) -
             )
         suffix = f"_{number}"
         name = opening.name[: _LONGEST_NAME - len(suffix)] + suffix
-        found.append(replace(opening, name=name, mask=mask))
-    return tuple(found)
+        openings.append(replace(opening, name=name, mask=mask))
+    return tuple(openings)
 
 
 def placed(cells: CellMap, rows: int, columns: int, seed: int | None, *, openings: int, where: str) -> Labels:

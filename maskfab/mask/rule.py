@@ -437,22 +437,22 @@ def flat_results(
         most: how many violations are placed.
         die: who owns the violations.
     """
-    found: list[tuple[str, int, str, Found]] = []
+    results: list[tuple[str, int, str, Found]] = []
     for name, (limit, check) in distance_checks(rules).items():
         facing = facing_edges(check(region))
-        found.append((name, limit, "nm", listed(facing.boxes_nm, facing.values, most)))
+        results.append((name, limit, "nm", listed(facing.boxes_nm, facing.values, most)))
     if rules.min_area_nm2 is not None:
-        found.append(("area", rules.min_area_nm2, "nm2", _small(region, rules.min_area_nm2, most)))
+        results.append(("area", rules.min_area_nm2, "nm2", _small(region, rules.min_area_nm2, most)))
         around = region.bbox().enlarged(1, 1)
         chrome = (db.Region(around) - region).merged(True, 1).each()
         islands = merged(db.Region([polygon for polygon in chrome if polygon.bbox() != around]))
-        found.append(("chrome_area", rules.min_area_nm2, "nm2", _small(islands, rules.min_area_nm2, most)))
+        results.append(("chrome_area", rules.min_area_nm2, "nm2", _small(islands, rules.min_area_nm2, most)))
     if rules.no_corner_touch:
-        found.append(("corner_touch", 0, "nm", _kissing(region, most)))
+        results.append(("corner_touch", 0, "nm", _kissing(region, most)))
     for name, limit, unit, rule in drawn_rules(rules):
         boxes, values = rule(polygons)
-        found.append((name, limit, unit, listed(boxes, values, most, largest=name in LARGEST)))
-    return tuple(violations.result(name, limit, unit, die, (0, 0)) for name, limit, unit, violations in found)
+        results.append((name, limit, unit, listed(boxes, values, most, largest=name in LARGEST)))
+    return tuple(violations.result(name, limit, unit, die, (0, 0)) for name, limit, unit, violations in results)
 
 
 def drawn_rules(rules: DesignRules, origin_nm: tuple[int, int] = (0, 0)) -> list[tuple[str, int, str, DrawnRule]]:

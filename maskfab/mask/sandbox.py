@@ -56,8 +56,8 @@ from maskfab.mask.limits import (
 _ANSWER, _PROGRESS, _ERROR, _FAULT = b"A", b"P", b"E", b"F"
 _ERRORS: Mapping[str, type[MaskfabError]] = MappingProxyType(
     {
-        each.__name__: each
-        for each in (InputError, JobError, OpeningError, SourceError, OutputError, InternalError, MaskfabError)
+        error.__name__: error
+        for error in (InputError, JobError, OpeningError, SourceError, OutputError, InternalError, MaskfabError)
     }
 )
 _LONGEST = 10_000
@@ -96,7 +96,12 @@ def read_message(message: bytes, kind: Any, path: Path, progress: Callable[[str,
     try:
         letter, content = message[:1], message[1:]
         if letter == _ANSWER:
-            return (from_data(_as_stored(content), kind),)
+            # Nothing in the archive is packed, and so nothing unpacks to more than it takes.
+            with zipfile.ZipFile(io.BytesIO(content)) as archive:
+                members = archive.infolist()
+            _require(all(member.compress_type == zipfile.ZIP_STORED for member in members))
+            _require(sum(member.file_size for member in members) <= len(content))
+            return (from_data(content, kind),)
         fields = json.loads(content)
         if letter == _PROGRESS:
             stage, done, total = fields
@@ -122,15 +127,6 @@ def unusable(path: Path, why: Exception) -> SourceError:
     what = f"the process that reads {path.name} gives an answer that cannot be used ({type(why).__name__})"
     cure = "Do not trust the file; if you know its source, write it again"
     return SourceError("MF327", what, where=str(path), cure=cure)
-
-
-def _as_stored(data: bytes) -> bytes:
-    """The data of an archive in which nothing is packed, and so nothing unpacks to more than it takes."""
-    with zipfile.ZipFile(io.BytesIO(data)) as archive:
-        members = archive.infolist()
-    _require(all(member.compress_type == zipfile.ZIP_STORED for member in members))
-    _require(sum(member.file_size for member in members) <= len(data))
-    return data
 
 
 def _require(held: bool) -> None:

@@ -88,7 +88,7 @@ def check_bias(plate: Plate, bias_nm: int, where: str = "process.cd_bias") -> No
 
 
 def _place(region: db.Region) -> str:
-    box = min((each.bbox() for each in region.each()), key=lambda each: (each.bottom, each.left))
+    box = min((polygon.bbox() for polygon in region.each()), key=lambda polygon: (polygon.bottom, polygon.left))
     return f"({box.left / NM_PER_UM:.3f}, {box.bottom / NM_PER_UM:.3f}) um"
 
 

@@ -66,7 +66,7 @@ class DotEdges:
 
     Attributes:
         dpi: dots per inch.
-        found: of dies and marks.
+        errors: of dies and marks.
         limit_um: most that an edge may be off; None where neither job nor house says.
         limit_by: who says so.
         even_dpi: fewest dots per inch, no fewer than these, of which no judged edge is moved; None beyond what a
@@ -74,7 +74,7 @@ class DotEdges:
     """
 
     dpi: int
-    found: tuple[EdgeError, ...]
+    errors: tuple[EdgeError, ...]
     limit_um: float | None
     limit_by: str
     even_dpi: int | None
@@ -82,14 +82,14 @@ class DotEdges:
     @property
     def worst(self) -> EdgeError:
         """The largest error of those that are judged, the first of equal ones."""
-        judged = (error for error in self.found if error.judged)
+        judged = (error for error in self.errors if error.judged)
         return max(judged, key=lambda error: error.largest_um, default=EdgeError("the plate", None, True, 0.0, 0.0))
 
     def quantities(self) -> tuple[Quantity, ...]:
         """Rows of the report."""
         rows, side = [], UM_PER_INCH / self.dpi
         dots = f"dots of {side:g} um ({self.dpi} dpi), each in an opening if its centre is"
-        for error in self.found:
+        for error in self.errors:
             about = f"edges along x and y of {error.of}; {dots}; edges at an angle are stairs of such dots"
             passed, limit = None, None
             if self.limit_um is not None and error.judged:
@@ -111,7 +111,7 @@ class DotEdges:
     def said(self) -> str:
         """Both errors and the limit in words, for an order."""
         limit = "" if self.limit_um is None else f"; at most {self.limit_um:g} um, half of {self.limit_by}"
-        rms = max((error.rms_um for error in self.found if error.judged), default=0.0)
+        rms = max((error.rms_um for error in self.errors if error.judged), default=0.0)
         return f"at most {self.worst.largest_um:.3g} um from where they are drawn, rms {rms:.3g} um{limit}"
 
     def _cure(self) -> str:

@@ -100,12 +100,12 @@ class PlateFacts:
     the options of drawing, are those of most houses too.
     """
 
-    kept: dict[tuple[object, ...], Any] = field(default_factory=dict)
+    facts: dict[tuple[object, ...], Any] = field(default_factory=dict)
 
     def _once(self, find: Callable[[], Fact], *key: object) -> Fact:
-        if key not in self.kept:
-            self.kept[key] = find()
-        fact: Fact = self.kept[key]
+        if key not in self.facts:
+            self.facts[key] = find()
+        fact: Fact = self.facts[key]
         return fact
 
     def smallest_of(self, plate: Plate) -> tuple[Smallest, ...]:
@@ -291,7 +291,7 @@ def _of_files(
     tones, words = shop.order.tones, " ".join(shop.order.tones)
     cure = "" if tone in tones else f'Set tone = "{tones[0]}" in [order], or choose another house'
     yield Finding("tone", tone in tones, tone, words, cure=cure)
-    if shop.accepts.drawing_unit is not None and any(each.startswith("dxf") for each in sent):
+    if shop.accepts.drawing_unit is not None and any(name.startswith("dxf") for name in sent):
         unit = shop.accepts.drawing_unit  # drawings are made in it
         yield Finding("drawing_unit", True, unit, unit)
     if shop.accepts.one_mask_per_layer is not None:
@@ -338,13 +338,15 @@ def _of_plate(plate: Plate, shop: Shop, spanned: Box | None = None) -> Iterator[
         sides_nm = [inches * 25_400_000 for inches in sizes.blanks_in]
         fits = any(abs(plate.blank_nm - side) <= _BLANK_TOLERANCE_NM for side in sides_nm)
         offered = " ".join(f"{inches * UM_PER_INCH / UM_PER_MM:g}" for inches in sizes.blanks_in)
-        named = _templates(lambda each: any(abs(each.blank_nm - side) <= _BLANK_TOLERANCE_NM for side in sides_nm))
+        named = _templates(
+            lambda template: any(abs(template.blank_nm - side) <= _BLANK_TOLERANCE_NM for side in sides_nm)
+        )
         cure = "" if fits else f'{named}set plate.blank to "{sizes.blanks_in[0]:g} in" where the plate has no template'
         yield Finding("blank", fits, blank_mm, offered, "mm", cure=cure and cure[0].upper() + cure[1:])
     if sizes.largest_mm is not None:
         largest = min(sizes.largest_mm)
         fits = blank_mm <= largest
-        named = _templates(lambda each: each.blank_nm <= largest * NM_PER_MM)
+        named = _templates(lambda template: template.blank_nm <= largest * NM_PER_MM)
         cure = "" if fits else f'{named}set plate.blank to at most "{largest:g} mm" where the plate has no template'
         yield Finding("blank", fits, blank_mm, _by(sizes.largest_mm), "mm", cure=cure and cure[0].upper() + cure[1:])
     x0, y0, x1, y1 = written_box(plate)
@@ -459,14 +461,14 @@ def _worst(
     coarse = replace(plate, marks=marks)
     if biased is not None:
         results = _too_narrow(flat_results(merged(biased), (), rules, 1))
-        found = [(value, place.replace("the marks", "the data")) for value, place in results]
+        widths = [(value, place.replace("the marks", "the data")) for value, place in results]
     elif dies_apart(coarse, rules.reach_nm):
-        found = [width for die in plate.dies for width in _of_die(die, plate, rules, tone, facts)]
-        found += _too_narrow(check_plate(replace(coarse, dies=()), rules))
+        widths = [width for die in plate.dies for width in _of_die(die, plate, rules, tone, facts)]
+        widths += _too_narrow(check_plate(replace(coarse, dies=()), rules))
     else:
-        found = list(_too_narrow(check_plate(coarse, rules)))
-    value, place = min(found, default=(math.inf, ""))
-    return (value / NM_PER_UM, place) if found else None
+        widths = list(_too_narrow(check_plate(coarse, rules)))
+    value, place = min(widths, default=(math.inf, ""))
+    return (value / NM_PER_UM, place) if widths else None
 
 
 def _of_die(
@@ -644,18 +646,18 @@ def _of_names(plate: str, cells: Sequence[str], used: Sequence[Layer], shop: Sho
     for part in rules.forbidden:
         yield _names("name", f"no {part!r}", [layer for layer in every if part.casefold() in layer.casefold()])
     if rules.layer_pattern is not None:
-        bad = [each for each in layers if not re.fullmatch(rules.layer_pattern, each)]
+        bad = [layer for layer in layers if not re.fullmatch(rules.layer_pattern, layer)]
         yield _layer_names(rules.layer_pattern, bad, called)
     if rules.layer_max_length is not None:
-        bad = [each for each in layers if len(each) > (rules.layer_max_length or 0)]
+        bad = [layer for layer in layers if len(layer) > (rules.layer_max_length or 0)]
         yield _layer_names(f"at most {rules.layer_max_length} characters", bad, called)
     if rules.forbidden_layers:
-        forbidden = {each.casefold() for each in rules.forbidden_layers}
-        bad = [each for each in layers if each.casefold() in forbidden]
+        forbidden = {layer.casefold() for layer in rules.forbidden_layers}
+        bad = [layer for layer in layers if layer.casefold() in forbidden]
         yield _layer_names("not " + " ".join(rules.forbidden_layers), bad, called)
     if rules.block_equals_layer is False:
-        taken = {each.casefold() for each in layers}
-        yield _names("block_name", "no layer's name", [each for each in every if each.casefold() in taken])
+        taken = {layer.casefold() for layer in layers}
+        yield _names("block_name", "no layer's name", [name for name in every if name.casefold() in taken])
     blocks = shop.blocks
     if False in (blocks.mirrored, blocks.scaled) or blocks.rotation_step_deg is not None:
         yield Finding("block_transforms", True, "none", "no mirrors, no scales, quarter turns")

@@ -233,12 +233,12 @@ _CHOICES = (("parity", "parities"), ("chrome", "chromes"), ("glass", "glasses"),
 
 
 def check_ordered(
-    found: Sequence[Finding], spec: JobSpec, plate: Plate, drawn: Plate, shop: Shop, facts: PlateFacts | None = None
+    findings: Sequence[Finding], spec: JobSpec, plate: Plate, drawn: Plate, shop: Shop, facts: PlateFacts | None = None
 ) -> tuple[Finding, ...]:
     """Findings of a house's rules in a plate, and of its offers in the order; none asks what the order answers.
 
     Args:
-        found: by :func:`maskfab.mask.houses.findings.check_shop`.
+        findings: by :func:`maskfab.mask.houses.findings.check_shop`.
         spec: of the job.
         plate: laid out of it.
         drawn: the plate :func:`maskfab.mask.houses.adaptation.fitted` for the shop.
@@ -249,14 +249,14 @@ def check_ordered(
     cure = f"By the order they must {touches}"
     offers = (*check_offers(spec, plate, shop), *unpublished(spec, drawn, shop, facts or PlateFacts()))
     twice = {"glass"} if any(offer.rule == "order_thickness" for offer in offers) else set()
-    known = (
+    amended = (
         replace(finding, cure=cure)
         if finding.rule == "corner_touches" and finding.passed is None and touches
         else finding
-        for finding in found
+        for finding in findings
         if finding.rule not in twice
     )
-    return (*known, *offers)
+    return (*amended, *offers)
 
 
 def check_offers(spec: JobSpec, plate: Plate, shop: Shop) -> tuple[Finding, ...]:
@@ -299,7 +299,7 @@ def _open_questions(
         asked = f"Do you make plates of {side:g} x {side:g} mm, {room:g} x {room:g} mm of it written?"
         yield "blank", side, "mm", asked
     if shop.limits.min_feature_um is None:
-        kinds = [each for each in facts.smallest_of(drawn) if not each.fine]
+        kinds = [smallest for smallest in facts.smallest_of(drawn) if not smallest.fine]
         least = min((kind.least_um for kind in kinds), default=0.0)
         listed = "; ".join(f"{kind.of}: {kind}" for kind in kinds)
         yield "min_feature", least, "um", f"Do you write the smallest features of this plate ({listed})?"
@@ -479,7 +479,7 @@ class OrderForm:
 
 def _section_with(stated: Mapping[str, Any], path: list[str], text: str, where: str) -> OrderSection:
     """[order] with one more value: the text itself, or the number that it writes where a number is meant."""
-    values: dict[str, Any] = {key: dict(each) if isinstance(each, dict) else each for key, each in stated.items()}
+    values: dict[str, Any] = {key: dict(value) if isinstance(value, dict) else value for key, value in stated.items()}
     table: Any = values
     for name in path[:-1]:
         table = table.setdefault(name, {})
@@ -529,8 +529,8 @@ def write_answers(path: Path, answers: Mapping[str, str], form: OrderForm, shop:
     }
     if "date" not in said:
         values["order.date"] = day
-    known = read_spec(path)
-    if known.export is None or known.export.shop is None:
+    spec = read_spec(path)
+    if spec.export is None or spec.export.shop is None:
         values["export.shop"] = shop
     longer = path.read_bytes().decode("utf-8")
     for key, value in values.items():

@@ -235,8 +235,8 @@ def _placements(layout: db.Layout, cells: Sequence[db.Cell]) -> list[tuple[int, 
     order = np.argsort(kind.ravel(), kind="stable")
     parts = np.split(places[order], np.flatnonzero(np.diff(kind.ravel()[order])) + 1)
     return [
-        (int(each[0]) - 1, each[1:].reshape(2, 2).astype(np.int64), part)
-        for each, part in zip(kinds, parts, strict=True)
+        (int(kind[0]) - 1, kind[1:].reshape(2, 2).astype(np.int64), part)
+        for kind, part in zip(kinds, parts, strict=True)
     ]
 
 

@@ -215,16 +215,16 @@ def _whole(x: Ints, y: Ints) -> Boundary:
     return Boundary.of_raster(x[[0, -1]], y[[0, -1]], np.ones((1, 1), np.bool_))
 
 
-def _by_die(each: Figures, dies: Sequence[AskedDie]) -> Iterator[tuple[int, Boundary]]:
+def _by_die(figure: Figures, dies: Sequence[AskedDie]) -> Iterator[tuple[int, Boundary]]:
     """The polygons that lie within a die, by its number, and all others under the number of dies."""
-    if len(each.places) > 1:
-        whole = Boundary.of_edges(each.edges)
-        for number, placed in _groups(_die_of(each.box + np.tile(each.places, 2), dies)):
-            yield number, whole.at(each.places[placed])
+    if len(figure.places) > 1:
+        whole = Boundary.of_edges(figure.edges)
+        for number, placed in _groups(_die_of(figure.box + np.tile(figure.places, 2), dies)):
+            yield number, whole.at(figure.places[placed])
         return
-    owner = _die_of(each.boxes + np.tile(each.places, 2), dies)[each.owner]
+    owner = _die_of(figure.boxes + np.tile(figure.places, 2), dies)[figure.owner]
     for number, edges in _groups(owner):
-        yield number, Boundary.of_edges(each.edges[edges]).at(each.places)
+        yield number, Boundary.of_edges(figure.edges[edges]).at(figure.places)
 
 
 def _groups(owner: Ints) -> Iterator[tuple[int, Ints]]:
@@ -348,17 +348,17 @@ def _line_box(line: Line, plate: Asked, *, near: bool = False) -> tuple[int, int
     return int(x.min()), int(low), int(x.max()), int(high)
 
 
-def _misread(line: Line, found: Boundary, plate: Asked) -> str:
+def _misread(line: Line, drawn: Boundary, plate: Asked) -> str:
     """The fault of a line of text; nothing if it reads as it should and lies where it should."""
     text = line.text.upper()
-    if found.empty:
+    if drawn.empty:
         return f"{line.name} {text!r} is missing"
     columns = plate.on_plate(line.left + line.step * np.arange(len(text) * ADVANCE + 1), across=True)
     rows = plate.on_plate(line.base + line.step * np.arange(HEIGHT + 1), across=False)
     x, y = (np.interp(points(len(edges) - 1), np.arange(len(edges)), edges) for edges in (columns, rows))
-    seen = found.seen(np.sort(x), y) != 0
+    seen = drawn.seen(np.sort(x), y) != 0
     seen = seen[:, ::-1] if plate.mirror else seen
-    wanted, corners = drawing(text), found.corners
+    wanted, corners = drawing(text), drawn.corners
     off = ~(np.isin(corners[:, 0], columns) & np.isin(corners[:, 1], rows))
     extra, lacking = area_steps2(seen & ~wanted), area_steps2(wanted & ~seen)
     outside = (corners < (columns.min(), rows[0])).any(axis=1) | (corners > (columns.max(), rows[-1])).any(axis=1)
@@ -378,13 +378,13 @@ def _code_box(code: Code, plate: Asked) -> tuple[int, int, int, int]:
     return int(x.min()), code.centre[1] - reach, int(x.max()), code.centre[1] + reach
 
 
-def _miscoded(code: Code, found: Boundary, plate: Asked) -> str:
+def _miscoded(code: Code, drawn: Boundary, plate: Asked) -> str:
     """The fault of a data matrix, whose light modules are clear; nothing if it has none."""
-    if found.empty:
+    if drawn.empty:
         return f"{code.name} is missing"
     import zxingcpp
 
-    corners = found.corners
+    corners = drawn.corners
     side = int(corners[:, 0].max() - corners[:, 0].min()) + plate.bias
     count = round(side / code.module)
     start = (code.centre[0] - count * code.module // 2, code.centre[1] - count * code.module // 2)
@@ -393,7 +393,7 @@ def _miscoded(code: Code, found: Boundary, plate: Asked) -> str:
     x = np.sort(x)
     # At nine places of each module, of which a bar may take three.
     nine = (np.interp((np.arange(3 * count) + 0.5) / 3, np.arange(count + 1), edges) for edges in (x, y))
-    light = found.seen(*nine).reshape(count, 3, count, 3).sum(axis=(1, 3)) > 4
+    light = drawn.seen(*nine).reshape(count, 3, count, 3).sum(axis=(1, 3)) > 4
     light = light[:, ::-1] if plate.mirror else light
     picture = np.where(light[::-1], 255, 0).astype(np.uint8)
     # A few pixels a module and some room around it, as a camera has.
@@ -404,7 +404,7 @@ def _miscoded(code: Code, found: Boundary, plate: Asked) -> str:
     light = light[:, ::-1] if plate.mirror else light
     boxes = [[x[i], y[j], x[i + 1], y[j + 1]] for j, i in zip(*np.nonzero(light), strict=True)]
     mark = Mark(code.name, np.array(boxes, dtype=np.int64).reshape(-1, 4))
-    left = total([found, of_marks.boundary(mark, plate.bias).times(-1)])
+    left = total([drawn, of_marks.boundary(mark, plate.bias).times(-1)])
     if not (left.empty or (plate.bar and _only_bars(left, plate))):
         return f"{code.name} has modules off their places"
     return ""

@@ -45,7 +45,7 @@ def test_every_edge_lies_from_the_nearest_border_of_dots_as_far_as_is_told(tmp_p
     told = dot_edges(plate, job.spec, None, ["plate_tiff"], dpi)
     side = DotGrid.of(plate, dpi).side
     borders = (np.arange(side + 1) - side / 2) * NM_PER_INCH / dpi
-    for die, row in zip(plate.dies, told.found[: len(plate.dies)], strict=True):
+    for die, row in zip(plate.dies, told.errors[: len(plate.dies)], strict=True):
         clear = np.pad(die_raster(die), 1)
         edged = [(clear[:, 1:] != clear[:, :-1]).any(axis=0), (clear[1:] != clear[:-1]).any(axis=1)]
         edges = np.concatenate([lines[used] for lines, used in zip(die_edges_nm(die), edged, strict=True)])
@@ -53,7 +53,7 @@ def test_every_edge_lies_from_the_nearest_border_of_dots_as_far_as_is_told(tmp_p
         assert row.die == die.name
         assert row.largest_um == pytest.approx(nearest.max(), abs=1e-9)
         assert row.rms_um <= row.largest_um <= NM_PER_INCH / dpi / 2000 + 1e-9
-    assert (told.found[0].largest_um == 0) == (dpi == 6350)
+    assert (told.errors[0].largest_um == 0) == (dpi == 6350)
 
 
 def test_the_rms_weighs_edges_by_their_length(small_plate, tmp_path):
@@ -61,7 +61,7 @@ def test_the_rms_weighs_edges_by_their_length(small_plate, tmp_path):
     box = ((200, 0), (200, 30_500), (10_300, 30_500), (10_300, 0))
     plate = replace(small_plate, dies=(), marks=(replace(small_plate.marks[0], polygons=(box,), kind="cd"),))
     assert isinstance(plate.marks[0], Mark)
-    (found,) = dot_edges(plate, plotted(tmp_path, None, formats="").spec, None, ["plate_bmp"], 25_400).found
+    (found,) = dot_edges(plate, plotted(tmp_path, None, formats="").spec, None, ["plate_bmp"], 25_400).errors
     assert found.largest_um == pytest.approx(0.5)
     mean = (30.5 * (0.2**2 + 0.3**2) + 10.1 * 0.5**2) / (2 * 30.5 + 2 * 10.1)
     assert found.rms_um == pytest.approx(mean**0.5)
