@@ -115,18 +115,27 @@ def dot_rows(plate: Plate, grid: DotGrid, tone: Tone, *, upwards: bool) -> Itera
         tone: of the data.
         upwards: the lowest row first, or the highest.
     """
-    dies = [_LaidDie.on(die, grid) for die in plate.dies]
-    marks = _Spans.of([p for mark in plate.marks if mark.layer.written for p in mark.polygons], grid)
+    # Of every die its raster, the dots in each column of it, the first of them, and the first dot of each row.
+    dies = []
+    for die in plate.dies:
+        x, y = (grid.first(np.rint(edges).astype(np.int64)) for edges in die_edges_nm(die))
+        dies.append((die_raster(die), np.diff(x), int(x[0]), y))
+    row_of_run, ends = _runs_of_marks(plate, grid)
     half = plate.writable_nm // 2
     low, high = grid.first(np.array([-half, half])).tolist()
-    starts = np.unique(np.concatenate([[0, low, high, grid.side], marks.changes, *(laid.rows for laid in dies)]))
+    starts = np.unique(
+        np.concatenate([[0, low, high, grid.side], _changes(row_of_run, ends), *(rows for *_, rows in dies)])
+    )
     parts = list(zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True))
     dots = np.zeros(grid.side, dtype=np.bool_)
     for start, stop in parts if upwards else reversed(parts):
         dots[:] = False
-        for die in dies:
-            die.add_to(dots, start)
-        for left, right in marks.at(start):
+        for clear, across, left, rows in dies:
+            if rows[0] <= start < rows[-1]:
+                line = np.repeat(clear[int(np.searchsorted(rows, start, side="right")) - 1], across)
+                dots[left : left + line.size] |= line
+        first, last = np.searchsorted(row_of_run, [start, start + 1])
+        for left, right in ends[first:last].tolist():
             dots[left:right] = True
         if tone == "dark":
             if low <= start < high:
@@ -137,59 +146,12 @@ def dot_rows(plate: Plate, grid: DotGrid, tone: Tone, *, upwards: bool) -> Itera
         yield np.packbits(dots).tobytes(), stop - start
 
 
-@dataclass(frozen=True, eq=False)
-class _LaidDie:
-    """A die over dots.
-
-    Attributes:
-        clear: bool [y, x] on the die's own grid.
-        across: dots in each column of that grid.
-        left: the first of them.
-        rows: first dot of each row of that grid, and the one beyond the last.
-    """
-
-    clear: Mask
-    across: Ints
-    left: int
-    rows: Ints
-
-    @classmethod
-    def on(cls, die: Die, grid: DotGrid) -> _LaidDie:
-        x, y = (grid.first(np.rint(edges).astype(np.int64)) for edges in die_edges_nm(die))
-        return cls(die_raster(die), np.diff(x), int(x[0]), y)
-
-    def add_to(self, dots: Mask, row: int) -> None:
-        if self.rows[0] <= row < self.rows[-1]:
-            line = np.repeat(self.clear[int(np.searchsorted(self.rows, row, side="right")) - 1], self.across)
-            dots[self.left : self.left + line.size] |= line
-
-
-@dataclass(frozen=True, eq=False)
-class _Spans:
-    """Dots of marks, as runs in rows.
-
-    Attributes:
-        row: of every run, ascending.
-        ends: int64 [n, 2], first dot and the one beyond the last.
-        changes: rows that differ from the one below.
-    """
-
-    row: Ints
-    ends: Ints
-    changes: Ints
-
-    @classmethod
-    def of(cls, polygons: list[Polygon], grid: DotGrid) -> _Spans:
-        runs = [_runs(polygon, grid) for polygon in polygons]
-        table = np.concatenate(runs) if runs else np.empty((0, 3), dtype=np.int64)
-        table = table[np.lexsort(table.T[::-1])]
-        row, ends = table[:, 0], table[:, 1:]
-        return cls(row, ends, _changes(row, ends))
-
-    def at(self, row: int) -> list[list[int]]:
-        first, last = np.searchsorted(self.row, [row, row + 1])
-        runs: list[list[int]] = self.ends[first:last].tolist()
-        return runs
+def _runs_of_marks(plate: Plate, grid: DotGrid) -> tuple[Ints, Ints]:
+    """Dots of the marks as runs: the row of each, ascending, and int64 [n, 2], its first dot and the one beyond."""
+    runs = [_runs(polygon, grid) for mark in plate.marks if mark.layer.written for polygon in mark.polygons]
+    table = np.concatenate(runs) if runs else np.empty((0, 3), dtype=np.int64)
+    table = table[np.lexsort(table.T[::-1])]
+    return table[:, 0], table[:, 1:]
 
 
 def _changes(row: Ints, ends: Ints) -> Ints:
