@@ -146,15 +146,22 @@ def dot_edges(
         return None
     grid = DotGrid.of(plate, dpi)
     marks = [mark for mark in plate.marks if mark.layer.written]
-    edges = [
-        *(_of_die(die) for die in plate.dies),
-        _of_marks([mark for mark in marks if mark.kind == "cd"], "CD structures", judged=True),
-        _of_marks([mark for mark in marks if mark.kind != "cd"], "other marks", judged=False),
+    edges: list[tuple[str, str | None, bool, tuple[Ints, Floats]]] = [
+        *((f"die {die.name}", die.name, True, _of_die(die)) for die in plate.dies),
+        ("CD structures", None, True, _of_marks([mark for mark in marks if mark.kind == "cd"])),
+        ("other marks", None, False, _of_marks([mark for mark in marks if mark.kind != "cd"])),
     ]
-    errors = tuple(edge.error(grid) for edge in edges if edge.places_nm.size)
+    errors = []
+    for of, name, is_judged, (places_nm, lengths_nm) in edges:
+        if places_nm.size:
+            off = np.abs(grid.lines_nm(grid.first(places_nm)) - places_nm) / NM_PER_UM
+            rms = math.sqrt(float(np.average(off**2, weights=lengths_nm)))
+            errors.append(EdgeError(of, name, is_judged, float(off.max()), rms))
     limit, by = _limit(plate, spec, shop)
-    judged = np.concatenate([np.empty(0, dtype=np.int64), *(edge.places_nm for edge in edges if edge.judged)])
-    return DotEdges(dpi, errors, limit, by, _even_dpi(judged, plate, dpi))
+    judged = np.concatenate(
+        [np.empty(0, dtype=np.int64), *(places for _, _, is_judged, (places, _) in edges if is_judged)]
+    )
+    return DotEdges(dpi, tuple(errors), limit, by, _even_dpi(judged, plate, dpi))
 
 
 def check_plotter(plate: Plate, spec: JobSpec, shop: Shop, formats: Sequence[str]) -> tuple[Finding, ...]:
@@ -195,31 +202,8 @@ def _limit(plate: Plate, spec: JobSpec, shop: Shop | None) -> tuple[float | None
     return (None, "") if promised is None else (promised / 2, f"what {shop.name} promises, {promised:g} um")
 
 
-@dataclass(frozen=True, eq=False)
-class _Edges:
-    """Edges along x and y.
-
-    Attributes:
-        of: whose.
-        die: its name; None for marks.
-        judged: as in :class:`EdgeError`.
-        places_nm: of upright ones along x, of level ones along y.
-        lengths_nm: of each.
-    """
-
-    of: str
-    die: str | None
-    judged: bool
-    places_nm: Ints
-    lengths_nm: Floats
-
-    def error(self, grid: DotGrid) -> EdgeError:
-        off = np.abs(grid.lines_nm(grid.first(self.places_nm)) - self.places_nm) / NM_PER_UM
-        rms = math.sqrt(float(np.average(off**2, weights=self.lengths_nm)))
-        return EdgeError(self.of, self.die, self.judged, float(off.max()), rms)
-
-
-def _of_die(die: Die) -> _Edges:
+def _of_die(die: Die) -> tuple[Ints, Floats]:
+    """Places of edges in nm, of upright ones along x and of level ones along y, and the length of each."""
     x, y = die_edges_nm(die)
     clear = np.pad(die_raster(die), 1)
     inner = slice(1, -1)
@@ -227,14 +211,15 @@ def _of_die(die: Die) -> _Edges:
     upwards = (clear[1:, inner] != clear[:-1, inner]) @ np.diff(x)
     places, lengths = np.concatenate([x, y]), np.concatenate([across, upwards])
     used = lengths > 0
-    return _Edges(f"die {die.name}", die.name, True, np.rint(places[used]).astype(np.int64), lengths[used])
+    return np.rint(places[used]).astype(np.int64), lengths[used]
 
 
-def _of_marks(marks: Sequence[Mark], of: str, *, judged: bool) -> _Edges:
+def _of_marks(marks: Sequence[Mark]) -> tuple[Ints, Floats]:
+    """The same of edges along x and y that marks have when they are merged."""
     drawn = drawn_region(polygon for mark in marks for polygon in mark.polygons)
     edges = [edge for edge in drawn.merged(True, 1).edges().each() if edge.x1 == edge.x2 or edge.y1 == edge.y2]
     places = np.array([edge.x1 if edge.x1 == edge.x2 else edge.y1 for edge in edges], dtype=np.int64)
-    return _Edges(of, None, judged, places, np.array([edge.length() for edge in edges], dtype=np.float64))
+    return places, np.array([edge.length() for edge in edges], dtype=np.float64)
 
 
 def _even_dpi(places_nm: Ints, plate: Plate, dpi: int) -> int | None:
