@@ -11,10 +11,10 @@ import signal
 from pathlib import Path
 
 SECONDS = 5
-"""Of the processor, for any file; a process that reads for another takes of what that one has left."""
+"""Seconds of the processor, for any file; a process that reads for another takes of what that one has left."""
 
 BYTES_PER_SECOND = 100_000
-"""Of a file, which may take so much longer; whole files of polygons take a third of it."""
+"""Bytes of a file for each second more that it may take; whole files of polygons take a third of it."""
 
 
 def limit_share(
@@ -60,7 +60,7 @@ def limit_processor(seconds: int) -> None:
 
 
 def children_seconds() -> float:
-    """Of the processor, that processes of this one have taken which have ended."""
+    """Processor time that processes of this one have taken which have ended."""
     try:
         import resource
     except ImportError:  # Windows

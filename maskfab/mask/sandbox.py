@@ -153,7 +153,7 @@ def wrong_kind(path: Path, kind: str) -> SourceError:
 Answer = TypeVar("Answer")
 
 SHAPES_PER_SECOND = 10_000
-"""Of the design that the file is held against; they take a fifth of it."""
+"""Shapes of the design that the file is held against; they take a fifth of it."""
 
 MEMORY = 1_500_000_000
 MEMORY_PER_BYTE = 64
@@ -250,7 +250,7 @@ def begun(
 
 
 def seconds_of(shapes: int) -> int:
-    """For :func:`bounded`: what a small file may take that is held against a design of so many shapes."""
+    """Seconds, for :func:`bounded`, that a small file may take that is held against a design of so many shapes."""
     return SECONDS + math.ceil(shapes / SHAPES_PER_SECOND)
 
 
