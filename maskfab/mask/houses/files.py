@@ -215,7 +215,7 @@ def _of_die(die: Die) -> tuple[Ints, Floats]:
 
 
 def _of_marks(marks: Sequence[Mark]) -> tuple[Ints, Floats]:
-    """The same of edges along x and y that marks have when they are merged."""
+    """Places and lengths, as of a die, of edges along x and y of marks when they are merged."""
     drawn = drawn_region(polygon for mark in marks for polygon in mark.polygons)
     edges = [edge for edge in drawn.merged(True, 1).edges().each() if edge.x1 == edge.x2 or edge.y1 == edge.y2]
     places = np.array([edge.x1 if edge.x1 == edge.x2 else edge.y1 for edge in edges], dtype=np.int64)
