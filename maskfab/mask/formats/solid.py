@@ -149,6 +149,7 @@ def _too_large(die: Die, kind: str, what: str, instead: str = "") -> OutputError
 
 _FLAT_NM = 5.0
 """Triangles of less height are flat: float32 millimetres within a die could take their area."""
+_CORNERS_OF_A_CELL = 64
 _BAND_CORNERS = 4_000
 """About as many as a band has: the time that ears take grows faster than their number beyond some thousands."""
 
@@ -274,20 +275,22 @@ def _contours(chrome: db.Region) -> Iterator[list[Polygon]]:
 
 
 def _divided(contour: Polygon, low_nm: Point, cell: CellSize) -> Polygon:
-    """The contour with a corner about every dot of sides that are longer than a cell, such as those of the frame.
+    """The contour with a corner about every dot of sides that are longer than a cell, such as those of the frame; in
+    cells of many dots or wide gutters, 64 a cell.
 
     Between a long side and short ones beside it triangles would be needles from its far ends. Corners are where both
-    bands that a side parts have them, and not within half a dot of its ends.
+    bands that a side parts have them, and not within half a step of its ends.
     """
+    step = cell.dot_nm * max(1, cell.pitch_nm // (_CORNERS_OF_A_CELL * cell.dot_nm))
     corners: list[Point] = []
     for (x, y), (to_x, to_y) in zip(contour, (*contour[1:], contour[0]), strict=True):
         corners.append((x, y))
         start, end, low = (x, to_x, low_nm[0]) if y == to_y else (y, to_y, low_nm[1])
         if abs(end - start) > cell.pitch_nm and (x == to_x or y == to_y):
             near, far = sorted((start, end))
-            first = near + cell.dot_nm // 2 + 1
-            first += -(first - low) % cell.dot_nm
-            places = range(first, far - cell.dot_nm // 2, cell.dot_nm)
+            first = near + step // 2 + 1
+            first += -(first - low) % step
+            places = range(first, far - step // 2, step)
             for place in places if end > start else reversed(places):
                 corners.append((place, y) if y == to_y else (x, place))
     return tuple(corners)
