@@ -34,8 +34,9 @@ from maskfab.mask.panels import check_light, check_panel_size
 from maskfab.mask.raster import aperture_in_stop, edge_distances
 from maskfab.mask.sandbox import bounded
 from maskfab.optics import metrics
+from maskfab.optics.field.polygons import Boundary
 from maskfab.optics.psf import Leak, pixel_margin
-from maskfab.optics.pupil import Aperture, Lattice, cut
+from maskfab.optics.pupil import Aperture, Lattice, Pupil, cut
 from maskfab.optics.response import curves_text
 from maskfab.optics.scene.model_bar import bar_of_panel, bar_quantities, model_bar
 from maskfab.optics.scene.plan import sampling_camera
@@ -44,6 +45,7 @@ from maskfab.optics.stop_edges import edges_in_stop, stop_box
 from maskfab.optics.tiling import orientations
 from maskfab.report.rows.optics import (
     INVARIANT_LIMIT_ROUND,
+    LitPupils,
     lit_pupils,
     measure,
     measure_pupils,
@@ -268,15 +270,8 @@ def _name(path: Path) -> str:
 def _analyse_mask(
     path: Path, request: Request, progress: Progress
 ) -> tuple[str, tuple[Psf, ...], tuple[Mtf, ...], tuple[Quantity, ...]]:
-    # Polygons, edges and aperture, then outline and lags take more memory than all after them, and go when used.
-    name, edges, area, lattice, aperture = _draw(path, request)
-    release_memory()
     camera, leak = request.camera, Leak.of(request.blank, request.camera.stop)
-    outline = stop_boundary(edges, area, camera, pixel_margin(camera))
-    pupil, parts = cut(aperture, camera.stop), () if leak is None else leak.pupils(aperture)
-    del edges, aperture
-    lit = lit_pupils(pupil, parts, leak, camera)
-    del parts
+    name, area, lattice, outline, pupil, lit = _see(path, request, leak)
     release_memory()
     header = (
         metrics.stop_open_ratio(area, camera, None, "area of the file's polygons inside the stop over the stop's"),
@@ -292,6 +287,20 @@ def _analyse_mask(
     release_memory()
     bar = bar_quantities(model_bar(pupil, camera, request.blank), camera, None)
     return name, measured.psfs, measured.mtfs, (*header, *measured.quantities, *bar)
+
+
+def _see(path: Path, request: Request, leak: Leak | None) -> tuple[str, float, Lattice, Boundary, Pupil, LitPupils]:
+    """Name, open area and lattice of a mask file, the outline of what is clear in the stop, and its pupil, lit.
+
+    Polygons, edges and aperture, then outline and lags take more memory than all after them, and go when used.
+    """
+    name, edges, area, lattice, aperture = _draw(path, request)
+    release_memory()
+    camera = request.camera
+    outline = stop_boundary(edges, area, camera, pixel_margin(camera))
+    pupil, parts = cut(aperture, camera.stop), () if leak is None else leak.pupils(aperture)
+    del edges, aperture
+    return name, area, lattice, outline, pupil, lit_pupils(pupil, parts, leak, camera)
 
 
 def _draw(path: Path, request: Request) -> tuple[str, NDArray[np.float64], float, Lattice, Aperture]:
