@@ -33,7 +33,6 @@ from maskfab.optics.metrics import relative_difference
 from maskfab.optics.psf import point_psf
 from maskfab.optics.pupil import cut, panel_aperture, veil
 from maskfab.report.documents.shape import (
-    DRAFT,
     Document,
     OneOf,
     Pair,
@@ -42,6 +41,7 @@ from maskfab.report.documents.shape import (
     Text,
     WholePair,
     optional,
+    titled_schema,
     written,
 )
 from maskfab.report.rows.bands import SHARE, ProcessSpread
@@ -417,12 +417,7 @@ class CheckPart(Part):
 
 def check_schema() -> Document:
     """The JSON Schema (draft 2020-12) of what ``maskfab check --json`` prints."""
-    return {
-        "$schema": DRAFT,
-        "title": "maskfab check",
-        **CheckPart.schema_document(),
-        "$defs": {QuantityPart.definition: QuantityPart.schema_document()},
-    }
+    return titled_schema("maskfab check", CheckPart)
 
 
 def check_document(

@@ -32,7 +32,6 @@ from maskfab.optics.scene.plan import AT_MOST, plan_document
 from maskfab.report.documents.die import DesignPart, MeasuredPart, PhotographsPart
 from maskfab.report.documents.display import DisplayPart, display_document
 from maskfab.report.documents.shape import (
-    DRAFT,
     DieName,
     Document,
     OneOf,
@@ -43,6 +42,7 @@ from maskfab.report.documents.shape import (
     WholePair,
     document_text,
     optional,
+    titled_schema,
     written,
 )
 from maskfab.report.rows.bands import ProcessSpread
@@ -258,12 +258,7 @@ class ReportPart(Part):
 
 def schema() -> Document:
     """The JSON Schema (draft 2020-12) of report.json."""
-    return {
-        "$schema": DRAFT,
-        "title": "maskfab report",
-        **ReportPart.schema_document(),
-        "$defs": {QuantityPart.definition: QuantityPart.schema_document()},
-    }
+    return titled_schema("maskfab report", ReportPart)
 
 
 def to_document(

@@ -178,3 +178,13 @@ class QuantityPart(Part):
             except ValueError as error:
                 raise ValueError(f"{self.name[:40]!r} names no frequency") from error
         return self
+
+
+def titled_schema(title: str, part: type[Part]) -> Document:
+    """The JSON Schema (draft 2020-12) of a whole document."""
+    return {
+        "$schema": DRAFT,
+        "title": title,
+        **part.schema_document(),
+        "$defs": {QuantityPart.definition: QuantityPart.schema_document()},
+    }
