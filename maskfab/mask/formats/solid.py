@@ -311,8 +311,7 @@ def triangulated(contours: Sequence[Polygon]) -> Ints:
     points = np.array([point for contour in contours for point in contour], dtype=np.int64)
     sides = np.roll(points[triangles], -1, axis=1) - points[triangles]
     doubled = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
-    flat = np.flatnonzero(doubled < _FLAT_NM * np.hypot(sides[..., 0], sides[..., 1]).max(axis=1))
-    if not flat.size:
+    if (doubled >= _FLAT_NM * np.hypot(sides[..., 0], sides[..., 1]).max(axis=1)).all():
         return triangles
     return _delaunay(points.tolist(), triangles.tolist())
 
