@@ -105,8 +105,8 @@ class Panel(model.Panel):
         if cells is not None and size is None:
             rows, columns = cells.cells.shape
             size = max(rows, columns) * pixel.pitch_um
-            if seed is None and panel_shape(cells, rows, rows) == (rows, columns):
-                seed = 0  # nothing lies beyond the map, so nothing is drawn from it
+            if seed is None and (cells.beyond is not None or panel_shape(cells, rows, rows) == (rows, columns)):
+                seed = 0  # nothing that lies beyond the map is drawn
         held = (unit, *others)
         stated = {
             "name": unit.name,

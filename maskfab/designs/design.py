@@ -110,7 +110,10 @@ def _possible(spec: JobSpec, where: str) -> tuple[Display | None, SceneCondition
     """The display that the opening must hold, and the conditions of the scene, of a job that is possible."""
     section, display = section_of(spec, where), display_of(spec, where)
     rules = constraints_of(section, where=f"{where}: design", display=display)
-    rules.require_possible()
+    fewer = display is not None and isinstance(section, SearchSection) and section.map is not None
+    if not fewer or (conflict := rules.conflict()) is None or "clear_dots" not in conflict.rules:
+        # Where fewer dots may do, their number is searched.
+        rules.require_possible()
     if isinstance(section, SearchSection):
         from maskfab.designs.search.scan import require_shapes
 

@@ -738,7 +738,7 @@ def designs(
             }
             opening = Opening(name, point.units[0], pareto.dot_nm, facts)
             outer = None if len(point.units) == 1 else Opening(f"{name}_outer", point.units[1], pareto.dot_nm, facts)
-            held = point.cells and CellMap(f"{name}_map", point.cells.cells, facts, point.cells.shifts)
+            held = point.cells and replace(point.cells, name=f"{name}_map", provenance=facts)
             named.append(FrontDesign(name, point, opening, outer, held, _job(spec, section, point, name)))
     return tuple(named)
 

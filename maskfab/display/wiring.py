@@ -220,12 +220,10 @@ def wiring(panel: Panel, opening: Opening, demand: WireDemand) -> Wiring:
         opening: what is clear in any of its openings.
         demand: what is asked.
     """
-    transparent = int(demand.transparent_nm > 0)
-    crossing = transparent_tracks(panel.pitch_nm, demand.transparent_nm, demand.transmission) if transparent else ()
-    alike = _alike(panel, opening, demand, demand.lines - transparent)
-    drawn = replace(alike, transparent=transparent, tracks=(*alike.tracks, *crossing))
+    drawn = wired_alike(panel, opening, demand)
     if drawn.verdict is Verdict.FITS:
         return drawn
+    transparent = drawn.transparent
     asked = panel, demand.rules, demand.lines - transparent
     cut = next((proof for axis in AXES if (proof := panel_cut(*asked, axis)) is not None), None)
     if cut is not None:
@@ -234,7 +232,23 @@ def wiring(panel: Panel, opening: Opening, demand: WireDemand) -> Wiring:
     if not all(lines.paths for lines in laid):
         return drawn
     broken = line_violations(panel, laid, demand.rules)
+    crossing = tuple(track for track in drawn.tracks if track.name == "transparent")
     return Wiring(demand.lines, 0, (0, 0), transparent, laid, None, crossing, broken)
+
+
+def wired_alike(panel: Panel, opening: Opening, demand: WireDemand) -> Wiring:
+    """Wires with which every pixel of a panel is drawn alike, as many as can be, up to those asked for.
+
+    They depend on the opening and on which orientations there are, not on where these lie: an opening whose wires are
+    all drawn alike in eight orientations is wired whatever the map.
+
+    Args:
+        panel, opening, demand: as for :func:`wiring`.
+    """
+    transparent = int(demand.transparent_nm > 0)
+    crossing = transparent_tracks(panel.pitch_nm, demand.transparent_nm, demand.transmission) if transparent else ()
+    alike = _alike(panel, opening, demand, demand.lines - transparent)
+    return replace(alike, transparent=transparent, tracks=(*alike.tracks, *crossing))
 
 
 def most_lines(panel: Panel, opening: Opening, demand: WireDemand) -> int:

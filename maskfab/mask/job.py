@@ -188,10 +188,13 @@ def _seeded(die: DieSection, spec: JobSpec, held: Sequence[Opening]) -> DieSecti
 
 
 def named_seeds(die: DieSection, spec: JobSpec, held: Sequence[Opening]) -> tuple[str, DieSeeds | None]:
-    """The map of a die, or else its opening, by name, and the seeds of dies that it names; None where it names none."""
+    """The map of a die, or else its opening, by name, and the seeds of dies that it names; None where it names none.
+
+    Nothing is drawn round a map that says what lies there, so that one seed is as good as another.
+    """
     if die.map is not None:
         cells = panels.parse_map(spec.maps[die.map], die.map)
-        return cells.name, DieSeeds.of(cells.provenance)
+        return cells.name, DieSeeds((0,)) if cells.beyond is not None else DieSeeds.of(cells.provenance)
     return held[0].name, DieSeeds.of(held[0].provenance)
 
 

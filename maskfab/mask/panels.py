@@ -13,13 +13,15 @@ beside it::
     0000
     '''                        # optional: which of a die's openings each cell holds, 0 to 9 and a to e
     shifts = [[0, 0], [2, 0]]  # optional: those openings are the die's one, moved right and up by so many dots
+    beyond = [1, 0]            # optional: opening and element of D4 of every cell round the map
     [provenance]
     author = "..."             # any keys; text and numbers
 
 The middle of a map is the middle of its panel, so a panel has an even number of rows if its map has, and an odd number
-if its map has; columns alike. Beyond a map, and in a random tiling, a seed draws how cells are turned, and wires laid
-across a die may find no way in what it draws. A file names the seeds that were tried in its provenance:
-``die_seeds_fit = "1 2"``, and ``die_seeds_unfit = "0"``. A die that states no seed takes the first that fits.
+if its map has; columns alike. Cells round a map are those of a regular display where the map says what they hold.
+Elsewhere, and in a random tiling, a seed draws how cells are turned, and wires laid across a die may find no way in
+what it draws. A file names the seeds that were tried in its provenance: ``die_seeds_fit = "1 2"``, and
+``die_seeds_unfit = "0"``. A die that states no seed takes the first that fits.
 
 Turns by 60 degrees do not carry a square grid of dots into itself, so hexagonal cells are sampled as one sheet of dots
 for a whole panel: a dot is clear where its middle, carried back into the unit, falls on a clear dot. Edges that lie off
@@ -149,7 +151,7 @@ def _listed(seeds: Iterable[int]) -> str:
     return f"{', '.join(first)} and {last}" if first else last
 
 
-_KEYS = ("name", "map", "openings", "shifts", "provenance")
+_KEYS = ("name", "map", "openings", "shifts", "beyond", "provenance")
 _ELEMENTS = "01234567"
 _OPENINGS = "0123456789abcde"[:MOST_OPENINGS]
 _MOST_CELLS = 1000
@@ -169,12 +171,14 @@ class CellMap:
         provenance: who made it, with which command, seed and version.
         shifts: (right, up) in dots for every opening of the map, which is the die's one opening moved by that; empty
             where the openings are the die's own.
+        beyond: what every cell round the map holds, 8 u + k; None where a seed draws it.
     """
 
     name: str
     cells: Labels
     provenance: Mapping[str, str | int | float] = field(default_factory=dict)
     shifts: tuple[Shift, ...] = ()
+    beyond: int | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cells", frozen(np.asarray(self.cells, dtype=np.int8)))
@@ -238,7 +242,8 @@ def parse_map(text: str, where: str = "") -> CellMap:
             )
         cells = cells + ORIENTATIONS * held
     shifts = _shifts(facts.get("shifts", []), at_key(where, "shifts"))
-    most = int(cells.max()) // ORIENTATIONS
+    beyond = _beyond(facts.get("beyond"), at_key(where, "beyond"))
+    most = max(int(cells.max()), beyond or 0) // ORIENTATIONS
     if shifts and most >= len(shifts):
         raise JobError(
             "MF122",
@@ -246,7 +251,7 @@ def parse_map(text: str, where: str = "") -> CellMap:
             where=at_key(where, "shifts"),
             cure="Give one for each opening, [0, 0] for one that stays",
         )
-    return CellMap(name, cells, provenance_of(facts, where), shifts)
+    return CellMap(name, cells, provenance_of(facts, where), shifts, beyond)
 
 
 def map_text(cells: CellMap) -> str:
@@ -257,6 +262,8 @@ def map_text(cells: CellMap) -> str:
         lines += ['openings = """', *drawn_lines(held, _OPENINGS), '"""']
     if cells.shifts:
         lines.append(f"shifts = {[list(shift) for shift in cells.shifts]}")
+    if cells.beyond is not None:
+        lines.append(f"beyond = {list(divmod(cells.beyond, ORIENTATIONS))}")
     return "\n".join([*lines, *provenance_lines(cells.provenance)]) + "\n"
 
 
@@ -330,9 +337,9 @@ def shifted_openings(cells: CellMap, held: tuple[Opening, ...], *, where: str) -
 
 
 def placed(cells: CellMap, rows: int, columns: int, seed: int | None, *, openings: int, where: str) -> Labels:
-    """Contents of each cell of a panel, int8 [rows, columns]: the map in the middle, all beyond it drawn at random.
+    """Contents of each cell of a panel, int8 [rows, columns]: the map in the middle, round it what the map says.
 
-    A map larger than the panel loses its rim.
+    Where it says nothing, that is drawn at random. A map larger than the panel loses its rim.
 
     Args:
         cells: the map.
@@ -343,8 +350,8 @@ def placed(cells: CellMap, rows: int, columns: int, seed: int | None, *, opening
         where: the die, for errors.
 
     Raises:
-        JobError: MF111 without a seed; MF122 if the map and the panel cannot share their middle, or the map has more
-            openings than the die.
+        JobError: MF111 without a seed that is needed; MF122 if the map and the panel cannot share their middle, or the
+            map has more openings than the die.
     """
     for have, room, what in zip(cells.cells.shape, (rows, columns), ("rows", "columns"), strict=True):
         if (have - room) % 2 or room < 1:
@@ -354,7 +361,7 @@ def placed(cells: CellMap, rows: int, columns: int, seed: int | None, *, opening
                 where=where,
                 cure=f"Use a panel of {have} {what}, or of an even number more",
             )
-    most = int(cells.cells.max()) // ORIENTATIONS
+    most = max(int(cells.cells.max()), cells.beyond or 0) // ORIENTATIONS
     if most >= openings:
         raise JobError(
             "MF122",
@@ -362,7 +369,10 @@ def placed(cells: CellMap, rows: int, columns: int, seed: int | None, *, opening
             where=where,
             cure="Name the others in the die's key others, or draw a map of fewer",
         )
-    panel = orientations(Tiling.RANDOM, rows, columns, seed, openings=openings, where=where).copy()
+    if cells.beyond is None:
+        panel = orientations(Tiling.RANDOM, rows, columns, seed, openings=openings, where=where).copy()
+    else:
+        panel = np.full((rows, columns), cells.beyond, dtype=np.int8)
     (bottom, low), (left, first) = (
         (max(0, (room - have) // 2), max(0, (have - room) // 2))
         for have, room in zip(cells.cells.shape, (rows, columns), strict=True)
@@ -426,6 +436,22 @@ def _shifts(stated: object, where: str) -> tuple[Shift, ...]:
     if len(stated) > MOST_OPENINGS:
         raise JobError("MF122", f"{len(stated)} shifts are more than {MOST_OPENINGS}", where=where, cure="Use fewer")
     return tuple((right, up) for right, up in stated)
+
+
+def _beyond(stated: object, where: str) -> int | None:
+    """Opening and element of D4 as one number."""
+    if stated is None:
+        return None
+    if not isinstance(stated, list) or [type(number) for number in stated] != [int, int]:
+        cure = "Write [0, 0] for the first opening, not turned"
+        raise JobError("MF105", "beyond is not a pair of whole numbers", where=where, cure=cure)
+    held, turn = stated
+    if not (0 <= held < MOST_OPENINGS and 0 <= turn < ORIENTATIONS):
+        what = (
+            f"beyond = {stated} is no opening of 0 to {MOST_OPENINGS - 1} under an element of 0 to {ORIENTATIONS - 1}"
+        )
+        raise JobError("MF122", what, where=where, cure="Write [0, 0] for the first opening, not turned")
+    return int(ORIENTATIONS * held + turn)
 
 
 _MOST_CELLS_ACROSS = 1000

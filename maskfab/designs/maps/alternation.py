@@ -16,6 +16,7 @@ Notes:
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -69,6 +70,10 @@ def joint(
     mode: MapMode = MapMode.EQUAL_LIGHT,
     kicks: int = 0,
     positions: int = 1,
+    start: NDArray[np.int8] | None = None,
+    shifts: tuple[Shift, ...] = (),
+    holds: Callable[[NDArray[np.int8]], bool] = lambda _: True,
+    steps: int | None = None,
     clock: Clock = NO_END,
     progress: Progress = silent,
 ) -> Joint:
@@ -83,6 +88,7 @@ def joint(
         mode: the same.
         kicks: the same, of the first map.
         positions: the same; the places stay those of the first map.
+        start, shifts, holds, steps: the same, of the first map; where ``holds`` depends on the unit, make no rounds.
         clock: the same; no round is begun when its time is over.
         progress: told after every round.
 
@@ -107,6 +113,10 @@ def joint(
         kicks=kicks,
         positions=positions,
         allows=constraints.allows,
+        start=start,
+        shifts=shifts,
+        holds=holds,
+        steps=steps,
         clock=clock,
         progress=progress,
     )

@@ -151,7 +151,7 @@ def shown(units: Mask, kinds: NDArray[np.int8], constraints: Constraints) -> tup
     display: Display | None = constraints["emitters"] or None
     if display is None:
         return None, None
-    cells = CellMap("map", kinds)
+    cells = CellMap("map", kinds, beyond=ORIENTATIONS)
     fit = fitting_die(display, units[0], constraints.dot_nm, cells, units[1], most=1)
     if fit.why is not None:
         return fit, None

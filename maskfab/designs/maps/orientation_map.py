@@ -136,6 +136,7 @@ def design_map(
     start: NDArray[np.int8] | None = None,
     light: int | None = None,
     keep_units: bool = False,
+    holds: Callable[[NDArray[np.int8]], bool] = lambda _: True,
     steps: int | None = None,
     clock: Clock | None = None,
     progress: Progress = silent,
@@ -155,6 +156,8 @@ def design_map(
             map. Light and gains are still those of the random map.
         light: clear dots inside the stop that equal light is; None takes those of the random map.
         keep_units: cells keep the unit that ``start`` gives them and turn only; the random map is then ``start``.
+        holds: whether a map is allowed, integers [cells, cells] as ``start``, which must be; turns that are not are
+            refused.
         steps: after so many fields the map is taken as it is; None for as many as help.
         clock: when its time is over, the map is taken as it is after :data:`FIRST_STEPS` fields; None for no end.
         progress: told after every descent.
@@ -178,7 +181,7 @@ def design_map(
         stack = np.stack([shifted(stack[0], shift) for shift in places_used])
     else:
         places_used = ()
-    search = _Search(stack, error, mode, target, math.inf if steps is None else steps, clock or NO_END)
+    search = _Search(stack, error, mode, target, math.inf if steps is None else steps, clock or NO_END, holds)
     draw = np.random.default_rng([seed, 1])
     if keep_units:
         search.bar(drawn)
@@ -187,7 +190,10 @@ def design_map(
     for kick in range(kicks):
         if search.over:
             break
-        state = search.descend(search.kicked(best.chosen, draw))
+        kicked = search.kicked(best.chosen, draw)
+        if not search.held(kicked):
+            continue
+        state = search.descend(kicked)
         best = min(best, state, key=lambda state: state.loss)
         progress("map", kick + 2, kicks + 1)
     chosen = best.chosen.reshape(size).astype(np.int8)
@@ -354,6 +360,7 @@ class _Search:
         target: float,
         steps: float = math.inf,
         clock: Clock = NO_END,
+        holds: Callable[[NDArray[np.int8]], bool] = lambda _: True,
     ) -> None:
         dots = error.dots
         self.error, self.mode = error, mode
@@ -364,7 +371,7 @@ class _Search:
         self.live = np.flatnonzero(self.inside.any(axis=1))
         self.cut = np.flatnonzero(self.inside.any(axis=1) & ~self.inside.all(axis=1))
         self.rim = (self.flat * self.inside[self.cut, None]).astype(np.float32)
-        self.target, self.steps, self.clock = target, steps, clock
+        self.target, self.steps, self.clock, self.holds = target, steps, clock, holds
         self.history: list[float] = []
         self.barred = np.zeros(self.light.shape, dtype=np.bool_)
         y, x = np.divmod(np.arange(dots * dots), dots)
@@ -380,6 +387,10 @@ class _Search:
         """Keep every cell's unit."""
         units = np.arange(len(self.flat)) // ORIENTATIONS
         self.barred = units != drawn.ravel()[:, None] // ORIENTATIONS
+
+    def held(self, chosen: NDArray[np.int64]) -> bool:
+        """Whether a map is allowed."""
+        return self.holds(chosen.reshape(self.error.cells, self.error.cells).astype(np.int8))
 
     def pupil(self, chosen: NDArray[np.int64]) -> Floats:
         """The stop filled with these."""
@@ -437,7 +448,7 @@ class _Search:
                 tried[cells] = kinds
                 after = self.error.judge(self.pupil(tried), state.epsilons)
                 paid = price * float((self._light_of(tried) - self._light_of(chosen)).sum())
-                if after.loss + paid < loss - _ENOUGH_DB:
+                if after.loss + paid < loss - _ENOUGH_DB and self.held(tried):
                     break
                 if len(cells) == 1:
                     worth[cells, kinds], refused = 0, refused + 1

@@ -1,6 +1,6 @@
 """Appraisal of a designed panel: in the conditions of its scene, and beside panels that are not quite the one designed.
 
-A panel on a die has its map in the middle, and all beyond it drawn as its tiling draws it.
+A panel on a die has its map in the middle, and all beyond it as the map says or as its tiling draws it.
 
 Conditions are what a job's [scene] has of distances and places, as far as its plan models it. A photograph is of one
 distance, by the plan's ends of the depth and the focus between them, and shows the field. Means over it are those of

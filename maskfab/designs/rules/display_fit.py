@@ -6,8 +6,12 @@ nothing. Lines that pass beside openings at most follow from chains across a pan
 the next, in the same row or one beside it, through the largest piece of each opening from its first dot to its last. So
 that bound may be higher than that of all chains.
 
-At last a display is held against a whole die: a design's opening with its map in the middle, and what is drawn from a
-seed beyond it.
+A map that is still to be designed cannot break a display whose lines run alike in every pixel, in whichever way it is
+turned: that is asked of the opening once, exactly, in milliseconds. An opening whose lines pass cells that are laid
+alike can be given a map as well, one that is looked at while it is designed.
+
+At last a display is held against a whole die: a design's opening with its map in the middle, and regular cells, or what
+is drawn from a seed, beyond it.
 """
 
 from __future__ import annotations
@@ -16,7 +20,8 @@ import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from enum import StrEnum
+from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -24,7 +29,7 @@ from scipy import ndimage
 
 from maskfab.base.arrays import Floats, Indices, Ints, Labels, Mask
 from maskfab.base.cell_size import CellSize
-from maskfab.base.model import ORIENTATIONS, Opening, Panel, Tiling, orient
+from maskfab.base.model import ORIENTATIONS, Opening, Panel, Tiling, frozen, orient
 from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import Progress, silent
 from maskfab.designs.model.appraisal import designed_panel
@@ -35,7 +40,7 @@ from maskfab.display.emitter_shapes import guillotine, rectangle_footprints
 from maskfab.display.feasibility import DisplayRules, Feasibility, feasibility
 from maskfab.display.free_area import border_margin, free_region
 from maskfab.display.pixel_lines import WireRules
-from maskfab.display.wiring import most_lines, wiring
+from maskfab.display.wiring import WireDemand, most_lines, wired_alike, wiring
 from maskfab.job.sections import SearchSection
 from maskfab.mask.panels import CellMap
 from maskfab.optics.tiling import orientations
@@ -50,6 +55,18 @@ SEEDS = 8
 """Dies that are tried of an opening and its map."""
 
 
+_EVERY_PAIR = 40
+"""Cells along a random panel in which any two orientations meet, side by side and corner to corner."""
+
+
+class Wired(StrEnum):
+    """Panels in which the lines of a display must pass."""
+
+    TILING = "the job's tiling"
+    ANY_MAP = "whatever the map"
+    REGULAR = "all cells laid alike"
+
+
 @dataclass(frozen=True, eq=False)
 class Display:
     """A display that an opening must hold.
@@ -60,6 +77,7 @@ class Display:
         tiling: that these are of.
         seed: of the tiling.
         across: cells along a side of the die on which the opening is tried at last.
+        wired: where its lines must pass; but for the job's tiling, emitters must suit any two neighbours.
     """
 
     rules: DisplayRules
@@ -67,6 +85,7 @@ class Display:
     tiling: Tiling
     seed: int
     across: int
+    wired: Wired = Wired.TILING
     _wired: dict[bytes, str | None] = field(default_factory=dict, repr=False)
     _empty: dict[tuple[int, int], Feasibility | None] = field(default_factory=dict, repr=False)
 
@@ -74,6 +93,11 @@ class Display:
     def of(cls, rules: DisplayRules, tiling: Tiling, seed: int, before_stop: int, across: int) -> Display:
         """A display of so many pixels across, and before the stop."""
         return cls(rules, orientations(tiling, before_stop, before_stop, seed), tiling, seed, across)
+
+    def wired_as(self, wired: Wired) -> Display:
+        """This display before a map that is not designed yet."""
+        cells = self.cells if wired is Wired.TILING else every_pair()
+        return replace(self, cells=cells, wired=wired, _wired={}, _empty={})
 
     def asking(self, *, required: float, lines: int) -> Display:
         """This display with another least footprint, and so many lines each way; 0 for none."""
@@ -111,9 +135,10 @@ class Display:
         return None if self.rules.wires is None else most_lines(panel, panel.common, self.rules.wires)
 
     def lines_beside(self, units: Mask, dot_nm: int) -> Ints | None:
-        """Opaque lines for every pixel that pass beside openings [units, dots, dots] at most; None if none must."""
+        """Opaque lines for every pixel that pass beside openings [units, dots, dots] at most; None if none must, and
+        where the panel is not known yet."""
         wires = self.rules.wires
-        if wires is None or self.opaque_lines < 1:
+        if wires is None or self.opaque_lines < 1 or self.wired is not Wired.TILING:
             return None
         return most_beside(units, self.cells, dot_nm, wires.rules)
 
@@ -161,14 +186,28 @@ class Display:
             return None
         key = unit.tobytes()
         if key not in self._wired:
-            passing = self.lines_beside(unit[None], dot_nm) if unit.any() else None
-            if passing is not None and passing[0] < self.opaque_lines:
-                self._wired[key] = f"no more than {passing[0]} lines pass beside it, {self.opaque_lines} must"
-                return self._wired[key]
-            panel = self.panel(unit, dot_nm)
-            wires = wiring(panel, panel.opening, self.rules.wires)
-            self._wired[key] = None if wires.verdict is Verdict.FITS else _statement(wires.failed)
+            self._wired[key] = self._unwired(unit, dot_nm, self.rules.wires)
         return self._wired[key]
+
+    def _unwired(self, unit: Mask, dot_nm: int, demand: WireDemand) -> str | None:
+        passing = self.lines_beside(unit[None], dot_nm) if unit.any() else None
+        if passing is not None and passing[0] < self.opaque_lines:
+            return f"no more than {passing[0]} lines pass beside it, {self.opaque_lines} must"
+        panel = self.panel(unit, dot_nm)
+        if self.wired is Wired.ANY_MAP:
+            least = min(wired_alike(panel, panel.opening, demand).lines)
+            return None if least >= demand.lines else f"{least} lines were drawn alike in all its turns"
+        if self.wired is Wired.REGULAR:
+            panel = self.panel(unit, dot_nm, np.zeros_like(self.cells))
+        wires = wiring(panel, panel.opening, demand)
+        return None if wires.verdict is Verdict.FITS else _statement(wires.failed)
+
+
+@cache
+def every_pair() -> Labels:
+    """Orientations of a panel in which any two are neighbours, int8 [rows, columns]."""
+    drawn = np.random.default_rng(0).integers(ORIENTATIONS, size=(_EVERY_PAIR, _EVERY_PAIR))
+    return frozen(drawn.astype(np.int8))
 
 
 def of_display(display: Display) -> dict[str, Any]:
@@ -353,7 +392,9 @@ def _on_cells(constraints: Constrained, given: Display) -> Display:
 def _unwired(constraints: Constrained, unit: Mask) -> str | None:
     """Why the whole display does not fit, so that emitters without a way to the pixel's side count too."""
     display: Display = constraints["wires"]
-    return display.unwired(unit, constraints.dot_nm) or display.broken_in_trial(display.panel(unit, constraints.dot_nm))
+    cells = np.zeros_like(display.cells) if display.wired is Wired.REGULAR else display.cells
+    panel = display.panel(unit, constraints.dot_nm, cells)
+    return display.unwired(unit, constraints.dot_nm) or display.broken_in_trial(panel)
 
 
 def _unwired_quickly(constraints: Constrained, unit: Mask) -> str | None:
@@ -361,13 +402,24 @@ def _unwired_quickly(constraints: Constrained, unit: Mask) -> str | None:
     return display.unwired(unit, constraints.dot_nm)
 
 
-def _by_nothing(constraints: Constrained) -> Conflict | None:
-    """Not even a pixel without an opening can be wired."""
+def _by_lines(constraints: Constrained) -> Conflict | None:
+    """Not even a pixel without an opening can be wired, or its lines close more than the count leaves closed."""
     display: Display = constraints["wires"]
-    if display.unwired(constraints.nothing, constraints.dot_nm) is None:
+    pitch_nm = CellSize(constraints.dots, constraints.dot_nm).pitch_nm
+    lines = display.lines_told(pitch_nm)
+    regular = display if display.wired is Wired.TILING else display.wired_as(Wired.REGULAR)
+    if regular.unwired(constraints.nothing, constraints.dot_nm) is not None:
+        return Conflict(("wires",), f"not even a pixel without an opening can be wired: {lines}")
+    if display.rules.wires is None or display.opaque_lines < 1:
         return None
-    lines = display.lines_told(CellSize(constraints.dots, constraints.dot_nm).pitch_nm)
-    return Conflict(("wires",), f"not even a pixel without an opening can be wired: {lines}")
+    # A section across a row of pixels meets each of its lines, and between any two either a space or an opening that
+    # keeps its clearance from both; the last one of a row has no next.
+    rules, many = display.rules.wires.rules, display.opaque_lines
+    shut_nm = many * rules.line_nm + (many - 1) * min(rules.space_nm, 2 * rules.clearance_nm)
+    most = (pitch_nm - shut_nm) * pitch_nm // constraints.dot_nm**2
+    if constraints.clear_dots <= most:
+        return None
+    return Conflict(("wires", "clear_dots"), f"beside {lines}, no more than {most} dots are clear")
 
 
 def _off_centre(constraints: Constrained, unit: Mask) -> str | None:
@@ -396,7 +448,7 @@ EMITTERS = _FIT(
 )
 
 
-WIRES = _FIT("wires", check=_unwired, quick=_unwired_quickly, proof=_by_nothing, asker="the lines of [wires]")
+WIRES = _FIT("wires", check=_unwired, quick=_unwired_quickly, proof=_by_lines, asker="the lines of [wires]")
 
 
 CENTROID = Rule("centroid_px", "pixels", _off_centre, one_place=lambda _: True, slow=True)

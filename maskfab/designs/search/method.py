@@ -20,13 +20,14 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from maskfab.base.arrays import Mask
 from maskfab.base.errors import JobError
 from maskfab.base.files import Kept
-from maskfab.base.model import Opening, Panel, Tiling
+from maskfab.base.model import ORIENTATIONS, Opening, Panel, Tiling
 from maskfab.base.work import NO_END, Clock, Progress, silent
 from maskfab.camera.lens import F1, FEWEST_CELLS, CellGrid, PhotoCamera, lattice
 from maskfab.camera.scenes import Photograph
@@ -52,7 +53,9 @@ from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings, Scene
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import DieFit, Display, fitting_die
 from maskfab.designs.rules.families import Candidate, kind
-from maskfab.designs.search.annealing import ExpectedPsnr, Ranked, anneal, nearest
+from maskfab.designs.search.annealing import ExpectedPsnr, Objective, Ranked, anneal, nearest
+from maskfab.designs.search.guard import Guard
+from maskfab.designs.search.held import Start, start_of
 from maskfab.designs.search.mtf_exchange import best_for_auc
 from maskfab.designs.search.result import (
     NO_BOUNDS,
@@ -95,6 +98,18 @@ on any others."""
 
 
 _KICKS = 3
+
+
+_QUICK_FIELDS = 24
+"""Fields of a quick map of an opening that a display fits: they bring most of the gain."""
+
+
+_WORSE_DB = 0.25
+"""Openings that much worse, turned at random, are tried under no quick map: maps differ by less."""
+
+
+_FEWEST_FIELDS, _MOST_WORK = 32, 100_000_000
+"""Fields of the map of a display: so many at least, and so many that their pupils have so many dots together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +250,13 @@ def search(
         require_size(room)
     if section.positions > 1:
         require_places(rules)
-    rules.require_possible()
+    start = None
+    if display is not None and for_any_map(section):
+        start = started(section, rules, clock, progress)
+        rules, counted = start.rules, {"clear_dots": start.rules.clear_dots, "families": start.families}
+        section = section.model_copy(update=counted)
+    else:
+        rules.require_possible()
     progress("photographs", 0, 1)
     judges = Judges(section, scenes, room, settings, seen)
     expected = judges.expected
@@ -251,24 +272,22 @@ def search(
     if section.objective == "auc":
         state = _by_auc(section, rules, room, stages.search, progress)
     else:
-        state = scanned(section, rules, expected, stages.search, store, progress)
+        state = scanned(section, rules, expected, stages.search, store, progress, start)
         state = annealed(state, section, rules, expected, stages.search, store, progress)
-    if (
-        panel is not None
-        and section.map is not None
-        and section.objective != "auc"
-        and (section.density, section.cluster) == (None, None)
-    ):
-        state = shortlisted(
+    begun = None
+    if panel is not None and section.map is not None and for_any_map(section):
+        state, begun = shortlisted(
             state,
             section.shortlist,
             panel,
             rules,
             stages.search,
             progress,
+            judge=expected,
             mode=MapMode(section.map),
             seed=map_seed(section),
             positions=section.positions,
+            guarded=None if start is None else start.guard,
         )
     facts: Facts = {**origin(section, command, made_for), "shape": state.best.name}
 
@@ -288,6 +307,8 @@ def search(
         progress,
         groups=None if section.cluster is None else groups_of(panels, section.cluster, rules.dot_nm),
         bounded=stages.bounded,
+        guard=None if start is None else start.guard(state.best.unit),
+        begun=begun,
     )
     laid, fit, seeds = _with_seeds(laid, _required_fit(display, laid, rules, progress))
     priced = prices(state.looked, expected, rules) if state.looked else None
@@ -331,6 +352,7 @@ def search(
         None if laid.outer is None else Opening(_named(section, "_outer"), laid.outer, rules.dot_nm, facts),
         (*_few_cells(room, section), *notes),
         state.cut or laid.cut,
+        shortfall=None if start is None else start.shortfall,
         camera=made_for_line(camera, settings, seen),
         levels=settings.levels,
         robust=robust,
@@ -349,11 +371,16 @@ def shortlisted(
     clock: Clock,
     progress: Progress,
     *,
+    judge: Objective,
     mode: MapMode,
     seed: int,
     positions: int = 1,
-) -> Best:
+    guarded: Callable[[Mask], Guard | None] | None = None,
+) -> tuple[Best, DesignedMap | None]:
     """The search with that opening as its best which restores best under a quick map; of equals, the earlier.
+
+    The map is given too where a display is held, so that the opening's own goes on from it; quick maps of others are
+    whole.
 
     Args:
         state: its best is on the list, then those that were looked at, best first.
@@ -362,19 +389,23 @@ def shortlisted(
         rules: that all on the list keep.
         clock: no further map is begun or compared when its time is over.
         progress: told after every map.
+        judge: of openings whose cells are turned at random.
         mode, seed, positions: of :func:`maskfab.designs.maps.orientation_map.design_map`.
+        guarded: what looks after a map of an opening, if something must; None where no display is held.
 
     Raises:
         JobError: as ``design_map``.
     """
     listed = different([Candidate(state.best.name, state.best.unit), *state.looked], rules, most)
+    if guarded is not None:
+        listed = tuple(shape for shape in listed if judge(shape.unit) >= state.best.value - _WORSE_DB)
     if len(listed) < 2:
-        return state
+        return state, None
     # A random map's light differs by chance, and more of it is no merit of a shape: all have what is expected.
     count = int(listed[0].unit.sum())
     light = round(float(error.inside.sum()) * count / error.dots**2)
 
-    def restored(shape: Candidate) -> float | None:
+    def quick_map(shape: Candidate) -> DesignedMap | None:
         if clock.over:
             return None
         quick = design_map(
@@ -386,17 +417,21 @@ def shortlisted(
             positions=positions,
             allows=rules.allows,
             light=light,
+            steps=None if guarded is None else _QUICK_FIELDS,
             clock=clock,
+            **watched(None if guarded is None else guarded(shape.unit), seed, error),
         )
         # Maps that were ended early are not compared.
-        return None if clock.over else float(np.dot(error.weights, quick.psnr))
+        return None if clock.over else quick
 
     values: list[float] = []
+    maps: list[DesignedMap] = []
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        for value in pool.map(restored, listed):
-            if value is None:
+        for quick in pool.map(quick_map, listed):
+            if quick is None:
                 break
-            values.append(value)
+            maps.append(quick)
+            values.append(float(np.dot(error.weights, quick.psnr)))
             progress("shortlist", len(values), len(listed))
     cut = len(values) < len(listed)
     notes = [f"The budget ended the shortlist after {len(values)} of {len(listed)} quick maps."] if cut else []
@@ -407,13 +442,14 @@ def shortlisted(
             f"{listed[0].name}, which is the better one turned at random."
         )
     chosen = state.best if best == 0 else Ranked(listed[best].name, listed[best].unit, state.best.value)
-    return replace(
+    found = replace(
         state,
         best=chosen,
         notes=(*state.notes, *notes),
         cut=state.cut or cut,
         stages=(*state.stages, ("quick maps", len(values))),
     )
+    return found, maps[best] if maps and guarded is not None else None
 
 
 def different(candidates: Iterable[Candidate], rules: Constraints, most: int) -> tuple[Candidate, ...]:
@@ -441,6 +477,8 @@ def mapped(
     groups: Judges | None = None,
     *,
     bounded: bool = True,
+    guard: Guard | None = None,
+    begun: DesignedMap | None = None,
 ) -> Mapped:
     """Lay the unit out as the section says.
 
@@ -456,6 +494,8 @@ def mapped(
         progress: told where the work stands.
         groups: of groups of pixels; None unless they share their light.
         bounded: prove what no other map gains.
+        guard: of the map, where it could break the display.
+        begun: map to go on from; None starts at the random one.
 
     Raises:
         JobError: MF115 for a map of too many cells, or of cells of too many dots; MF123 for openings that break the
@@ -484,15 +524,21 @@ def mapped(
             progress=progress,
         )
         return _of_two(section, made, error, facts, "pixels of a group", notes)
+    held = watched(guard, seed, error)
+    if begun is not None:
+        held = {**held, "start": begun.orientations, "shifts": begun.shifts}
+    limit = max(_FEWEST_FIELDS, _MOST_WORK // error.lattice.side**2)
     both = joint(
         unit,
         error,
         rules,
-        rounds=section.joint,
+        rounds=section.joint if guard is None else 0,
         seed=seed,
         mode=mode,
         kicks=kicks,
         positions=section.positions,
+        steps=limit if rules["emitters"] else None,
+        **held,
         clock=clock,
         progress=progress,
     )
@@ -506,6 +552,37 @@ def mapped(
         facts = {**facts, **by_level("head_room", room, error.levels)}
     cells = map_of(section, error, both.designed, facts)
     return Mapped(both.unit, cells, both.designed, head_room=room, notes=notes, cut=bool(notes))
+
+
+def watched(guard: Guard | None, seed: int, error: PanelError) -> dict[str, Any]:
+    """Arguments of a map that is looked after, which starts from the seed's random one, mended; none without a guard."""
+    if guard is None:
+        return {}
+    drawn = np.random.default_rng(seed).integers(ORIENTATIONS, size=(error.cells, error.cells))
+    return {"start": guard.mended(drawn.astype(np.int8)), "holds": guard}
+
+
+def for_any_map(section: SearchSection) -> bool:
+    """Whether a map of one opening is designed, by photographs."""
+    return (
+        section.map is not None
+        and section.objective == "restored"
+        and (section.density, section.cluster) == (None, None)
+    )
+
+
+def started(section: SearchSection, rules: Constraints, clock: Clock, progress: Progress) -> Start:
+    """The first opening that the display fits.
+
+    Raises:
+        JobError, OpeningError: MF123, MF204 where it was found to fit none of any number of dots.
+    """
+    start = start_of(rules, section.families, clock, progress)
+    if start is not None:
+        return start
+    rules.require_possible()
+    what = f"no opening of 1 to {section.clear_dots} clear dots was found beside which the display fits"
+    raise JobError("MF123", what, where="design.fit", cure="Ask for fewer lines, or smaller emitters")
 
 
 def map_seed(section: SearchSection) -> int:
@@ -546,7 +623,9 @@ def map_of(section: SearchSection, error: PanelError, designed: DesignedMap, fac
         **by_level("gain_db", designed.gain_db, error.levels),
         "light": light,
     }
-    return CellMap(_named(section, "_map"), designed.orientations, facts, designed.shifts)
+    # Round it lies a regular display, of the opening that lies at its rim: wires go straight on, and none is drawn.
+    beyond = 0 if designed.shifts else int(designed.orientations.max()) // ORIENTATIONS * ORIENTATIONS
+    return CellMap(_named(section, "_map"), designed.orientations, facts, designed.shifts, beyond)
 
 
 def _named(section: SearchSection, part: str) -> str:

@@ -42,6 +42,7 @@ from maskfab.designs.rules.display_fit import DieFit, Display, footprints_of, of
 from maskfab.designs.rules.families import Candidate, kind, turned_key
 from maskfab.designs.rules.rule import price_key
 from maskfab.designs.search.annealing import Bettered, Ranked
+from maskfab.designs.search.held import Shortfall
 from maskfab.job.camera import Camera
 from maskfab.job.sections import DesignSection, RulesSection
 from maskfab.mask.opening_file import dot_of_pitch
@@ -123,6 +124,7 @@ class Designed:
         account: how it was found.
         alternatives: openings of nearly its PSNR; None for a panel of two openings, for a descent, where openings were
             not judged in dB, and where the budget is shorter than bounds take.
+        shortfall: where the display was found to hold fewer clear dots than were asked for.
     """
 
     opening: Opening
@@ -145,6 +147,7 @@ class Designed:
     scene: SceneDesign | None = None
     account: Account | None = None
     alternatives: Alternatives | None = None
+    shortfall: Shortfall | None = None
 
 
 @dataclass(frozen=True, eq=False)

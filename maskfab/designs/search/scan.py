@@ -35,6 +35,7 @@ from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import Display
 from maskfab.designs.rules.families import FAMILIES, Candidate, kind, orbits
 from maskfab.designs.search.annealing import Bettered, ExpectedPsnr, Objective, Ranked, Scan, State, anneal, scan
+from maskfab.designs.search.held import Start, best_held
 from maskfab.designs.search.result import ANNEALING, WITHIN_DB, camera_facts
 from maskfab.job.sections import SearchSection
 from maskfab.job.values import Symmetry
@@ -134,8 +135,17 @@ def scanned(
     clock: Clock,
     store: Kept | None,
     progress: Progress,
+    start: Start | None = None,
 ) -> Best:
     """The best of the section's families that keeps the rules; half of a budget where annealing follows.
+
+    Args:
+        section, rules: of a job.
+        objective: higher is better.
+        clock: of the search.
+        store: of a whole scan.
+        progress: told after every batch.
+        start: of a search whose display keeps its rules before any map; None where openings are asked as they come.
 
     Raises:
         JobError: MF123 if none keeps the rules.
@@ -147,12 +157,18 @@ def scanned(
     look = partial(_look, section, shapes, objective, progress)
     looked_at = look(Constraints(section.clear_dots, dots=section.dots, dot_nm=rules.dot_nm), clock.left(share))
     evaluated, complete = looked_at.evaluated, looked_at.complete
-    best, ruled = next((opening for opening in looked_at.ranked if rules.allows(opening.unit)), None), None
+    ruled, held = None, list[Ranked]()
+    if start is None:
+        best = next((opening for opening in looked_at.ranked if rules.allows(opening.unit)), None)
+    else:
+        held = best_held(looked_at.ranked, start, objective(start.first.unit), section.shortlist, clock)
+        best = held[0]
     if best is None:
         left = clock.left(share)
         ruled = look(rules, None if left is None else max(left, _AT_LEAST_S))
         best, evaluated, complete = ruled.best, evaluated + ruled.evaluated, complete and ruled.complete
     looked = list(looked_at.ranked[:PRICED])
+    looked += [opening for opening in held if all(opening.unit is not other.unit for other in looked)]
     if all(opening.unit is not best.unit for opening in looked):
         looked.append(best)
     if ruled is not None and section.map is not None:

@@ -349,7 +349,11 @@ def _die(die: DieSection, spec: JobSpec, centre: tuple[int, int], slot: int) -> 
         if given.get("shifts"):
             shapes = [np.roll(shapes[0], (up, right), axis=(0, 1)) for right, up in given["shifts"]]
         rows, columns = (room - (room - have) % 2 for room, have in zip((rows, columns), turns.shape, strict=True))
-        cells = _tiled("map", rows, columns, die.seed, len(shapes))
+        if "beyond" in given:
+            opening, turn = given["beyond"]
+            cells = np.full((rows, columns), 8 * opening + turn, dtype=np.int64)
+        else:
+            cells = _tiled("map", rows, columns, die.seed, len(shapes))
         _put_in_the_middle(cells, 8 * held + turns)
     elif die.tiling == "blue_noise":
         cells = _blue_noise(8 * len(shapes), rows, columns, die.seed or 0)

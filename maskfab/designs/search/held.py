@@ -1,0 +1,281 @@
+"""Openings that a display fits before their map is known: the best one, or the largest where too many dots are asked.
+
+Three kinds are tried, and the first that has an opening is taken. Openings round which lines run alike in every pixel
+suit any map, so that this is designed freely. Where the families of the job have none, all families are looked at;
+where these have none, openings that suit cells laid alike, whose map is looked at while it is designed.
+
+Fewer dots are easier, so the largest number for which an opening is found is bisected. None being found is no proof
+that there is none: the rules' own proofs come first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import islice
+
+import numpy as np
+
+from maskfab.base.arrays import Floats, Ints, Mask
+from maskfab.base.errors import OpeningError
+from maskfab.base.work import Clock, Progress, silent
+from maskfab.designs.rules.constraints import Constraints
+from maskfab.designs.rules.display_fit import Display, Wired, footprints_of, of_display
+from maskfab.designs.rules.families import FAMILIES, Candidate, kind, turned_key
+from maskfab.designs.rules.rule import Conflict
+from maskfab.designs.search.annealing import Ranked
+from maskfab.designs.search.guard import Guard
+from maskfab.display.pixel_lines import WireRules
+
+_TRIED = 240
+"""Openings whose rules are judged, of those of one kind of panel, before it is said to have none."""
+
+
+_TRIED_OF_FEWER = 24
+"""The same for every number of dots of a bisection, the roomiest first."""
+
+
+ALL_FAMILIES: tuple[str, ...] = tuple(FAMILIES)
+
+
+@dataclass(frozen=True)
+class Shortfall:
+    """A display that was found to hold fewer clear dots than were asked for.
+
+    Attributes:
+        asked: clear dots.
+        held: the most for which an opening was found.
+        proof: why no opening holds as many as asked; None where none was found and none is proved impossible.
+    """
+
+    asked: int
+    held: int
+    proof: str | None
+
+    @property
+    def told(self) -> str:
+        """The sentence on it."""
+        why = "none was found, which is no proof" if self.proof is None else self.proof
+        return f"{self.asked} clear dots do not fit ({why}); the most that were found to fit are {self.held}"
+
+
+def roomiest(shapes: Sequence[Candidate], rules: Constraints) -> list[Candidate]:
+    """Shapes beside which a display may fit, those with most room for straight lines and emitters first.
+
+    Left out are shapes whose emitters a bound excludes. Room is the least, over lines and emitters, of what there is
+    over what is asked; it only orders.
+
+    Args:
+        shapes: of one count of clear dots.
+        rules: with a display that is wired before any map, or laid alike.
+    """
+    display: Display = rules["emitters"]
+    if not shapes:
+        return []
+    units = np.stack([shape.unit for shape in shapes])
+    asked = display.rules.emitters
+    share = footprints_of(rules, asked).bounds(units)
+    room: Floats = share / asked.required if asked.required > 0 else np.ones(len(units))
+    wires = display.rules.wires
+    if wires is not None and display.opaque_lines:
+        lines = straight_lines(units, rules.dot_nm, wires.rules, turned=display.wired is not Wired.REGULAR)
+        room = np.minimum(room, (lines + 0.5) / display.opaque_lines)
+    order = np.argsort(-room, kind="stable")
+    return [shapes[k] for k in order if share[k] >= asked.required]
+
+
+def straight_lines(units: Mask, dot_nm: int, rules: WireRules, *, turned: bool) -> Ints:
+    """Straight lines that pass beside openings along x and along y, the fewer of both; int64 [units].
+
+    Args:
+        units: bool [units, dots, dots], some of each clear.
+        dot_nm: side of a dot.
+        rules: width, space and clearance.
+        turned: whether they must pass in all eight orientations.
+    """
+    lane, dots = rules.line_nm + rules.space_nm, units.shape[1]
+    seen = [np.asarray(units.any(axis=axis)) for axis in (1, 2)]
+    if turned:
+        one = seen[0] | seen[1] | seen[0][:, ::-1] | seen[1][:, ::-1]
+        seen = [one]
+    fewest = np.full(len(units), np.iinfo(np.int64).max)
+    for clear in seen:
+        passing = np.zeros(len(units), dtype=np.int64)
+        for k, row in enumerate(clear):
+            places = np.flatnonzero(row)
+            inner = np.diff(places, prepend=-1, append=dots) - 1
+            spare = np.full(len(inner), rules.space_nm - 2 * rules.clearance_nm)
+            # Half a space is kept from the pixel's border in place of the clearance.
+            spare[[0, -1]] = rules.space_nm - rules.clearance_nm - -(-rules.space_nm // 2)
+            passing[k] = np.maximum((inner * dot_nm + spare) // lane, 0).sum()
+        fewest = np.minimum(fewest, passing)
+    return fewest
+
+
+def kinds_of_panel(rules: Constraints) -> Iterator[Constraints]:
+    """Rules whose display suits any map, then those whose display suits cells that are laid alike."""
+    display: Display = rules["emitters"]
+    for wired in (Wired.ANY_MAP, Wired.REGULAR):
+        yield rules.asking(**of_display(display.wired_as(wired)))
+
+
+def shapes_of(families: Iterable[str], dots: int, clear_dots: int) -> list[Candidate]:
+    """Every shape of some families, those once that turn into each other."""
+    seen: set[bytes] = set()
+    shapes = []
+    for name in families:
+        # A family that cannot have the count has no shapes.
+        with suppress(OpeningError):
+            for shape in FAMILIES[name](dots, clear_dots):
+                if (key := turned_key(shape.unit)) not in seen:
+                    seen.add(key)
+                    shapes.append(shape)
+    return shapes
+
+
+def held_of(shapes: Sequence[Candidate], rules: Constraints, tried: int, clock: Clock) -> Candidate | None:
+    """A shape that keeps all rules, of the roomiest and most different ones; None if none was found."""
+    varied = _varied(roomiest(shapes, rules))
+    for shape in islice(varied, tried):
+        if rules.allows(shape.unit):
+            return shape
+        if clock.over:
+            break
+    return None
+
+
+def _varied(shapes: Iterable[Candidate]) -> Iterator[Candidate]:
+    """The first of every kind, then the second of each, and so on."""
+    by_kind: dict[tuple[str, int, int], list[Candidate]] = {}
+    for shape in shapes:
+        by_kind.setdefault(kind(shape.name, shape.unit), []).append(shape)
+    for round_ in range(max(map(len, by_kind.values()), default=0)):
+        yield from (own[round_] for own in by_kind.values() if len(own) > round_)
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where the search for a display begins.
+
+    Attributes:
+        rules: with the kind of panel, and the count, for which an opening was found.
+        families: among which it was.
+        first: that opening.
+        shortfall: where it is of fewer dots than were asked for.
+    """
+
+    rules: Constraints
+    families: tuple[str, ...]
+    first: Candidate
+    shortfall: Shortfall | None = None
+
+    @property
+    def any_map(self) -> bool:
+        """Whether no map breaks the display."""
+        display: Display = self.rules["emitters"]
+        return display.wired is Wired.ANY_MAP
+
+    def guard(self, unit: Mask) -> Guard | None:
+        """What looks after the map of an opening; None where no map breaks the display."""
+        display: Display = self.rules["emitters"]
+        return None if self.any_map or display.rules.wires is None else Guard(display, unit, self.rules.dot_nm)
+
+
+def start_of(rules: Constraints, families: tuple[str, ...], clock: Clock, progress: Progress = silent) -> Start | None:
+    """The first opening that a display fits, of as many dots as are asked for, or of as many as can be.
+
+    Args:
+        rules: with a display.
+        families: of the job.
+        clock: the best so far is taken when it is over.
+        progress: told when an opening is found, and by every step of the bisection.
+
+    Returns:
+        None where not even a pixel with one clear dot was found to hold the display.
+    """
+    asked = rules.clear_dots
+    conflict = _conflict(rules)
+    if conflict is None and (found := _start(rules, families, _TRIED, clock)) is not None:
+        progress(f"fits: {found.first.name}", 1, 1)
+        return found
+    best: Start | None = None
+    low, high = 0, asked
+    steps = int(np.ceil(np.log2(max(asked, 2))))
+    for step in range(steps + 1):
+        if high - low <= 1 or (clock.over and best is not None):
+            break
+        count = (low + high) // 2
+        fewer = replace(rules, clear_dots=count)
+        found = None if _conflict(fewer) is not None else _start(fewer, families, _TRIED_OF_FEWER, clock)
+        progress(f"{asked} dots do not fit; tried {count}", step + 1, steps + 1)
+        if found is None:
+            high = count
+        else:
+            low, best = count, found
+    if best is None:
+        return None
+    return replace(best, shortfall=Shortfall(asked, low, None if conflict is None else conflict.statement))
+
+
+def _conflict(rules: Constraints) -> Conflict | None:
+    """A proof that no opening of the count suits even cells that are laid alike."""
+    *_, regular = kinds_of_panel(rules)
+    return regular.conflict()
+
+
+def _start(rules: Constraints, families: tuple[str, ...], tried: int, clock: Clock) -> Start | None:
+    others = tuple(name for name in ALL_FAMILIES if name not in families)
+    own, more = (shapes_of(names, rules.dots, rules.clear_dots) for names in (families, others))
+    for held in kinds_of_panel(rules):
+        for names, shapes in ((families, own), ((*families, *others), more)):
+            first = held_of(shapes, held, tried, clock)
+            if first is not None:
+                return Start(held, names, first)
+    return None
+
+
+_WALKED = 400
+"""Judged openings whose rules are asked at most."""
+
+
+def best_held(
+    ranked: Sequence[Ranked], start: Start, value: float, most: int, clock: Clock, *, tried: int = _WALKED
+) -> list[Ranked]:
+    """The best judged openings that a display fits, one of every kind, PSNR falling.
+
+    Those are asked first beside which straight lines pass, then any that are better than all that were found.
+
+    Args:
+        ranked: judged openings, the best first.
+        start: of the search; its first opening is one of them.
+        value: of that.
+        most: kinds.
+        clock: ends the walk.
+        tried: openings whose rules are asked at most.
+    """
+    first = Ranked(start.first.name, start.first.unit, value)
+    found = {kind(first.name, first.unit): first}
+    kept = {shape.name for shape in roomiest([Candidate(one.name, one.unit) for one in ranked], start.rules)}
+    display: Display = start.rules["emitters"]
+    wires = display.rules.wires
+    able = [one for one in ranked if one.name in kept]
+    if wires is None or not able:
+        likely = [True] * len(able)
+    else:
+        units = np.stack([one.unit for one in able])
+        passing = straight_lines(units, start.rules.dot_nm, wires.rules, turned=start.any_map)
+        likely = (passing >= display.opaque_lines).tolist()
+    asked = 0
+    for wanted in (True, False):
+        for one, is_likely in zip(able, likely, strict=True):
+            if asked >= tried or clock.over:
+                break
+            size = kind(one.name, one.unit)
+            better = sum(other.value >= one.value for other in found.values()) < most
+            if is_likely is not wanted or not better or (size in found and found[size].value >= one.value):
+                continue
+            asked += 1
+            if start.rules.allows(one.unit):
+                found[size] = one
+    return sorted(found.values(), key=lambda one: -one.value)[:most]
