@@ -17,7 +17,7 @@ from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError, OutputError
 from maskfab.base.folders import Place, check_file, check_target, write_text
 from maskfab.base.units import parse_time_s
-from maskfab.base.work import Clock, Progress, one_thread, silent
+from maskfab.base.work import Clock, Progress, ended_by_interrupt, one_thread, silent
 from maskfab.camera.lens import PhotoCamera, lattice
 from maskfab.designs.design import (
     capture_settings,
@@ -314,16 +314,17 @@ def design(
         stated = {**section, **display, **({"sections": more} if more else {})}
         command = _call(stated, camera=None if camera is None else lens, images=images)
     began, processor = time.monotonic(), time.process_time()
-    best = design_spec(
-        spec,
-        command,
-        where=where,
-        images=None if images is None else Path(images),
-        progress=progress,
-        clock=clock,
-        checkpoint=None if checkpoint is None else Path(checkpoint),
-        price_rules=price_rules,
-    )
+    with ended_by_interrupt(clock):
+        best = design_spec(
+            spec,
+            command,
+            where=where,
+            images=None if images is None else Path(images),
+            progress=progress,
+            clock=clock,
+            checkpoint=None if checkpoint is None else Path(checkpoint),
+            price_rules=price_rules,
+        )
     taken = time.monotonic() - began, time.process_time() - processor
     return Design(best, Made(provenance.job_hash(spec.dump()), *taken))
 

@@ -9,8 +9,11 @@ from __future__ import annotations
 import gc
 import math
 import os
+import signal
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import wraps
 from typing import ParamSpec, TypeVar
@@ -36,11 +39,13 @@ class Clock:
     Attributes:
         budget_s: seconds in all; None for as many as it takes.
         refuses: whether :meth:`require` refuses; a search on its own does what it can.
+        halt: set by whoever ends the work early; clocks that are made from this one share it.
         now: seconds that have gone by since any moment.
     """
 
     budget_s: float | None = None
     refuses: bool = False
+    halt: threading.Event = field(default_factory=threading.Event, repr=False, compare=False)
     now: Callable[[], float] = field(default=time.monotonic, repr=False, compare=False)
     _begun: float = field(default=math.nan, repr=False, compare=False)
 
@@ -55,9 +60,21 @@ class Clock:
 
     def left(self, share: float = 1.0) -> float | None:
         """Seconds of this share of what is left, never below 0; None without a budget."""
+        if self.halt.is_set():
+            return 0.0
         if self.budget_s is None:
             return None
         return max(0.0, share * (self.budget_s - self.spent))
+
+    def part(self, share: float, least_s: float = 0.0) -> Clock:
+        """The clock of what may take this share of what is left, and so many seconds at least."""
+        left = self.left(share)
+        return self if left is None else replace(self, budget_s=self.spent + max(left, least_s))
+
+    @property
+    def ender(self) -> str:
+        """Whatever ends work that this clock is over for, as the subject of a sentence."""
+        return "Ctrl-C" if self.halt.is_set() else "The budget"
 
     @property
     def over(self) -> bool:
@@ -66,6 +83,8 @@ class Clock:
 
     def affords(self, seconds: float) -> bool:
         """Whether so much more time keeps the budget, but for half of its slack."""
+        if self.halt.is_set():
+            return False
         return self.budget_s is None or self.spent + seconds <= (1 + SLACK / 2) * self.budget_s
 
     def before(self, seconds: float) -> Clock:
@@ -95,6 +114,28 @@ class Clock:
 
 NO_END = Clock()
 """As much time as it takes."""
+
+
+@contextmanager
+def ended_by_interrupt(clock: Clock) -> Iterator[None]:
+    """Let the first Ctrl-C halt a clock, so that the best so far is taken, and the second one interrupt as ever.
+
+    Only where Python's own handler is in place, and in the thread that may ask for it.
+    """
+    plain = signal.default_int_handler
+    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGINT) is not plain:
+        yield
+        return
+
+    def halt(_number: int, _frame: object) -> None:
+        signal.signal(signal.SIGINT, plain)
+        clock.halt.set()
+
+    signal.signal(signal.SIGINT, halt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, plain)
 
 
 Given = ParamSpec("Given")

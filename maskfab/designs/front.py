@@ -435,7 +435,7 @@ class _Sweep:
             self.objective,
             rules.without(*of_display(self.display)),
             turned_alike=not self.objective.periodic,
-            budget_s=clock.left(),
+            clock=clock,
             workers=self.workers,
             progress=lambda _, done, total: self.progress(f"{count} clear dots: shapes", done, total),
         )
@@ -578,7 +578,7 @@ class _Sweep:
                 self._holding(rules, max(0.0, start.footprint - ROUNDING), start.lines),
                 evaluations=self.pareto.anneal,
                 seed=self.section.seed,
-                budget_s=clock.left(1 / (len(starts) - done)),
+                clock=clock.part(1 / (len(starts) - done)),
                 progress=lambda _, done, total, stage=stage: self.progress(stage, done, total),  # type: ignore[misc]
             )
             self.progress(stage, walk.state.evaluations, self.pareto.anneal)

@@ -9,6 +9,7 @@ import pytest
 from asked_displays import asked_display
 
 from maskfab.base.errors import InternalError, JobError, OpeningError
+from maskfab.base.work import Clock
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import of_display
 from maskfab.designs.rules.families import Candidate, bars, discs
@@ -62,7 +63,7 @@ def test_a_budget_counts_evaluations():
     assert everything.complete
     assert told
     assert told[-1][1] <= told[-1][2] == len(every)
-    short = scan(bars(21, 100), leftness, Constraints(100), budget_s=0.0)
+    short = scan(bars(21, 100), leftness, Constraints(100), clock=Clock(0.0))
     same = scan(bars(21, 100), leftness, Constraints(100), evaluations=short.evaluated)
     assert short.evaluated % 64 == 0
     assert same.best.unit.tobytes() == short.best.unit.tobytes()
@@ -125,7 +126,7 @@ def test_interrupted_is_as_uninterrupted_through_a_file():
     assert part.complete
     assert part.value == whole.value
     assert part.state.plain() == whole.state.plain()
-    paused = anneal(start(held), tightness, held, seed=4, budget_s=0.0, **walk)
+    paused = anneal(start(held), tightness, held, seed=4, clock=Clock(0.0), **walk)
     assert paused.state.evaluations == 64
     resumed = anneal(paused.state, tightness, held, **walk)
     np.testing.assert_array_equal(resumed.unit, whole.unit)

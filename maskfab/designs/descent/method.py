@@ -294,7 +294,7 @@ def _ruled(
         evaluations=section.anneal,
         seed=section.seed,
         temperature=(_HOT * scale, _COLD * scale),
-        budget_s=clock.left(),
+        clock=clock,
         progress=progress,
     )
     if not walked.complete:

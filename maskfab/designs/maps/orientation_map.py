@@ -381,7 +381,7 @@ class _Search:
     def over(self) -> bool:
         """Whether the map is taken as it is."""
         fields = len(self.history)
-        return fields >= self.steps or (fields >= FIRST_STEPS and self.clock.over)
+        return fields >= self.steps or ((fields >= FIRST_STEPS or self.clock.halt.is_set()) and self.clock.over)
 
     def bar(self, drawn: NDArray[np.int8]) -> None:
         """Keep every cell's unit."""

@@ -10,7 +10,6 @@ Annealing also leads from an opening that breaks the rules to the nearest one fo
 from __future__ import annotations
 
 import math
-import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
 from concurrent.futures import ThreadPoolExecutor
@@ -26,7 +25,7 @@ from scipy import ndimage
 from maskfab.base.arrays import Mask
 from maskfab.base.errors import InternalError, JobError, OpeningError
 from maskfab.base.model import ORIENTATIONS, frozen
-from maskfab.base.work import Progress, silent
+from maskfab.base.work import NO_END, Clock, Progress, silent
 from maskfab.camera.sensor import LEVELS
 from maskfab.designs.model.expected_psnr import Surrogate
 from maskfab.designs.rules.constraints import Constraints
@@ -149,7 +148,7 @@ def scan(
     *,
     turned_alike: bool = False,
     evaluations: int | None = None,
-    budget_s: float | None = None,
+    clock: Clock = NO_END,
     workers: int = 1,
     progress: Progress = silent,
 ) -> Scan:
@@ -163,7 +162,7 @@ def scan(
         turned_alike: evaluate only the first of those that one of the eight orientations maps onto each other; for
             objectives and constraints to which these are the same, as in a random tiling.
         evaluations: most of them; None has no limit.
-        budget_s: stop after this time at a whole batch of 64.
+        clock: stop when it is over, at a whole batch of 64.
         workers: threads.
         progress: told after each batch.
 
@@ -173,7 +172,6 @@ def scan(
         InternalError: MF901 if the objective is not a number.
     """
     constraints.require_possible()
-    started = time.monotonic()
     expected = len(candidates) if isinstance(candidates, Sized) else 0
     refused: Counter[str] = Counter()
     seen: set[bytes] = set()
@@ -200,7 +198,7 @@ def scan(
     with ThreadPoolExecutor(workers) as pool:
         while True:
             size = _BATCH if evaluations is None else min(_BATCH, evaluations - len(ranked))
-            if size <= 0 or (budget_s is not None and ranked and time.monotonic() - started >= budget_s):
+            if size <= 0 or (ranked and clock.over):
                 complete = next(source, None) is None
                 break
             batch = [candidate for _, candidate in zip(range(size), source, strict=False)]
@@ -321,7 +319,7 @@ def anneal(
     moves: Sequence[Move] = MOVES,
     temperature: tuple[float, float] = (0.05, 0.0005),
     until: int | None = None,
-    budget_s: float | None = None,
+    clock: Clock = NO_END,
     progress: Progress = silent,
 ) -> Annealed:
     """Walk from opening to opening, each of which keeps the constraints, uphill and ever less often downhill.
@@ -338,7 +336,7 @@ def anneal(
         moves: kinds, drawn with equal chance.
         temperature: first and last, in the objective's unit.
         until: stop after so many evaluations, to go on later.
-        budget_s: stop after this time at a multiple of 64 evaluations, to go on later.
+        clock: stop when it is over, at a multiple of 64 evaluations, to go on later.
         progress: told at every multiple of 64 evaluations.
 
     Raises:
@@ -363,7 +361,7 @@ def anneal(
     hot, cold = temperature
     value, best, best_value, made, refused = state.value, state.best, state.best_value, state.evaluations, state.refused
     bettered, visited = list(state.bettered), {_size(unit): (value, unit) for value, unit in state.visited}
-    started, paused = time.monotonic(), False
+    paused = False
     while made < last and refused < _STUCK and not paused:
         trial = proposals.propose(moves[int(rng.integers(len(moves)))], unit, rng)
         if trial is None or not constraints.allows(trial):
@@ -383,7 +381,7 @@ def anneal(
                 bettered.append((made, value))
         if made % _BATCH == 0:
             progress(f"anneal, best {best_value:.3f}", made, evaluations)
-            paused = budget_s is not None and time.monotonic() - started >= budget_s
+            paused = clock.over
     generator, been = rng.bit_generator.state, tuple(visited.values())
     state = State(unit, value, best, best_value, made, refused, generator, tuple(bettered), been)
     return Annealed(best, best_value, state, made >= evaluations, refused >= _STUCK)

@@ -176,6 +176,12 @@ class Start:
         display: Display = self.rules["emitters"]
         return display.wired is Wired.ANY_MAP
 
+    @property
+    def laid_alike(self) -> Start:
+        """The start in panels whose cells are laid alike."""
+        display: Display = self.rules["emitters"]
+        return replace(self, rules=self.rules.asking(**of_display(display.wired_as(Wired.REGULAR))))
+
     def guard(self, unit: Mask) -> Guard | None:
         """What looks after the map of an opening; None where no map breaks the display."""
         display: Display = self.rules["emitters"]
@@ -266,10 +272,10 @@ def best_held(
         units = np.stack([one.unit for one in able])
         passing = straight_lines(units, start.rules.dot_nm, wires.rules, turned=start.any_map)
         likely = (passing >= display.opaque_lines).tolist()
-    asked = 0
+    asked, least = 0, tried // 16
     for wanted in (True, False):
         for one, is_likely in zip(able, likely, strict=True):
-            if asked >= tried or clock.over:
+            if asked >= tried or (asked >= least and clock.over):
                 break
             size = kind(one.name, one.unit)
             better = sum(other.value >= one.value for other in found.values()) < most

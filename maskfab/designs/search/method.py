@@ -19,6 +19,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -106,6 +107,10 @@ _QUICK_FIELDS = 24
 
 _WORSE_DB = 0.25
 """Openings that much worse, turned at random, are tried under no quick map: maps differ by less."""
+
+
+_BESIDE, _ASKED, _BETTER_DB = 2, 40, 0.01
+"""Kinds of openings whose lines depend on the map that are tried, of so many that are better by so much."""
 
 
 _FEWEST_FIELDS, _MOST_WORK = 32, 100_000_000
@@ -274,9 +279,9 @@ def search(
     else:
         state = scanned(section, rules, expected, stages.search, store, progress, start)
         state = annealed(state, section, rules, expected, stages.search, store, progress)
-    begun = None
+    listed: tuple[Listed, ...] = (Listed(state.best, rules),)
     if panel is not None and section.map is not None and for_any_map(section):
-        state, begun = shortlisted(
+        state, listed = shortlisted(
             state,
             section.shortlist,
             panel,
@@ -287,30 +292,36 @@ def search(
             mode=MapMode(section.map),
             seed=map_seed(section),
             positions=section.positions,
-            guarded=None if start is None else start.guard,
+            start=start,
         )
-    facts: Facts = {**origin(section, command, made_for), "shape": state.best.name}
 
     def of_count(clear_dots: int) -> Iterator[Mask]:
         other = section.model_copy(update={"clear_dots": clear_dots})
         return allowed(other, replace(rules, clear_dots=clear_dots), expected, stages.map, progress)
 
-    laid = mapped(
-        section,
-        state.best.unit,
-        rules,
-        judges.estimate,
-        panel,
-        origin(section, command, made_for),
-        of_count,
-        stages.map,
-        progress,
-        groups=None if section.cluster is None else groups_of(panels, section.cluster, rules.dot_nm),
-        bounded=stages.bounded,
-        guard=None if start is None else start.guard(state.best.unit),
-        begun=begun,
-    )
-    laid, fit, seeds = _with_seeds(laid, _required_fit(display, laid, rules, progress))
+    for chosen in listed:
+        laid = mapped(
+            section,
+            chosen.shape.unit,
+            chosen.rules,
+            judges.estimate,
+            panel,
+            origin(section, command, made_for),
+            of_count,
+            stages.map,
+            progress,
+            groups=None if section.cluster is None else groups_of(panels, section.cluster, rules.dot_nm),
+            bounded=stages.bounded,
+            guard=chosen.guard,
+            begun=chosen.begun,
+        )
+        fit = _fit(display, laid, rules, progress)
+        if chosen.guard is None or fit is None or fit.why is None:
+            break
+    state, rules = replace(state, best=chosen.shape), chosen.rules
+    _require_fit(fit, laid)
+    facts: Facts = {**origin(section, command, made_for), "shape": state.best.name}
+    laid, fit, seeds = _with_seeds(laid, fit)
     priced = prices(state.looked, expected, rules) if state.looked else None
     psnr, appraisal, head_room, gap = laid.psnr, Facts(), None, None
     notes = (*state.notes, *laid.notes)
@@ -363,6 +374,23 @@ def search(
     )
 
 
+@dataclass(frozen=True, eq=False)
+class Listed:
+    """An opening that a map is designed for.
+
+    Attributes:
+        shape: with what it is worth, its cells turned at random.
+        rules: that it keeps; of a display, in the kind of panel that suits it.
+        guard: of its map; None where no map breaks what it must hold.
+        begun: its quick map to go on from; None where there is none.
+    """
+
+    shape: Ranked
+    rules: Constraints
+    guard: Guard | None = None
+    begun: DesignedMap | None = None
+
+
 def shortlisted(
     state: Best,
     most: int,
@@ -375,12 +403,13 @@ def shortlisted(
     mode: MapMode,
     seed: int,
     positions: int = 1,
-    guarded: Callable[[Mask], Guard | None] | None = None,
-) -> tuple[Best, DesignedMap | None]:
-    """The search with that opening as its best which restores best under a quick map; of equals, the earlier.
+    start: Start | None = None,
+) -> tuple[Best, tuple[Listed, ...]]:
+    """The openings of a list as quick maps rank them, the best first, and the search with that as its best.
 
-    The map is given too where a display is held, so that the opening's own goes on from it; quick maps of others are
-    whole.
+    Where a display is held, openings round which lines run alike are on the list, and beside these the best of those
+    whose lines depend on the map, which is looked after; maps then go on from the quick ones. Of equals the earlier is
+    the better.
 
     Args:
         state: its best is on the list, then those that were looked at, best first.
@@ -391,65 +420,83 @@ def shortlisted(
         progress: told after every map.
         judge: of openings whose cells are turned at random.
         mode, seed, positions: of :func:`maskfab.designs.maps.orientation_map.design_map`.
-        guarded: what looks after a map of an opening, if something must; None where no display is held.
+        start: of a search for a display; None for any other.
 
     Raises:
         JobError: as ``design_map``.
     """
-    listed = different([Candidate(state.best.name, state.best.unit), *state.looked], rules, most)
-    if guarded is not None:
-        listed = tuple(shape for shape in listed if judge(shape.unit) >= state.best.value - _WORSE_DB)
+    listed = _listed(state, most, rules, judge, start)
     if len(listed) < 2:
-        return state, None
+        return state, listed
     # A random map's light differs by chance, and more of it is no merit of a shape: all have what is expected.
-    count = int(listed[0].unit.sum())
+    count = int(listed[0].shape.unit.sum())
     light = round(float(error.inside.sum()) * count / error.dots**2)
 
-    def quick_map(shape: Candidate) -> DesignedMap | None:
+    def quick_map(one: Listed) -> DesignedMap | None:
         if clock.over:
             return None
         quick = design_map(
-            shape.unit,
+            one.shape.unit,
             error,
             mode=mode,
             seed=seed,
             kicks=0,
             positions=positions,
-            allows=rules.allows,
+            allows=one.rules.allows,
             light=light,
-            steps=None if guarded is None else _QUICK_FIELDS,
+            steps=None if start is None else _QUICK_FIELDS,
             clock=clock,
-            **watched(None if guarded is None else guarded(shape.unit), seed, error),
+            **watched(one.guard, seed, error),
         )
         # Maps that were ended early are not compared.
         return None if clock.over else quick
 
-    values: list[float] = []
     maps: list[DesignedMap] = []
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         for quick in pool.map(quick_map, listed):
             if quick is None:
                 break
             maps.append(quick)
-            values.append(float(np.dot(error.weights, quick.psnr)))
-            progress("shortlist", len(values), len(listed))
-    cut = len(values) < len(listed)
-    notes = [f"The budget ended the shortlist after {len(values)} of {len(listed)} quick maps."] if cut else []
-    best = max(range(len(values)), key=values.__getitem__, default=0)
-    if best:
+            progress("shortlist", len(maps), len(listed))
+    cut = len(maps) < len(listed)
+    notes = [f"{clock.ender} ended the shortlist after {len(maps)} of {len(listed)} quick maps."] if cut else []
+    values = [float(np.dot(error.weights, quick.psnr)) for quick in maps]
+    order = sorted(range(len(values)), key=lambda k: (-values[k], k)) or [0]
+    first, best = listed[0].shape, listed[order[0]].shape
+    if order[0]:
         notes.append(
-            f"Under quick maps, {listed[best].name} restores {values[best] - values[0]:.3f} dB better than "
-            f"{listed[0].name}, which is the better one turned at random."
+            f"Under quick maps, {best.name} restores {values[order[0]] - values[0]:.3f} dB better than "
+            f"{first.name}, {'' if listed[order[0]].guard else 'which is the better one turned at random'}."
         )
-    chosen = state.best if best == 0 else Ranked(listed[best].name, listed[best].unit, state.best.value)
     found = replace(
         state,
-        best=chosen,
+        best=replace(best, value=best.value if start is not None else state.best.value),
         notes=(*state.notes, *notes),
         cut=state.cut or cut,
         stages=(*state.stages, ("quick maps", len(values))),
     )
-    return found, maps[best] if maps and guarded is not None else None
+    if start is None or not maps:
+        return found, (replace(listed[order[0]], shape=found.best),)
+    return found, tuple(replace(listed[k], begun=maps[k]) for k in order)
+
+
+def _listed(state: Best, most: int, rules: Constraints, judge: Objective, start: Start | None) -> tuple[Listed, ...]:
+    shapes = [Candidate(state.best.name, state.best.unit), *state.looked]
+    if start is None:
+        kinds = different(shapes, rules, most)
+        return tuple(Listed(Ranked(one.name, one.unit, state.best.value), rules) for one in kinds)
+    own = []
+    for one in different(shapes, rules, most):
+        value = judge(one.unit)
+        if value >= state.best.value - _WORSE_DB:
+            own.append(Listed(Ranked(one.name, one.unit, value), rules, start.guard(one.unit)))
+    if not start.any_map or most < 2:
+        return tuple(own)
+    better = (Candidate(one.name, one.unit) for one in state.near if one.value >= state.best.value + _BETTER_DB)
+    laid = start.laid_alike
+    for one in different(islice(better, _ASKED), laid.rules, _BESIDE):
+        own.append(Listed(Ranked(one.name, one.unit, judge(one.unit)), laid.rules, laid.guard(one.unit)))
+    return tuple(own)
 
 
 def different(candidates: Iterable[Candidate], rules: Constraints, most: int) -> tuple[Candidate, ...]:
@@ -542,7 +589,7 @@ def mapped(
         clock=clock,
         progress=progress,
     )
-    cut = f"The budget ended the map after {both.designed.fields} steps of its last descent."
+    cut = f"{clock.ender} ended the map after {both.designed.fields} steps of its last descent."
     notes = (cut,) if clock.over else ()
     room = None
     # What bounds a panel in focus bounds no mean over distances.
@@ -555,7 +602,7 @@ def mapped(
 
 
 def watched(guard: Guard | None, seed: int, error: PanelError) -> dict[str, Any]:
-    """Arguments of a map that is looked after, which starts from the seed's random one, mended; none without a guard."""
+    """Arguments of a map that is looked after and starts from the random one, mended; none without a guard."""
     if guard is None:
         return {}
     drawn = np.random.default_rng(seed).integers(ORIENTATIONS, size=(error.cells, error.cells))
@@ -666,7 +713,7 @@ def _by_auc(section: SearchSection, rules: Constraints, room: CellGrid, clock: C
             evaluations=section.anneal or _AUC_EVALUATIONS,
             seed=section.seed,
             temperature=_AUC_TEMPERATURE,
-            budget_s=clock.left(),
+            clock=clock,
             progress=progress,
         )
         unit, evaluated, cut = walked.unit, 2 + walked.state.evaluations, not (walked.complete or walked.stuck)
@@ -678,25 +725,29 @@ def _by_auc(section: SearchSection, rules: Constraints, room: CellGrid, clock: C
     return Best(best, (), evaluated, tuple(notes), cut, stages=(("openings judged", evaluated),))
 
 
-def _required_fit(display: Display | None, laid: Mapped, rules: Constraints, progress: Progress) -> DieFit | None:
-    """A die of the panel that holds the display, if it must; that of two openings was found with them.
-
-    Raises:
-        JobError: MF123 where none does, though the opening does on another panel.
-    """
+def _fit(display: Display | None, laid: Mapped, rules: Constraints, progress: Progress) -> DieFit | None:
+    """The display on dies of the panel, if one must fit; that of two openings was found with them."""
     if display is None or laid.outer is not None:
         return laid.fit
-    fit = fitting_die(display, laid.unit, rules.dot_nm, laid.cells, progress=progress)
-    if fit.why is not None:
-        seeds = f"seed {min(fit.failed)}" if len(fit.failed) == 1 else f"seeds {min(fit.failed)} to {max(fit.failed)}"
-        own = "" if laid.cells is None else " with its own map"
-        what = (
-            f"the display fits the opening on a panel turned at random, and not on a die of {fit.across} x "
-            f"{fit.across} pixels{own}, {seeds}: {fit.why}"
-        )
-        cure = "Design with another tiling_seed, with fewer lines, or without a map"
-        raise JobError("MF123", what, where="design.fit", cure=cure)
-    return fit
+    return fitting_die(display, laid.unit, rules.dot_nm, laid.cells, progress=progress)
+
+
+def _require_fit(fit: DieFit | None, laid: Mapped) -> None:
+    """Refuse a display that fits no die that was tried.
+
+    Raises:
+        JobError: MF123.
+    """
+    if fit is None or fit.why is None:
+        return
+    seeds = f"seed {min(fit.failed)}" if len(fit.failed) == 1 else f"seeds {min(fit.failed)} to {max(fit.failed)}"
+    own = "" if laid.cells is None else " with its own map"
+    what = (
+        f"the display fits the opening on a panel turned at random, and not on a die of {fit.across} x "
+        f"{fit.across} pixels{own}, {seeds}: {fit.why}"
+    )
+    cure = "Design with another tiling_seed, with fewer lines, or without a map"
+    raise JobError("MF123", what, where="design.fit", cure=cure)
 
 
 def _with_seeds(laid: Mapped, fit: DieFit | None) -> tuple[Mapped, DieFit | None, Facts]:

@@ -155,7 +155,7 @@ def scanned(
     shapes = _shapes(section)
     share = _SCAN_SHARE if section.anneal else 1.0
     look = partial(_look, section, shapes, objective, progress)
-    looked_at = look(Constraints(section.clear_dots, dots=section.dots, dot_nm=rules.dot_nm), clock.left(share))
+    looked_at = look(Constraints(section.clear_dots, dots=section.dots, dot_nm=rules.dot_nm), clock.part(share))
     evaluated, complete = looked_at.evaluated, looked_at.complete
     ruled, held = None, list[Ranked]()
     if start is None:
@@ -164,8 +164,7 @@ def scanned(
         held = best_held(looked_at.ranked, start, objective(start.first.unit), section.shortlist, clock)
         best = held[0]
     if best is None:
-        left = clock.left(share)
-        ruled = look(rules, None if left is None else max(left, _AT_LEAST_S))
+        ruled = look(rules, clock.part(share, _AT_LEAST_S))
         best, evaluated, complete = ruled.best, evaluated + ruled.evaluated, complete and ruled.complete
     looked = list(looked_at.ranked[:PRICED])
     looked += [opening for opening in held if all(opening.unit is not other.unit for other in looked)]
@@ -179,7 +178,9 @@ def scanned(
             if len(sizes) < section.shortlist and size not in sizes:
                 sizes.add(size)
                 looked.append(opening)
-    note = f"The budget ended the scan when {evaluated + looked_at.repeated} of {len(shapes)} shapes had been judged."
+    note = (
+        f"{clock.ender} ended the scan when {evaluated + looked_at.repeated} of {len(shapes)} shapes had been judged."
+    )
     # All that keep the rules were judged where the first look found none.
     last = looked_at if ruled is None else ruled
     made = Best(
@@ -207,12 +208,12 @@ def allowed(
     """
     look = partial(_look, section, _shapes(section), objective, progress)
     any_allowed = False
-    for opening in look(Constraints(section.clear_dots, dots=section.dots, dot_nm=rules.dot_nm), clock.left()).ranked:
+    for opening in look(Constraints(section.clear_dots, dots=section.dots, dot_nm=rules.dot_nm), clock).ranked:
         if rules.allows(opening.unit):
             any_allowed = True
             yield opening.unit
     if not any_allowed:
-        yield from (opening.unit for opening in look(rules, clock.left()).ranked)
+        yield from (opening.unit for opening in look(rules, clock).ranked)
 
 
 def annealed(
@@ -242,7 +243,7 @@ def annealed(
             evaluations=section.anneal,
             seed=section.seed,
             until=None if store is None else made + SAVED_EVERY,
-            budget_s=clock.left(),
+            clock=clock,
             progress=progress,
         )
         start = walked.state
@@ -252,7 +253,7 @@ def annealed(
             break
     notes = list(state.notes)
     if not walked.complete:
-        why = "No move that keeps the rules was left" if walked.stuck else "The budget ended the annealing"
+        why = "No move that keeps the rules was left" if walked.stuck else f"{clock.ender} ended the annealing"
         notes.append(f"{why} after {start.evaluations} of {section.anneal} evaluations.")
     name = f"{state.best.name}, annealed"
     state = replace(
@@ -280,14 +281,14 @@ def _look(
     objective: Objective,
     progress: Progress,
     constraints: Constraints,
-    budget_s: float | None,
+    clock: Clock,
 ) -> Scan:
     return scan(
         shapes,
         objective,
         constraints,
         turned_alike=section.tiling is not Tiling.PERIODIC,
-        budget_s=budget_s,
+        clock=clock,
         workers=os.cpu_count() or 1,
         progress=progress,
     )
