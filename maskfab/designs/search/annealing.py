@@ -140,6 +140,21 @@ class Scan:
     def best(self) -> Ranked:
         return self.ranked[0]
 
+    def with_more(self, other: Scan) -> Scan:
+        """Both scans as one, this one first."""
+        ranked = sorted((*self.ranked, *other.ranked), key=lambda shape: -shape.value)
+        refused = Counter(self.refused)
+        refused.update(other.refused)
+        later = ((self.evaluated + number, value) for number, value in other.bettered if value > self.best.value)
+        return Scan(
+            tuple(ranked),
+            dict(refused),
+            self.repeated + other.repeated,
+            self.evaluated + other.evaluated,
+            self.complete and other.complete,
+            (*self.bettered, *later),
+        )
+
 
 def scan(
     candidates: Iterable[Candidate],

@@ -22,7 +22,7 @@ from maskfab.base.errors import OpeningError
 from maskfab.base.work import Clock, Progress, silent
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import Display, Wired, footprints_of, of_display
-from maskfab.designs.rules.families import FAMILIES, Candidate, kind, turned_key
+from maskfab.designs.rules.families import FAMILIES, Candidate, kind
 from maskfab.designs.rules.rule import Conflict
 from maskfab.designs.search.annealing import Ranked
 from maskfab.designs.search.guard import Guard
@@ -34,6 +34,14 @@ _TRIED = 240
 
 _TRIED_OF_FEWER = 24
 """The same for every number of dots of a bisection, the roomiest first."""
+
+
+MOST_JUDGED = 3000
+"""Shapes of one count above which places in the cell are thinned."""
+
+
+_KINDS, _NEAR = 8, 3
+"""Kinds of shapes that are judged at every place so near to the best one that was judged."""
 
 
 ALL_FAMILIES: tuple[str, ...] = tuple(FAMILIES)
@@ -121,17 +129,61 @@ def kinds_of_panel(rules: Constraints) -> Iterator[Constraints]:
 
 
 def shapes_of(families: Iterable[str], dots: int, clear_dots: int) -> list[Candidate]:
-    """Every shape of some families, those once that turn into each other."""
-    seen: set[bytes] = set()
-    shapes = []
+    """Shapes of some families, thinned where they are many."""
+    shapes: list[Candidate] = []
     for name in families:
         # A family that cannot have the count has no shapes.
         with suppress(OpeningError):
-            for shape in FAMILIES[name](dots, clear_dots):
-                if (key := turned_key(shape.unit)) not in seen:
-                    seen.add(key)
-                    shapes.append(shape)
-    return shapes
+            shapes += FAMILIES[name](dots, clear_dots)
+    return thinned(shapes)
+
+
+def thinned(shapes: Sequence[Candidate], most: int = MOST_JUDGED) -> list[Candidate]:
+    """Shapes at evenly fewer places in their cell, so that no more are left; those at its borders stay.
+
+    What an opening is worth changes little from place to place, so that :func:`finer` finds what lies between.
+    """
+    if len(shapes) <= most:
+        return list(shapes)
+    places = np.array([_place(shape.unit) for shape in shapes])
+    step = 1
+    chosen = np.ones(len(shapes), dtype=np.bool_)
+    while chosen.sum() > most and step < len(shapes[0].unit):
+        step += 1
+        low, high = places[:, :2], places[:, 2:]
+        chosen = np.asarray(((low % step == 0) | (high == 0)).all(axis=1))
+    return [shape for shape, kept in zip(shapes, chosen, strict=True) if kept]
+
+
+def finer(shapes: Sequence[Candidate], judged: Sequence[Ranked], kinds: int = _KINDS) -> list[Candidate]:
+    """Shapes that were left out, near the best place of each of the best kinds that were judged.
+
+    Args:
+        shapes: before they were thinned.
+        judged: those that were left, the best first.
+        kinds: so many.
+    """
+    best: dict[str, tuple[int, int]] = {}
+    for one in judged:
+        name = one.name.partition(" at ")[0]
+        if len(best) < kinds or name in best:
+            best.setdefault(name, _place(one.unit)[:2])
+    seen = {one.name for one in judged}
+    near = []
+    for shape in shapes:
+        middle = best.get(shape.name.partition(" at ")[0])
+        if middle is not None and shape.name not in seen:
+            row, column = _place(shape.unit)[:2]
+            if max(abs(row - middle[0]), abs(column - middle[1])) <= _NEAR:
+                near.append(shape)
+    return near
+
+
+def _place(unit: Mask) -> tuple[int, int, int, int]:
+    """Closed rows below and columns left of what is clear, then rows above and columns to the right."""
+    rows, columns = (np.flatnonzero(unit.any(axis=axis)) for axis in (1, 0))
+    last = len(unit) - 1
+    return int(rows[0]), int(columns[0]), last - int(rows[-1]), last - int(columns[-1])
 
 
 def held_of(shapes: Sequence[Candidate], rules: Constraints, tried: int, clock: Clock) -> Candidate | None:
@@ -232,12 +284,14 @@ def _conflict(rules: Constraints) -> Conflict | None:
 
 def _start(rules: Constraints, families: tuple[str, ...], tried: int, clock: Clock) -> Start | None:
     others = tuple(name for name in ALL_FAMILIES if name not in families)
-    own, more = (shapes_of(names, rules.dots, rules.clear_dots) for names in (families, others))
+    made: dict[tuple[str, ...], list[Candidate]] = {}
     for held in kinds_of_panel(rules):
-        for names, shapes in ((families, own), ((*families, *others), more)):
-            first = held_of(shapes, held, tried, clock)
+        for names in (families, others):
+            if names not in made:
+                made[names] = shapes_of(names, rules.dots, rules.clear_dots)
+            first = held_of(made[names], held, tried, clock)
             if first is not None:
-                return Start(held, names, first)
+                return Start(held, families if names == families else (*families, *others), first)
     return None
 
 

@@ -34,7 +34,7 @@ from maskfab.camera.lens import F1, FEWEST_CELLS, CellGrid, PhotoCamera, lattice
 from maskfab.camera.scenes import Photograph
 from maskfab.designs.maps.alternation import joint, laid, require_places
 from maskfab.designs.maps.light import Graded, clustered, graded, most_dots
-from maskfab.designs.maps.orientation_map import DesignedMap, MapMode, design_map, require_size
+from maskfab.designs.maps.orientation_map import FIRST_STEPS, DesignedMap, MapMode, design_map, require_size
 from maskfab.designs.model.appraisal import (
     EXACT,
     Robustness,
@@ -113,8 +113,8 @@ _BESIDE, _ASKED, _BETTER_DB = 2, 40, 0.01
 """Kinds of openings whose lines depend on the map that are tried, of so many that are better by so much."""
 
 
-_FEWEST_FIELDS, _MOST_WORK = 32, 100_000_000
-"""Fields of the map of a display: so many at least, and so many that their pupils have so many dots together."""
+_MOST_WORK = 80_000_000
+"""Dots of all pupils together that a map of a display is judged by, once its first steps are made."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -425,6 +425,9 @@ def shortlisted(
     Raises:
         JobError: as ``design_map``.
     """
+    if start is not None:
+        # Where pupils are large, maps take their time: the best opening alone has it.
+        most = min(most, max(1, _MOST_WORK // (_QUICK_FIELDS * error.lattice.side**2)))
     listed = _listed(state, most, rules, judge, start)
     if len(listed) < 2:
         return state, listed
@@ -574,7 +577,7 @@ def mapped(
     held = watched(guard, seed, error)
     if begun is not None:
         held = {**held, "start": begun.orientations, "shifts": begun.shifts}
-    limit = max(_FEWEST_FIELDS, _MOST_WORK // error.lattice.side**2)
+    limit = max(FIRST_STEPS, _MOST_WORK // error.lattice.side**2)
     both = joint(
         unit,
         error,

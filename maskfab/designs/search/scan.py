@@ -35,7 +35,7 @@ from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import Display
 from maskfab.designs.rules.families import FAMILIES, Candidate, kind, orbits
 from maskfab.designs.search.annealing import Bettered, ExpectedPsnr, Objective, Ranked, Scan, State, anneal, scan
-from maskfab.designs.search.held import Start, best_held
+from maskfab.designs.search.held import Start, best_held, finer, thinned
 from maskfab.designs.search.result import ANNEALING, WITHIN_DB, camera_facts
 from maskfab.job.sections import SearchSection
 from maskfab.job.values import Symmetry
@@ -152,10 +152,15 @@ def scanned(
     """
     if store is not None and "scan_units" in store.state:
         return _restored(store.state)
-    shapes = _shapes(section)
+    every = _shapes(section)
+    shapes = every if start is None else thinned(every)
     share = _SCAN_SHARE if section.anneal else 1.0
     look = partial(_look, section, shapes, objective, progress)
-    looked_at = look(Constraints(section.clear_dots, dots=section.dots, dot_nm=rules.dot_nm), clock.part(share))
+    free = Constraints(section.clear_dots, dots=section.dots, dot_nm=rules.dot_nm)
+    looked_at = look(free, clock.part(share))
+    if len(shapes) < len(every):
+        between = finer(every, looked_at.ranked)
+        looked_at = looked_at.with_more(_look(section, between, objective, progress, free, clock.part(share)))
     evaluated, complete = looked_at.evaluated, looked_at.complete
     ruled, held = None, list[Ranked]()
     if start is None:
