@@ -105,6 +105,11 @@ class Design(Result):
         return written
 
     @property
+    def passed(self) -> bool:
+        """Whether it has as many clear dots as were asked for: a display may hold fewer."""
+        return self.found.shortfall is None
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """Notes for a user, as sentences."""
         cut = ("A run that its budget cut short is not repeated bit for bit.",) if self.found.cut else ()
@@ -260,6 +265,7 @@ def design(
     Raises:
         JobError: as for a job file with such a [design]; MF102 for a section that a design does not use; MF105 for what
             is stated beside a job; MF123 for rules that contradict each other, and for a display that does not fit;
+            where it fits fewer dots than were asked for, these are designed, and :attr:`Design.passed` is false;
             MF150 for a budget that the first openings exceed; of a front also MF105 for a job without its sections and
             MF109 for two openings of one name.
         OutputError: MF401 for a checkpoint in a directory that does not exist.
@@ -352,7 +358,8 @@ def _design(asked: Asked) -> Told:
         for part, text in designed.texts().items():
             write_text(paths[part], text, replace=asked.force)
         written = list(paths.values())
-    return Told(designed.to_dict(paths), [*designed_lines(designed.found, designed.notes), *map(str, written)])
+    lines = [*designed_lines(designed.found, designed.notes), *map(str, written)]
+    return Told(designed.to_dict(paths), lines, designed.passed)
 
 
 def _design_front(asked: Asked, job: Path) -> Told:

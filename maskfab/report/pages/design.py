@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -118,6 +118,7 @@ def designed_document(
         "path": str(paths["opening"]),
         "shape": design.shape,
         "clear_dots": design.opening.clear_dots,
+        "shortfall": None if design.shortfall is None else {**asdict(design.shortfall), "told": design.shortfall.told},
         "open_ratio": design.opening.open_ratio,
         "designed_for": design.camera,
         "dot_um": design.opening.dot_nm / NM_PER_UM,
@@ -144,7 +145,7 @@ def designed_document(
             "positions": max(1, len(designed.shifts)),
         },
         "robust": None if design.robust is None else _robust(design, design.robust),
-        "fit": None if design.fit is None else _fit(design.fit),
+        "fit": None if design.fit is None else _fit(design.fit, regular=_regular(design)),
         "scene": None if design.scene is None else _scene(design, design.scene),
         "outer": None if design.outer is None else str(paths["outer"]),
         "notes": list(notes),
@@ -152,9 +153,15 @@ def designed_document(
     }
 
 
-def _fit(fit: DieFit) -> dict[str, object]:
+def _regular(design: Designed) -> bool:
+    """Whether nothing round the map is drawn from a seed."""
+    return design.cells is not None and design.cells.beyond is not None
+
+
+def _fit(fit: DieFit, *, regular: bool) -> dict[str, object]:
     return {
         "pixels": [fit.across, fit.across],
+        "regular_beyond": regular,
         "side_um": fit.side_um,
         "seed": fit.seed,
         "failed": [{"seed": seed, "why": why} for seed, why in fit.failed.items()],
@@ -434,7 +441,7 @@ def design_page(document: Record) -> str:
         levels=levels,
         headline=sum(laid.values()) / len(laid),
         turned=_turned(panel),
-        display=_display(document["fit"]),
+        display=_display(document["fit"], document["shortfall"]),
         room=_room(document, levels),
         rules_line=_rules_line(document, search),
         cell=dots_image(document["rows"], f"the opening {document['name']}"),
@@ -481,12 +488,14 @@ def _turned(panel: Record | None) -> str:
     return "all alike" if panel and panel["tiling"] == "periodic" else "turned at random"
 
 
-def _display(fit: Record | None) -> str:
+def _display(fit: Record | None, shortfall: Record | None) -> str:
     if fit is None:
         return "not judged: the design has to hold none"
     across = fit["pixels"][0]
     size = f"{across} x {across} pixels, {fit['side_um'] / UM_PER_MM:g} mm"
-    return f"FITS: emitters, circuits and wires, on a die of {size}, with seed {fit['seed']}"
+    drawn = "whatever its seed" if fit["regular_beyond"] else f"with seed {fit['seed']}"
+    fits = f"FITS: emitters, circuits and wires, on a die of {size}, {drawn}"
+    return fits if shortfall is None else f"{fits}; {shortfall['told']}"
 
 
 def _useful(values: Mapping[str, float]) -> Mapping[str, float]:

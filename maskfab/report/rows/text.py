@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from maskfab.designs.model.appraisal import Robustness, Varied
     from maskfab.designs.rules.display_fit import DieFit
     from maskfab.designs.search.result import Designed, SceneDesign
+    from maskfab.mask.panels import CellMap
 
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -225,6 +226,8 @@ def designed_lines(designed: Designed, notes: Sequence[str]) -> list[str]:
     """The opening, its bound, what the rules cost, the map, and the notes."""
     psnr = _levels(designed, designed.psnr)
     lines = [f"{designed.shape}: {designed.opening.clear_dots} clear dots, expected restored PSNR {psnr}"]
+    if designed.shortfall is not None:
+        lines.insert(0, designed.shortfall.told)
     lines.append(f"for {designed.camera}")
     if designed.scene is not None:
         lines += _scene_lines(designed, designed.scene)
@@ -260,16 +263,17 @@ def designed_lines(designed: Designed, notes: Sequence[str]) -> list[str]:
     if designed.robust is not None:
         lines += _robust_lines(designed, designed.robust)
     if designed.fit is not None:
-        lines += _fit_lines(designed.fit, mapped=designed.designed is not None)
+        lines += _fit_lines(designed.fit, designed.cells)
     return [*lines, *(f"note: {note}" for note in notes)]
 
 
-def _fit_lines(fit: DieFit, *, mapped: bool) -> list[str]:
-    drawn = "beyond its map" if mapped else "of its tiling"
+def _fit_lines(fit: DieFit, cells: CellMap | None) -> list[str]:
     size = f"{fit.across} x {fit.across} pixels, {fit.side_um / UM_PER_MM:g} mm"
-    lines = [
-        f"the display fits a die of {size}, with seed {fit.seed} {drawn} (checked in {fit.seconds:.1f} s of processor)"
-    ]
+    if cells is not None and cells.beyond is not None:
+        drawn = "regular beyond its map, whatever its seed"
+    else:
+        drawn = f"with seed {fit.seed} {'of its tiling' if cells is None else 'beyond its map'}"
+    lines = [f"the display fits a die of {size}, {drawn} (checked in {fit.seconds:.1f} s of processor)"]
     if fit.failed:
         tried = ", ".join(map(str, fit.failed))
         lines.append(
