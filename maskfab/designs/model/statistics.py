@@ -27,6 +27,7 @@ from maskfab.base.errors import JobError
 from maskfab.camera.protocol import F1, Protocol
 from maskfab.camera.scenes import Bundled, Photograph, bundled
 from maskfab.camera.sensor import ELECTRONS, LEVELS, REFERENCE_TRANSMISSION, told
+from maskfab.job.camera import Sensor
 
 if TYPE_CHECKING:
     import torch
@@ -215,25 +216,44 @@ def scene_statistics(
     Raises:
         JobError: MF121 if no scene has that size, or one is the same grey everywhere.
     """
-    if settings.is_f1 and isinstance(scenes, Bundled) and (len(scenes), leak_scenes) in KEPT:
+    plain = settings.is_f1 or settings.protocol.linear
+    if plain and isinstance(scenes, Bundled) and (len(scenes), leak_scenes) in KEPT:
         return _kept(len(scenes), leak_scenes, settings)
     return SceneStatistics.of(scenes, leak_scenes=leak_scenes, settings=settings)
 
 
 def keep(path: Path = _FILE) -> None:
-    """Write the statistics of the bundled scenes."""
+    """Write the statistics of the bundled scenes: in code values for protocol F1, in linear light for every other."""
     arrays: dict[str, Any] = {}
-    for count, leak_scenes in KEPT:
-        statistics = SceneStatistics.of(bundled(count), leak_scenes=leak_scenes)
-        arrays[f"{count}_{leak_scenes}"] = statistics.low
-        arrays[f"{count}_numbers"] = np.array([statistics.noise.shot, statistics.factor, statistics.power])
+    for settings in (F1_SETTINGS, CaptureSettings(Protocol("camera", Sensor()))):
+        kind = _kind(settings)
+        for count, leak_scenes in KEPT:
+            statistics = SceneStatistics.of(bundled(count), leak_scenes=leak_scenes, settings=settings)
+            noise = statistics.noise
+            arrays[f"{kind}_{count}_{leak_scenes}"] = statistics.low
+            numbers = [noise.shot, noise.flat, statistics.factor, statistics.power]
+            arrays[f"{kind}_{count}_numbers"] = np.array(numbers)
+            if statistics.pixels:
+                # Light is in single precision, so nothing is lost.
+                arrays[f"{kind}_{count}_pixels"] = np.stack([pixels for pixels, _ in statistics.pixels]).astype("f4")
+                arrays[f"{kind}_{count}_scales"] = np.array([scale for _, scale in statistics.pixels])
     np.savez_compressed(path, **arrays)
 
 
 def _kept(count: int, leak_scenes: int, settings: CaptureSettings) -> SceneStatistics:
+    kind = _kind(settings)
     with np.load(_FILE) as arrays:
-        shot, factor, power = (float(number) for number in arrays[f"{count}_numbers"])
-        return SceneStatistics(PixelNoise(settings, shot), factor, power, arrays[f"{count}_{leak_scenes}"], ())
+        shot, flat, factor, power = (float(number) for number in arrays[f"{kind}_{count}_numbers"])
+        own: tuple[tuple[Floats, float], ...] = ()
+        if not settings.is_f1:
+            pixels, scales = arrays[f"{kind}_{count}_pixels"], arrays[f"{kind}_{count}_scales"]
+            own = tuple((light.astype(np.float64), float(k)) for light, k in zip(pixels, scales, strict=True))
+        noise = PixelNoise(settings, shot, flat)
+        return SceneStatistics(noise, factor, power, arrays[f"{kind}_{count}_{leak_scenes}"], own)
+
+
+def _kind(settings: CaptureSettings) -> str:
+    return "f1" if settings.is_f1 else "linear"
 
 
 def _of_use(scenes: Sequence[Photograph]) -> list[Photograph]:

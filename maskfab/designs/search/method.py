@@ -109,8 +109,9 @@ _WORSE_DB = 0.25
 """Openings that much worse, turned at random, are tried under no quick map: maps differ by less."""
 
 
-_BESIDE, _ASKED, _BETTER_DB = 2, 40, 0.01
-"""Kinds of openings whose lines depend on the map that are tried, of so many that are better by so much."""
+_ASKED, _BETTER_DB, _MOST_GUARDED = 40, 0.02, 32
+"""Openings that are better by so much, of which the first is tried whose lines depend on the map, where that has no
+more cells along a side: looking after it takes half a second for 60."""
 
 
 _MOST_WORK = 80_000_000
@@ -250,18 +251,8 @@ def search(
         SourceError, OutputError: MF303, MF304, MF401 for the checkpoint.
     """
     rules = constraints_of(section, display=display)
-    room = lattice(section.dots, rules.dot_nm, camera=camera)
-    if section.map is not None:
-        require_size(room)
-    if section.positions > 1:
-        require_places(rules)
-    start = None
-    if display is not None and for_any_map(section):
-        start = started(section, rules, clock, progress)
-        rules, counted = start.rules, {"clear_dots": start.rules.clear_dots, "families": start.families}
-        section = section.model_copy(update=counted)
-    else:
-        rules.require_possible()
+    room = _room_of(section, rules, camera)
+    section, rules, start = started(section, rules, display, clock, progress)
     progress("photographs", 0, 1)
     judges = Judges(section, scenes, room, settings, seen)
     expected = judges.expected
@@ -299,14 +290,16 @@ def search(
         other = section.model_copy(update={"clear_dots": clear_dots})
         return allowed(other, replace(rules, clear_dots=clear_dots), expected, stages.map, progress)
 
-    for chosen in listed:
-        laid = mapped(
+    made = origin(section, command, made_for)
+
+    def lay(chosen: Listed) -> Mapped:
+        return mapped(
             section,
             chosen.shape.unit,
             chosen.rules,
             judges.estimate,
             panel,
-            origin(section, command, made_for),
+            made,
             of_count,
             stages.map,
             progress,
@@ -315,12 +308,10 @@ def search(
             guard=chosen.guard,
             begun=chosen.begun,
         )
-        fit = _fit(display, laid, rules, progress)
-        if chosen.guard is None or fit is None or fit.why is None:
-            break
+
+    chosen, laid, fit = _first_that_fits(listed, lay, display, progress)
     state, rules = replace(state, best=chosen.shape), chosen.rules
-    _require_fit(fit, laid)
-    facts: Facts = {**origin(section, command, made_for), "shape": state.best.name}
+    facts: Facts = {**made, "shape": state.best.name}
     laid, fit, seeds = _with_seeds(laid, fit)
     priced = prices(state.looked, expected, rules) if state.looked else None
     psnr, appraisal, head_room, gap = laid.psnr, Facts(), None, None
@@ -428,7 +419,7 @@ def shortlisted(
     if start is not None:
         # Where pupils are large, maps take their time: the best opening alone has it.
         most = min(most, max(1, _MOST_WORK // (_QUICK_FIELDS * error.lattice.side**2)))
-    listed = _listed(state, most, rules, judge, start)
+    listed = _listed(state, most, rules, judge, start, error.cells)
     if len(listed) < 2:
         return state, listed
     # A random map's light differs by chance, and more of it is no merit of a shape: all have what is expected.
@@ -483,7 +474,9 @@ def shortlisted(
     return found, tuple(replace(listed[k], begun=maps[k]) for k in order)
 
 
-def _listed(state: Best, most: int, rules: Constraints, judge: Objective, start: Start | None) -> tuple[Listed, ...]:
+def _listed(
+    state: Best, most: int, rules: Constraints, judge: Objective, start: Start | None, cells: int
+) -> tuple[Listed, ...]:
     shapes = [Candidate(state.best.name, state.best.unit), *state.looked]
     if start is None:
         kinds = different(shapes, rules, most)
@@ -493,11 +486,11 @@ def _listed(state: Best, most: int, rules: Constraints, judge: Objective, start:
         value = judge(one.unit)
         if value >= state.best.value - _WORSE_DB:
             own.append(Listed(Ranked(one.name, one.unit, value), rules, start.guard(one.unit)))
-    if not start.any_map or most < 2:
+    if not start.any_map or most < 2 or cells > _MOST_GUARDED:
         return tuple(own)
     better = (Candidate(one.name, one.unit) for one in state.near if one.value >= state.best.value + _BETTER_DB)
     laid = start.laid_alike
-    for one in different(islice(better, _ASKED), laid.rules, _BESIDE):
+    for one in different(islice(better, _ASKED), laid.rules, 1):
         own.append(Listed(Ranked(one.name, one.unit, judge(one.unit)), laid.rules, laid.guard(one.unit)))
     return tuple(own)
 
@@ -621,18 +614,37 @@ def for_any_map(section: SearchSection) -> bool:
     )
 
 
-def started(section: SearchSection, rules: Constraints, clock: Clock, progress: Progress) -> Start:
-    """The first opening that the display fits.
+def _room_of(section: SearchSection, rules: Constraints, camera: PhotoCamera) -> CellGrid:
+    """The cells before the stop, refused where no map of them can be designed as asked."""
+    room = lattice(section.dots, rules.dot_nm, camera=camera)
+    if section.map is not None:
+        require_size(room)
+    if section.positions > 1:
+        require_places(rules)
+    return room
+
+
+def started(
+    section: SearchSection, rules: Constraints, display: Display | None, clock: Clock, progress: Progress
+) -> tuple[SearchSection, Constraints, Start | None]:
+    """The section and its rules as the search goes on with them, and the first opening that a display fits.
+
+    That is sought where a map of one opening is designed; elsewhere openings are asked as they come.
 
     Raises:
-        JobError, OpeningError: MF123, MF204 where it was found to fit none of any number of dots.
+        JobError, OpeningError: MF123, MF203, MF204 for rules that contradict each other, and for a display that was
+            found to fit openings of no number of dots.
     """
+    if display is None or not for_any_map(section):
+        rules.require_possible()
+        return section, rules, None
     start = start_of(rules, section.families, clock, progress)
-    if start is not None:
-        return start
-    rules.require_possible()
-    what = f"no opening of 1 to {section.clear_dots} clear dots was found beside which the display fits"
-    raise JobError("MF123", what, where="design.fit", cure="Ask for fewer lines, or smaller emitters")
+    if start is None:
+        rules.require_possible()
+        what = f"no opening of 1 to {section.clear_dots} clear dots was found beside which the display fits"
+        raise JobError("MF123", what, where="design.fit", cure="Ask for fewer lines, or smaller emitters")
+    counted = {"clear_dots": start.rules.clear_dots, "families": start.families}
+    return section.model_copy(update=counted), start.rules, start
 
 
 def map_seed(section: SearchSection) -> int:
@@ -726,6 +738,23 @@ def _by_auc(section: SearchSection, rules: Constraints, room: CellGrid, clock: C
         )
     best = Ranked(f"auc {area(unit):.4f}", unit, area(unit))
     return Best(best, (), evaluated, tuple(notes), cut, stages=(("openings judged", evaluated),))
+
+
+def _first_that_fits(
+    listed: Sequence[Listed], lay: Callable[[Listed], Mapped], display: Display | None, progress: Progress
+) -> tuple[Listed, Mapped, DieFit | None]:
+    """The first of a list whose panel holds the display on a die, if one must; only guarded maps may fail to.
+
+    Raises:
+        JobError: MF123 where none does.
+    """
+    for chosen in listed:
+        laid = lay(chosen)
+        fit = _fit(display, laid, chosen.rules, progress)
+        if chosen.guard is None or fit is None or fit.why is None:
+            break
+    _require_fit(fit, laid)
+    return chosen, laid, fit
 
 
 def _fit(display: Display | None, laid: Mapped, rules: Constraints, progress: Progress) -> DieFit | None:
