@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from asked_displays import DISPLAY, JOB, job_of
 from once import leaves
 
 from maskfab.base.errors import JobError
@@ -29,61 +30,6 @@ from maskfab.report.pages.design import designed_document
 from maskfab.report.rows.text import designed_lines
 
 pytestmark = pytest.mark.usefixtures("bound_loosely")
-
-JOB = """
-[design]
-name = "small"
-dots = 11
-pitch = "88 um"
-clear_dots = 25
-fit = true
-
-[camera]
-focal = "10 mm"
-stop = { shape = "circle", diameter = "0.512 mm" }
-wavelengths = ["610 nm", "530 nm", "470 nm"]
-pixel = "2 um"
-
-[emitters]
-required = 0.1
-gap_to_opening = "4 um"
-colour_gap = "8 um"
-min_width = "8 um"
-circuit = "800 um^2"
-
-[wires]
-lines = 2
-"""
-DISPLAY = """
-[job]
-name = "SMALL"
-title = "SMALL"
-
-[plate]
-template = "5in"
-die_size = "0.62 mm"
-die_pitch = "22 mm"
-columns = 1
-
-[[die]]
-name = "SMALL"
-label = "small"
-opening = "small.toml"
-dot = "8 um"
-pitch = "88 um"
-tiling = "random"
-seed = 0
-"""
-
-
-def job_of(folder: Path, *edits: tuple[str, str], more: str = ""):
-    text = JOB + more
-    for old, new in edits:
-        assert old in text
-        text = text.replace(old, new)
-    path = folder / "job.toml"
-    path.write_text(text)
-    return path
 
 
 def test_the_rule_is_the_check_itself_and_the_quick_one_is_no_laxer(tmp_path: Path) -> None:
@@ -205,13 +151,13 @@ def test_a_display_that_a_design_need_not_fit_is_named(tmp_path: Path) -> None:
 
 
 def test_lines_that_pass_beside_no_shape_are_refused_with_the_most_that_may(tmp_path: Path) -> None:
-    path = job_of(tmp_path, ("lines = 2", "lines = 13"))
-    with pytest.raises(JobError, match=r"MF123 none of the \d+ shapes of 25.*78 um of the 88 um.*wires\.lines") as told:
+    path = job_of(tmp_path, ("lines = 2", "lines = 12"))
+    with pytest.raises(JobError, match=r"MF123 none of the \d+ shapes of 25.*72 um of the 88 um.*wires\.lines") as told:
         check_possible(read(path), where=str(path))
     found = re.search(r"at most (\d+) lines", told.value.cure)
     assert found is not None
     most = int(found[1])
-    assert 2 <= most < 13
+    assert 2 <= most < 12
     path = job_of(tmp_path, ("lines = 2", f"lines = {most}"))
     check_possible(read(path), where=str(path))
 
@@ -334,6 +280,7 @@ def test_a_design_tells_the_die_that_it_fits_and_the_seed_to_state(tmp_path: Pat
     document = designed_document(found, {"opening": path}, ())["fit"]
     assert document == {
         "pixels": [12, 12],
+        "regular_beyond": False,
         "side_um": 1056.0,
         "seed": fit.seed,
         "failed": [{"seed": seed, "why": why} for seed, why in fit.failed.items()],

@@ -28,13 +28,25 @@ EVEN = CellMap("even", np.arange(24).reshape(4, 6) % 8)
     cells=arrays(np.int8, array_shapes(min_dims=2, max_dims=2, max_side=9), elements=st.integers(0, 119)),
     author=st.text(max_size=20),
     moved=st.lists(st.tuples(st.integers(-20, 20), st.integers(-20, 20)), min_size=15, max_size=15) | st.just([]),
+    beyond=st.none() | st.integers(0, 119),
 )
-def test_what_is_written_reads_back(cells, author, moved):
-    written = CellMap("any", cells, {"author": author, "seed": 3, "share of light": 0.25}, tuple(moved))
+def test_what_is_written_reads_back(cells, author, moved, beyond):
+    written = CellMap("any", cells, {"author": author, "seed": 3, "share of light": 0.25}, tuple(moved), beyond)
     read = panels.parse_map(panels.map_text(written))
-    assert read.shifts == written.shifts
+    assert (read.shifts, read.beyond) == (written.shifts, beyond)
     assert np.array_equal(read.cells, cells)
     assert (read.name, dict(read.provenance)) == (written.name, dict(written.provenance))
+
+
+def test_round_a_map_lies_what_it_says_whatever_the_seed():
+    regular = CellMap("regular", EVEN.cells, beyond=11)
+    for seed in (0, 7, None):
+        laid = placed(regular, 8, 10, seed, openings=2, where="die")
+        assert np.array_equal(laid[2:6, 2:8], EVEN.cells)
+        laid[2:6, 2:8] = 11
+        assert (laid == 11).all()
+    with pytest.raises(JobError, match=r"MF122.*opening 1, counted from 0"):
+        placed(regular, 8, 10, 0, openings=1, where="die")
 
 
 def test_the_top_row_is_written_first():
@@ -61,6 +73,11 @@ def test_the_second_drawing_says_which_opening():
         (TEXT + 'openings = "0000"', "MF122", "1 rows of 4 openings"),
         (TEXT + 'openings = """\n000f\n0000"""', "MF122", "line 1, column 4"),
         (f'name = "wide"\nmap = "{"0" * 1001}"', "MF115", "1001"),
+        (TEXT + "beyond = 3", "MF105", "beyond"),
+        (TEXT + "beyond = [0, true]", "MF105", "beyond"),
+        (TEXT + "beyond = [0, 8]", "MF122", "element of 0 to 7"),
+        (TEXT + "beyond = [15, 0]", "MF122", "opening of 0 to 14"),
+        (TEXT + "shifts = [[0, 0]]\nbeyond = [1, 0]", "MF122", "opening 1"),
         (TEXT + "shifts = 3", "MF105", "shifts"),
         (TEXT + "shifts = [[0, 0, 0]]", "MF105", "shifts"),
         (TEXT + "shifts = [[0, 0.5]]", "MF105", "shifts"),

@@ -547,7 +547,7 @@ def mapped(
     if section.map is None or error is None:
         return Mapped(unit)
     mode, seed = MapMode(section.map), map_seed(section)
-    kicks = 0 if clock.over else _KICKS
+    kicks = 0 if clock.over else 1 if rules["emitters"] else _KICKS
     notes = ("Time ran out: each map got one pass of its search.",) if clock.over else ()
     if section.density is not None:
         made = graded(unit, error, section.density, find, constraints=rules, seed=seed, kicks=kicks, progress=progress)

@@ -85,7 +85,8 @@ def require_shapes(section: SearchSection, rules: Constraints) -> None:
         OpeningError: MF204 for a count that no family can have.
     """
     symmetry: Symmetry | None = rules["symmetry"]
-    display: Display | None = rules["wires"] or None
+    # A display before its map is held by as many dots as it can be.
+    display: Display | None = None if section.map is not None else rules["wires"] or None
     if section.objective != "restored" or (symmetry is None and display is None):
         return
     shapes = _shapes(section)
@@ -99,7 +100,7 @@ def require_shapes(section: SearchSection, rules: Constraints) -> None:
             cure = "Add families such as discs, use another symmetry, or change clear_dots"
             raise JobError("MF123", what, where="design.rules.symmetry", cure=cure)
         units = units[_symmetric(units, symmetry)]
-    most = None if display is None or section.density is not None else display.lines_beside(units, rules.dot_nm)
+    most = None if display is None else display.lines_beside(units, rules.dot_nm)
     if display is None or most is None:
         return
     if int(most.max()) < display.opaque_lines:

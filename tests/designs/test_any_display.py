@@ -1,0 +1,178 @@
+"""Displays that nobody tuned: an opening that suits any map is found first, and there is always a design or a proof."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+from asked_displays import DISPLAY, asked_display, job_of
+from once import leaves
+
+from maskfab import design as designed
+from maskfab.base.model import ORIENTATIONS, Tiling
+from maskfab.base.work import Clock, ended_by_interrupt
+from maskfab.designs.design import design
+from maskfab.designs.rules.constraints import Constraints
+from maskfab.designs.rules.display_fit import Display, Wired, every_pair, of_display
+from maskfab.designs.rules.families import bars, l_shapes
+from maskfab.designs.search.annealing import Ranked
+from maskfab.designs.search.guard import Guard
+from maskfab.designs.search.held import finer, start_of, straight_lines, thinned
+from maskfab.display.emitter_rules import Verdict
+from maskfab.display.feasibility import display_rules, feasibility
+from maskfab.display.free_area import meetings
+from maskfab.display.wiring import wired_alike, wiring
+from maskfab.job.read import read
+from maskfab.mask.job import load_job
+from maskfab.mask.opening_file import opening_text
+from maskfab.mask.panels import map_text
+
+pytestmark = pytest.mark.usefixtures("bound_loosely")
+
+DOT_NM = 8000
+MAPPED = 'fit = true\nmap = "equal_light"\nfamilies = ["bars", "l_shapes"]'
+
+
+@pytest.fixture
+def one_scene(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("maskfab.camera.scenes.bundled", lambda count=4: (leaves(1),))
+
+
+def rules_of(display: Display, clear_dots: int = 25) -> Constraints:
+    return Constraints(clear_dots, dots=11, dot_nm=DOT_NM, **of_display(display))
+
+
+def test_any_two_orientations_meet_in_the_panel_that_stands_for_all_maps() -> None:
+    assert meetings(every_pair()) == meetings(np.random.default_rng(1).integers(ORIENTATIONS, size=(90, 90)))
+
+
+@pytest.mark.parametrize("lines", [2, 3, 4])
+def test_an_opening_that_suits_any_map_is_wired_on_every_panel(lines: int) -> None:
+    display = asked_display(lines=lines, across=6)
+    before_map = display.wired_as(Wired.ANY_MAP)
+    assert display.rules.wires is not None
+    kept = [bar.unit for bar in list(bars(11, 25))[::9] if before_map.unwired(bar.unit, DOT_NM) is None]
+    refused = [bar.unit for bar in list(bars(11, 25))[::9] if before_map.unwired(bar.unit, DOT_NM) is not None]
+    assert kept
+    assert refused
+    for seed in range(4):
+        cells = np.random.default_rng(seed).integers(ORIENTATIONS, size=(5 + seed, 9)).astype(np.int8)
+        for unit in kept:
+            panel = display.panel(unit, DOT_NM, cells)
+            wires = wiring(panel, panel.opening, display.rules.wires)
+            assert (wires.verdict, wires.laid) == (Verdict.FITS, None)
+
+
+def test_straight_lines_are_lines_that_are_drawn() -> None:
+    display = asked_display(lines=9)
+    wires = display.rules.wires
+    assert wires is not None
+    shapes = [bar.unit for bar in list(bars(11, 25))[::7]]
+    for unit, straight in zip(shapes, straight_lines(np.stack(shapes), DOT_NM, wires.rules, turned=True), strict=True):
+        panel = display.panel(unit, DOT_NM, every_pair())
+        # One more may be counted than the one grid of nodes of all lines has room for.
+        assert min(wired_alike(panel, panel.opening, wires).lines) >= straight - 1
+
+
+def test_a_guarded_map_never_leaves_what_the_lines_pass() -> None:
+    display = asked_display(lines=5, across=8)
+    unit = next(bar.unit for bar in bars(11, 25) if bar.name == "bar 5x5 at (1, 6)")
+    guard = Guard(display, unit, DOT_NM)
+    drawn = [np.random.default_rng(seed).integers(ORIENTATIONS, size=(12, 12)).astype(np.int8) for seed in range(6)]
+    broken = [cells for cells in drawn if not guard(cells)]
+    assert len(broken) > 0
+    for cells in broken:
+        mended = guard.mended(cells)
+        assert guard(mended)
+        assert 0 < (mended != cells).sum() < cells.size / 4
+    passing = next(cells for cells in drawn if guard(cells))
+    assert np.array_equal(guard.mended(passing), passing)
+
+
+def test_a_start_suits_any_map_or_cells_laid_alike_or_has_fewer_dots() -> None:
+    clock, families = Clock(), ("bars",)
+    easy = start_of(rules_of(asked_display(lines=2)), families, clock)
+    assert easy is not None
+    assert easy.any_map
+    assert easy.shortfall is None
+    assert easy.guard(easy.first.unit) is None
+    tight = start_of(rules_of(asked_display(lines=7)), families, clock)
+    assert tight is not None
+    assert tight.rules.allows(tight.first.unit)
+    never = start_of(rules_of(asked_display(lines=13)), families, clock)
+    assert never is not None
+    assert never.shortfall is not None
+    assert never.shortfall.held == never.first.unit.sum() <= 17
+    assert never.shortfall.proof is not None
+    assert "no more than 17 dots are clear" in never.shortfall.proof
+    assert start_of(rules_of(asked_display(lines=20), 3), families, clock) is None
+
+
+def test_many_shapes_are_thinned_evenly_and_what_lies_between_the_best_comes_back() -> None:
+    every = [*bars(21, 100), *l_shapes(21, 100)]
+    few = thinned(every, most=400)
+    assert 100 < len(few) <= 400
+    assert {shape.name.partition(" at ")[0] for shape in few} == {shape.name.partition(" at ")[0] for shape in every}
+    assert thinned(every, most=len(every)) == every
+    judged = [Ranked(shape.name, shape.unit, -number) for number, shape in enumerate(few)]
+    between = finer(every, judged, kinds=1)
+    assert between
+    assert {shape.name.partition(" at ")[0] for shape in between} == {judged[0].name.partition(" at ")[0]}
+    assert not {shape.name for shape in between} & {shape.name for shape in few}
+
+
+def test_a_mapped_design_fits_whatever_the_seed_and_size_of_its_die(tmp_path: Path, one_scene: None) -> None:
+    path = job_of(tmp_path, ("fit = true", MAPPED), more=DISPLAY)
+    found = design(read(path), "a test", where=str(path), clock=Clock(3.0))
+    assert found.cells is not None
+    assert found.cells.beyond == 0
+    assert found.shortfall is None
+    (tmp_path / "small.toml").write_text(opening_text(found.opening))
+    (tmp_path / "map.toml").write_text(map_text(found.cells))
+    for size, seed in (("0.62 mm", 0), ("0.62 mm", 5), ("1.8 mm", 3)):
+        text = path.read_text().replace("0.62 mm", size).replace("seed = 0", f"seed = {seed}")
+        (tmp_path / "die.toml").write_text(text.replace('tiling = "random"', 'tiling = "map"\nmap = "map.toml"'))
+        job = load_job(tmp_path / "die.toml")
+        answer = feasibility(job.plate().dies[0].panel, display_rules(job))
+        assert answer is not None
+        assert answer.verdict is Verdict.FITS
+
+
+def test_a_display_that_holds_fewer_dots_gets_a_design_of_these_and_says_why(tmp_path: Path, one_scene: None) -> None:
+    path = job_of(tmp_path, ("fit = true", MAPPED), ("lines = 2", "lines = 13"))
+    found = designed(path, budget="8 s")
+    assert not found.passed
+    assert found.found.shortfall is not None
+    assert found.found.shortfall.held == found.opening.clear_dots <= 17
+    assert "25 clear dots do not fit" in found.to_dict()["shortfall"]["told"]
+    assert found.fit is not None
+    assert found.fit.why is None
+
+
+def test_the_first_ctrl_c_keeps_the_best_so_far(tmp_path: Path, one_scene: None) -> None:
+    path = job_of(tmp_path, ("fit = true", MAPPED))
+    stages: list[str] = []
+
+    def interrupted(stage: str, done: int, total: int) -> None:
+        if not stages:
+            os.kill(os.getpid(), signal.SIGINT)
+        stages.append(stage)
+
+    found = designed(path, progress=interrupted)
+    assert found.found.cut
+    assert found.fit is not None
+    assert found.fit.why is None
+    assert any("Ctrl-C ended" in note for note in found.notes)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    with ended_by_interrupt(clock := Clock()):
+        os.kill(os.getpid(), signal.SIGINT)
+        assert clock.over
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_a_periodic_display_asks_for_no_map() -> None:
+    assert asked_display(lines=2, tiling=Tiling.PERIODIC).wired is Wired.TILING
