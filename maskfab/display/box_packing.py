@@ -1,0 +1,433 @@
+"""Rectangles packed into free cells of a square grid, each a gap from the next, or a proof that they cannot be.
+
+A box and the gap on its upper and its right side are one larger rectangle. Boxes are a gap apart exactly if these share
+no cell, and only the box itself must lie on free cells. Pushed down and left as far as they go, boxes stand on whole
+cells wherever sizes, gaps and the free area are whole cells, so nothing is lost by the grid.
+
+A place of every box is sought by rules of thumb, then by a search that takes a box and tries all its places. Proofs are
+of three kinds. A box has no place at all, which is exact. Or points do not suffice: of a lattice whose points are no
+further apart than a box and its gap are wide, each such box covers at least one, and no two cover the same; so there are
+no more boxes than points where boxes may lie. Points of every cell give the bound of area, points as far apart as boxes
+that of cuts: corridors too narrow for two abreast, and separate areas each with a rest that no box fills. Or the search
+ends without a place, having left none out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations, product
+
+import numpy as np
+from scipy import ndimage
+
+from maskfab.base.arrays import Ints, Mask
+
+Place = tuple[int, int, int]
+"""Shape, row and column of the lowest left cell."""
+
+_SHUFFLES = 40
+"""Orders drawn at random that the first rule of thumb tries after those by size."""
+_PARTS = 4
+"""Into as many parts, at most, is a box divided for the spacing of points."""
+_MOST_SUBSETS = 4
+"""Kinds of box of which all subsets are held against points; of more only the largest so many."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Boxes of one size.
+
+    Attributes:
+        count: how many.
+        size: (rows, columns) of cells that must be free.
+        step: (rows, columns) from the lowest left cell of a box to that of the next above it and right of it.
+        turnable: whether a box may lie on its side, and differs then.
+    """
+
+    count: int
+    size: tuple[int, int]
+    step: tuple[int, int]
+    turnable: bool = True
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A kind upright, or on its side.
+
+    Attributes:
+        kind: by number.
+        size: as of the kind.
+        step: as of the kind.
+        turned: whether it lies on its side.
+    """
+
+    kind: int
+    size: tuple[int, int]
+    step: tuple[int, int]
+    turned: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Shortage:
+    """A proof that boxes cannot all be placed.
+
+    Attributes:
+        kinds: of the boxes, by number.
+        spacing: (rows, columns) between points, in cells.
+        covered: points that the boxes cover at least.
+        points: those that lie where the boxes may, of a lattice laid so that they are few.
+        areas: connected areas where the boxes may lie.
+        swept: bool [n, n] these areas, gaps left out beyond the grid.
+    """
+
+    kinds: tuple[int, ...]
+    spacing: tuple[int, int]
+    covered: int
+    points: int
+    areas: int
+    swept: Mask
+
+
+@dataclass(frozen=True, eq=False)
+class Packed:
+    """Places of boxes, as many as were found.
+
+    Attributes:
+        places: of each box, in the order found.
+        complete: whether these are all boxes.
+        exhausted: whether no places for all of them exist, for the search left none out.
+    """
+
+    places: tuple[Place, ...]
+    complete: bool
+    exhausted: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Packing:
+    """Boxes to be placed.
+
+    Attributes:
+        free: bool [n, n] cells on which boxes may lie.
+        kinds: of box.
+    """
+
+    free: Mask
+    kinds: tuple[Kind, ...]
+
+    @cached_property
+    def shapes(self) -> tuple[Shape, ...]:
+        """Every kind upright, and on its side where it may be."""
+        found = []
+        for number, kind in enumerate(self.kinds):
+            found.append(Shape(number, kind.size, kind.step))
+            if kind.turnable:
+                found.append(Shape(number, kind.size[::-1], kind.step[::-1], turned=True))
+        return tuple(found)
+
+    @cached_property
+    def anchors(self) -> tuple[Mask, ...]:
+        """By shape, bool [n, n]: lowest left cells of its places, each by itself."""
+        table = _table(~self.free)
+        return tuple(_anchors(table, shape.size) for shape in self.shapes)
+
+    @property
+    def boxes(self) -> int:
+        return sum(kind.count for kind in self.kinds)
+
+    def homeless(self) -> int | None:
+        """The first kind that has no place at all; None if each has."""
+        for number in range(len(self.kinds)):
+            if not any(self.anchors[index].any() for index in self._of((number,))):
+                return number
+        return None
+
+    def _of(self, kinds: Sequence[int]) -> list[int]:
+        """Shapes of some kinds."""
+        return [index for index, shape in enumerate(self.shapes) if shape.kind in kinds]
+
+    # --- proofs ----------------------------------------------------------------------------------------------------
+
+    def shortage(self) -> Shortage | None:
+        """A proof by points; None where points do not tell."""
+        weights = [kind.count * kind.step[0] * kind.step[1] for kind in self.kinds]
+        largest = sorted(range(len(self.kinds)), key=lambda number: -weights[number])[:_MOST_SUBSETS]
+        every = tuple(range(len(self.kinds)))
+        subsets = [every] if len(every) > _MOST_SUBSETS else []
+        subsets += [
+            tuple(sorted(some)) for size in range(len(largest), 0, -1) for some in combinations(largest, size)
+        ]
+        swept = {subset: self._swept(subset) for subset in subsets}
+        # Area first: it costs least, and a reader sees it at once.
+        by_area = (self._short(subset, (1, 1), swept[subset]) for subset in subsets)
+        by_points = (
+            self._short(subset, spacing, swept[subset]) for subset in subsets for spacing in self._spacings(subset)
+        )
+        return next((short for shorts in (by_area, by_points) for short in shorts if short is not None), None)
+
+    def _spacings(self, subset: Sequence[int]) -> Iterator[tuple[int, int]]:
+        """Distances of points that boxes cover several of, the widest first."""
+        rows, columns = (
+            sorted(
+                {
+                    side
+                    for index in self._of(subset)
+                    for part in range(1, _PARTS + 1)
+                    if (side := self.shapes[index].step[axis] // part) > 0
+                },
+                reverse=True,
+            )
+            for axis in (0, 1)
+        )
+        yield from (spacing for spacing in product(rows, columns) if spacing != (1, 1))
+
+    def _swept(self, kinds: Sequence[int]) -> Mask:
+        """Cells that boxes of some kinds, with their gaps, may cover; larger than the grid by a gap."""
+        shapes = self._of(kinds)
+        rows, columns = (max(self.shapes[index].step[axis] for index in shapes) for axis in (0, 1))
+        swept = np.zeros((self.free.shape[0] + rows, self.free.shape[1] + columns), dtype=np.bool_)
+        for index in shapes:
+            swept |= _sweep(self.anchors[index], self.shapes[index].step, swept.shape)
+        return swept
+
+    def _short(self, subset: tuple[int, ...], spacing: tuple[int, int], swept: Mask) -> Shortage | None:
+        covers = {
+            number: min(
+                (self.shapes[index].step[0] // spacing[0]) * (self.shapes[index].step[1] // spacing[1])
+                for index in self._of((number,))
+            )
+            for number in subset
+        }
+        needed = sum(self.kinds[number].count * covers[number] for number in subset)
+        # More points than these no lattice has, wherever it lies: the dear part can be left out.
+        if needed * spacing[0] * spacing[1] <= 0 or not all(covers.values()):
+            return None
+        labels, areas = ndimage.label(swept)
+        points = 0
+        for number, where in enumerate(ndimage.find_objects(labels), start=1):
+            fewest = _fewest_points(labels[where] == number, spacing)
+            if len(subset) == 1:
+                # A rest of points that is less than a box covers is lost in every area by itself.
+                each = covers[subset[0]]
+                fewest -= fewest % each
+            points += fewest
+        if points >= needed:
+            return None
+        inside = swept[: self.free.shape[0], : self.free.shape[1]]
+        return Shortage(subset, spacing, needed, points, areas, inside)
+
+    # --- search ----------------------------------------------------------------------------------------------------
+
+    def placed(self, *, nodes: int, seed: int = 0) -> Packed:
+        """Places for all boxes if any are found; else for as many as were.
+
+        Args:
+            nodes: boxes that the last search may lay, over all that it tries.
+            seed: of the orders that are tried.
+        """
+        best: tuple[Place, ...] = ()
+        for order, view in self._orders(seed):
+            places = self._first_fit(order, view)
+            if len(places) == self.boxes:
+                return Packed(places, True)
+            best = max(best, places, key=len)
+        for heaviest_first in (True, False):
+            places = self._least_harm(heaviest_first=heaviest_first)
+            if len(places) == self.boxes:
+                return Packed(places, True)
+            best = max(best, places, key=len)
+        return self._searched(nodes, best)
+
+    def quickly(self) -> Packed:
+        """Places by the first rule of thumb alone."""
+        best: tuple[Place, ...] = ()
+        for order, view in self._orders(None):
+            places = self._first_fit(order, view)
+            if len(places) == self.boxes:
+                return Packed(places, True)
+            best = max(best, places, key=len)
+        return Packed(best, False)
+
+    def _orders(self, seed: int | None) -> Iterator[tuple[Sequence[int], int]]:
+        """Orders of the boxes, by kind, and the corner from which the grid is filled: 0 to 3, 4 more by columns."""
+        boxes = [number for number, kind in enumerate(self.kinds) for _ in range(kind.count)]
+        steps = [kind.step for kind in self.kinds]
+        by_size = (
+            sorted(boxes, key=lambda number: -steps[number][0] * steps[number][1]),
+            sorted(boxes, key=lambda number: -max(steps[number])),
+            sorted(boxes, key=lambda number: -min(steps[number])),
+        )
+        yield from product(dict.fromkeys(map(tuple, by_size)), range(8))
+        if seed is not None:
+            rng = np.random.default_rng(seed)
+            for _ in range(_SHUFFLES):
+                yield rng.permutation(boxes).tolist(), int(rng.integers(8))
+
+    def _first_fit(self, order: Sequence[int], view: int) -> tuple[Place, ...]:
+        """Each box in turn in its first free place, seen from a corner."""
+        left = [anchors.copy() for anchors in self.anchors]
+        of_kind = [self._of((number,)) for number in range(len(self.kinds))]
+        places: list[Place] = []
+        for number in order:
+            firsts = []
+            for index in of_kind[number]:
+                seen = _seen(left[index], view)
+                first = int(seen.argmax())
+                row, column = divmod(first, seen.shape[1])
+                if seen[row, column]:
+                    # What reaches least far from the side that is filled first leaves most room beyond.
+                    reach = row + self.shapes[index].step[view >> 2]
+                    firsts.append((reach, column, index, row))
+            if firsts:
+                _, column, index, row = min(firsts)
+                places.append((index, *_cell((row, column), self.free.shape[0], view)))
+                self._lay(left, places[-1])
+        return tuple(places)
+
+    def _least_harm(self, *, heaviest_first: bool) -> tuple[Place, ...]:
+        """Each box where it takes fewest places from the others, the largest first or the one with fewest places."""
+        left = [anchors.copy() for anchors in self.anchors]
+        need = [kind.count for kind in self.kinds]
+        size = [kind.step[0] * kind.step[1] for kind in self.kinds]
+        places: list[Place] = []
+        while any(need):
+            counts = self._counts(left)
+            open_kinds = [number for number, many in enumerate(need) if many and counts[number]]
+            if not open_kinds:
+                break
+            number = min(
+                open_kinds,
+                key=lambda number: -size[number] if heaviest_first else counts[number] / need[number],
+            )
+            tables = [_table(anchors) for anchors in left]
+            weights = [need[shape.kind] / max(1, counts[shape.kind]) for shape in self.shapes]
+            best: tuple[float, Place] | None = None
+            for index in self._of((number,)):
+                rows, columns = np.nonzero(left[index])
+                if rows.size:
+                    harm = sum(
+                        weight * self._lost(table, index, other, rows, columns)
+                        for other, (table, weight) in enumerate(zip(tables, weights, strict=True))
+                        if weight
+                    )
+                    at = int(np.argmin(harm))
+                    found = float(np.min(harm)), (index, int(rows[at]), int(columns[at]))
+                    best = found if best is None else min(best, found)
+            if best is None:
+                break
+            places.append(best[1])
+            self._lay(left, best[1])
+            need[number] -= 1
+        return tuple(places)
+
+    def _lost(self, table: Ints, index: int, other: int, rows: Ints, columns: Ints) -> Ints:
+        """Places of one shape that a box of another, laid at each of some places, takes."""
+        (high, wide), (other_high, other_wide) = self.shapes[index].step, self.shapes[other].step
+        n = self.free.shape[0]
+        low, left = np.maximum(rows - other_high + 1, 0), np.maximum(columns - other_wide + 1, 0)
+        top, right = np.minimum(rows + high, n), np.minimum(columns + wide, n)
+        return np.asarray(table[top, right] - table[low, right] - table[top, left] + table[low, left])
+
+    def _searched(self, nodes: int, best: tuple[Place, ...]) -> Packed:
+        """All places of a box, one after the other, and for each the rest of the boxes."""
+        left_over = nodes
+        finished = False
+
+        def search(left: list[Mask], need: list[int], laid: tuple[Place, ...]) -> bool:
+            """Whether all were laid; ends early when the nodes are spent."""
+            nonlocal left_over, best
+            best = max(best, laid, key=len)
+            if not any(need):
+                return True
+            while left_over > 0:
+                counts = self._counts(left)
+                if any(many > counts[number] for number, many in enumerate(need)):
+                    return False
+                number = min((each for each, many in enumerate(need) if many), key=lambda each: counts[each])
+                index = next(each for each in self._of((number,)) if left[each].any())
+                row, column = divmod(int(left[index].argmax()), left[index].shape[1])
+                left_over -= 1
+                rest = [anchors.copy() for anchors in left]
+                self._lay(rest, (index, row, column))
+                # Boxes of one kind are alike: a place that was tried is none for those that follow.
+                left[index][row, column] = False
+                if search(rest, [many - (each == number) for each, many in enumerate(need)], (*laid, (index, row, column))):
+                    return True
+            return False
+
+        finished = search([anchors.copy() for anchors in self.anchors], [kind.count for kind in self.kinds], ())
+        return Packed(best, finished, exhausted=not finished and left_over > 0)
+
+    def _counts(self, left: Sequence[Mask]) -> list[int]:
+        counts = [0] * len(self.kinds)
+        for anchors, shape in zip(left, self.shapes, strict=True):
+            counts[shape.kind] += int(np.count_nonzero(anchors))
+        return counts
+
+    def _lay(self, left: Sequence[Mask], place: Place) -> None:
+        """Take all places that a box leaves no room for."""
+        index, row, column = place
+        high, wide = self.shapes[index].step
+        for anchors, shape in zip(left, self.shapes, strict=True):
+            low, first = max(0, row - shape.step[0] + 1), max(0, column - shape.step[1] + 1)
+            anchors[low : row + high, first : column + wide] = False
+
+
+def _table(cells: Mask) -> Ints:
+    """Summed-area table [n + 1, n + 1]."""
+    table = np.zeros((cells.shape[0] + 1, cells.shape[1] + 1), dtype=np.int64)
+    np.cumsum(cells, axis=0, out=table[1:, 1:])
+    np.cumsum(table[1:, 1:], axis=1, out=table[1:, 1:])
+    return table
+
+
+def _anchors(taken: Ints, size: tuple[int, int]) -> Mask:
+    """Lowest left cells of rectangles that hold nothing, from the table of what is taken."""
+    high, wide = size
+    rows, columns = taken.shape[0] - 1, taken.shape[1] - 1
+    found = np.zeros((rows, columns), dtype=np.bool_)
+    if high <= rows and wide <= columns:
+        held = taken[high:, wide:] - taken[:-high or None, wide:] - taken[high:, :-wide or None]
+        held = held + taken[: rows + 1 - high, : columns + 1 - wide]
+        found[: rows + 1 - high, : columns + 1 - wide] = held == 0
+    return found
+
+
+def _sweep(anchors: Mask, step: tuple[int, int], shape: tuple[int, ...]) -> Mask:
+    """Cells that rectangles at any of the anchors cover, bool of a shape that holds them all."""
+    swept = np.zeros(shape, dtype=np.int32)
+    (rows, columns), (high, wide) = anchors.shape, step
+    # Corners of every rectangle with signs, summed twice.
+    marks = anchors.astype(np.int32)
+    padded = np.zeros((shape[0] + 1, shape[1] + 1), dtype=np.int32)
+    padded[:rows, :columns] += marks
+    padded[high : rows + high, :columns] -= marks
+    padded[:rows, wide : columns + wide] -= marks
+    padded[high : rows + high, wide : columns + wide] += marks
+    swept = padded.cumsum(axis=0).cumsum(axis=1)[:-1, :-1]
+    return np.asarray(swept > 0)
+
+
+def _fewest_points(area: Mask, spacing: tuple[int, int]) -> int:
+    """Points of a lattice in an area, for the offset with fewest."""
+    (rows, columns), (down, across) = area.shape, spacing
+    if spacing == (1, 1):
+        return int(np.count_nonzero(area))
+    high, wide = -(-rows // down), -(-columns // across)
+    whole = np.zeros((high * down, wide * across), dtype=np.bool_)
+    whole[:rows, :columns] = area
+    return int(whole.reshape(high, down, wide, across).sum(axis=(0, 2)).min())
+
+
+def _seen(cells: Mask, view: int) -> Mask:
+    """Cells from one of four corners, by rows or, from 4 on, by columns."""
+    turned = cells.T if view >= 4 else cells
+    return turned[:: -1 if view & 1 else 1, :: -1 if view & 2 else 1]
+
+
+def _cell(seen: tuple[int, int], n: int, view: int) -> tuple[int, int]:
+    """The cell that is seen there, by :func:`_seen` on a square grid."""
+    row, column = (n - 1 - seen[0] if view & 1 else seen[0]), (n - 1 - seen[1] if view & 2 else seen[1])
+    return (column, row) if view >= 4 else (row, column)
