@@ -199,11 +199,13 @@ class CircuitBox:
 
     Attributes:
         name: of what it holds.
+        circuit: number of the circuit in the pixel that it belongs to, from 1.
         box_nm: x0, y0, x1, y1 in the pixel of orientation 0, its lower left corner, gutter included, the origin; it
             turns with the opening.
     """
 
     name: str
+    circuit: int
     box_nm: Box
 
     @property

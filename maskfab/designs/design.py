@@ -34,7 +34,7 @@ _DIE_STOPS = 2.1
 of 4 mm."""
 _MOST_ACROSS = 100
 """Pixels along a side of such a die at most: the check of 100 x 100 takes seconds."""
-_OF_DISPLAYS = ("emitters", "wires")
+_OF_DISPLAYS = ("emitters", "circuits", "wires")
 _F1S_OWN = ("sensor", "exposure")
 """Sections of a job that say how photographs are taken, in whose place protocol F1 has its own."""
 _NOT_DESIGNED_FOR = ("spectrum", "illuminant", "distortion", "saturation")

@@ -4,12 +4,12 @@ A box and the gap on its upper and its right side are one larger rectangle. Boxe
 no cell, and only the box itself must lie on free cells. Pushed down and left as far as they go, boxes stand on whole
 cells wherever sizes, gaps and the free area are whole cells, so nothing is lost by the grid.
 
-A place of every box is sought by rules of thumb, then by a search that takes a box and tries all its places. Proofs are
+Places of all boxes are sought by rules of thumb, then by a search that takes a box and tries all its places. Proofs are
 of three kinds. A box has no place at all, which is exact. Or points do not suffice: of a lattice whose points are no
-further apart than a box and its gap are wide, each such box covers at least one, and no two cover the same; so there are
-no more boxes than points where boxes may lie. Points of every cell give the bound of area, points as far apart as boxes
-that of cuts: corridors too narrow for two abreast, and separate areas each with a rest that no box fills. Or the search
-ends without a place, having left none out.
+further apart than a box and its gap are wide, each such box covers one at least, and no two cover the same; so there
+are no more boxes than points where boxes may lie. Points in every cell give the bound of area, points as far apart as
+boxes that of cuts: corridors too narrow for two abreast, and separate areas each with a rest that no box fills. Or the
+search ends without places for all, having left nothing out.
 """
 
 from __future__ import annotations
@@ -112,10 +112,12 @@ class Packing:
     Attributes:
         free: bool [n, n] cells on which boxes may lie.
         kinds: of box.
+        groups: of equal boxes, whose boxes should lie together where that costs nothing; divides every count.
     """
 
     free: Mask
     kinds: tuple[Kind, ...]
+    groups: int = 1
 
     @cached_property
     def shapes(self) -> tuple[Shape, ...]:
@@ -156,9 +158,7 @@ class Packing:
         largest = sorted(range(len(self.kinds)), key=lambda number: -weights[number])[:_MOST_SUBSETS]
         every = tuple(range(len(self.kinds)))
         subsets = [every] if len(every) > _MOST_SUBSETS else []
-        subsets += [
-            tuple(sorted(some)) for size in range(len(largest), 0, -1) for some in combinations(largest, size)
-        ]
+        subsets += [tuple(sorted(some)) for size in range(len(largest), 0, -1) for some in combinations(largest, size)]
         swept = {subset: self._swept(subset) for subset in subsets}
         # Area first: it costs least, and a reader sees it at once.
         by_area = (self._short(subset, (1, 1), swept[subset]) for subset in subsets)
@@ -259,7 +259,9 @@ class Packing:
             sorted(boxes, key=lambda number: -max(steps[number])),
             sorted(boxes, key=lambda number: -min(steps[number])),
         )
-        yield from product(dict.fromkeys(map(tuple, by_size)), range(8))
+        group = [number for number, kind in enumerate(self.kinds) for _ in range(kind.count // self.groups)]
+        by_group = sorted(group, key=lambda number: -steps[number][0] * steps[number][1]) * self.groups
+        yield from product(dict.fromkeys(map(tuple, (by_group, *by_size))), range(8))
         if seed is not None:
             rng = np.random.default_rng(seed)
             for _ in range(_SHUFFLES):
@@ -353,7 +355,9 @@ class Packing:
                 self._lay(rest, (index, row, column))
                 # Boxes of one kind are alike: a place that was tried is none for those that follow.
                 left[index][row, column] = False
-                if search(rest, [many - (each == number) for each, many in enumerate(need)], (*laid, (index, row, column))):
+                if search(
+                    rest, [many - (each == number) for each, many in enumerate(need)], (*laid, (index, row, column))
+                ):
                     return True
             return False
 
@@ -389,7 +393,7 @@ def _anchors(taken: Ints, size: tuple[int, int]) -> Mask:
     rows, columns = taken.shape[0] - 1, taken.shape[1] - 1
     found = np.zeros((rows, columns), dtype=np.bool_)
     if high <= rows and wide <= columns:
-        held = taken[high:, wide:] - taken[:-high or None, wide:] - taken[high:, :-wide or None]
+        held = taken[high:, wide:] - taken[: -high or None, wide:] - taken[high:, : -wide or None]
         held = held + taken[: rows + 1 - high, : columns + 1 - wide]
         found[: rows + 1 - high, : columns + 1 - wide] = held == 0
     return found

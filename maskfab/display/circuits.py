@@ -1,15 +1,15 @@
 """Drive circuits as boxes: transistors, capacitors and contacts that are placed under the emitters, or a proof that
 they have no place.
 
-A panel that emits upwards has its circuits under its emitters, so that boxes lie anywhere in closed area. Every pixel is
-drawn alike and holds circuits of its own, which turn with it; where pixels take turns at one, so many fewer. Boxes keep
-their gaps to each other, to the openings of their pixel and, in every orientation in use, to those of its neighbours.
-From a border they stay half the gap, less half the gutter, so that those of any two neighbours keep it too. Gaps are
-Chebyshev distances. An island of closed dots among openings holds none, for no line leads there.
+A panel that emits upwards has its circuits under its emitters, so that boxes lie anywhere in closed area. Every pixel
+is drawn alike and holds circuits of its own, which turn with it; where pixels take turns at one, so many fewer. Boxes
+keep their gaps to each other, to the openings of their pixel and, in every orientation in use, to those of its
+neighbours. From a border they stay half the gap, less half the gutter, so that those of any two neighbours keep it too.
+Gaps are Chebyshev distances. An island of closed dots among openings holds none, for no line leads there.
 
 Notes:
     Boxes are placed on a grid on which dots, sizes and gaps are whole numbers, and nothing is lost. Where that has more
-    than 512 cells along a pixel, places are sought on a coarser one, with sizes and gaps rounded up, and proofs are made
+    than 512 cells along a pixel, places are sought on a coarser one with sizes and gaps rounded up, and proofs are made
     on one with all rounded down. Lines within a circuit, vias, and gaps from boxes to wires are not modelled.
 """
 
@@ -153,23 +153,24 @@ class _Grids:
         return found, None if short is None else self._too_few(short)
 
     def drawn(self, places: tuple[Place, ...]) -> tuple[CircuitBox, ...]:
-        """Boxes in the pixel, with its gutter, of orientation 0; by kind, from below."""
+        """Boxes in the pixel, with its gutter, of orientation 0; by circuit, the first of each kind to the first."""
         shapes = self.inner.shapes
         found = []
-        for index, row, column in sorted(places, key=lambda place: (shapes[place[0]].kind, *place[1:])):
+        laid = [0] * len(self.rules.kinds)
+        for index, row, column in places:
             kind = self.rules.kinds[shapes[index].kind]
-            width, height = (
-                (kind.height_nm, kind.width_nm) if shapes[index].turned else (kind.width_nm, kind.height_nm)
-            )
+            circuit = laid[shapes[index].kind] // kind.count
+            laid[shapes[index].kind] += 1
+            width, height = (kind.height_nm, kind.width_nm) if shapes[index].turned else (kind.width_nm, kind.height_nm)
             x, y = column * self.cell_nm + self.half_nm, row * self.cell_nm + self.half_nm
-            found.append(CircuitBox(kind.name, (x, y, x + width, y + height)))
-        return tuple(found)
+            found.append(CircuitBox(kind.name, circuit + 1, (x, y, x + width, y + height)))
+        return tuple(sorted(found, key=lambda box: box.circuit))
 
     def by_search(self) -> Certificate:
         """A proof by a search that has ended."""
         statement = (
-            f"A search that tried every place of every box, on a grid of {self.cell_nm / NM_PER_UM:g} um on which dots, "
-            f"sizes and gaps are whole numbers, found none for all {self.rules.boxes}"
+            f"A search that tried every place of every box, on a grid of {self.cell_nm / NM_PER_UM:g} um on which "
+            f"dots, sizes and gaps are whole numbers, found none for all {self.rules.boxes}"
         )
         numbers = {"boxes": float(self.rules.boxes)}
         return Certificate(Proof.CIRCUIT_SEARCH, statement, numbers, self.outer.free, self.cell_nm)
@@ -180,8 +181,8 @@ class _Grids:
         free_um2 = float(self.outer.free.sum()) * (self.cell_nm / NM_PER_UM) ** 2
         turned = ", upright or on its side" if self.rules.turnable and width != height else ""
         statement = (
-            f"The box {kind.name!r} of {width:g} x {height:g} um has no place in the {free_um2:g} um^2 of closed area at "
-            f"least {self.rules.to_opening_nm / NM_PER_UM:g} um from openings{turned}"
+            f"The box {kind.name!r} of {width:g} x {height:g} um has no place in the {free_um2:g} um^2 of closed area "
+            f"at least {self.rules.to_opening_nm / NM_PER_UM:g} um from openings{turned}"
         )
         numbers = {"width_um": width, "height_um": height, "free_um2": free_um2}
         return Certificate(Proof.CIRCUIT_BOX, statement, numbers, self.outer.free, self.cell_nm)
@@ -203,8 +204,8 @@ class _Grids:
         else:
             statement = (
                 f"Of points {across:g} um apart along x and {down:g} um along y, the {many} boxes {names} with the gap "
-                f"between them cover {short.covered} at least, each its own; wherever they may lie, in {where}, they can "
-                f"cover {short.points}"
+                f"between them cover {short.covered} at least, each its own; wherever they may lie, in {where}, they "
+                f"can cover {short.points}"
             )
             numbers |= {"need": float(short.covered), "points": float(short.points), "x_um": across, "y_um": down}
         return Certificate(Proof.CIRCUIT_PACKING, statement, numbers, short.swept, self.cell_nm)
@@ -232,7 +233,7 @@ def _packing(panel: Panel, opening: Opening, rules: BoxRules, cell_nm: int, *, u
         )
         for kind in rules.kinds
     )
-    return Packing(free, kinds)
+    return Packing(free, kinds, rules.held)
 
 
 def _reached(closed: Mask) -> Mask:

@@ -17,6 +17,10 @@ from maskfab.base.work import Progress, silent
 from maskfab.display.circuit_boxes import BoxKind, BoxRules
 from maskfab.display.circuits import Circuits, no_place, place_circuits
 from maskfab.display.drive import (
+    BOXES_ALONE,
+    BY_AREA,
+    BY_BOXES,
+    NOT_PLACED,
     CircuitRules,
     LightDemand,
     Room,
@@ -175,6 +179,16 @@ class Feasibility:
         if broken or self.stranded or Verdict.UNKNOWN in parts:
             return Verdict.UNKNOWN
         return self.footprint.verdict
+
+    @property
+    def circuits_by(self) -> str:
+        """Words on how circuits were judged."""
+        return BY_AREA if self.circuits is None else BY_BOXES
+
+    @property
+    def not_modelled(self) -> str:
+        """Words on what of circuits was not."""
+        return NOT_PLACED if self.circuits is None else BOXES_ALONE
 
     @property
     def stranded(self) -> tuple[Certificate, ...]:
@@ -351,8 +365,9 @@ def populate(
     *,
     executor: SerialExecutor | None = None,
 ) -> PlateWithDisplays:
-    """Emitters, circuits and wires for every die; dies of equal pixels, in which equal orientations meet, are worked on once.
+    """Emitters, circuits and wires for every die.
 
+    Dies of equal pixels, in which equal orientations meet, are worked on once.
     Wires that every pixel has alike are drawn with it, those that are laid across a die are marks of the plate.
 
     Args:

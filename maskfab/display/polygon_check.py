@@ -75,8 +75,8 @@ def violations(panel: Panel, rules: EmitterRules) -> tuple[Violation, ...]:
 def circuit_violations(panel: Panel, rules: BoxRules) -> tuple[Violation, ...]:
     """Every rule that the boxes of a panel's circuits break, on the tile of :func:`violations`.
 
-    Every rectangle on the tile must be a box of a stated size, so that boxes that touch are told too. Without a gap they
-    may touch, and what they cover together must be the sum of what they cover.
+    Every rectangle on the tile must be a box of a stated size, so that boxes that touch are told too. Without a gap
+    they may touch, and the area that they cover must be the sum of theirs.
     """
     cells = _clusters(panel)
     regions = _regions(panel, cells, (CLEAR, CIRCUIT))
