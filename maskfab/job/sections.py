@@ -313,13 +313,13 @@ class BoxSection(Section):
     """[[circuits.boxes]]: boxes of one size in a circuit, such as a transistor with its contacts."""
 
     name: str = Field(min_length=1, max_length=40)
-    """What they hold."""
+    """Their part of the circuit, in your own words."""
     width: Length
     """One side, contacts included."""
     height: Length
     """The other side."""
     count: int = Field(default=1, ge=1, le=64)
-    """How many of them one circuit has."""
+    """Number of them in one circuit."""
 
 
 class CircuitsSection(Section):
