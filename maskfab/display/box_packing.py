@@ -27,6 +27,8 @@ from maskfab.base.arrays import Ints, Mask
 Place = tuple[int, int, int]
 """Shape, row and column of the lowest left cell."""
 
+_VIEWS = 8
+"""Ways to fill a grid: from each corner, by rows or by columns."""
 _SHUFFLES = 40
 """Orders drawn at random that the first rule of thumb tries after those by size."""
 _PARTS = 4
@@ -250,6 +252,23 @@ class Packing:
             best = max(best, places, key=len)
         return Packed(best, False)
 
+    def by_groups(self) -> Packed:
+        """Places by the first rule of thumb for boxes in groups alone: what costs least."""
+        order = self._by_group()
+        best: tuple[Place, ...] = ()
+        for view in range(_VIEWS):
+            places = self._first_fit(order, view)
+            if len(places) == self.boxes:
+                return Packed(places, True)
+            best = max(best, places, key=len)
+        return Packed(best, False)
+
+    def _by_group(self) -> tuple[int, ...]:
+        """Boxes by kind, group by group, the largest of each first."""
+        group = [number for number, kind in enumerate(self.kinds) for _ in range(kind.count // self.groups)]
+        steps = [kind.step for kind in self.kinds]
+        return tuple(sorted(group, key=lambda number: -steps[number][0] * steps[number][1])) * self.groups
+
     def _orders(self, seed: int | None) -> Iterator[tuple[Sequence[int], int]]:
         """Orders of the boxes, by kind, and the corner from which the grid is filled: 0 to 3, 4 more by columns."""
         boxes = [number for number, kind in enumerate(self.kinds) for _ in range(kind.count)]
@@ -259,13 +278,11 @@ class Packing:
             sorted(boxes, key=lambda number: -max(steps[number])),
             sorted(boxes, key=lambda number: -min(steps[number])),
         )
-        group = [number for number, kind in enumerate(self.kinds) for _ in range(kind.count // self.groups)]
-        by_group = sorted(group, key=lambda number: -steps[number][0] * steps[number][1]) * self.groups
-        yield from product(dict.fromkeys(map(tuple, (by_group, *by_size))), range(8))
+        yield from product(dict.fromkeys(map(tuple, (self._by_group(), *by_size))), range(_VIEWS))
         if seed is not None:
             rng = np.random.default_rng(seed)
             for _ in range(_SHUFFLES):
-                yield rng.permutation(boxes).tolist(), int(rng.integers(8))
+                yield rng.permutation(boxes).tolist(), int(rng.integers(_VIEWS))
 
     def _first_fit(self, order: Sequence[int], view: int) -> tuple[Place, ...]:
         """Each box in turn in its first free place, seen from a corner."""

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy import ndimage
@@ -35,6 +35,8 @@ MOST_CELLS = 512
 """Cells along a pixel's side on which boxes are placed."""
 NODES = 1500
 """Boxes that a search may lay before it gives up."""
+_FEW_CELLS = 64
+"""Cells along a pixel's side of the coarse grid that is tried first: most circuits that fit do so on it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,16 +81,16 @@ def place_circuits(panel: Panel, opening: Opening, rules: BoxRules) -> Circuits:
     Raises:
         JobError: MF117 as :func:`maskfab.display.circuit_boxes.check_boxes`.
     """
-    grids = _Grids.of(panel, opening, rules)
-    found, proof = grids.quick
+    pixel = _Pixel.of(panel, opening, rules)
+    grid, found, proof = pixel.quick()
     if proof is None and not found.complete:
-        found = grids.inner.placed(nodes=NODES)
-        if found.exhausted and grids.exact:
-            proof = grids.by_search()
-    boxes = grids.drawn(found.places)
+        found = grid.packing.placed(nodes=NODES)
+        if found.exhausted and pixel.exact:
+            proof = _by_search(grid, rules)
+    boxes = _drawn(grid, found.places, rules, panel.gutter_nm // 2)
     verdict = Verdict.FITS if found.complete else Verdict.DOES_NOT_FIT if proof else Verdict.UNKNOWN
     broken = circuit_violations(replace(panel, circuits=boxes), rules) if boxes else ()
-    return Circuits(verdict, boxes, rules.boxes, rules.area_um2, proof, grids.cell_nm, broken)
+    return Circuits(verdict, boxes, rules.boxes, rules.area_um2, proof, grid.cell_nm, broken)
 
 
 def no_place(panel: Panel, opening: Opening, rules: BoxRules) -> Certificate | None:
@@ -100,140 +102,96 @@ def no_place(panel: Panel, opening: Opening, rules: BoxRules) -> Certificate | N
     Raises:
         JobError: MF117 as :func:`place_circuits`.
     """
-    return _Grids.of(panel, opening, rules).quick[1]
+    _, _, proof = _Pixel.of(panel, opening, rules).quick()
+    return proof
+
+
+class _Grid(NamedTuple):
+    """Boxes on a grid, and the side of its cells."""
+
+    packing: Packing
+    cell_nm: int
 
 
 @dataclass(frozen=True, eq=False)
-class _Grids:
-    """Boxes on a grid.
+class _Pixel:
+    """A pixel in which boxes are placed.
 
     Attributes:
-        rules: of the circuits.
-        cell_nm: side of its cells.
-        half_nm: half the gutter.
-        inner: all lengths rounded up, on which boxes are placed.
-        outer: all rounded down, on which proofs are made; the same where nothing is rounded.
+        panel, opening, rules: as for :func:`place_circuits`.
+        used: orientations in use.
+        cell_nm: side of the cells of its finest grid.
+        exact: whether all lengths are whole numbers on that.
     """
 
+    panel: Panel
+    opening: Opening
     rules: BoxRules
+    used: tuple[int, ...]
     cell_nm: int
-    half_nm: int
-    inner: Packing
-    outer: Packing
+    exact: bool
 
     @classmethod
-    def of(cls, panel: Panel, opening: Opening, rules: BoxRules) -> _Grids:
-        """The coarsest grid on which dots, sizes and gaps are whole numbers, or the finest that is allowed."""
-        dots, dot_nm, gutter_nm = opening.dots, panel.dot_nm, panel.gutter_nm
-        check_boxes(rules, dots * dot_nm)
+    def of(cls, panel: Panel, opening: Opening, rules: BoxRules) -> _Pixel:
+        """Its finest grid is the coarsest on which all lengths are whole numbers, or the finest that is allowed."""
+        dot_nm, gutter_nm = panel.dot_nm, panel.gutter_nm
+        check_boxes(rules, opening.dots * dot_nm)
         # Neighbours' openings matter where the gap reaches over the gutter.
         beyond_nm = gutter_nm if rules.to_opening_nm > gutter_nm else 0
         sides = [side for kind in rules.kinds for side in (kind.width_nm, kind.height_nm)]
         margin_nm = rules.margin_nm(gutter_nm)
         cell_nm = math.gcd(dot_nm, rules.gap_nm, rules.to_opening_nm, beyond_nm, margin_nm, *sides)
-        exact = dots * dot_nm // cell_nm <= MOST_CELLS
+        exact = opening.dots * dot_nm // cell_nm <= MOST_CELLS
         if not exact:
-            cell_nm = next(dot_nm // parts for parts in range(max(1, MOST_CELLS // dots), 0, -1) if dot_nm % parts == 0)
-        inner = _packing(panel, opening, rules, cell_nm, up=True)
-        outer = inner if exact else _packing(panel, opening, rules, cell_nm, up=False)
-        return cls(rules, cell_nm, gutter_nm // 2, inner, outer)
+            cell_nm = _cell_nm(opening.dots, dot_nm, MOST_CELLS)
+        used = tuple(int(k) for k in np.unique(panel.orientations % ORIENTATIONS))
+        return cls(panel, opening, rules, used, cell_nm, exact)
 
-    @property
-    def exact(self) -> bool:
-        return self.inner is self.outer
-
-    @cached_property
-    def quick(self) -> tuple[Packed, Certificate | None]:
-        """Places by a rule of thumb, and where these are too few a proof, if there is one."""
-        lonely = self.outer.homeless()
+    def quick(self) -> tuple[_Grid, Packed, Certificate | None]:
+        """Places by a rule of thumb, first on a coarse grid; where these are too few a proof, if there is one."""
+        coarse_nm = _cell_nm(self.opening.dots, self.panel.dot_nm, _FEW_CELLS)
+        if coarse_nm > self.cell_nm:
+            coarse = self._grid(coarse_nm, up=True)
+            found = coarse.packing.by_groups()
+            if found.complete:
+                return coarse, found, None
+        inner = self._grid(self.cell_nm, up=True)
+        outer = inner if self.exact else self._grid(self.cell_nm, up=False)
+        lonely = outer.packing.homeless()
         if lonely is not None:
-            return Packed((), False), self._no_place(lonely)
-        found = self.inner.quickly()
-        short = None if found.complete else self.outer.shortage()
-        return found, None if short is None else self._too_few(short)
+            return inner, Packed((), False), _no_place(outer, self.rules, lonely)
+        found = inner.packing.quickly()
+        short = None if found.complete else outer.packing.shortage()
+        return inner, found, None if short is None else _too_few(outer, self.rules, short)
 
-    def drawn(self, places: tuple[Place, ...]) -> tuple[CircuitBox, ...]:
-        """Boxes in the pixel, with its gutter, of orientation 0; by circuit, the first of each kind to the first."""
-        shapes = self.inner.shapes
-        found = []
-        laid = [0] * len(self.rules.kinds)
-        for index, row, column in places:
-            kind = self.rules.kinds[shapes[index].kind]
-            circuit = laid[shapes[index].kind] // kind.count
-            laid[shapes[index].kind] += 1
-            width, height = (kind.height_nm, kind.width_nm) if shapes[index].turned else (kind.width_nm, kind.height_nm)
-            x, y = column * self.cell_nm + self.half_nm, row * self.cell_nm + self.half_nm
-            found.append(CircuitBox(kind.name, circuit + 1, (x, y, x + width, y + height)))
-        return tuple(sorted(found, key=lambda box: box.circuit))
+    def _grid(self, cell_nm: int, *, up: bool) -> _Grid:
+        """Boxes on cells of a size, lengths rounded up to them, or down."""
+        rules = self.rules
 
-    def by_search(self) -> Certificate:
-        """A proof by a search that has ended."""
-        statement = (
-            f"A search that tried every place of every box, on a grid of {self.cell_nm / NM_PER_UM:g} um on which "
-            f"dots, sizes and gaps are whole numbers, found none for all {self.rules.boxes}"
-        )
-        numbers = {"boxes": float(self.rules.boxes)}
-        return Certificate(Proof.CIRCUIT_SEARCH, statement, numbers, self.outer.free, self.cell_nm)
+        def cells(length_nm: int, *, more: bool = up) -> int:
+            return -(-length_nm // cell_nm) if more else length_nm // cell_nm
 
-    def _no_place(self, number: int) -> Certificate:
-        kind = self.rules.kinds[number]
-        width, height = kind.width_nm / NM_PER_UM, kind.height_nm / NM_PER_UM
-        free_um2 = float(self.outer.free.sum()) * (self.cell_nm / NM_PER_UM) ** 2
-        turned = ", upright or on its side" if self.rules.turnable and width != height else ""
-        statement = (
-            f"The box {kind.name!r} of {width:g} x {height:g} um has no place in the {free_um2:g} um^2 of closed area "
-            f"at least {self.rules.to_opening_nm / NM_PER_UM:g} um from openings{turned}"
-        )
-        numbers = {"width_um": width, "height_um": height, "free_um2": free_um2}
-        return Certificate(Proof.CIRCUIT_BOX, statement, numbers, self.outer.free, self.cell_nm)
-
-    def _too_few(self, short: Shortage) -> Certificate:
-        names = " and ".join(repr(self.rules.kinds[number].name) for number in short.kinds)
-        many = sum(self.outer.kinds[number].count for number in short.kinds)
-        down, across = (cells * self.cell_nm / NM_PER_UM for cells in short.spacing)
-        numbers = {"boxes": float(many), "areas": float(short.areas)}
-        where = "one connected area" if short.areas == 1 else f"{short.areas} separate areas"
-        if short.spacing == (1, 1):
-            cell_um2 = (self.cell_nm / NM_PER_UM) ** 2
-            need, room = short.covered * cell_um2, short.points * cell_um2
-            statement = (
-                f"With the gap between them the {many} boxes {names} take {need:g} um^2; wherever they may lie, in "
-                f"{where}, they can cover {room:g} um^2"
+        per_dot, gutter_nm = self.panel.dot_nm // cell_nm, self.panel.gutter_nm
+        gutter = cells(gutter_nm, more=not up) * cell_nm
+        to_opening, gap = cells(rules.to_opening_nm), cells(rules.gap_nm)
+        grid = EmitterGrid(self.opening.dots * per_dot, cell_nm, per_dot, gutter, to_opening, gap, 1)
+        free = free_region(self.opening.mask, grid, self.used, margin=cells(rules.margin_nm(gutter_nm)))
+        free &= refined(_reached(~self.opening.mask), per_dot)
+        kinds = tuple(
+            Kind(
+                rules.held * kind.count,
+                (cells(kind.height_nm), cells(kind.width_nm)),
+                (cells(kind.height_nm + rules.gap_nm), cells(kind.width_nm + rules.gap_nm)),
+                rules.turnable and kind.width_nm != kind.height_nm,
             )
-            numbers |= {"need_um2": need, "room_um2": room}
-        else:
-            statement = (
-                f"Of points {across:g} um apart along x and {down:g} um along y, the {many} boxes {names} with the gap "
-                f"between them cover {short.covered} at least, each its own; wherever they may lie, in {where}, they "
-                f"can cover {short.points}"
-            )
-            numbers |= {"need": float(short.covered), "points": float(short.points), "x_um": across, "y_um": down}
-        return Certificate(Proof.CIRCUIT_PACKING, statement, numbers, short.swept, self.cell_nm)
-
-
-def _packing(panel: Panel, opening: Opening, rules: BoxRules, cell_nm: int, *, up: bool) -> Packing:
-    """Boxes on a grid, sizes and gaps rounded up to its cells or down."""
-
-    def cells(length_nm: int, *, more: bool = up) -> int:
-        return -(-length_nm // cell_nm) if more else length_nm // cell_nm
-
-    used = tuple(int(k) for k in np.unique(panel.orientations % ORIENTATIONS))
-    per_dot, gutter_nm = panel.dot_nm // cell_nm, panel.gutter_nm
-    gutter = cells(gutter_nm, more=not up) * cell_nm
-    to_opening, gap = cells(rules.to_opening_nm), cells(rules.gap_nm)
-    grid = EmitterGrid(opening.dots * per_dot, cell_nm, per_dot, gutter, to_opening, gap, 1)
-    free = free_region(opening.mask, grid, used, margin=cells(rules.margin_nm(gutter_nm)))
-    free &= refined(_reached(~opening.mask), per_dot)
-    kinds = tuple(
-        Kind(
-            rules.held * kind.count,
-            (cells(kind.height_nm), cells(kind.width_nm)),
-            (cells(kind.height_nm + rules.gap_nm), cells(kind.width_nm + rules.gap_nm)),
-            rules.turnable and kind.width_nm != kind.height_nm,
+            for kind in rules.kinds
         )
-        for kind in rules.kinds
-    )
-    return Packing(free, kinds, rules.held)
+        return _Grid(Packing(free, kinds, rules.held), cell_nm)
+
+
+def _cell_nm(dots: int, dot_nm: int, most: int) -> int:
+    """Side of the smallest cells that divide a dot and of which so many lie along a pixel at most."""
+    return next(dot_nm // parts for parts in range(max(1, most // dots), 0, -1) if dot_nm % parts == 0)
 
 
 def _reached(closed: Mask) -> Mask:
@@ -241,3 +199,65 @@ def _reached(closed: Mask) -> Mask:
     pieces, _ = ndimage.label(closed)
     rim = np.concatenate([pieces[0], pieces[-1], pieces[:, 0], pieces[:, -1]])
     return np.asarray(np.isin(pieces, rim[rim > 0]))
+
+
+def _drawn(grid: _Grid, places: tuple[Place, ...], rules: BoxRules, half_nm: int) -> tuple[CircuitBox, ...]:
+    """Boxes in the pixel, with its gutter, of orientation 0; by circuit, the first of each kind to the first."""
+    shapes = grid.packing.shapes
+    found = []
+    laid = [0] * len(rules.kinds)
+    for index, row, column in places:
+        kind = rules.kinds[shapes[index].kind]
+        circuit = laid[shapes[index].kind] // kind.count
+        laid[shapes[index].kind] += 1
+        width, height = (kind.height_nm, kind.width_nm) if shapes[index].turned else (kind.width_nm, kind.height_nm)
+        x, y = column * grid.cell_nm + half_nm, row * grid.cell_nm + half_nm
+        found.append(CircuitBox(kind.name, circuit + 1, (x, y, x + width, y + height)))
+    return tuple(sorted(found, key=lambda box: box.circuit))
+
+
+def _by_search(grid: _Grid, rules: BoxRules) -> Certificate:
+    """A proof by a search that has ended."""
+    statement = (
+        f"A search that tried every place of every box, on a grid of {grid.cell_nm / NM_PER_UM:g} um on which "
+        f"dots, sizes and gaps are whole numbers, found none for all {rules.boxes}"
+    )
+    numbers = {"boxes": float(rules.boxes)}
+    return Certificate(Proof.CIRCUIT_SEARCH, statement, numbers, grid.packing.free, grid.cell_nm)
+
+
+def _no_place(grid: _Grid, rules: BoxRules, number: int) -> Certificate:
+    kind = rules.kinds[number]
+    width, height = kind.width_nm / NM_PER_UM, kind.height_nm / NM_PER_UM
+    free_um2 = float(grid.packing.free.sum()) * (grid.cell_nm / NM_PER_UM) ** 2
+    turned = ", upright or on its side" if rules.turnable and width != height else ""
+    statement = (
+        f"The box {kind.name!r} of {width:g} x {height:g} um has no place in the {free_um2:g} um^2 of closed area "
+        f"at least {rules.to_opening_nm / NM_PER_UM:g} um from openings{turned}"
+    )
+    numbers = {"width_um": width, "height_um": height, "free_um2": free_um2}
+    return Certificate(Proof.CIRCUIT_BOX, statement, numbers, grid.packing.free, grid.cell_nm)
+
+
+def _too_few(grid: _Grid, rules: BoxRules, short: Shortage) -> Certificate:
+    names = " and ".join(repr(rules.kinds[number].name) for number in short.kinds)
+    many = sum(grid.packing.kinds[number].count for number in short.kinds)
+    down, across = (cells * grid.cell_nm / NM_PER_UM for cells in short.spacing)
+    numbers = {"boxes": float(many), "areas": float(short.areas)}
+    where = "one connected area" if short.areas == 1 else f"{short.areas} separate areas"
+    if short.spacing == (1, 1):
+        cell_um2 = (grid.cell_nm / NM_PER_UM) ** 2
+        need, room = short.covered * cell_um2, short.points * cell_um2
+        statement = (
+            f"With the gap between them the {many} boxes {names} take {need:g} um^2; wherever they may lie, in "
+            f"{where}, they can cover {room:g} um^2"
+        )
+        numbers |= {"need_um2": need, "room_um2": room}
+    else:
+        statement = (
+            f"Of points {across:g} um apart along x and {down:g} um along y, the {many} boxes {names} with the gap "
+            f"between them cover {short.covered} at least, each its own; wherever they may lie, in {where}, they "
+            f"can cover {short.points}"
+        )
+        numbers |= {"need": float(short.covered), "points": float(short.points), "x_um": across, "y_um": down}
+    return Certificate(Proof.CIRCUIT_PACKING, statement, numbers, short.swept, grid.cell_nm)

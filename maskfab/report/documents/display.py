@@ -592,12 +592,14 @@ def _broken(violation: Violation) -> str:
 
 def _circuits(display: Feasibility) -> Iterator[Line]:
     room, circuits = display.room, display.circuits
-    bound = "bound, not placed" if circuits is None else "bound, which does not decide"
-    if circuits is not None:
+    area = f"{room.area_um2:.0f} um^2 available, {room.need_um2:.0f} um^2 needed"
+    if circuits is None:
+        yield "circuits", f"{area} (bound, not placed)"
+    else:
         yield "circuits", f"{circuits.verdict}: {circuits.told}, {circuits.area_um2:g} um^2 without gaps"
         for violation in circuits.broken:
             yield "rules broken", _broken(violation)
-    yield "circuit area", f"{room.area_um2:.0f} um^2 available, {room.need_um2:.0f} um^2 needed ({bound})"
+        yield "circuit area", f"{area} (bound, which does not decide)"
     yield "not modelled", display.not_modelled
 
 
