@@ -240,7 +240,8 @@ def _no_place(grid: _Grid, rules: BoxRules, number: int) -> Certificate:
 
 
 def _too_few(grid: _Grid, rules: BoxRules, short: Shortage) -> Certificate:
-    names = " and ".join(repr(rules.kinds[number].name) for number in short.kinds)
+    *others, last = (repr(rules.kinds[number].name) for number in short.kinds)
+    names = f"{', '.join(others)} and {last}" if others else last
     many = sum(grid.packing.kinds[number].count for number in short.kinds)
     down, across = (cells * grid.cell_nm / NM_PER_UM for cells in short.spacing)
     numbers = {"boxes": float(many), "areas": float(short.areas)}

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from klayout import db
-from small_job import OPENING, command, listing, write_job
+from small_job import OPENING, command, listing, with_the_die, write_job
 
 from maskfab.base.model import CIRCUIT, CLEAR, ORIENTATIONS, Opening, Panel, Tiling, orient
 from maskfab.designs.rules.constraints import Constraints
@@ -89,7 +89,8 @@ def test_refused_before_anything_is_written(capsys, tmp_path: Path, extra: str, 
 
 def test_boxes_are_read_back_from_every_file_and_measured_there(capsys, tmp_path: Path) -> None:
     """On the whole random die, by KLayout, from what it reads: count, sizes, and both gaps."""
-    path = job(tmp_path, circuits())
+    path = with_the_die("TURNED", job(tmp_path, ""))
+    path.write_text(path.read_text(encoding="utf-8") + circuits(), encoding="utf-8")
     out = tmp_path / "out"
     answer = command(capsys, "run", path, "--out", out, "--quiet")
     assert answer.code == 0, answer.stderr
@@ -97,9 +98,9 @@ def test_boxes_are_read_back_from_every_file_and_measured_there(capsys, tmp_path
     report = json.loads((out / "report.json").read_text(encoding="utf-8"))
     assert {row["value"] for row in report["checks"] if row["name"] == "readback_xor_area"} == {0}
     assert report["verdicts"]["display"]["circuits"] == BY_BOXES
-    told = report["dies"][1]["display"]["circuits"]
+    told = report["dies"][0]["display"]["circuits"]
     assert (told["not_modelled"], told["boxes"]["verdict"], told["boxes"]["wanted"]) == (BOXES_ALONE, "FITS", 4)
-    rows = {row["name"]: row for row in report["dies"][1]["quantities"]}
+    rows = {row["name"]: row for row in report["dies"][0]["quantities"]}
     assert rows["circuit_boxes_placed"]["value"] == len(told["boxes"]["placed"]) == 4
     assert (rows["circuit_rules_broken"]["value"], rows["circuit_rules_broken"]["passed"]) == (0, True)
     for name in ("SMALL.gds", "SMALL.oas", "SMALL_R12.dxf", "SMALL_R2010.dxf"):
@@ -179,7 +180,7 @@ MASK[1:6, 2:5] = MASK[3, 2:] = True
 
 
 def panel(mask=MASK, *, gutter_nm: int = 0, cells=None) -> Panel:
-    held = np.arange(64).reshape(8, 8) % ORIENTATIONS if cells is None else np.asarray(cells)
+    held = np.arange(25).reshape(5, 5) % ORIENTATIONS if cells is None else np.asarray(cells)
     drawn_at = np.random.default_rng(5).permutation(held.ravel()).reshape(held.shape).astype(np.int8)
     return Panel(Opening("x", mask, 8000), 8000, gutter_nm, drawn_at, Tiling.RANDOM, 1)
 
