@@ -14,7 +14,7 @@ search ends without places for all, having left nothing out.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations, product
@@ -154,20 +154,31 @@ class Packing:
 
     # --- proofs ----------------------------------------------------------------------------------------------------
 
+    def short_of_area(self) -> Shortage | None:
+        """A proof by points in every cell, which costs least, and which a reader sees at once."""
+        return next(filter(None, (self._short(subset, (1, 1)) for subset in self._subsets)), None)
+
     def shortage(self) -> Shortage | None:
         """A proof by points; None where points do not tell."""
+        by_points = (self._short(subset, spacing) for subset in self._subsets for spacing in self._spacings(subset))
+        return self.short_of_area() or next(filter(None, by_points), None)
+
+    @cached_property
+    def _subsets(self) -> tuple[tuple[int, ...], ...]:
+        """Kinds that are held against points together: all of them, and all choices among those of most area."""
         weights = [kind.count * kind.step[0] * kind.step[1] for kind in self.kinds]
-        largest = sorted(range(len(self.kinds)), key=lambda number: -weights[number])[:_MOST_SUBSETS]
         every = tuple(range(len(self.kinds)))
-        subsets = [every] if len(every) > _MOST_SUBSETS else []
-        subsets += [tuple(sorted(some)) for size in range(len(largest), 0, -1) for some in combinations(largest, size)]
-        swept = {subset: self._swept(subset) for subset in subsets}
-        # Area first: it costs least, and a reader sees it at once.
-        by_area = (self._short(subset, (1, 1), swept[subset]) for subset in subsets)
-        by_points = (
-            self._short(subset, spacing, swept[subset]) for subset in subsets for spacing in self._spacings(subset)
-        )
-        return next((short for shorts in (by_area, by_points) for short in shorts if short is not None), None)
+        largest = sorted(every, key=lambda number: -weights[number])[:_MOST_SUBSETS]
+        some = [each for size in range(len(largest), 0, -1) for each in combinations(sorted(largest), size)]
+        return tuple(dict.fromkeys((every, *some)))
+
+    @cached_property
+    def _swept(self) -> Mapping[tuple[int, ...], Mask]:
+        """By subset, the cells that its boxes with their gaps may cover; larger than the grid by a gap."""
+        rows, columns = (max(shape.step[axis] for shape in self.shapes) for axis in (0, 1))
+        whole = self.free.shape[0] + rows, self.free.shape[1] + columns
+        each = [_sweep(anchors, shape.step, whole) for anchors, shape in zip(self.anchors, self.shapes, strict=True)]
+        return {subset: np.any([each[index] for index in self._of(subset)], axis=0) for subset in self._subsets}
 
     def _spacings(self, subset: Sequence[int]) -> Iterator[tuple[int, int]]:
         """Distances of points that boxes cover several of, the widest first."""
@@ -185,16 +196,7 @@ class Packing:
         )
         yield from (spacing for spacing in product(rows, columns) if spacing != (1, 1))
 
-    def _swept(self, kinds: Sequence[int]) -> Mask:
-        """Cells that boxes of some kinds, with their gaps, may cover; larger than the grid by a gap."""
-        shapes = self._of(kinds)
-        rows, columns = (max(self.shapes[index].step[axis] for index in shapes) for axis in (0, 1))
-        swept = np.zeros((self.free.shape[0] + rows, self.free.shape[1] + columns), dtype=np.bool_)
-        for index in shapes:
-            swept |= _sweep(self.anchors[index], self.shapes[index].step, swept.shape)
-        return swept
-
-    def _short(self, subset: tuple[int, ...], spacing: tuple[int, int], swept: Mask) -> Shortage | None:
+    def _short(self, subset: tuple[int, ...], spacing: tuple[int, int]) -> Shortage | None:
         covers = {
             number: min(
                 (self.shapes[index].step[0] // spacing[0]) * (self.shapes[index].step[1] // spacing[1])
@@ -203,9 +205,9 @@ class Packing:
             for number in subset
         }
         needed = sum(self.kinds[number].count * covers[number] for number in subset)
-        # More points than these no lattice has, wherever it lies: the dear part can be left out.
-        if needed * spacing[0] * spacing[1] <= 0 or not all(covers.values()):
+        if not all(covers.values()):
             return None
+        swept = self._swept[subset]
         labels, areas = ndimage.label(swept)
         points = 0
         for number, where in enumerate(ndimage.find_objects(labels), start=1):

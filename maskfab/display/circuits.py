@@ -83,6 +83,8 @@ def place_circuits(panel: Panel, opening: Opening, rules: BoxRules) -> Circuits:
     """
     pixel = _Pixel.of(panel, opening, rules)
     grid, found, proof = pixel.quick()
+    if proof is not None:
+        found = grid.packing.quickly()
     if proof is None and not found.complete:
         found = grid.packing.placed(nodes=NODES)
         if found.exhausted and pixel.exact:
@@ -148,7 +150,7 @@ class _Pixel:
         return cls(panel, opening, rules, used, cell_nm, exact)
 
     def quick(self) -> tuple[_Grid, Packed, Certificate | None]:
-        """Places by a rule of thumb, first on a coarse grid; where these are too few a proof, if there is one."""
+        """Places by a rule of thumb, first on a coarse grid; or a proof, whichever comes at less cost."""
         coarse_nm = _cell_nm(self.opening.dots, self.panel.dot_nm, _FEW_CELLS)
         if coarse_nm > self.cell_nm:
             coarse = self._grid(coarse_nm, up=True)
@@ -160,8 +162,10 @@ class _Pixel:
         lonely = outer.packing.homeless()
         if lonely is not None:
             return inner, Packed((), False), _no_place(outer, self.rules, lonely)
-        found = inner.packing.quickly()
-        short = None if found.complete else outer.packing.shortage()
+        short = outer.packing.short_of_area()
+        found = Packed((), False) if short else inner.packing.quickly()
+        if not short and not found.complete:
+            short = outer.packing.shortage()
         return inner, found, None if short is None else _too_few(outer, self.rules, short)
 
     def _grid(self, cell_nm: int, *, up: bool) -> _Grid:

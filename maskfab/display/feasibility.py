@@ -107,6 +107,12 @@ class DisplayRules:
         """Area that the circuits of a pixel take at least."""
         return self.circuit.pixel_need_um2 if self.boxes is None else self.boxes.area_um2
 
+    @property
+    def circuits_asked(self) -> str:
+        """Words on the demand."""
+        many = "" if self.boxes is None else f"{self.boxes.boxes} boxes, "
+        return f"{many}{self.least_circuits_um2:g} µm² for each pixel"
+
     def crowded(self, panel: Panel) -> Certificate | None:
         """A proof that the circuits of a panel's pixels have no room, by area, or no place, where boxes are stated.
 

@@ -152,7 +152,7 @@ class Display:
         emitters, wires = self.rules.emitters, self.rules.wires
         demands = {
             "emitters": f"{emitters.required:.1%} of the pixel for each colour",
-            "circuits": f"{self.rules.least_circuits_um2:g} µm² for each pixel",
+            "circuits": self.rules.circuits_asked,
             "wires": "" if wires is None else f"{wires.lines} lines each way",
         }
         return demands.get(part, "")
@@ -440,7 +440,13 @@ def _off_centre(constraints: Constrained, unit: Mask) -> str | None:
 _FIT = partial(Rule, unit="", one_place=lambda _: True, slow=True, section=SearchSection, key="fit")
 
 
-CIRCUITS = _FIT("circuits", check=_crowded, proof=_by_closed_area, checked=_on_dots, asker="the circuits of [emitters]")
+CIRCUITS = _FIT(
+    "circuits",
+    check=_crowded,
+    proof=_by_closed_area,
+    checked=_on_dots,
+    asker="the circuits of [emitters] or [circuits]",
+)
 
 
 EMITTERS = _FIT(
