@@ -4,16 +4,21 @@ A box and the gap on its upper and its right side are one larger rectangle. Boxe
 no cell, and only the box itself must lie on free cells. Pushed down and left as far as they go, boxes stand on whole
 cells wherever sizes, gaps and the free area are whole cells, so nothing is lost by the grid.
 
-Places of all boxes are sought by rules of thumb, then by a search that takes a box and tries all its places. Proofs are
-of three kinds. A box has no place at all, which is exact. Or points do not suffice: of a lattice whose points are no
-further apart than a box and its gap are wide, each such box covers one at least, and no two cover the same; so there
-are no more boxes than points where boxes may lie. Points in every cell give the bound of area, points as far apart as
-boxes that of cuts: corridors too narrow for two abreast, and separate areas each with a rest that no box fills. Or the
-search ends without places for all, having left nothing out.
+Places of all boxes are sought by rules of thumb, by a search that takes a box and tries all its places, and by taking
+some boxes out and laying them anew. Proofs are of three kinds:
+
+* A box has no place at all, which is exact.
+* Points do not suffice. Lines lie across the area where boxes may lie, never further apart than a box and its gap are
+  high, and on each of them points, never further apart than these are wide. Then every box covers one point at least,
+  and no two cover the same, so that there are no more boxes than points. Lines and points are laid so that few lie in
+  the area. Points in every cell are the bound of area; those as far apart as boxes show corridors too narrow for two
+  abreast, and separate areas each with a rest that no box fills.
+* The search ends without places for all, having left nothing out.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,7 +27,7 @@ from itertools import combinations, product
 import numpy as np
 from scipy import ndimage
 
-from maskfab.base.arrays import Ints, Mask
+from maskfab.base.arrays import Indices, Ints, Mask
 
 Place = tuple[int, int, int]
 """Shape, row and column of the lowest left cell."""
@@ -31,8 +36,12 @@ _VIEWS = 8
 """Ways to fill a grid: from each corner, by rows or by columns."""
 _SHUFFLES = 40
 """Orders drawn at random that the first rule of thumb tries after those by size."""
-_PARTS = 4
+_PARTS = 3
 """Into as many parts, at most, is a box divided for the spacing of points."""
+_REPAIRS = 200
+"""Times that some boxes are taken out and laid anew."""
+_TAKEN_OUT = (2, 9)
+"""Boxes that are taken out at a time: so many, and fewer than so many."""
 _MOST_SUBSETS = 4
 """Kinds of box of which all subsets are held against points; of more only the largest so many."""
 
@@ -77,11 +86,11 @@ class Shortage:
 
     Attributes:
         kinds: of the boxes, by number.
-        spacing: (rows, columns) between points, in cells.
+        spacing: (along y, along x) between points at most, in cells.
         covered: points that the boxes cover at least.
-        points: those that lie where the boxes may, of a lattice laid so that they are few.
+        points: those that lie where the boxes may.
         areas: connected areas where the boxes may lie.
-        swept: bool [n, n] these areas, gaps left out beyond the grid.
+        marks: bool [n, n] the points, gaps beyond the grid left out; these areas where every cell is one.
     """
 
     kinds: tuple[int, ...]
@@ -89,7 +98,7 @@ class Shortage:
     covered: int
     points: int
     areas: int
-    swept: Mask
+    marks: Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +190,7 @@ class Packing:
         return {subset: np.any([each[index] for index in self._of(subset)], axis=0) for subset in self._subsets}
 
     def _spacings(self, subset: Sequence[int]) -> Iterator[tuple[int, int]]:
-        """Distances of points that boxes cover several of, the widest first."""
+        """Distances of points, the widest first."""
         rows, columns = (
             sorted(
                 {
@@ -209,18 +218,18 @@ class Packing:
             return None
         swept = self._swept[subset]
         labels, areas = ndimage.label(swept)
+        parts = [(where, labels[where] == number) for number, where in enumerate(ndimage.find_objects(labels), start=1)]
         points = 0
-        for number, where in enumerate(ndimage.find_objects(labels), start=1):
-            fewest = _fewest_points(labels[where] == number, spacing)
-            if len(subset) == 1:
-                # A rest of points that is less than a box covers is lost in every area by itself.
-                each = covers[subset[0]]
-                fewest -= fewest % each
-            points += fewest
+        for _, area in parts:
+            fewest = _Lines.fewest(area, spacing).points
+            # A rest of points that is less than a box covers is lost in every area by itself.
+            points += fewest if len(subset) > 1 else fewest - fewest % covers[subset[0]]
         if points >= needed:
             return None
-        inside = swept[: self.free.shape[0], : self.free.shape[1]]
-        return Shortage(subset, spacing, needed, points, areas, inside)
+        marks = np.zeros_like(swept)
+        for where, area in parts:
+            marks[where] |= _Lines.fewest(area, spacing).marks
+        return Shortage(subset, spacing, needed, points, areas, marks[: self.free.shape[0], : self.free.shape[1]])
 
     # --- search ----------------------------------------------------------------------------------------------------
 
@@ -242,7 +251,11 @@ class Packing:
             if len(places) == self.boxes:
                 return Packed(places, True)
             best = max(best, places, key=len)
-        return self._searched(nodes, best)
+        found = self._searched(nodes, best)
+        if found.complete or found.exhausted:
+            return found
+        places = self._repaired(found.places, seed)
+        return Packed(max(found.places, places, key=len), len(places) == self.boxes)
 
     def quickly(self) -> Packed:
         """Places by the first rule of thumb alone."""
@@ -286,11 +299,13 @@ class Packing:
             for _ in range(_SHUFFLES):
                 yield rng.permutation(boxes).tolist(), int(rng.integers(_VIEWS))
 
-    def _first_fit(self, order: Sequence[int], view: int) -> tuple[Place, ...]:
-        """Each box in turn in its first free place, seen from a corner."""
+    def _first_fit(self, order: Sequence[int], view: int, kept: tuple[Place, ...] = ()) -> tuple[Place, ...]:
+        """Each box in turn in its first free place, seen from a corner, beside those that are laid already."""
         left = [anchors.copy() for anchors in self.anchors]
+        for place in kept:
+            self._lay(left, place)
         of_kind = [self._of((number,)) for number in range(len(self.kinds))]
-        places: list[Place] = []
+        places = list(kept)
         for number in order:
             firsts = []
             for index in of_kind[number]:
@@ -306,6 +321,32 @@ class Packing:
                 places.append((index, *_cell((row, column), self.free.shape[0], view)))
                 self._lay(left, places[-1])
         return tuple(places)
+
+    def _repaired(self, places: tuple[Place, ...], seed: int) -> tuple[Place, ...]:
+        """Places after boxes near some spot were taken out and laid anew, many times; never of less area."""
+        rng = np.random.default_rng(seed)
+        shapes, side = self.shapes, len(self.free)
+
+        def area(laid: Sequence[Place]) -> int:
+            return sum(shapes[index].step[0] * shapes[index].step[1] for index, _, _ in laid)
+
+        for _ in range(_REPAIRS if places else 0):
+            spot, many = rng.integers(side, size=2), int(rng.integers(*_TAKEN_OUT))
+            middles = np.array([(row, column) + np.array(shapes[index].step) / 2 for index, row, column in places])
+            near = np.argsort(np.abs(middles - spot).sum(axis=1))
+            kept = tuple(places[number] for number in near[many:])
+            missing = [kind.count for kind in self.kinds]
+            for index, _, _ in kept:
+                missing[shapes[index].kind] -= 1
+            order = rng.permutation([number for number, count in enumerate(missing) for _ in range(count)]).tolist()
+            if rng.random() < 0.5:
+                order.sort(key=lambda number: -self.kinds[number].step[0] * self.kinds[number].step[1])
+            laid = self._first_fit(order, int(rng.integers(_VIEWS)), kept)
+            if area(laid) >= area(places):
+                places = laid
+            if len(places) == self.boxes:
+                break
+        return places
 
     def _least_harm(self, *, heaviest_first: bool) -> tuple[Place, ...]:
         """Each box where it takes fewest places from the others, the largest first or the one with fewest places."""
@@ -433,15 +474,82 @@ def _sweep(anchors: Mask, step: tuple[int, int], shape: tuple[int, ...]) -> Mask
     return np.asarray(swept > 0)
 
 
-def _fewest_points(area: Mask, spacing: tuple[int, int]) -> int:
-    """Points of a lattice in an area, for the offset with fewest."""
-    (rows, columns), (down, across) = area.shape, spacing
-    if spacing == (1, 1):
-        return int(np.count_nonzero(area))
-    high, wide = -(-rows // down), -(-columns // across)
-    whole = np.zeros((high * down, wide * across), dtype=np.bool_)
-    whole[:rows, :columns] = area
-    return int(whole.reshape(high, down, wide, across).sum(axis=(0, 2)).min())
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """Fewest points of an area on rows ``down`` apart at most, on each of them ``across`` apart at most.
+
+    Points outside the area cost nothing, so that in a run of cells of a row there need be no more than its length over
+    ``across``, rounded down. Rows are chosen by the cost of all that precede them.
+
+    Attributes:
+        area: bool [rows, columns].
+        down, across: as above.
+        points: so many.
+        rows: in which they lie.
+        turned: whether the area was transposed, so that rows are its columns.
+    """
+
+    area: Mask
+    down: int
+    across: int
+    points: int
+    rows: tuple[int, ...]
+    turned: bool
+
+    @classmethod
+    def fewest(cls, area: Mask, spacing: tuple[int, int]) -> _Lines:
+        """On lines along x or along y, whichever takes fewer."""
+        down, across = spacing
+        if spacing == (1, 1):
+            return cls(area, 1, 1, int(np.count_nonzero(area)), tuple(range(len(area))), False)
+        lying = cls._of(area, down, across, turned=False)
+        upright = cls._of(area.T, across, down, turned=True)
+        return upright if upright.points < lying.points else lying
+
+    @classmethod
+    def _of(cls, area: Mask, down: int, across: int, *, turned: bool) -> _Lines:
+        rows, starts, ends = _runs(area)
+        cost = np.bincount(rows, weights=(ends - starts) // across, minlength=len(area)).tolist()
+        # Total cost up to each row, itself chosen; the best of the last few is at the front of the queue. Rows before
+        # the area cost nothing.
+        total: list[float] = []
+        before: list[int] = []
+        best = deque([(0.0, -1)])
+        for row, own in enumerate(cost):
+            while best[0][1] < row - down:
+                best.popleft()
+            least, which = best[0]
+            total.append(own + least)
+            before.append(which)
+            while best and best[-1][0] >= total[-1]:
+                best.pop()
+            best.append((total[-1], row))
+        while best[0][1] < len(cost) - down:
+            best.popleft()
+        points, row = best[0]
+        chosen = []
+        while row >= 0:
+            chosen.append(row)
+            row = before[row]
+        return cls(area, down, across, int(points), tuple(chosen), turned)
+
+    @property
+    def marks(self) -> Mask:
+        """The points, as cells of the area."""
+        marks = np.zeros_like(self.area)
+        for row, start, end in zip(*_runs(self.area), strict=True):
+            if row in self.rows:
+                marks[row, start + self.across - 1 : end : self.across] = True
+        return marks.T if self.turned else marks
+
+
+def _runs(area: Mask) -> tuple[Indices, Indices, Indices]:
+    """Row, first cell and end of every run of cells of an area."""
+    beside = np.zeros((area.shape[0], area.shape[1] + 2), dtype=np.int8)
+    beside[:, 1:-1] = area
+    edges = np.diff(beside, axis=1)
+    (rows, starts), (_, ends) = np.nonzero(edges == 1), np.nonzero(edges == -1)
+    return rows, starts, ends
 
 
 def _seen(cells: Mask, view: int) -> Mask:

@@ -33,7 +33,7 @@ from maskfab.display.polygon_check import Violation, circuit_violations
 
 MOST_CELLS = 512
 """Cells along a pixel's side on which boxes are placed."""
-NODES = 1500
+NODES = 500
 """Boxes that a search may lay before it gives up."""
 _FEW_CELLS = 64
 """Cells along a pixel's side of the coarse grid that is tried first: most circuits that fit do so on it."""
@@ -260,9 +260,9 @@ def _too_few(grid: _Grid, rules: BoxRules, short: Shortage) -> Certificate:
         numbers |= {"need_um2": need, "room_um2": room}
     else:
         statement = (
-            f"Of points {across:g} um apart along x and {down:g} um along y, the {many} boxes {names} with the gap "
-            f"between them cover {short.covered} at least, each its own; wherever they may lie, in {where}, they "
-            f"can cover {short.points}"
+            f"Of points no more than {across:g} um apart along x and {down:g} um along y, the {many} boxes {names} "
+            f"with the gap between them cover {short.covered} at least, each its own; wherever they may lie, in "
+            f"{where}, there are {short.points}"
         )
         numbers |= {"need": float(short.covered), "points": float(short.points), "x_um": across, "y_um": down}
-    return Certificate(Proof.CIRCUIT_PACKING, statement, numbers, short.swept, grid.cell_nm)
+    return Certificate(Proof.CIRCUIT_PACKING, statement, numbers, short.marks, grid.cell_nm)

@@ -123,6 +123,35 @@ def test_lattices_prove_what_area_does_not():
     assert Packing(free, (kind(6, 2, 2, 0),)).shortage() is None
 
 
+def test_every_place_of_a_box_covers_the_points_that_the_proof_tells():
+    """Counted on the marks themselves, without gaps, which the marks leave out beyond the grid."""
+    rng = np.random.default_rng(4)
+    looked = 0
+    for _ in range(40):
+        free = np.zeros((14, 14), dtype=bool)
+        for start in rng.integers(0, 12, size=3):
+            strip = free if rng.integers(2) else free.T
+            strip[start : start + int(rng.integers(2, 5))] = True
+        packing = Packing(free, (kind(int(rng.integers(6, 14)), 2, 3, 0), kind(2, 3, 3, 0)))
+        short = packing.shortage()
+        if short is None or packing.homeless() is not None:
+            continue
+        looked += short.spacing != (1, 1)
+        covered = 0
+        for number in short.kinds:
+            least = min(
+                int(short.marks[row : row + shape.step[0], column : column + shape.step[1]].sum())
+                for shape, anchors in zip(packing.shapes, packing.anchors, strict=True)
+                if shape.kind == number
+                for row, column in np.argwhere(anchors)
+            )
+            covered += packing.kinds[number].count * least
+        assert covered >= short.covered > short.points
+        assert int(short.marks.sum()) >= short.points
+        assert len(short.kinds) == 1 or int(short.marks.sum()) == short.points
+    assert looked >= 5
+
+
 def test_a_rest_in_every_area_is_lost():
     """Three areas of five cells hold two boxes of two each: seven do not fit, though fifteen cells are free."""
     free = np.zeros((5, 9), dtype=bool)
