@@ -445,7 +445,7 @@ CIRCUITS = _FIT(
     check=_crowded,
     proof=_by_closed_area,
     checked=_on_dots,
-    asker="the circuits of [emitters] or [circuits]",
+    asker="the circuits of [emitters]",
 )
 
 
