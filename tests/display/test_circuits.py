@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from jsonschema import Draft202012Validator
 from klayout import db
 from small_job import OPENING, command, listing, with_the_die, write_job
 
@@ -19,8 +20,12 @@ from maskfab.display.circuits import no_place, place_circuits
 from maskfab.display.drive import BOXES_ALONE, BY_BOXES, CircuitRules, LightDemand
 from maskfab.display.emitter_rules import EmitterRules, Proof, Verdict
 from maskfab.display.feasibility import DisplayRules, Feasibility, display_rules, displays
-from maskfab.display.polygon_check import circuit_violations
+from maskfab.display.polygon_check import circuit_violations, whole_panel
+from maskfab.mask.houses.adaptation import fitted
+from maskfab.mask.houses.profiles import load_shop
 from maskfab.mask.job import load_job
+from maskfab.mask.plate import mirrored_panel
+from maskfab.report.documents.display import check_schema
 from maskfab.report.figures.display import pictures
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
@@ -145,6 +150,7 @@ def test_circuits_without_a_place_are_a_proof(capsys, tmp_path: Path, boxes: str
     path = job(tmp_path, circuits(boxes))
     answer = command(capsys, "check", path, "--die", "TURNED", "--json", "--quiet")
     assert (answer.code, answer.document["verdict"]) == (1, "fail")
+    Draft202012Validator(check_schema()).validate(answer.document)
     (die,) = answer.document["dies"]
     (told,) = die["display"]["proofs"]
     assert told["proof"] == proof.value
@@ -234,6 +240,20 @@ def test_the_answer_is_the_same_for_a_turned_opening() -> None:
         }
         assert len(answers) == 1
         assert (answers.pop()[0] is Verdict.FITS) == fits
+
+
+def test_boxes_are_mirrored_with_their_pixels_and_left_out_of_what_a_house_gets(tmp_path: Path) -> None:
+    plate = displays(load_job(job(tmp_path, circuits()))).plate
+    whole = next(die.panel for die in plate.dies if die.name == "TURNED")
+    across = db.Trans(db.Trans.M90, whole.size_nm[0], 0)
+    there, back = (
+        whole_panel(each, (CIRCUIT,))[CIRCUIT].transformed(turned)
+        for each, turned in ((whole, across), (mirrored_panel(whole), db.Trans()))
+    )
+    assert there.count() == 400
+    assert (there ^ back).is_empty()
+    sent = fitted(plate, load_shop("compugraphics"))
+    assert all(die.panel.circuits == () for die in sent.dies)
 
 
 def test_odd_lengths_are_placed_on_a_coarser_grid_and_keep_their_gaps() -> None:
