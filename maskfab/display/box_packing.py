@@ -40,6 +40,8 @@ _PARTS = 3
 """Into as many parts, at most, is a box divided for the spacing of points."""
 _REPAIRS = 200
 """Times that some boxes are taken out and laid anew."""
+_MOST_HELD = 400_000_000
+"""Bytes that a search may hold, a copy of all places for every box."""
 _TAKEN_OUT = (2, 9)
 """Boxes that are taken out at a time: so many, and fewer than so many."""
 _MOST_SUBSETS = 4
@@ -394,8 +396,9 @@ class Packing:
 
     def _searched(self, nodes: int, best: tuple[Place, ...]) -> Packed:
         """All places of a box, one after the other, and for each the rest of the boxes."""
+        if self.boxes * sum(anchors.size for anchors in self.anchors) > _MOST_HELD:
+            return Packed(best, False)
         left_over = nodes
-        finished = False
 
         def search(left: list[Mask], need: list[int], laid: tuple[Place, ...]) -> bool:
             """Whether all were laid; ends early when the nodes are spent."""
@@ -461,7 +464,6 @@ def _anchors(taken: Ints, size: tuple[int, int]) -> Mask:
 
 def _sweep(anchors: Mask, step: tuple[int, int], shape: tuple[int, ...]) -> Mask:
     """Cells that rectangles at any of the anchors cover, bool of a shape that holds them all."""
-    swept = np.zeros(shape, dtype=np.int32)
     (rows, columns), (high, wide) = anchors.shape, step
     # Corners of every rectangle with signs, summed twice.
     marks = anchors.astype(np.int32)

@@ -35,6 +35,8 @@ MOST_CELLS = 512
 """Cells along a pixel's side on which boxes are placed."""
 NODES = 500
 """Boxes that a search may lay before it gives up."""
+_MOST_NAMED = 4
+"""Kinds of box that a proof names."""
 _FEW_CELLS = 64
 """Cells along a pixel's side of the coarse grid that is tried first: most circuits that fit do so on it."""
 
@@ -246,6 +248,8 @@ def _no_place(grid: _Grid, rules: BoxRules, number: int) -> Certificate:
 def _too_few(grid: _Grid, rules: BoxRules, short: Shortage) -> Certificate:
     *others, last = (repr(rules.kinds[number].name) for number in short.kinds)
     names = f"{', '.join(others)} and {last}" if others else last
+    if len(short.kinds) > _MOST_NAMED:
+        names = f"of {len(short.kinds)} kinds"
     many = sum(grid.packing.kinds[number].count for number in short.kinds)
     down, across = (cells * grid.cell_nm / NM_PER_UM for cells in short.spacing)
     numbers = {"boxes": float(many), "areas": float(short.areas)}

@@ -331,7 +331,7 @@ class CircuitsSection(Section):
     um, a channel of 12 um for the transistor that drives, and 256 um^2 of plates.
     """
 
-    boxes: Annotated[tuple[BoxSection, ...], Field(min_length=1, max_length=64, strict=False)] = tuple(
+    boxes: Annotated[tuple[BoxSection, ...], Field(min_length=1, max_length=16, strict=False)] = tuple(
         BoxSection.model_validate(box)
         for box in (
             {"name": "driving transistor", "width": "24 um", "height": "6 um"},
