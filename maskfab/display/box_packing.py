@@ -38,8 +38,12 @@ _SHUFFLES = 40
 """Orders drawn at random that the first rule of thumb tries after those by size."""
 _PARTS = 3
 """Into as many parts, at most, is a box divided for the spacing of points."""
+_SPACINGS = 6
+"""Distances of points along each axis that are tried."""
 _REPAIRS = 200
 """Times that some boxes are taken out and laid anew."""
+_USUAL_WORK = 300
+"""Boxes times shapes up to which everything is tried in full; 24 boxes of five shapes are 120."""
 _MOST_HELD = 400_000_000
 """Bytes that a search may hold, a copy of all places for every box."""
 _TAKEN_OUT = (2, 9)
@@ -192,18 +196,12 @@ class Packing:
         return {subset: np.any([each[index] for index in self._of(subset)], axis=0) for subset in self._subsets}
 
     def _spacings(self, subset: Sequence[int]) -> Iterator[tuple[int, int]]:
-        """Distances of points, the widest first."""
+        """Distances of points of which every box covers some, the widest first."""
+        steps = np.array([self.shapes[index].step for index in self._of(subset)])
+        parts = steps[:, :, None] // np.arange(1, _PARTS + 1)
         rows, columns = (
-            sorted(
-                {
-                    side
-                    for index in self._of(subset)
-                    for part in range(1, _PARTS + 1)
-                    if (side := self.shapes[index].step[axis] // part) > 0
-                },
-                reverse=True,
-            )
-            for axis in (0, 1)
+            sorted({int(side) for side in np.unique(parts[:, axis]) if 0 < side <= least}, reverse=True)[:_SPACINGS]
+            for axis, least in enumerate(steps.min(axis=0))
         )
         yield from (spacing for spacing in product(rows, columns) if spacing != (1, 1))
 
@@ -216,8 +214,6 @@ class Packing:
             for number in subset
         }
         needed = sum(self.kinds[number].count * covers[number] for number in subset)
-        if not all(covers.values()):
-            return None
         swept = self._swept[subset]
         labels, areas = ndimage.label(swept)
         parts = [(where, labels[where] == number) for number, where in enumerate(ndimage.find_objects(labels), start=1)]
@@ -248,7 +244,7 @@ class Packing:
             if len(places) == self.boxes:
                 return Packed(places, True)
             best = max(best, places, key=len)
-        for heaviest_first in (True, False):
+        for heaviest_first in (True, False)[: self._tries(2)]:
             places = self._least_harm(heaviest_first=heaviest_first)
             if len(places) == self.boxes:
                 return Packed(places, True)
@@ -258,6 +254,10 @@ class Packing:
             return found
         places = self._repaired(found.places, seed)
         return Packed(max(found.places, places, key=len), len(places) == self.boxes)
+
+    def _tries(self, many: int) -> int:
+        """How often something is tried: fewer times where there are more boxes and shapes than circuits have."""
+        return round(many * min(1.0, _USUAL_WORK / (self.boxes * len(self.shapes))))
 
     def quickly(self) -> Packed:
         """Places by the first rule of thumb alone."""
@@ -298,7 +298,7 @@ class Packing:
         yield from product(dict.fromkeys(map(tuple, (self._by_group(), *by_size))), range(_VIEWS))
         if seed is not None:
             rng = np.random.default_rng(seed)
-            for _ in range(_SHUFFLES):
+            for _ in range(self._tries(_SHUFFLES)):
                 yield rng.permutation(boxes).tolist(), int(rng.integers(_VIEWS))
 
     def _first_fit(self, order: Sequence[int], view: int, kept: tuple[Place, ...] = ()) -> tuple[Place, ...]:
@@ -332,7 +332,7 @@ class Packing:
         def area(laid: Sequence[Place]) -> int:
             return sum(shapes[index].step[0] * shapes[index].step[1] for index, _, _ in laid)
 
-        for _ in range(_REPAIRS if places else 0):
+        for _ in range(self._tries(_REPAIRS) if places else 0):
             spot, many = rng.integers(side, size=2), int(rng.integers(*_TAKEN_OUT))
             middles = np.array([(row, column) + np.array(shapes[index].step) / 2 for index, row, column in places])
             near = np.argsort(np.abs(middles - spot).sum(axis=1))
