@@ -23,6 +23,7 @@ const LOOKS = {
   GREEN: { fill: "#009e73", hatch: "falling" },
   BLUE: { fill: "#0072b2", hatch: "upright" },
   VEIL: { fill: "#f0e442", hatch: "rising" },
+  CIRCUIT: { fill: "#e69f00", hatch: "cross" },
   WIRE1: { fill: "#ffc857", hatch: "level" },
   WIRE2: { fill: "#cc79a7", hatch: "upright" },
 };

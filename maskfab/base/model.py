@@ -193,6 +193,33 @@ class Track:
         require.number(self, "transmission", 0.0, 1.0, open_low=False)
 
 
+@dataclass(frozen=True)
+class CircuitBox:
+    """A part of a drive circuit, such as a transistor with its contacts, as a rectangle in one pixel.
+
+    Attributes:
+        name: of what it holds.
+        circuit: number of the circuit in the pixel that it belongs to, from 1.
+        box_nm: x0, y0, x1, y1 in the pixel of orientation 0, its lower left corner, gutter included, the origin; it
+            turns with the opening.
+    """
+
+    name: str
+    circuit: int
+    box_nm: Box
+
+    @property
+    def area_nm2(self) -> int:
+        x0, y0, x1, y1 = self.box_nm
+        return (x1 - x0) * (y1 - y0)
+
+    @property
+    def polygon(self) -> Polygon:
+        """Its outline."""
+        x0, y0, x1, y1 = self.box_nm
+        return (x0, y0), (x1, y0), (x1, y1), (x0, y1)
+
+
 @dataclass(frozen=True, eq=False)
 class Panel:
     """An opening laid out over rows x columns of cells, with an opaque gutter round every cell.
@@ -208,6 +235,7 @@ class Panel:
         emitters: what emits behind the opaque part of every pixel; None where nothing is said.
         tracks: wires of every pixel.
         others: further openings among which cells choose, of as many dots as the first.
+        circuits: boxes of the drive circuits of every pixel.
     """
 
     opening: Opening
@@ -219,6 +247,7 @@ class Panel:
     emitters: Emitters | None = None
     tracks: tuple[Track, ...] = ()
     others: tuple[Opening, ...] = ()
+    circuits: tuple[CircuitBox, ...] = ()
 
     def __post_init__(self) -> None:
         require.instance(self, "opening", Opening)
@@ -358,9 +387,10 @@ WIRES = (
     Layer("WIRE2", 31, 0, False, "wires of the display's upper metal; not on the mask"),
 )
 VEIL = Layer("VEIL", 32, 0, False, "transparent wires of the display; not on the mask")
+CIRCUIT = Layer("CIRCUIT", 33, 0, False, "boxes of the display's drive circuits; not on the mask")
 GUTTER = Layer("GUTTER", 40, 0, False, "space for wires round every pixel; not on the mask")
 BLACK = Layer("BLACK", 41, 0, False, "black matrix: neither clear nor emitting; not on the mask")
-LAYERS = (CLEAR, OUTLINE, NOTE, *EMITTERS, *WIRES, VEIL, GUTTER, BLACK)
+LAYERS = (CLEAR, OUTLINE, NOTE, *EMITTERS, *WIRES, VEIL, CIRCUIT, GUTTER, BLACK)
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ _DIE_STOPS = 2.1
 of 4 mm."""
 _MOST_ACROSS = 100
 """Pixels along a side of such a die at most: the check of 100 x 100 takes seconds."""
-_OF_DISPLAYS = ("emitters", "wires")
+_OF_DISPLAYS = ("emitters", "circuits", "wires")
 _F1S_OWN = ("sensor", "exposure")
 """Sections of a job that say how photographs are taken, in whose place protocol F1 has its own."""
 _NOT_DESIGNED_FOR = ("spectrum", "illuminant", "distortion", "saturation")
@@ -262,7 +262,7 @@ def stated_display(spec: JobSpec, section: SearchSection, where: str, *, key: st
     else:
         side_nm = to_nm(spec.plate.die_size, where=f"{where}: plate.die_size", name="die_size")
         across = side_nm // pitch_nm
-    rules = DisplayRules.of(spec.emitters, spec.light, spec.wires, where=where)
+    rules = DisplayRules.of(spec.emitters, spec.light, spec.wires, spec.circuits, where=where)
     seed = section.seed if section.tiling_seed is None else section.tiling_seed
     return Display.of(rules, section.tiling, seed, before, max(before, across))
 

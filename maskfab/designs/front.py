@@ -55,7 +55,6 @@ from maskfab.designs.search.result import (
     prices,
 )
 from maskfab.designs.search.scan import PRICED, allowed
-from maskfab.display.drive import pixel_room
 from maskfab.display.emitted_light import TELEPHONE_UM, Viewing
 from maskfab.display.eye import predicted_rms
 from maskfab.job.sections import JobSpec, ParetoSection, SearchSection
@@ -522,8 +521,7 @@ class _Sweep:
         return self._asked(0.0, lines).unwired(unit, self.rules.dot_nm) is None
 
     def _roomy(self, unit: Mask) -> bool:
-        room = pixel_room(self.rules.opening(unit), self.rules.dot_nm, self.display.rules.circuit)
-        return room.certificate is None
+        return self.display.crowded(unit, self.rules.dot_nm) is None
 
     def _steps(self, ranked: Sequence[Ranked], count: int) -> tuple[list[JudgedOpening], int]:
         """Those with more footprint, for some number of lines, than all of a better PSNR, and how many were measured.

@@ -27,12 +27,18 @@ from maskfab.base.units import NM_PER_UM
 from maskfab.display.emitter_rules import MOST_CELLS, Certificate, Proof, finest_cell
 from maskfab.optics.colour import LUMINANCE
 
-BY_AREA = "circuits by area alone"
+BY_AREA = "circuits by area alone: a bound, not placed"
 NOT_PLACED = (
     "Circuits are judged by area alone: none is placed, and no gap between circuits and openings or wires is kept, so "
     "a display that fits may have no place for them"
 )
-"""A limit of every answer on a display."""
+"""A limit of every answer on a display whose job states no boxes of circuits."""
+BY_BOXES = "circuits by the places of their boxes"
+BOXES_ALONE = (
+    "Boxes of circuits keep their gaps to each other and to openings; lines within a circuit, vias, and gaps from "
+    "boxes to wires are left out"
+)
+"""A limit of every other one."""
 
 
 @dataclass(frozen=True)

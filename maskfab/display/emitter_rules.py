@@ -142,6 +142,9 @@ class Proof(StrEnum):
     COMPONENT_PACKING = "component packing"
     SEPARATION = "separation"
     CIRCUIT_AREA = "circuit area"
+    CIRCUIT_BOX = "circuit box"
+    CIRCUIT_PACKING = "circuit packing"
+    CIRCUIT_SEARCH = "circuit search"
     BORDER_PAIR = "border pair"
     FLOW = "flow"
 

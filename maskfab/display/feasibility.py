@@ -1,6 +1,6 @@
 """Feasibility of a display around an opening: emitters, their borders, circuits, wires and light, in one answer.
 
-Dies of a plate get the emitters and wires of their job, or the obstacles to either.
+Dies of a plate get the emitters, circuits and wires of their job, or the obstacles to them.
 """
 
 from __future__ import annotations
@@ -14,7 +14,13 @@ from maskfab.base.model import ORIENTATIONS, WIRES, Die, Emitters, Mark, Panel, 
 from maskfab.base.processes import ArgumentsFactory, SerialExecutor
 from maskfab.base.units import to_nm
 from maskfab.base.work import Progress, silent
+from maskfab.display.circuit_boxes import BoxKind, BoxRules
+from maskfab.display.circuits import Circuits, no_place, place_circuits
 from maskfab.display.drive import (
+    BOXES_ALONE,
+    BY_AREA,
+    BY_BOXES,
+    NOT_PLACED,
     CircuitRules,
     LightDemand,
     Room,
@@ -32,7 +38,7 @@ from maskfab.display.placement import LargestGap, centred, footprint, largest_ga
 from maskfab.display.polygon_check import Violation, violations
 from maskfab.display.wiring import Reach, WireDemand, Wiring, check_wires, reaches, wiring
 from maskfab.job.read import even_nm
-from maskfab.job.sections import EmittersSection, LightSection, WiresSection
+from maskfab.job.sections import CircuitsSection, EmittersSection, LightSection, WiresSection
 from maskfab.mask.job import Job
 from maskfab.optics.colour import luminance_centroid
 
@@ -48,9 +54,10 @@ class DisplayRules:
     Attributes:
         emitters: gaps, width, ratio and footprint.
         keep: share of the largest footprint that a placement with better centred light must have.
-        circuit: area for drive circuits.
+        circuit: area for drive circuits; a bound, which does not count where boxes are stated.
         light: what the emitters must give.
         wires: what must be wired; None if nothing is asked.
+        boxes: of the drive circuits, to be placed; None if none are stated.
     """
 
     emitters: EmitterRules
@@ -58,6 +65,7 @@ class DisplayRules:
     circuit: CircuitRules
     light: LightDemand
     wires: WireDemand | None
+    boxes: BoxRules | None = None
 
     @classmethod
     def of(
@@ -65,6 +73,7 @@ class DisplayRules:
         section: EmittersSection,
         light: LightSection | None,
         wires: WiresSection | None,
+        circuits: CircuitsSection | None = None,
         *,
         where: str = "",
     ) -> DisplayRules:
@@ -90,7 +99,29 @@ class DisplayRules:
             CircuitRules(section.circuit, section.circuits, section.shared_by, width),
             LightDemand(asked.luminance, asked.efficacy, ageing_exponent=asked.life_exponent),
             None if wires is None else _demand(wires, where),
+            None if circuits is None else _boxes(circuits, where),
         )
+
+    @property
+    def least_circuits_um2(self) -> float:
+        """Area that the circuits of a pixel take at least."""
+        return self.circuit.pixel_need_um2 if self.boxes is None else self.boxes.area_um2
+
+    @property
+    def circuits_asked(self) -> str:
+        """Words on the demand."""
+        many = "" if self.boxes is None else f"{self.boxes.boxes} boxes, "
+        return f"{many}{self.least_circuits_um2:g} µm² for each pixel"
+
+    def crowded(self, panel: Panel) -> Certificate | None:
+        """A proof that the circuits of a panel's pixels have no room, by area, or no place, where boxes are stated.
+
+        Raises:
+            JobError: MF118 as :func:`maskfab.display.drive.pixel_room`, MF117 for a box or a gap wider than the pixel.
+        """
+        if self.boxes is None:
+            return pixel_room(panel.common, panel.dot_nm, self.circuit).certificate
+        return no_place(panel, panel.common, self.boxes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +135,8 @@ class Feasibility:
         share: their own footprint: where ``keep`` lets better centred ones be smaller, below ``footprint.found_share``.
         borders: gaps across pixels of the placement.
         broken: rules that its polygons break, measured by KLayout; empty where all is well.
-        room: for the circuits of a pixel together.
+        room: for the circuits of a pixel together, by area.
+        circuits: their boxes in their places; None where no boxes are stated, and the area decides.
         own_rooms: under red, green and blue for a circuit each; empty without emitters, or where the circuits' width is
             no multiple of the cells of emitters that came with the opening.
         density_ma_per_cm2: current density of red, green and blue; None without emitters.
@@ -133,6 +165,7 @@ class Feasibility:
     reaches: tuple[Reach, ...]
     given: bool
     light: LightDemand
+    circuits: Circuits | None = None
 
     @property
     def passed(self) -> bool:
@@ -147,9 +180,21 @@ class Feasibility:
         no."""
         if self.certificates:
             return Verdict.DOES_NOT_FIT
-        if self.broken or self.stranded or (self.wiring is not None and self.wiring.verdict is Verdict.UNKNOWN):
+        parts = [part.verdict for part in (self.circuits, self.wiring) if part is not None]
+        broken = self.broken or (self.circuits is not None and self.circuits.broken)
+        if broken or self.stranded or Verdict.UNKNOWN in parts:
             return Verdict.UNKNOWN
         return self.footprint.verdict
+
+    @property
+    def circuits_by(self) -> str:
+        """Words on how circuits were judged."""
+        return BY_AREA if self.circuits is None else BY_BOXES
+
+    @property
+    def not_modelled(self) -> str:
+        """Words on what of circuits was not."""
+        return NOT_PLACED if self.circuits is None else BOXES_ALONE
 
     @property
     def stranded(self) -> tuple[Certificate, ...]:
@@ -162,8 +207,9 @@ class Feasibility:
     def certificates(self) -> tuple[Certificate, ...]:
         """Every proof that something cannot be."""
         proofs = [self.footprint.certificate if self.footprint.verdict is Verdict.DOES_NOT_FIT else None]
+        circuits = self.room.certificate if self.circuits is None else self.circuits.certificate
         wires = None if self.wiring is None else self.wiring.failed
-        return tuple(proof for proof in (*proofs, self.room.certificate, wires) if proof is not None)
+        return tuple(proof for proof in (*proofs, circuits, wires) if proof is not None)
 
 
 def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = True) -> Feasibility | None:
@@ -194,6 +240,7 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = True) -> F
     if emitters is None:
         emitters = centred(largest_found.best, opening, grid, panel.orientations, rules.emitters, keep=rules.keep)
     room = pixel_room(opening, panel.dot_nm, rules.circuit)
+    circuits = None if rules.boxes is None else place_circuits(panel, opening, rules.boxes)
     wires = None if rules.wires is None else wiring(panel, opening, rules.wires)
     if emitters is None:
         required, nowhere = rules.emitters.required, (0.0, 0.0)
@@ -214,6 +261,7 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = True) -> F
             (),
             given,
             rules.light,
+            circuits,
         )
     pixel_um2 = (panel.cell_size.pitch_um) ** 2
     red, green, blue = (area / pixel_um2 for area in emitters.areas_um2)
@@ -242,6 +290,7 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = True) -> F
         () if wires is None else reaches(~opening.mask, emitters),
         given,
         rules.light,
+        circuits,
     )
 
 
@@ -271,6 +320,23 @@ def _demand(section: WiresSection, where: str) -> WireDemand:
         for name, value in (("space", section.space), ("clearance", section.clearance))
     )
     return WireDemand(WireRules(line, space, clearance), section.lines, transparent, section.transmission)
+
+
+def _boxes(section: CircuitsSection, where: str) -> BoxRules:
+    kinds = tuple(
+        BoxKind(
+            box.name,
+            to_nm(box.width, where=f"{where}: circuits.boxes[{number}].width", name="width"),
+            to_nm(box.height, where=f"{where}: circuits.boxes[{number}].height", name="height"),
+            box.count,
+        )
+        for number, box in enumerate(section.boxes)
+    )
+    gap, to_opening = (
+        to_nm(value, where=f"{where}: circuits.{name}", name=name)
+        for name, value in (("gap", section.gap), ("gap_to_opening", section.gap_to_opening))
+    )
+    return BoxRules(kinds, gap, to_opening, section.turnable, section.per_pixel, section.shared_by)
 
 
 def _given(panel: Panel) -> Emitters | None:
@@ -305,12 +371,13 @@ def populate(
     *,
     executor: SerialExecutor | None = None,
 ) -> PlateWithDisplays:
-    """Emitters and wires for every die; dies of equal pixels, in which equal orientations meet, are worked on once.
+    """Emitters, circuits and wires for every die.
 
+    Dies of equal pixels, in which equal orientations meet, are worked on once.
     Wires that every pixel has alike are drawn with it, those that are laid across a die are marks of the plate.
 
     Args:
-        plate: laid out, without emitters.
+        plate: laid out, without emitters and circuits.
         rules: the maker's.
         progress: told how many dies are done, of those that differ.
         executor: who works on the dies; what is found does not show who did.
@@ -337,20 +404,24 @@ def populate(
         tracks = () if answer.wiring is None else answer.wiring.tracks
         if answer.wiring is not None and answer.wiring.laid is not None and rules.wires is not None:
             lines += [_drawn(die, lines_laid, rules.wires.rules.line_nm) for lines_laid in answer.wiring.laid]
-        dies.append(replace(die, panel=replace(die.panel, emitters=answer.emitters, tracks=tracks)))
+        boxes = () if answer.circuits is None else answer.circuits.boxes
+        panel = replace(die.panel, emitters=answer.emitters, tracks=tracks, circuits=boxes)
+        dies.append(replace(die, panel=panel))
     return PlateWithDisplays(replace(plate, dies=tuple(dies), marks=(*plate.marks, *lines)), answers)
 
 
 def display_rules(job: Job) -> DisplayRules | None:
     """Rules of the display maker; None if the job has no [emitters]."""
-    section = job.spec.emitters
-    return None if section is None else DisplayRules.of(section, job.spec.light, job.spec.wires, where=job.where)
+    spec = job.spec
+    if spec.emitters is None:
+        return None
+    return DisplayRules.of(spec.emitters, spec.light, spec.wires, spec.circuits, where=job.where)
 
 
 def displays(
     job: Job, plate: Plate | None = None, progress: Progress = silent, *, executor: SerialExecutor | None = None
 ) -> PlateWithDisplays:
-    """The job's plate with the emitters and wires that the job asks for; by an executor, if there is one.
+    """The job's plate with the emitters, circuits and wires that the job asks for; by an executor, if there is one.
 
     Args:
         job: the job.

@@ -79,8 +79,12 @@ def free_region(mask: Mask, grid: EmitterGrid, orientations: Iterable[int] = EVE
 
 def relative_orientations(orientations: Iterable[int]) -> tuple[int, ...]:
     """Orientations of neighbours relative to a pixel's own, for all pairs of the orientations."""
+    return _relative(tuple(sorted(set(orientations))))
+
+
+@cache
+def _relative(used: tuple[int, ...]) -> tuple[int, ...]:
     marks = np.arange(9).reshape(3, 3)
-    used = tuple(sorted(set(orientations)))
     return tuple(
         k
         for k in EVERY

@@ -1,4 +1,4 @@
-"""Emitters and lines measured again from their polygons, by KLayout's own geometry.
+"""Emitters, circuits and lines measured again from their polygons, by KLayout's own geometry.
 
 A placement is measured on a tile in which every pair of neighbours meets, lines across a panel on the whole panel.
 """
@@ -12,7 +12,8 @@ import numpy as np
 from klayout import db
 
 from maskfab.base.arrays import Labels
-from maskfab.base.model import CLEAR, EMITTERS, Layer, Panel, Polygon
+from maskfab.base.model import CIRCUIT, CLEAR, EMITTERS, Layer, Panel, Polygon
+from maskfab.display.circuit_boxes import BoxRules
 from maskfab.display.emitter_rules import EmitterRules
 from maskfab.display.free_area import meetings
 from maskfab.display.panel_lines import PanelLines
@@ -54,10 +55,7 @@ def violations(panel: Panel, rules: EmitterRules) -> tuple[Violation, ...]:
     cells = _clusters(panel)
     regions = _regions(panel, cells, (CLEAR, *EMITTERS))
     clear, colours = regions[CLEAR], [regions[layer] for layer in EMITTERS]
-    pitch = panel.pitch_nm
-    frame = db.Region()
-    for _, (column, row) in cells:
-        frame.insert(db.Box(column * pitch, row * pitch, (column + 1) * pitch, (row + 1) * pitch))
+    frame = _frame(panel, cells)
     broken = [("emitter outside its pixel", shape - frame) for shape in colours]
     for name, shape in zip(("red", "green", "blue"), colours, strict=True):
         grown = shape.sized(rules.gap_to_opening_nm, SQUARE)
@@ -70,11 +68,52 @@ def violations(panel: Panel, rules: EmitterRules) -> tuple[Violation, ...]:
     for one, other in ((0, 1), (0, 2), (1, 2)):
         close = colours[one].sized(rules.colour_gap_nm, SQUARE) & colours[other]
         broken.append((f"gap between {EMITTERS[one].name.lower()} and {EMITTERS[other].name.lower()}", close))
-    upright = next(
-        (db.Box(0, 0, pitch, pitch).moved(column * pitch, row * pitch) for cell, (column, row) in cells if cell == 0),
-        None,
-    )
+    upright = _upright(panel, cells)
     return tuple(told_of(rule, shapes, upright) for rule, shapes in broken if shapes.area())
+
+
+def circuit_violations(panel: Panel, rules: BoxRules) -> tuple[Violation, ...]:
+    """Every rule that the boxes of a panel's circuits break, on the tile of :func:`violations`.
+
+    Every rectangle on the tile must be a box of a stated size, so that boxes that touch are told too. Without a gap
+    they may touch, and the area that they cover must be the sum of theirs.
+    """
+    cells = _clusters(panel)
+    regions = _regions(panel, cells, (CLEAR, CIRCUIT))
+    clear, drawn = regions[CLEAR], regions[CIRCUIT]
+    sizes = {tuple(sorted((kind.width_nm, kind.height_nm))) for kind in rules.kinds}
+    close, strange = db.Region(), db.Region()
+    if rules.gap_nm:
+        close = drawn.space_check(rules.gap_nm, False, db.Region.Square).polygons()
+        for shape in drawn.each():
+            box = shape.bbox()
+            if not shape.is_box() or tuple(sorted((box.width(), box.height()))) not in sizes:
+                strange.insert(shape)
+    elif drawn.area() != len(cells) * sum(box.area_nm2 for box in panel.circuits):
+        strange = drawn
+    broken = [
+        ("circuit outside its pixel", drawn - _frame(panel, cells)),
+        ("gap from circuits to openings", drawn.sized(rules.to_opening_nm, SQUARE) & clear),
+        ("gap between boxes of circuits", close),
+        ("size of boxes of circuits", strange),
+    ]
+    upright = _upright(panel, cells)
+    return tuple(told_of(rule, shapes, upright) for rule, shapes in broken if shapes.area())
+
+
+def _frame(panel: Panel, cells: Sequence[tuple[int, tuple[int, int]]]) -> db.Region:
+    """The pixels of a tile."""
+    return db.Region([_pixel(panel, place) for _, place in cells])
+
+
+def _upright(panel: Panel, cells: Sequence[tuple[int, tuple[int, int]]]) -> db.Box | None:
+    """The first pixel of orientation 0 on a tile; None if it has none."""
+    return next((_pixel(panel, place) for cell, place in cells if cell == 0), None)
+
+
+def _pixel(panel: Panel, place: tuple[int, int]) -> db.Box:
+    (column, row), pitch = place, panel.pitch_nm
+    return db.Box(column * pitch, row * pitch, (column + 1) * pitch, (row + 1) * pitch)
 
 
 def left_of_emitters(panel: Panel, rules: EmitterRules, growth_nm: int) -> tuple[float, float, float]:

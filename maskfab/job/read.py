@@ -86,12 +86,12 @@ def check_seed(die: DieSection, where: str) -> None:
 
 
 def check_display(spec: JobSpec, where: str) -> None:
-    """Wires and light belong to a display whose emitters the job describes.
+    """Circuits, wires and light belong to a display whose emitters the job describes.
 
     Raises:
         JobError: MF105.
     """
-    for name in ("wires", "light"):
+    for name in ("circuits", "wires", "light"):
         if getattr(spec, name) is not None and spec.emitters is None:
             cure = 'Add [emitters] with colour_gap = "8 um" and min_width = "8 um"'
             raise JobError("MF105", f"the job has [{name}] and no [emitters]", where=f"{where}: {name}", cure=cure)

@@ -309,6 +309,59 @@ class EmittersSection(Section):
     """Pixels that take turns at one circuit."""
 
 
+class BoxSection(Section):
+    """[[circuits.boxes]]: boxes of one size in a circuit, such as a transistor with its contacts."""
+
+    name: str = Field(min_length=1, max_length=40)
+    """Their part of the circuit, in your own words."""
+    width: Length
+    """One side, contacts included."""
+    height: Length
+    """The other side."""
+    count: int = Field(default=1, ge=1, le=64)
+    """Number of them in one circuit."""
+
+
+class CircuitsSection(Section):
+    """[circuits]: boxes of the drive circuits, which are placed in the closed area of every pixel, under the emitters.
+
+    The boxes of 7 transistors and a capacitor are derived, for no published layout was found. BOE BF060Y8M has a
+    subpixel of 63 x 31.5 um; two lines of 3 um along it take 378 um^2 of its 1985 um^2, and these boxes with their gaps
+    1576 um^2. Their sides are a judgement for a process of lines and spaces of 3 um: pads of 6 um about a channel of 3
+    um, a channel of 12 um for the transistor that drives, and 256 um^2 of plates.
+    """
+
+    boxes: Annotated[tuple[BoxSection, ...], Field(min_length=1, max_length=16, strict=False)] = tuple(
+        BoxSection.model_validate(box)
+        for box in (
+            {"name": "driving transistor", "width": "24 um", "height": "6 um"},
+            {"name": "switching transistor", "width": "15 um", "height": "6 um", "count": 6},
+            {"name": "capacitor", "width": "16 um", "height": "16 um"},
+        )
+    )
+    """Boxes of one circuit; default: 7 transistors and a capacitor."""
+    gap: LengthOrZero = 3.0
+    """Least gap between boxes, across pixels too; in x or in y, as all gaps."""
+    gap_to_opening: LengthOrZero = 3.0
+    """Least gap from a box to any opening, neighbours' included."""
+    turnable: bool = True
+    """Boxes may also lie on their side."""
+    per_pixel: int = Field(default=3, ge=1, le=16)
+    """Circuits of one pixel, one for each subpixel."""
+    shared_by: int = Field(default=1, ge=1, le=16)
+    """Pixels that take turns at one circuit; every pixel then holds so many fewer, rounded up."""
+
+    @checks
+    def _no_more_than_sense(self) -> None:
+        boxes = -(-self.per_pixel // self.shared_by) * sum(box.count for box in self.boxes)
+        if boxes > _MOST_BOXES:
+            what = f"{boxes} boxes in a pixel are more than {_MOST_BOXES}"
+            raise JobError("MF115", what, cure="Join neighbouring parts of a circuit in one box")
+
+
+_MOST_BOXES = 256
+
+
 class WiresSection(Section):
     """[wires]: the display's wires."""
 
@@ -567,6 +620,7 @@ class JobSpec(Section):
     pareto: ParetoSection | None = None
     scene: SceneSection | None = None
     emitters: EmittersSection | None = None
+    circuits: CircuitsSection | None = None
     wires: WiresSection | None = None
     light: LightSection | None = None
     sensor: Sensor | None = None

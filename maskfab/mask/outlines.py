@@ -22,12 +22,14 @@ from maskfab.base.arrays import Mask
 from maskfab.base.errors import JobError
 from maskfab.base.model import (
     BLACK,
+    CIRCUIT,
     CLEAR,
     EMITTERS,
     GUTTER,
     ORIENTATIONS,
     VEIL,
     WIRES,
+    CircuitBox,
     Layer,
     Panel,
     Point,
@@ -286,6 +288,7 @@ class UnitKey(NamedTuple):
     orientation: int
     emitters: tuple[bytes, int] | None
     tracks: tuple[Track, ...]
+    circuits: tuple[CircuitBox, ...]
 
 
 def unit_key(panel: Panel, cell: int) -> UnitKey:
@@ -294,7 +297,9 @@ def unit_key(panel: Panel, cell: int) -> UnitKey:
     drawn = panel.emitters
     emitters = None if drawn is None else (drawn.labels.tobytes(), drawn.cell_nm)
     mask, orientation = opening.mask.tobytes(), cell % ORIENTATIONS
-    return UnitKey(opening.name, mask, panel.dot_nm, panel.gutter_nm, orientation, emitters, panel.tracks)
+    return UnitKey(
+        opening.name, mask, panel.dot_nm, panel.gutter_nm, orientation, emitters, panel.tracks, panel.circuits
+    )
 
 
 def unit_name(panel: Panel, cell: int) -> tuple[str, str]:
@@ -306,13 +311,15 @@ def unit_name(panel: Panel, cell: int) -> tuple[str, str]:
 def unit_shapes(panel: Panel, cell: int) -> Mapping[Layer, tuple[Polygon, ...]]:
     """Simple, hole-free outlines by layer; the cell's lower left corner, gutter included, is the origin.
 
-    Emitters turn with their opening, and so do the tracks that say so. The gutter and the black matrix (what neither
-    passes light nor emits) are drawn where emitters or wires are; a panel of openings alone has only these.
+    Emitters and circuits turn with their opening, and so do the tracks that say so. The gutter and the black matrix
+    (what neither passes light nor emits) are drawn where emitters or wires are; a panel of openings alone has only
+    these.
     """
     orientation, half = cell % ORIENTATIONS, panel.gutter_nm // 2
     shapes = {CLEAR: outline(panel.pattern(cell), panel.dot_nm, (half, half))}
-    if panel.emitters is None and not panel.tracks:
+    if panel.emitters is None and not panel.tracks and not panel.circuits:
         return shapes
+    shapes[CIRCUIT] = tuple(_oriented(box.polygon, panel.pitch_nm, orientation) for box in panel.circuits)
     for track in panel.tracks:
         # A quarter turn lays a wire along the other axis, and so on the other metal: no pixel needs a via to the next.
         upper = (track.axis == "y") != (track.turns and orientation % 2 == 1)
@@ -337,7 +344,11 @@ def oriented_track(track: Track, pitch_nm: int, orientation: int) -> tuple[Polyg
     """A track's outlines in a cell of that orientation, as :func:`maskfab.base.model.orient` turns its opening."""
     if not track.turns:
         return track.polygons
-    return tuple(tuple(_turned(point, pitch_nm, orientation) for point in polygon) for polygon in track.polygons)
+    return tuple(_oriented(polygon, pitch_nm, orientation) for polygon in track.polygons)
+
+
+def _oriented(polygon: Polygon, pitch_nm: int, orientation: int) -> Polygon:
+    return tuple(_turned(point, pitch_nm, orientation) for point in polygon)
 
 
 def _turned(point: Point, pitch_nm: int, orientation: int) -> Point:

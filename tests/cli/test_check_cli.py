@@ -13,7 +13,7 @@ from jsonschema import Draft202012Validator
 from small_job import Answer, command, finished, listing, write_job
 
 from maskfab.display import feasibility
-from maskfab.display.drive import NOT_PLACED
+from maskfab.display.drive import BY_AREA, NOT_PLACED
 from maskfab.display.emitter_rules import Verdict
 from maskfab.report.documents.display import check_schema
 
@@ -154,7 +154,7 @@ def test_the_text_says_everything_and_nothing_is_written(capsys, tmp_path):
     assert answer.code == 0
     assert "emitters: 1/1" in answer.stderr
     title, *rows = answer.stdout.splitlines()
-    assert title == "PLAIN: FITS; circuits by area alone"
+    assert title == f"PLAIN: FITS; {BY_AREA}"
     told = {row[2:18].rstrip(): row[19:] for row in rows}
     assert told.keys() >= {
         "footprint", "rectangles", "areas", "borders", "rules broken", "circuits", "light", "current density",
@@ -162,7 +162,7 @@ def test_the_text_says_everything_and_nothing_is_written(capsys, tmp_path):
     }  # fmt: skip
     assert told["rectangles"] == "14.06 %"
     assert told["footprint"].endswith("required 14.00 %")
-    assert told["circuits"] == "2688 um^2 available, 600 um^2 needed"
+    assert told["circuits"] == "2688 um^2 available, 600 um^2 needed (bound, not placed)"
     assert "none is placed, and no gap between circuits and openings" in told["not modelled"]
     assert told["rules broken"].startswith("none")
     assert listing(tmp_path) == before

@@ -13,7 +13,7 @@ from small_job import OPENING, command, listing, write_job
 
 from maskfab.base.model import BLACK, CLEAR, EMITTERS, GUTTER, VEIL, WIRES
 from maskfab.base.processes import ProcessExecutor, SerialExecutor
-from maskfab.display.drive import NOT_PLACED
+from maskfab.display.drive import BY_AREA, NOT_PLACED
 from maskfab.display.emitter_rules import Proof, Verdict
 from maskfab.display.feasibility import Feasibility, displays
 from maskfab.display.wiring import transparent_tracks
@@ -220,14 +220,12 @@ def test_a_run_with_emitters_and_wires_is_the_same_in_every_file_and_verifies(ca
     assert 'class="lit"' in page
     assert "Their displays" in page
     # Circuits have no place yet: verdict, list of what is not modelled, section of the display and data say so.
-    assert "circuits by area alone" in answer.stderr
-    stamp, listed, told = (
-        page.find(text) for text in ("circuits by area alone", "Circuits in the opaque area", NOT_PLACED)
-    )
+    assert BY_AREA in answer.stderr
+    stamp, listed, told = (page.find(text) for text in (BY_AREA, "Circuits in the opaque area", NOT_PLACED))
     assert -1 < stamp < listed < page.rfind(NOT_PLACED)
     assert told > -1
     assert report["dies"][0]["display"]["circuits"]["not_modelled"] == NOT_PLACED
-    assert report["verdicts"]["display"]["circuits"] == "circuits by area alone"
+    assert report["verdicts"]["display"]["circuits"] == BY_AREA
     assert command(capsys, "verify", out, "--quiet").code == 0
 
 

@@ -111,12 +111,12 @@ def test_displays_that_do_not_fit_are_no_pass(run):
     }  # fmt: skip
     display = stamps({**document, "verdicts": {**document["verdicts"], "display": counts}})[2]
     assert (display.mood, display.sign, display.word) == ("bad", "✗", "1 OF 12 FIT")
-    assert display.basis == "6 do not fit, 5 are unknown; circuits by area alone"
+    assert display.basis == f"6 do not fit, 5 are unknown; {BY_AREA}"
     open_ = {**counts, "does_not_fit": 0, "verdict": "UNKNOWN"}
     assert stamps({**document, "verdicts": {**document["verdicts"], "display": open_}})[2].mood == "open"
     fits = {**counts, "does_not_fit": 0, "unknown": 0, "fits": 12, "verdict": "FITS"}
     display = stamps({**document, "verdicts": {**document["verdicts"], "display": fits}})[2]
-    assert (display.mood, display.basis) == ("good", "on 12 of 12 dies; circuits by area alone")
+    assert (display.mood, display.basis) == ("good", f"on 12 of 12 dies; {BY_AREA}")
 
 
 def test_the_table_puts_photographs_first_and_marks_the_group_of_the_best(run):

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from maskfab.base.model import Quantity
+from maskfab.display.drive import BY_AREA, BY_BOXES
 from maskfab.display.emitter_rules import Verdict
 from maskfab.report.rows.verdicts import Verdicts
 
@@ -15,8 +16,9 @@ def check(name: str, passed: bool | None = True) -> Quantity:
     return Quantity(name, 1.0, "measured", limit=2.0, passed=passed)
 
 
-def displays(*verdicts: Verdict) -> dict[str, SimpleNamespace]:
-    return {f"DIE{number}": SimpleNamespace(verdict=verdict) for number, verdict in enumerate(verdicts)}
+def displays(*verdicts: Verdict, how: str = BY_AREA) -> dict[str, SimpleNamespace]:
+    answers = (SimpleNamespace(verdict=verdict, circuits_by=how) for verdict in verdicts)
+    return {f"DIE{number}": answer for number, answer in enumerate(answers)}
 
 
 @pytest.mark.parametrize(
@@ -54,4 +56,11 @@ def test_the_worst_answer_on_displays_stands_for_all_and_each_is_counted(answers
     found = Verdicts.of([check("polygons")], displays(*answers), 3)
     assert found.display.verdict is verdict
     assert found.lines == ("FILES: PASS, can be ordered: 1 of 1 checks pass", "OPTICS: NOT CHECKED",
-                           f"DISPLAY: {verdict.value}: {told}; circuits by area alone")  # fmt: skip
+                           f"DISPLAY: {verdict.value}: {told}; {BY_AREA}")  # fmt: skip
+
+
+def test_the_words_tell_how_circuits_were_judged():
+    found = Verdicts.of([], displays(Verdict.FITS, how=BY_BOXES), 1)
+    assert found.lines[2] == f"DISPLAY: FITS: 1 of 1 fits; {BY_BOXES}"
+    assert found.to_dict()["display"]["circuits"] == BY_BOXES
+    assert list(found.to_dict()["display"]) == ["dies", "fits", "does_not_fit", "unknown", "verdict", "circuits"]

@@ -34,7 +34,6 @@ from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import Progress, silent
 from maskfab.designs.model.appraisal import designed_panel
 from maskfab.designs.rules.rule import Conflict, Constrained, Rule
-from maskfab.display.drive import pixel_room
 from maskfab.display.emitter_rules import Certificate, EmitterGrid, EmitterRules, Verdict, grid_of
 from maskfab.display.emitter_shapes import guillotine, rectangle_footprints
 from maskfab.display.feasibility import DisplayRules, Feasibility, feasibility
@@ -153,7 +152,7 @@ class Display:
         emitters, wires = self.rules.emitters, self.rules.wires
         demands = {
             "emitters": f"{emitters.required:.1%} of the pixel for each colour",
-            "circuits": f"{self.rules.circuit.pixel_need_um2:g} µm² for each pixel",
+            "circuits": self.rules.circuits_asked,
             "wires": "" if wires is None else f"{wires.lines} lines each way",
         }
         return demands.get(part, "")
@@ -168,6 +167,11 @@ class Display:
             f"{self.opaque_lines} lines {width:g} um wide, {space:g} um apart and {clearance:g} um from openings take "
             f"{self.opaque_lines * (width + space):g} um of the {pitch_nm / NM_PER_UM:g} um of a pixel"
         )
+
+    def crowded(self, unit: Mask, dot_nm: int) -> str | None:
+        """Why the circuits have no room behind an opening, or no place; None where nothing that costs little tells."""
+        proof = self.rules.crowded(self.panel(unit, dot_nm))
+        return None if proof is None else proof.statement
 
     def without_wires(self, panel: Panel) -> Feasibility | None:
         """Its emitters and their circuits on a panel, were there nothing to wire."""
@@ -228,6 +232,8 @@ def misfit(answer: Feasibility | None) -> str | None:
         return answer.certificates[0].statement
     if answer.broken:
         return f"emitters break the rule of {answer.broken[0].rule}"
+    if answer.circuits is not None and answer.circuits.verdict is not Verdict.FITS:
+        return answer.circuits.told
     if answer.stranded:
         return answer.stranded[0].statement
     if answer.wiring is not None and answer.wiring.verdict is not Verdict.FITS:
@@ -323,13 +329,13 @@ def footprints_of(constraints: Constrained, asked: EmitterRules) -> Footprints:
 
 
 def _crowded(constraints: Constrained, unit: Mask) -> str | None:
-    room = pixel_room(constraints.opening(unit), constraints.dot_nm, constraints["circuits"].rules.circuit)
-    return None if room.certificate is None else room.certificate.statement
+    display: Display = constraints["circuits"]
+    return display.crowded(unit, constraints.dot_nm)
 
 
 def _by_closed_area(constraints: Constrained) -> Conflict | None:
     """The circuits need more than what the count leaves closed."""
-    need_um2 = constraints["circuits"].rules.circuit.pixel_need_um2
+    need_um2 = constraints["circuits"].rules.least_circuits_um2
     crowd = _crowd(constraints, need_um2, f"circuits of {need_um2:g} um^2")
     return None if crowd is None else Conflict(("circuits", "clear_dots"), crowd)
 
@@ -343,7 +349,7 @@ def _crowd(constraints: Constrained, need_um2: float, what: str) -> str | None:
 
 
 def _on_dots(constraints: Constrained, given: Display) -> Display:
-    pixel_room(constraints.opening(constraints.nothing), constraints.dot_nm, given.rules.circuit)
+    given.crowded(constraints.nothing, constraints.dot_nm)
     return given
 
 
@@ -434,7 +440,13 @@ def _off_centre(constraints: Constrained, unit: Mask) -> str | None:
 _FIT = partial(Rule, unit="", one_place=lambda _: True, slow=True, section=SearchSection, key="fit")
 
 
-CIRCUITS = _FIT("circuits", check=_crowded, proof=_by_closed_area, checked=_on_dots, asker="the circuits of [emitters]")
+CIRCUITS = _FIT(
+    "circuits",
+    check=_crowded,
+    proof=_by_closed_area,
+    checked=_on_dots,
+    asker="the circuits of [emitters]",
+)
 
 
 EMITTERS = _FIT(

@@ -34,7 +34,7 @@ _METRIC = 1
 _R12 = "AC1009"
 _TEXT_HEIGHT_NM = 500_000
 _SMALL_TEXT_NM = 100_000
-_COLOURS = dict(zip(LAYERS, (4, 8, 2, 1, 3, 5, 6, 30, 140, 9, 251), strict=True)) | {CUT: 7, CHROME: 4}
+_COLOURS = dict(zip(LAYERS, (4, 8, 2, 1, 3, 5, 6, 30, 140, 40, 9, 251), strict=True)) | {CUT: 7, CHROME: 4}
 _REFERENCE = {
     "R12": "  0\nINSERT\n  5\n{handle:X}\n  8\n{layer}\n  2\n{name}\n 10\n{x}\n 20\n{y}\n 30\n0.0\n",
     "R2010": "  0\nINSERT\n  5\n{handle:X}\n330\n{owner}\n100\nAcDbEntity\n  8\n{layer}\n"

@@ -201,10 +201,11 @@ def _drawn(figures: Figures) -> Iterator[Shapes]:
 def fitted(plate: Plate, shop: Shop, tone: Tone = "clear") -> Plate:
     """The plate with nothing that is not written, and with the corner squares that the house asks for.
 
-    Outlines, notes, emitters and wires are for people who look at the design; a house that converts every layer would
-    expose them. Clear marks of dark data are holes themselves, so that none of theirs can have a layer of its own.
+    Outlines, notes, emitters, wires and circuits are for people who look at the design; a house that converts every
+    layer would expose them. Clear marks of dark data are holes themselves, so that none of theirs can have a layer of
+    its own.
     """
-    dies = tuple(replace(die, panel=replace(die.panel, emitters=None, tracks=())) for die in plate.dies)
+    dies = tuple(replace(die, panel=replace(die.panel, emitters=None, tracks=(), circuits=())) for die in plate.dies)
     marks = tuple(mark for mark in plate.marks if mark.layer.written)
     bare = replace(plate, dies=dies, marks=(*marks, *_corner_squares(shop)), notes=())
     return suited(bare, shop, "bisect" if tone == "dark" else shop.polygons.holes)

@@ -16,11 +16,13 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import Annotated, Literal
 
+from pydantic import Field
 from scipy.special import ndtri
 
 from maskfab.base.model import COLOURS, ORIENTATIONS, Die, Quantity
 from maskfab.base.units import NM_PER_UM, UM_PER_MM
-from maskfab.display.drive import BY_AREA, NOT_PLACED, LightDemand
+from maskfab.display.circuits import Circuits
+from maskfab.display.drive import LightDemand
 from maskfab.display.emitted_light import TELEPHONE_UM, Viewing
 from maskfab.display.emitter_rules import Certificate, EmitterRules, Verdict
 from maskfab.display.eye import SLOW_CPD, predicted_rms
@@ -128,10 +130,11 @@ def _emitters(die: Die, feasibility: Feasibility) -> Iterator[Quantity]:
     yield Quantity(
         "circuit_room",
         room.area_um2,
-        f"closed area of a pixel wide enough for circuits, which need {room.need_um2:.0f} um^2; counted in cells, none "
-        "of them placed",
+        f"closed area of a pixel wide enough for circuits, which need {room.need_um2:.0f} um^2; counted in cells: a "
+        f"bound, {'not placed' if feasibility.circuits is None else 'for their boxes decide'}",
         die=name,
     )
+    yield from _circuit_rows(feasibility, name)
     yield from _wire_rows(die, feasibility)
     if feasibility.emitters is None:
         return
@@ -196,6 +199,29 @@ def _emitters(die: Die, feasibility: Feasibility) -> Iterator[Quantity]:
                 f"same luminance, (J / J')^-n with n = {light.ageing_exponent:g}{source}",
                 die=name,
             )
+
+
+def _circuit_rows(feasibility: Feasibility, name: str) -> Iterator[Quantity]:
+    circuits = feasibility.circuits
+    if circuits is None:
+        return
+    yield Quantity(
+        "circuit_boxes_placed",
+        len(circuits.boxes),
+        f"of {circuits.wanted} boxes of {circuits.area_um2:g} um^2 together; places on a grid of "
+        f"{circuits.cell_nm / NM_PER_UM:g} um, found by rules of thumb and by search, or excluded by a proof",
+        die=name,
+    )
+    broken = "; ".join(f"{rule.rule}, {rule.area_um2:g} um^2" for rule in circuits.broken[:3])
+    yield Quantity(
+        "circuit_rules_broken",
+        len(circuits.broken),
+        "rules of gap and size that the polygons of circuits break, measured by KLayout on a tile in which all pairs "
+        f"of neighbours meet{': ' if broken else ''}{broken}",
+        limit=0,
+        passed=not circuits.broken,
+        die=name,
+    )
 
 
 def _wire_rows(die: Die, feasibility: Feasibility) -> Iterator[Quantity]:
@@ -278,10 +304,25 @@ class _Emitters(Part):
     stranded: int = written()
 
 
+class _Box(Part):
+    name: str
+    circuit: int
+    box_um: Annotated[list[float], Field(min_length=4, max_length=4)]
+
+
+class _Boxes(Part):
+    verdict: Annotated[str, _VERDICTS]
+    wanted: int
+    area_um2: float
+    placed: list[_Box]
+    broken: list[str]
+
+
 class _Circuits(Part):
     room_um2: float
     need_um2: float
     not_modelled: str = optional()
+    boxes: _Boxes = optional("places in a pixel of orientation 0, its lower left corner the origin; x0, y0, x1, y1")
 
 
 class _Borders(Part):
@@ -347,7 +388,12 @@ def display_document(display: Feasibility) -> Document:
             pieces=len(display.reaches),
             stranded=len(display.stranded),
         ),
-        circuits={"room_um2": display.room.area_um2, "need_um2": display.room.need_um2, "not_modelled": NOT_PLACED},
+        circuits=_Circuits.document(
+            display,
+            room_um2=display.room.area_um2,
+            need_um2=display.room.need_um2,
+            boxes=display.circuits and _boxes(display.circuits),
+        ),
         borders=borders
         and _Borders.document(
             borders,
@@ -363,6 +409,15 @@ def display_document(display: Feasibility) -> Document:
         ),
         proofs=[_proof(certificate) for certificate in display.certificates],
         bound_proof=footprint.certificate and _proof(footprint.certificate),
+    )
+
+
+def _boxes(circuits: Circuits) -> Document:
+    return _Boxes.document(
+        circuits,
+        verdict=circuits.verdict.value,
+        placed=[_Box.document(box, box_um=[along / NM_PER_UM for along in box.box_nm]) for box in circuits.boxes],
+        broken=[violation.rule for violation in circuits.broken],
     )
 
 
@@ -462,7 +517,7 @@ def _checked_die(die: Die, display: Feasibility | None, gap: LargestGap | None, 
             _Broken.document(violation, place_um=[along / NM_PER_UM for along in violation.place_nm])
             for violation in display.broken
         ],
-        circuits=_Room.document(display.room, room_um2=display.room.area_um2, not_modelled=NOT_PLACED),
+        circuits=_Room.document(display.room, room_um2=display.room.area_um2, not_modelled=display.not_modelled),
         light=None
         if display.density_ma_per_cm2 is None or display.life is None
         else _Light.document(
@@ -489,7 +544,7 @@ def display_lines(
     if display is None:
         yield f"{name}: no pixels to place emitters in"
         return
-    yield f"{name}: {display.verdict}; {BY_AREA}"
+    yield f"{name}: {display.verdict}; {display.circuits_by}"
     for part in (_footprint, _placement, _circuits, _wires, _light_text, _proofs):
         for label, text in part(display):
             yield f"  {label:<16} {text}"
@@ -536,9 +591,16 @@ def _broken(violation: Violation) -> str:
 
 
 def _circuits(display: Feasibility) -> Iterator[Line]:
-    room = display.room
-    yield "circuits", f"{room.area_um2:.0f} um^2 available, {room.need_um2:.0f} um^2 needed"
-    yield "not modelled", NOT_PLACED
+    room, circuits = display.room, display.circuits
+    area = f"{room.area_um2:.0f} um^2 available, {room.need_um2:.0f} um^2 needed"
+    if circuits is None:
+        yield "circuits", f"{area} (bound, not placed)"
+    else:
+        yield "circuits", f"{circuits.verdict}: {circuits.told}, {circuits.area_um2:g} um^2 without gaps"
+        for violation in circuits.broken:
+            yield "rules broken", _broken(violation)
+        yield "circuit area", f"{area} (bound, which does not decide)"
+    yield "not modelled", display.not_modelled
 
 
 def _wires(display: Feasibility) -> Iterator[Line]:

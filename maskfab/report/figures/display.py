@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from maskfab.base.model import (
     BLACK,
+    CIRCUIT,
     CLEAR,
     COLOURS,
     EMITTERS,
@@ -51,6 +52,7 @@ _FILL: dict[Layer, str] = {
     WIRES[0]: "#ffc857",  # paler than the upper metal, which grey shows
     WIRES[1]: "#cc79a7",
     VEIL: "#f0e442",
+    CIRCUIT: "#ffd58a",
 }
 _WITNESS = "#f0e442"
 _EDGE = "#000000"
@@ -67,8 +69,12 @@ def pictures(panel: Panel, feasibility: Feasibility) -> dict[str, str]:
     ``display_placement`` is always there; ``display_wires`` where there are wires, or a proof that there are none;
     ``display_lit`` where there are emitters.
     """
-    proof = None if feasibility.emitters else feasibility.footprint.certificate
-    drawn = {"display_placement": placement(panel, proof, feasibility.broken)}
+    circuits = feasibility.circuits
+    proof = None if circuits is None else circuits.certificate
+    if feasibility.emitters is None:
+        proof = feasibility.footprint.certificate
+    broken = feasibility.broken + (() if circuits is None else circuits.broken)
+    drawn = {"display_placement": placement(panel, proof, broken)}
     wires = feasibility.wiring
     if wires is not None and (wires.tracks or wires.laid or wires.failed is not None):
         drawn["display_wires"] = wiring_picture(panel, wires, feasibility.stranded, feasibility.reaches)
@@ -95,17 +101,19 @@ def lit(panel: Panel) -> str:
 def placement(panel: Panel, certificate: Certificate | None = None, broken: Iterable[Violation] = ()) -> str:
     """One pixel with its emitters, and beside it a few pixels as they meet, as an ``<img>``.
 
-    Where a certificate has a witness, its cells are outlined, and so is what breaks a rule.
+    Circuits are outlined, so that the emitters above them are seen. Where a certificate has a witness, its cells are
+    outlined, and so is what breaks a rule.
     """
     figure, (single, several) = _two()
-    _draw(single, panel, np.zeros((1, 1), dtype=np.int8), (BLACK, GUTTER, CLEAR, *EMITTERS))
+    shown = (BLACK, GUTTER, CLEAR, *EMITTERS, CIRCUIT)
+    _draw(single, panel, np.zeros((1, 1), dtype=np.int8), shown)
     _letters(single, panel)
     if certificate is not None and certificate.witness is not None:
         _outline(single, panel, certificate.witness, certificate.cell_nm)
     for rule in broken:
         _dash(single, [_moved(polygon, 0, 0) for polygon in rule.outlines])
     single.set_title("one pixel")
-    _draw(several, panel, panel.orientations[_middle(panel, 4)], (BLACK, GUTTER, CLEAR, *EMITTERS))
+    _draw(several, panel, panel.orientations[_middle(panel, 4)], shown)
     several.set_title("pixels as they meet")
     words = "placement of the red, green and blue emitters around the opening"
     return image(figure, f"Opening {panel.opening.name}: {words if panel.emitters else 'no emitters fit'}")
@@ -201,10 +209,11 @@ def _draw(
             for polygon in shapes[int(cells[row, column])].get(layer, ())
         ]
         alpha = 0.35 if layer in faint else 0.6 if layer is VEIL else 1.0
+        inside, width = ("none", 0.7) if layer is CIRCUIT else (_FILL[layer], 0.1)
         # A hair of edge closes the seams that drawing programs leave between neighbours. Adding it as a patch would
         # measure it first, point by point, and the frame is set anyway.
         axes.add_artist(
-            PathPatch(_path(polygons), facecolor=_FILL[layer], edgecolor=_FILL[layer], linewidth=0.1, alpha=alpha)
+            PathPatch(_path(polygons), facecolor=inside, edgecolor=_FILL[layer], linewidth=width, alpha=alpha)
         )
     _frame(axes, pitch * columns * UM_PER_NM, pitch * rows * UM_PER_NM)
 

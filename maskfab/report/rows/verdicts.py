@@ -39,12 +39,14 @@ class Displays:
         fits: dies whose display fits.
         does_not_fit: dies whose display provably does not, or breaks a rule.
         unknown: dies for which neither is known.
+        circuits: how those of displays were judged.
     """
 
     dies: int
     fits: int
     does_not_fit: int
     unknown: int
+    circuits: str = BY_AREA
 
     @property
     def asked(self) -> bool:
@@ -68,7 +70,7 @@ class Displays:
         rest = [(self.does_not_fit, "do not" if self.does_not_fit != 1 else "does not"), (self.unknown, "unknown")]
         counts = [f"{count} {words}" for count, words in rest if count]
         fit = "fits" if self.fits == 1 else "fit"
-        return f"{', '.join([f'{self.fits} of {self.dies} {fit}', *counts])}; {BY_AREA}"
+        return f"{', '.join([f'{self.fits} of {self.dies} {fit}', *counts])}; {self.circuits}"
 
 
 @dataclass(frozen=True)
@@ -90,8 +92,12 @@ class Verdicts:
         """From the checks of a plate, and what was found of the displays of those of its ``dies`` that have one."""
         judged = [check for check in checks if check.passed is not None]
         answers = [feasibility.verdict for feasibility in displays.values()]
-        counts = (answers.count(verdict) for verdict in (Verdict.FITS, Verdict.DOES_NOT_FIT, Verdict.UNKNOWN))
-        return cls(_tally(judged, Subject.FILES), _tally(judged, Subject.OPTICS), Displays(dies, *counts))
+        fits, not_fitting, unknown = (
+            answers.count(verdict) for verdict in (Verdict.FITS, Verdict.DOES_NOT_FIT, Verdict.UNKNOWN)
+        )
+        how = next((feasibility.circuits_by for feasibility in displays.values()), BY_AREA)
+        found = Displays(dies, fits, not_fitting, unknown, how)
+        return cls(_tally(judged, Subject.FILES), _tally(judged, Subject.OPTICS), found)
 
     @property
     def lines(self) -> tuple[str, str, str]:
@@ -104,15 +110,16 @@ class Verdicts:
         )
 
     def to_dict(self) -> dict[str, dict[str, int | bool | str | None]]:
-        """As report.json has them; ``circuits`` says how those of displays were judged."""
-        verdict = self.display.verdict
+        """As report.json has them."""
+        verdict, display = self.display.verdict, asdict(self.display)
+        circuits = display.pop("circuits")
         return {
             "files": {**asdict(self.files), "passed": self.files.passed},
             "optics": {**asdict(self.optics), "passed": self.optics.passed},
             "display": {
-                **asdict(self.display),
+                **display,
                 "verdict": None if verdict is None else verdict.value,
-                **({} if verdict is None else {"circuits": BY_AREA}),
+                **({} if verdict is None else {"circuits": circuits}),
             },
         }
 
