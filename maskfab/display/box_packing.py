@@ -256,7 +256,7 @@ class Packing:
         return Packed(max(found.places, places, key=len), len(places) == self.boxes)
 
     def _tries(self, many: int) -> int:
-        """How often something is tried: fewer times where there are more boxes and shapes than circuits have."""
+        """Times that something is tried: fewer times where there are more boxes and shapes than circuits have."""
         return round(many * min(1.0, _USUAL_WORK / (self.boxes * len(self.shapes))))
 
     def quickly(self) -> Packed:

@@ -182,6 +182,7 @@ def ports(
     *,
     symmetric: bool = True,
     enough: int | None = None,
+    least: int = 0,
     most_tried: int = _MOST_TRIED,
 ) -> Ports:
     """The most ports, the same at both ends, through which lines run in every given direction.
@@ -196,6 +197,7 @@ def ports(
         directions: which of them share the ports.
         symmetric: whether the places must be mirror images of each other.
         enough: stop at so many; one more may come out where places are symmetric.
+        least: fewer are of no use, so that none come out where there are no more.
         most_tried: sets to try before the best so far is returned as a lower bound.
     """
     n = closed.shape[0]
@@ -217,11 +219,14 @@ def ports(
         ceiling = min(ceiling, enough + symmetric)
     best: tuple[int, ...] = ()
     tried = 0
+    if ceiling < least:
+        return Ports(best, True)
     waiting: list[tuple[tuple[int, ...], int]] = [((), 0)]
     wanted = ceiling if enough is None else min(ceiling, enough)
     while waiting and len(best) < wanted:
         chosen, following = waiting.pop()
-        if len(chosen) + sum(len(orbit) for orbit in orbits[following:]) <= len(best) or following == len(orbits):
+        most = len(chosen) + sum(len(orbit) for orbit in orbits[following:])
+        if most <= len(best) or most < least or following == len(orbits):
             continue
         if tried >= most_tried:
             return Ports(best, False)

@@ -236,7 +236,7 @@ def wiring(panel: Panel, opening: Opening, demand: WireDemand) -> Wiring:
     return Wiring(demand.lines, 0, (0, 0), transparent, laid, None, crossing, broken)
 
 
-def wired_alike(panel: Panel, opening: Opening, demand: WireDemand) -> Wiring:
+def wired_alike(panel: Panel, opening: Opening, demand: WireDemand, *, whole: bool = False) -> Wiring:
     """Wires with which every pixel of a panel is drawn alike, as many as can be, up to those asked for.
 
     They depend on the opening and on which orientations there are, not on where these lie: an opening whose wires are
@@ -244,10 +244,11 @@ def wired_alike(panel: Panel, opening: Opening, demand: WireDemand) -> Wiring:
 
     Args:
         panel, opening, demand: as for :func:`wiring`.
+        whole: fewer lines than are asked for are of no use, and are not sought.
     """
     transparent = int(demand.transparent_nm > 0)
     crossing = transparent_tracks(panel.pitch_nm, demand.transparent_nm, demand.transmission) if transparent else ()
-    alike = _alike(panel, opening, demand, demand.lines - transparent)
+    alike = _alike(panel, opening, demand, demand.lines - transparent, whole=whole)
     return replace(alike, transparent=transparent, tracks=(*alike.tracks, *crossing))
 
 
@@ -263,7 +264,7 @@ def most_lines(panel: Panel, opening: Opening, demand: WireDemand) -> int:
     return lines
 
 
-def _alike(panel: Panel, opening: Opening, demand: WireDemand, wanted: int) -> Wiring:
+def _alike(panel: Panel, opening: Opening, demand: WireDemand, wanted: int, *, whole: bool) -> Wiring:
     """Opaque wires that every pixel is drawn with, as many as can be."""
     rules = demand.rules
     # Lines of a gutter also keep half a space from those in the closed area beside it.
@@ -277,7 +278,7 @@ def _alike(panel: Panel, opening: Opening, demand: WireDemand, wanted: int) -> W
     groups: list[tuple[Direction, ...]] = [DIRECTIONS] if turned else [(direction,) for direction in DIRECTIONS]
     grids = list(routing_grids(opening, panel.dot_nm, panel.gutter_nm, rules)) if needed > 0 else []
     for group in groups if grids else []:
-        grid, places = _best(grids, group, mirrored, needed)
+        grid, places = _best(grids, group, mirrored, needed, least=needed if whole else 0)
         for direction in group:
             through[direction] = len(places)
             if places:
@@ -292,13 +293,13 @@ def _alike(panel: Panel, opening: Opening, demand: WireDemand, wanted: int) -> W
 
 
 def _best(
-    grids: Sequence[RoutingGrid], group: Sequence[Direction], symmetric: bool, needed: int
+    grids: Sequence[RoutingGrid], group: Sequence[Direction], symmetric: bool, needed: int, *, least: int
 ) -> tuple[RoutingGrid, tuple[int, ...]]:
     """The grid with most ports, up to those needed, and its ports."""
     best = grids[0]
     places: tuple[int, ...] = ()
     for grid in grids:
-        places_open = ports(grid.free, group, symmetric=symmetric, enough=needed).places
+        places_open = ports(grid.free, group, symmetric=symmetric, enough=needed, least=least).places
         if len(places_open) > len(places):
             best, places = grid, places_open
         if len(places) >= needed:

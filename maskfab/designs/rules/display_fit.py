@@ -38,6 +38,7 @@ from maskfab.display.emitter_rules import Certificate, EmitterGrid, EmitterRules
 from maskfab.display.emitter_shapes import guillotine, rectangle_footprints
 from maskfab.display.feasibility import DisplayRules, Feasibility, feasibility
 from maskfab.display.free_area import border_margin, free_region
+from maskfab.display.panel_lines import AXES, panel_cut
 from maskfab.display.pixel_lines import WireRules
 from maskfab.display.wiring import WireDemand, most_lines, wired_alike, wiring
 from maskfab.job.sections import SearchSection
@@ -56,6 +57,10 @@ SEEDS = 8
 
 _EVERY_PAIR = 40
 """Cells along a random panel in which any two orientations meet, side by side and corner to corner."""
+
+
+_LAID_ALIKE = (6, 6)
+"""Cells of a panel that stands for all whose cells are laid alike: lines keep within a pixel of their own."""
 
 
 class Wired(StrEnum):
@@ -199,10 +204,13 @@ class Display:
             return f"no more than {passing[0]} lines pass beside it, {self.opaque_lines} must"
         panel = self.panel(unit, dot_nm)
         if self.wired is Wired.ANY_MAP:
-            least = min(wired_alike(panel, panel.opening, demand).lines)
-            return None if least >= demand.lines else f"{least} lines were drawn alike in all its turns"
+            alike = wired_alike(panel, panel.opening, demand, whole=True)
+            return None if min(alike.lines) >= demand.lines else "the lines cannot be drawn alike in all its turns"
         if self.wired is Wired.REGULAR:
-            panel = self.panel(unit, dot_nm, np.zeros_like(self.cells))
+            panel = self.panel(unit, dot_nm, np.zeros(_LAID_ALIKE, dtype=np.int8))
+            cuts = (panel_cut(panel, demand.rules, self.opaque_lines, axis) for axis in AXES)
+            if (cut := next((proof for proof in cuts if proof is not None), None)) is not None:
+                return cut.statement
         wires = wiring(panel, panel.opening, demand)
         return None if wires.verdict is Verdict.FITS else _statement(wires.failed)
 
@@ -398,7 +406,7 @@ def _on_cells(constraints: Constrained, given: Display) -> Display:
 def _unwired(constraints: Constrained, unit: Mask) -> str | None:
     """Why the whole display does not fit, so that emitters without a way to the pixel's side count too."""
     display: Display = constraints["wires"]
-    cells = np.zeros_like(display.cells) if display.wired is Wired.REGULAR else display.cells
+    cells = np.zeros(_LAID_ALIKE, dtype=np.int8) if display.wired is Wired.REGULAR else display.cells
     panel = display.panel(unit, constraints.dot_nm, cells)
     return display.unwired(unit, constraints.dot_nm) or display.broken_in_trial(panel)
 

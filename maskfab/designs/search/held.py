@@ -18,7 +18,7 @@ from itertools import islice
 import numpy as np
 
 from maskfab.base.arrays import Floats, Ints, Mask
-from maskfab.base.errors import OpeningError
+from maskfab.base.errors import JobError, OpeningError
 from maskfab.base.work import Clock, Progress, silent
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import Display, Wired, footprints_of, of_display
@@ -33,7 +33,7 @@ _TRIED = 240
 
 
 _TRIED_OF_FEWER = 24
-"""The same for every number of dots of a bisection, the roomiest first."""
+"""Openings whose rules are judged for every number of dots of a bisection, the roomiest first."""
 
 
 MOST_JUDGED = 3000
@@ -133,7 +133,7 @@ def shapes_of(families: Iterable[str], dots: int, clear_dots: int) -> list[Candi
     shapes: list[Candidate] = []
     for name in families:
         # A family that cannot have the count has no shapes.
-        with suppress(OpeningError):
+        with suppress(OpeningError, JobError):
             shapes += FAMILIES[name](dots, clear_dots)
     return thinned(shapes)
 
@@ -235,7 +235,7 @@ class Start:
         return replace(self, rules=self.rules.asking(**of_display(display.wired_as(Wired.REGULAR))))
 
     def guard(self, unit: Mask) -> Guard | None:
-        """What looks after the map of an opening; None where no map breaks the display."""
+        """Guard of the map of an opening; None where no map breaks the display."""
         display: Display = self.rules["emitters"]
         return None if self.any_map or display.rules.wires is None else Guard(display, unit, self.rules.dot_nm)
 
