@@ -118,13 +118,20 @@ def dual_tables(inner: Interior, epsilon: float, grey: float, most: float = 1.0)
     )
 
 
+def best_regular(inner: Interior, variance: float) -> Floats:
+    """R of the best filter at each lag's frequency, [m], among those that ε within the protocol's give.
+
+    An R adds σ² H²/(H² + R)² + P R²/(H² + R)², least at R = σ²/P and greater the further R lies from it, so the best of
+    those between the least ε's and the largest's is the nearest.
+    """
+    wanted = np.divide(variance, inner.power, out=np.full(len(inner.power), np.inf), where=inner.power > 0)
+    return np.clip(wanted, inner.strengths[0] * inner.inverse_prior, inner.strengths[-1] * inner.inverse_prior)
+
+
 def wiener_cost(
     inner: Interior, variance: float, grey: float, most: float = 1.0, count: int = _NODES
 ) -> tuple[Floats, Floats]:
     """As :class:`Tables`, of the best filter at each frequency, below that of any ε of the protocol.
-
-    An R adds σ² H²/(H² + R)² + P R²/(H² + R)², least at R = σ²/P and greater the further R lies from it, so the best of
-    those between the least ε's and the largest's is the nearest.
 
     Returns:
         Nodes [k] and cost [m, k].
@@ -132,15 +139,21 @@ def wiener_cost(
     nodes = _nodes(grey, most, count)
     slope = inner.stop * inner.pixel
     h = slope[:, None] * nodes + (grey * inner.folded)[:, None]
-    wanted = np.divide(variance, inner.power, out=np.full(len(inner.power), np.inf), where=inner.power > 0)
-    regular = np.clip(wanted, inner.strengths[0] * inner.inverse_prior, inner.strengths[-1] * inner.inverse_prior)
+    regular = best_regular(inner, variance)
     inverse = 1 / (1 + h**2 / regular[:, None])
     squared = inverse**2
     by_noise, by_bias = (variance * inner.weight / regular)[:, None], (inner.weight * inner.power)[:, None]
     curve = (slope**2 / regular)[:, None] * np.diff(nodes) ** 2 / 8
     left, u = squared[:, :-1], inverse[:, :-1]
     # As in dual_tables; where R = σ²/P, noise and bias together are P/u, whose second slope is at most 6/u².
-    steep = np.where((regular == wanted)[:, None], 6 * by_bias, 6 * by_noise + 20 * u * by_bias) * left
+    steep = (
+        np.where(
+            np.isclose(regular * inner.power, variance, rtol=1e-12)[:, None],
+            6 * by_bias,
+            6 * by_noise + 20 * u * by_bias,
+        )
+        * left
+    )
     return nodes, _lowered((inverse - squared) * by_noise + squared * by_bias, steep * curve)
 
 
