@@ -179,9 +179,10 @@ class CellLight:
         and by phase the spectra of an even cell and of the ramps along y and x, [phases, 3, dots²]."""
         n, across = self.room.dots, self.across
         slow = [(v, u) for v in range(across // 2 + 1) for u in range(v + 1)]
-        along = [np.array(axis)[:, None] + across * np.arange(n) for axis in zip(*slow, strict=True)]
+        starts = np.array(slow).T
+        along = starts[:, :, None] + across * np.arange(n)
         place = np.arange(n) - (n - 1) / 2
-        basis = np.stack([np.ones(n), place]) / np.sqrt([[n], [max(float(place @ place), 1.0)]])
+        basis = np.stack([np.ones(n) / np.sqrt(n), place / np.sqrt(max(float(place @ place), 1.0))])
         spectra = np.exp(-2j * np.pi * np.outer(np.arange(n * across), place) / (n * across)) @ basis.T / np.sqrt(n)
         (v, u), phases = along, len(slow)
         parts = [

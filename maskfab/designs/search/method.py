@@ -48,7 +48,8 @@ from maskfab.designs.model.appraisal import (
     robustness,
 )
 from maskfab.designs.model.expected_psnr import Surrogate, surrogate_of
-from maskfab.designs.model.limits import map_gap, rings
+from maskfab.designs.model.layouts_bound import layout_gap
+from maskfab.designs.model.limits import rings
 from maskfab.designs.model.panel_error import MeanPanelError, PanelError, PupilError, pupil_error
 from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings, SceneStatistics, scene_statistics
 from maskfab.designs.rules.constraints import Constraints
@@ -194,8 +195,8 @@ class Mapped:
         cells, designed: the map; None where none was asked for.
         outer: the sparser one of two, bool [dots, dots].
         psnr: expected restored PSNR in dB by level of a panel of two; one is judged without its panel, and has None.
-        head_room: by level, dB that no layout of as many dots and as much light can gain over the map; None without a
-            map, for a panel of two, over several distances, and where the budget leaves no time for bounds.
+        head_room: by level, dB that no layout of as much light in every cell can gain over the map; None without one,
+            for a panel of two, over several distances, of many dots, and where the budget leaves no time for bounds.
         notes: what a user should know, as sentences.
         cut: the budget cut it short.
         fit: of the display on a die, for a panel of two that must hold one.
@@ -591,8 +592,9 @@ def mapped(
     # What bounds a panel in focus bounds no mean over distances.
     if isinstance(error, PupilError) and bounded:
         pupil = laid(both.unit, both.designed, error)
-        room = map_gap(estimate, pupil, int(both.unit.sum()), both.designed.psnr).head_room
-        facts = {**facts, **by_level("head_room", room, error.levels)}
+        gap = layout_gap(estimate, pupil)
+        room = None if gap is None else gap.head_room
+        facts = {**facts, **({} if room is None else by_level("head_room", room, error.levels))}
     cells = map_of(section, error, both.designed, facts)
     return Mapped(both.unit, cells, both.designed, head_room=room, notes=notes, cut=bool(notes))
 
