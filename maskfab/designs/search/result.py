@@ -109,8 +109,7 @@ class Designed:
         cells: the designed map; None if none was asked for.
         designed: how that went.
         map_head_room: by level, dB that no layout of as much light in every cell can gain over the map, far from the
-            picture's edge; None without a map, for one of two openings, of several distances or of many dots, and as
-            above.
+            picture's edge; None without a map, for one of groups, of several distances or of many dots, and as above.
         gap: the opening beside all its bounds; None for a panel of two, where there is no other opening, and as above.
         outer: the opening of the outer half of the stop; None unless the density was asked to differ.
         notes: what a user should know, as sentences.
