@@ -47,17 +47,14 @@ def falling(inner: Interior, length: float, wave: float = 0.0) -> np.ndarray:
     return np.where(distance > 0, np.exp(-distance / length) * np.cos(wave * distance), 0.0)
 
 
-def towards_the_axis(pupil: np.ndarray, field: np.ndarray, dots: int) -> np.ndarray:
+def packed(pupil: np.ndarray, field: np.ndarray, dots: int) -> np.ndarray:
     """Every cell's dots moved to where a field is largest."""
     moved = np.zeros_like(pupil)
     for row in range(0, len(pupil), dots):
         for column in range(0, len(pupil), dots):
             cell = slice(row, row + dots), slice(column, column + dots)
-            count = int(pupil[cell].sum())
-            order = np.argsort(-field[cell], axis=None, kind="stable")[:count]
-            moved[cell].ravel()[...] = 0
-            block = moved[cell]
-            block[np.unravel_index(order, block.shape)] = 1
+            order = np.argsort(-field[cell], axis=None, kind="stable")[: int(pupil[cell].sum())]
+            moved[cell][np.unravel_index(order, (dots, dots))] = 1
     return moved
 
 
@@ -66,7 +63,7 @@ def towards_the_axis(pupil: np.ndarray, field: np.ndarray, dots: int) -> np.ndar
     st.integers(1, DOTS**2),
     st.floats(1, 60),
     st.floats(0, 0.6),
-    st.sampled_from(["drawn", "alike", "packed"]),
+    st.sampled_from(["drawn", "alike", "packed", "swaying"]),
 )
 @examples(25)
 def test_no_layout_has_more_pairs_than_the_light_of_its_cells_allows(inner, estimate, seed, clear, length, wave, kind):
@@ -76,10 +73,13 @@ def test_no_layout_has_more_pairs_than_the_light_of_its_cells_allows(inner, esti
     cells = estimate.lattice.cells
     turned = draw.integers(8, size=(cells, cells)) if kind == "drawn" else np.zeros((cells, cells), dtype=np.int64)
     pupil = lay("x", unit.reshape(DOTS, DOTS), turned.astype(np.int8), room=estimate.lattice).pupil
-    if kind == "packed":
-        row, column = np.mgrid[0 : len(pupil), 0 : len(pupil)] - (len(pupil) - 1) / 2
-        stop = estimate.lattice.stop
-        pupil = towards_the_axis(pupil, np.where(stop, -np.hypot(row, column), -np.inf), DOTS)
+    if kind in ("packed", "swaying"):
+        row, column = np.mgrid[0 : len(pupil), 0 : len(pupil)]
+        middle, stop = (len(pupil) - 1) / 2, estimate.lattice.stop
+        # To and fro along a wave of cells, which is what ramps are for.
+        sway = (column % DOTS) * np.sin(2 * np.pi * (column // DOTS) / draw.uniform(1.5, 12))
+        field = sway if kind == "swaying" else -np.hypot(row - middle, column - middle)
+        pupil = packed(pupil, np.where(stop, field, -np.inf), DOTS)
         assert not pupil[~stop].any()
     weights, light = falling(inner, length, wave), CellLight.of(inner, pupil)
     found = pairs(inner, pupil, weights)

@@ -7,10 +7,10 @@ n (1 - n/m). For any even weights w of lags, w(0) = 0, with W the convolution by
     A(0) sum over t of w(t) A(t)  =  q·Wq + 2 u·Wq + u·Wu.
 
 The first is known. The second is at most what every cell gains by putting its dots where Wq is largest. The third is at
-most λ u·u, λ the largest eigenvalue of W among functions that sum to 0 in every cell: an infinite panel's is found wave
-by wave (Bloch), where W is diagonal and the sum over a cell is one condition. It is sharpened by what ramps, whose
-eigenvalue is the largest, can hold of u·u: dots packed to one side of the cell have about half. With β above the
-eigenvalues of what is orthogonal to ramps, and W <= β + γ (ramps), u·Wu <= β u·u + γ (what ramps hold).
+most λ u·u, λ the largest eigenvalue of W among functions that sum to 0 in every cell: on a torus on which no lag wraps
+it is found phase by phase (Bloch), where W is diagonal and the sum over a cell is one condition. It is sharpened by
+what ramps, whose eigenvalue is the largest, can hold of u·u: dots packed to one side of the cell have about half. With
+β above the eigenvalues of what is orthogonal to ramps, and W <= β + γ (ramps), u·Wu <= β u·u + γ (what ramps hold).
 
 **The dual.** As in :mod:`maskfab.designs.model.duals`, for every w,
 
@@ -24,7 +24,7 @@ Notes:
     What sampling folds back is that of a grey panel, as everywhere here.
     Of the 0.80, 0.52 and 0.35 dB between it and the map of ``layouts/display_that_fits.toml`` at 24, 32 and 40 dB, dots
     packed towards the axis are 0.13 to 0.25, the third term 0.35 to 0.07; the rest is that lags may share their pairs
-    as no pupil can. Of two openings that share light unevenly (``layouts/display_density.toml``) it leaves 0.62, 0.39
+    as no pupil can. Of two openings that share light unevenly (``layouts/display_density.toml``) it leaves 0.62, 0.40
     and 0.33 dB. 130 tries in place of 36 for w leave 0.05, 0.04 and 0.00 dB less, in four times the time.
 """
 
@@ -233,6 +233,8 @@ class CellLight:
         if not sharp or largest == 0 or self.room.dots < 2:
             return largest * rough
         rest = max(_largest(values, parts), 0.0)
+        if rest >= largest:
+            return largest * rough
         even, ramps = parts[:, 0], parts[:, 1:]
         found = [largest * rough]
         for share in _BETAS:
