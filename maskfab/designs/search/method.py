@@ -552,7 +552,7 @@ def mapped(
     notes = ("Time ran out: each map got one pass of its search.",) if clock.over else ()
     if section.density is not None:
         made = graded(unit, error, section.density, find, constraints=rules, seed=seed, kicks=kicks, progress=progress)
-        room = _room_of(estimate, error, error.laid(made.units, made.designed.orientations)) if bounded else None
+        room = _head_room(estimate, error, error.laid(made.units, made.designed.orientations)) if bounded else None
         return _of_two(section, made, error, facts, "middle", notes, room)
     if groups is not None:
         most = most_dots(section)
@@ -589,7 +589,7 @@ def mapped(
     )
     cut = f"{clock.ender} ended the map after {both.designed.fields} steps of its last descent."
     notes = (cut,) if clock.over else ()
-    room = _room_of(estimate, error, laid(both.unit, both.designed, error)) if bounded else None
+    room = _head_room(estimate, error, laid(both.unit, both.designed, error)) if bounded else None
     facts = {**facts, **({} if room is None else by_level("head_room", room, error.levels))}
     cells = map_of(section, error, both.designed, facts)
     return Mapped(both.unit, cells, both.designed, head_room=room, notes=notes, cut=bool(notes))
@@ -650,7 +650,7 @@ def map_seed(section: SearchSection) -> int:
     return section.seed if section.tiling_seed is None else section.tiling_seed
 
 
-def _room_of(estimate: Surrogate, error: PanelError, pupil: Floats) -> tuple[float, ...] | None:
+def _head_room(estimate: Surrogate, error: PanelError, pupil: Floats) -> tuple[float, ...] | None:
     """Decibels by level that no layout of as much light in every cell gains; None where no bound is known."""
     # What bounds a panel in focus bounds no mean over distances.
     gap = layout_gap(estimate, pupil) if isinstance(error, PupilError) else None
