@@ -18,7 +18,7 @@ from small_job import finished, write_job
 
 from maskfab.base.model import CLEAR, OUTLINE, Die, Gauge, Mark, Note, Opening, Panel, Plate, Tiling
 from maskfab.camera import scenes
-from maskfab.designs.model import limits
+from maskfab.designs.model import layouts_bound, limits
 from maskfab.designs.model.statistics import SceneStatistics
 from maskfab.mask import sandbox
 from maskfab.mask.formats import gdsii
@@ -164,8 +164,11 @@ def bound_once() -> Iterator[None]:
 def bound_loosely(monkeypatch) -> None:
     """For tests that ask for no bound of a unit: that of an open stop, which is quick, stands for those below it."""
 
-    def of_open_stop(inner, ratio, *_) -> tuple[float, ...]:
-        return inner.psnr(inner.stop, ratio, 1.0)
+    def of_open_stop(inner, ratio, levels=None) -> tuple[float, ...]:
+        return inner.psnr(inner.stop, ratio, 1.0, levels)
+
+    def limit(inner, light, level) -> float:
+        return of_open_stop(inner, light.total / inner.stop_dots, (level,))[0]
 
     def errors(inner, classes, ratio, variances, *, periodic) -> list[float]:
         return [
@@ -174,7 +177,7 @@ def bound_loosely(monkeypatch) -> None:
         ]
 
     monkeypatch.setattr(limits, "residue_errors", errors)
-    monkeypatch.setattr(limits, "frame_bound", lambda _, inner, clear, **__: of_open_stop(inner, clear / inner.dots**2))
+    monkeypatch.setattr(layouts_bound, "layout_limit", limit)
 
 
 @pytest.fixture

@@ -222,7 +222,7 @@ _CASES = (
     Case("shape/not_reached", "new d.toml --shape diamond-discs --clear-dots 90"),
     *(
         Case(f"shape/{kind}", f"new shape.toml --shape {kind}")
-        for kind in ("rgb-stripe", "pentile-diamond", "delta", "circular", "window")
+        for kind in ("rgb-stripe", "pentile-diamond", "pentile-lines", "delta", "circular", "window")
     ),
     Case("shape/ring", "new ring.toml --shape circular --length diameter=18 --force", ("ring.toml",)),
     Case("shape/in_use", "new ring.toml --shape circular", ("ring.toml",)),

@@ -107,8 +107,8 @@ def new(
     Args:
         place: folder to make, new or empty; with shape the file for the opening.
         source: a shipped job, such as upc12 or display_that_fits; by default first_plate.
-        shape: kind of opening: stripe, blobs or diamond-discs; with emitters rgb-stripe, pentile-diamond, delta,
-            circular or window.
+        shape: kind of opening: stripe, blobs or diamond-discs; with emitters rgb-stripe, pentile-diamond,
+            pentile-lines, delta, circular or window.
         dots: dots along the side of a cell; by default 21, or a display's own.
         pitch: side of a cell; by default ``"168 um"``, or a display's own.
         clear_dots: number of clear dots; blobs and discs need it.

@@ -14,6 +14,7 @@ from maskfab.base.errors import JobError
 from maskfab.base.folders import Place, check_target
 from maskfab.base.work import Progress, silent
 from maskfab.job.reference import in_words
+from maskfab.mask.job import masks_in, with_masks
 from maskfab.report.pages.study import study_document, study_lines, write_study
 from maskfab.report.rows import study as studies
 from maskfab.report.rows.photographs import learned_restorers, read_checkpoints
@@ -60,20 +61,31 @@ def plan(
     images: str | Path | None = None,
     white: float | None = None,
     checkpoints: Sequence[str | Path] = (),
+    masks: str | Path | None = None,
 ) -> studies.Plan:
     """Check all of a study before any work; arguments and errors as for :func:`study`."""
     loaded, trained = job_of(job), read_checkpoints(checkpoints)
     given = given_folder(images, white)
+    files = {} if masks is None else masks_in(Path(masks))
     if not trained:
-        return studies.planned(loaded, given)
-    panels = loaded.panels()
+        return studies.planned(loaded, given, masks=files)
+    panels = with_masks(loaded, files)[0].panels()
     behind = dies_of([network.trade.die for _, network in trained], panels)
 
     def learned(setting: studies.Setting) -> studies.Learned:
         designs = [setting.design(name, panels[name])[0] for name in behind]
         return learned_restorers(trained, setting.job, setting.conditions, designs)
 
-    return studies.planned(loaded, given, learned)
+    return studies.planned(loaded, given, learned, files)
+
+
+def _require_masks(plans: Sequence[studies.Plan]) -> None:
+    """Refuse masks of which no study uses any."""
+    idle = {name for each in plans for name in each.idle_masks}
+    if idle and not any(each.masks for each in plans):
+        names = sorted({name for each in plans for name in each.job.spec.openings})
+        what = f"none of {', '.join(sorted(idle))} is named after an opening of the study"
+        raise JobError("MF147", what, where="masks", cure=f"Name them after {', '.join(names)}")
 
 
 @checked_arguments
@@ -83,6 +95,7 @@ def study(
     images: str | Path | None = None,
     white: float | None = None,
     checkpoints: Sequence[str | Path] = (),
+    masks: str | Path | None = None,
     progress: Progress = silent,
 ) -> Study:
     """Make figures of a job's dies, with tables and intervals, and tell which claims agree with the numbers.
@@ -90,6 +103,7 @@ def study(
     Examples:
         $ maskfab study layouts/studies/fig7.toml -o build/fig7
         $ maskfab study layouts/studies/*.toml --images photographs -o build/studies
+        $ maskfab study layouts/studies/fig9.toml --masks published -o build/fig9
 
     Args:
         job: job file (.toml) with [study]; of several, each is made.
@@ -97,13 +111,17 @@ def study(
         white: light that is white in photographs that hold light, EXR and HDR; it must be stated if they hold more
             than 1.
         checkpoints: file of maskfab learn, for one of the dies: one more restorer, learned.
+        masks: folder of masks, each in place of the openings that it is named after; those of other names are told.
         progress: told where the work stands.
 
     Raises:
         JobError: MF105 for a white without photographs, MF145 for a claim about what the study does not have, MF146
-            for a job without a study, or for one that shows nothing; else as for ``simulate``.
+            for a job without a study, or for one that shows nothing; MF147 for a mask of another size than its
+            opening, or none named after one; else as for ``simulate``.
     """
-    return Study(studies.made(plan(job, images=images, white=white, checkpoints=checkpoints), progress))
+    planned = plan(job, images=images, white=white, checkpoints=checkpoints, masks=masks)
+    _require_masks([planned])
+    return Study(studies.made(planned, progress))
 
 
 @answers(study)
@@ -111,7 +129,7 @@ def _study(asked: Asked) -> Told:
     """One folder for each job; all of them are looked at before any is made."""
     jobs, out = asked.stated["job"], asked.out
     assert out is not None
-    stated = {key: asked.stated[key] for key in ("images", "white", "checkpoints") if key in asked.stated}
+    stated = {key: asked.stated[key] for key in ("images", "white", "checkpoints", "masks") if key in asked.stated}
     plans = {}
     for job in jobs:
         place = out / job.stem if len(jobs) > 1 else out
@@ -120,6 +138,7 @@ def _study(asked: Asked) -> Told:
             raise JobError("MF105", problem, where="JOB", cure="Make them one after the other, or rename one")
         plans[place] = plan(job, **stated)
         check_target(place, force=asked.force)
+    _require_masks(list(plans.values()))
     documents, lines = [], []
     for place, planned in plans.items():
         result = Study(studies.made(planned, asked.progress))

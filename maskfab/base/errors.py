@@ -68,6 +68,7 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF143": "Brackets cannot be taken: of a scene without light above white, or with more light than the level's.",
         "MF145": "A claim of a study is about something that the study does not have.",
         "MF146": "A study shows nothing, or has no scenes.",
+        "MF147": "Masks that are to take the place of openings have another size, or no opening's name.",
         "MF148": "A learned restorer was trained for another die, camera, sensor or light.",
         "MF150": "A budget is shorter than the least work that is useful.",
         "MF160": "A sweep's field does not state its values once, or a sweep has no case, or too many.",

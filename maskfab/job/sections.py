@@ -534,6 +534,8 @@ class ClaimSection(Section):
     """Die that it is compared with; one for all, or one for each."""
     levels: Annotated[tuple[float, ...], Field(min_length=1, strict=False)] | None = None
     """Levels of light that it is about, dB."""
+    averaged: bool = False
+    """Whether the number is the mean of a photograph's scores over the levels; otherwise every level is judged."""
     protocols: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] | None = None
     """Protocols that it is about."""
     case: str | None = None

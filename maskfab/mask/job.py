@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from maskfab.base import provenance, units
 from maskfab.base.cell_size import CellSize
 from maskfab.base.checks import checked_arguments
-from maskfab.base.errors import JobError
+from maskfab.base.errors import JobError, SourceError
 from maskfab.base.model import Opening, Panel, Plate, Quantity
 from maskfab.job.camera import Camera
 from maskfab.job.process import UNSTATED, MaskBlank
@@ -136,6 +136,61 @@ def resolve(stated: JobSpec, path: Path) -> Job:
     named = _with_seeds(_with_maps(stated.model_copy(update={"die": dies, "openings": texts}), path), openings, path)
     resolved = _with_shop(_with_curves(named, path), path)
     return Job(resolved, _moved(resolved, openings, path), provenance.job_hash(resolved.drawn()), str(path))
+
+
+def masks_in(folder: Path) -> dict[str, Path]:
+    """Files of a folder by their names in small letters, to take the place of openings of these names.
+
+    Raises:
+        SourceError: MF301 for no folder, or an empty one.
+        JobError: MF109 for two files of one name.
+    """
+    found: dict[str, Path] = {}
+    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+        if path.name[0] == ".":
+            continue
+        other = found.setdefault(path.stem.lower(), path)
+        if other != path:
+            what = f"{other.name} and {path.name} would take the place of one opening"
+            raise JobError("MF109", what, where=str(folder), cure="Leave one of them out")
+    if not found:
+        raise SourceError("MF301", f"there are no masks in {folder}", cure="Give a folder of openings")
+    return found
+
+
+def with_masks(job: Job, masks: Mapping[str, Path]) -> tuple[Job, dict[str, Path]]:
+    """The job with files in place of its openings of those names, and which were used.
+
+    Args:
+        job: to change.
+        masks: files as :func:`masks_in` gives them.
+
+    Returns:
+        The job, and the file of every opening that was replaced, by the opening's name.
+
+    Raises:
+        JobError: MF147 for a mask of other dots or another pitch than the opening, and as for a job.
+        OpeningError, SourceError: as :func:`maskfab.mask.opening_file.load_opening`.
+    """
+    texts, used = dict(job.spec.openings), {}
+    for name, text in job.spec.openings.items():
+        path = masks.get(name.lower())
+        if path is None:
+            continue
+        held = opening_file.parse_opening(text, f"{job.where}: openings.{name}")
+        grid = path.suffix.lower() in opening_file.GRIDS
+        stated = path.suffix.lower() == ".toml"
+        given = opening_file.load_opening(
+            path, name=name, dots=None if grid else held.dots, dot_nm=None if stated else held.dot_nm
+        )
+        if (given.dots, given.dot_nm) != (held.dots, held.dot_nm):
+            sizes = [f"{one.dots} x {one.dots} dots of {one.dot_nm / units.NM_PER_UM:g} um" for one in (given, held)]
+            what = f"the mask has {sizes[0]}, and the opening {name!r} {sizes[1]}"
+            raise JobError("MF147", what, where=str(path), cure="Draw both with as many dots of one size")
+        texts[name], used[name] = opening_file.opening_text(given), path
+    if not used:
+        return job, used
+    return resolve(job.spec.model_copy(update={"openings": texts}), Path(job.where)), used
 
 
 def _keep(texts: dict[str, str], name: str, text: str, kind: str, where: str) -> None:

@@ -45,7 +45,9 @@ _KEYS = ("name", "pitch", "dots", "open_ratio", "grid", "emitters", "provenance"
 
 _IMAGES = (".png", ".tif", ".tiff", ".exr")
 _LAYOUTS = (".gds", ".gds2", ".gdsii", ".oas", ".oasis", ".cif", ".dxf")
-_SUFFIXES = (".toml", ".txt", *_IMAGES, ".npy", *_LAYOUTS)
+GRIDS = (".toml", ".txt", *_IMAGES, ".npy")
+"""Suffixes of files that say themselves how many dots there are."""
+_SUFFIXES = (*GRIDS, *_LAYOUTS)
 _MAGIC: Mapping[str, tuple[bytes, ...]] = MappingProxyType(
     {
         "PNG": (b"\x89PNG\r\n\x1a\n",),

@@ -33,14 +33,21 @@ from maskfab.mask.emitter_layouts import (
 
 LAYOUTS = Path(__file__).parents[2] / "layouts"
 KINDS = tuple(DISPLAYS)
-PPI = {"rgb-stripe": 300, "pentile-diamond": 402, "delta": 300, "circular": 326, "window": 58}
-PIXELS_ACROSS = {"pentile-diamond": 2, "delta": 2}
-OPEN = {"rgb-stripe": 0.2154, "pentile-diamond": 0.2540, "delta": 0.2653, "circular": 0.2005, "window": 0.7074}
-EMITTING = {"rgb-stripe": 0.2857, "pentile-diamond": 0.2472, "delta": 0.2653, "circular": 0.2002, "window": 0.1300}
+FILES = {kind: f"{kind.replace('-', '_')}.toml" for kind in KINDS} | {"pentile-lines": "poled.toml"}
+PIXELS_ACROSS = {"pentile-diamond": 2, "pentile-lines": 2, "delta": 2}
+PPI, OPEN, EMITTING = (
+    dict(zip(KINDS, values, strict=True))
+    for values in (
+        (300, 402, 302.4, 300, 326, 58),
+        (0.2154, 0.2540, 0.2370, 0.2653, 0.2005, 0.7074),
+        (0.2857, 0.2472, 0.3787, 0.2653, 0.2002, 0.1300),
+    )
+)
+DIAMONDS = ("pentile-diamond", "pentile-lines")
 
 
 def shipped(kind: str) -> Opening:
-    return opening_file.load_opening(LAYOUTS / "openings" / f"{kind.replace('-', '_')}.toml")
+    return opening_file.load_opening(LAYOUTS / "openings" / FILES[kind])
 
 
 def apart(one: NDArray[np.bool_], other: NDArray[np.bool_]) -> int:
@@ -62,7 +69,7 @@ def finer(opening: Opening) -> tuple[NDArray[np.bool_], NDArray[np.int8], float]
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_file_is_its_command_byte_for_byte(capsys, monkeypatch, tmp_path, kind):
-    path = LAYOUTS / "openings" / f"{kind.replace('-', '_')}.toml"
+    path = LAYOUTS / "openings" / FILES[kind]
     monkeypatch.chdir(tmp_path)
     (tmp_path / "layouts" / "openings").mkdir(parents=True)
     line = tomllib.loads(path.read_text(encoding="utf-8"))["provenance"]["command"]
@@ -98,13 +105,13 @@ def test_gaps_hold_across_cells(kind):
     assert apart(labels > 0, clear) * cell_um >= 3
 
 
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "pentile-diamond"])
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind not in DIAMONDS])
 def test_colours_have_equal_areas(kind):
     labels = finer(shipped(kind))[1]
     assert len({int((labels == label).sum()) for label in (RED, GREEN, BLUE)}) == 1
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "pentile-lines"])
 def test_clear_and_emitting_features_are_whole(kind):
     """No speck: all clear pieces are alike within two dots, and so are all emitters of one colour."""
     clear, labels, _ = finer(shipped(kind))
@@ -127,8 +134,9 @@ def test_diamond_has_every_symmetry_of_a_square():
         assert np.array_equal(orient(opening.emitters, k), opening.emitters)
 
 
-def test_blue_is_largest_and_green_smallest_in_a_diamond():
-    labels = finer(shipped("pentile-diamond"))[1]
+@pytest.mark.parametrize("kind", DIAMONDS)
+def test_blue_is_largest_and_green_smallest_in_a_diamond(kind):
+    labels = finer(shipped(kind))[1]
     red, green, blue = (int((labels == label).sum()) for label in (RED, GREEN, BLUE))
     assert blue / 2 > red / 2 > green / 4
 
@@ -142,6 +150,27 @@ def test_a_diamond_is_a_lattice_turned_by_45_degrees():
     assert np.array_equal(moved == GREEN, labels == GREEN)
     assert labels[0, 0] == RED
     assert moved[0, 0] == BLUE
+
+
+def test_lines_cross_every_pixel_and_the_cell_begins_where_they_meet():
+    """Closed lines of 8 um: three up and two across each of two by two pixels; nothing clear is left out between."""
+    opening = shipped("pentile-lines")
+    lengths, pixel = DISPLAYS["pentile-lines"].lengths, opening.dots // 2
+    near = ndimage.maximum_filter(opening.emitters, size=2 * lengths["to_opening"] + 1, mode="wrap") > 0
+    closed = []
+    for axis in (0, 1):
+        free = np.any(opening.mask, axis=axis)
+        assert np.array_equal(free[:pixel], free[pixel:])
+        assert not free[: lengths["line_width"]].any()
+        closed.append(~free)
+    assert [int(lines.sum()) for lines in closed] == [2 * 3 * lengths["line_width"], 2 * 2 * lengths["line_width"]]
+    assert np.array_equal(opening.mask, ~(near | closed[0][None, :] | closed[1][:, None]))
+
+
+def test_no_turn_maps_a_cell_with_lines_on_itself():
+    """Its lattice is that of a diamond, but the cell begins elsewhere: a random tiling is no periodic one."""
+    opening = shipped("pentile-lines")
+    assert all(not np.array_equal(orient(opening.mask, k), opening.mask) for k in range(1, 8))
 
 
 def test_band_is_symmetric_from_left_to_right():
@@ -308,6 +337,10 @@ def test_a_ring_keeps_its_gaps_or_is_refused(dots, diameter, colour_gap, to_open
         ("rgb-stripe", None, {"diameter": 4}, "MF102"),
         ("pentile-diamond", 41, {}, "MF104"),
         ("pentile-diamond", None, {"blue_reach": 16}, "MF117"),
+        ("pentile-lines", 41, {}, "MF104"),
+        ("pentile-lines", None, {"green_reach": 9}, "MF117"),
+        ("pentile-lines", None, {"power": 13}, "MF117"),
+        ("pentile-lines", None, {"to_opening": 9}, "MF117"),
         ("delta", 80, {}, "MF104"),
         ("delta", None, {"clear_width": 17}, "MF117"),
         ("circular", None, {"diameter": 22}, "MF117"),
@@ -375,7 +408,7 @@ def test_the_job_shows_every_display_and_tiling():
     assert {die.tiling for die in dies} == set(Tiling) - {Tiling.MAP}
     assert sum(die.others is not None for die in dies) == 1
     drawn = {held[0].name for held in found.openings.values()}
-    assert {kind.replace("-", "_") for kind in KINDS} <= drawn
+    assert {Path(file).stem for file in FILES.values()} - {"poled"} <= drawn
     for die in found.plate().dies:
         assert min(die.panel.size_nm) >= found.camera.stop.diameter_um * 1e3
         assert max(die.panel.size_nm) <= die.slot_nm

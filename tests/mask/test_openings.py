@@ -338,7 +338,7 @@ def test_names_that_pass() -> None:
     [
         ("toled", 21, 92),
         ("stripe", 21, 90),
-        ("poled", 42, 404),
+        ("poled", 42, 418),
         ("diamond", 42, 416),
         ("paper_inv_random", 21, 100),
         ("paper_inv_periodic", 21, 100),

@@ -63,6 +63,13 @@ def words_of(page):
     return " ".join(" ".join(read(page).text).split())
 
 
+def test_headroom_above_a_decibel_is_not_told(run):
+    far = {**FULL, "head_room_24": 1.25}
+    words = words_of(page_of(run, Stated(far, 8.0)))
+    assert "Proven headroom of the opening: at most 0.400 dB (frame interior) at 40 dB SNR." in words
+    assert "at most 1.25" not in words
+
+
 def test_everything_that_is_stated_is_told(run):
     words = words_of(page_of(run, Stated(FULL, 8.0, CELLS, "bar_map"), restored()))
     for said in (

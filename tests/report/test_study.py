@@ -25,7 +25,15 @@ from maskfab.camera.scores import MeanDifference, Score
 from maskfab.cli.program import run_command_line
 from maskfab.mask.formats.exr import write_png
 from maskfab.mask.job import load_job
-from maskfab.report.pages.study import brightening, photograph_tiles, scores_figure, study_page
+from maskfab.mask.opening_file import load_opening
+from maskfab.report.pages.study import (
+    brightening,
+    finding_text,
+    photograph_tiles,
+    scores_figure,
+    study_document,
+    study_page,
+)
 from maskfab.report.rows import study as studies
 from maskfab.report.rows.study import Take, Verdict, planned, verdict, worst
 
@@ -291,6 +299,7 @@ CLAIM = '[[study.claim]]\nsays = "x"\ndie = "TURNED"\n'
         ("scenes = 0", "scenes = 0\n" + CLAIM + 'case = "near"\nat_least = 0.0', "MF145"),
         ("scenes = 0", "scenes = 0\n" + CLAIM + 'protocols = ["paper"]\nat_least = 0.0', "MF145"),
         ("scenes = 0", "scenes = 0\n" + CLAIM + 'measure = "auc_radial_min"\nat_least = 0.0', "MF145"),
+        ("scenes = 0", "scenes = 0\n" + CLAIM + "averaged = true\nat_least = 0.0", "MF145"),
         ("scenes = 0", "scenes = 0\n" + CLAIM + 'measure = "beauty"\nat_least = 0.0', "MF105"),
         ("scenes = 0", 'scenes = 0\n[[study.case]]\nname = "near"\nscene = { gap = "1 mm" }', "MF146"),
         ("scenes = 0", 'scenes = 0\n[[study.case]]\nname = "near"\nscene = { gaps = "1 mm" }', "MF102"),
@@ -330,3 +339,80 @@ def test_every_shipped_study_is_made_and_every_claim_has_numbers(path: Path, tmp
     found = mf.study(path)
     assert all(claim.findings for claim in found.claims)
     assert (tmp_path / "out" / "study.html") in found.save(tmp_path / "out")
+
+
+def _folder_of(place: Path, **masks: str) -> Path:
+    place.mkdir()
+    for name, rows in masks.items():
+        (place / f"{name}.txt").write_text(rows)
+    return place
+
+
+SLIT = ("." * 8 + "#" * 5 + "." * 8 + "\n") * 21
+
+
+def test_masks_of_a_folder_take_the_place_of_the_openings_that_they_are_named_after(tmp_path: Path):
+    job = tmp_path / "own.toml"
+    job.write_text(JOB.replace('protocols = ["f1"]', "optics = true").replace("levels = [40]\n", ""))
+    masks = _folder_of(tmp_path / "masks", Toled=SLIT, heart=SLIT)
+    found = mf.study(job, masks=masks)
+    told = found.to_dict()
+    assert (told["masks"], told["idle_masks"]) == ({"toled": "Toled.txt"}, ["heart.txt"])
+    assert [each["open_ratio"] for each in told["optics"]] == [5 / 21] * 2
+    assert told["job_hash"] != mf.study(job).to_dict()["job_hash"]
+    for text in (str(found), study_page(found.found)):
+        assert "In place of openings: toled is Toled.txt." in text
+        assert "Masks that no opening is named after: heart.txt." in text
+
+
+def test_the_job_s_own_opening_as_a_mask_changes_no_number(tmp_path: Path):
+    job = tmp_path / "own.toml"
+    job.write_text(JOB.replace('protocols = ["f1"]', "optics = true").replace("levels = [40]\n", ""))
+    (tmp_path / "masks").mkdir()
+    known = load_opening(ROOT / "layouts/openings/toled.toml")
+    np.save(tmp_path / "masks" / "toled.npy", known.mask)
+    assert mf.study(job, masks=tmp_path / "masks").to_dict()["optics"] == mf.study(job).to_dict()["optics"]
+
+
+@pytest.mark.parametrize(
+    ("masks", "code"),
+    [
+        ({}, "MF301"),
+        ({"heart": SLIT}, "MF147"),
+        ({"toled": ".#.\n" * 3}, "MF147"),
+        ({"toled": SLIT, "TOLED": SLIT}, "MF109"),
+        ({"toled": SLIT.replace("#", ".")}, "MF203"),
+    ],
+)
+def test_masks_that_do_not_fit_are_refused_before_any_work(tmp_path, monkeypatch, capsys, masks, code):
+    monkeypatch.setattr(studies, "evaluate", None)
+    job = tmp_path / "own.toml"
+    job.write_text(JOB.replace("scenes = 0", "scenes = 1"))
+    folder = _folder_of(tmp_path / "masks", **masks)
+    words = ["study", str(job), "--masks", str(folder), "-o", str(tmp_path / "out"), "--quiet"]
+    assert run_command_line(words) == 2
+    assert code in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_claim_of_a_mean_over_levels_averages_every_photograph(tmp_path: Path):
+    """By hand: gains of 1 and 3 dB of one photograph and 5 and 9 of another are 2 and 7, not four numbers."""
+    job = tmp_path / "own.toml"
+    claim = CLAIM + 'over = "REPEATED"\naveraged = true\nat_least = 0.0'
+    job.write_text(JOB.replace("scenes = 0", f"scenes = 1\n{claim}").replace("[40]", "[32, 40]"))
+    gains = {"REPEATED": ((20.0, 20.0), (30.0, 31.0)), "TURNED": ((21.0, 25.0), (33.0, 40.0))}
+    scores = {
+        Take("f1", studies.OWN_SCENE, die, level, "wiener"): tuple(
+            Score(die, level, name, 0.1, psnr, 0.5, psnr, 0.5) for name, psnr in zip("xy", at_level, strict=True)
+        )
+        for die, levels in gains.items()
+        for level, at_level in zip((32, 40), levels, strict=True)
+    }
+    plan = planned(load_job(job))
+    (finding,) = studies.of_photographs(plan.study.claim[0], scores).findings
+    assert finding.difference == MeanDifference.of([2.0, 7.0])
+    left_out = {("f1", studies.OWN_SCENE, die): () for die in gains}
+    study = studies.Study(plan, {}, ("x", "y"), scores, left_out, None, {})
+    (told,) = study_document(study)["claims"]
+    assert told["findings"][0]["of"]["level_db"] is None
+    assert finding_text(study.claims[0], finding)[0] == "TURNED, mean over levels, wiener, over REPEATED"

@@ -1,36 +1,9 @@
 """Proven lower bounds on the interior error of any opening of one clear count, by Lagrangian duality.
 
-**The theorem.** Let every cell of n x n dots hold c clear dots. Pairs of clear dots whose cells lie K apart number c²
-times the pairs of such cells, and their lags lie less than n from nK on each axis. With a_K(t) the part of the
-pupil's autocorrelation A that they make,
-
-    A(t) = sum over K of a_K(t),    a_K(t) = 0 unless |t - nK| < n,    sum over t of a_K(t) = ρ · (the open stop's),
-
-ρ = c / n². Rearranging dots cannot raise A on average; it moves it inside a block of lags. For a unit repeated, or
-turned at random, A(t) = S(t) C(t mod n) at lags of one cell and more: then the mean of C is ρ, so the mean of A/S over
-each such block, weighted by the triangle (1 - |d_x|/n)(1 - |d_y|/n) or not, is ρ as well. Around lag 0, and in a layout
-drawn by hand, the triangle's mean may be larger (windows between the cells need not hold c dots); the first form holds.
-
-**The dual.** E is a sum over lags of e(A(t)) (:mod:`maskfab.designs.model.expected_psnr`). For all multipliers λ_K >=
-0,
-
-    min E  >=  sum over t of min over a of (e(t, a) + λ(t) a)  -  sum over K of λ_K (what block K allows),
-
-λ(t) the least λ_K of the blocks that reach t, whether e is convex or not (weak duality: Boyd, Vandenberghe, Convex
-Optimization, 5.1.3). The minimum over a is taken at nodes, less what e can fall below its chord between them, so a
-bound stays one in every digit but the last few.
-
-Notes:
-    Valid for each ε on its own; the least over the protocol's ε is the bound.
-    Inherits the surrogate's model: what sampling folds back is that of a grey panel, and cut cells count as whole ones,
-    unless ``cut_cells`` is used.
-
-The dual bound for one unit in every cell, repeated or turned at random: lags that differ by whole cells are alike.
-
-There A(t) = S(t) C(t mod n) at lags of one cell and more, with C the circular autocorrelation of the mean of the unit's
-orientations over its clear dots. So all lags of one residue share one number, and the theorem of
-:mod:`maskfab.designs.model.duals` becomes one equation, mean of C = ρ, with one multiplier μ. Further
-constraints:
+**The theorem.** Let every cell of n x n dots hold the same c clear dots, repeated or turned at random. At lags of one
+cell and more the pupil's autocorrelation is A(t) = S(t) C(t mod n), S of the open stop, C the circular autocorrelation
+of the mean of the unit's orientations over its clear dots. So all lags of one residue share one number, and as pairs of
+clear dots number c², the mean of C is ρ = c / n²: rearranging dots cannot raise it. Further constraints:
 
 * 0 <= C <= 1;
 * repeated: C(0) = 1, and the same C at short lags;
@@ -39,7 +12,20 @@ constraints:
 * positive semidefinite: every coefficient of the cosine transform of C is at least 0, as it is a squared modulus.
 
 By symmetry under the square's eight elements the best multipliers are symmetric, so a bound by classes of residues is
-one for every C. Where the lags lack that symmetry, classes hold a residue and its negative alone, as C(-t) = C(t).
+one for every C.
+
+**The dual.** E is a sum over lags of e(A(t)) (:mod:`maskfab.designs.model.expected_psnr`). For every multiplier μ of
+the mean,
+
+    min E  >=  sum over residues r of min over a of (sum over t of r of e(t, S(t) a) - μ a)  +  μ ρ n²,
+
+whether e is convex or not (weak duality: Boyd, Vandenberghe, Convex Optimization, 5.1.3). The minimum over a is taken
+at nodes, less what e can fall below its chord between them, so a bound stays one in every digit but the last few.
+
+Notes:
+    Valid for each ε on its own; the least over the protocol's ε is the bound.
+    Inherits the surrogate's model: what sampling folds back is that of a grey panel, and cut cells count as whole ones.
+    Layouts of one panel are bounded by :mod:`maskfab.designs.model.layouts_bound`, which counts cut cells as they are.
 """
 
 from __future__ import annotations
@@ -52,7 +38,6 @@ from numpy.typing import NDArray
 from scipy import optimize, sparse
 
 from maskfab.base.arrays import Floats
-from maskfab.camera.lens import CellGrid
 from maskfab.designs.model.expected_psnr import Interior
 
 _NODES = 64
@@ -118,13 +103,21 @@ def dual_tables(inner: Interior, epsilon: float, grey: float, most: float = 1.0)
     )
 
 
+def best_regular(inner: Interior, variance: float) -> Floats:
+    """R of the best filter at each lag's frequency, [m], among those that ε within the protocol's give.
+
+    An R adds σ² H²/(H² + R)² + P R²/(H² + R)², least at R = σ²/P and greater the further R lies from it, so the best of
+    those between the least ε's and the largest's is the nearest.
+    """
+    wanted = np.divide(variance, inner.power, out=np.full(len(inner.power), np.inf), where=inner.power > 0)
+    low, high = (inner.strengths[k] * inner.inverse_prior for k in (0, -1))
+    return np.asarray(np.clip(wanted, low, high))
+
+
 def wiener_cost(
     inner: Interior, variance: float, grey: float, most: float = 1.0, count: int = _NODES
 ) -> tuple[Floats, Floats]:
     """As :class:`Tables`, of the best filter at each frequency, below that of any ε of the protocol.
-
-    An R adds σ² H²/(H² + R)² + P R²/(H² + R)², least at R = σ²/P and greater the further R lies from it, so the best of
-    those between the least ε's and the largest's is the nearest.
 
     Returns:
         Nodes [k] and cost [m, k].
@@ -132,15 +125,21 @@ def wiener_cost(
     nodes = _nodes(grey, most, count)
     slope = inner.stop * inner.pixel
     h = slope[:, None] * nodes + (grey * inner.folded)[:, None]
-    wanted = np.divide(variance, inner.power, out=np.full(len(inner.power), np.inf), where=inner.power > 0)
-    regular = np.clip(wanted, inner.strengths[0] * inner.inverse_prior, inner.strengths[-1] * inner.inverse_prior)
+    regular = best_regular(inner, variance)
     inverse = 1 / (1 + h**2 / regular[:, None])
     squared = inverse**2
     by_noise, by_bias = (variance * inner.weight / regular)[:, None], (inner.weight * inner.power)[:, None]
     curve = (slope**2 / regular)[:, None] * np.diff(nodes) ** 2 / 8
     left, u = squared[:, :-1], inverse[:, :-1]
     # As in dual_tables; where R = σ²/P, noise and bias together are P/u, whose second slope is at most 6/u².
-    steep = np.where((regular == wanted)[:, None], 6 * by_bias, 6 * by_noise + 20 * u * by_bias) * left
+    steep = (
+        np.where(
+            np.isclose(regular * inner.power, variance, rtol=1e-12)[:, None],
+            6 * by_bias,
+            6 * by_noise + 20 * u * by_bias,
+        )
+        * left
+    )
     return nodes, _lowered((inverse - squared) * by_noise + squared * by_bias, steep * curve)
 
 
@@ -164,178 +163,6 @@ def _lowered(value: Floats, dip: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Blocks:
-    """Blocks of lags around multiples of the cell, one for each displacement up to the symmetry of the square.
-
-    Attributes:
-        covering: int64 [m, 4], the blocks that reach each lag.
-        triangle: [m, 4], the triangle's weights in them; sum to 1.
-        allowed: [b], at most the sum of a_K over the block, times the number of its images.
-    """
-
-    covering: NDArray[np.int64]
-    triangle: Floats
-    allowed: Floats
-
-
-def blocks(inner: Interior, ratio: float, *, cut_cells: bool = False, open_share: float | None = None) -> Blocks:
-    """The blocks that reach the square of frequencies.
-
-    Args:
-        inner: of the camera.
-        ratio: ρ, clear share of each cell.
-        cut_cells: count what the cells that the stop cuts can hold inside it at most; otherwise they count as if their
-            clear dots were spread evenly.
-        open_share: clear share of the stop, which cut cells can change; None is ρ.
-    """
-    n = inner.dots
-    cell, part = np.divmod(inner.lags, n)
-    share = part / n
-    reach = int(cell.max()) + 2
-    name = np.full((reach, reach), -1)
-    pairs = [(v, u) for u in range(reach) for v in range(u + 1)]
-    for number, (v, u) in enumerate(pairs):
-        name[v, u] = name[u, v] = number
-    corners = [(0, 0), (0, 1), (1, 0), (1, 1)]
-    covering = np.stack([name[cell[0] + v, cell[1] + u] for v, u in corners], axis=1)
-    triangle = np.stack([abs(1 - v - share[0]) * abs(1 - u - share[1]) for v, u in corners], axis=1)
-    # A lag at a multiple of the cell along an axis is not reached by the next block.
-    covering = np.where(triangle > 0, covering, covering[:, :1])
-    images = np.array([(1 if v == u == 0 else 4 if v in (0, u) else 8) for v, u in pairs], dtype=np.float64)
-    light = ratio if open_share is None else open_share
-    sums = _cut_cell_sums(inner.lattice, ratio, light, pairs) if cut_cells else ratio * _stop_sums(inner, pairs)
-    return Blocks(covering, triangle, images * sums)
-
-
-def _stop_sums(inner: Interior, pairs: list[tuple[int, int]]) -> Floats:
-    """Sums of the open stop's autocorrelation over each block, weighted by the triangle."""
-    n, middle = inner.dots, len(inner.stop_table) // 2
-    hat = 1 - abs(np.arange(1 - n, n)) / n
-    sums = []
-    for v, u in pairs:
-        block = inner.stop_table[middle + n * v - n + 1 : middle + n * v + n, middle + n * u - n + 1 :][:, : 2 * n - 1]
-        sums.append(float(hat[: len(block)] @ block @ hat[: block.shape[1]]))
-    return np.array(sums)
-
-
-def _cut_cell_sums(room: CellGrid, ratio: float, open_share: float, pairs: list[tuple[int, int]]) -> Floats:
-    """Most pairs of clear dots for each displacement of cells, over all clear dots.
-
-    Whole cells hold c dots, cut ones up to min(c, their dots inside), as many in all as the light leaves.
-    A product of two cut cells is at most the mean of one's count times the other's most, which is linear, so the best
-    filling goes from the largest gain down.
-    """
-    n, cells = room.dots, room.cells
-    inside = room.stop.reshape(cells, n, cells, n).sum(axis=(1, 3)).astype(np.float64)
-    count = ratio * n * n
-    most = np.minimum(inside, count)
-    whole = np.where(inside == n * n, count, 0.0)
-    cut = np.where(inside == n * n, 0.0, most)
-    total = open_share * inside.sum()
-    spare = min(total - whole.sum(), float(cut.sum()))
-    sums = []
-    for v, u in pairs:
-        gain = sum(_moved(whole, s * v, s * u) + _moved(cut, s * v, s * u) / 2 for s in (1, -1))
-        order = np.argsort(-np.asarray(gain)[cut > 0])
-        limits = cut[cut > 0][order]
-        taken = np.minimum(limits, np.maximum(spare - np.r_[0, np.cumsum(limits)[:-1]], 0))
-        both = float((whole * _moved(whole, v, u)).sum())
-        sums.append((both + float(taken @ np.asarray(gain)[cut > 0][order])) / total)
-    return np.array(sums)
-
-
-def _moved(values: Floats, v: int, u: int) -> Floats:
-    """values[i + v, j + u], 0 outside."""
-    moved = np.zeros_like(values)
-    rows, columns = values.shape
-    if abs(v) < rows and abs(u) < columns:
-        to = slice(max(0, -v), rows - max(0, v)), slice(max(0, -u), columns - max(0, u))
-        of = slice(max(0, v), rows - max(0, -v)), slice(max(0, u), columns - max(0, -u))
-        moved[to] = values[of]
-    return moved
-
-
-def block_error(
-    inner: Interior,
-    nodes: Floats,
-    cost: Floats,
-    around: Blocks,
-    ratio: float,
-    *,
-    moving: bool,
-    steps: int,
-) -> tuple[float, Floats]:
-    """The dual value for one ε, and its multipliers.
-
-    Args:
-        inner: of the camera.
-        nodes: [k], of A/S.
-        cost: [m, k], as :meth:`Tables.cost` gives it for the ε and σ².
-        around: what the blocks allow.
-        ratio: ρ, where the search for multipliers starts.
-        moving: lags take from any block that reaches them, as the theorem for all layouts says; otherwise each block's
-            triangle-weighted mean is kept, as in a tiling turned at random.
-        steps: evaluations of the dual function; 1 gives the value at the flat modulation's slopes.
-    """
-    fixed = inner.lags.sum(axis=0) == 0
-    unit = inner.count * inner.stop
-
-    def price(multiplier: Floats) -> tuple[Floats, Floats]:
-        around_lag = multiplier[around.covering]
-        if not moving:
-            return (around_lag * around.triangle).sum(axis=1), around.triangle
-        cheapest = np.argmin(around_lag, axis=1)
-        return around_lag[np.arange(len(around_lag)), cheapest], np.eye(4)[cheapest]
-
-    def dual(multiplier: Floats) -> tuple[float, Floats]:
-        by_lag, shares = price(multiplier)
-        scaled = cost + (by_lag * unit)[:, None] * nodes
-        best = scaled.argmin(axis=1)
-        value = np.where(fixed, cost.min(axis=1) + by_lag, scaled[np.arange(len(best)), best])
-        used = np.where(fixed, 1.0, unit * nodes[best])
-        slope = np.bincount(around.covering.ravel(), (shares * used[:, None]).ravel(), len(multiplier))
-        return float(value.sum() - multiplier @ around.allowed), slope - around.allowed
-
-    flat = _flat_prices(nodes, cost, around, ratio, unit)
-    value, _ = dual(flat)
-    if steps <= 1:
-        return value, flat
-    # Blocks of long lags have small prices, whose share of the error is not as small.
-    scale = np.sqrt(flat * flat.max()) if flat.any() else np.full(len(flat), 1e-12)
-    scale = np.maximum(scale, scale[scale > 0].min())
-    size = max(abs(value), 1e-300)
-
-    def downhill(z: Floats) -> tuple[float, Floats]:
-        value, slope = dual(z * scale)
-        return -value / size, -slope * scale / size
-
-    best = optimize.minimize(
-        downhill,
-        flat / scale,
-        jac=True,
-        method="L-BFGS-B",
-        bounds=[(0, None)] * len(flat),
-        options={"maxfun": steps, "maxiter": steps},
-    )
-    better = np.maximum(best.x, 0) * scale
-    improved, _ = dual(better)
-    return (improved, better) if improved > value else (value, flat)
-
-
-def _flat_prices(nodes: Floats, cost: Floats, around: Blocks, ratio: float, unit: Floats) -> Floats:
-    """The multipliers at which a flat modulation, of ``unit`` at 1, stays as it is."""
-    k = int(np.clip(np.searchsorted(nodes, ratio), 1, len(nodes) - 2))
-    steep = (cost[:, k - 1] - cost[:, k + 1]) / (nodes[k + 1] - nodes[k - 1]) / np.maximum(unit, 1e-12)
-    flat = np.zeros(len(around.allowed))
-    mass = np.bincount(around.covering.ravel(), (around.triangle * unit[:, None]).ravel(), len(flat))
-    pull = np.bincount(around.covering.ravel(), (around.triangle * (unit * steep)[:, None]).ravel(), len(flat))
-    flat = np.maximum(pull / np.maximum(mass, 1e-12), 0)
-    # A block that reaches beyond the square of frequencies has room there, which costs nothing.
-    flat[ratio * mass < 0.9 * around.allowed] = 0
-    return flat
-
-
-@dataclass(frozen=True, eq=False)
 class Residues:
     """Classes of lags modulo the cell under the symmetry of the square.
 
@@ -354,16 +181,15 @@ class Residues:
     transform: Floats
 
 
-def residues(inner: Interior, *, periodic: bool, mirrored: bool = True) -> Residues:
+def residues(inner: Interior, *, periodic: bool) -> Residues:
     """The classes for a unit repeated, or turned at random.
 
     Args:
         inner: whose lags are put into classes.
         periodic: the unit is repeated.
-        mirrored: the lags have the symmetry of the square; a unit turned at random needs it.
     """
     n = inner.dots
-    every, size, transform = residue_classes(n, mirrored=mirrored)
+    every, size, transform = residue_classes(n)
     y, x = inner.lags
     of_lag = every[y % n, x % n]
     if not periodic:
@@ -373,31 +199,25 @@ def residues(inner: Interior, *, periodic: bool, mirrored: bool = True) -> Resid
     return Residues(of_lag, inner.count[of_lag < 0], size, repeats, transform)
 
 
-def residue_classes(n: int, *, mirrored: bool = True) -> tuple[NDArray[np.int64], Floats, Floats]:
-    """Class of each residue [n, n], residues in each [c], and the cosine transform between classes [c, c].
+def residue_classes(n: int) -> tuple[NDArray[np.int64], Floats, Floats]:
+    """Class of each residue [n, n] under the symmetry of the square, residues in each [c], and the cosine transform
+    between classes [c, c].
 
     Args:
         n: dots along the unit's side.
-        mirrored: classes under the symmetry of the square; otherwise a residue and its negative.
     """
-    if mirrored:
-        folded = np.minimum(np.arange(n), n - np.arange(n))
-        key = np.maximum(folded[:, None], folded) * n + np.minimum(folded[:, None], folded)
-    else:
-        back = -np.arange(n) % n
-        key = np.minimum(np.arange(n)[:, None] * n + np.arange(n), back[:, None] * n + back)
+    folded = np.minimum(np.arange(n), n - np.arange(n))
+    key = np.maximum(folded[:, None], folded) * n + np.minimum(folded[:, None], folded)
     _, every = np.unique(key, return_inverse=True)
     every = every.reshape(n, n)
     size = np.bincount(every.ravel()).astype(np.float64)
     heads = np.unique(every, return_index=True)[1]
-    phase = 2 * np.pi * np.outer(np.arange(n), np.arange(n)) / n
-    cosine = np.cos(phase)
+    cosine = np.cos(2 * np.pi * np.outer(np.arange(n), np.arange(n)) / n)
     transform = np.empty((len(size), len(size)))
     for row, head in enumerate(heads):
         v, u = divmod(int(head), n)
         # The mean over mirror images of a wave is a product of cosines.
-        wave = np.outer(cosine[v], cosine[u]) if mirrored else np.cos(phase[v][:, None] + phase[u])
-        transform[row] = np.bincount(every.ravel(), wave.ravel())
+        transform[row] = np.bincount(every.ravel(), np.outer(cosine[v], cosine[u]).ravel())
     return every, size, transform
 
 

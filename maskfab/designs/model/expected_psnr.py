@@ -195,11 +195,6 @@ class Surrogate:
         share = float(unit.mean())
         return self._of_lags(circular, linear, share, leak), share
 
-    def leakless_errors(self, unit: Mask, *, periodic: bool = False) -> Errors:
-        """Errors of a unit by ε as if nothing leaked: the part that is quickly found, no larger than the whole."""
-        circular, linear = _correlations(unit, periodic)
-        return self._of_lags(circular, linear, float(unit.mean()), np.zeros(len(self.strengths)))
-
     def _of_lags(self, circular: Floats, linear: Floats, share: float, leak: Floats) -> Errors:
         wrapped, short, within = self._places
         transfer = self.clear * circular.ravel()[wrapped] + self.folded * share

@@ -1,60 +1,12 @@
-"""The best that the surrogate returns for any opening of one clear count, found by trying them all.
+"""Proven bounds and ideals for all openings of one clear count, to be printed beside a design.
 
-Where few openings have that count, no proof beats looking: openings that the tiling makes alike are tried once, and the
-leak, which is most of the work and at least nothing, only of those that could be the best without it.
+Two numbers are bounded: the expected PSNR far from the sensor's edge, by :mod:`maskfab.designs.model.duals`, and the
+area under the radial minimum of the MTF. What leaks in from the edge is bounded by nothing better than 0, and a bound
+of the whole frame lay 2 to 5 dB above the best opening known: none is told.
 
-A proven limit of the surrogate itself: of the whole frame, what leaks in from the sensor's edge included.
-
-:mod:`maskfab.designs.model.expected_psnr` takes every lag and follows the spectrum's power law down to the lowest
-frequency.
-
-The surrogate (:mod:`maskfab.designs.model.expected_psnr`) takes a sample of the lags, and below 1/16 cycle per pixel
-it puts the leak in place of the law. For the number that it returns, at its own lags and weights,
-
-    E(ε) = σ² · noise(A) + bias(A) + leak(A, ε),    leak >= 0,
-
-so the least of σ² · noise + bias over all A that an opening of c dots can have bounds E(ε), and the least of these over
-the protocol's ε bounds what the surrogate returns. That least is bounded by :func:`residue_error`, whose theorem needs
-of the lags only that those of one residue share one number, not that they are all there.
-
-Turned at random, A has the symmetry of the square, and lags that it maps to each other are added up. A repeated unit's
-has only A(-t) = A(t): mirror images are kept apart there, as the sample does not hold them equally.
-
-Where few openings have c dots, all are tried instead, leak and all (:mod:`maskfab.designs.model.limits`).
-
-Notes:
-    The leak is a mean of squares, hence the 0, and all that a design loses by leaking counts as head-room, though even
-    the most compact opening leaks. With the leak goes all that the filter holds back at low frequencies, and the dual
-    may let them vanish to save their noise: without any leak, the best unit found lies 0.7 dB below at 24 dB, 0.2 at 32
-    and 0.1 at 40, for 100 of 441.
-
-    Other lower limits of the leak were sought. Wherever it was looked at, it is convex in A, and descent over all that
-    the dual allows, leak included, ends 0.02 to 0.6 dB above the best opening of 4 x 4 dots; but that convexity is not
-    proved. What is: were the record mirrored without end, which changed the leak by 3 % at most, it would be diagonal
-    in cosine waves, each (y / H)² for a y linear in A, which is at least y² over the chord of H². For H from 0 to 1
-    that saves an eighth to a third of the slack at 4 x 4 dots, and next to nothing at 21 x 21, where low frequencies
-    may vanish.
-
-Upper bound on the gain of any layout with as many clear dots over a designed map, cut cells counted.
-
-A map's light is its own: cells that the stop cuts hold what they were turned to hold. The theorem of
-:mod:`maskfab.designs.model.duals` for all layouts counts pairs of cells, so it holds for any number of clear
-dots within the stop: whole cells hold c each, cut ones at most c and at most their dots inside, and the rest of the
-light lies in the cut ones. That includes every map of one unit, of every one of its mirror images and of other units of
-c dots.
-
-The frame's error is at least σ² · noise + bias without the frequencies below 1/16 cycle per pixel, where the leak
-counts, which is at least 0 (:mod:`maskfab.designs.model.limits`); the best filter at each frequency, within
-what the protocol's ε span there, is better than that of any ε.
-
-Notes:
-    Proven for what sampling folds back from a grey panel of the same light, as all bounds here are; a realised panel's
-    error has its own in it, so beside that the limit is one of the model.
-
-The most that the area under the radial minimum of the MTF can be, in expectation, by linear programming.
-
-The area is the mean over whole lags r = 0, 1, ... up to half a cycle per pixel of the least of S(t) M(t) sinc(t) over
-the lags t of length r, rounded; M is the unit's modulation, which is linear in these unknowns:
+**The area**, the most that it can be, in expectation, by linear programming. It is the mean over whole lags r = 0, 1,
+... up to half a cycle per pixel of the least of S(t) M(t) sinc(t) over the lags t of length r, rounded; M is the unit's
+modulation, which is linear in these unknowns:
 
 * repeated: C, with C(0) = 1, C >= 0, sum over residues c;
 * turned at random: M(t) = C(t mod n) at lags of a cell and more, and C + L - B at shorter ones. L is the mean of the
@@ -67,15 +19,6 @@ Optimization, 4.3.1), and the mean's expectation over layouts is at most its val
 What is returned is the programme's dual objective, recomputed from its multipliers, which bounds it whatever the
 solver's accuracy.
 
-Proven bounds and ideals for all openings of one clear count, to be printed beside a design.
-
-Two numbers are bounded: the expected PSNR far from the sensor's edge, and the surrogate's own, of the whole frame, in
-which what leaks in from the edge counts for at least nothing, unless so few openings have that count that the best of
-all is known. Theorems and proofs:
-:mod:`maskfab.designs.model.duals`, :mod:`maskfab.designs.model.duals`,
-:mod:`maskfab.designs.model.limits`, :mod:`maskfab.designs.model.limits`; of designed maps,
-:mod:`maskfab.designs.model.limits`.
-
 Notes:
     That autocorrelations are positive semidefinite tightens the bound on the PSNR by at most 0.002 dB (100 of 441 dots,
     at the best ε), for 0.7 s per ε and level; it is left out there and kept in the bound on the area.
@@ -84,231 +27,18 @@ Notes:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from itertools import combinations
-from math import comb
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, sparse
 
 from maskfab.base.arrays import Floats
-from maskfab.base.errors import JobError, OpeningError
-from maskfab.base.model import ORIENTATIONS, orient
+from maskfab.base.errors import OpeningError
 from maskfab.camera.lens import CellGrid, OpenStop, at_lags, lattice, pupil_autocorrelation
-from maskfab.designs.model.duals import block_error, blocks, residue_classes, residue_errors, residues, wiener_cost
+from maskfab.designs.model.duals import residue_classes, residue_errors, residues
 from maskfab.designs.model.expected_psnr import Interior, Surrogate, interior, unit_modulation
 from maskfab.mask.opening import require_clear_dots
-
-_MOST_OPENINGS = 20_000
-"""All of 4 x 4 dots, whatever their clear count, are at most 12 870."""
-
-
-def few_openings(dots: int, clear_dots: int) -> bool:
-    """Whether all openings of so many clear dots, in a unit of so many along its side, can be tried."""
-    return comb(dots**2, clear_dots) <= _MOST_OPENINGS
-
-
-def best_of_every_opening(
-    estimate: Surrogate, clear_dots: int, *, periodic: bool, levels: Sequence[float]
-) -> tuple[float, ...]:
-    """dB at each level of the best opening, as the surrogate returns it.
-
-    Args:
-        estimate: of the scenes.
-        clear_dots: of the unit, at least 1.
-        periodic: the unit is repeated; otherwise turned at random.
-        levels: of light.
-    """
-    units = distinct_openings(estimate.dots, clear_dots, periodic=periodic)
-    share = clear_dots / estimate.dots**2
-    leakless = [estimate.leakless_errors(unit, periodic=periodic) for unit in units]
-    psnr: dict[int, tuple[float, ...]] = {}
-    best = []
-    for k, level in enumerate(levels):
-        least = np.array([errors(level, share).min() for errors in leakless])
-        highest = -np.inf
-        for place in least.argsort():
-            if estimate.decibels(level, float(least[place])) <= highest:
-                break
-            if place not in psnr:
-                psnr[place] = estimate(units[place], periodic=periodic, levels=levels)
-            highest = max(highest, psnr[place][k])
-        best.append(highest)
-    return tuple(best)
-
-
-def distinct_openings(dots: int, clear_dots: int, *, periodic: bool) -> NDArray[np.bool_]:
-    """[openings, dots, dots]: one of all those that the surrogate cannot tell apart.
-
-    Turned at random, a unit is any of its eight orientations; repeated, it can begin anywhere, and its autocorrelation
-    is that of its half turn.
-    """
-    places = np.array(list(combinations(range(dots**2), clear_dots)))
-    cells = np.arange(dots**2).reshape(dots, dots)
-    if periodic:
-        moved = [np.roll(cells, (v, u), axis=(0, 1)) for v in range(dots) for u in range(dots)]
-        images = moved + [image[::-1, ::-1] for image in moved]
-    else:
-        images = [orient(cells, k) for k in range(ORIENTATIONS)]
-    openings = np.zeros((len(places), dots**2), dtype=np.bool_)
-    np.put_along_axis(openings, places, values=True, axis=1)
-    packed = np.packbits(openings, axis=1)
-    # Of openings in dictionary order, each is told by its place.
-    order = np.lexsort(packed.T[::-1])
-    named = _words(packed[order])
-    first = np.arange(len(order))
-    for image in images:
-        moved_words = _words(np.packbits(openings[order][:, image.ravel()], axis=1))
-        first = np.minimum(first, np.searchsorted(named, moved_words))
-    tried: NDArray[np.bool_] = openings[order][first == np.arange(len(order))]
-    return tried.reshape(-1, dots, dots)
-
-
-def _words(packed: NDArray[np.uint8]) -> NDArray[np.bytes_]:
-    """Rows of bytes as one value each; they have one length, so that zeros cut off at the end tell no two alike."""
-    return np.ascontiguousarray(packed).view(f"S{packed.shape[1]}").ravel()
-
-
-def sampled(estimate: Surrogate, inner: Interior, *, periodic: bool) -> Interior:
-    """The surrogate's own lags, with no power where the leak counts instead.
-
-    Args:
-        estimate: of the scenes.
-        inner: of the same, by :func:`maskfab.designs.model.expected_psnr.interior`.
-        periodic: keep every lag of the upper half plane; otherwise only 0 <= y <= x, mirror images added up.
-    """
-    lags = estimate.lags if periodic else np.sort(abs(estimate.lags), axis=0)
-    distinct, first, place = np.unique(lags, axis=1, return_index=True, return_inverse=True)
-    place = place.ravel()
-    weight = np.bincount(place, estimate.weight).astype(np.float64)
-    y, x = distinct
-    if periodic:
-        count = np.where((y == 0) & (x == 0), 1.0, 2.0)
-    else:
-        count = np.where(y == x, 4.0, 8.0) / np.where(y == 0, 2, 1)
-        count[(y == 0) & (x == 0)] = 1
-    return replace(
-        inner,
-        lags=distinct,
-        count=count,
-        weight=weight,
-        stop=np.maximum(estimate.clear[first], 0),
-        pixel=np.ones(len(first)),
-        folded=estimate.folded[first],
-        power=np.bincount(place, estimate.signal) / weight,
-        inverse_prior=estimate.inverse_prior[first],
-    )
-
-
-def frame_bound(
-    estimate: Surrogate,
-    inner: Interior,
-    clear_dots: int,
-    *,
-    periodic: bool = False,
-    levels: Sequence[float] | None = None,
-) -> tuple[float, ...]:
-    """dB at each level; for no unit of this clear count the surrogate returns more.
-
-    Args:
-        estimate: of the scenes.
-        inner: of the same.
-        clear_dots: of the unit, at least 1.
-        periodic: the unit is repeated; otherwise turned at random.
-        levels: of light; None for the surrogate's own.
-    """
-    levels = estimate.levels if levels is None else levels
-    if few_openings(estimate.dots, clear_dots):
-        return best_of_every_opening(estimate, clear_dots, periodic=periodic, levels=levels)
-    ratio = clear_dots / estimate.dots**2
-    own = sampled(estimate, inner, periodic=periodic)
-    classes = residues(own, periodic=periodic, mirrored=not periodic)
-    variance = [own.noise.variance(level, ratio) for level in levels]
-    least = residue_errors(own, classes, ratio, variance, periodic=periodic)
-    # Brighter light has less noise for every unit and ε, so what bounds the error there bounds it in dimmer light.
-    least = [max(e for e, v in zip(least, variance, strict=True) if v <= own_v) for own_v in variance]
-    return tuple(own.decibels(level, v) for level, v in zip(levels, least, strict=True))
-
-
-_STEPS = 30
-_NODES = 32
-"""Of A; twice as many change the limit of 100 dots of 441 by less than 0.03 dB."""
-_FAINT = 0.1
-_LOW = 1 / 16
-"""Cycles per pixel below which, on both axes, the leak takes the bias's place."""
-
-
-@dataclass(frozen=True)
-class MapGap:
-    """A layout beside its bound.
-
-    Attributes:
-        level_db: levels of light in dB.
-        open_share: of the stop, the layout's own.
-        limit: dB, no layout of as many dots in each whole cell and as much light has a higher PSNR.
-        head_room: dB, what at most could be gained over the layout; not below 0.
-    """
-
-    level_db: tuple[float, ...]
-    open_share: float
-    limit: tuple[float, ...]
-    head_room: tuple[float, ...]
-
-
-def map_gap(
-    estimate: Surrogate,
-    pupil: Floats,
-    clear_dots: int,
-    psnr: Sequence[float],
-    *,
-    levels: Sequence[float] | None = None,
-) -> MapGap:
-    """A panel that is laid, beside what its clear dots and its light allow.
-
-    Args:
-        estimate: of the scenes.
-        pupil: of :func:`maskfab.camera.lens.lay`, 0 outside the stop.
-        clear_dots: of every whole cell.
-        psnr: dB at each level, as :class:`maskfab.designs.model.panel_error.PupilError` finds it for the pupil.
-        levels: of light; None for the surrogate's own.
-
-    Raises:
-        JobError: MF122 for a pupil of other dots than the surrogate's panel.
-    """
-    side = estimate.lattice.side
-    if pupil.shape != (side, side):
-        what = f"the panel has the shape {pupil.shape}, the surrogate's {side} x {side}"
-        raise JobError("MF122", what, where="pupil", cure="Lay it with the surrogate's dots")
-    inner, levels = interior(estimate), estimate.levels if levels is None else levels
-    share = float(pupil.sum() / inner.stop_dots)
-    limit = tuple(layout_bound(framed(inner), clear_dots / estimate.dots**2, level, share) for level in levels)
-    room = tuple(max(0.0, most - have) for most, have in zip(limit, psnr, strict=True))
-    return MapGap(tuple(levels), share, limit, room)
-
-
-def framed(inner: Interior) -> Interior:
-    """The lags without what the filter holds back at low frequencies, where the leak counts instead."""
-    low = np.abs(inner.lags).max(axis=0) / inner.per_cycle < _LOW
-    return replace(inner, power=np.where(low, 0.0, inner.power))
-
-
-def layout_bound(inner: Interior, ratio: float, level: float, open_share: float) -> float:
-    """dB that no layout reaches.
-
-    Args:
-        inner: of the camera; its power says what counts.
-        ratio: clear share of each whole cell; no cut cell holds more dots.
-        level: of light, dB.
-        open_share: clear share of the stop.
-    """
-    faintest = float(inner.stop.min())
-    # No lag has more pairs of clear dots than of dots, of which the stop passes the share that is clear.
-    most = 1 / (faintest if faintest > _FAINT else open_share)
-    nodes, cost = wiener_cost(inner, inner.noise.variance(level, open_share), open_share, most, _NODES)
-    around = blocks(inner, ratio, cut_cells=True, open_share=open_share)
-    error = block_error(inner, nodes, cost, around, open_share, moving=True, steps=_STEPS)[0]
-    return inner.decibels(level, error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -468,9 +198,6 @@ class Bounds:
         clear_dots: of the unit.
         periodic: the unit is repeated; otherwise turned at random.
         psnr: dB, no unit tiled so has a higher expected interior PSNR.
-        frame: dB, no unit tiled so has a higher expected PSNR of the whole frame, as the surrogate returns it.
-        any_layout: dB, nor has any panel with as many clear dots in each whole cell, however each is drawn and turned,
-            and whatever the cells that the stop cuts hold; None if it was not asked for.
         grey: dB, a neutral filter that passes as much light, which is also the open stop exposed as briefly.
         open_stop: dB, a clear stop of the area that is clear.
         auc: no unit has a larger expected area under the radial minimum of the blue MTF; None above 25 dots a side,
@@ -482,8 +209,6 @@ class Bounds:
     clear_dots: int
     periodic: bool
     psnr: tuple[float, ...]
-    frame: tuple[float, ...]
-    any_layout: tuple[float, ...] | None
     grey: tuple[float, ...]
     open_stop: tuple[float, ...]
     auc: float | None
@@ -498,16 +223,12 @@ class Gap:
         bounds: for its clear count and tiling.
         psnr: dB, its expected interior PSNR at each level.
         head_room: dB, what at most could be gained in the interior; not below 0.
-        psnr_frame: dB, what the surrogate returns for it.
-        head_room_frame: dB, what at most could be gained there; not below 0.
         auc: its expected area under the radial minimum of the blue MTF.
     """
 
     bounds: Bounds
     psnr: tuple[float, ...]
     head_room: tuple[float, ...]
-    psnr_frame: tuple[float, ...]
-    head_room_frame: tuple[float, ...]
     auc: float
 
 
@@ -517,7 +238,6 @@ def bounds(
     *,
     periodic: bool = False,
     levels: Sequence[float] | None = None,
-    any_layout: bool = True,
 ) -> Bounds:
     """Bounds for units of the surrogate's size, its scenes and its camera.
 
@@ -526,7 +246,6 @@ def bounds(
         clear_dots: of the unit.
         periodic: the unit is repeated; otherwise turned at random.
         levels: of light; None for the surrogate's own.
-        any_layout: find the bound on designed maps too.
 
     Raises:
         OpeningError: MF203 if no dot is clear; MF204 if there are more than the unit has.
@@ -543,24 +262,14 @@ def bounds(
     variances = [inner.noise.variance(level, ratio) for level in levels]
     errors = residue_errors(inner, residues(inner, periodic=periodic), ratio, variances, periodic=periodic)
     interior_psnr = tuple(inner.decibels(level, error) for level, error in zip(levels, errors, strict=True))
-    whole = frame_bound(estimate, inner, clear_dots, periodic=periodic, levels=levels)
     area = None
     if estimate.dots <= _MOST_DOTS_OF_LP:
         area = auc_bound(rings(estimate.dots, room=estimate.lattice), clear_dots, periodic=periodic)
     method = [
         "psnr: Lagrangian dual over lag residues, least over the protocol's ε; cut cells as whole ones",
-        "frame: the best of all openings of so many dots"
-        if few_openings(estimate.dots, clear_dots)
-        else "frame: the same at the surrogate's own lags; the leak is at least 0",
         "auc: linear programme's dual, positive semidefinite" if not periodic else "auc: linear programme's dual",
     ]
-    free = None
-    if any_layout:
-        free = tuple(layout_bound(inner, ratio, level, ratio) for level in levels)
-        method.append(
-            "any_layout: Lagrangian dual over blocks of lags, best filter within ε at each frequency, cut cells counted"
-        )
-    return Bounds(tuple(levels), clear_dots, periodic, interior_psnr, whole, free, grey, small, area, tuple(method))
+    return Bounds(tuple(levels), clear_dots, periodic, interior_psnr, grey, small, area, tuple(method))
 
 
 def optimality_gap(
@@ -591,9 +300,8 @@ def optimality_gap(
     fits = known is not None and (known.clear_dots, known.periodic, known.level_db) == (clear, periodic, tuple(levels))
     limit = known if fits and known is not None else bounds(estimate, clear, periodic=periodic, levels=levels)
     reached = interior(estimate).of_unit(unit, periodic=periodic, levels=levels)
-    whole = estimate(unit, periodic=periodic, levels=levels)
     area = rings(n, room=estimate.lattice).of_unit(unit, periodic=periodic)
-    return Gap(limit, reached, _room(limit.psnr, reached), whole, _room(limit.frame, whole), area)
+    return Gap(limit, reached, _room(limit.psnr, reached), area)
 
 
 def _room(most: tuple[float, ...], have: tuple[float, ...]) -> tuple[float, ...]:

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from maskfab.base.arrays import Mask
+from maskfab.base.arrays import Floats, Mask
 from maskfab.base.errors import JobError
 from maskfab.base.files import Kept
 from maskfab.base.model import ORIENTATIONS, Opening, Panel, Tiling
@@ -48,7 +48,8 @@ from maskfab.designs.model.appraisal import (
     robustness,
 )
 from maskfab.designs.model.expected_psnr import Surrogate, surrogate_of
-from maskfab.designs.model.limits import map_gap, rings
+from maskfab.designs.model.layouts_bound import layout_gap
+from maskfab.designs.model.limits import rings
 from maskfab.designs.model.panel_error import MeanPanelError, PanelError, PupilError, pupil_error
 from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings, SceneStatistics, scene_statistics
 from maskfab.designs.rules.constraints import Constraints
@@ -194,8 +195,8 @@ class Mapped:
         cells, designed: the map; None where none was asked for.
         outer: the sparser one of two, bool [dots, dots].
         psnr: expected restored PSNR in dB by level of a panel of two; one is judged without its panel, and has None.
-        head_room: by level, dB that no layout of as many dots and as much light can gain over the map; None without a
-            map, for a panel of two, over several distances, and where the budget leaves no time for bounds.
+        head_room: by level, dB that no layout of as much light in every cell can gain over the map; None without one,
+            for groups, over several distances, of many dots, and where the budget leaves no time for bounds.
         notes: what a user should know, as sentences.
         cut: the budget cut it short.
         fit: of the display on a die, for a panel of two that must hold one.
@@ -551,7 +552,8 @@ def mapped(
     notes = ("Time ran out: each map got one pass of its search.",) if clock.over else ()
     if section.density is not None:
         made = graded(unit, error, section.density, find, constraints=rules, seed=seed, kicks=kicks, progress=progress)
-        return _of_two(section, made, error, facts, "middle", notes)
+        room = _head_room(estimate, error, error.laid(made.units, made.designed.orientations)) if bounded else None
+        return _of_two(section, made, error, facts, "middle", notes, room)
     if groups is not None:
         most = most_dots(section)
         made = clustered(
@@ -587,12 +589,8 @@ def mapped(
     )
     cut = f"{clock.ender} ended the map after {both.designed.fields} steps of its last descent."
     notes = (cut,) if clock.over else ()
-    room = None
-    # What bounds a panel in focus bounds no mean over distances.
-    if isinstance(error, PupilError) and bounded:
-        pupil = laid(both.unit, both.designed, error)
-        room = map_gap(estimate, pupil, int(both.unit.sum()), both.designed.psnr).head_room
-        facts = {**facts, **by_level("head_room", room, error.levels)}
+    room = _head_room(estimate, error, laid(both.unit, both.designed, error)) if bounded else None
+    facts = {**facts, **({} if room is None else by_level("head_room", room, error.levels))}
     cells = map_of(section, error, both.designed, facts)
     return Mapped(both.unit, cells, both.designed, head_room=room, notes=notes, cut=bool(notes))
 
@@ -652,8 +650,21 @@ def map_seed(section: SearchSection) -> int:
     return section.seed if section.tiling_seed is None else section.tiling_seed
 
 
+def _head_room(estimate: Surrogate, error: PanelError, pupil: Floats) -> tuple[float, ...] | None:
+    """Decibels by level that no layout of as much light in every cell gains; None where no bound is known."""
+    # What bounds a panel in focus bounds no mean over distances.
+    gap = layout_gap(estimate, pupil) if isinstance(error, PupilError) else None
+    return None if gap is None else gap.head_room
+
+
 def _of_two(
-    section: SearchSection, made: Graded, error: PanelError, facts: Facts, denser: str, notes: tuple[str, ...]
+    section: SearchSection,
+    made: Graded,
+    error: PanelError,
+    facts: Facts,
+    denser: str,
+    notes: tuple[str, ...],
+    room: tuple[float, ...] | None = None,
 ) -> Mapped:
     """Two openings at equal light, and what the display pays for them."""
     facts = {
@@ -670,10 +681,11 @@ def _of_two(
     if made.lines is not None:
         facts["lines"] = made.lines
         price += f" {made.lines} lines each way pass both openings."
+    facts |= {} if room is None else by_level("head_room", room, error.levels)
     cells = map_of(section, error, made.designed, facts)
     dense, sparse = made.units
-    psnr = made.designed.psnr
-    return Mapped(dense, cells, made.designed, sparse, psnr, notes=(*notes, price), cut=bool(notes), fit=made.fit)
+    notes, cut = (*notes, price), bool(notes)
+    return Mapped(dense, cells, made.designed, sparse, made.designed.psnr, room, notes, cut=cut, fit=made.fit)
 
 
 def map_of(section: SearchSection, error: PanelError, designed: DesignedMap, facts: Facts) -> CellMap:

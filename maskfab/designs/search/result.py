@@ -108,8 +108,8 @@ class Designed:
         prices: what the rules cost among them, in dB of the weighted mean; None where they were judged otherwise.
         cells: the designed map; None if none was asked for.
         designed: how that went.
-        map_head_room: by level, dB that no layout of as many dots and the map's own light can gain over it; None
-            without a map, for one of two openings or of several distances, and as above.
+        map_head_room: by level, dB that no layout of as much light in every cell can gain over the map, far from the
+            picture's edge; None without a map, for one of groups, of several distances or of many dots, and as above.
         gap: the opening beside all its bounds; None for a panel of two, where there is no other opening, and as above.
         outer: the opening of the outer half of the stop; None unless the density was asked to differ.
         notes: what a user should know, as sentences.
@@ -380,19 +380,18 @@ def appraised(
 ) -> tuple[tuple[float, ...], Facts, tuple[float, ...], Gap | None]:
     """Expected restored PSNR of a unit by level, both as provenance, and what no other of as many dots can gain, in dB.
 
-    That is of the picture's interior; the provenance has that of the whole frame too. Last all bounds, unless there is
-    no other opening of as many dots.
+    That is of the picture's interior. Last all bounds, unless there is no other opening of as many dots.
     """
     if mask.all():
         # It is the only opening of its count.
         psnr, none = estimate(mask, periodic=periodic), (0.0,) * len(estimate.levels)
         facts = by_level("expected_psnr", psnr, estimate.levels) | by_level("head_room", none, estimate.levels)
         return psnr, facts, none, None
-    limit = bounds(estimate, int(mask.sum()), periodic=periodic, any_layout=False)
+    limit = bounds(estimate, int(mask.sum()), periodic=periodic)
     gap = optimality_gap(estimate, mask, periodic=periodic, known=limit)
     psnr = estimate(mask, periodic=periodic)
     facts = by_level("expected_psnr", psnr, estimate.levels) | by_level("head_room", gap.head_room, estimate.levels)
-    return psnr, facts | by_level("head_room_frame", gap.head_room_frame, estimate.levels), gap.head_room, gap
+    return psnr, facts, gap.head_room, gap
 
 
 def origin(section: DesignSection, command: str, made_for: Facts) -> Facts:

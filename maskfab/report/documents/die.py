@@ -28,6 +28,7 @@ from maskfab.mask import panels
 from maskfab.mask.job import Job
 from maskfab.report.documents.shape import DieName, Document, Part, Text, written
 from maskfab.report.rows.photographs import Photographs, Restored
+from maskfab.report.rows.text import USEFUL_DB
 
 Facts = Mapping[str, object]
 
@@ -110,7 +111,6 @@ class _DesignLevel(Part):
     level_db: float
     stated_psnr: float | None
     head_room: float | None
-    head_room_frame: float | None
     map_gain: float | None
     restored_psnr: float | None
     photograph: _Shot | None
@@ -165,8 +165,7 @@ def stated_design(said: Stated, levels_db: Sequence[float], restored: Restored |
             _DesignLevel.document(
                 level_db=level,
                 stated_psnr=_number(opening, f"expected_psnr_{level:g}"),
-                head_room=_number(opening, f"head_room_{level:g}"),
-                head_room_frame=_number(opening, f"head_room_frame_{level:g}"),
+                head_room=_useful(_number(opening, f"head_room_{level:g}")),
                 map_gain=_number(cells, f"gain_db_{level:g}"),
                 restored_psnr=restored.psnr(level) if restored is not None and photographed else None,
                 photograph=_Shot.document(shots[level]) if level in shots else None,
@@ -185,6 +184,10 @@ def _number(facts: Facts, key: str) -> float | int | None:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         return None
     return value
+
+
+def _useful(head_room: float | None) -> float | None:
+    return None if head_room is None or head_room > USEFUL_DB else head_room
 
 
 def _text(facts: Facts, key: str) -> str | None:

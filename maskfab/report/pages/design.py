@@ -217,7 +217,6 @@ def _bounds_document(designed: Designed, gap: Gap) -> dict[str, object]:
     return {
         "interior_psnr_db": by_level(designed.levels, gap.psnr),
         "most_interior_psnr_db": by_level(designed.levels, limit.psnr),
-        "most_frame_psnr_db": by_level(designed.levels, limit.frame),
         "grey_psnr_db": by_level(designed.levels, limit.grey),
         "open_stop_psnr_db": by_level(designed.levels, limit.open_stop),
         "auc": gap.auc,
@@ -452,6 +451,7 @@ def design_page(document: Record) -> str:
         steps=None if drawing is None else Markup(drawing.img()),
         steps_told=_steps_told(search),
         bounds=_bounds(document, levels),
+        useful=USEFUL_DB,
         ideals=ideals,
         rules=rules_part(
             search["rules"] if search else [],
@@ -509,7 +509,7 @@ def _room(document: Record, levels: Sequence[str]) -> str:
     useful = _useful(document["head_room_db"])
     parts = [f"{useful[level]:.2f} dB at {level}" for level in levels if level in useful]
     where = "far from the frame's edge, no opening of as many dots gains more than "
-    return where + ", ".join(parts) if parts else "no useful bound"
+    return where + ", ".join(parts) if parts else f"not proved to {USEFUL_DB:g} dB"
 
 
 def _rules_line(document: Record, search: Record | None) -> str:
@@ -554,32 +554,17 @@ def _restored(document: Record) -> list[tuple[str, Mapping[str, str]]]:
 
 
 def _bounds(document: Record, levels: Sequence[str]) -> list[dict[str, Any]]:
-    """Head rooms, what they hold for, and which is the least at each level."""
-    bounds, cells = document["bounds"], document["map"]
-    rows: list[tuple[str, Mapping[str, float], str]] = []
-    if document["head_room_db"]:
-        rows.append(
-            ("Opening, far from the frame's edge", document["head_room_db"], "any opening of as many clear dots")
-        )
-    if bounds:
-        whole = {level: bounds["most_frame_psnr_db"][level] - document["expected_psnr_db"][level] for level in levels}
-        if not document["scene"]:
-            whole = {level: max(0.0, value) for level, value in whole.items()}
-            rows.append(("Opening, the whole frame", whole, "the same, the edge's leak counted as nothing at least"))
-    if cells and cells["head_room_db"]:
-        rows.append(("Map", cells["head_room_db"], "any layout of as many clear dots and as much light"))
-    least = {level: min((values[level] for _, values, _ in rows), default=0.0) for level in levels}
+    """Head rooms that tell anything, and what they hold for."""
+    cells = document["map"]
+    proved = [("Opening", document["head_room_db"], "any opening of as many clear dots")]
+    if cells:
+        proved.append(("Map", cells["head_room_db"], "any layout of as much light in every cell"))
+    rows = [(name, useful, holds) for name, values, holds in proved if values and (useful := _useful(values))]
     return [
         {
             "name": name,
             "holds": holds,
-            "cells": [
-                {
-                    "text": f"{values[level]:.2f}" if level in _useful(values) else "no useful bound",
-                    "tightest": values[level] == least[level] and level in _useful(values),
-                }
-                for level in levels
-            ],
+            "cells": [f"{values[level]:.2f}" if level in values else "–" for level in levels],
         }
         for name, values, holds in rows
     ]

@@ -253,6 +253,7 @@ def study_page(study: Study) -> str:
         blocks=blocks(study),
         scenes=study.scenes,
         skipped=plan.skipped,
+        masks_told=plan.masks_told,
         confidence=f"{CONFIDENCE:.0%}",
         lines=sorted(plan.job.camera.wavelengths_nm, reverse=True),
     )
@@ -286,7 +287,8 @@ def finding_text(claim: Claim, finding: Finding) -> tuple[str, str, str]:
     of, over, difference = finding.of, finding.over, finding.difference
     said = [of.die]
     if of.protocol:
-        said += [part for part in (of.case if of.case != OWN_SCENE else "", f"{of.level_db:g} dB") if part]
+        level = "mean over levels" if math.isnan(of.level_db) else f"{of.level_db:g} dB"
+        said += [part for part in (of.case if of.case != OWN_SCENE else "", level) if part]
         said += [of.restorer] if of.restorer else []
     elif finding.wavelength_nm is not None:
         said.append(f"{finding.wavelength_nm:g} nm")
@@ -379,6 +381,8 @@ def study_document(study: Study) -> dict[str, Any]:
         "title": plan.study.title,
         "scenes": list(study.scenes),
         "skipped": list(plan.skipped),
+        "masks": {name: path.name for name, path in plan.masks.items()},
+        "idle_masks": list(plan.idle_masks),
         "unused": list(plan.unused),
         "claims": [_claim(claim) for claim in study.claims],
         "optics": [
@@ -452,7 +456,7 @@ def _claim(claim: Claim) -> dict[str, Any]:
 
 
 def _take(take: Take) -> dict[str, Any]:
-    return vars(take) if take.protocol else {"die": take.die}
+    return _finite(vars(take)) if take.protocol else {"die": take.die}
 
 
 def _finite(values: Record) -> dict[str, Any]:
@@ -463,6 +467,7 @@ def _finite(values: Record) -> dict[str, Any]:
 def study_lines(study: Study) -> Iterator[str]:
     """Tables of scores by protocol and case, and claims with their verdicts, as lines of text."""
     yield f"{study.plan.study.figure}: {study.plan.study.title}"
+    yield from study.plan.masks_told
     for setting, table in blocks(study):
         yield from ("", setting.case, *setting.conditions.lines)
         rows = [("die", "restorer", *(f"{level:.4g} dB" for level in table.columns))]

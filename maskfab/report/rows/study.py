@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
 from itertools import product
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -33,7 +34,7 @@ from maskfab.job.camera import Camera
 from maskfab.job.read import parse_section
 from maskfab.job.reference import USES, unused
 from maskfab.job.sections import CaseSection, ClaimSection, SceneSection, StudySection
-from maskfab.mask.job import Job
+from maskfab.mask.job import Job, with_masks
 from maskfab.optics.lags import lag_table
 from maskfab.optics.metrics import auc_radial_min, relative_difference
 from maskfab.optics.mtf import longest_lag_um, presampled_mtf
@@ -72,7 +73,11 @@ def worst(verdicts: Sequence[Verdict]) -> Verdict:
 
 @dataclass(frozen=True)
 class Take:
-    """Everything that a score is of, but for the scene."""
+    """Everything that a score is of, but for the scene.
+
+    Attributes:
+        level_db: of light; NaN where it is a mean over levels, and of a number of the optics.
+    """
 
     protocol: str
     case: str
@@ -140,18 +145,26 @@ def of_photographs(claim: ClaimSection, scores: Mapping[Take, Sequence[Score]]) 
         claim.levels or kinds[2],
         kinds[3] if claim.restorer is None else (claim.restorer,),
     )
-    for (die, over), protocol, case, level, restorer in product(pairs(claim), *asked):
-        take = Take(protocol, case, die, level, restorer)
-        if take not in scores:
+    levels = [tuple(asked[2])] if claim.averaged else [(level,) for level in asked[2]]
+    for (die, over), protocol, case, of_levels, restorer in product(pairs(claim), asked[0], asked[1], levels, asked[3]):
+        takes = [Take(protocol, case, die, level, restorer) for level in of_levels]
+        if any(take not in scores for take in takes):
             continue
-        other = Take(protocol, claim.over_case or case, over or die, level, claim.over_restorer or restorer)
-        mine = [getattr(score, claim.measure) for score in scores[take]]
-        if other != take:
-            mine = [a - getattr(b, claim.measure) for a, b in zip(mine, scores[other], strict=True)]
-        difference = MeanDifference.of(mine)
+        other = {"case": claim.over_case or case, "die": over or die, "restorer": claim.over_restorer or restorer}
+        others = [replace(take, **other) for take in takes]
+        mine = _of_levels(scores, takes, claim.measure)
+        if others != takes:
+            mine = mine - _of_levels(scores, others, claim.measure)
+        difference = MeanDifference.of(mine.tolist())
         judged = verdict(difference, claim.at_least, claim.at_most)
-        findings.append(Finding(take, None if other == take else other, None, difference, judged))
+        told = [each if len(takes) == 1 else replace(each, level_db=math.nan) for each in (takes[0], others[0])]
+        findings.append(Finding(told[0], None if others == takes else told[1], None, difference, judged))
     return Claim(claim, tuple(findings))
+
+
+def _of_levels(scores: Mapping[Take, Sequence[Score]], takes: Sequence[Take], measure: str) -> NDArray[np.float64]:
+    """The mean score of every photograph over takes that differ in their level alone."""
+    return np.asarray(np.mean([[getattr(score, measure) for score in scores[take]] for take in takes], axis=0))
 
 
 def of_optics(claim: ClaimSection, numbers: Mapping[tuple[str, float | None], tuple[float, float]]) -> Claim:
@@ -256,6 +269,8 @@ class Plan:
         settings: protocols and cases that photographs are taken in.
         photographs: of a folder; drawn scenes are beside them.
         skipped: files of the folder that are no photographs, or do not serve.
+        masks: files that stand in place of openings, by the openings' names.
+        idle_masks: names of given ones that no opening has.
     """
 
     job: Job
@@ -263,6 +278,17 @@ class Plan:
     settings: tuple[Setting, ...]
     photographs: tuple[Photograph, ...]
     skipped: tuple[str, ...]
+    masks: Mapping[str, Path] = field(default_factory=dict)
+    idle_masks: tuple[str, ...] = ()
+
+    @property
+    def masks_told(self) -> tuple[str, ...]:
+        """Sentences on given masks; none where none are given."""
+        stands = ", ".join(f"{name} is {path.name}" for name, path in self.masks.items())
+        told = [f"In place of openings: {stands}."] if stands else []
+        if self.idle_masks:
+            told.append(f"Masks that no opening is named after: {', '.join(self.idle_masks)}.")
+        return tuple(told)
 
     @property
     def unused(self) -> tuple[str, ...]:
@@ -329,19 +355,26 @@ class Study:
         }
 
 
-def planned(job: Job, given: Folder | None = None, learned: Callable[[Setting], Learned] | None = None) -> Plan:
+def planned(
+    job: Job,
+    given: Folder | None = None,
+    learned: Callable[[Setting], Learned] | None = None,
+    masks: Mapping[str, Path] | None = None,
+) -> Plan:
     """Check all of a study before any work: its dies, cases, protocols, claims and photographs.
 
     Args:
         job: with [study].
         given: photographs, beside the drawn scenes.
         learned: finds restorers that were trained behind dies, by their names.
+        masks: files in place of the job's openings, as :func:`maskfab.mask.job.masks_in` gives them.
 
     Raises:
         JobError: MF146 without [study], or for one that shows nothing or has no scenes; MF145 for a claim about what
-            the study does not have; else as for a job and for
+            the study does not have; else as for a job, for :func:`maskfab.mask.job.with_masks` and for
             :meth:`maskfab.report.rows.photographs.Conditions.of`.
     """
+    job, stand_in = with_masks(job, masks or {})
     study, where = job.spec.study, job.where
     if study is None:
         raise JobError("MF146", "the job has no [study]", where=where, cure="Add [study], or use maskfab simulate")
@@ -378,7 +411,8 @@ def planned(job: Job, given: Folder | None = None, learned: Callable[[Setting], 
     if settings and not (photographs or study.scenes):
         what = "the study has no scenes: no photographs that serve it, and study.scenes = 0"
         raise JobError("MF146", what, where=f"{where}: study.scenes", cure="Add --images FOLDER, or draw some scenes")
-    plan = Plan(job, job.panels(), tuple(settings), photographs, skipped)
+    idle = tuple(path.name for path in (masks or {}).values() if path not in stand_in.values())
+    plan = Plan(job, job.panels(), tuple(settings), photographs, skipped, stand_in, idle)
     for i, claim in enumerate(study.claim):
         _check_claim(claim, plan, f"{where}: study.claim[{i}]")
     return plan
@@ -448,6 +482,9 @@ def _check_claim(claim: ClaimSection, plan: Plan, where: str) -> None:
     if claim.at_least is None and claim.at_most is None:
         problem = "the claim has no limit, so nothing could disagree with it"
         raise JobError("MF145", problem, where=where, cure="Add at_least or at_most")
+    if claim.averaged and (optical or len(claim.levels or levels) < 2):
+        problem = "the claim is about a mean over levels of light, and there are no two"
+        raise JobError("MF145", problem, where=where, cure="Leave averaged out, or name several levels")
     if claim.measure == "psf_difference" and claim.over is None:
         raise JobError("MF145", "a difference of PSFs is one of two dies", where=where, cure="Add over")
 

@@ -218,8 +218,8 @@ def quantity_document(quantity: Quantity) -> dict[str, Any]:
     return row
 
 
-USEFUL_DB = 20.0
-"""Headroom above which a bound says nothing: an open stop gains less over any opening."""
+USEFUL_DB = 1.0
+"""Headroom above which nothing is told of it: openings, rules and maps are decided by less."""
 
 
 def designed_lines(designed: Designed, notes: Sequence[str]) -> list[str]:
@@ -232,11 +232,10 @@ def designed_lines(designed: Designed, notes: Sequence[str]) -> list[str]:
     if designed.scene is not None:
         lines += _scene_lines(designed, designed.scene)
     focus = "" if designed.scene is None else ", in focus"
-    if designed.head_room is not None:
-        lines.append(f"proven headroom (frame interior{focus}): {_most(designed, designed.head_room)}")
+    if designed.head_room is not None and (most := _most(designed, designed.head_room)):
+        lines.append(f"proven headroom (frame interior{focus}): {most}")
     if designed.gap is not None:
         limit, part = designed.gap.bounds, f"(frame interior{focus})"
-        lines.append(f"proven headroom (whole frame{focus}): {_most(designed, designed.gap.head_room_frame)}")
         lines.append(f"grey filter of the same transmission: {_levels(designed, limit.grey)} {part}")
         lines.append(f"unobstructed stop with the same open area: {_levels(designed, limit.open_stop)} {part}")
         most = "" if limit.auc is None else f" of at most {limit.auc:.4f}"
@@ -256,10 +255,8 @@ def designed_lines(designed: Designed, notes: Sequence[str]) -> list[str]:
         lines.append(
             f"gain of the designed map over a random one: {gains}; transmission {_light(designed.designed):+.2%}"
         )
-    if designed.map_head_room is not None:
-        lines.append(
-            f"proven headroom of the map (same dots, same transmission): {_most(designed, designed.map_head_room)}"
-        )
+    if designed.map_head_room is not None and (most := _most(designed, designed.map_head_room)):
+        lines.append(f"proven headroom of the map (frame interior, same transmission of every cell): {most}")
     if designed.robust is not None:
         lines += _robust_lines(designed, designed.robust)
     if designed.fit is not None:
@@ -338,11 +335,9 @@ def by_level(levels: Sequence[float], values: Sequence[float]) -> dict[str, floa
 
 
 def _most(designed: Designed, values: Sequence[float]) -> str:
-    """Bounds by level; one that no design could come near says nothing, and is told as such."""
-    return ", ".join(
-        f"at most {value:.2f} dB at {level}" if value <= USEFUL_DB else f"no useful bound at {level}"
-        for level, value in by_level(designed.levels, values).items()
-    )
+    """Bounds by level, of those that tell anything."""
+    by = by_level(designed.levels, values).items()
+    return ", ".join(f"at most {value:.2f} dB at {level}" for level, value in by if value <= USEFUL_DB)
 
 
 def _levels(designed: Designed, values: Sequence[float], sign: str = "") -> str:
