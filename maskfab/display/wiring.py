@@ -220,9 +220,11 @@ def wiring(panel: Panel, opening: Opening, demand: WireDemand) -> Wiring:
         opening: what is clear in any of its openings.
         demand: what is asked.
     """
-    drawn = wired_alike(panel, opening, demand)
-    if drawn.verdict is Verdict.FITS:
-        return drawn
+    # Sets of ports that are too few are left out first: of all sets only so many are looked at.
+    for whole in (True, False):
+        drawn = wired_alike(panel, opening, demand, whole=whole)
+        if drawn.verdict is Verdict.FITS:
+            return drawn
     transparent = drawn.transparent
     asked = panel, demand.rules, demand.lines - transparent
     cut = next((proof for axis in AXES if (proof := panel_cut(*asked, axis)) is not None), None)

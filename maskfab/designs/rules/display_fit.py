@@ -59,8 +59,9 @@ _EVERY_PAIR = 40
 """Cells along a random panel in which any two orientations meet, side by side and corner to corner."""
 
 
-_LAID_ALIKE = (6, 6)
-"""Cells of a panel that stands for all whose cells are laid alike: lines keep within a pixel of their own."""
+_LAID_ALIKE, _LEAST_ALIKE = (64, 3), (6, 6)
+"""Rows and columns of a panel that stands, for lines along x, for all whose cells are laid alike, since room too narrow
+by a line for every few of them is too narrow by many for all; and of one on which lines are drawn."""
 
 
 class Wired(StrEnum):
@@ -207,10 +208,12 @@ class Display:
             alike = wired_alike(panel, panel.opening, demand, whole=True)
             return None if min(alike.lines) >= demand.lines else "the lines cannot be drawn alike in all its turns"
         if self.wired is Wired.REGULAR:
-            panel = self.panel(unit, dot_nm, np.zeros(_LAID_ALIKE, dtype=np.int8))
-            cuts = (panel_cut(panel, demand.rules, self.opaque_lines, axis) for axis in AXES)
-            if (cut := next((proof for proof in cuts if proof is not None), None)) is not None:
-                return cut.statement
+            for axis, shape in zip(AXES, (_LAID_ALIKE, _LAID_ALIKE[::-1]), strict=True):
+                panel = self.panel(unit, dot_nm, np.zeros(shape, dtype=np.int8))
+                cut = panel_cut(panel, demand.rules, self.opaque_lines, axis)
+                if cut is not None:
+                    return cut.statement
+            panel = self.panel(unit, dot_nm, np.zeros(_LEAST_ALIKE, dtype=np.int8))
         wires = wiring(panel, panel.opening, demand)
         return None if wires.verdict is Verdict.FITS else _statement(wires.failed)
 
@@ -406,7 +409,7 @@ def _on_cells(constraints: Constrained, given: Display) -> Display:
 def _unwired(constraints: Constrained, unit: Mask) -> str | None:
     """Why the whole display does not fit, so that emitters without a way to the pixel's side count too."""
     display: Display = constraints["wires"]
-    cells = np.zeros(_LAID_ALIKE, dtype=np.int8) if display.wired is Wired.REGULAR else display.cells
+    cells = np.zeros(_LEAST_ALIKE, dtype=np.int8) if display.wired is Wired.REGULAR else display.cells
     panel = display.panel(unit, constraints.dot_nm, cells)
     return display.unwired(unit, constraints.dot_nm) or display.broken_in_trial(panel)
 
