@@ -16,6 +16,7 @@ from maskfab.camera.protocol import Protocol
 from maskfab.camera.scenes import Folder, folder
 from maskfab.camera.sensor import stated_light
 from maskfab.designs.maps.light import most_dots, shares
+from maskfab.designs.maps.shares import require_outer
 from maskfab.designs.model.appraisal import EXACT, SceneConditions, Spread
 from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings
 from maskfab.designs.rules.display_fit import Display
@@ -327,7 +328,10 @@ def require_room(section: SearchSection, required: float, *, where: str) -> None
     if section.cluster is not None:
         most, _ = shares(section.clear_dots, most_dots(section))
         key, stated, dense = "most_dots", float(most), most / section.dots**2
-    elif section.density is not None:
+    elif section.outer_dots is not None and not section.outer_dots < section.clear_dots:
+        require_outer(section.outer_dots, section.clear_dots, where=f"{where}.outer_dots")
+        return
+    elif section.density is not None and section.density != "search":
         key, stated, dense = "density", section.density, section.density
     else:
         return

@@ -137,6 +137,9 @@ class RulesSection(Section):
     neighbours' orientations."""
     centroid_px: float | None = Field(default=None, gt=0, le=1, allow_inf_nan=False)
     """Largest distance of the light's centroid from the pixel's centre, pixels; of the emitters that ``fit`` places."""
+    slow_grain: float | None = Field(default=None, gt=0, le=1, allow_inf_nan=False)
+    """Largest slow grain of an even field, rms contrast up to 10 cycles per degree at 300 mm; of the emitters that
+    ``fit`` places, pixels turned at random."""
     keep_out: str | None = None
     """Drawing of the cell, top row first: x stays closed, . is free."""
 
@@ -178,8 +181,10 @@ class SearchSection(DesignSection):
     inward; of the best shapes that differ in family or size, so many as the ``shortlist`` has are tried under a quick
     map, and the best goes on. The opening may then lie at one of so many ``positions`` in its cell, and opening and map
     are bettered in turns for ``joint`` rounds. ``density`` is the share of the dots that are clear in the central half
-    of the stop; the rest has so many fewer that the light is the same, and there is no shortlist. With ``cluster`` two
-    pixels of every group of 2 x 2 have ``most_dots`` clear dots and two as many fewer, and groups are turned as one.
+    of the stop; the rest has so many fewer that the light is the same, and there is no shortlist. With ``outer_dots``
+    the rest is stated, and the middle as large as the light leaves; with "search" the share is found. With ``cluster``
+    two pixels of every group of 2 x 2 have ``most_dots`` clear dots and two as many fewer, and groups are turned as
+    one.
     """
 
     families: Annotated[
@@ -205,8 +210,12 @@ class SearchSection(DesignSection):
     """Rounds that alternate between opening and map."""
     fit: bool = False
     """The display of the job's [emitters] and [wires] must fit, by the checks of ``maskfab check``, on a die too."""
-    density: float | None = Field(default=None, gt=0, lt=1, allow_inf_nan=False)
-    """Share of clear dots in the central half of the stop; the rest has fewer, so that total light is the same."""
+    density: Literal["search"] | Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)] | None = None
+    """Share of clear dots in the middle of the stop; the rest has fewer, so that total light is the same. "search"
+    finds the share that restores best of those whose display fits on any map and keeps the rules."""
+    outer_dots: int | None = Field(default=None, ge=1)
+    """Clear dots of cells beyond the middle, whose radius follows; default: the middle is half of the stop, and with
+    density = "search" as large as the light of 1 to 3 dots beyond it leaves."""
     cluster: Literal[2] | None = None
     """Pixels along the side of groups that share their light unevenly and are laid as one: two by two."""
     most_dots: int | None = Field(default=None, ge=1)
