@@ -285,10 +285,12 @@ class ParetoSection(Section):
     points: int = Field(default=4, ge=1, le=100)
     """Designs of each curve, spread over it, that are annealed, given their map and laid on a die."""
     density: Annotated[
-        tuple[Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)], ...], Field(max_length=16, strict=False)
+        tuple[Literal["search"] | Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)], ...],
+        Field(max_length=16, strict=False),
     ] = ()
     """Shares of the dots that are clear in the middle of the stop, as density of [design]: a design for each, at the
-    light of each curve."""
+    light of each curve. "search" finds ``points`` of them, gain against grain, for the most lines; limits of the eye
+    in [design.rules] are drawn and not kept there."""
     most_dots: Annotated[tuple[Annotated[int, Field(ge=2, le=1_000_000)], ...], Field(max_length=16, strict=False)] = ()
     """Clear dots of the denser pixels of groups of 2 x 2, as most_dots of [design]: a design for each, likewise."""
 

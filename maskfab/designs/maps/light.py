@@ -53,11 +53,12 @@ _SPARSER = 3
 """Sparser units that are tried beside each denser one."""
 
 
-_COARSE, _CLOSE = 8, 2
-"""Numbers of dots that a search first looks at, and those on either side of its best that it looks at last."""
+_COARSE, _BELOW, _ABOVE = 8, 2, 10
+"""Numbers of dots that a search first looks at, and those below and above its best that it looks at last: more dots
+are worth more, and shapes whose light is centred are few."""
 
 
-_LOOKED, _SPARSEST, _QUICK = 12, 24, 3
+_LOOKED, _SPARSEST, _QUICK = 20, 24, 3
 """Openings that the display fits, of one number of dots, whose light is judged; sparser ones, of which the one that
 lies behind a denser one is taken; middles that are given a quick map."""
 
@@ -295,7 +296,7 @@ def _climb(value: Callable[[int], float], low: int, high: int) -> None:
         step = (step + 1) // 2
         sides = [count for count in (best + step, best - step) if low <= count <= high]
         best = max((best, *sides), key=value)
-    for count in range(max(low, best - _CLOSE), min(high, best + _CLOSE) + 1):
+    for count in range(max(low, best - _BELOW), min(high, best + _ABOVE) + 1):
         value(count)
 
 
