@@ -72,7 +72,7 @@ ROUNDING = 1e-9
 _BATCH = 64
 
 
-_MIDDLES = 6
+_MIDDLES = 8
 """Densities of the middle that are looked at, evenly between one opening's and the most that emitters leave."""
 
 

@@ -364,11 +364,9 @@ def test_a_stair_of_middles_has_less_grain_with_every_step_down() -> None:
     assert [(one.value, one.grain) for one in stair(looked)] == [(5, 0.1), (4, 0.05), (2, 0.01)]
 
 
-def test_a_front_of_middles_is_laid_drawn_and_asked_for(
-    scenes: tuple[Photograph, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.slow
+def test_a_front_of_middles_is_laid_drawn_and_asked_for(scenes: tuple[Photograph, ...]) -> None:
     """Limits of the eye are told, and not kept by middles that are sought, whose jobs ask for their own grain."""
-    monkeypatch.setattr("maskfab.designs.front._MIDDLES", 2)
     spec = job()
     assert isinstance(spec.design, SearchSection)
     of = spec.design.model_copy(update={"rules": RulesSection(slow_grain=0.001)})
