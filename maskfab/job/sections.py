@@ -17,6 +17,8 @@ from maskfab.job.process import MaskBlank, Process
 from maskfab.job.values import (
     MASK_FORMATS,
     MOST_DOTS_PER_UM,
+    NUMBER,
+    WORD,
     Aberrations,
     Accuracy,
     Area,
@@ -45,6 +47,7 @@ from maskfab.job.values import (
     Time,
     Weight,
     checks,
+    word_or_number,
 )
 
 
@@ -171,6 +174,12 @@ class DesignSection(Section):
     """File of the opening, relative to the job."""
 
 
+DensityOrSearch = Annotated[
+    Annotated[Literal["search"], Tag(WORD)] | Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False), Tag(NUMBER)],
+    Discriminator(word_or_number),
+]
+
+
 class SearchSection(DesignSection):
     """[design] with method "search": compact shapes, by the photographs that could be restored behind them.
 
@@ -210,7 +219,7 @@ class SearchSection(DesignSection):
     """Rounds that alternate between opening and map."""
     fit: bool = False
     """The display of the job's [emitters] and [wires] must fit, by the checks of ``maskfab check``, on a die too."""
-    density: Literal["search"] | Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)] | None = None
+    density: DensityOrSearch | None = None
     """Share of clear dots in the middle of the stop; the rest has fewer, so that total light is the same. "search"
     finds the share that restores best of those whose display fits on any map and keeps the rules."""
     outer_dots: int | None = Field(default=None, ge=1)
@@ -285,7 +294,7 @@ class ParetoSection(Section):
     points: int = Field(default=4, ge=1, le=100)
     """Designs of each curve, spread over it, that are annealed, given their map and laid on a die."""
     density: Annotated[
-        tuple[Literal["search"] | Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)], ...],
+        tuple[DensityOrSearch, ...],
         Field(max_length=16, strict=False),
     ] = ()
     """Shares of the dots that are clear in the middle of the stop, as density of [design]: a design for each, at the

@@ -681,6 +681,13 @@ def _of_two(
         f"The display pays for the denser {denser}: emitters, alike in all cells, of {made.share:.1%} of the pixel in "
         f"each colour instead of {made.uniform_share:.1%}, which live {made.life_ratio:.2f} as long at equal luminance."
     )
+    if made.denser_cells:
+        facts["denser_cells"] = made.denser_cells
+        inner, outer = (int(unit.sum()) for unit in made.units)
+        price = f"{made.denser_cells} cells behind the stop hold {inner} dots, the others {outer}. {price}"
+    if made.grain is not None:
+        facts["slow_grain"] = round(made.grain, 4)
+        price += f" The slow grain of an even field is {made.grain:.3f}, its pixels turned at random."
     if made.lines is not None:
         facts["lines"] = made.lines
         price += f" {made.lines} lines each way pass both openings."
