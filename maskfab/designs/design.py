@@ -375,7 +375,7 @@ def require_cap(section: SearchSection, rules: Constraints, *, where: str) -> No
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (middle, high) if most(middle) >= asked.required else (low, middle)
-    stated = f"{dense / section.dots**2:.4g}" if key == "density" else f"{dense}"
+    stated = f"{section.density:g}" if key == "density" else f"{dense}"
     largest = f"{low / section.dots**2:.3f}" if key == "density" else f"{low}"
     what = (
         f"{key} = {stated} is above the cap: beside no shape of {dense} dots of {', '.join(section.families)} do "

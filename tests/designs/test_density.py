@@ -9,17 +9,23 @@ import numpy as np
 import pytest
 
 from maskfab.base.errors import JobError
-from maskfab.base.model import ORIENTATIONS, Tiling, orient
+from maskfab.base.model import ORIENTATIONS, Emitters, Opening, Panel, Tiling, orient
 from maskfab.camera.lens import CELLS, lay
+from maskfab.designs.design import require_cap
 from maskfab.designs.maps.light import _climb, display_price, graded, middles
 from maskfab.designs.maps.orientation_map import LIGHT_TOLERANCE
 from maskfab.designs.maps.shares import Denser, beside, central, covered, nearest, stated
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import Display
+from maskfab.display.emitted_light import Viewing, series, show
+from maskfab.display.eye import SLOW_CPD, measured_rms
 from maskfab.display.feasibility import DisplayRules
 from maskfab.display.placement import footprint
+from maskfab.display.turned_grain import turned_grain
+from maskfab.job.camera import Stop
 from maskfab.job.read import parse_section
-from maskfab.job.sections import EmittersSection
+from maskfab.job.sections import EmittersSection, SearchSection
+from maskfab.mask.panels import CellMap, check_map
 
 DOTS = 7
 
@@ -226,3 +232,36 @@ def test_a_climb_finds_the_top_of_a_hill_and_looks_at_few(top):
     _climb(value, 1, 128)
     assert max(seen, key=seen.get) == top
     assert len(seen) < 40
+
+
+def test_a_map_that_shares_light_covers_the_stop():
+    """Of 24 cells of 168 um, 4032 um; one opening's map may be smaller, for its light is the same beyond."""
+    panel = Panel(Opening("a", block(12), 24000), 24000, 0, np.zeros((30, 30), dtype=np.int8), Tiling.MAP, 0)
+    given = CellMap("m", np.zeros((24, 24), dtype=np.int8))
+    check_map(given, panel, Stop("circle", 4000.0), "die 'A'", where="die[0].map")
+    with pytest.raises(JobError, match=r"MF114.*4032 um wide, less than the stop of 5000 um.*Design the map"):
+        check_map(given, panel, Stop("circle", 5000.0), "die 'A'", where="die[0].map")
+
+
+def test_a_share_above_the_cap_is_refused_before_any_work():
+    """Emitters of a fifth of the pixel leave 40 % for openings, and gaps round them less."""
+    asked = Display.of(
+        DisplayRules.of(EMITTERS.model_copy(update={"required": 0.2}), None, None), Tiling.RANDOM, 0, 4, 4
+    )
+    rules = Constraints(12, dots=DOTS, dot_nm=24000, emitters=asked)
+    plain = {"name": "a", "dots": DOTS, "pitch": "168 um", "clear_dots": 5, "map": "equal_light", "fit": True}
+    require_cap(parse_section(SearchSection, {**plain, "density": 0.11}, where="test"), rules, where="design")
+    with pytest.raises(JobError, match=r"MF123 density = 0.39 is above the cap: .* 20.0% is asked.*Use at most 0\.\d+"):
+        require_cap(parse_section(SearchSection, {**plain, "density": 0.39}, where="test"), rules, where="design")
+
+
+def test_grain_of_every_order_is_what_a_random_field_is_measured_to_have():
+    """Against the Fourier series of a panel of 64 x 64 pixels that draw their orientations."""
+    labels = np.zeros((DOTS, DOTS), dtype=np.uint8)
+    labels[0, :5], labels[1:3, 0:2], labels[5:, 4:] = 1, 2, 3
+    emitters, viewing = Emitters(labels, 24000), Viewing(168.0, 300_000.0)
+    drawn = np.random.default_rng(0).integers(ORIENTATIONS, size=(64, 64)).astype(np.int8)
+    panel = Panel(Opening("a", block(1)[::-1], 24000), 24000, 0, drawn, Tiling.RANDOM, 0, emitters=emitters)
+    seen = series(show(panel, np.ones((64, 64, 3)), DOTS), viewing, SLOW_CPD)
+    assert turned_grain(emitters, viewing) == pytest.approx(measured_rms(seen, 0.0, SLOW_CPD), rel=0.06)
+    assert turned_grain(emitters, viewing, elements=[3]) == pytest.approx(0, abs=1e-9)
