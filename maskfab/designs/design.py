@@ -361,28 +361,41 @@ def require_cap(section: SearchSection, rules: Constraints, *, where: str) -> No
         return
     key = "density" if section.cluster is None else "most_dots"
     dense = most_dots(section) if section.cluster is not None else round(float(section.density or 0) * section.dots**2)
-    asked, footprints = display.rules.emitters, footprints_of(rules, display.rules.emitters)
-
-    def most(count: int) -> float:
-        """The largest footprint that the bound leaves beside any shape of so many dots."""
-        units = [shape.unit for shape in _shapes(section, count)]
-        return float(footprints.bounds(np.stack(units)).max()) if units else 0.0
-
-    found = most(dense)
-    if found >= asked.required - 1e-9:
+    required, found = display.rules.emitters.required, _largest_footprint(section, rules, dense)
+    if found >= required - 1e-9:
         return
-    low, high = section.clear_dots, dense
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (middle, high) if most(middle) >= asked.required else (low, middle)
+    low = densest(section, rules, dense)
     stated = f"{section.density:g}" if key == "density" else f"{dense}"
     largest = f"{low / section.dots**2:.3f}" if key == "density" else f"{low}"
     what = (
         f"{key} = {stated} is above the cap: beside no shape of {dense} dots of {', '.join(section.families)} do "
-        f"emitters cover more than {found:.1%} of the pixel, and {asked.required:.1%} is asked"
+        f"emitters cover more than {found:.1%} of the pixel, and {required:.1%} is asked"
     )
     cure = f"Use at most {largest}, which wires may lower" + (', or density = "search"' if key == "density" else "")
     raise JobError("MF123", what, where=f"{where}.{key}", cure=cure)
+
+
+def densest(section: SearchSection, rules: Constraints, high: int) -> int:
+    """The most clear dots, below so many, of a shape of the families beside which a bound leaves emitters.
+
+    Args:
+        section: with its families and the clear dots of one opening, below which it does not look.
+        rules: with the display.
+        high: clear dots beside which there are none.
+    """
+    required = rules["emitters"].rules.emitters.required
+    low = section.clear_dots
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if _largest_footprint(section, rules, middle) >= required else (low, middle)
+    return low
+
+
+def _largest_footprint(section: SearchSection, rules: Constraints, count: int) -> float:
+    """The largest footprint that the bound leaves beside any shape of so many dots."""
+    units = [shape.unit for shape in _shapes(section, count)]
+    footprints = footprints_of(rules, rules["emitters"].rules.emitters)
+    return float(footprints.bounds(np.stack(units)).max()) if units else 0.0
 
 
 def _shapes(section: SearchSection, count: int) -> Iterator[Candidate]:

@@ -30,7 +30,7 @@ from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import Clock, Progress, silent
 from maskfab.camera.lens import F1, PhotoCamera, lattice
 from maskfab.camera.scenes import Photograph
-from maskfab.designs.design import require_closed
+from maskfab.designs.design import densest, require_closed
 from maskfab.designs.maps.light import SIDE, Graded, Middle, clustered, graded, laid, middles
 from maskfab.designs.maps.orientation_map import FIRST_STEPS, DesignedMap, MapMode, design_map
 from maskfab.designs.maps.shares import Denser
@@ -72,7 +72,7 @@ ROUNDING = 1e-9
 _BATCH = 64
 
 
-_MIDDLES = 8
+_MIDDLES = 12
 """Densities of the middle that are looked at, evenly between one opening's and the most that emitters leave."""
 
 
@@ -696,8 +696,9 @@ class _Sweep:
             rules_of_count = replace(held, clear_dots=count)
             return allowed(section, rules_of_count, self.objective, clock, progress, once=True)
 
-        most = math.floor(self.rules.dots**2 * (1 - 3 * self.display.rules.emitters.required))
-        counts = np.linspace(uniform.clear_dots, most, _MIDDLES + 2)[1:-1].round().astype(int).tolist()
+        closed = math.floor(self.rules.dots**2 * (1 - 3 * self.display.rules.emitters.required))
+        most = densest(self.section.model_copy(update={"clear_dots": uniform.clear_dots}), held, closed + 1)
+        counts = sorted(set(np.linspace(uniform.clear_dots, most, _MIDDLES + 1)[1:].round().astype(int).tolist()))
         asked = Denser("search")
         try:
             looked = middles(
