@@ -171,9 +171,7 @@ def _seen(axes: Axes, pareto: Pareto, rule: str, value: str, label: str) -> None
     limit = pareto.limits.get(rule)
     for k, curve in enumerate(curves):
         one, mark = curve.front[0], _MARKS[k % len(_MARKS)]
-        points = sorted(
-            (point for point in curve.denser if sought(point.uneven)), key=lambda point: getattr(point, value)
-        )
+        points = sorted((point for point in curve.denser if sought(point.uneven)), key=lambda point: point.value)
         across = [getattr(point, value) for point in points]
         axes.plot(across, [point.value - one.value for point in points], color=shades[k], linewidth=0.8, zorder=2)
         for point in (one, *points):
