@@ -15,7 +15,7 @@ from maskfab.job.sections import JobSpec, SearchSection
 from maskfab.job.toml import dumps
 from maskfab.mask.panels import CellMap
 
-_SECTIONS = ("design", "camera", "sensor", "exposure", "emitters", "wires", "light")
+_SECTIONS = ("design", "camera", "sensor", "exposure", "emitters", "circuits", "wires", "light")
 
 
 _DIGITS = 1e4
