@@ -30,14 +30,13 @@ from maskfab.designs.design import (
 )
 from maskfab.designs.design import design as design_spec
 from maskfab.designs.front import (
-    FrontDesign,
     Pareto,
-    designs,
     lines_of,
     require_uneven,
     rules_of,
     sweep,
 )
+from maskfab.designs.front_designs import FrontDesign, designs
 from maskfab.designs.rules.display_fit import DieFit
 from maskfab.designs.search.result import Designed
 from maskfab.job.read import read, validate

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from maskfab.base.cell_size import CellSize
-from maskfab.base.errors import JobError, OutputError
+from maskfab.base.errors import JobError, OpeningError, OutputError
 from maskfab.base.units import NM_PER_UM, to_nm
 from maskfab.base.work import NO_END, Clock, Progress, silent
 from maskfab.camera import scenes as scene_sets
@@ -16,9 +20,12 @@ from maskfab.camera.protocol import Protocol
 from maskfab.camera.scenes import Folder, folder
 from maskfab.camera.sensor import stated_light
 from maskfab.designs.maps.light import most_dots, shares
+from maskfab.designs.maps.shares import require_outer
 from maskfab.designs.model.appraisal import EXACT, SceneConditions, Spread
 from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings
-from maskfab.designs.rules.display_fit import Display
+from maskfab.designs.rules.constraints import Constraints
+from maskfab.designs.rules.display_fit import Display, footprints_of
+from maskfab.designs.rules.families import FAMILIES, Candidate
 from maskfab.designs.search.result import Designed, constraints_of
 from maskfab.display.feasibility import DisplayRules
 from maskfab.job.camera import Sensor
@@ -120,6 +127,7 @@ def _possible(spec: JobSpec, where: str) -> tuple[Display | None, SceneCondition
         require_weights(section, capture_settings(spec), where)
         if section.fit and spec.emitters is not None:
             require_room(section, spec.emitters.required, where=f"{where}: design")
+            require_cap(section, rules, where=f"{where}: design")
         camera = PhotoCamera.of(spec.camera, where=where)
         lattice(section.dots, rules.dot_nm, camera=camera, where=f"{where}: design.dots")
         spread_of(spec, where)
@@ -327,11 +335,74 @@ def require_room(section: SearchSection, required: float, *, where: str) -> None
     if section.cluster is not None:
         most, _ = shares(section.clear_dots, most_dots(section))
         key, stated, dense = "most_dots", float(most), most / section.dots**2
-    elif section.density is not None:
+    elif section.outer_dots is not None and not section.outer_dots < section.clear_dots:
+        require_outer(section.outer_dots, section.clear_dots, where=f"{where}.outer_dots")
+        return
+    elif section.density is not None and section.density != "search":
         key, stated, dense = "density", section.density, section.density
     else:
         return
     require_closed(1 - dense, required, f"{key} = {stated:g}", where=f"{where}.{key}")
+
+
+def require_cap(section: SearchSection, rules: Constraints, *, where: str) -> None:
+    """Refuse a share of denser pixels beside which a bound leaves no emitters, whatever shape they have.
+
+    Args:
+        section: with its density or most_dots, if it has any.
+        rules: with the display.
+        where: the section, for errors.
+
+    Raises:
+        JobError: MF123, with the largest share that the bound leaves.
+    """
+    display: Display | None = rules["emitters"] or None
+    if display is None or (section.cluster is None and not isinstance(section.density, float)):
+        return
+    key = "density" if section.cluster is None else "most_dots"
+    dense = most_dots(section) if section.cluster is not None else round(float(section.density or 0) * section.dots**2)
+    required, found = display.rules.emitters.required, _largest_footprint(section, rules, dense)
+    if found >= required - 1e-9:
+        return
+    low = densest(section, rules, dense)
+    stated = f"{section.density:g}" if key == "density" else f"{dense}"
+    largest = f"{low / section.dots**2:.3f}" if key == "density" else f"{low}"
+    what = (
+        f"{key} = {stated} is above the cap: beside no shape of {dense} dots of {', '.join(section.families)} do "
+        f"emitters cover more than {found:.1%} of the pixel, and {required:.1%} is asked"
+    )
+    cure = f"Use at most {largest}, which wires may lower" + (', or density = "search"' if key == "density" else "")
+    raise JobError("MF123", what, where=f"{where}.{key}", cure=cure)
+
+
+def densest(section: SearchSection, rules: Constraints, high: int) -> int:
+    """The most clear dots, below so many, of a shape of the families beside which a bound leaves emitters.
+
+    Args:
+        section: with its families and the clear dots of one opening, below which it does not look.
+        rules: with the display.
+        high: clear dots beside which there are none.
+    """
+    required = rules["emitters"].rules.emitters.required
+    low = section.clear_dots
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if _largest_footprint(section, rules, middle) >= required else (low, middle)
+    return low
+
+
+def _largest_footprint(section: SearchSection, rules: Constraints, count: int) -> float:
+    """The largest footprint that the bound leaves beside any shape of so many dots."""
+    units = [shape.unit for shape in _shapes(section, count)]
+    footprints = footprints_of(rules, rules["emitters"].rules.emitters)
+    return float(footprints.bounds(np.stack(units)).max()) if units else 0.0
+
+
+def _shapes(section: SearchSection, count: int) -> Iterator[Candidate]:
+    for name in section.families:
+        # A family that cannot have the count has no shapes.
+        with suppress(OpeningError):
+            yield from FAMILIES[name](section.dots, count)
 
 
 def require_closed(closed: float, required: float, stated: str, *, where: str) -> None:

@@ -18,51 +18,50 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import chain
 from types import MappingProxyType
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
 from maskfab.base.arrays import Mask
 from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import InputError, JobError
-from maskfab.base.model import Opening
+from maskfab.base.model import ORIENTATIONS, Opening
 from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import Clock, Progress, silent
 from maskfab.camera.lens import F1, PhotoCamera, lattice
 from maskfab.camera.scenes import Photograph
-from maskfab.designs.design import require_closed
-from maskfab.designs.maps.light import SIDE, clustered, graded
+from maskfab.designs.design import densest, require_closed
+from maskfab.designs.maps.light import SIDE, Graded, Middle, clustered, graded, laid, middles
 from maskfab.designs.maps.orientation_map import FIRST_STEPS, DesignedMap, MapMode, design_map
+from maskfab.designs.maps.shares import Denser
 from maskfab.designs.model.appraisal import compared_bias_um, moved_by_bias
 from maskfab.designs.model.panel_error import PupilError
 from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings
 from maskfab.designs.rules.constraints import Constraints
-from maskfab.designs.rules.display_fit import Display, Footprints, footprints_of, misfit, of_display
+from maskfab.designs.rules.display_fit import OF_THE_EYE, Display, Footprints, footprints_of, misfit, of_display
 from maskfab.designs.rules.families import FAMILIES, Candidate
 from maskfab.designs.search.annealing import ExpectedPsnr, Ranked, anneal, scan
 from maskfab.designs.search.method import MAP_LEAK_SCENES, Judges, groups_of, map_of, map_seed
 from maskfab.designs.search.result import (
     Alternatives,
-    Facts,
     Prices,
     alternatives,
     asked_of,
-    by_level,
-    camera_facts,
     constraints_of,
     made_for_line,
-    origin,
     prices,
 )
 from maskfab.designs.search.scan import PRICED, allowed
 from maskfab.display.emitted_light import TELEPHONE_UM, Viewing
-from maskfab.display.eye import predicted_rms
-from maskfab.job.sections import JobSpec, ParetoSection, SearchSection
-from maskfab.job.toml import dumps
+from maskfab.display.turned_grain import turned_grain
+from maskfab.job.sections import ParetoSection, SearchSection
 from maskfab.mask.panels import CellMap
 from maskfab.optics.tiling import orientations
 
-Uneven = tuple[tuple[str, float], ...]
+T = TypeVar("T")
+
+
+Uneven = tuple[tuple[str, float | str], ...]
 """Keys of [design] that share light unevenly, the one that tells how much last."""
 
 
@@ -73,22 +72,19 @@ ROUNDING = 1e-9
 _BATCH = 64
 
 
+_MIDDLES = 12
+"""Densities of the middle that are looked at, evenly between one opening's and the most that emitters leave."""
+
+
+_LESS_GRAIN = 0.001
+
+
 _STEP = 0.0025
 """Footprints count as more from so much of the pixel on: less is no reason for another design."""
 
 
 _DEPTH_DB = 0.5
 """Openings whose PSNR is so far below the best that the display fits are not looked at: fewer dots do better there."""
-
-
-_SECTIONS = ("design", "camera", "sensor", "exposure", "emitters", "wires", "light")
-
-
-_DIGITS = 1e4
-
-
-_OF_ONE_OPENING = {"positions": 1, "joint": 0, "shortlist": 1}
-"""Keys of [design] that two openings have no use for, as if they were not stated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,19 +136,22 @@ class FrontPoint:
         mapped: expected restored PSNR in dB by level on its panel, whose map had one descent; None without a map.
         value: of what is laid: weighted mean over the levels, mapped if there is a map.
         cells: its map, if there is one.
-        grain: rms luminance contrast of an even white field up to 10 cycles per degree, seen from 300 mm.
+        grain: rms luminance contrast of an even white field up to 10 cycles per degree, seen from 300 mm, pixels
+            turned at random.
+        centroid_px: distance of the light's centroid from the pixel's middle, pixels.
     """
 
     judged: JudgedOpening
     shape: str
     units: Mask
-    uneven: tuple[tuple[str, float], ...]
+    uneven: Uneven
     footprint: float
     lines: int
     mapped: tuple[float, ...] | None
     value: float
     cells: CellMap | None
     grain: float
+    centroid_px: float = 0.0
 
     @property
     def psnr(self) -> tuple[float, ...]:
@@ -223,6 +222,7 @@ class Pareto:
         designed_for: camera, sensor and light, in words.
         seed: of the search.
         kept: rules of [design] that every opening keeps.
+        limits: of the eye, by the name of the rule; designs of a denser middle that is sought need not keep them.
     """
 
     curves: tuple[FrontCurve, ...]
@@ -233,6 +233,7 @@ class Pareto:
     designed_for: str
     seed: int
     kept: tuple[str, ...] = ()
+    limits: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
     @property
     def points(self) -> tuple[FrontPoint, ...]:
@@ -255,27 +256,6 @@ class Pareto:
             and point.judged.lines >= other.lines
         ]
         return max(rivals) - other.value if rivals else None
-
-
-@dataclass(frozen=True, eq=False)
-class FrontDesign:
-    """A design of a front with its name.
-
-    Attributes:
-        name: the job's, the clear dots and its place in the curve.
-        point: its numbers.
-        opening: with its provenance; of two, the denser one.
-        outer: the sparser one; None for one opening.
-        map: of its cells, if it has one.
-        job: text of a job whose [design] asks for this light, these emitters and lines.
-    """
-
-    name: str
-    point: FrontPoint
-    opening: Opening
-    outer: Opening | None
-    map: CellMap | None
-    job: str
 
 
 def sweep(
@@ -340,7 +320,8 @@ def sweep(
         lines,
         made_for_line(camera, settings),
         section.seed,
-        rules.without(*of_display(display)).active,
+        rules.without(*of_display(display), *OF_THE_EYE).active,
+        MappingProxyType({name: rules[name] for name in OF_THE_EYE if name in rules.active}),
     )
 
 
@@ -393,6 +374,8 @@ def require_uneven(pareto: ParetoSection, section: SearchSection, display: Displ
         if section.map is None:
             what = f"{key} needs a map"
             raise JobError("MF105", what, where=f"{where}.{key}", cure='Add map = "equal_light" to [design]')
+        if isinstance(value, str):
+            continue
         if value <= (least / section.dots**2 if key == "density" else least):
             what = f"{key} = {value:g} is not above the {least} clear dots of any curve"
             raise JobError("MF104", what, where=f"{where}.{key}", cure="Ask for more in the denser pixels")
@@ -403,7 +386,7 @@ def require_uneven(pareto: ParetoSection, section: SearchSection, display: Displ
 def _uneven(pareto: ParetoSection) -> list[Uneven]:
     """Ways to share light unevenly that a sweep tries, as keys of [design]."""
     return [
-        *((("density", share),) for share in sorted(set(pareto.density))),
+        *((("density", share),) for share in sorted(set(pareto.density), key=lambda share: (share == "search", share))),
         *((("cluster", SIDE), ("most_dots", most)) for most in sorted(set(pareto.most_dots))),
     ]
 
@@ -432,7 +415,7 @@ class _Sweep:
         shapes_judged = scan(
             shapes,
             self.objective,
-            rules.without(*of_display(self.display)),
+            rules.without(*of_display(self.display), *OF_THE_EYE),
             turned_alike=not self.objective.periodic,
             clock=clock,
             workers=self.workers,
@@ -621,15 +604,19 @@ class _Sweep:
 
         Emitters are as large as the job asks where they may be smaller for light that is better centred.
         """
-        held = self._asked(self.display.rules.keep * point.footprint - ROUNDING, point.lines)
+        least = 0.0 if sought(point.uneven) else self.display.rules.keep * point.footprint - ROUNDING
+        held = self._asked(least, point.lines)
         outer = None if len(point.units) == 1 else point.units[1]
         answer = held.on(held.die(point.units[0], self.rules.dot_nm, point.cells, outer))
         why = misfit(answer)
         if why is not None:
             return f"{point.shape}: {why}"
         pitch_um = CellSize(self.rules.dots, self.rules.dot_nm).pitch_um
-        wander_px = 0.0 if answer is None else answer.wander_px
-        return replace(point, grain=predicted_rms(wander_px, Viewing(pitch_um, TELEPHONE_UM)))
+        viewing, away, grain = Viewing(pitch_um, TELEPHONE_UM), 0.0, 0.0
+        if answer is not None and answer.emitters is not None:
+            used = np.unique(held.cells % ORIENTATIONS).tolist()
+            away, grain = math.hypot(*answer.centroid_px), turned_grain(answer.emitters, viewing, elements=used)
+        return replace(point, grain=grain, centroid_px=away)
 
     def _denser(
         self, uniform: JudgedOpening, rules: Constraints, asked: Sequence[Uneven], clock: Clock
@@ -638,6 +625,11 @@ class _Sweep:
         points: list[FrontPoint] = []
         misfits: list[str] = []
         for uneven in asked:
+            if sought(uneven):
+                middle, unlike = self._middles(uniform, rules, clock)
+                points += middle
+                misfits += unlike
+                continue
             made: FrontPoint | str = ""
             for lines in reversed(self.lines):
                 made = self._of_two(uniform, rules, uneven, lines, clock)
@@ -663,7 +655,8 @@ class _Sweep:
         key, amount = uneven[-1]
         try:
             if key == "density":
-                made = graded(uniform.unit, self.error, amount, find, constraints=held, seed=seed, progress=progress)
+                middle = Denser(float(amount))
+                made = graded(uniform.unit, self.error, middle, find, constraints=held, seed=seed, progress=progress)
                 words = "{} dots in the middle, {} beyond"
             else:
                 worth, groups = self._groups.expected, self._groups.panel
@@ -680,11 +673,55 @@ class _Sweep:
                 )
                 words = "{} and {} dots, in groups of 2 x 2"
         except InputError as refusal:
-            return f"{key} {amount:g}, {lines} lines: {refusal.code} {refusal.what}"
+            return f"{key} {float(amount):g}, {lines} lines: {refusal.code} {refusal.what}"
         shape = words.format(*(int(unit.sum()) for unit in made.units))
+        return self._of_graded(made, uniform, shape, uneven, lines)
+
+    def _of_graded(
+        self, made: Graded, uniform: JudgedOpening, shape: str, uneven: Uneven, lines: int
+    ) -> FrontPoint | str:
+        assert self.error is not None
         cells, psnr = map_of(self.section, self.error, made.designed, {}), made.designed.psnr
         value = self._weighted(psnr)
         return self._shown(FrontPoint(uniform, shape, made.units, uneven, made.share, lines, psnr, value, cells, 0.0))
+
+    def _middles(self, uniform: JudgedOpening, rules: Constraints, clock: Clock) -> tuple[list[FrontPoint], list[str]]:
+        """Middles of every density that the display's most lines leave, gain against grain; why others fail."""
+        assert self.error is not None
+        lines, seed, progress = self.lines[-1], map_seed(self.section), self._told(uniform.clear_dots)
+        held = self._holding(rules, 0.0, lines).on_any_map.without(*OF_THE_EYE)
+
+        def find(count: int) -> Iterator[Mask]:
+            section = self.section.model_copy(update={"clear_dots": count})
+            rules_of_count = replace(held, clear_dots=count)
+            return allowed(section, rules_of_count, self.objective, clock, progress, once=True)
+
+        closed = math.floor(self.rules.dots**2 * (1 - 3 * self.display.rules.emitters.required))
+        most = densest(self.section.model_copy(update={"clear_dots": uniform.clear_dots}), held, closed + 1)
+        counts = sorted(set(np.linspace(uniform.clear_dots, most, _MIDDLES + 1)[1:].round().astype(int).tolist()))
+        asked = Denser("search")
+        try:
+            looked = middles(
+                uniform.unit, self.error, asked, find, constraints=held, counts=counts, seed=seed, progress=progress
+            )
+        except InputError as refusal:
+            return [], [f"density search, {lines} lines: {refusal.code} {refusal.what}"]
+        points: list[FrontPoint] = []
+        misfits: list[str] = []
+        for one in spread(stair(looked), self.pareto.points):
+            uneven: Uneven = (("outer_dots", one.shares.sparse), ("density", one.shares.dense / self.rules.dots**2))
+            shape = f"{one.shares.dense} dots in {int(one.shares.denser.sum())} cells, {one.shares.sparse} beyond"
+            try:
+                made = laid(uniform.unit, self.error, [(one.units, one.shares)], held, seed, 0, progress)
+            except InputError as refusal:
+                misfits.append(f"{shape}: {refusal.code} {refusal.what}")
+                continue
+            point = self._of_graded(made, uniform, shape, uneven, lines)
+            if isinstance(point, FrontPoint):
+                points.append(point)
+            else:
+                misfits.append(point)
+        return points, misfits
 
     @cached_property
     def _groups(self) -> Judges:
@@ -700,67 +737,24 @@ class _Sweep:
         return design_map(unit, self.error, mode=mode, seed=seed, kicks=0, steps=steps)
 
 
-def spread(every: Sequence[JudgedOpening], most: int) -> tuple[JudgedOpening, ...]:
+def sought(uneven: Uneven) -> bool:
+    """Whether a search finds the density, or found it."""
+    return any(key == "outer_dots" or value == "search" for key, value in uneven)
+
+
+def stair(looked: Sequence[Middle]) -> tuple[Middle, ...]:
+    """Those of the best value first whose grain is less than that of all before; least differences count as none."""
+    kept: list[Middle] = []
+    for one in sorted(looked, key=lambda one: -one.value):
+        if not kept or one.grain < kept[-1].grain - _LESS_GRAIN:
+            kept.append(one)
+    return tuple(kept)
+
+
+def spread(every: Sequence[T], most: int) -> tuple[T, ...]:
     """At most so many of a curve, its ends among them: evenly along it, PSNR falling."""
     last = len(every) - 1
     if len(every) <= most:
         return tuple(every)
     places = sorted({round(k * last / max(1, most - 1)) for k in range(most)})
     return tuple(every[k] for k in places)
-
-
-def designs(
-    pareto: Pareto, spec: JobSpec, command: str, camera: PhotoCamera = F1, settings: CaptureSettings = F1_SETTINGS
-) -> tuple[FrontDesign, ...]:
-    """Every design on a curve, curve after curve.
-
-    Args:
-        pareto: by a sweep.
-        spec: the job of that sweep, with [design], [emitters] and [pareto].
-        command: how a user repeats it.
-        camera, settings: of that sweep.
-    """
-    section = spec.design
-    assert isinstance(section, SearchSection)
-    named = []
-    for curve in pareto.curves:
-        for place, point in enumerate(curve.points, start=1):
-            name = f"{section.name[:14]}_{curve.clear_dots}_{place}"
-            facts: Facts = {
-                **origin(section, command, camera_facts(camera, settings)),
-                "shape": point.shape,
-                **by_level("expected_psnr", point.psnr, pareto.levels),
-                "footprint": round(point.footprint, 6),
-                "lines": point.lines,
-                "evaluated": curve.evaluated,
-            }
-            opening = Opening(name, point.units[0], pareto.dot_nm, facts)
-            outer = None if len(point.units) == 1 else Opening(f"{name}_outer", point.units[1], pareto.dot_nm, facts)
-            held = point.cells and replace(point.cells, name=f"{name}_map", provenance=facts)
-            named.append(FrontDesign(name, point, opening, outer, held, _job(spec, section, point, name)))
-    return tuple(named)
-
-
-def _job(spec: JobSpec, section: SearchSection, point: FrontPoint, name: str) -> str:
-    """A job that asks of a search what this design has, and of its emitters as much as is kept of the largest."""
-    asked: dict[str, Any] = {
-        "name": name,
-        "clear_dots": point.judged.clear_dots,
-        "fit": True,
-        "output": f"{name}_designed.toml",
-    }
-    if section.map is not None:
-        asked["map_output"] = f"{name}_designed_map.toml"
-    assert spec.emitters is not None
-    if point.uneven:
-        asked |= {**dict(point.uneven), **_OF_ONE_OPENING}
-    footprint = math.floor(_DIGITS * spec.emitters.keep * point.footprint) / _DIGITS
-    emitters = spec.emitters.model_copy(update={"required": max(footprint, spec.emitters.required)})
-    wires = None
-    if spec.wires is not None and point.lines:
-        wires = spec.wires.model_copy(update={"lines": point.lines})
-    held = {"design": section.model_copy(update=asked), "emitters": emitters, "wires": wires}
-    changed = spec.model_copy(update=held)
-    plain = changed.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
-    # A section that is stated asks for something, though all that it states are defaults.
-    return dumps({key: plain.get(key, {}) for key in _SECTIONS if getattr(changed, key) is not None})

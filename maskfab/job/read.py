@@ -143,6 +143,8 @@ def _check_search(design: SearchSection, where: str) -> None:
         ("joint", design.map is not None or not design.joint, "a map", 'Add map = "equal_light"'),
         ("shortlist", design.map is not None or design.shortlist == 1, "a map", 'Add map = "equal_light"'),
         ("density", design.map is not None, "a map", 'Add map = "equal_light"'),
+        ("density", design.density != "search" or design.fit, "a display to fit", "Add fit = true"),
+        ("outer_dots", design.density is not None, "a denser middle", 'Add density, such as "search"'),
         ("cluster", design.map is not None, "a map", 'Add map = "equal_light"'),
         ("most_dots", design.cluster is not None, "groups of pixels", "Add cluster = 2"),
         ("map", design.tiling is Tiling.RANDOM, 'tiling = "random"', "Remove it: periodic cells are laid alike"),

@@ -370,6 +370,10 @@ def _form(model: type[AnySection], name: str, written: str) -> str:
 
 
 def _words(schema: Mapping[str, Any]) -> str:
+    if "oneOf" in schema:
+        return ", or ".join(_words(choice) for choice in schema["oneOf"])
+    if "const" in schema:
+        return json.dumps(schema["const"])
     if "enum" in schema:
         return ", ".join(json.dumps(choice) for choice in schema["enum"])
     limits = [f"{sign} {schema[key]:,.15g}".replace(",", " ") for key, sign in _LIMITS.items() if key in schema]

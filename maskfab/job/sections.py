@@ -17,6 +17,8 @@ from maskfab.job.process import MaskBlank, Process
 from maskfab.job.values import (
     MASK_FORMATS,
     MOST_DOTS_PER_UM,
+    NUMBER,
+    WORD,
     Aberrations,
     Accuracy,
     Area,
@@ -45,6 +47,7 @@ from maskfab.job.values import (
     Time,
     Weight,
     checks,
+    word_or_number,
 )
 
 
@@ -137,6 +140,9 @@ class RulesSection(Section):
     neighbours' orientations."""
     centroid_px: float | None = Field(default=None, gt=0, le=1, allow_inf_nan=False)
     """Largest distance of the light's centroid from the pixel's centre, pixels; of the emitters that ``fit`` places."""
+    slow_grain: float | None = Field(default=None, gt=0, le=1, allow_inf_nan=False)
+    """Largest slow grain of an even field, rms contrast up to 10 cycles per degree at 300 mm; of the emitters that
+    ``fit`` places, pixels turned at random."""
     keep_out: str | None = None
     """Drawing of the cell, top row first: x stays closed, . is free."""
 
@@ -168,6 +174,12 @@ class DesignSection(Section):
     """File of the opening, relative to the job."""
 
 
+DensityOrSearch = Annotated[
+    Annotated[Literal["search"], Tag(WORD)] | Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False), Tag(NUMBER)],
+    Discriminator(word_or_number),
+]
+
+
 class SearchSection(DesignSection):
     """[design] with method "search": compact shapes, by the photographs that could be restored behind them.
 
@@ -178,8 +190,10 @@ class SearchSection(DesignSection):
     inward; of the best shapes that differ in family or size, so many as the ``shortlist`` has are tried under a quick
     map, and the best goes on. The opening may then lie at one of so many ``positions`` in its cell, and opening and map
     are bettered in turns for ``joint`` rounds. ``density`` is the share of the dots that are clear in the central half
-    of the stop; the rest has so many fewer that the light is the same, and there is no shortlist. With ``cluster`` two
-    pixels of every group of 2 x 2 have ``most_dots`` clear dots and two as many fewer, and groups are turned as one.
+    of the stop; the rest has so many fewer that the light is the same, and there is no shortlist. With ``outer_dots``
+    the rest is stated, and the middle as large as the light leaves; with "search" the share is found. With ``cluster``
+    two pixels of every group of 2 x 2 have ``most_dots`` clear dots and two as many fewer, and groups are turned as
+    one.
     """
 
     families: Annotated[
@@ -205,8 +219,12 @@ class SearchSection(DesignSection):
     """Rounds that alternate between opening and map."""
     fit: bool = False
     """The display of the job's [emitters] and [wires] must fit, by the checks of ``maskfab check``, on a die too."""
-    density: float | None = Field(default=None, gt=0, lt=1, allow_inf_nan=False)
-    """Share of clear dots in the central half of the stop; the rest has fewer, so that total light is the same."""
+    density: DensityOrSearch | None = None
+    """Share of clear dots in the middle of the stop; the rest has fewer, so that total light is the same. "search"
+    finds the share that restores best of those whose display fits on any map and keeps the rules."""
+    outer_dots: int | None = Field(default=None, ge=1)
+    """Clear dots of cells beyond the middle, whose radius follows; default: the middle is half of the stop, and with
+    density = "search" as large as the light of 1 to 3 dots beyond it leaves."""
     cluster: Literal[2] | None = None
     """Pixels along the side of groups that share their light unevenly and are laid as one: two by two."""
     most_dots: int | None = Field(default=None, ge=1)
@@ -276,10 +294,12 @@ class ParetoSection(Section):
     points: int = Field(default=4, ge=1, le=100)
     """Designs of each curve, spread over it, that are annealed, given their map and laid on a die."""
     density: Annotated[
-        tuple[Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)], ...], Field(max_length=16, strict=False)
+        tuple[DensityOrSearch, ...],
+        Field(max_length=16, strict=False),
     ] = ()
     """Shares of the dots that are clear in the middle of the stop, as density of [design]: a design for each, at the
-    light of each curve."""
+    light of each curve. "search" finds ``points`` of them, gain against grain, for the most lines; limits of the eye
+    in [design.rules] are drawn and not kept there."""
     most_dots: Annotated[tuple[Annotated[int, Field(ge=2, le=1_000_000)], ...], Field(max_length=16, strict=False)] = ()
     """Clear dots of the denser pixels of groups of 2 x 2, as most_dots of [design]: a design for each, likewise."""
 

@@ -146,8 +146,17 @@ def checks(method: Callable[[Any], None]) -> Any:
     return model_validator(mode="after")(checked)
 
 
+WORD, NUMBER = "word", "number"
+
+
+def word_or_number(value: object) -> str:
+    """Which of the two a value is read as."""
+    return WORD if isinstance(value, str) else NUMBER
+
+
 def _written(loc: tuple[int | str, ...]) -> tuple[int | str, ...]:
-    """A place without the name of the method that [design] was read as, which pydantic puts into it."""
+    """A place without what pydantic puts into it: the method that [design] was read as, or a word or number."""
+    loc = loc[:-1] if loc[-1:] in {(WORD,), (NUMBER,)} else loc
     return loc[:1] + loc[2:] if loc[:1] == ("design",) and loc[1:2] in {("search",), ("relax",)} else loc
 
 

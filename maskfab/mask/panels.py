@@ -481,7 +481,8 @@ def die_panels(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], *, wh
 
     Raises:
         JobError: MF105 if there is nothing to lay out; MF106 or MF107 if a die's pitch is not its dots and gutter, or
-            off the grid; MF108 if no cell fits a die; MF114 if a stop is wider than its panel; MF115 for too many dots.
+            off the grid; MF108 if no cell fits a die; MF114 if a stop is wider than its panel, or
+            than a map that shares light between openings; MF115 for too many dots.
         SourceError: MF309 if nothing is clear inside the stop.
     """
     _, section = laid_out(spec, where=where)
@@ -493,6 +494,8 @@ def die_panels(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], *, wh
         given = None if die.map is None else parse_map(spec.maps[die.map], f"{place}.map")
         panel = tiled(die, openings[die.name], _side_nm(die, slot_nm, place), given, where=place)
         check_cover(panel, stop, f"die {die.name!r}", where=place)
+        if given is not None and die.others is not None:
+            check_map(given, panel, stop, f"die {die.name!r}", where=f"{place}.map")
         panels[die.name] = panel
     return panels
 
@@ -559,6 +562,19 @@ def check_cover(panel: Panel, stop: Stop, what: str, *, where: str) -> None:
             cure="Use a larger plate.die_size or a smaller camera.stop",
         )
     check_light(panel, stop, where=where)
+
+
+def check_map(given: CellMap, panel: Panel, stop: Stop, what: str, *, where: str) -> None:
+    """Refuse a map of several openings that is smaller than the stop: it says who has how much of the light (MF114)."""
+    side_um = min(given.cells.shape) * panel.pitch_nm / NM_PER_UM
+    if side_um < stop.diameter_um:
+        raise JobError(
+            "MF114",
+            f"the map of {what}, which shares light between {len(panel.openings)} openings, is {side_um:g} um wide, "
+            f"less than the stop of {stop.diameter_um:g} um",
+            where=where,
+            cure="Design the map for this camera, or use a smaller camera.stop",
+        )
 
 
 def check_panel_size(cells: int, dots: int, what: str, *, where: str) -> None:

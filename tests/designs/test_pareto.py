@@ -17,16 +17,19 @@ from maskfab.camera.scenes import Photograph
 from maskfab.designs.design import display_of, stated_display
 from maskfab.designs.front import (
     FrontCurve,
-    FrontDesign,
     JudgedOpening,
     Pareto,
-    designs,
     lines_of,
     require_uneven,
     rules_of,
+    sought,
     spread,
+    stair,
     sweep,
 )
+from maskfab.designs.front_designs import FrontDesign, designs
+from maskfab.designs.maps.light import Middle
+from maskfab.designs.maps.shares import Shares
 from maskfab.designs.model.expected_psnr import surrogate_behind
 from maskfab.designs.model.statistics import F1_SETTINGS
 from maskfab.designs.rules.constraints import Constraints
@@ -35,9 +38,10 @@ from maskfab.designs.rules.families import bars
 from maskfab.designs.search.annealing import ExpectedPsnr
 from maskfab.display.emitter_rules import EmitterRules, Verdict
 from maskfab.job.read import parse_section, validate
-from maskfab.job.sections import JobSpec, ParetoSection, SearchSection
+from maskfab.job.sections import JobSpec, ParetoSection, RulesSection, SearchSection
 from maskfab.job.toml import loads
 from maskfab.mask.opening_file import opening_text, parse_opening
+from maskfab.report.pages.pareto import pareto_drawing, svg
 
 DOTS, DOT_NM = 8, 21000
 RULES = EmitterRules(DOT_NM, DOT_NM, DOT_NM)
@@ -348,3 +352,42 @@ def test_what_does_not_suit_the_grid_is_refused() -> None:
     assert lines_of(asked(9), EVEN) == (0,)
     assert lines_of(asked(9), SHOWN) == (3,)
     assert lines_of(asked(9, lines=[4, 0, 4]), SHOWN) == (0, 4)
+
+
+def middle(value: float, grain: float) -> Middle:
+    nothing = np.zeros((2, DOTS, DOTS), dtype=np.bool_)
+    return Middle(nothing, Shares(1, 1, nothing[0]), value, grain, 0.0)
+
+
+def test_a_stair_of_middles_has_less_grain_with_every_step_down() -> None:
+    looked = [middle(5, 0.1), middle(4.5, 0.2), middle(4, 0.05), middle(3, 0.0495), middle(2, 0.01), middle(1, 0.02)]
+    assert [(one.value, one.grain) for one in stair(looked)] == [(5, 0.1), (4, 0.05), (2, 0.01)]
+
+
+@pytest.mark.slow
+def test_a_front_of_middles_is_laid_drawn_and_asked_for(scenes: tuple[Photograph, ...]) -> None:
+    """Limits of the eye are told, and not kept by middles that are sought, whose jobs ask for their own grain."""
+    spec = job()
+    assert isinstance(spec.design, SearchSection)
+    of = spec.design.model_copy(update={"rules": RulesSection(slow_grain=0.001)})
+    assert spec.emitters is not None
+    spec = spec.model_copy(update={"design": of, "emitters": spec.emitters.model_copy(update={"required": 0.04})})
+    stated = stated_display(spec, of, "job", key="pareto")
+    found = sweep(asked(12, lines=[1], points=1, density=["search"]), of, scenes, stated)
+    (curve,) = found.curves
+    assert dict(found.limits) == {"slow_grain": 0.001}
+    assert curve.denser, curve.misfits
+    for point in curve.denser:
+        assert sought(point.uneven)
+        assert point.grain > 0.001
+        assert point.value > curve.front[0].value
+        assert point.units[0].sum() > 12 > point.units[1].sum()
+    for each in (each for each in designs(found, spec, "x") if each.outer is not None):
+        again = validate(loads(each.job), where="job").design
+        assert isinstance(again, SearchSection)
+        assert isinstance(again.density, float)
+        assert again.outer_dots == each.point.units[1].sum()
+        assert round(again.density * DOTS**2) == each.point.units[0].sum()
+        assert again.rules.slow_grain == pytest.approx(each.point.grain, abs=1e-4)
+    assert "against grain and centroid" in pareto_drawing(found).words
+    assert "slow_grain, at most 0.001" in svg(found)

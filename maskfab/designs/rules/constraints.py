@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from maskfab.base.arrays import Mask
 from maskfab.base.errors import JobError, OpeningError
 from maskfab.base.model import ORIENTATIONS, Opening, frozen, orient
-from maskfab.designs.rules.display_fit import DISPLAY_RULES
+from maskfab.designs.rules.display_fit import DISPLAY_RULES, Wired, of_display
 from maskfab.designs.rules.families import orbits, sums
 from maskfab.designs.rules.rule import DOT_RULES, Conflict, Rule, out_of_range
 from maskfab.display.emitter_rules import EmitterRules
@@ -168,6 +168,12 @@ class Constraints:
     def without(self, *names: str) -> Constraints:
         """These constraints but for some rules."""
         return self.only(*(self.asked.keys() - set(names)))
+
+    @property
+    def on_any_map(self) -> Constraints:
+        """These constraints, whose display must fit however cells of the orientations in use are laid."""
+        display = self["emitters"]
+        return self.asking(**of_display(display.wired_as(Wired.ANY_MAP))) if display else self
 
     def violations(self, unit: Mask) -> tuple[str, ...]:
         """Rules that the opening breaks, each as ``rule: what and how much``; cheap rules first, empty if it meets all.

@@ -34,12 +34,14 @@ from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import Progress, silent
 from maskfab.designs.model.appraisal import designed_panel
 from maskfab.designs.rules.rule import Conflict, Constrained, Rule
+from maskfab.display.emitted_light import TELEPHONE_UM, Viewing
 from maskfab.display.emitter_rules import Certificate, EmitterGrid, EmitterRules, Verdict, grid_of
 from maskfab.display.emitter_shapes import guillotine, rectangle_footprints
 from maskfab.display.feasibility import DisplayRules, Feasibility, feasibility
 from maskfab.display.free_area import border_margin, free_region
 from maskfab.display.panel_lines import AXES, panel_cut
 from maskfab.display.pixel_lines import WireRules
+from maskfab.display.turned_grain import turned_grain
 from maskfab.display.wiring import WireDemand, most_lines, wired_alike, wiring
 from maskfab.job.sections import SearchSection
 from maskfab.mask.panels import CellMap
@@ -92,6 +94,7 @@ class Display:
     across: int
     wired: Wired = Wired.TILING
     _wired: dict[bytes, str | None] = field(default_factory=dict, repr=False)
+    _lit: dict[bytes, Feasibility | None] = field(default_factory=dict, repr=False)
     _empty: dict[tuple[int, int], Feasibility | None] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -102,14 +105,14 @@ class Display:
     def wired_as(self, wired: Wired) -> Display:
         """This display before a map that is not designed yet."""
         cells = self.cells if wired is Wired.TILING else every_pair()
-        return replace(self, cells=cells, wired=wired, _wired={}, _empty={})
+        return replace(self, cells=cells, wired=wired, _wired={}, _lit={}, _empty={})
 
     def asking(self, *, required: float, lines: int) -> Display:
         """This display with another least footprint, and so many lines each way; 0 for none."""
         wires = self.rules.wires
         held = None if wires is None or not lines else replace(wires, lines=lines)
         rules = replace(self.rules, emitters=replace(self.rules.emitters, required=required), wires=held)
-        return replace(self, rules=rules, _wired={}, _empty={})
+        return replace(self, rules=rules, _wired={}, _lit={}, _empty={})
 
     def panel(self, unit: Mask, dot_nm: int, cells: Labels | None = None, outer: Mask | None = None) -> Panel:
         """The panel of an opening, its cells as they are tried or as a map has them."""
@@ -182,6 +185,21 @@ class Display:
     def without_wires(self, panel: Panel) -> Feasibility | None:
         """Its emitters and their circuits on a panel, were there nothing to wire."""
         return feasibility(panel, replace(self.rules, wires=None), largest=False)
+
+    def lit(self, unit: Mask, dot_nm: int) -> Feasibility | None:
+        """Its emitters around an opening, as large as they must be; judged once."""
+        key = unit.tobytes()
+        if key not in self._lit:
+            self._lit[key] = self.without_wires(self.panel(unit, dot_nm))
+        return self._lit[key]
+
+    def grain(self, unit: Mask, dot_nm: int) -> float | None:
+        """Slow grain of these emitters where pixels are turned at random, as a telephone is held; None without any."""
+        answer = self.lit(unit, dot_nm)
+        if answer is None or answer.emitters is None:
+            return None
+        viewing = Viewing(CellSize(len(unit), dot_nm).pitch_um, TELEPHONE_UM)
+        return turned_grain(answer.emitters, viewing, elements=np.unique(self.cells % ORIENTATIONS).tolist())
 
     def without_opening(self, nothing: Mask, dot_nm: int) -> Feasibility | None:
         """Its emitters and their circuits on a pixel without an opening; judged once."""
@@ -441,11 +459,19 @@ def _by_lines(constraints: Constrained) -> Conflict | None:
 
 def _off_centre(constraints: Constrained, unit: Mask) -> str | None:
     limit, display = constraints["centroid_px"], constraints["emitters"]
-    answer = display.without_wires(display.panel(unit, constraints.dot_nm))
+    answer = display.lit(unit, constraints.dot_nm)
     if answer is None or answer.emitters is None:
         return "no emitters were found whose light has a centroid"
     away = math.hypot(*answer.centroid_px)
     return f"the light's centroid is {away:.3f} pixels off, at most {limit:g}" if away > limit else None
+
+
+def _grainy(constraints: Constrained, unit: Mask) -> str | None:
+    limit, display = constraints["slow_grain"], constraints["emitters"]
+    grain = display.grain(unit, constraints.dot_nm)
+    if grain is None:
+        return "no emitters were found whose light has a grain"
+    return f"the slow grain of an even field is {grain:.4f}, at most {limit:g}" if grain > limit else None
 
 
 _FIT = partial(Rule, unit="", one_place=lambda _: True, slow=True, section=SearchSection, key="fit")
@@ -475,8 +501,13 @@ WIRES = _FIT("wires", check=_unwired, quick=_unwired_quickly, proof=_by_lines, a
 
 
 CENTROID = Rule("centroid_px", "pixels", _off_centre, one_place=lambda _: True, slow=True)
-DISPLAY_RULES = CIRCUITS, EMITTERS, WIRES, CENTROID
+GRAIN = Rule("slow_grain", "", _grainy, one_place=lambda _: True, slow=True)
+DISPLAY_RULES = CIRCUITS, EMITTERS, WIRES, CENTROID, GRAIN
 """In the order in which they are judged."""
+
+
+OF_THE_EYE = CENTROID.name, GRAIN.name
+"""Rules of the emitters' light, the dearest to judge."""
 
 
 def most_beside(units: Mask, cells: Labels, dot_nm: int, rules: WireRules) -> Ints:

@@ -35,6 +35,7 @@ from maskfab.camera.scenes import Photograph
 from maskfab.designs.maps.alternation import joint, laid, require_places
 from maskfab.designs.maps.light import Graded, clustered, graded, most_dots
 from maskfab.designs.maps.orientation_map import FIRST_STEPS, DesignedMap, MapMode, design_map, require_size
+from maskfab.designs.maps.shares import Denser
 from maskfab.designs.model.appraisal import (
     EXACT,
     Robustness,
@@ -53,7 +54,7 @@ from maskfab.designs.model.limits import rings
 from maskfab.designs.model.panel_error import MeanPanelError, PanelError, PupilError, pupil_error
 from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings, SceneStatistics, scene_statistics
 from maskfab.designs.rules.constraints import Constraints
-from maskfab.designs.rules.display_fit import DieFit, Display, fitting_die
+from maskfab.designs.rules.display_fit import OF_THE_EYE, DieFit, Display, fitting_die
 from maskfab.designs.rules.families import Candidate, kind
 from maskfab.designs.search.annealing import ExpectedPsnr, Objective, Ranked, anneal, nearest
 from maskfab.designs.search.guard import Guard
@@ -288,8 +289,9 @@ def search(
         )
 
     def of_count(clear_dots: int) -> Iterator[Mask]:
-        other = section.model_copy(update={"clear_dots": clear_dots})
-        return allowed(other, replace(rules, clear_dots=clear_dots), expected, stages.map, progress)
+        other, sought = section.model_copy(update={"clear_dots": clear_dots}), section.density == "search"
+        held = rules.on_any_map.without(*OF_THE_EYE) if sought else rules
+        return allowed(other, replace(held, clear_dots=clear_dots), expected, stages.map, progress, once=sought)
 
     made = origin(section, command, made_for)
 
@@ -315,8 +317,7 @@ def search(
     facts: Facts = {**made, "shape": state.best.name}
     laid, fit, seeds = _with_seeds(laid, fit)
     priced = prices(state.looked, expected, rules) if state.looked else None
-    psnr, appraisal, head_room, gap = laid.psnr, Facts(), None, None
-    notes = (*state.notes, *laid.notes)
+    psnr, appraisal, head_room, gap, notes = laid.psnr, Facts(), None, None, (*state.notes, *laid.notes)
     short = not stages.bounded or not clock.affords(stages.bounds_s)
     if psnr is None and short:
         notes += (NO_BOUNDS,)
@@ -551,7 +552,9 @@ def mapped(
     kicks = 0 if clock.over else 1 if rules["emitters"] else _KICKS
     notes = ("Time ran out: each map got one pass of its search.",) if clock.over else ()
     if section.density is not None:
-        made = graded(unit, error, section.density, find, constraints=rules, seed=seed, kicks=kicks, progress=progress)
+        asked = Denser(section.density, section.outer_dots)
+        kept = rules.on_any_map if asked.sought else rules
+        made = graded(unit, error, asked, find, constraints=kept, seed=seed, kicks=kicks, progress=progress)
         room = _head_room(estimate, error, error.laid(made.units, made.designed.orientations)) if bounded else None
         return _of_two(section, made, error, facts, "middle", notes, room)
     if groups is not None:
@@ -678,6 +681,13 @@ def _of_two(
         f"The display pays for the denser {denser}: emitters, alike in all cells, of {made.share:.1%} of the pixel in "
         f"each colour instead of {made.uniform_share:.1%}, which live {made.life_ratio:.2f} as long at equal luminance."
     )
+    if made.denser_cells:
+        facts["denser_cells"] = made.denser_cells
+        inner, outer = (int(unit.sum()) for unit in made.units)
+        price = f"{made.denser_cells} cells behind the stop hold {inner} dots, the others {outer}. {price}"
+    if made.grain is not None:
+        facts["slow_grain"] = round(made.grain, 4)
+        price += f" The slow grain of an even field is {made.grain:.3f}, its pixels turned at random."
     if made.lines is not None:
         facts["lines"] = made.lines
         price += f" {made.lines} lines each way pass both openings."

@@ -38,7 +38,7 @@ from maskfab.designs.model.limits import Gap, bounds, optimality_gap
 from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings
 from maskfab.designs.rules import constraints
 from maskfab.designs.rules.constraints import Constraints
-from maskfab.designs.rules.display_fit import DieFit, Display, footprints_of, of_display
+from maskfab.designs.rules.display_fit import OF_THE_EYE, DieFit, Display, footprints_of, of_display
 from maskfab.designs.rules.families import Candidate, kind, turned_key
 from maskfab.designs.rules.rule import price_key
 from maskfab.designs.search.annealing import Bettered, Ranked
@@ -356,10 +356,11 @@ def constraints_of(
     """
     asked = section.rules
     dot_nm = dot_of_pitch(section.pitch, section.dots, where=f"{where}.pitch")
-    if asked.centroid_px is not None and display is None:
-        what = "there are no emitters whose light could be centred"
-        cure = "Set fit = true, with [emitters] in the job, or remove centroid_px"
-        raise JobError("MF105", what, where=f"{where}.rules.centroid_px", cure=cure)
+    for key in OF_THE_EYE:
+        if getattr(asked, key) is not None and display is None:
+            what = "there are no emitters whose light could be judged"
+            cure = f"Set fit = true, with [emitters] in the job, or remove {key}"
+            raise JobError("MF105", what, where=f"{where}.rules.{key}", cure=cure)
     stated = {
         rule.name: rule.read(getattr(asked, rule.name), section, where)
         for rule in constraints.RULES

@@ -205,9 +205,19 @@ def scanned(
 
 
 def allowed(
-    section: SearchSection, rules: Constraints, objective: Objective, clock: Clock, progress: Progress
+    section: SearchSection,
+    rules: Constraints,
+    objective: Objective,
+    clock: Clock,
+    progress: Progress,
+    *,
+    once: bool = False,
 ) -> Iterator[Mask]:
     """Openings of the section's families that keep the rules, the best first; looked at as they are asked for.
+
+    Args:
+        section, rules, objective, clock, progress: of the search.
+        once: end where no shape keeps the rules, rather than look for some that are nearest to them.
 
     Raises:
         JobError: MF123 if none keeps the rules.
@@ -218,7 +228,7 @@ def allowed(
         if rules.allows(opening.unit):
             any_allowed = True
             yield opening.unit
-    if not any_allowed:
+    if not any_allowed and not once:
         yield from (opening.unit for opening in look(rules, clock).ranked)
 
 

@@ -2,7 +2,9 @@
 
 The figure has one field for each number of lines. A curve is drawn as what it says: a design serves for its own
 footprint and every smaller one, and for its own lines and fewer, so it is a stair that comes from the left and stands
-in every field that it serves. A given opening is a star, hollow where fewer lines pass it than the field asks for. The
+in every field that it serves. A given opening is a star, hollow where fewer lines pass it than the field asks for.
+Where middles were sought, two more fields have what they gain over the best design of one opening, against grain and
+against the light's centroid, with the limits of the job's rules as lines. The
 colours are those of cividis, whose lightness rises alike for colour-blind readers; every curve also has a mark.
 """
 
@@ -22,7 +24,8 @@ from matplotlib.figure import Figure
 
 from maskfab.base import __version__
 from maskfab.base.folders import Place, staged, write_mark
-from maskfab.designs.front import FrontDesign, FrontPoint, JudgedOpening, Pareto
+from maskfab.designs.front import FrontPoint, JudgedOpening, Pareto, sought
+from maskfab.designs.front_designs import FrontDesign
 from maskfab.mask.opening_file import opening_text
 from maskfab.mask.panels import map_text
 from maskfab.report.documents.shape import Record, document_text
@@ -55,7 +58,8 @@ def pareto_png(pareto: Pareto) -> bytes:
 def pareto_drawing(pareto: Pareto) -> Drawing:
     """The figure, to be looked at or saved."""
     said = f"Restored PSNR against footprint of emitters, {len(pareto.curves)} open ratios"
-    return Drawing(_drawn(pareto), f"{said}, {' and '.join(map(str, _fields(pareto)))} lines")
+    more = "; gain of denser middles against grain and centroid" if _sought(pareto) else ""
+    return Drawing(_drawn(pareto), f"{said}, {' and '.join(map(str, _fields(pareto)))} lines{more}")
 
 
 @styled
@@ -75,7 +79,9 @@ def _fields(pareto: Pareto) -> tuple[int, ...]:
 
 def _drawn(pareto: Pareto) -> Figure:
     fields = _fields(pareto)
-    width = _LEFT + len(fields) * (_WIDE + _GAP) + _LEGEND
+    eye = _SEEN if _sought(pareto) else ()
+    plain = _LEFT + len(fields) * (_WIDE + _GAP)
+    width = plain + len(eye) * (_LEFT + _WIDE + _GAP) + _LEGEND
     height = _FOOT + _HIGH + 0.4
     figure = Figure(figsize=(width, height), dpi=160)
     figure.set_facecolor("white")
@@ -89,6 +95,9 @@ def _drawn(pareto: Pareto) -> Figure:
         first = first or axes
         _field(axes, pareto, lines)
         axes.set_title(f"{lines} lines each way" if lines else "not wired", loc="left")
+    for k, (rule, value, label) in enumerate(eye):
+        left = plain + k * (_LEFT + _WIDE + _GAP) + _LEFT
+        _seen(place(figure, (left, _FOOT, _WIDE, _HIGH)), pareto, rule, value, label)
     assert first is not None
     first.set_ylabel("expected restored PSNR (dB)")
     handles, labels = first.get_legend_handles_labels()
@@ -144,6 +153,48 @@ def _denser(axes: Axes, serving: list[FrontPoint], colour: object, mark: str) ->
         axes.annotate(f"{point.densest:.0%}", (x, y), (6, -3), textcoords="offset points", fontsize=6.5, color=INK)
 
 
+_SEEN: tuple[tuple[str, str, str], ...] = (
+    ("slow_grain", "grain", "slow grain of an even field (rms contrast)"),
+    ("centroid_px", "centroid_px", "centroid of the light off the pixel's middle (pixels)"),
+)
+"""Fields of what the eye sees: the rule that limits it, the number of a design, and its words."""
+
+
+def _sought(pareto: Pareto) -> bool:
+    return any(sought(point.uneven) for curve in pareto.curves for point in curve.denser)
+
+
+def _seen(axes: Axes, pareto: Pareto, rule: str, value: str, label: str) -> None:
+    """Gain of the middles of each curve over its best design of one opening, which is drawn at none."""
+    curves = [curve for curve in pareto.curves if curve.front]
+    shades = mpl.colormaps["cividis"](np.linspace(0, _LIGHTEST, len(curves)))
+    limit = pareto.limits.get(rule)
+    for k, curve in enumerate(curves):
+        one, mark = curve.front[0], _MARKS[k % len(_MARKS)]
+        points = sorted((point for point in curve.denser if sought(point.uneven)), key=lambda point: point.value)
+        across = [getattr(point, value) for point in points]
+        axes.plot(across, [point.value - one.value for point in points], color=shades[k], linewidth=0.8, zorder=2)
+        for point in (one, *points):
+            x, y = getattr(point, value), point.value - one.value
+            kept = limit is None or x <= limit
+            axes.plot(
+                x, y, mark, markerfacecolor=shades[k] if kept else "white", markeredgecolor=shades[k], markersize=6
+            )
+            if point is not one:
+                dots = int(point.units[0].sum())
+                axes.annotate(f"{dots}", (x, y), (5, -3), textcoords="offset points", fontsize=6.5, color=INK)
+    if limit is not None:
+        axes.axvline(limit, color=INK, linewidth=1, linestyle=(0, (4, 2)))
+        axes.set_title(f"{rule}, at most {limit:g}", loc="left")
+    axes.set_xlabel(label)
+    axes.set_ylabel("gain over one opening (dB)")
+    axes.set_xlim(left=0)
+    axes.grid(color=QUIET, alpha=0.25, linewidth=0.5)
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+
+
 def _curve(axes: Axes, serving: list[FrontPoint], left: float, colour: object, mark: str, label: str) -> None:
     """The stair of those that none betters in this field, and marks for all that serve."""
     across = [100 * point.footprint for point in serving]
@@ -188,6 +239,8 @@ def pareto_page(pareto: Pareto, designs: Sequence[FrontDesign], document: Record
         seed=document["seed"],
         assumes=f"{document['designed_for']}; {document['scenes']}",
         rules_kept=", ".join(rule.replace("_", " ") for rule in document["rules_kept"]),
+        sought=_sought(pareto),
+        limits={rule.replace("_", " "): limit for rule, limit in pareto.limits.items()},
         uneven=any(design.outer is not None for design in designs),
         mapped=any(design.point.mapped is not None for design in designs),
     )
@@ -206,7 +259,7 @@ def _tradeoffs(curve: Record) -> dict[str, Markup]:
     return {"costs": rules, "near": alternatives_part(curve["alternatives"], _ABSENT)}
 
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 DOCUMENT, TABLE, PAGE, FIGURE, DRAWING = "pareto.json", "pareto.csv", "pareto.html", "pareto.png", "pareto.svg"
 
 Designs = Sequence[FrontDesign]
@@ -239,6 +292,7 @@ def pareto_document(
             "panel_psnr_db": point.value,
             "panel_psnr_by_level_db": by_level(pareto.levels, point.psnr),
             "grain_rms": point.grain,
+            "centroid_px": point.centroid_px,
             "best": id(point) in best,
             **_files(design),
         }
@@ -251,6 +305,7 @@ def pareto_document(
         "designed_for": pareto.designed_for,
         "scenes": scenes,
         "rules_kept": list(pareto.kept),
+        "limits_of_the_eye": dict(pareto.limits),
         "lines": list(pareto.lines),
         "curves": [
             {
@@ -291,6 +346,7 @@ def table(pareto: Pareto, designs: Designs) -> str:
         "footprint",
         "lines",
         "grain_rms",
+        "centroid_px",
         "best",
     ]
     rows.writerow(["kind", "name", "shape", "clear_dots", *columns])
@@ -298,12 +354,13 @@ def table(pareto: Pareto, designs: Designs) -> str:
     for design in designs:
         point, judged = design.point, design.point.judged
         numbers = [judged.open_ratio, point.densest, judged.value, point.value, *point.psnr, point.footprint]
-        row = [*(f"{number:.6f}" for number in numbers), point.lines, f"{point.grain:.6f}", int(id(point) in best)]
+        eye = [f"{point.grain:.6f}", f"{point.centroid_px:.6f}"]
+        row = [*(f"{number:.6f}" for number in numbers), point.lines, *eye, int(id(point) in best)]
         rows.writerow(["design", design.name, point.shape, judged.clear_dots, *row])
     for other in pareto.compared:
         alone = [f"{number:.6f}" for number in (other.open_ratio, other.open_ratio, other.value)]
         unlaid = [""] * (1 + len(pareto.levels))
-        row = [*alone, *unlaid, f"{other.footprint:.6f}", other.lines, "", 0]
+        row = [*alone, *unlaid, f"{other.footprint:.6f}", other.lines, "", "", 0]
         rows.writerow(["given", other.shape, other.shape, other.clear_dots, *row])
     return buffer.getvalue()
 
@@ -371,7 +428,8 @@ def front_lines(front: Pareto, designs: Sequence[FrontDesign]) -> list[str]:
             f"evaluated, emitters and wires of {curve.measured} measured{between}{cut}"
         )
         lines += [
-            f"  {'*' if id(one) in best else ' '} {_judged_text(one.value, one)}, grain {one.grain:.5f}  "
+            f"  {'*' if id(one) in best else ' '} {_judged_text(one.value, one)}, grain {one.grain:.5f}, "
+            f"centroid {one.centroid_px:.3f} px  "
             f"{names[id(one)]}: {one.shape}"
             for one in curve.points
         ]
