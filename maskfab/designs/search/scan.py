@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from maskfab.base import __version__
 from maskfab.base.arrays import Mask
-from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import JobError
 from maskfab.base.files import Kept
 from maskfab.base.model import Opening, Tiling, frozen
@@ -32,7 +31,6 @@ from maskfab.camera.lens import PhotoCamera, lattice
 from maskfab.camera.scenes import Photograph
 from maskfab.designs.model.expected_psnr import surrogate_behind
 from maskfab.designs.rules.constraints import Constraints
-from maskfab.designs.rules.display_fit import Display
 from maskfab.designs.rules.families import FAMILIES, Candidate, kind, orbits
 from maskfab.designs.search.annealing import Bettered, ExpectedPsnr, Objective, Ranked, Scan, State, anneal, scan
 from maskfab.designs.search.held import Start, best_held, finer, thinned
@@ -78,39 +76,27 @@ class Best:
 
 
 def require_shapes(section: SearchSection, rules: Constraints) -> None:
-    """Refuse a symmetry that no shape of the families has, and lines for which none of them leaves room.
+    """Refuse a symmetry that no shape of the families has.
 
     Raises:
-        JobError: MF123, with the symmetries that some have, or the most lines that pass beside any.
+        JobError: MF123, with the symmetries that some have.
         OpeningError: MF204 for a count that no family can have.
     """
     symmetry: Symmetry | None = rules["symmetry"]
-    # A display before its map is held by as many dots as it can be.
-    display: Display | None = None if section.map is not None else rules["wires"] or None
-    if section.objective != "restored" or (symmetry is None and display is None):
+    if section.objective != "restored" or symmetry is None:
         return
     shapes = _shapes(section)
     units, named = np.stack([shape.unit for shape in shapes]), ", ".join(section.families)
-    shapes_told = f"none of the {len(shapes)} shapes of {section.clear_dots} clear dots in families {named}"
-    if symmetry is not None:
-        symmetric = {name: int(_symmetric(units, name).sum()) for name in get_args(Symmetry)}
-        if not symmetric[symmetry]:
-            some = " and ".join(f"{name} ({count} of them)" for name, count in symmetric.items() if count)
-            what = f"{shapes_told} has the symmetry {symmetry}; {f'some have {some}' if some else 'none has any'}"
-            cure = "Add families such as discs, use another symmetry, or change clear_dots"
-            raise JobError("MF123", what, where="design.rules.symmetry", cure=cure)
-        units = units[_symmetric(units, symmetry)]
-    most = None if display is None else display.lines_beside(units, rules.dot_nm)
-    if display is None or most is None:
+    symmetric = {name: int(_symmetric(units, name).sum()) for name in get_args(Symmetry)}
+    if symmetric[symmetry]:
         return
-    if int(most.max()) < display.opaque_lines:
-        passing = display.lines_told(CellSize(section.dots, rules.dot_nm).pitch_nm)
-        what = (
-            f"{shapes_told} lets so many lines pass along x and y: {passing}, and "
-            f"no more than {int(most.max())} pass a chain of openings across"
-        )
-        cure = f"Use at most {int(most.max())} lines, finer ones, or fewer clear_dots"
-        raise JobError("MF123", what, where="wires.lines", cure=cure)
+    some = " and ".join(f"{name} ({count} of them)" for name, count in symmetric.items() if count)
+    what = (
+        f"none of the {len(shapes)} shapes of {section.clear_dots} clear dots in families {named} has the symmetry "
+        f"{symmetry}; {f'some have {some}' if some else 'none has any'}"
+    )
+    cure = "Add families such as discs, use another symmetry, or change clear_dots"
+    raise JobError("MF123", what, where="design.rules.symmetry", cure=cure)
 
 
 def _symmetric(units: NDArray[np.bool_], symmetry: Symmetry) -> NDArray[np.bool_]:
