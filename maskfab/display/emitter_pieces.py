@@ -51,6 +51,7 @@ def in_pieces(
     viewing: Viewing,
     *,
     seed: int = 0,
+    moves: int = _MOVES,
 ) -> Emitters | None:
     """Emitters of at least ``least`` cells for each colour, times its ratio, that look most alike in all orientations.
 
@@ -63,6 +64,7 @@ def in_pieces(
         least: cells.
         viewing: where the eye is.
         seed: of the search.
+        moves: of it.
 
     Returns:
         A placement that keeps all rules; None if none so large was found.
@@ -72,7 +74,7 @@ def in_pieces(
     targets = tuple(math.ceil(least * part - _ROUNDING) for part in ratio)
     if not squares.free or sum(targets) > squares.area(squares.free):
         return None
-    found = _Annealing(squares, sight(grid, viewing), (targets[0], targets[1], targets[2]), seed).run()
+    found = _Annealing(squares, sight(grid, viewing), (targets[0], targets[1], targets[2]), seed).run(moves)
     return None if found is None else Emitters(labelled(squares, found), grid.cell_nm)
 
 
@@ -180,7 +182,7 @@ class _Annealing:
     targets: tuple[int, int, int]
     seed: int
 
-    def run(self) -> tuple[int, int, int] | None:
+    def run(self, moves: int) -> tuple[int, int, int] | None:
         """The best placement with enough of every colour; None if there was none."""
         squares, lights, draw = self.squares, self._rows(), random.Random(self.seed)
         ys, xs = squares.places()
@@ -190,8 +192,8 @@ class _Annealing:
         light = np.zeros((3, self.seen.shape[-1]))
         lack = self._lack(areas)
         value, best, least = lack, None, math.inf
-        cooling = math.log(_COLD / _HOT) / _MOVES
-        for move in range(_MOVES):
+        cooling = math.log(_COLD / _HOT) / moves
+        for move in range(moves):
             place, colour = draw.randrange(len(places)), draw.randrange(3)
             most = value - _HOT * math.exp(cooling * move) * math.log(1 - draw.random())
             bit = places[place]
@@ -234,7 +236,7 @@ class _Annealing:
         return rows.reshape(3, n * stride, -1)
 
     def _lack(self, areas: list[int]) -> float:
-        """What the search pays for area that is not there."""
+        """Price of the area that is not there."""
         lack = 0.0
         for area, target in zip(areas, self.targets, strict=True):
             if area < _AIM * target:

@@ -49,7 +49,7 @@ _NEGLIGIBLE = 1e-8
 
 @dataclass(frozen=True)
 class Evenness:
-    """What is seen of an even field.
+    """Unevenness that is seen of an even field.
 
     Attributes:
         delta_e: mean S-CIELAB difference from a field without structure.
@@ -104,7 +104,7 @@ def evenness_of(pixels: list[Emitters], shares: Floats, pitch_nm: int, viewing: 
 
 
 def sight(grid: EmitterGrid, viewing: Viewing) -> Floats:
-    """What a lit cell does to the evenness of a field, as vectors [3, n, n, terms].
+    """Effect of a lit cell on the evenness of a field, as vectors [3, n, n, terms].
 
     The length of their sum over the cells of a colour over its area, summed over colours, is the rms of ΔE, were every
     pixel turned by any of the eight orientations.

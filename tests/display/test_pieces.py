@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -22,7 +24,7 @@ NEAR = Viewing(112.0, 200e3)
 
 @pytest.fixture
 def quick(monkeypatch):
-    monkeypatch.setattr(emitter_pieces, "_MOVES", 5000)
+    monkeypatch.setattr(emitter_pieces, "in_pieces", partial(in_pieces, moves=5000))
 
 
 def corner() -> Opening:
@@ -51,7 +53,7 @@ def test_pieces_look_more_alike_than_whole_emitters_and_keep_every_rule(quick):
 def test_the_area_asked_for_is_there_and_borders_are_kept(quick):
     opening = corner()
     grid = grid_of(opening, 8000, 0, RULES)
-    placed = in_pieces(opening, grid, EVERY, RULES.ratio, 15, NEAR)
+    placed = in_pieces(opening, grid, EVERY, RULES.ratio, 15, NEAR, moves=5000)
     assert min((placed.labels == colour).sum() for colour in (1, 2, 3)) >= 15
     cells = np.random.default_rng(1).integers(8, size=(12, 12)).astype(np.int8)
     assert borders(placed.labels, opening.mask, grid, cells).legal
@@ -59,7 +61,9 @@ def test_the_area_asked_for_is_there_and_borders_are_kept(quick):
 
 def test_the_same_seed_places_the_same_pieces(quick):
     grid = grid_of(corner(), 8000, 0, RULES)
-    one, other, third = (in_pieces(corner(), grid, EVERY, RULES.ratio, 15, NEAR, seed=seed) for seed in (3, 3, 4))
+    one, other, third = (
+        in_pieces(corner(), grid, EVERY, RULES.ratio, 15, NEAR, seed=seed, moves=5000) for seed in (3, 3, 4)
+    )
     assert np.array_equal(one.labels, other.labels)
     assert not np.array_equal(one.labels, third.labels)
 
@@ -68,12 +72,12 @@ def test_no_placement_exceeds_the_bound_of_pieces(quick):
     grid = grid_of(corner(), 8000, 0, RULES)
     bound, proof = pieces_bound(free_region(corner().mask, grid), grid, RULES.ratio)
     assert proof.proof is Proof.COMPONENT_PACKING
-    assert in_pieces(corner(), grid, EVERY, RULES.ratio, bound + 1, NEAR) is None
+    assert in_pieces(corner(), grid, EVERY, RULES.ratio, bound + 1, NEAR, moves=5000) is None
 
 
 def test_pieces_of_the_ratio_asked_for(quick):
     grid = grid_of(corner(), 8000, 0, RULES)
-    placed = in_pieces(corner(), grid, EVERY, (0.75, 0.75, 1.5), 14, NEAR)
+    placed = in_pieces(corner(), grid, EVERY, (0.75, 0.75, 1.5), 14, NEAR, moves=5000)
     red, green, blue = ((placed.labels == colour).sum() for colour in (1, 2, 3))
     assert red >= 11
     assert green >= 11
@@ -83,7 +87,7 @@ def test_pieces_of_the_ratio_asked_for(quick):
 def test_where_nothing_is_free_nothing_is_placed():
     opening = Opening("open", np.ones((14, 14), dtype=np.bool_), 8000)
     grid = grid_of(opening, 8000, 0, RULES)
-    assert in_pieces(opening, grid, EVERY, RULES.ratio, 1, NEAR) is None
+    assert in_pieces(opening, grid, EVERY, RULES.ratio, 1, NEAR, moves=5000) is None
 
 
 def test_pixels_that_lie_alike_are_left_as_they_were(quick):
