@@ -36,6 +36,8 @@ _HOT, _COLD = 0.2, 0.01
 _LACK = 100.0
 """ΔE that the whole area of a colour is worth; a hundredth of it is worth a hundredth of one."""
 _NOTHING = 10.0
+_EDGE = 0.002
+"""ΔE that a cell's side along a border of a colour is worth, so that pieces are few and their borders smooth."""
 _AIM = 1.01
 """Of the area asked for, so that a colour that is short of its aim by a few cells has enough."""
 _ROUNDING = 1e-9
@@ -188,7 +190,7 @@ class _Annealing:
         ys, xs = squares.places()
         places = [1 << int(y) * squares.stride + int(x) for y, x in zip(ys, xs, strict=True)]
         near: list[int] = [0] * len(places)
-        held, covers, areas = [0, 0, 0], [0, 0, 0], [0, 0, 0]
+        held, covers, areas, edges = [0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]
         light = np.zeros((3, self.seen.shape[-1]))
         lack = self._lack(areas)
         value, best, least = lack, None, math.inf
@@ -201,11 +203,12 @@ class _Annealing:
             if not held[colour] & bit:
                 taken = near[place] = near[place] or squares.near(bit)
                 changed |= {k: held[k] & ~taken for k in range(3) if k != colour and held[k] & taken}
-            tried_covers, tried_areas = covers.copy(), areas.copy()
+            tried_covers, tried_areas, tried_edges = covers.copy(), areas.copy(), edges.copy()
             for k, now in changed.items():
-                tried_covers[k] = squares.cover(now)
-                tried_areas[k] = tried_covers[k].bit_count()
-            lack = self._lack(tried_areas)
+                cover = tried_covers[k] = squares.cover(now)
+                tried_areas[k] = cover.bit_count()
+                tried_edges[k] = (cover ^ cover << 1).bit_count() + (cover ^ cover << squares.stride).bit_count()
+            lack = self._lack(tried_areas) + _EDGE * sum(tried_edges)
             # Most moves of a cold search are refused for the area alone, which costs a tenth of the rest.
             if lack > most:
                 continue
@@ -223,7 +226,7 @@ class _Annealing:
                 continue
             for k, now in changed.items():
                 held[k] = now
-            covers, areas, light, value = tried_covers, tried_areas, tried_light, tried
+            covers, areas, edges, light, value = tried_covers, tried_areas, tried_edges, tried_light, tried
             if value < least and all(area >= target for area, target in zip(areas, self.targets, strict=True)):
                 best, least = (held[0], held[1], held[2]), value
         return best
