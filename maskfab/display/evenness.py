@@ -63,6 +63,8 @@ class Evenness:
 def evenness(panel: Panel, viewing: Viewing) -> Evenness:
     """Evenness of a panel whose pixels are turned as often as its own, each by itself.
 
+    Pixels all alike that frame a map are a display of their own, and are left out.
+
     Raises:
         JobError: MF121, MF119 for emitters that cannot be shown.
     """
@@ -71,10 +73,16 @@ def evenness(panel: Panel, viewing: Viewing) -> Evenness:
         for emitters in emitters_of(panel)
         for turn in range(ORIENTATIONS)
     ]
-    used = np.bincount(panel.orientations.ravel(), minlength=len(contents))
+    used = np.bincount(_framed(panel.orientations).ravel(), minlength=len(contents))
     held = np.flatnonzero(used)
     pixels = [Emitters(*contents[content]) for content in held]
     return evenness_of(pixels, used[held] / used.sum(), panel.pitch_nm, viewing)
+
+
+def _framed(cells: Labels) -> Labels:
+    """What a frame of cells that hold what the corner holds leaves; all of the cells if nothing else is there."""
+    rows, columns = (np.flatnonzero((cells != cells[0, 0]).any(axis=axis)) for axis in (1, 0))
+    return cells if not len(rows) else cells[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
 
 
 def evenness_of(pixels: list[Emitters], shares: Floats, pitch_nm: int, viewing: Viewing) -> Evenness:

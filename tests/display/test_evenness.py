@@ -84,6 +84,13 @@ def test_the_mean_length_of_a_normal_vector():
     assert _mean_length(np.zeros(3)) == 0
 
 
+def test_a_regular_frame_round_a_map_changes_nothing(slit_panel, telephone):
+    panel = slit_panel(count=60)
+    framed = replace(panel, orientations=np.pad(panel.orientations, 30, constant_values=3))
+    alone = evenness(panel, telephone)
+    assert evenness(framed, telephone).delta_e == pytest.approx(alone.delta_e, rel=1e-9)
+
+
 def test_from_farther_away_less_is_seen(slit_panel):
     panel = replace(slit_panel(), emitters=slit_panel((3, 1, 2)).emitters)
     seen = [evenness(panel, Viewing(84.672, distance)).delta_e for distance in (200e3, 300e3, 600e3, 1200e3)]
