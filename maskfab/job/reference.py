@@ -167,6 +167,7 @@ FORMS: Mapping[str, str] = MappingProxyType(
     {
         "LengthOrZero": 'length with its unit, or "0 um"',
         "SignedLength": 'length of either sign, such as "-0.1 um"',
+        "LookedFrom": 'length from 10 mm to 100 m, such as "300 mm"',
         "PlateLength": 'length up to 2 m, such as "5 in"',
         "Length": 'length with its unit, such as "8 um"',
         "Dpi": 'dots per inch, such as "25400 dpi"',
@@ -391,7 +392,19 @@ def _default(model: type[AnySection], name: str) -> str | None:
 
 
 _TEXTS = frozenset(
-    {"LengthOrZero", "SignedLength", "PlateLength", "Length", "Pitch", "Area", "Time", "Distance", "Name", "Line"}
+    {
+        "LengthOrZero",
+        "SignedLength",
+        "PlateLength",
+        "LookedFrom",
+        "Length",
+        "Pitch",
+        "Area",
+        "Time",
+        "Distance",
+        "Name",
+        "Line",
+    }
 )
 
 

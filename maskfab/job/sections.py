@@ -34,6 +34,7 @@ from maskfab.job.values import (
     Length,
     LengthOrZero,
     LensDistortion,
+    LookedFrom,
     Method,
     Name,
     Names,
@@ -419,8 +420,8 @@ class LightSection(Section):
 class EyeSection(Section):
     """[eye]: where the display is looked at, and what may be seen of an even field; limits are told, not judged."""
 
-    distance: Length = Field(default=300_000.0, ge=1e4, le=1e8)
-    """Distance from the eye to the display, 10 mm to 100 m."""
+    distance: LookedFrom = 300_000.0
+    """Distance from the eye to the display."""
     delta_e: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     """Largest mean ΔE (S-CIELAB, CIE 1976) of an even field; 2.3 is just noticeable, 1 is not seen."""
     grain: float | None = Field(default=None, gt=0, allow_inf_nan=False)
