@@ -38,8 +38,10 @@ _LACK = 100.0
 _NOTHING = 10.0
 _EDGE = 0.002
 """ΔE that a cell's side along a border of a colour is worth, so that pieces are few and their borders smooth."""
+_TRIES = 3
+"""Larger areas that are tried for a ΔE that is asked for: an eighth of what is between is left."""
 _AIM = 1.01
-"""Of the area asked for, so that a colour that is short of its aim by a few cells has enough."""
+"""Times the area asked for, so that a colour that is short of its aim by a few cells has enough."""
 _ROUNDING = 1e-9
 _DIGITS = 9
 
@@ -115,6 +117,7 @@ def placed_in_pieces(
     *,
     keep: float,
     viewing: Viewing,
+    delta_e: float | None = None,
 ) -> tuple[Footprint, Emitters | None]:
     """The answer about emitters that may lie in pieces, from that about emitters each of which is one area.
 
@@ -124,6 +127,7 @@ def placed_in_pieces(
         opening, grid, orientations, rules: the pixel's.
         keep: share of the largest footprint that must be left.
         viewing: where the eye is.
+        delta_e: most that an even field may show, if anything is asked: pieces have the largest area found for it.
 
     Returns:
         The footprint, whose bound is that of pieces, and the emitters to draw: of those in pieces and the whole ones
@@ -137,6 +141,15 @@ def placed_in_pieces(
     bound = max(bound, largest)
     least = max(min(keep, 1.0) * largest, rules.required / cell)
     parts = in_pieces(opening, grid, used, rules.ratio, least, viewing) if 0 < least <= bound + _ROUNDING else None
+    if parts is not None and delta_e is not None:
+        low, high = least, max(least, largest)
+        for _ in range(_TRIES if look(parts, grid.pitch_nm, used, viewing).delta_e <= delta_e else 0):
+            middle = (low + high) / 2
+            larger = in_pieces(opening, grid, used, rules.ratio, middle, viewing)
+            if larger is not None and look(larger, grid.pitch_nm, used, viewing).delta_e <= delta_e:
+                low, parts = middle, larger
+            else:
+                high = middle
     chosen = drawn
     if parts is not None and (
         drawn is None

@@ -44,7 +44,7 @@ _STEP_CPD, _FINEST_STEP, _MOST_STEPS = 1.0, 0.1, 100
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(96)
 _SEARCH_STEP_CPD = 2.5
 _NEGLIGIBLE = 1e-8
-"""Of the power of all that lights could do, as much is left out in a search."""
+"""Share of the power of all that lights could do that a search leaves out."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def evenness(panel: Panel, viewing: Viewing) -> Evenness:
 
 
 def _framed(cells: Labels) -> Labels:
-    """What a frame of cells that hold what the corner holds leaves; all of the cells if nothing else is there."""
+    """Cells within the frame of those that hold what the corner holds; all of them if nothing else is there."""
     rows, columns = (np.flatnonzero((cells != cells[0, 0]).any(axis=axis)) for axis in (1, 0))
     return cells if not len(rows) else cells[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
 

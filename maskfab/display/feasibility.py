@@ -96,6 +96,10 @@ class DisplayRules:
             what = "max_aspect is of emitters that are one rectangle each, and pieces asks for several"
             cure = 'Remove max_aspect, or pieces = "several"'
             raise JobError("MF105", what, where=f"{where}: emitters.max_aspect", cure=cure)
+        if pieces and section.keep == 1:
+            what = "keep = 1 leaves no room for several pieces, which have less area than whole emitters"
+            cure = 'Set keep = 0.75, or remove pieces = "several"'
+            raise JobError("MF105", what, where=f"{where}: emitters.keep", cure=cure)
         gap, colour, width = (
             to_nm(value, where=f"{where}: emitters.{name}", name=name)
             for name, value in (
@@ -263,7 +267,15 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = True) -> F
         if rules.pieces and len(used) > 1 and (largest or largest_found.verdict is not Verdict.FITS):
             viewing = Viewing(panel.cell_size.pitch_um, rules.eye.distance)
             largest_found, emitters = placed_in_pieces(
-                largest_found, emitters, opening, grid, used, rules.emitters, keep=rules.keep, viewing=viewing
+                largest_found,
+                emitters,
+                opening,
+                grid,
+                used,
+                rules.emitters,
+                keep=rules.keep,
+                viewing=viewing,
+                delta_e=rules.eye.delta_e,
             )
     room = pixel_room(opening, panel.dot_nm, rules.circuit)
     circuits = None if rules.boxes is None else place_circuits(panel, opening, rules.boxes)

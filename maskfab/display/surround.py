@@ -22,7 +22,7 @@ BORDER = "border"
 LEVEL = 0.5
 """Linear light of the field, as of other even ones."""
 _AROUND = 4
-"""Of the die's pixels along a side, one in so many lies on either side of it."""
+"""The surround is as wide as the die over this, on every side."""
 _NEAR_DEG = 0.1
 """A line is looked for so far to either side of the border."""
 _MOST_SEEN = 1 << 20

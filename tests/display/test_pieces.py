@@ -12,10 +12,11 @@ from maskfab.base.model import Emitters, Opening, Panel, Tiling
 from maskfab.display import emitter_pieces
 from maskfab.display.drive import CircuitRules, LightDemand
 from maskfab.display.emitted_light import Viewing
-from maskfab.display.emitter_pieces import in_pieces, look, pieces_bound
+from maskfab.display.emitter_pieces import in_pieces, look, pieces_bound, placed_in_pieces
 from maskfab.display.emitter_rules import EmitterRules, Proof, Verdict, grid_of
 from maskfab.display.feasibility import DisplayRules, feasibility
 from maskfab.display.free_area import EVERY, borders, free_region
+from maskfab.display.placement import footprint
 from maskfab.job.sections import EmittersSection
 
 RULES = EmitterRules(8000, 8000, 8000)
@@ -24,7 +25,7 @@ NEAR = Viewing(112.0, 200e3)
 
 @pytest.fixture
 def quick(monkeypatch):
-    monkeypatch.setattr(emitter_pieces, "in_pieces", partial(in_pieces, moves=5000))
+    monkeypatch.setattr(emitter_pieces, "in_pieces", partial(in_pieces, moves=3000))
 
 
 def corner() -> Opening:
@@ -53,7 +54,7 @@ def test_pieces_look_more_alike_than_whole_emitters_and_keep_every_rule(quick):
 def test_the_area_asked_for_is_there_and_borders_are_kept(quick):
     opening = corner()
     grid = grid_of(opening, 8000, 0, RULES)
-    placed = in_pieces(opening, grid, EVERY, RULES.ratio, 15, NEAR, moves=5000)
+    placed = in_pieces(opening, grid, EVERY, RULES.ratio, 15, NEAR, moves=3000)
     assert min((placed.labels == colour).sum() for colour in (1, 2, 3)) >= 15
     cells = np.random.default_rng(1).integers(8, size=(12, 12)).astype(np.int8)
     assert borders(placed.labels, opening.mask, grid, cells).legal
@@ -62,7 +63,7 @@ def test_the_area_asked_for_is_there_and_borders_are_kept(quick):
 def test_the_same_seed_places_the_same_pieces(quick):
     grid = grid_of(corner(), 8000, 0, RULES)
     one, other, third = (
-        in_pieces(corner(), grid, EVERY, RULES.ratio, 15, NEAR, seed=seed, moves=5000) for seed in (3, 3, 4)
+        in_pieces(corner(), grid, EVERY, RULES.ratio, 15, NEAR, seed=seed, moves=1000) for seed in (3, 3, 4)
     )
     assert np.array_equal(one.labels, other.labels)
     assert not np.array_equal(one.labels, third.labels)
@@ -72,12 +73,12 @@ def test_no_placement_exceeds_the_bound_of_pieces(quick):
     grid = grid_of(corner(), 8000, 0, RULES)
     bound, proof = pieces_bound(free_region(corner().mask, grid), grid, RULES.ratio)
     assert proof.proof is Proof.COMPONENT_PACKING
-    assert in_pieces(corner(), grid, EVERY, RULES.ratio, bound + 1, NEAR, moves=5000) is None
+    assert in_pieces(corner(), grid, EVERY, RULES.ratio, bound + 1, NEAR, moves=3000) is None
 
 
 def test_pieces_of_the_ratio_asked_for(quick):
     grid = grid_of(corner(), 8000, 0, RULES)
-    placed = in_pieces(corner(), grid, EVERY, (0.75, 0.75, 1.5), 14, NEAR, moves=5000)
+    placed = in_pieces(corner(), grid, EVERY, (0.75, 0.75, 1.5), 14, NEAR, moves=3000)
     red, green, blue = ((placed.labels == colour).sum() for colour in (1, 2, 3))
     assert red >= 11
     assert green >= 11
@@ -87,7 +88,7 @@ def test_pieces_of_the_ratio_asked_for(quick):
 def test_where_nothing_is_free_nothing_is_placed():
     opening = Opening("open", np.ones((14, 14), dtype=np.bool_), 8000)
     grid = grid_of(opening, 8000, 0, RULES)
-    assert in_pieces(opening, grid, EVERY, RULES.ratio, 1, NEAR, moves=5000) is None
+    assert in_pieces(opening, grid, EVERY, RULES.ratio, 1, NEAR, moves=3000) is None
 
 
 def test_pixels_that_lie_alike_are_left_as_they_were(quick):
@@ -107,6 +108,23 @@ def test_emitters_of_all_symmetries_look_alike():
 
 
 def test_rectangles_in_pieces_contradict_each_other():
-    section = EmittersSection(colour_gap="8 um", min_width="8 um", pieces="several", max_aspect=4.0)
+    section = EmittersSection(colour_gap="8 um", min_width="8 um", pieces="several", max_aspect=4.0, keep=0.7)
     with pytest.raises(JobError, match=r"MF105 .*max_aspect"):
         DisplayRules.of(section, None, None)
+
+
+def test_pieces_need_some_of_the_largest_footprint():
+    section = EmittersSection(colour_gap="8 um", min_width="8 um", pieces="several")
+    with pytest.raises(JobError, match=r"MF105 keep = 1 leaves no room .*Set keep = 0.75"):
+        DisplayRules.of(section, None, None)
+
+
+def test_a_lax_limit_is_spent_on_area(quick):
+    grid = grid_of(corner(), 8000, 0, RULES)
+    whole = footprint(corner(), 8000, 0, EVERY, RULES, largest=True)
+    areas = []
+    for limit in (None, 5.0):
+        _, drawn = placed_in_pieces(whole, None, corner(), grid, EVERY, RULES, keep=0.4, viewing=NEAR, delta_e=limit)
+        areas.append(min(drawn.areas_um2))
+        assert look(drawn, grid.pitch_nm, EVERY, NEAR).delta_e < 5
+    assert areas[1] > areas[0]
