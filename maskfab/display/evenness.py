@@ -42,7 +42,7 @@ _HIGHEST_CPD = 30.0
 """Noise beyond passes with less than 1e-3."""
 _STEP_CPD, _FINEST_STEP, _MOST_STEPS = 1.0, 0.1, 100
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(96)
-_SEARCH_STEP_CPD = 2.5
+_SEARCH_STEP_CPD = 3.0
 _NEGLIGIBLE = 1e-8
 """Share of the power of all that lights could do that a search leaves out."""
 
@@ -118,7 +118,7 @@ def sight(grid: EmitterGrid, viewing: Viewing) -> Floats:
     pixel turned by any of the eight orientations.
     """
     ppd = viewing.pixels_per_degree
-    count = max(1, min(_MOST_STEPS // 4, math.ceil(_HIGHEST_CPD / _SEARCH_STEP_CPD)))
+    count = max(1, min(_MOST_STEPS // 4, math.ceil(_HIGHEST_CPD / min(_SEARCH_STEP_CPD, _FINEST_STEP * ppd))))
     f = _frequencies(count, ppd)
     along, size = _places(grid.cells, grid.cell_nm, grid.pitch_nm)
     waves = np.exp(-2j * np.pi * np.outer(f, along)) * np.sinc(f * size)[:, None]
@@ -131,10 +131,12 @@ def sight(grid: EmitterGrid, viewing: Viewing) -> Floats:
     matrix = _matrices(f, ppd)[rows, columns] * (math.sqrt(2.0) * (f[1] - f[0]))
     lights = np.concatenate([(matrix[:, :, [c]] * off[:, None]).reshape(-1, off.shape[1]) for c in range(3)], axis=1).T
     parts = np.concatenate([lights.real, lights.imag], axis=1)
-    power, directions = np.linalg.eigh(parts.T @ parts)
+    # Lengths of sums are all that counts: any vectors with these inner products will do.
+    tall = len(parts) > parts.shape[1]
+    power, directions = np.linalg.eigh(parts.T @ parts if tall else parts @ parts.T)
     strong = power > _NEGLIGIBLE * power[-1]
-    n = grid.cells
-    return np.ascontiguousarray((parts @ directions[:, strong]).reshape(3, n, n, -1))
+    few = parts @ directions[:, strong] if tall else directions[:, strong] * np.sqrt(power[strong])
+    return np.ascontiguousarray(few.reshape(3, grid.cells, grid.cells, -1))
 
 
 def _frequencies(count: int, ppd: float) -> Floats:
