@@ -41,7 +41,7 @@ def panel_of(opening, kinds=8) -> Panel:
 
 def test_pieces_look_more_alike_than_whole_emitters_and_keep_every_rule(quick):
     whole, parts = (
-        feasibility(panel_of(corner()), DisplayRules(RULES, 0.5, CircuitRules(1.0), LightDemand(), None, pieces))
+        feasibility(panel_of(corner()), DisplayRules(RULES, 0.5, CircuitRules(1.0), LightDemand(), None, pieces=pieces))
         for pieces in (False, True)
     )
     assert parts.verdict is Verdict.FITS or not parts.broken
@@ -93,7 +93,9 @@ def test_where_nothing_is_free_nothing_is_placed():
 
 def test_pixels_that_lie_alike_are_left_as_they_were(quick):
     answers = [
-        feasibility(panel_of(corner(), 1), DisplayRules(RULES, 0.5, CircuitRules(1.0), LightDemand(), None, pieces))
+        feasibility(
+            panel_of(corner(), 1), DisplayRules(RULES, 0.5, CircuitRules(1.0), LightDemand(), None, pieces=pieces)
+        )
         for pieces in (False, True)
     ]
     assert np.array_equal(answers[0].emitters.labels, answers[1].emitters.labels)
