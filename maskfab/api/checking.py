@@ -18,7 +18,7 @@ from maskfab.base.model import Quantity
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.job.process import UNSTATED
 from maskfab.job.reference import USES, in_words, unused
-from maskfab.job.sections import SceneSection
+from maskfab.job.sections import EyeSection, SceneSection
 
 if TYPE_CHECKING:
     from maskfab.api.camera import Camera
@@ -43,7 +43,7 @@ gap_to_opening = "4 um"
 colour_gap = "8 um"
 min_width = "8 um"
 """
-_USUAL_PIXELS, _USUAL_SAMPLES, _USUAL_DISTANCE = 100, 21, "300 mm"
+_USUAL_PIXELS, _USUAL_SAMPLES = 100, 21
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -233,8 +233,9 @@ def check(
 ) -> DisplayCheck | Rendering | Plans:
     """Check whether emitters, circuits and wires fit in the opaque area around the openings; prove it where not.
 
-    With --look, render pictures on the panels as the eye sees them: S-CIELAB difference, grain, colour fringes. With
-    --optics, plan the model of the job's [scene]: effects to include, error of those omitted, time and memory.
+    With --look, render pictures on the panels as the eye sees them: S-CIELAB difference, grain, colour fringes, and the
+    border of the die in the regular display. With --optics, plan the model of the job's [scene]: effects to include,
+    error of those omitted, time and memory.
 
     Examples:
         $ maskfab check job.toml
@@ -249,7 +250,7 @@ def check(
         largest_gap: also find the widest possible gap between colours.
         look: show how the display looks.
         dpi: dots per inch to scale the panels to, with look; by default their own.
-        distance: viewing distance, with look; by default ``"300 mm"``.
+        distance: viewing distance, with look; by default that of the job's [eye], or ``"300 mm"``.
         pixels: display pixels along a side, with look; by default 100, or as many as the panel has.
         samples: samples along the side of a display pixel, with look; by default 21.
         jod: also score with ColorVideoVDP, with look; needs maskfab[eye].
@@ -273,7 +274,7 @@ def check(
     loaded = job_of(job)
     if look:
         return _rendering(
-            loaded, image, die, dpi=dpi, distance=_USUAL_DISTANCE if distance is None else distance, pixels=pixels,
+            loaded, image, die, dpi=dpi, distance=distance, pixels=pixels,
             samples=_USUAL_SAMPLES if samples is None else samples, with_jod=jod, progress=progress,
         )  # fmt: skip
     return _fit(loaded, die, largest_gap=largest_gap, progress=progress)
@@ -301,7 +302,7 @@ def _rendering(
     die: str | Sequence[str] | None,
     *,
     dpi: float | None,
-    distance: Length,
+    distance: Length | None,
     pixels: int | None,
     samples: int,
     with_jod: bool,
@@ -312,7 +313,12 @@ def _rendering(
     from maskfab.display.feasibility import displays
     from maskfab.display.pictures import read_picture
 
-    distance_um = units.parse_length_um(length_text(distance), where="distance", zero_allowed=True)
+    eye = loaded.spec.eye or EyeSection()
+    distance_um = eye.distance
+    if distance is not None:
+        distance_um = units.parse_length_um(length_text(distance), where="distance", zero_allowed=True)
+    asked = {"flat_delta_e_mean": eye.delta_e, "grain_slow": eye.grain}
+    limits = {name: limit for name, limit in asked.items() if limit is not None}
     pitch_um = None if dpi is None else units.parse_pitch_um(f"{dpi!r} dpi", where="dpi")
     panels = {one.name: one.panel for one in displays(loaded).plate.dies}
     chosen = dies_of(die, panels)
@@ -327,7 +333,8 @@ def _rendering(
         panel = panels[name]
         viewing = Viewing(pitch_um or panel.cell_size.pitch_um, distance_um)
         side = min(_USUAL_PIXELS, *panel.orientations.shape) if pixels is None else pixels
-        judged[name] = judge(name, panel, target_pictures(side, photograph), samples, viewing, with_jod=with_jod)
+        shown_on = target_pictures(side, photograph)
+        judged[name] = judge(name, panel, shown_on, samples, viewing, with_jod=with_jod, limits=limits)
     progress("panels", len(shown), len(shown))
     return Rendering(judged, samples, loaded.digest, unused(loaded.spec, *USES["check --look"]))
 

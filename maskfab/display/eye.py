@@ -43,8 +43,8 @@ from __future__ import annotations
 import importlib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from types import ModuleType
+from dataclasses import dataclass, replace
+from types import MappingProxyType, ModuleType
 
 import numpy as np
 
@@ -54,7 +54,15 @@ from maskfab.base.model import ORIENTATIONS, Emitters, Panel, Quantity, frozen, 
 from maskfab.display import pictures
 from maskfab.display.emitted_light import EmittedLight, Series, Viewing, emitters_of, ideal, series, show
 from maskfab.display.pictures import Picture, on_pixels
-from maskfab.optics.colour import LUMINANCE, XYZ_OF_RGB, delta_e_1976, lab_of_linear_srgb, luminance_centroid
+from maskfab.display.surround import BORDER, Surrounded
+from maskfab.optics.colour import (
+    JUST_NOTICEABLE,
+    LUMINANCE,
+    XYZ_OF_RGB,
+    delta_e_1976,
+    lab_of_linear_srgb,
+    luminance_centroid,
+)
 
 # Luminance, red-green, blue-yellow; from CIE XYZ.
 _OPPONENT_OF_XYZ = ((0.279, 0.72, -0.107), (-0.449, 0.29, -0.077), (0.086, -0.59, 0.501))
@@ -294,7 +302,10 @@ class PictureView:
 
 @dataclass(frozen=True, eq=False)
 class SeenPanel:
-    """A panel, every picture on it (linear light by pixel, and as it is seen), and its numbers."""
+    """A panel, every picture on it (linear light by pixel, and as it is seen), and its numbers.
+
+    The last picture is an even field with the panel in the middle of the regular display.
+    """
 
     name: str
     panel: Panel
@@ -302,6 +313,11 @@ class SeenPanel:
     images: Mapping[str, Floats]
     views: Mapping[str, PictureView]
     quantities: tuple[Quantity, ...]
+    surrounded: Surrounded
+
+    def light(self, title: str, samples: int) -> EmittedLight:
+        """Light of one of the pictures, ``samples`` along a pixel."""
+        return self.surrounded.light(samples) if title == BORDER else show(self.panel, self.images[title], samples)
 
 
 def target_pictures(pixels: int, photograph: Picture | None = None) -> dict[str, Floats]:
@@ -325,7 +341,14 @@ def target_pictures(pixels: int, photograph: Picture | None = None) -> dict[str,
 
 
 def judge(
-    name: str, panel: Panel, images: Mapping[str, Floats], samples: int, viewing: Viewing, *, with_jod: bool = False
+    name: str,
+    panel: Panel,
+    images: Mapping[str, Floats],
+    samples: int,
+    viewing: Viewing,
+    *,
+    with_jod: bool = False,
+    limits: Mapping[str, float] = MappingProxyType({}),
 ) -> SeenPanel:
     """Show every image on a panel and look at it.
 
@@ -336,6 +359,7 @@ def judge(
         samples: along the side of a pixel.
         viewing: its pitch may differ from the panel's own: then the whole panel is seen scaled to it.
         with_jod: ask ColorVideoVDP too.
+        limits: of quantities, by name; whether they are kept is told.
 
     Raises:
         JobError: MF121, MF119, MF115 for what cannot be shown.
@@ -350,8 +374,11 @@ def judge(
         Quantity("grain_predicted", predicted, "5.568 (F/ppd)^2 |c|, F = 10 cy/deg", die=name),
     ]
     views = {}
+    most = max(max(image.shape[:2]) for image in images.values())
+    surrounded = Surrounded.of(panel, most, samples, carrying(HIGHEST_CPD, viewing))
+    images = {**images, BORDER: surrounded.image}
     for title, image in images.items():
-        light = show(panel, image, samples)
+        light = surrounded.light(samples) if title == BORDER else show(panel, image, samples)
         perfect = ideal(image, 1, light.pitch_um)  # its series is as exact with one sample as with many
         spectrum = series(light, viewing, HIGHEST_CPD)
         even = series(perfect, viewing, HIGHEST_CPD)
@@ -375,13 +402,25 @@ def judge(
                 rms = measured_rms(spectrum, low, high)
                 method = f"rms luminance contrast of an even field, {low:g} to {high:g} cy/deg"
                 own.append(Quantity(f"grain_{word}", rms, method, die=name))
-        own.extend(_numbers(name, title, view))
-    return SeenPanel(name, panel, viewing, images, views, tuple(own))
+        own.extend(
+            surrounded.quantities(name, lab, reference, viewing) if title == BORDER else _numbers(name, title, view)
+        )
+    told = tuple(_limited(quantity, limits.get(quantity.name)) for quantity in own)
+    return SeenPanel(name, panel, viewing, images, views, told, surrounded)
+
+
+def _limited(quantity: Quantity, limit: float | None) -> Quantity:
+    return quantity if limit is None else replace(quantity, limit=limit, passed=float(quantity) <= limit)
 
 
 def _numbers(name: str, title: str, view: PictureView) -> list[Quantity]:
+    known = (
+        f"; {JUST_NOTICEABLE:g} is just noticeable (Mahy, Van Eycken and Oosterlinck, 1994), up to 1 is not seen"
+        if title == FLAT
+        else ""
+    )
     quantities = [
-        Quantity(f"{title}_delta_e_mean", view.delta_e, "S-CIELAB, CIE 1976, mean", die=name),
+        Quantity(f"{title}_delta_e_mean", view.delta_e, f"S-CIELAB, CIE 1976, mean{known}", die=name),
         Quantity(f"{title}_delta_e_95", view.delta_e_95, "the same, 95th percentile", die=name),
         Quantity(
             f"{title}_delta_e_aligned", view.delta_e_aligned, "mean, the common shift of all pixels removed", die=name

@@ -6,10 +6,11 @@ Dies of a plate get the emitters, circuits and wires of their job, or the obstac
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, WIRES, Die, Emitters, Mark, Panel, Plate, Tiling, refined
 from maskfab.base.processes import ArgumentsFactory, SerialExecutor
 from maskfab.base.units import to_nm
@@ -30,7 +31,10 @@ from maskfab.display.drive import (
     pixel_room,
     relative_life,
 )
+from maskfab.display.emitted_light import Viewing
+from maskfab.display.emitter_pieces import placed_in_pieces
 from maskfab.display.emitter_rules import Certificate, EmitterRules, Footprint, Verdict, grid_of
+from maskfab.display.evenness import Evenness, evenness
 from maskfab.display.free_area import Borders, borders, meetings
 from maskfab.display.panel_lines import PanelLines
 from maskfab.display.pixel_lines import WireRules
@@ -38,7 +42,7 @@ from maskfab.display.placement import LargestGap, centred, footprint, largest_ga
 from maskfab.display.polygon_check import Violation, violations
 from maskfab.display.wiring import Reach, WireDemand, Wiring, check_wires, reaches, wiring
 from maskfab.job.read import even_nm
-from maskfab.job.sections import CircuitsSection, EmittersSection, LightSection, WiresSection
+from maskfab.job.sections import CircuitsSection, EmittersSection, EyeSection, LightSection, WiresSection
 from maskfab.mask.job import Job
 from maskfab.optics.colour import luminance_centroid
 
@@ -58,6 +62,8 @@ class DisplayRules:
         light: what the emitters must give.
         wires: what must be wired; None if nothing is asked.
         boxes: of the drive circuits, to be placed; None if none are stated.
+        pieces: whether a colour may lie in several pieces, for what the eye sees of turned pixels.
+        eye: where the display is looked at.
     """
 
     emitters: EmitterRules
@@ -66,6 +72,8 @@ class DisplayRules:
     light: LightDemand
     wires: WireDemand | None
     boxes: BoxRules | None = None
+    pieces: bool = False
+    eye: EyeSection = field(default_factory=EyeSection)
 
     @classmethod
     def of(
@@ -74,14 +82,24 @@ class DisplayRules:
         light: LightSection | None,
         wires: WiresSection | None,
         circuits: CircuitsSection | None = None,
+        eye: EyeSection | None = None,
         *,
         where: str = "",
     ) -> DisplayRules:
         """The rules of a job.
 
         Raises:
-            JobError: MF107 for a length off the grid of 1 nm, MF116 for a ratio.
+            JobError: MF107 for a length off the grid of 1 nm, MF116 for a ratio, MF105 for rectangles in pieces.
         """
+        pieces = section.pieces == "several"
+        if pieces and section.max_aspect is not None:
+            what = "max_aspect is of emitters that are one rectangle each, and pieces asks for several"
+            cure = 'Remove max_aspect, or pieces = "several"'
+            raise JobError("MF105", what, where=f"{where}: emitters.max_aspect", cure=cure)
+        if pieces and section.keep == 1:
+            what = "keep = 1 leaves no room for several pieces, which have less area than whole emitters"
+            cure = 'Set keep = 0.75, or remove pieces = "several"'
+            raise JobError("MF105", what, where=f"{where}: emitters.keep", cure=cure)
         gap, colour, width = (
             to_nm(value, where=f"{where}: emitters.{name}", name=name)
             for name, value in (
@@ -100,6 +118,8 @@ class DisplayRules:
             LightDemand(asked.luminance, asked.efficacy, ageing_exponent=asked.life_exponent),
             None if wires is None else _demand(wires, where),
             None if circuits is None else _boxes(circuits, where),
+            pieces,
+            eye or EyeSection(),
         )
 
     @property
@@ -143,6 +163,8 @@ class Feasibility:
         life: of each colour, relative to that of emitters of 9.3 % of the pixel each.
         centroid_px: of the light, from the pixel's centre.
         wander_px: how far the centroid moves about over the orientations in use.
+        even: what the eye sees of an even field; None without emitters.
+        eye: where it is, and what it may see.
         wiring: how far the pixels can be wired; None if it was not asked.
         reaches: each connected emitter's way to the pixel's side through closed dots; empty if no wires were asked.
         given: whether the emitters came with the opening.
@@ -166,6 +188,8 @@ class Feasibility:
     given: bool
     light: LightDemand
     circuits: Circuits | None = None
+    even: Evenness | None = None
+    eye: EyeSection = field(default_factory=EyeSection)
 
     @property
     def passed(self) -> bool:
@@ -239,6 +263,20 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = True) -> F
     given = emitters is not None
     if emitters is None:
         emitters = centred(largest_found.best, opening, grid, panel.orientations, rules.emitters, keep=rules.keep)
+        # In pixels that lie alike there is nothing to see but the lattice.
+        if rules.pieces and len(used) > 1 and (largest or largest_found.verdict is not Verdict.FITS):
+            viewing = Viewing(panel.cell_size.pitch_um, rules.eye.distance)
+            largest_found, emitters = placed_in_pieces(
+                largest_found,
+                emitters,
+                opening,
+                grid,
+                used,
+                rules.emitters,
+                keep=rules.keep,
+                viewing=viewing,
+                delta_e=rules.eye.delta_e,
+            )
     room = pixel_room(opening, panel.dot_nm, rules.circuit)
     circuits = None if rules.boxes is None else place_circuits(panel, opening, rules.boxes)
     wires = None if rules.wires is None else wiring(panel, opening, rules.wires)
@@ -262,6 +300,7 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = True) -> F
             given,
             rules.light,
             circuits,
+            eye=rules.eye,
         )
     pixel_um2 = (panel.cell_size.pitch_um) ** 2
     red, green, blue = (area / pixel_um2 for area in emitters.areas_um2)
@@ -269,7 +308,8 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = True) -> F
     density = current_density(rules.light, shares)
     reference = current_density(rules.light, (REFERENCE_SHARE,) * 3)
     life = tuple(relative_life(j, r, rules.light.ageing_exponent) for j, r in zip(density, reference, strict=True))
-    broken = violations(replace(panel, emitters=emitters), rules.emitters)
+    lit = replace(panel, emitters=emitters)
+    broken = violations(lit, rules.emitters)
     # Emitters that break the rules say nothing of how large those can be that keep them.
     if given and not broken:
         largest_found = _judged(largest_found, emitters, shares, rules.emitters)
@@ -291,7 +331,14 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = True) -> F
         given,
         rules.light,
         circuits,
+        evenness(lit, Viewing(panel.cell_size.pitch_um, rules.eye.distance)) if _lit(emitters) else None,
+        rules.eye,
     )
+
+
+def _lit(emitters: Emitters) -> bool:
+    """Whether every colour emits, so that white can be shown."""
+    return min(emitters.areas_um2) > 0
 
 
 def widest_gap(panel: Panel, rules: DisplayRules) -> LargestGap | None:
@@ -415,7 +462,7 @@ def display_rules(job: Job) -> DisplayRules | None:
     spec = job.spec
     if spec.emitters is None:
         return None
-    return DisplayRules.of(spec.emitters, spec.light, spec.wires, spec.circuits, where=job.where)
+    return DisplayRules.of(spec.emitters, spec.light, spec.wires, spec.circuits, spec.eye, where=job.where)
 
 
 def displays(

@@ -48,7 +48,7 @@ _CAMERA: Keys = (*_LENS, "camera.window")
 _DIES: Keys = ("die", "plate.die_size")
 _LAYOUT: Keys = (*_DIES, *_of("plate", "template blank writable die_pitch columns"), "export.grid")
 _BLANK = _of("plate", "optical_density film_phase glass")
-_FIT: Keys = ("emitters", "circuits", *_of("wires", "line space clearance lines transparent"))
+_FIT: Keys = ("emitters", "circuits", "eye", *_of("wires", "line space clearance lines transparent"))
 _PLACES = _of("scene", "accuracy depth focus field gap aberrations")
 _LIGHT = _of("scene", "spectrum illuminant")
 _OPTICS: Keys = (*_PLACES, *_LIGHT, *_of("scene", "distortion saturation"))
@@ -66,13 +66,13 @@ USES: Mapping[str, Keys] = MappingProxyType({
     "run": (
         *_CAMERA, *_LAYOUT, *_BLANK, *_OPTICS, *_SENSOR, *_EDGES, *_of("process.spread", "bias radius"),
         *_of("order", "tone parity chrome cd"),
-        *("limits", "emitters", "circuits", "wires", "light", "exposure", "export", "report"),
+        *("limits", "emitters", "circuits", "wires", "light", "eye", "exposure", "export", "report"),
     ),
     "run for a house": _OFFERS,
     "order pack": (*_HOUSE, "order"),
     "order fill": (*_LAYOUT, *_BLANK[::2], *_of("export", "shop chrome"), "order", "process.cd_bias"),
     "order compare": (*_HOUSE, "order"),
-    "check": (*_LAYOUT, "emitters", "circuits", "wires", "light"),
+    "check": (*_LAYOUT, "emitters", "circuits", "wires", "light", "eye"),
     "order pack --dry-run": _HOUSE,
     "check --look": (*_LAYOUT, *_FIT),
     "check --optics": (*_CAMERA, *_DIES, *_BLANK, *_OPTICS),
@@ -167,6 +167,7 @@ FORMS: Mapping[str, str] = MappingProxyType(
     {
         "LengthOrZero": 'length with its unit, or "0 um"',
         "SignedLength": 'length of either sign, such as "-0.1 um"',
+        "LookedFrom": 'length from 10 mm to 100 m, such as "300 mm"',
         "PlateLength": 'length up to 2 m, such as "5 in"',
         "Length": 'length with its unit, such as "8 um"',
         "Dpi": 'dots per inch, such as "25400 dpi"',
@@ -391,7 +392,19 @@ def _default(model: type[AnySection], name: str) -> str | None:
 
 
 _TEXTS = frozenset(
-    {"LengthOrZero", "SignedLength", "PlateLength", "Length", "Pitch", "Area", "Time", "Distance", "Name", "Line"}
+    {
+        "LengthOrZero",
+        "SignedLength",
+        "PlateLength",
+        "LookedFrom",
+        "Length",
+        "Pitch",
+        "Area",
+        "Time",
+        "Distance",
+        "Name",
+        "Line",
+    }
 )
 
 

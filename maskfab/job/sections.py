@@ -34,6 +34,7 @@ from maskfab.job.values import (
     Length,
     LengthOrZero,
     LensDistortion,
+    LookedFrom,
     Method,
     Name,
     Names,
@@ -143,6 +144,10 @@ class RulesSection(Section):
     slow_grain: float | None = Field(default=None, gt=0, le=1, allow_inf_nan=False)
     """Largest slow grain of an even field, rms contrast up to 10 cycles per degree at 300 mm; of the emitters that
     ``fit`` places, pixels turned at random."""
+    delta_e: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    """Largest mean ΔE of an even field with the emitters that ``fit`` places, seen from the distance of [eye]."""
+    grain: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    """Largest rms luminance contrast of that field up to 10 cycles per degree."""
     keep_out: str | None = None
     """Drawing of the cell, top row first: x stays closed, . is free."""
 
@@ -321,6 +326,8 @@ class EmittersSection(Section):
     """Least share of the pixel for each colour, divided by its ratio (ratios scaled to sum to 3)."""
     keep: float = Field(default=1.0, gt=0, le=1, allow_inf_nan=False)
     """Share of the largest footprint above which the placement with the best-centred light is chosen."""
+    pieces: Literal["one", "several"] | None = None
+    """Emitter of a colour: one area (the default), or several that look most alike however pixels are turned."""
     circuit: Area = 1985.0
     """Area of one drive circuit."""
     circuits: int = Field(default=3, ge=1, le=16)
@@ -408,6 +415,17 @@ class LightSection(Section):
     """Efficacy of red, green and blue, cd/A."""
     life_exponent: float = Field(default=1.44, gt=0, allow_inf_nan=False)
     """Life falls with current density to this power, negative."""
+
+
+class EyeSection(Section):
+    """[eye]: where the display is looked at, and what may be seen of an even field; limits are told, not judged."""
+
+    distance: LookedFrom = 300_000.0
+    """Distance from the eye to the display."""
+    delta_e: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    """Largest mean ΔE (S-CIELAB, CIE 1976) of an even field; 2.3 is just noticeable, 1 is not seen."""
+    grain: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    """Largest rms luminance contrast of an even field up to 10 cycles per degree."""
 
 
 class SceneSection(Section):
@@ -645,6 +663,7 @@ class JobSpec(Section):
     circuits: CircuitsSection | None = None
     wires: WiresSection | None = None
     light: LightSection | None = None
+    eye: EyeSection | None = None
     sensor: Sensor | None = None
     exposure: ExposureSection | None = None
     export: ExportSection | None = None

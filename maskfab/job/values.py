@@ -192,6 +192,7 @@ _DEVICE = re.compile(r"(?i)con|prn|aux|nul|(?:com|lpt)[0-9]")
 _AREA = re.compile(r"\s*(\S+?)\s*(nm|um|µm|mm)(?:\^2|2|²)\s*")
 _LONGEST_UM = 1e9
 _LARGEST_PLATE_UM = 2e6
+_NEAREST_EYE_UM, _FARTHEST_EYE_UM = 1e4, 1e8
 _MOST_COUNTS = 64
 
 Method = Literal["search", "relax"]
@@ -300,6 +301,14 @@ def _on_plate(value: object) -> float:
     return length
 
 
+def _looked_from(value: object) -> float:
+    length = length_um(value)
+    if not _NEAREST_EYE_UM <= length <= _FARTHEST_EYE_UM:
+        what = f"{value!r} is outside 10 mm to 100 m, from which displays are looked at"
+        raise JobError("MF104", what, cure='A telephone is held at about "300 mm"')
+    return length
+
+
 def _drawn(text: object) -> object:
     """Text that the plate shows in letters of its own; its type is checked elsewhere."""
     lacking = sorted({c for c in text if not " " <= c <= "~"}) if isinstance(text, str) else []
@@ -388,6 +397,7 @@ def _listed_counts(value: object) -> object:
 
 Length = Annotated[float, parsed(length_um), PlainSerializer(um_text)]
 LengthOrZero = Annotated[float, parsed(length_um, zero_allowed=True), PlainSerializer(um_text)]
+LookedFrom = Annotated[float, parsed(_looked_from), PlainSerializer(lambda v: f"{v / 1e3:.15g} mm")]
 PlateLength = Annotated[float, parsed(_on_plate), PlainSerializer(um_text)]
 Pitch = Annotated[float, parsed(_pitch), PlainSerializer(um_text)]
 Wavelength = Annotated[float, parsed(units.parse_wavelength_nm), PlainSerializer(_nm_text)]

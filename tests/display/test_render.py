@@ -50,7 +50,7 @@ def test_pictures_and_numbers_come_out_whole(job, tmp_path, capsys):
     assert plain["flat_delta_e_mean"] < 1e-9 < turned["flat_delta_e_mean"]
     names = {path.name for path in out.iterdir()}
     assert {file["path"] for file in saved["files"]} | {DOCUMENT} == names
-    targets = ("flat", "edge", "zone_plate", "text", "leaves")
+    targets = ("flat", "edge", "zone_plate", "text", "leaves", "border")
     kinds = (".exr", ".png", "_seen.png")
     assert names == {DOCUMENT, FIGURE} | {
         f"{die}_{target}{kind}" for die in ("PLAIN", "TURNED") for target in targets for kind in kinds

@@ -22,12 +22,13 @@ from maskfab.base.arrays import Mask
 from maskfab.base.errors import JobError, OpeningError
 from maskfab.base.model import ORIENTATIONS, Opening, frozen, orient
 from maskfab.designs.rules.display_fit import DISPLAY_RULES, Wired, of_display
+from maskfab.designs.rules.eye import EYE_RULES
 from maskfab.designs.rules.families import orbits, sums
 from maskfab.designs.rules.rule import DOT_RULES, Conflict, Rule, out_of_range
 from maskfab.display.emitter_rules import EmitterRules
 from maskfab.mask.opening import closed
 
-RULES: tuple[Rule, ...] = (*DOT_RULES, *DISPLAY_RULES)
+RULES: tuple[Rule, ...] = (*DOT_RULES, *DISPLAY_RULES, *EYE_RULES)
 """Every rule but the count, in the order in which they are judged: cheap ones first, the display last."""
 
 

@@ -506,8 +506,8 @@ DISPLAY_RULES = CIRCUITS, EMITTERS, WIRES, CENTROID, GRAIN
 """In the order in which they are judged."""
 
 
-OF_THE_EYE = CENTROID.name, GRAIN.name
-"""Rules of the emitters' light, the dearest to judge."""
+OF_THE_EYE = CENTROID.name, GRAIN.name, "grain", "delta_e"
+"""Rules of the emitters' light, the dearest to judge; the last two are those of :mod:`maskfab.designs.rules.eye`."""
 
 
 def most_beside(units: Mask, cells: Labels, dot_nm: int, rules: WireRules) -> Ints:

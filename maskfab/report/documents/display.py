@@ -31,6 +31,7 @@ from maskfab.display.placement import LargestGap
 from maskfab.display.polygon_check import Violation, left_of_emitters
 from maskfab.job.camera import Camera
 from maskfab.job.process import Process
+from maskfab.optics.colour import JUST_NOTICEABLE
 from maskfab.optics.metrics import relative_difference
 from maskfab.optics.psf import point_psf
 from maskfab.optics.pupil import cut, panel_aperture, veil
@@ -177,6 +178,7 @@ def _emitters(die: Die, feasibility: Feasibility) -> Iterator[Quantity]:
         "5.57 (F/ppd)² |c|, c the centroid off its mean over the orientations",
         die=name,
     )
+    yield from _even_rows(feasibility, name)
     light, usual = feasibility.light, LightDemand()
     assumed = light.efficacy_cd_per_a == usual.efficacy_cd_per_a
     judged = " (a judgement; no source was found)" if assumed else ""
@@ -220,6 +222,24 @@ def _circuit_rows(feasibility: Feasibility, name: str) -> Iterator[Quantity]:
         f"of neighbours meet{': ' if broken else ''}{broken}",
         limit=0,
         passed=not circuits.broken,
+        die=name,
+    )
+
+
+def _even_rows(feasibility: Feasibility, name: str) -> Iterator[Quantity]:
+    """Evenness of the display; limits are told beside it, and nothing is judged by them."""
+    if feasibility.even is None:
+        return
+    eye = feasibility.eye
+    seen = f"an even field from {eye.distance / UM_PER_MM:g} mm, pixels turned at random, in closed form"
+    usual = f"{JUST_NOTICEABLE:g} is just noticeable (Mahy, Van Eycken and Oosterlinck, 1994), up to 1 is not seen"
+    asked = "" if eye.delta_e is None else f"; the job asks for {eye.delta_e:g} at most"
+    yield Quantity("even_delta_e", feasibility.even.delta_e, f"mean S-CIELAB ΔE of {seen}; {usual}{asked}", die=name)
+    asked = "" if eye.grain is None else f"; the job asks for {eye.grain:g} at most"
+    yield Quantity(
+        "even_grain",
+        feasibility.even.grain,
+        f"rms luminance contrast up to {SLOW_CPD:g} cycles per degree of {seen}{asked}",
         die=name,
     )
 
@@ -622,6 +642,12 @@ def _light_text(display: Feasibility) -> Iterator[Line]:
         return
     x, y = display.centroid_px
     yield "light", f"centroid at ({x:.4f}, {y:.4f}) px; shifts by {display.wander_px:.4f} px RMS between orientations"
+    if display.even is not None:
+        yield (
+            "even field",
+            f"ΔE {display.even.delta_e:.3g} and grain {display.even.grain:.2g} from "
+            f"{display.eye.distance / UM_PER_MM:g} mm; ΔE {JUST_NOTICEABLE:g} is just noticeable, 1 is not seen",
+        )
     if display.density_ma_per_cm2 is not None:
         yield "current density", f"{_colours(display.density_ma_per_cm2)} mA/cm2"
     if display.life is not None:

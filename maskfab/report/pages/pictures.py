@@ -23,6 +23,7 @@ from maskfab.base.work import Progress, silent
 from maskfab.display.emitted_light import ideal, show
 from maskfab.display.eye import FLAT, PictureView, SeenPanel
 from maskfab.display.pictures import flat
+from maskfab.display.surround import BORDER
 from maskfab.mask.formats.exr import Facts, psf_facts, write_exr, write_png, write_psf
 from maskfab.optics.colour import code_of_light
 from maskfab.report.documents.shape import document_text
@@ -39,6 +40,7 @@ _TITLES: Mapping[str, str] = MappingProxyType(
         "text": "text",
         "leaves": "leaves",
         "picture": "picture",
+        "border": "even grey in the\nregular display, × 10",
     }
 )
 _CELL, _GAP, _CAPTION, _LEFT, _TOP, _FOOT = 2.05, 0.14, 0.36, 0.5, 0.6, 0.42
@@ -67,8 +69,13 @@ def comparison(panels: Sequence[SeenPanel]) -> bytes:
     height = _TOP + rows * (_CELL + _CAPTION) + _FOOT
     figure = Figure(figsize=(width, height), dpi=130)
     figure.set_facecolor("white")
-    firsts = [(next(iter(panel.views.values())), panel.viewing.pitch_um) for panel in panels]
-    window = max(float(max(view.seen.shape[:2]) / view.samples * pitch_um) for view, pitch_um in firsts)
+    windows = {
+        name: max(
+            max(panel.views[name].seen.shape[:2]) / panel.views[name].samples * panel.viewing.pitch_um
+            for panel in panels
+        )
+        for name in names
+    }
     pitches = [panel.viewing.pitch_um for panel in panels]
     close = max(_CLOSE_UP_PIXELS * min(pitches), _LEAST_PIXELS * max(pitches))
 
@@ -87,7 +94,7 @@ def comparison(panels: Sequence[SeenPanel]) -> bytes:
             _label(axes, "light, close up")
         for row, name in enumerate(names, start=1):
             axes = axes_at(row, column)
-            view = judged.views[name]
+            view, window = judged.views[name], windows[name]
             _seen(axes, judged, view, window, name, perfect=column == 0)
             if column == 0:
                 _label(axes, _TITLES[name])
@@ -95,6 +102,9 @@ def comparison(panels: Sequence[SeenPanel]) -> bytes:
             else:
                 if name == FLAT:
                     said = f"ΔE {view.delta_e:.2f}, grain {100 * _value(judged, 'grain_slow'):.2f} %"
+                elif name == BORDER:
+                    inside, edge = (_value(judged, f"border_delta_e_{place}") for place in ("inside", "edge"))
+                    said = f"ΔE inside {inside:.2f}, along the border {edge:.2f}"
                 elif name == "edge":
                     said = f"ΔE {view.delta_e:.2f}, fringe Δab {view.fringe:.0f}"
                 else:
@@ -132,7 +142,7 @@ def _close_up(axes: Axes, judged: SeenPanel, side_um: float, *, perfect: bool) -
 def _seen(axes: Axes, judged: SeenPanel, view: PictureView, side_um: float, name: str, *, perfect: bool) -> None:
     shown = view.reference if perfect else view.seen
     rgb = shown.astype(np.float64)
-    if name == FLAT:
+    if name in {FLAT, BORDER}:
         rgb = _MIDDLE + _STRETCH * (rgb - _MIDDLE)
     _draw(axes, rgb, shown.shape[1] / view.samples * judged.viewing.pitch_um, side_um)
 
@@ -212,9 +222,9 @@ def write_rendering(
     with staged(check_target(target, force=False)) as folder:
         done = 0
         for die in panels:
-            for title, image in die.images.items():
+            for title in die.images:
                 progress("files", done, total)
-                light = show(die.panel, image, samples).rgb
+                light = die.light(title, samples).rgb
                 facts: dict[str, str | float] = {
                     "die": die.name,
                     "picture": title,

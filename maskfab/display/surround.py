@@ -1,0 +1,148 @@
+"""A die as it is built in: an even field, the die in the middle of the regular display, and the border between them.
+
+The regular display has the die's pitch and no openings: its pixels are three upright stripes, red, green and blue from
+left to right, a third of the pixel each. Every pixel sends out the light asked for, here as there, so that without
+structure nothing would be seen. Three things are. The die's grain and spots stand against a display that has none; its
+mean colour, as S-CIELAB takes it in, may differ, for L*a*b* of a mixture is not the mean of its parts; and along the
+border colours change places, which may leave a line.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from maskfab.base.arrays import Floats
+from maskfab.base.model import COLOURS, Panel, Quantity, side_by_side
+from maskfab.display.emitted_light import MOST_SAMPLES, EmittedLight, Viewing, emission
+
+BORDER = "border"
+LEVEL = 0.5
+"""Linear light of the field, as of other even ones."""
+_AROUND = 4
+"""The surround is as wide as the die over this, on every side."""
+_NEAR_DEG = 0.1
+"""A line is looked for so far to either side of the border."""
+_MOST_SEEN = 1 << 20
+
+
+@dataclass(frozen=True, eq=False)
+class Surrounded:
+    """The middle of a panel in the regular display.
+
+    Attributes:
+        panel: with emitters.
+        inside: pixels of the panel along a side.
+        around: pixels of the regular display on every side.
+    """
+
+    panel: Panel
+    inside: int
+    around: int
+
+    @classmethod
+    def of(cls, panel: Panel, most: int, samples: int, seen_samples: int) -> Surrounded:
+        """As many pixels of a panel as there are, up to ``most``, and as can be shown with a surround.
+
+        Args:
+            panel: with emitters.
+            most: pixels along a side.
+            samples: along a pixel, of the light.
+            seen_samples: along a pixel, of what the eye takes in.
+        """
+        whole = min(math.isqrt(MOST_SAMPLES) // max(1, samples), math.isqrt(_MOST_SEEN) // seen_samples)
+        inside = max(1, min(most, *panel.orientations.shape, whole * _AROUND // (_AROUND + 2) - 2))
+        return cls(panel, inside, math.ceil(inside / _AROUND))
+
+    @property
+    def pixels(self) -> int:
+        """Along a side, in all."""
+        return self.inside + 2 * self.around
+
+    @property
+    def image(self) -> Floats:
+        """Linear light asked of every pixel, [rows, columns, 3]."""
+        return np.full((self.pixels, self.pixels, len(COLOURS)), LEVEL)
+
+    def light(self, samples: int) -> EmittedLight:
+        """Light of the field.
+
+        Raises:
+            JobError: MF121, MF119 as :func:`maskfab.display.emitted_light.emission`.
+        """
+        tiles = np.concatenate([emission(self.panel, samples), _stripes(samples)[None]])
+        held = np.full((self.pixels, self.pixels), len(tiles) - 1)
+        rows, columns = self.panel.orientations.shape
+        bottom, left = (rows - self.inside) // 2, (columns - self.inside) // 2
+        middle = slice(self.around, self.around + self.inside)
+        held[middle, middle] = self.panel.orientations[bottom : bottom + self.inside, left : left + self.inside]
+        rgb = np.stack([LEVEL * side_by_side(tiles[:, colour][held]) for colour in range(len(COLOURS))])
+        rgb.flags.writeable = False
+        return EmittedLight(rgb, samples, self.panel.cell_size.pitch_um)
+
+    def quantities(self, name: str, lab: Floats, even: Floats, viewing: Viewing) -> list[Quantity]:
+        """Numbers of the border, from S-CIELAB's response to the field and to light without structure, [y, x, 3].
+
+        Args:
+            name: the die's.
+            lab: of the field.
+            even: of the same without structure.
+            viewing: where the eye is.
+        """
+        samples = len(lab) // self.pixels
+        off = lab - even
+        seen = np.linalg.norm(off, axis=-1)
+        first, last = self.around * samples, (self.around + self.inside) * samples
+        within = np.zeros(seen.shape, dtype=np.bool_)
+        within[first:last, first:last] = True
+        # What lies near the border belongs to neither.
+        reach = min(samples * self.around // 2, max(1, round(_NEAR_DEG * viewing.pixels_per_degree * samples)))
+        outer = np.ones(seen.shape, dtype=np.bool_)
+        outer[first - reach : last + reach, first - reach : last + reach] = False
+        step = float(np.linalg.norm(off[within].mean(axis=0) - off[outer].mean(axis=0)))
+        # A line is a mean along the side; what a like mean has anywhere in the die is no border.
+        along_y, along_x = off[first:last].mean(axis=0), off[:, first:last].mean(axis=1)
+        lines = [
+            float(np.linalg.norm(profile[at - reach : at + reach], axis=-1).max())
+            for profile in (along_y, along_x)
+            for at in (first, last)
+        ]
+        middle = (first + last) // 2
+        usual = [
+            float(np.linalg.norm(profile[middle - reach : middle + reach], axis=-1).max())
+            for profile in (along_y, along_x)
+        ]
+        return [
+            Quantity(
+                "border_delta_e_inside", float(seen[within].mean()), "mean S-CIELAB ΔE of an even field", die=name
+            ),
+            Quantity(
+                "border_delta_e_outside",
+                float(seen[outer].mean()),
+                "the same of the regular display round the die, three stripes to a pixel",
+                die=name,
+            ),
+            Quantity(
+                "border_delta_e_step", step, "ΔE between the mean L*a*b* of the die and of its surround", die=name
+            ),
+            Quantity(
+                "border_delta_e_edge",
+                max(lines),
+                f"largest ΔE of the mean along a side within {_NEAR_DEG:g} degrees of it; {max(usual):.2g} across the "
+                "middle of the die",
+                die=name,
+            ),
+        ]
+
+
+def _stripes(samples: int) -> Floats:
+    """A pixel of the regular display, [3, samples, samples], each colour of mean 1."""
+    ends = np.linspace(0.0, 1.0, samples + 1)
+    tiles = []
+    for colour in range(len(COLOURS)):
+        low, high = colour / len(COLOURS), (colour + 1) / len(COLOURS)
+        lit = np.maximum(np.minimum(ends[1:], high) - np.maximum(ends[:-1], low), 0.0) * samples * len(COLOURS)
+        tiles.append(np.broadcast_to(lit, (samples, samples)))
+    return np.stack(tiles)
