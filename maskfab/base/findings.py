@@ -248,7 +248,8 @@ FINDINGS: tuple[Finding, ...] = (
         gives=("display_fits", "led_footprint", "circuit_room"),
         rows=(
             "led_footprint_rectangles circuit_room_* circuit_boxes_placed circuit_rules_broken emitter* "
-            "luminance_centroid grain_rms even_delta_e even_grain current_density_* relative_life_* wire_lines_* wired_*"
+            "luminance_centroid grain_rms even_delta_e even_grain "
+            "current_density_* relative_life_* wire_lines_* wired_*"
         ),
         seconds=(_always(2.0),),
         figures=(("report.figures.display.pictures", 0.3),),
