@@ -460,10 +460,9 @@ def shortlisted(
     order = sorted(range(len(values)), key=lambda k: (-values[k], k)) or [0]
     first, best = listed[0].shape, listed[order[0]].shape
     if order[0]:
-        notes.append(
-            f"Under quick maps, {best.name} restores {values[order[0]] - values[0]:.3f} dB better than "
-            f"{first.name}, {'' if listed[order[0]].guard else 'which is the better one turned at random'}."
-        )
+        better = values[order[0]] - values[0]
+        turned = "" if listed[order[0]].guard else ", which is the better one turned at random"
+        notes.append(f"Under quick maps, {best.name} restores {better:.3f} dB better than {first.name}{turned}.")
     found = replace(
         state,
         best=replace(best, value=best.value if start is not None else state.best.value),
