@@ -7,26 +7,31 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 from klayout import db
 from small_job import command
 
 from maskfab.api.checking import check
-from maskfab.base.model import EMITTERS, Panel
+from maskfab.base.model import EMITTERS
 from maskfab.designs.design import display_of
 from maskfab.display.emitter_rules import Verdict
-from maskfab.display.feasibility import display_rules, displays, feasibility
+from maskfab.display.feasibility import displays
 from maskfab.job.read import read
+from maskfab.job.sections import SearchSection
 from maskfab.mask.job import Job, load_job
 from maskfab.mask.opening_file import load_opening
-from maskfab.mask.panels import DieSeeds, die_panels, read_map
+from maskfab.mask.panels import DieSeeds, placed, read_map
 from maskfab.runs.sweep_cases import measured
 
 LAYOUTS = Path(__file__).parents[2] / "layouts"
 DISPLAYS = [path for path in sorted(LAYOUTS.glob("*.toml")) if (spec := read(path)).emitters is not None and spec.die]
-MAPS = sorted((LAYOUTS / "maps").glob("*.toml"))
-NAMING = [path.stem for path in MAPS if DieSeeds.of(read_map(path).provenance) is not None]
-TRIED = range(8)
+DESIGNED = {
+    Path(spec.design.map_output).stem: path
+    for path in sorted(LAYOUTS.glob("*.toml"))
+    if isinstance((spec := read(path)).design, SearchSection) and spec.design.fit and spec.design.map_output
+}
+"""Maps that were designed for a display, with the jobs that ask for them."""
 
 
 @cache
@@ -34,32 +39,9 @@ def job(path: Path) -> Job:
     return load_job(path)
 
 
-def panel_of_seed(path: Path, name: str, seed: int) -> Panel:
-    """A die of a shipped job, drawn from another seed."""
-    (die,) = (die for die in job(path).spec.die if die.name == name)
-    spec = job(path).spec.model_copy(update={"die": (die.model_copy(update={"seed": seed}),)})
-    return die_panels(spec, job(path).openings, where=str(path))[name]
-
-
-def die_with(map_name: str) -> tuple[Path, str]:
-    """A shipped job with emitters, and its die that is laid by a map."""
-    return next((path, die.name) for path in DISPLAYS for die in job(path).spec.die if die.map == f"{map_name}_map")
-
-
-def verdict_on(name: str, seed: int) -> Verdict:
-    """Answer on the die that a map was designed for, or else on one that is laid by it, drawn from a seed."""
-    designed = LAYOUTS / f"design_{name}.toml"
-    display = display_of(read(designed), name) if designed.exists() else None
-    if display is None:
-        path, die = die_with(name)
-        return feasibility(panel_of_seed(path, die, seed), display_rules(job(path))).verdict
-    opening, cells = load_opening(LAYOUTS / "openings" / f"{name}.toml"), read_map(LAYOUTS / "maps" / f"{name}.toml")
-    return display.on(replace(display, seed=seed).die(opening.mask, opening.dot_nm, cells)).verdict
-
-
 def test_there_are_displays_that_ship():
     assert {path.stem for path in DISPLAYS} >= {"display_that_fits", "display_cluster", "upc12", "first_plate"}
-    assert {"fits", "fits_gutter", "fits_packed"} <= set(NAMING)
+    assert set(DESIGNED) >= {"fits", "fits_88", "fits_300", "fits_gutter", "fits_packed", "density", "cluster"}
 
 
 def areas_read(path: Path, die: str) -> dict[str, float]:
@@ -123,21 +105,29 @@ def test_a_run_draws_the_emitters_that_check_tells(capsys, tmp_path: Path) -> No
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", NAMING)
-def test_a_shipped_map_names_every_seed_that_was_tried_and_none_wrongly(name: str) -> None:
-    known = DieSeeds.of(read_map(LAYOUTS / "maps" / f"{name}.toml").provenance)
-    assert known is not None
-    verdicts = {seed: verdict_on(name, seed) for seed in TRIED}
-    assert known.fit == tuple(seed for seed in TRIED if verdicts[seed] is Verdict.FITS)
-    assert known.unfit == tuple(seed for seed in TRIED if verdicts[seed] is not Verdict.FITS)
+@pytest.mark.parametrize("name", DESIGNED)
+@pytest.mark.parametrize("larger", [1, 2])
+def test_a_shipped_design_fits_dies_of_every_size(name: str, larger: int) -> None:
+    display = display_of(read(DESIGNED[name]), name)
+    assert display is not None
+    cells = read_map(LAYOUTS / "maps" / f"{name}.toml")
+    opening, *others = (
+        load_opening(path)
+        for path in (LAYOUTS / "openings" / f"{name}{part}.toml" for part in ("", "_outer"))
+        if path.exists()
+    )
+    dies = replace(display, across=larger * display.across)
+    die = dies.die(opening.mask, opening.dot_nm, cells, others[0].mask if others else None)
+    assert display.on(die).verdict is Verdict.FITS
 
 
-def test_every_map_that_was_designed_to_fit_names_its_seeds_or_what_lies_beyond_it():
-    fitted = {
-        path.stem.removeprefix("design_") for path in LAYOUTS.glob("design_*.toml") if display_of(read(path), "job")
-    }
-    regular = {path.stem for path in MAPS if read_map(path).beyond is not None}
-    assert fitted <= {*NAMING, *regular}
+@pytest.mark.parametrize("name", DESIGNED)
+def test_nothing_round_a_map_that_was_designed_to_fit_is_drawn_from_a_seed(name: str) -> None:
+    cells = read_map(LAYOUTS / "maps" / f"{name}.toml")
+    assert cells.beyond is not None
+    others = (LAYOUTS / "openings" / f"{name}_outer.toml").exists()
+    panels = [placed(cells, 40, 40, seed, openings=1 + others, where=name) for seed in (0, 5)]
+    assert np.array_equal(*panels)
 
 
 @pytest.mark.parametrize("path", DISPLAYS, ids=lambda path: path.stem)
@@ -146,17 +136,18 @@ def test_shipped_jobs_take_seeds_that_their_maps_name(path: Path) -> None:
 
 
 def with_seed(tmp_path: Path, stated: str) -> Path:
-    """The shipped plate's die of the opening that does not fit every die, alone, with another line for its seed."""
+    """A die of the shipped plate alone, drawn from a seed round its map, with another line for the seed."""
     text = (LAYOUTS / "upc12.toml").read_text(encoding="utf-8")
     head, *dies = text.split("[[die]]")
     *_, rules = dies[-1].partition("\n# A display round")
     (die,) = (each for each in dies if 'name = "GUT8_M150"' in each)
-    own = tmp_path / "job.toml"
+    own, given = tmp_path / "job.toml", (LAYOUTS / "maps" / "fits_gutter.toml").read_text(encoding="utf-8")
+    (tmp_path / "maps").mkdir(exist_ok=True)
+    drawn = given.replace("beyond = [0, 0]\n", "") + 'die_seeds_fit = "1 2 5 6 7"\ndie_seeds_unfit = "0 3 4"\n'
+    (tmp_path / "maps" / "fits_gutter.toml").write_text(drawn, encoding="utf-8")
     body = die.replace("seed = 1\n", stated)
     text = f"{head}[[die]]{body.split(chr(10) + '#')[0]}\n# A display round{rules}"
-    own.write_text(
-        text.replace('"openings/', f'"{LAYOUTS}/openings/').replace('"maps/', f'"{LAYOUTS}/maps/'), encoding="utf-8"
-    )
+    own.write_text(text.replace('"openings/', f'"{LAYOUTS}/openings/'), encoding="utf-8")
     return own
 
 

@@ -1,8 +1,9 @@
-"""Maps of a display whose lines bend round its openings: no turn is made that leaves lines no way.
+"""Maps of a display whose lines bend round its openings: mended where lines find no way, then looked after.
 
-Cells beyond a map are laid alike, and lines pass those. A chain of openings that too few lines pass names the cells
-between which they do not; laid alike, these let lines through again, so a random map is mended chain by chain. From
-then on a turn that makes such a chain is refused. Lines are drawn at last, on the whole die.
+Most maps let lines pass as they are designed. Where one does not, a chain of openings that too few lines pass names
+the cells between which they do not. Cells beyond a map are laid alike, and lines pass those; laid alike, the named
+cells let lines through again, so the map is mended chain by chain. As it is bettered from there, a turn that makes such
+a chain is refused. Lines are drawn at last, on the whole die.
 """
 
 from __future__ import annotations

@@ -18,10 +18,9 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -111,9 +110,12 @@ _WORSE_DB = 0.25
 """Openings that much worse, turned at random, are tried under no quick map: maps differ by less."""
 
 
-_ASKED, _BETTER_DB, _MOST_GUARDED = 40, 0.02, 32
-"""Openings that are better by so much, of which the first is tried whose lines depend on the map, where that has no
-more cells along a side: looking after it takes half a second for 60."""
+_BESIDE, _ASKED, _BETTER_DB = 3, 60, 0.01
+"""Kinds of openings whose lines depend on the map that are tried, of so many that are better by so much."""
+
+
+_MOST_GUARDED = 32
+"""Cells along a side of a map up to which it is looked after at every step: of 60, a look takes half a second."""
 
 
 _MOST_WORK = 80_000_000
@@ -401,8 +403,7 @@ def shortlisted(
     """The openings of a list as quick maps rank them, the best first, and the search with that as its best.
 
     Where a display is held, openings round which lines run alike are on the list, and beside these the best of those
-    whose lines depend on the map, which is looked after; maps then go on from the quick ones. Of equals the earlier is
-    the better.
+    whose lines depend on the map; maps then go on from the quick ones. Of equals the earlier is the better.
 
     Args:
         state: its best is on the list, then those that were looked at, best first.
@@ -421,7 +422,7 @@ def shortlisted(
     if start is not None:
         # Where pupils are large, maps take their time: the best opening alone has it.
         most = min(most, max(1, _MOST_WORK // (_QUICK_FIELDS * error.lattice.side**2)))
-    listed = _listed(state, most, rules, judge, start, error.cells)
+    listed = _listed(state, most, rules, judge, start)
     if len(listed) < 2:
         return state, listed
     # A random map's light differs by chance, and more of it is no merit of a shape: all have what is expected.
@@ -442,7 +443,6 @@ def shortlisted(
             light=light,
             steps=None if start is None else _QUICK_FIELDS,
             clock=clock,
-            **watched(one.guard, seed, error),
         )
         # Maps that were ended early are not compared.
         return None if clock.over else quick
@@ -475,9 +475,7 @@ def shortlisted(
     return found, tuple(replace(listed[k], begun=maps[k]) for k in order)
 
 
-def _listed(
-    state: Best, most: int, rules: Constraints, judge: Objective, start: Start | None, cells: int
-) -> tuple[Listed, ...]:
+def _listed(state: Best, most: int, rules: Constraints, judge: Objective, start: Start | None) -> tuple[Listed, ...]:
     shapes = [Candidate(state.best.name, state.best.unit), *state.looked]
     if start is None:
         kinds = different(shapes, rules, most)
@@ -487,11 +485,11 @@ def _listed(
         value = judge(one.unit)
         if value >= state.best.value - _WORSE_DB:
             own.append(Listed(Ranked(one.name, one.unit, value), rules, start.guard(one.unit)))
-    if not start.any_map or most < 2 or cells > _MOST_GUARDED:
+    if not start.any_map or most < 2:
         return tuple(own)
     better = (Candidate(one.name, one.unit) for one in state.near if one.value >= state.best.value + _BETTER_DB)
     laid = start.laid_alike
-    for one in different(islice(better, _ASKED), laid.rules, 1):
+    for one in different(islice(better, _ASKED), laid.rules, _BESIDE):
         own.append(Listed(Ranked(one.name, one.unit, judge(one.unit)), laid.rules, laid.guard(one.unit)))
     return tuple(own)
 
@@ -571,38 +569,35 @@ def mapped(
             progress=progress,
         )
         return _of_two(section, made, error, facts, "pixels of a group", notes)
-    held = watched(guard, seed, error)
-    if begun is not None:
-        held = {**held, "start": begun.orientations, "shifts": begun.shifts}
     limit = max(FIRST_STEPS, _MOST_WORK // error.lattice.side**2)
-    both = joint(
+    lay_out = partial(
+        joint,
         unit,
         error,
         rules,
         rounds=section.joint if guard is None else 0,
         seed=seed,
         mode=mode,
-        kicks=kicks,
         positions=section.positions,
-        steps=limit if rules["emitters"] else None,
-        **held,
         clock=clock,
         progress=progress,
     )
+    both = lay_out(
+        kicks=kicks,
+        start=None if begun is None else begun.orientations,
+        shifts=() if begun is None else begun.shifts,
+        steps=limit if rules["emitters"] else None,
+    )
+    if guard is not None and not guard(both.designed.orientations):
+        mended = guard.mended(both.designed.orientations)
+        steps = limit if error.cells <= _MOST_GUARDED else FIRST_STEPS
+        both = lay_out(kicks=0, start=mended, holds=guard, steps=steps)
     cut = f"{clock.ender} ended the map after {both.designed.fields} steps of its last descent."
     notes = (cut,) if clock.over else ()
     room = _head_room(estimate, error, laid(both.unit, both.designed, error)) if bounded else None
     facts = {**facts, **({} if room is None else by_level("head_room", room, error.levels))}
     cells = map_of(section, error, both.designed, facts)
     return Mapped(both.unit, cells, both.designed, head_room=room, notes=notes, cut=bool(notes))
-
-
-def watched(guard: Guard | None, seed: int, error: PanelError) -> dict[str, Any]:
-    """Arguments of a map that is looked after and starts from the random one, mended; none without a guard."""
-    if guard is None:
-        return {}
-    drawn = np.random.default_rng(seed).integers(ORIENTATIONS, size=(error.cells, error.cells))
-    return {"start": guard.mended(drawn.astype(np.int8)), "holds": guard}
 
 
 def for_any_map(section: SearchSection) -> bool:
