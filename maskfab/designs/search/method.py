@@ -102,7 +102,7 @@ on any others."""
 _KICKS = 3
 
 
-_QUICK_FIELDS = 24
+_QUICK_FIELDS = 16
 """Fields of a quick map of an opening that a display fits: they bring most of the gain."""
 
 
@@ -110,7 +110,7 @@ _WORSE_DB = 0.25
 """Openings that much worse, turned at random, are tried under no quick map: maps differ by less."""
 
 
-_BESIDE, _ASKED, _BETTER_DB = 3, 60, 0.01
+_BESIDE, _ASKED, _BETTER_DB = 2, 60, 0.01
 """Kinds of openings whose lines depend on the map that are tried, of so many that are better by so much."""
 
 
@@ -118,7 +118,7 @@ _MOST_GUARDED = 32
 """Cells along a side of a map up to which it is looked after at every step: of 60, a look takes half a second."""
 
 
-_MOST_WORK = 80_000_000
+_MOST_WORK = 60_000_000
 """Dots of all pupils together that a map of a display is judged by, once its first steps are made."""
 
 
