@@ -312,6 +312,7 @@ def search(
             bounded=stages.bounded,
             guard=chosen.guard,
             begun=chosen.begun,
+            alike=chosen.alike,
         )
 
     chosen, laid, fit = _first_that_fits(listed, lay, display, progress)
@@ -377,6 +378,7 @@ class Listed:
         shape: with what it is worth, its cells turned at random.
         rules: that it keeps; of a display, in the kind of panel that suits it.
         guard: of its map; None where no map breaks what it must hold.
+        alike: whether all cells are laid alike, for want of another map in which lines are found.
         begun: its quick map to go on from; None where there is none.
     """
 
@@ -384,6 +386,7 @@ class Listed:
     rules: Constraints
     guard: Guard | None = None
     begun: DesignedMap | None = None
+    alike: bool = False
 
 
 def shortlisted(
@@ -521,6 +524,7 @@ def mapped(
     bounded: bool = True,
     guard: Guard | None = None,
     begun: DesignedMap | None = None,
+    alike: bool = False,
 ) -> Mapped:
     """Lay the unit out as the section says.
 
@@ -538,6 +542,7 @@ def mapped(
         bounded: prove what no other map gains.
         guard: of the map, where it could break the display.
         begun: map to go on from; None starts at the random one.
+        alike: lay all cells alike.
 
     Raises:
         JobError: MF115 for a map of too many cells, or of cells of too many dots; MF123 for openings that break the
@@ -582,22 +587,28 @@ def mapped(
         clock=clock,
         progress=progress,
     )
-    both = lay_out(
-        kicks=kicks,
-        start=None if begun is None else begun.orientations,
-        shifts=() if begun is None else begun.shifts,
-        steps=limit if rules["emitters"] else None,
-    )
+    if alike:
+        start = np.zeros((error.cells, error.cells), dtype=np.int8)
+        both = lay_out(kicks=0, start=start, holds=lambda cells: not cells.any(), steps=1)
+    else:
+        both = lay_out(
+            kicks=kicks,
+            start=None if begun is None else begun.orientations,
+            shifts=() if begun is None else begun.shifts,
+            steps=limit if rules["emitters"] else None,
+        )
     if guard is not None and not guard(both.designed.orientations):
         mended = guard.mended(both.designed.orientations)
         steps = limit if error.cells <= _MOST_GUARDED else FIRST_STEPS
         both = lay_out(kicks=0, start=mended, holds=guard, steps=steps)
     cut = f"{clock.ender} ended the map after {both.designed.fields} steps of its last descent."
     notes = (cut,) if clock.over else ()
+    if alike:
+        notes = (*notes, "In no other map that was designed were all lines found: all cells are laid alike.")
     room = _head_room(estimate, error, laid(both.unit, both.designed, error)) if bounded else None
     facts = {**facts, **({} if room is None else by_level("head_room", room, error.levels))}
     cells = map_of(section, error, both.designed, facts)
-    return Mapped(both.unit, cells, both.designed, head_room=room, notes=notes, cut=bool(notes))
+    return Mapped(both.unit, cells, both.designed, head_room=room, notes=notes, cut=clock.over)
 
 
 def for_any_map(section: SearchSection) -> bool:
@@ -764,7 +775,8 @@ def _first_that_fits(
     Raises:
         JobError: MF123 where none does.
     """
-    for chosen in listed:
+    alike = (replace(one, alike=True) for one in listed if one.guard is not None)
+    for chosen in (*listed, *alike):
         laid = lay(chosen)
         fit = _fit(display, laid, chosen.rules, progress)
         if chosen.guard is None or fit is None or fit.why is None:
