@@ -126,7 +126,7 @@ def test_every_number_of_a_search_follows_the_camera(scenes):
         limit = bounds(estimate, int(unit.sum()), levels=(32,))
         worth = estimate(unit, levels=(32,))[0]
         error = pupil_error(estimate, (32,))
-        assert limit.frame[0] >= worth
+        assert limit.psnr[0] >= worth
         assert limit.psnr[0] >= interior(estimate).of_unit(unit, levels=(32,))[0]
         assert limit.any_layout is not None
         area = rings(6, room=estimate.lattice).of_unit(unit)

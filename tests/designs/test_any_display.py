@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -152,7 +153,15 @@ def test_a_display_that_holds_fewer_dots_gets_a_design_of_these_and_says_why(tmp
     assert found.fit.why is None
 
 
-def test_the_first_ctrl_c_keeps_the_best_so_far(tmp_path: Path, one_scene: None) -> None:
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """Python's own handler, which a test run in the background has not."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_the_first_ctrl_c_keeps_the_best_so_far(tmp_path: Path, one_scene: None, interruptible: None) -> None:
     path = job_of(tmp_path, ("fit = true", MAPPED))
     stages: list[str] = []
 
