@@ -53,6 +53,10 @@ _TOUCHING = np.ones((3, 3), dtype=np.int8)
 _ROUNDING = 1e-9
 
 
+_NEARLY = 0.8
+"""Share of the footprint required that straight emitters must have for crooked ones to be looked for."""
+
+
 SEEDS = 8
 """Dies that are tried of an opening and its map."""
 
@@ -85,6 +89,7 @@ class Display:
         seed: of the tiling.
         across: cells along a side of the die on which the opening is tried at last.
         wired: where its lines must pass; but for the job's tiling, emitters must suit any two neighbours.
+        crooked: whether a search looks for crooked emitters too, as the check does, where straight ones nearly do.
     """
 
     rules: DisplayRules
@@ -93,6 +98,7 @@ class Display:
     seed: int
     across: int
     wired: Wired = Wired.TILING
+    crooked: bool = False
     _wired: dict[bytes, str | None] = field(default_factory=dict, repr=False)
     _lit: dict[bytes, Feasibility | None] = field(default_factory=dict, repr=False)
     _empty: dict[tuple[int, int], Feasibility | None] = field(default_factory=dict, repr=False)
@@ -390,7 +396,11 @@ def _dark(constraints: Constrained, unit: Mask) -> str | None:
 def _dark_quickly(constraints: Constrained, unit: Mask) -> str | None:
     asked = constraints["emitters"].rules.emitters
     share = footprints_of(constraints, asked)(unit, enough=asked.required - _ROUNDING)
-    return None if share >= asked.required - _ROUNDING else f"{share:.1%} found, least {asked.required:.1%}"
+    if share >= asked.required - _ROUNDING:
+        return None
+    if constraints["emitters"].crooked and share >= _NEARLY * asked.required:
+        return _dark(constraints, unit)
+    return f"{share:.1%} found, least {asked.required:.1%}"
 
 
 def _by_room(constraints: Constrained) -> Conflict | None:

@@ -1,8 +1,9 @@
 """Openings that a display fits before their map is known: the best one, or the largest where too many dots are asked.
 
-Three kinds are tried, and the first that has an opening is taken. Openings round which lines run alike in every pixel
-suit any map, so that this is designed freely. Where the families of the job have none, all families are looked at;
-where these have none, openings that suit cells laid alike, whose map is looked at while it is designed.
+Kinds of panels are tried, and the first that has an opening is taken. Openings round which lines run alike in every
+pixel suit any map, so that this is designed freely. Where the families of the job have none, all families are looked
+at; where these have none, openings that suit cells laid alike, whose map is looked at while it is designed. Last,
+emitters may be crooked, which takes longer to ask.
 
 Fewer dots are easier, so the largest number for which an opening is found is bisected. None being found is no proof
 that there is none: the rules' own proofs come first.
@@ -42,6 +43,10 @@ MOST_JUDGED = 3000
 
 _KINDS, _NEAR = 8, 3
 """Kinds of shapes that are judged at every place so near to the best one that was judged."""
+
+
+_TRIED_CROOKED = 24
+"""The most where crooked emitters are looked for, which takes some tenths of a second."""
 
 
 ALL_FAMILIES: tuple[str, ...] = tuple(FAMILIES)
@@ -122,10 +127,11 @@ def straight_lines(units: Mask, dot_nm: int, rules: WireRules, *, turned: bool) 
 
 
 def kinds_of_panel(rules: Constraints) -> Iterator[Constraints]:
-    """Rules whose display suits any map, then those whose display suits cells that are laid alike."""
+    """Rules whose display suits any map, and cells that are laid alike; then any map with crooked emitters."""
     display: Display = rules["emitters"]
     for wired in (Wired.ANY_MAP, Wired.REGULAR):
         yield rules.asking(**of_display(display.wired_as(wired)))
+    yield rules.asking(**of_display(replace(display.wired_as(Wired.ANY_MAP), crooked=True)))
 
 
 def shapes_of(families: Iterable[str], dots: int, clear_dots: int) -> list[Candidate]:
@@ -278,8 +284,8 @@ def start_of(rules: Constraints, families: tuple[str, ...], clock: Clock, progre
 
 def _conflict(rules: Constraints) -> Conflict | None:
     """A proof that no opening of the count suits even cells that are laid alike."""
-    *_, regular = kinds_of_panel(rules)
-    return regular.conflict()
+    display: Display = rules["emitters"]
+    return rules.asking(**of_display(display.wired_as(Wired.REGULAR))).conflict()
 
 
 def _start(rules: Constraints, families: tuple[str, ...], tried: int, clock: Clock) -> Start | None:
@@ -289,7 +295,9 @@ def _start(rules: Constraints, families: tuple[str, ...], tried: int, clock: Clo
         for names in (families, others):
             if names not in made:
                 made[names] = shapes_of(names, rules.dots, rules.clear_dots)
-            first = held_of(made[names], held, tried, clock)
+            display: Display = held["emitters"]
+            most = min(tried, _TRIED_CROOKED) if display.crooked else tried
+            first = held_of(made[names], held, most, clock)
             if first is not None:
                 return Start(held, families if names == families else (*families, *others), first)
     return None
