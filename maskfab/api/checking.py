@@ -18,7 +18,7 @@ from maskfab.base.model import Quantity
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.job.process import UNSTATED
 from maskfab.job.reference import USES, in_words, unused
-from maskfab.job.sections import EyeSection, SceneSection
+from maskfab.job.sections import SceneSection
 
 if TYPE_CHECKING:
     from maskfab.api.camera import Camera
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from maskfab.optics.scene.plan import Plan
     from maskfab.report.pages.compared import Compared
     from maskfab.report.rows.text import Quantities
+    from maskfab.report.rows.verdicts import Verdicts
     from maskfab.runs.result import Result as Run
 
 
@@ -43,7 +44,7 @@ gap_to_opening = "4 um"
 colour_gap = "8 um"
 min_width = "8 um"
 """
-_USUAL_PIXELS, _USUAL_SAMPLES = 100, 21
+_USUAL_SAMPLES = 21
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -54,6 +55,7 @@ class DisplayCheck(Result):
         built: the plate with emitters and wires, and what was found of each die.
         gaps: widest gap between colours, by die, where it was asked for.
         digest: of the job.
+        reference: die that others are compared with, which no limit of the eye or of life fails.
         unused: keys and tables that the job states and the answer does not depend on.
         notes: by die, that its seed is none of those that its display is known to fit.
     """
@@ -61,13 +63,26 @@ class DisplayCheck(Result):
     built: PlateWithDisplays
     gaps: Mapping[str, LargestGap]
     digest: str
+    reference: str | None = None
     unused: tuple[str, ...] = ()
     notes: Mapping[str, Quantity] = field(default_factory=dict)
 
     @property
     def passed(self) -> bool:
-        """Whether every display fits, or nothing is required of it and no rule is broken."""
-        return all(display.passed for display in self.built.displays.values())
+        """Whether every display fits, or nothing is required of it and no rule is broken, and every limit of the eye
+        and of life that the job states is kept."""
+        displays = self.built.displays
+        held = [one for name, one in displays.items() if name != self.reference or len(displays) == 1]
+        return all(display.passed for display in displays.values()) and all(
+            display.judged is None or display.judged.passed for display in held
+        )
+
+    @property
+    def verdicts(self) -> Verdicts:
+        """Verdicts on the displays."""
+        from maskfab.report.rows.verdicts import Verdicts
+
+        return Verdicts.of((), self.built.displays, len(self.built.plate.dies), self.reference)
 
     def __getitem__(self, die: str) -> Feasibility:
         return self.built.displays[die]
@@ -77,7 +92,7 @@ class DisplayCheck(Result):
         from maskfab.report.documents import display as check_data
 
         return check_data.check_document(
-            self.built, self.gaps, self.digest, self.unused, self.notes, passed=self.passed
+            self.built, self.gaps, self.digest, self.unused, self.notes, self.reference, passed=self.passed
         )
 
     def __str__(self) -> str:
@@ -90,7 +105,7 @@ class DisplayCheck(Result):
                 one.name, self.built.displays.get(one.name), self.gaps.get(one.name), self.notes.get(one.name)
             )
         ]
-        return "\n".join([*lines, *in_words(self.unused)])
+        return "\n".join([*lines, *self.verdicts.lines[2:], *in_words(self.unused)])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -231,7 +246,8 @@ def check(
     camera: Camera | None = None,
     progress: Progress = silent,
 ) -> DisplayCheck | Rendering | Plans:
-    """Check whether emitters, circuits and wires fit in the opaque area around the openings; prove it where not.
+    """Check whether emitters, circuits and wires fit in the opaque area around the openings, and prove it where not;
+    whether the display looks right; and whether it lives long enough.
 
     With --look, render pictures on the panels as the eye sees them: S-CIELAB difference, grain, colour fringes, and the
     border of the die in the regular display. With --optics, plan the model of the job's [scene]: effects to include,
@@ -249,9 +265,9 @@ def check(
         die: die of the job; by default all, with look all with emitters.
         largest_gap: also find the widest possible gap between colours.
         look: show how the display looks.
-        dpi: dots per inch to scale the panels to, with look; by default their own.
-        distance: viewing distance, with look; by default that of the job's [eye], or ``"300 mm"``.
-        pixels: display pixels along a side, with look; by default 100, or as many as the panel has.
+        dpi: dots per inch to scale the panels to, with look; by default that of [looks], or their own.
+        distance: viewing distance, with look; by default that of the job's [looks], or ``"300 mm"``.
+        pixels: display pixels along a side, with look; by default those of the die's map, or up to 100.
         samples: samples along the side of a display pixel, with look; by default 21.
         jod: also score with ColorVideoVDP, with look; needs maskfab[eye].
         optics: plan what the optics of each die have to model.
@@ -293,7 +309,8 @@ def _fit(loaded: Job, die: str | Sequence[str] | None, *, largest_gap: bool, pro
     with executor_of(loaded) as executor:
         built = displays(loaded, plate, progress, executor=executor)
     gaps = widest_gaps(plate, rules, progress) if largest_gap else {}
-    return DisplayCheck(built, gaps, loaded.digest, unused(loaded.spec, *USES["check"]), loaded.seed_notes)
+    left = unused(loaded.spec, *USES["check"])
+    return DisplayCheck(built, gaps, loaded.digest, loaded.compared_with, left, loaded.seed_notes)
 
 
 def _rendering(
@@ -308,33 +325,40 @@ def _rendering(
     with_jod: bool,
     progress: Progress,
 ) -> Rendering:
-    from maskfab.display.emitted_light import Viewing, emitters_of, has_emitters
+    from maskfab.display.emitted_light import emitters_of, has_emitters
     from maskfab.display.eye import judge, target_pictures
-    from maskfab.display.feasibility import displays
+    from maskfab.display.feasibility import display_rules, displays, map_sizes
+    from maskfab.display.limits import EyeAndLife
+    from maskfab.display.looks import field_of
     from maskfab.display.pictures import read_picture
 
-    eye = loaded.spec.eye or EyeSection()
-    distance_um = eye.distance
+    asked = EyeAndLife.of(loaded.spec.looks, loaded.spec.lives)
     if distance is not None:
-        distance_um = units.parse_length_um(length_text(distance), where="distance", zero_allowed=True)
-    asked = {"flat_delta_e_mean": eye.delta_e, "grain_slow": eye.grain}
-    limits = {name: limit for name, limit in asked.items() if limit is not None}
-    pitch_um = None if dpi is None else units.parse_pitch_um(f"{dpi!r} dpi", where="dpi")
-    panels = {one.name: one.panel for one in displays(loaded).plate.dies}
+        looked_from = units.parse_length_um(length_text(distance), where="distance", zero_allowed=True)
+        asked = asked.viewed(distance_um=looked_from)
+    if dpi is not None:
+        units.parse_pitch_um(f"{dpi!r} dpi", where="dpi")
+        asked = asked.viewed(dpi=dpi)
+    looks, rules = asked.looks, display_rules(loaded)
+    limits = {"flat_delta_e_mean": looks.delta_e, "grain_slow": looks.grain, "edge_fringe": looks.fringe}
+    panels = {one.name: one.panel for one in displays(loaded, progress=progress).plate.dies}
     chosen = dies_of(die, panels)
     photograph = None if image is None else read_picture(Path(image))
     lit = [name for name in chosen if has_emitters(panels[name])]
     shown = chosen if die else tuple(lit or panels)
     for name in shown:
         emitters_of(panels[name])
-    judged = {}
+    judged, maps = {}, map_sizes(loaded)
     for done, name in enumerate(shown):
         progress("panels", done, len(shown))
         panel = panels[name]
-        viewing = Viewing(pitch_um or panel.cell_size.pitch_um, distance_um)
-        side = min(_USUAL_PIXELS, *panel.orientations.shape) if pixels is None else pixels
-        shown_on = target_pictures(side, photograph)
-        judged[name] = judge(name, panel, shown_on, samples, viewing, with_jod=with_jod, limits=limits)
+        viewing = asked.viewing(panel.cell_size.pitch_um)
+        side = min(field_of(panel.orientations.shape, viewing, maps.get(name))) if pixels is None else pixels
+        judged[name] = judge(
+            name, panel, target_pictures(side, photograph), samples, viewing,
+            reference=None if rules is None else asked.reference(panel.pitch_nm, rules.emitters), with_jod=with_jod,
+            limits={name: limit for name, limit in limits.items() if limit is not None},
+        )  # fmt: skip
     progress("panels", len(shown), len(shown))
     return Rendering(judged, samples, loaded.digest, unused(loaded.spec, *USES["check --look"]))
 

@@ -243,15 +243,15 @@ FINDINGS: tuple[Finding, ...] = (
     Finding(
         "displays",
         (Need.PANEL, Need.DISPLAY),
-        ("display.feasibility.feasibility",),
+        ("display.feasibility.feasibility", "display.limits.judgement"),
         sweep="runs.sweep_cases.display",
         gives=("display_fits", "led_footprint", "circuit_room"),
         rows=(
             "led_footprint_rectangles circuit_room_* circuit_boxes_placed circuit_rules_broken emitter* "
-            "luminance_centroid grain_rms even_delta_e even_grain "
+            "luminance_centroid flat_delta_e_mean flat_delta_e_95 grain_slow grain_fine edge_fringe reference_* "
             "current_density_* relative_life_* wire_lines_* wired_*"
         ),
-        seconds=(_always(2.0),),
+        seconds=(_always(2.0), _always(0.1)),
         figures=(("report.figures.display.pictures", 0.3),),
     ),
     Finding(
@@ -333,7 +333,7 @@ FINDINGS: tuple[Finding, ...] = (
     Finding(
         "look",
         (Need.PANEL, Need.DISPLAY),
-        rows="pixels_per_degree centroid_offset grain_predicted grain_[sf{]* *_delta_e_* *_jod edge_fringe",
+        rows="pixels_per_degree centroid_offset grain_rms grain_predicted grain_[sf{]* *_delta_e_* *_jod edge_fringe",
     ),
     Finding(
         "file of any maker",

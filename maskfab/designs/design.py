@@ -270,7 +270,7 @@ def stated_display(spec: JobSpec, section: SearchSection, where: str, *, key: st
     else:
         side_nm = to_nm(spec.plate.die_size, where=f"{where}: plate.die_size", name="die_size")
         across = side_nm // pitch_nm
-    rules = DisplayRules.of(spec.emitters, spec.light, spec.wires, spec.circuits, spec.eye, where=where)
+    rules = DisplayRules.of(spec.emitters, spec.light, spec.wires, spec.circuits, spec.looks, spec.lives, where=where)
     seed = section.seed if section.tiling_seed is None else section.tiling_seed
     return Display.of(rules, section.tiling, seed, before, max(before, across))
 

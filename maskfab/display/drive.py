@@ -213,6 +213,48 @@ def relative_life(density: float, reference: float, exponent: float = LightDeman
     return float((density / reference) ** -exponent)
 
 
+_FIXED_V = 5.0
+"""Of the supply: 2.5 V at which an emitter turns on, and as much for the transistor that drives it. A judgement."""
+_RISING_V, _AT_MA_PER_CM2 = 1.5, 10.0
+"""More that an emitter takes at a current density, a judgement; current limited by space charge rises with the square
+of its voltage (Mott and Gurney, 1940)."""
+
+
+@dataclass(frozen=True)
+class Lives:
+    """Light, life and power of a display over those of another, its reference.
+
+    Attributes:
+        luminance: of white, every colour at the reference's current density: the least share of area that one has left.
+        life: of the colour that carries most current for its area, over that of the reference's, at equal luminance.
+        power: at equal luminance.
+    """
+
+    luminance: float
+    life: float
+    power: float
+
+
+def lives(light: LightDemand, shares: Triple, reference: Triple) -> Lives:
+    """Light, life and power of emitters beside those of a reference.
+
+    Equal luminance takes equal current, for efficacies do not fall with its density. So power is as the voltage of the
+    supply, which serves all colours and is that of the densest current: 5 V + 1.5 V (J / 10 mA/cm²)^½.
+
+    Args:
+        light: asked of both.
+        shares: of the pixel that red, green and blue cover.
+        reference: the same of the reference.
+
+    Raises:
+        JobError: MF104 if a share is not within (0, 1].
+    """
+    densest, usual = (max(current_density(light, areas)) for areas in (shares, reference))
+    supply, usual_supply = (_FIXED_V + _RISING_V * math.sqrt(j / _AT_MA_PER_CM2) for j in (densest, usual))
+    left = min(own / other for own, other in zip(shares, reference, strict=True))
+    return Lives(left, relative_life(densest, usual, light.ageing_exponent), supply / usual_supply)
+
+
 def _check(name: str, values: tuple[float, ...], highest: float = math.inf) -> None:
     for value in values:
         if not (math.isfinite(value) and 0 < value <= highest):

@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from maskfab.base.arrays import Complexes, Floats
+from maskfab.base.arrays import Complexes, Floats, Indices, Labels
 from maskfab.base.errors import JobError
 from maskfab.base.model import COLOURS, ORIENTATIONS, Emitters, Opening, Panel, frozen, orient
 from maskfab.base.units import UM_PER_MM
+from maskfab.optics.colour import LUMINANCE
 
 TELEPHONE_UM = 300_000.0
 """From the eye to a telephone that is held as usual."""
@@ -54,6 +55,8 @@ class Viewing:
         return math.radians(self.distance_um) / self.pitch_um
 
 
+_ROUNDING = 1e-12
+"""Parts of a pixel that floating point makes of nothing."""
 MOST_SAMPLES = 1 << 24
 """Samples of one picture; three colours of them and their transforms stay under 1.5 GB."""
 
@@ -98,22 +101,7 @@ def show(panel: Panel, image: Floats, samples: int) -> EmittedLight:
             over an opening or off the grid of dots; MF115 if there would be too many samples.
     """
     rows, columns = _checked(image)
-    high, wide = panel.orientations.shape
-    if rows > high or columns > wide:
-        what = f"the picture has {columns} x {rows} pixels and the panel {wide} x {high}"
-        cure = f"Show at most {min(high, wide)} x {min(high, wide)} pixels, or make the panel larger"
-        raise JobError("MF121", what, where="pixels", cure=cure)
-    _check_samples(rows, columns, samples)
-    bottom, left = (high - rows) // 2, (wide - columns) // 2
-    turned = panel.orientations[bottom : bottom + rows, left : left + columns]
-    tiles = emission(panel, samples)
-    rgb = np.empty((3, rows, samples, columns, samples))
-    for colour in range(3):
-        # One row of pixels at a time keeps the gathered tiles small.
-        for row in range(rows):
-            lit = tiles[turned[row], colour] * image[row, :, colour, None, None]
-            rgb[colour, row] = lit.transpose(1, 0, 2)
-    return EmittedLight(_still(rgb.reshape(3, rows * samples, columns * samples)), samples, panel.cell_size.pitch_um)
+    return Tiled.of(panel, rows, columns).light(image, samples)
 
 
 def ideal(image: Floats, samples: int, pitch_um: float) -> EmittedLight:
@@ -127,27 +115,191 @@ def ideal(image: Floats, samples: int, pitch_um: float) -> EmittedLight:
     return EmittedLight(_still(even), samples, pitch_um)
 
 
-def emission(panel: Panel, samples: int) -> Floats:
-    """Light distribution of every possible cell content, [8 openings, 3, samples, samples], of mean 1 per colour.
+@dataclass(frozen=True, eq=False)
+class Tile:
+    """One pixel's red, green and blue, on cells between lines that need not be evenly apart.
 
-    Notes:
+    Attributes:
+        labels: int8 [n, n]; 0 is none, 1 to 3 are red, green and blue; row 0 the lowest.
+        lines: float64 [n + 1], sides of rows and of columns alike, from the pixel's lower left corner, in pixels.
+    """
+
+    labels: Labels
+    lines: Floats
+
+    def samples(self, count: int) -> Floats:
+        """Light on [3, count, count] squares of the pixel, of mean 1 per colour.
+
         A sample that an emitter covers in part takes its share of the area, so the means are exact on any grid.
+        """
+        bounds = np.linspace(0.0, 1.0, count + 1)
+        shared = np.minimum(bounds[1:, None], self.lines[1:]) - np.maximum(bounds[:-1, None], self.lines[:-1])
+        share = np.where(shared > _ROUNDING, shared, 0.0) * count
+        covered = np.stack([share @ lit @ share.T for lit in self._lit])
+        return np.asarray(covered / covered.mean(axis=(1, 2), keepdims=True))
+
+    def transform(self, y: Floats, x: Floats) -> Complexes:
+        """[3, y, x] of frequencies in cycles per pixel, from the lower left corner; 1 at 0. Exact."""
+        waves = [self._waves(f) for f in (y, x)]
+        area = [float(np.diff(self.lines) @ lit @ np.diff(self.lines)) for lit in self._lit]
+        return np.stack([waves[0] @ lit @ waves[1].T / whole for lit, whole in zip(self._lit, area, strict=True)])
+
+    @property
+    def shares(self) -> tuple[float, float, float]:
+        """Share of the pixel that red, green and blue cover."""
+        red, green, blue = (float(np.diff(self.lines) @ lit @ np.diff(self.lines)) for lit in self._lit)
+        return red, green, blue
+
+    @property
+    def centroid(self) -> tuple[float, float]:
+        """(x, y) of the luminance from the pixel's centre, in pixels."""
+        sizes, middles = np.diff(self.lines), (self.lines[1:] + self.lines[:-1]) / 2 - 0.5
+        places = np.array(
+            [
+                (sizes @ lit @ (sizes * middles), (sizes * middles) @ lit @ sizes) / (sizes @ lit @ sizes)
+                for lit in self._lit
+            ]
+        )
+        x, y = LUMINANCE @ places
+        return float(x), float(y)
+
+    def turned(self, orientation: int) -> Tile:
+        """The pixel under an element of D4; its lines must be alike from either side."""
+        return replace(self, labels=orient(self.labels, orientation))
+
+    @property
+    def _lit(self) -> list[Floats]:
+        return [(self.labels == colour).astype(np.float64) for colour in range(1, 1 + len(COLOURS))]
+
+    def _waves(self, f: Floats) -> Complexes:
+        """[f, n] integrals of exp(-2 pi i f r) between neighbouring lines."""
+        sizes, middles = np.diff(self.lines), (self.lines[1:] + self.lines[:-1]) / 2
+        return np.asarray(np.exp(-2j * np.pi * np.outer(f, middles)) * (np.sinc(np.outer(f, sizes)) * sizes))
+
+
+@dataclass(frozen=True, eq=False)
+class Tiled:
+    """Pixels of a few kinds side by side, on which pictures are shown; the field repeats beyond its edges.
+
+    Attributes:
+        tiles: every kind.
+        held: int [rows, columns], the kind of each pixel, row 0 the lowest.
+        pitch_um: from pixel to pixel.
+    """
+
+    tiles: tuple[Tile, ...]
+    held: Indices
+    pitch_um: float
+
+    @classmethod
+    def of(cls, panel: Panel, rows: int, columns: int) -> Tiled:
+        """So many pixels in the middle of a panel.
+
+        Raises:
+            JobError: MF121 if it has fewer, or no emitters; MF119 for emitters that cannot be shown.
+        """
+        high, wide = panel.orientations.shape
+        if rows > high or columns > wide:
+            what = f"the picture has {columns} x {rows} pixels and the panel {wide} x {high}"
+            cure = f"Show at most {min(high, wide)} x {min(high, wide)} pixels, or make the panel larger"
+            raise JobError("MF121", what, where="pixels", cure=cure)
+        bottom, left = (high - rows) // 2, (wide - columns) // 2
+        held = panel.orientations[bottom : bottom + rows, left : left + columns]
+        return cls(tiles_of(panel), held.astype(np.intp), panel.cell_size.pitch_um)
+
+    @property
+    def centroid(self) -> tuple[float, float]:
+        """Mean (x, y) of the luminance from the pixels' centres, in pixels: how far pictures are displaced."""
+        used = np.bincount(self.held.ravel(), minlength=len(self.tiles))
+        x, y = used @ np.array([tile.centroid for tile in self.tiles]) / used.sum()
+        return float(x), float(y)
+
+    @property
+    def shares(self) -> tuple[float, float, float]:
+        """Share of a pixel that red, green and blue cover, in the mean."""
+        used = np.bincount(self.held.ravel(), minlength=len(self.tiles))
+        red, green, blue = used @ np.array([tile.shares for tile in self.tiles]) / used.sum()
+        return float(red), float(green), float(blue)
+
+    def light(self, image: Floats, samples: int) -> EmittedLight:
+        """The image [rows, columns, 3] on the pixels, ``samples`` along each.
+
+        Raises:
+            JobError: MF121 for no picture, MF115 for too many samples.
+        """
+        rows, columns = _checked(image)
+        _check_samples(rows, columns, samples)
+        tiles = np.stack([tile.samples(samples) for tile in self.tiles])
+        rgb = np.empty((3, rows, samples, columns, samples))
+        for colour in range(3):
+            # One row of pixels at a time keeps the gathered tiles small.
+            for row in range(rows):
+                lit = tiles[self.held[row], colour] * image[row, :, colour, None, None]
+                rgb[colour, row] = lit.transpose(1, 0, 2)
+        return EmittedLight(_still(rgb.reshape(3, rows * samples, columns * samples)), samples, self.pitch_um)
+
+    def series(self, image: Floats, viewing: Viewing, highest_cpd: float) -> Series:
+        """Fourier series of the image [rows, columns, 3] on the pixels, exact up to a frequency along x and along y.
+
+        Pixels of one kind emit alike, so that their light is what each is asked for, on the lattice, convolved with the
+        kind's own. Its coefficients are the discrete transform of the picture on those pixels, times the transform of
+        the kind's emitters, which are rectangles; summed over kinds. No samples along a pixel are needed.
+
+        Raises:
+            JobError: MF121 for no picture, MF115 if the eye resolves too much of it.
+        """
+        rows, columns = _checked(image)
+        frame = _frame((rows, columns), self.pitch_um, viewing, highest_cpd)
+        y, x = _orders(frame)
+        for kind in np.unique(self.held):
+            own = scipy.fft.fft2(np.where((self.held == kind)[..., None], image, 0.0), axes=(0, 1)) / (rows * columns)
+            sent = self.tiles[kind].transform(y / rows, x / columns)
+            frame.coefficients[...] += np.moveaxis(own[np.ix_(y % rows, x % columns)], -1, 0) * sent
+        return frame
+
+
+def _frame(pixels: tuple[int, int], pitch_um: float, viewing: Viewing, highest_cpd: float) -> Series:
+    """A series of nothing, up to a frequency.
+
+    Raises:
+        JobError: MF115 for too many coefficients.
+    """
+    high, wide = (count / viewing.pixels_per_degree for count in pixels)
+    most_y, most_x = (math.floor(highest_cpd * side) for side in (high, wide))
+    _refuse_too_many(2 * most_y + 1, 2 * most_x + 1)
+    y, x = np.arange(-most_y, most_y + 1), np.arange(most_x + 1)
+    empty = np.zeros((3, len(y), len(x)), dtype=np.complex128)
+    return Series(empty, y / high, x / wide, pixels, pitch_um, 1.0 / viewing.pixels_per_degree)
+
+
+def _orders(frame: Series) -> tuple[Indices, Indices]:
+    """Numbers of the coefficients, along y from -K to K and along x from 0 to K."""
+    most_y, most_x = len(frame.y_cpd) // 2, len(frame.x_cpd) - 1
+    return np.arange(-most_y, most_y + 1), np.arange(most_x + 1)
+
+
+def tiles_of(panel: Panel) -> tuple[Tile, ...]:
+    """Contents that a cell of a panel can have: 8 u + k is opening u under element k of D4.
 
     Raises:
         JobError: MF121, MF119 as for :func:`emitters_of`.
     """
-    bounds = np.linspace(0.0, panel.pitch_nm, samples + 1)
     tiles = []
     for emitters in emitters_of(panel):
-        # Half a gutter, the cells, half a gutter; the ends are common to every sample grid.
+        # Half a gutter, the cells, half a gutter.
         edges = panel.gutter_nm / 2 + emitters.cell_nm * np.arange(len(emitters.labels) + 1.0)
-        shared = np.minimum(bounds[1:, None], edges[1:]) - np.maximum(bounds[:-1, None], edges[:-1])
-        share = np.maximum(shared, 0.0) * (samples / panel.pitch_nm)
-        for turn in range(ORIENTATIONS):
-            labels = orient(emitters.labels, turn)
-            covered = np.stack([share @ (labels == colour) @ share.T for colour in (1, 2, 3)])
-            tiles.append(covered / covered.mean(axis=(1, 2), keepdims=True))
-    return np.stack(tiles)
+        own = Tile(emitters.labels, edges / panel.pitch_nm)
+        tiles += [own.turned(turn) for turn in range(ORIENTATIONS)]
+    return tuple(tiles)
+
+
+def emission(panel: Panel, samples: int) -> Floats:
+    """Light distribution of every possible cell content, [8 openings, 3, samples, samples], of mean 1 per colour.
+
+    Raises:
+        JobError: MF121, MF119 as for :func:`emitters_of`.
+    """
+    return np.stack([tile.samples(samples) for tile in tiles_of(panel)])
 
 
 def has_emitters(panel: Panel) -> bool:
@@ -258,6 +410,17 @@ class Series:
         turn = np.exp(-2j * np.pi * degrees_y * self.y_cpd)[:, None] * np.exp(-2j * np.pi * degrees_x * self.x_cpd)
         return replace(self, coefficients=self.coefficients * turn)
 
+    def up_to(self, highest_cpd: float) -> Series:
+        """The part of the series up to a frequency along x and along y."""
+        most_y, most_x = len(self.y_cpd) // 2, len(self.x_cpd) - 1
+        less_y, less_x = (
+            min(most, math.floor(highest_cpd * count * self.pixel_deg))
+            for most, count in zip((most_y, most_x), self.pixels, strict=True)
+        )
+        rows, columns = slice(most_y - less_y, most_y + less_y + 1), slice(less_x + 1)
+        kept = self.coefficients[:, rows, columns]
+        return replace(self, coefficients=kept, y_cpd=self.y_cpd[rows], x_cpd=self.x_cpd[columns])
+
     def values(self, samples: int) -> Floats:
         """[3, y, x] the series at the middles of ``samples`` squares along each pixel, which must carry its band.
 
@@ -288,15 +451,12 @@ def series(light: EmittedLight, viewing: Viewing, highest_cpd: float) -> Series:
         the sinc of a square: exact at every frequency, also above the grid's own Nyquist frequency.
     """
     rows, columns = light.rgb.shape[1:]
-    high, wide = light.pixels
-    degrees = high / viewing.pixels_per_degree, wide / viewing.pixels_per_degree
-    most_y, most_x = (math.floor(highest_cpd * side) for side in degrees)
-    _refuse_too_many(2 * most_y + 1, 2 * most_x + 1)
-    y, x = np.arange(-most_y, most_y + 1), np.arange(most_x + 1)
+    frame = _frame(light.pixels, light.pitch_um, viewing, highest_cpd)
+    y, x = _orders(frame)
     # exp(-i pi k / n) moves the origin from the middle of sample 0 to its corner.
     weight_y = np.sinc(y / rows) * np.exp(-1j * np.pi * y / rows) / rows
     weight_x = np.sinc(x / columns) * np.exp(-1j * np.pi * x / columns) / columns
-    coefficients = np.empty((3, len(y), len(x)), dtype=np.complex128)
+    coefficients = frame.coefficients
     for colour in range(3):
         if 2 * x[-1] <= columns:
             lines = scipy.fft.rfft(light.rgb[colour], axis=1)[:, : len(x)]
@@ -304,9 +464,7 @@ def series(light: EmittedLight, viewing: Viewing, highest_cpd: float) -> Series:
             lines = scipy.fft.fft(light.rgb[colour], axis=1)[:, x % columns]
         coefficients[colour] = scipy.fft.fft(lines, axis=0)[y % rows]
     coefficients *= weight_y[:, None] * weight_x
-    return Series(
-        coefficients, y / degrees[0], x / degrees[1], light.pixels, light.pitch_um, 1.0 / viewing.pixels_per_degree
-    )
+    return frame
 
 
 def _refuse_too_many(rows: int, columns: int) -> None:

@@ -52,8 +52,10 @@ from maskfab.base.arrays import Floats, Singles
 from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, Emitters, Panel, Quantity, frozen, orient
 from maskfab.display import pictures
-from maskfab.display.emitted_light import EmittedLight, Series, Viewing, emitters_of, ideal, series, show
+from maskfab.display.emitted_light import EmittedLight, Series, Tiled, Viewing, emitters_of, ideal, series
+from maskfab.display.emitter_rules import EmitterRules
 from maskfab.display.pictures import Picture, on_pixels
+from maskfab.display.reference import Reference
 from maskfab.display.surround import BORDER, Surrounded
 from maskfab.optics.colour import (
     JUST_NOTICEABLE,
@@ -227,11 +229,11 @@ def metric() -> ModuleType:
         raise JobError("MF121", what, where="--jod", cure=cure) from None
 
 
-def jod(test: EmittedLight, reference: EmittedLight, viewing: Viewing, white_cd_m2: float = WHITE_CD_M2) -> float:
+def jod(test: Series, reference: Series, viewing: Viewing, white_cd_m2: float = WHITE_CD_M2) -> float:
     """Quality of a display in just-objectionable differences, at most 10.
 
     Args:
-        test: what the display shows.
+        test: what the display shows, up to 50 cycles per degree or more.
         reference: the same picture on an ideal display, of as many pixels.
         viewing: where the eye is.
         white_cd_m2: luminance of the display's white, on the mean over a pixel.
@@ -257,10 +259,9 @@ def jod(test: EmittedLight, reference: EmittedLight, viewing: Viewing, white_cd_
     return float(quality)
 
 
-def _absolute(light: EmittedLight, viewing: Viewing, white_cd_m2: float) -> Singles:
+def _absolute(light: Series, viewing: Viewing, white_cd_m2: float) -> Singles:
     """Luminous light [y, x, 3] in cd/m2, top row first, without what is finer than the eye resolves."""
-    passed = series(light, viewing, _STOP_CPD).filtered(_fade)
-    values = passed.values(carrying(_STOP_CPD, viewing))
+    values = light.up_to(_STOP_CPD).filtered(_fade).values(carrying(_STOP_CPD, viewing))
     # Fading out rings a little; light is never negative.
     lit = np.maximum(np.moveaxis(values, 0, -1)[::-1], 0.0) * white_cd_m2
     return np.ascontiguousarray(lit, dtype=np.float32)
@@ -317,7 +318,11 @@ class SeenPanel:
 
     def light(self, title: str, samples: int) -> EmittedLight:
         """Light of one of the pictures, ``samples`` along a pixel."""
-        return self.surrounded.light(samples) if title == BORDER else show(self.panel, self.images[title], samples)
+        return self.shown(title).light(self.images[title], samples)
+
+    def shown(self, title: str) -> Tiled:
+        """Pixels that one of the pictures is on."""
+        return self.surrounded.tiled if title == BORDER else Tiled.of(self.panel, *self.images[title].shape[:2])
 
 
 def target_pictures(pixels: int, photograph: Picture | None = None) -> dict[str, Floats]:
@@ -347,6 +352,7 @@ def judge(
     samples: int,
     viewing: Viewing,
     *,
+    reference: Reference | None = None,
     with_jod: bool = False,
     limits: Mapping[str, float] = MappingProxyType({}),
 ) -> SeenPanel:
@@ -356,8 +362,9 @@ def judge(
         name: the die's.
         panel: with emitters.
         images: by name, [rows, columns, 3] linear light; grain is measured on ``flat``.
-        samples: along the side of a pixel.
+        samples: along the side of a pixel, of the light that is written and of the field at the die's border.
         viewing: its pitch may differ from the panel's own: then the whole panel is seen scaled to it.
+        reference: the regular display round the die; by default three stripes, each a third of the pixel.
         with_jod: ask ColorVideoVDP too.
         limits: of quantities, by name; whether they are kept is told.
 
@@ -375,17 +382,18 @@ def judge(
     ]
     views = {}
     most = max(max(image.shape[:2]) for image in images.values())
-    surrounded = Surrounded.of(panel, most, samples, carrying(HIGHEST_CPD, viewing))
+    regular = reference or Reference.of("stripe", panel.pitch_nm, EmitterRules(0, 0, 1))
+    surrounded = Surrounded.of(panel, regular, most, samples, carrying(HIGHEST_CPD, viewing))
     images = {**images, BORDER: surrounded.image}
     for title, image in images.items():
-        light = surrounded.light(samples) if title == BORDER else show(panel, image, samples)
-        perfect = ideal(image, 1, light.pitch_um)  # its series is as exact with one sample as with many
-        spectrum = series(light, viewing, HIGHEST_CPD)
+        shown = surrounded.tiled if title == BORDER else Tiled.of(panel, *image.shape[:2])
+        perfect = ideal(image, 1, shown.pitch_um)  # its series is as exact with one sample as with many
+        spectrum = shown.series(image, viewing, HIGHEST_CPD)
         even = series(perfect, viewing, HIGHEST_CPD)
-        lab, reference = of_series(spectrum, viewing), of_series(even, viewing)
+        lab, even_lab = of_series(spectrum, viewing), of_series(even, viewing)
         moved = of_series(even.displaced(shift_x, shift_y), viewing)
-        quality = jod(light, perfect, viewing) if with_jod else None
-        plain, aligned = colour_difference(lab, reference), colour_difference(lab, moved)
+        quality = jod(spectrum, even, viewing) if with_jod else None
+        plain, aligned = colour_difference(lab, even_lab), colour_difference(lab, moved)
         view = PictureView(
             appearance(spectrum, viewing).astype(np.float32),
             appearance(even, viewing).astype(np.float32),
@@ -403,7 +411,7 @@ def judge(
                 method = f"rms luminance contrast of an even field, {low:g} to {high:g} cy/deg"
                 own.append(Quantity(f"grain_{word}", rms, method, die=name))
         own.extend(
-            surrounded.quantities(name, lab, reference, viewing) if title == BORDER else _numbers(name, title, view)
+            surrounded.quantities(name, lab, even_lab, viewing) if title == BORDER else _numbers(name, title, view)
         )
     told = tuple(_limited(quantity, limits.get(quantity.name)) for quantity in own)
     return SeenPanel(name, panel, viewing, images, views, told, surrounded)

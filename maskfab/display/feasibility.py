@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -31,19 +32,27 @@ from maskfab.display.drive import (
     pixel_room,
     relative_life,
 )
-from maskfab.display.emitted_light import Viewing
 from maskfab.display.emitter_pieces import placed_in_pieces
 from maskfab.display.emitter_rules import Certificate, EmitterRules, Footprint, Verdict, grid_of
 from maskfab.display.evenness import Evenness, evenness
 from maskfab.display.free_area import Borders, borders, meetings
+from maskfab.display.limits import EyeAndLife, Judgement, judgement
 from maskfab.display.panel_lines import PanelLines
 from maskfab.display.pixel_lines import WireRules
 from maskfab.display.placement import LargestGap, centred, footprint, largest_gap, wander
 from maskfab.display.polygon_check import Violation, violations
 from maskfab.display.wiring import Reach, WireDemand, Wiring, check_wires, reaches, wiring
 from maskfab.job.read import even_nm
-from maskfab.job.sections import CircuitsSection, EmittersSection, EyeSection, LightSection, WiresSection
+from maskfab.job.sections import (
+    CircuitsSection,
+    EmittersSection,
+    LightSection,
+    LivesSection,
+    LooksSection,
+    WiresSection,
+)
 from maskfab.mask.job import Job
+from maskfab.mask.panels import parse_map
 from maskfab.optics.colour import luminance_centroid
 
 REFERENCE_SHARE = 28 / 300
@@ -63,7 +72,7 @@ class DisplayRules:
         wires: what must be wired; None if nothing is asked.
         boxes: of the drive circuits, to be placed; None if none are stated.
         pieces: whether a colour may lie in several pieces, for what the eye sees of turned pixels.
-        eye: where the display is looked at.
+        eye: where the display is looked at, its limits, and those of life.
     """
 
     emitters: EmitterRules
@@ -73,7 +82,7 @@ class DisplayRules:
     wires: WireDemand | None
     boxes: BoxRules | None = None
     pieces: bool = False
-    eye: EyeSection = field(default_factory=EyeSection)
+    eye: EyeAndLife = field(default_factory=lambda: EyeAndLife.of(None, None))
 
     @classmethod
     def of(
@@ -82,7 +91,8 @@ class DisplayRules:
         light: LightSection | None,
         wires: WiresSection | None,
         circuits: CircuitsSection | None = None,
-        eye: EyeSection | None = None,
+        looks: LooksSection | None = None,
+        lives: LivesSection | None = None,
         *,
         where: str = "",
     ) -> DisplayRules:
@@ -119,7 +129,7 @@ class DisplayRules:
             None if wires is None else _demand(wires, where),
             None if circuits is None else _boxes(circuits, where),
             pieces,
-            eye or EyeSection(),
+            EyeAndLife.of(looks, lives),
         )
 
     @property
@@ -163,8 +173,8 @@ class Feasibility:
         life: of each colour, relative to that of emitters of 9.3 % of the pixel each.
         centroid_px: of the light, from the pixel's centre.
         wander_px: how far the centroid moves about over the orientations in use.
-        even: what the eye sees of an even field; None without emitters.
-        eye: where it is, and what it may see.
+        even: what the eye sees of an even field whose pixels are turned at random; None without emitters.
+        judged: limits of the eye and of life, held against the die as it is tiled; None where that was not asked.
         wiring: how far the pixels can be wired; None if it was not asked.
         reaches: each connected emitter's way to the pixel's side through closed dots; empty if no wires were asked.
         given: whether the emitters came with the opening.
@@ -189,7 +199,7 @@ class Feasibility:
     light: LightDemand
     circuits: Circuits | None = None
     even: Evenness | None = None
-    eye: EyeSection = field(default_factory=EyeSection)
+    judged: Judgement | None = None
 
     @property
     def passed(self) -> bool:
@@ -265,7 +275,7 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = True) -> F
         emitters = centred(largest_found.best, opening, grid, panel.orientations, rules.emitters, keep=rules.keep)
         # In pixels that lie alike there is nothing to see but the lattice.
         if rules.pieces and len(used) > 1 and (largest or largest_found.verdict is not Verdict.FITS):
-            viewing = Viewing(panel.cell_size.pitch_um, rules.eye.distance)
+            viewing = rules.eye.viewing(panel.cell_size.pitch_um)
             largest_found, emitters = placed_in_pieces(
                 largest_found,
                 emitters,
@@ -275,7 +285,7 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = True) -> F
                 rules.emitters,
                 keep=rules.keep,
                 viewing=viewing,
-                delta_e=rules.eye.delta_e,
+                delta_e=rules.eye.looks.delta_e,
             )
     room = pixel_room(opening, panel.dot_nm, rules.circuit)
     circuits = None if rules.boxes is None else place_circuits(panel, opening, rules.boxes)
@@ -300,7 +310,6 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = True) -> F
             given,
             rules.light,
             circuits,
-            eye=rules.eye,
         )
     pixel_um2 = (panel.cell_size.pitch_um) ** 2
     red, green, blue = (area / pixel_um2 for area in emitters.areas_um2)
@@ -331,8 +340,7 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = True) -> F
         given,
         rules.light,
         circuits,
-        evenness(lit, Viewing(panel.cell_size.pitch_um, rules.eye.distance)) if _lit(emitters) else None,
-        rules.eye,
+        evenness(lit, rules.eye.viewing(panel.cell_size.pitch_um)) if _lit(emitters) else None,
     )
 
 
@@ -403,6 +411,9 @@ def footprint_of(shares: tuple[float, ...], rules: EmitterRules) -> float:
     return min(area / ratio for area, ratio in zip(shares, rules.ratio, strict=True))
 
 
+NO_MAPS: Mapping[str, tuple[int, int]] = MappingProxyType({})
+
+
 @dataclass(frozen=True, eq=False)
 class PlateWithDisplays:
     """A plate with its displays, and the feasibility of each by die; none of dies that have no pixels."""
@@ -416,9 +427,10 @@ def populate(
     rules: DisplayRules,
     progress: Progress = silent,
     *,
+    maps: Mapping[str, tuple[int, int]] = NO_MAPS,
     executor: SerialExecutor | None = None,
 ) -> PlateWithDisplays:
-    """Emitters, circuits and wires for every die.
+    """Emitters, circuits and wires for every die, and what the eye sees of it.
 
     Dies of equal pixels, in which equal orientations meet, are worked on once.
     Wires that every pixel has alike are drawn with it, those that are laid across a die are marks of the plate.
@@ -427,11 +439,15 @@ def populate(
         plate: laid out, without emitters and circuits.
         rules: the maker's.
         progress: told how many dies are done, of those that differ.
+        maps: rows and columns of the orientation map, by die, of those that have one.
         executor: who works on the dies; what is found does not show who did.
 
     Raises:
-        JobError: MF117, MF118 as :func:`maskfab.display.feasibility.feasibility`.
+        JobError: MF117, MF118 as :func:`maskfab.display.feasibility.feasibility`; MF117 also for a reference display
+            that is asked for and cannot be.
     """
+    for pitch_nm in {die.panel.pitch_nm for die in plate.dies if die.panel.tiling is not Tiling.HEXAGONAL}:
+        rules.eye.reference(pitch_nm, rules.emitters)
     dies: list[Die] = []
     lines: list[Mark] = []
     answers: dict[str, Feasibility] = {}
@@ -454,7 +470,32 @@ def populate(
         boxes = () if answer.circuits is None else answer.circuits.boxes
         panel = replace(die.panel, emitters=answer.emitters, tracks=tracks, circuits=boxes)
         dies.append(replace(die, panel=panel))
-    return PlateWithDisplays(replace(plate, dies=tuple(dies), marks=(*plate.marks, *lines)), answers)
+    built = PlateWithDisplays(replace(plate, dies=tuple(dies), marks=(*plate.marks, *lines)), answers)
+    return _looked_at(built, rules, progress, maps, executor or SerialExecutor())
+
+
+def _looked_at(
+    built: PlateWithDisplays,
+    rules: DisplayRules,
+    progress: Progress,
+    maps: Mapping[str, tuple[int, int]],
+    executor: SerialExecutor,
+) -> PlateWithDisplays:
+    """Every display that shows white, as the eye sees it on its die."""
+    panels = {die.name: die.panel for die in built.plate.dies if die.name in built.displays}
+    lit = [name for name in panels if built.displays[name].even is not None]
+
+    def given(name: str) -> ArgumentsFactory:
+        # Neither wires nor circuits are seen.
+        seen = replace(panels[name], tracks=(), circuits=())
+        return lambda: (seen, rules.eye, rules.emitters, rules.light, maps.get(name))
+
+    progress("looks", 0, len(lit))
+    calls = [(judgement, given(name)) for name in lit]
+    tasks = executor.run_all(calls, lambda done: progress("looks", done, len(calls)))
+    judged = {name: task.result() for name, task in zip(lit, tasks, strict=True)}
+    displays = {name: replace(answer, judged=judged.get(name)) for name, answer in built.displays.items()}
+    return replace(built, displays=displays)
 
 
 def display_rules(job: Job) -> DisplayRules | None:
@@ -462,7 +503,9 @@ def display_rules(job: Job) -> DisplayRules | None:
     spec = job.spec
     if spec.emitters is None:
         return None
-    return DisplayRules.of(spec.emitters, spec.light, spec.wires, spec.circuits, spec.eye, where=job.where)
+    return DisplayRules.of(
+        spec.emitters, spec.light, spec.wires, spec.circuits, spec.looks, spec.lives, where=job.where
+    )
 
 
 def displays(
@@ -476,7 +519,16 @@ def displays(
     """
     rules = display_rules(job)
     plate = job.plate() if plate is None else plate
-    return PlateWithDisplays(plate, {}) if rules is None else populate(plate, rules, progress, executor=executor)
+    if rules is None:
+        return PlateWithDisplays(plate, {})
+    return populate(plate, rules, progress, maps=map_sizes(job), executor=executor)
+
+
+def map_sizes(job: Job) -> dict[str, tuple[int, int]]:
+    """Rows and columns of the orientation map, by die, of those that have one."""
+    named = {die.name: die.map for die in job.spec.die if die.map is not None}
+    cells = {name: parse_map(job.spec.maps[text]).cells for name, text in named.items()}
+    return {name: (len(own), len(own[0])) for name, own in cells.items()}
 
 
 def widest_gaps(plate: Plate, rules: DisplayRules, progress: Progress = silent) -> dict[str, LargestGap]:

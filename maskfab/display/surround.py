@@ -1,22 +1,22 @@
 """A die as it is built in: an even field, the die in the middle of the regular display, and the border between them.
 
-The regular display has the die's pitch and no openings: its pixels are three upright stripes, red, green and blue from
-left to right, a third of the pixel each. Every pixel sends out the light asked for, here as there, so that without
-structure nothing would be seen. Three things are. The die's grain and spots stand against a display that has none; its
-mean colour, as S-CIELAB takes it in, may differ, for L*a*b* of a mixture is not the mean of its parts; and along the
-border colours change places, which may leave a line.
+The regular display is the reference of the job (:mod:`maskfab.display.reference`). Every pixel sends out the light
+asked for, here as there, so that without structure nothing would be seen. Three things are. The die's grain and spots
+stand against a display that has none; its mean colour, as S-CIELAB takes it in, may differ, for L*a*b* of a mixture is
+not the mean of its parts; and along the border colours change places, which may leave a line.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from maskfab.base.arrays import Floats
-from maskfab.base.model import COLOURS, Panel, Quantity, side_by_side
-from maskfab.display.emitted_light import MOST_SAMPLES, EmittedLight, Viewing, emission
+from maskfab.base.model import COLOURS, Panel, Quantity
+from maskfab.display.emitted_light import MOST_SAMPLES, Tiled, Viewing
+from maskfab.display.reference import Reference
 
 BORDER = "border"
 LEVEL = 0.5
@@ -34,27 +34,30 @@ class Surrounded:
 
     Attributes:
         panel: with emitters.
+        reference: the regular display.
         inside: pixels of the panel along a side.
         around: pixels of the regular display on every side.
     """
 
     panel: Panel
+    reference: Reference
     inside: int
     around: int
 
     @classmethod
-    def of(cls, panel: Panel, most: int, samples: int, seen_samples: int) -> Surrounded:
+    def of(cls, panel: Panel, reference: Reference, most: int, samples: int, seen_samples: int) -> Surrounded:
         """As many pixels of a panel as there are, up to ``most``, and as can be shown with a surround.
 
         Args:
             panel: with emitters.
+            reference: of the panel's pitch.
             most: pixels along a side.
             samples: along a pixel, of the light.
             seen_samples: along a pixel, of what the eye takes in.
         """
         whole = min(math.isqrt(MOST_SAMPLES) // max(1, samples), math.isqrt(_MOST_SEEN) // seen_samples)
         inside = max(1, min(most, *panel.orientations.shape, whole * _AROUND // (_AROUND + 2) - 2))
-        return cls(panel, inside, math.ceil(inside / _AROUND))
+        return cls(panel, reference, inside, math.ceil(inside / _AROUND))
 
     @property
     def pixels(self) -> int:
@@ -66,21 +69,18 @@ class Surrounded:
         """Linear light asked of every pixel, [rows, columns, 3]."""
         return np.full((self.pixels, self.pixels, len(COLOURS)), LEVEL)
 
-    def light(self, samples: int) -> EmittedLight:
-        """Light of the field.
+    @property
+    def tiled(self) -> Tiled:
+        """Pixels of both.
 
         Raises:
-            JobError: MF121, MF119 as :func:`maskfab.display.emitted_light.emission`.
+            JobError: MF121, MF119 for emitters that cannot be shown.
         """
-        tiles = np.concatenate([emission(self.panel, samples), _stripes(samples)[None]])
-        held = np.full((self.pixels, self.pixels), len(tiles) - 1)
-        rows, columns = self.panel.orientations.shape
-        bottom, left = (rows - self.inside) // 2, (columns - self.inside) // 2
+        own, regular = Tiled.of(self.panel, self.inside, self.inside), self.reference.tiled(self.pixels, self.pixels)
+        held = regular.held + len(own.tiles)
         middle = slice(self.around, self.around + self.inside)
-        held[middle, middle] = self.panel.orientations[bottom : bottom + self.inside, left : left + self.inside]
-        rgb = np.stack([LEVEL * side_by_side(tiles[:, colour][held]) for colour in range(len(COLOURS))])
-        rgb.flags.writeable = False
-        return EmittedLight(rgb, samples, self.panel.cell_size.pitch_um)
+        held[middle, middle] = own.held
+        return replace(own, tiles=(*own.tiles, *regular.tiles), held=held)
 
     def quantities(self, name: str, lab: Floats, even: Floats, viewing: Viewing) -> list[Quantity]:
         """Numbers of the border, from S-CIELAB's response to the field and to light without structure, [y, x, 3].
@@ -121,7 +121,7 @@ class Surrounded:
             Quantity(
                 "border_delta_e_outside",
                 float(seen[outer].mean()),
-                "the same of the regular display round the die, three stripes to a pixel",
+                f"the same of the regular display round the die, {self.reference.layout}",
                 die=name,
             ),
             Quantity(
@@ -135,14 +135,3 @@ class Surrounded:
                 die=name,
             ),
         ]
-
-
-def _stripes(samples: int) -> Floats:
-    """A pixel of the regular display, [3, samples, samples], each colour of mean 1."""
-    ends = np.linspace(0.0, 1.0, samples + 1)
-    tiles = []
-    for colour in range(len(COLOURS)):
-        low, high = colour / len(COLOURS), (colour + 1) / len(COLOURS)
-        lit = np.maximum(np.minimum(ends[1:], high) - np.maximum(ends[:-1], low), 0.0) * samples * len(COLOURS)
-        tiles.append(np.broadcast_to(lit, (samples, samples)))
-    return np.stack(tiles)

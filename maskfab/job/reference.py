@@ -48,7 +48,7 @@ _CAMERA: Keys = (*_LENS, "camera.window")
 _DIES: Keys = ("die", "plate.die_size")
 _LAYOUT: Keys = (*_DIES, *_of("plate", "template blank writable die_pitch columns"), "export.grid")
 _BLANK = _of("plate", "optical_density film_phase glass")
-_FIT: Keys = ("emitters", "circuits", "eye", *_of("wires", "line space clearance lines transparent"))
+_FIT: Keys = ("emitters", "circuits", "looks", *_of("wires", "line space clearance lines transparent"))
 _PLACES = _of("scene", "accuracy depth focus field gap aberrations")
 _LIGHT = _of("scene", "spectrum illuminant")
 _OPTICS: Keys = (*_PLACES, *_LIGHT, *_of("scene", "distortion saturation"))
@@ -66,13 +66,13 @@ USES: Mapping[str, Keys] = MappingProxyType({
     "run": (
         *_CAMERA, *_LAYOUT, *_BLANK, *_OPTICS, *_SENSOR, *_EDGES, *_of("process.spread", "bias radius"),
         *_of("order", "tone parity chrome cd"),
-        *("limits", "emitters", "circuits", "wires", "light", "eye", "exposure", "export", "report"),
+        *("limits", "emitters", "circuits", "wires", "light", "looks", "lives", "exposure", "export", "report"),
     ),
     "run for a house": _OFFERS,
     "order pack": (*_HOUSE, "order"),
     "order fill": (*_LAYOUT, *_BLANK[::2], *_of("export", "shop chrome"), "order", "process.cd_bias"),
     "order compare": (*_HOUSE, "order"),
-    "check": (*_LAYOUT, "emitters", "circuits", "wires", "light", "eye"),
+    "check": (*_LAYOUT, "emitters", "circuits", "wires", "light", "looks", "lives"),
     "order pack --dry-run": _HOUSE,
     "check --look": (*_LAYOUT, *_FIT),
     "check --optics": (*_CAMERA, *_DIES, *_BLANK, *_OPTICS),

@@ -145,7 +145,7 @@ class RulesSection(Section):
     """Largest slow grain of an even field, rms contrast up to 10 cycles per degree at 300 mm; of the emitters that
     ``fit`` places, pixels turned at random."""
     delta_e: float | None = Field(default=None, gt=0, allow_inf_nan=False)
-    """Largest mean ΔE of an even field with the emitters that ``fit`` places, seen from the distance of [eye]."""
+    """Largest mean ΔE of an even field with the emitters that ``fit`` places, seen from the distance of [looks]."""
     grain: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     """Largest rms luminance contrast of that field up to 10 cycles per degree."""
     keep_out: str | None = None
@@ -417,15 +417,37 @@ class LightSection(Section):
     """Life falls with current density to this power, negative."""
 
 
-class EyeSection(Section):
-    """[eye]: where the display is looked at, and what may be seen of an even field; limits are told, not judged."""
+class LooksSection(Section):
+    """[looks]: where the display is looked at, what may be seen of it, and the maker's regular display beside it.
+
+    A limit that is stated is a check. Without, a default is held against the display: it judges the verdict LOOKS and
+    which die may be called best, and fails no run.
+    """
 
     distance: LookedFrom = 300_000.0
     """Distance from the eye to the display."""
-    delta_e: float | None = Field(default=None, gt=0, allow_inf_nan=False)
-    """Largest mean ΔE (S-CIELAB, CIE 1976) of an even field; 2.3 is just noticeable, 1 is not seen."""
-    grain: float | None = Field(default=None, gt=0, allow_inf_nan=False)
-    """Largest rms luminance contrast of an even field up to 10 cycles per degree."""
+    dpi: float | None = Field(default=None, ge=10, le=10_000, allow_inf_nan=False)
+    """Dots per inch that dies and reference are scaled to where they are looked at; default: their own."""
+    delta_e: float | None = Field(default=None, gt=0, le=100, allow_inf_nan=False)
+    """Largest mean ΔE (S-CIELAB, CIE 1976) of even white; default: 2.3, which is just noticeable."""
+    grain: float | None = Field(default=None, gt=0, le=1, allow_inf_nan=False)
+    """Largest rms contrast of the luminance of even white up to 10 cycles per degree; default: 0.015."""
+    fringe: float | None = Field(default=None, gt=0, le=500, allow_inf_nan=False)
+    """Largest difference in a* and b* at an edge of black and white; none if left out."""
+    reference: Literal["stripe", "pentile", "delta"] = "stripe"
+    """Regular layout of the reference display, which has no openings and the die's pitch."""
+
+
+class LivesSection(Section):
+    """[lives]: life and power of the display beside those of the reference display of [looks], at equal luminance.
+
+    Limits are as those of [looks]: stated ones are checks, and a default judges the verdict LIVES.
+    """
+
+    life: float | None = Field(default=None, gt=0, le=1000, allow_inf_nan=False)
+    """Least life of the shortest-lived colour over the reference's; default: a third."""
+    power: float | None = Field(default=None, gt=0, le=1000, allow_inf_nan=False)
+    """Most power over the reference's; none if left out."""
 
 
 class SceneSection(Section):
@@ -663,7 +685,8 @@ class JobSpec(Section):
     circuits: CircuitsSection | None = None
     wires: WiresSection | None = None
     light: LightSection | None = None
-    eye: EyeSection | None = None
+    looks: LooksSection | None = None
+    lives: LivesSection | None = None
     sensor: Sensor | None = None
     exposure: ExposureSection | None = None
     export: ExportSection | None = None

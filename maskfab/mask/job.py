@@ -76,6 +76,12 @@ class Job:
         return notes
 
     @property
+    def compared_with(self) -> str | None:
+        """Die that the others are compared with: the one that [report] names, or the first."""
+        stated = None if self.spec.report is None else self.spec.report.reference
+        return stated or next((die.name for die in self.spec.die), None)
+
+    @property
     def signature(self) -> str:
         return provenance.signature(self.digest, self.seeds)
 

@@ -55,7 +55,7 @@ class Result:
     Attributes:
         directory: of its files.
         report: all that was found out.
-        verdicts: whether the plate can be ordered, its optics are proved, and displays fit.
+        verdicts: whether the plate can be ordered, its optics are proved, and displays fit, look and live.
         taken: how many findings earlier runs had kept, and how many there are; None for a run without a cache.
         accounts: where every finding comes from; none for a run without a cache.
     """
@@ -173,7 +173,8 @@ class PlateFindings:
         of_plate = tuple(quantity for quantity in self.read if quantity.die is None)
         for die in built.plate.dies:
             if die.name in built.displays and die.name in of_dies:
-                of_dies[die.name] += display_quantities(die, built.displays[die.name], job.camera)
+                exempt = die.name == self.restored.reference and len(built.displays) > 1
+                of_dies[die.name] += display_quantities(die, built.displays[die.name], job.camera, exempt=exempt)
                 of_dies[die.name] += self._of_footprint(die)
         for name in self.restored.dies:
             of_dies[name] += self.restored.quantities(name)
@@ -210,7 +211,7 @@ class PlateFindings:
 
     def verdicts(self, report: Report) -> Verdicts:
         """Verdicts on the plate."""
-        return Verdicts.of(report.checks, self.built.displays, len(self.plate.dies))
+        return Verdicts.of(report.checks, self.built.displays, len(self.plate.dies), self.restored.reference)
 
     def document(self, report: Report) -> Document:
         """The content of report.json."""
@@ -222,6 +223,7 @@ class PlateFindings:
         return report_data.to_document(
             report, self.plate, self.job.camera, self.scenes, self.built.displays, designs, photographs,
             self._of_dies(), self._expected_s(), process_spread(self.job), self.job.spec.written,
+            self.restored.reference,
         )  # fmt: skip
 
     def _expected_s(self) -> dict[str, dict[str, float]]:

@@ -65,9 +65,9 @@ _SCHEMA = "report_schema"
 _FORMER_UNITS = {"um^2": "um2"}
 """Units as reports of earlier versions spell them."""
 _PLACES = (("wavelength_nm", "nm"), ("level_db", "dB"))
-_PHOTOGRAPHED, _LAID, _JUDGED = 3, 4, 5
+_PHOTOGRAPHED, _LAID, _JUDGED, _LOOKED_AT = 3, 4, 5, 6
 """Schemas of the first reports whose numbers of photographs are those of photographs, whose lines may be laid across a
-panel, and which tell three verdicts."""
+panel, and which tell verdicts by subject, and what the eye sees of displays as they are tiled."""
 _SAME = 1e-6
 """Relative difference that another machine's arithmetic may make to a number well above the rounding floor."""
 
@@ -85,10 +85,13 @@ class Verified:
     verdicts: Verdicts
 
     @classmethod
-    def of(cls, checks: Sequence[Quantity], built: PlateWithDisplays | None = None) -> Verified:
-        """From the checks, and from the plate with its displays, where it could be laid out again."""
+    def of(
+        cls, checks: Sequence[Quantity], built: PlateWithDisplays | None = None, reference: str | None = None
+    ) -> Verified:
+        """From the checks, and from the plate with its displays and the die that others are compared with, where it
+        could be laid out again."""
         displays, dies = ({}, 0) if built is None else (built.displays, len(built.plate.dies))
-        return cls(tuple(checks), Verdicts.of(checks, displays, dies))
+        return cls(tuple(checks), Verdicts.of(checks, displays, dies, reference))
 
 
 @one_thread
@@ -128,7 +131,7 @@ def verify(directory: str | Path, progress: Progress = silent) -> Verified:
         trips, read = back.trips, [*back.quantities, *made.account(), *of_shop]
         checks += [quantity for quantity in read if quantity.passed is not None and quantity.die is None]
         if not trips:
-            return Verified.of(checks, built)
+            return Verified.of(checks, built, job.compared_with)
         seen = [
             die
             for die in plate.dies
@@ -166,7 +169,7 @@ def verify(directory: str | Path, progress: Progress = silent) -> Verified:
             process = measure_process(job, lit, progress), expand_photographs(job, lit, progress, None, executor)
             findings = PlateFindings(job, built, read, optics, scenes, photographs.result(progress), *process, beside)
             checks += _made_again(folder, manifest, findings, executor)
-    return Verified.of(checks, built)
+    return Verified.of(checks, built, job.compared_with)
 
 
 def _made_again(
@@ -336,6 +339,12 @@ def _reported(folder: Path, now: Document) -> Iterator[Quantity]:
             lambda place: place[0] == "verdicts",
             "has one verdict for files, optics and displays",
         ),
+        (
+            "report_looks",
+            _LOOKED_AT,
+            _of_looks,
+            "does not tell how displays look and live, beside a reference",
+        ),
     ):
         places = [place for place, _, _ in changes if earlier and stated < since and of(place)]
         if places:
@@ -360,6 +369,14 @@ def _of_wires(place: Sequence[str]) -> bool:
     """Whether a place in a report tells of wires, or of an answer that rests on them."""
     answered = "display" in place and ("verdict" in place or "proofs" in place)
     return answered or any(part == "wires" or "wire_lines" in part for part in place)
+
+
+def _of_looks(place: Sequence[str]) -> bool:
+    """Whether a place in a report tells of limits of the eye and of life, or of what earlier ones told instead."""
+    rows = ("flat_delta_e_", "grain_", "edge_fringe", "even_", "reference_")
+    return place[0] == "verdicts" or any(
+        part in ("looks", "lives", "reference") or word.startswith(rows) for part in place for word in part.split(", ")
+    )
 
 
 def _former_unit(place: tuple[str, ...], now: object, then: object) -> bool:

@@ -14,7 +14,7 @@ from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import of_display
 from maskfab.designs.search.result import constraints_of
 from maskfab.job.read import parse_section
-from maskfab.job.sections import EyeSection, SearchSection
+from maskfab.job.sections import SearchSection
 
 UNIT = np.zeros((12, 12), dtype=np.bool_)
 UNIT[1:4, 1:6] = True
@@ -25,7 +25,7 @@ def constraints(display, **rules) -> Constraints:
 
 
 def seen_from(display, distance_um):
-    return replace(display, rules=replace(display.rules, eye=EyeSection(distance=f"{distance_um} um")))
+    return replace(display, rules=replace(display.rules, eye=display.rules.eye.viewed(distance_um=distance_um)))
 
 
 def test_a_limit_is_broken_near_and_kept_from_far_away():

@@ -47,10 +47,16 @@ def stub(monkeypatch):
     return module
 
 
+def quality(panel, image, viewing):
+    perfect = emitted_light.series(emitted_light.ideal(image, 1, 84.67), viewing, eye.HIGHEST_CPD)
+    shown = emitted_light.Tiled.of(panel, *image.shape[:2])
+    return eye.jod(shown.series(image, viewing, eye.HIGHEST_CPD), perfect, viewing)
+
+
 def test_an_even_field_reaches_the_metric_without_the_lattice_in_absolute_luminance(stub, slit_panel, telephone):
     panel = slit_panel(tiling=Tiling.PERIODIC, count=20)
     image = pictures.flat(20)
-    found = eye.jod(emitted_light.show(panel, image, 21), emitted_light.ideal(image, 1, 84.67), telephone)
+    found = quality(panel, image, telephone)
     assert found >= 9.99
     for picture in stub.pictures:
         assert picture.dtype == np.float32
@@ -64,7 +70,7 @@ def test_an_even_field_reaches_the_metric_without_the_lattice_in_absolute_lumina
 
 def test_nothing_is_clipped_and_nothing_is_negative(stub, slit_panel, telephone):
     image = pictures.edge(20)
-    eye.jod(emitted_light.show(slit_panel(count=20), image, 21), emitted_light.ideal(image, 1, 84.67), telephone)
+    quality(slit_panel(count=20), image, telephone)
     brightest = max(picture.max() for picture in stub.pictures)
     assert stub.photometry["peak"] == pytest.approx(brightest)
     assert brightest > 500
@@ -74,7 +80,7 @@ def test_nothing_is_clipped_and_nothing_is_negative(stub, slit_panel, telephone)
 def test_the_picture_stands_upright(stub, slit_panel, telephone):
     image = np.zeros((20, 20, 3))
     image[15:] = 1.0  # the upper quarter
-    eye.jod(emitted_light.show(slit_panel(count=20), image, 6), emitted_light.ideal(image, 1, 84.67), telephone)
+    quality(slit_panel(count=20), image, telephone)
     for picture in stub.pictures:
         rows = picture.mean(axis=(1, 2))
         assert rows[: len(rows) // 4].mean() > 10 * rows[len(rows) // 2 : -2].mean()

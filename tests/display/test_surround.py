@@ -10,7 +10,9 @@ import pytest
 from maskfab.base.model import Tiling
 from maskfab.display import eye
 from maskfab.display.emitted_light import Viewing
+from maskfab.display.emitter_rules import EmitterRules
 from maskfab.display.eye import judge
+from maskfab.display.reference import Reference
 from maskfab.display.surround import Surrounded
 
 NEAR = Viewing(84.672, 150e3)
@@ -20,6 +22,10 @@ def stripes(make_panel, order=(1, 2, 3), count=20):
     labels = np.repeat(np.array(order, dtype=np.int8), 14)[None].repeat(42, axis=0)
     mask = np.zeros((21, 21), dtype=np.bool_)
     return make_panel(mask, labels, 4032, count=count, tiling=Tiling.PERIODIC)
+
+
+def thirds(panel):
+    return Reference.of("stripe", panel.pitch_nm, EmitterRules(0, 0, 1))
 
 
 def numbers(panel, pixels=12):
@@ -42,17 +48,18 @@ def test_other_colours_beside_each_other_leave_a_line(make_panel):
 
 
 def test_light_is_the_same_here_and_there(make_panel):
-    around = Surrounded.of(stripes(make_panel, (3, 2, 1)), 12, 6, 4)
-    rgb = around.light(6).rgb
+    panel = stripes(make_panel, (3, 2, 1))
+    around = Surrounded.of(panel, thirds(panel), 12, 6, 4)
+    rgb = around.tiled.light(around.image, 6).rgb
     by_pixel = rgb.reshape(3, around.pixels, 6, around.pixels, 6).mean(axis=(2, 4))
     np.testing.assert_allclose(by_pixel, 0.5, rtol=1e-12)
 
 
 def test_a_picture_that_is_too_large_takes_fewer_pixels(make_panel):
     panel = stripes(make_panel, count=300)
-    around = Surrounded.of(panel, 300, 21, 4)
+    around = Surrounded.of(panel, thirds(panel), 300, 21, 4)
     assert around.pixels * 21 <= 1 << 12
-    assert around.light(2).pixels == (around.pixels, around.pixels)
+    assert around.tiled.light(around.image, 2).pixels == (around.pixels, around.pixels)
 
 
 def test_a_limit_is_told_beside_its_number(make_panel):

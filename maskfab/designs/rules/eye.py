@@ -16,7 +16,6 @@ from maskfab.base.arrays import Mask
 from maskfab.base.units import NM_PER_UM, UM_PER_MM
 from maskfab.designs.rules.display_fit import Display, footprints_of
 from maskfab.designs.rules.rule import Constrained, Rule
-from maskfab.display.emitted_light import Viewing
 from maskfab.display.emitter_pieces import in_pieces, look
 from maskfab.display.evenness import Evenness
 from maskfab.display.feasibility import feasibility
@@ -41,7 +40,7 @@ def _tried(constraints: Constrained, unit: Mask) -> Evenness | None:
     if not rules.pieces or len(constraints.orientations) == 1:
         return _drawn(constraints, unit)
     asked = footprints_of(constraints, rules.emitters)
-    viewing = Viewing(asked.grid.pitch_nm / NM_PER_UM, rules.eye.distance)
+    viewing = rules.eye.viewing(asked.grid.pitch_nm / NM_PER_UM)
     least = max(rules.keep * asked(unit), rules.emitters.required) / asked.share_of_cell
     used, ratio = constraints.orientations, rules.emitters.ratio
     placed = in_pieces(constraints.opening(unit), asked.grid, used, ratio, least, viewing, moves=_MOVES)
@@ -64,7 +63,7 @@ def _grainy(constraints: Constrained, unit: Mask, *, judged: Judged) -> str | No
 
 def _from(constraints: Constrained) -> str:
     display: Display = constraints["emitters"]
-    return f" from {display.rules.eye.distance / UM_PER_MM:g} mm, at most"
+    return f" from {display.rules.eye.looks.distance / UM_PER_MM:g} mm, at most"
 
 
 _RULE = partial(Rule, unit="", one_place=lambda _: True, slow=True)

@@ -20,18 +20,18 @@ from pydantic import Field
 from scipy.special import ndtri
 
 from maskfab.base.model import COLOURS, ORIENTATIONS, Die, Quantity
-from maskfab.base.units import NM_PER_UM, UM_PER_MM
+from maskfab.base.quantities import registered
+from maskfab.base.units import NM_PER_UM
 from maskfab.display.circuits import Circuits
 from maskfab.display.drive import LightDemand
-from maskfab.display.emitted_light import TELEPHONE_UM, Viewing
 from maskfab.display.emitter_rules import Certificate, EmitterRules, Verdict
-from maskfab.display.eye import SLOW_CPD, predicted_rms
+from maskfab.display.eye import FINE_CPD, SLOW_CPD
 from maskfab.display.feasibility import Feasibility, PlateWithDisplays, footprint_of
+from maskfab.display.limits import Judgement, Limited, kept
 from maskfab.display.placement import LargestGap
 from maskfab.display.polygon_check import Violation, left_of_emitters
 from maskfab.job.camera import Camera
 from maskfab.job.process import Process
-from maskfab.optics.colour import JUST_NOTICEABLE
 from maskfab.optics.metrics import relative_difference
 from maskfab.optics.psf import point_psf
 from maskfab.optics.pupil import cut, panel_aperture, veil
@@ -89,16 +89,32 @@ def wired_quantities(die: Die, camera: Camera) -> tuple[Quantity, ...]:
     )
 
 
-def display_quantities(die: Die, feasibility: Feasibility, camera: Camera | None = None) -> tuple[Quantity, ...]:
-    """The numbers of one die's display; the footprint is judged if one is required, broken rules always.
+def display_quantities(
+    die: Die, feasibility: Feasibility, camera: Camera | None = None, *, exempt: bool = False
+) -> tuple[Quantity, ...]:
+    """The numbers of one die's display; limits that the job states are judged, broken rules always.
 
     Args:
         die: with its emitters and wires.
         feasibility: what was found of it.
         camera: what looks through its wires; without one nothing is told of what they do to the picture.
+        exempt: whether it is the die that others are compared with, which no limit of the job is held against.
     """
     through = () if camera is None else wired_quantities(die, camera)
-    return (*_emitters(die, feasibility), *through)
+    rows = (*_emitters(die, feasibility), *_judged_rows(feasibility, die.name), *through)
+    return tuple(_exempted(row) for row in rows) if exempt else rows
+
+
+_EXEMPT = frozenset(
+    ("led_footprint", "flat_delta_e_mean", "grain_slow", "edge_fringe", "reference_life", "reference_power")
+)
+
+
+def _exempted(row: Quantity) -> Quantity:
+    """A row that is not held against its limit."""
+    if row.passed is None or row.name not in _EXEMPT:
+        return row
+    return replace(row, passed=None, method=f"{row.method}; not held against the reference die")
 
 
 def _emitters(die: Die, feasibility: Feasibility) -> Iterator[Quantity]:
@@ -170,15 +186,6 @@ def _emitters(die: Die, feasibility: Feasibility) -> Iterator[Quantity]:
         "distance of the light's centroid from the pixel's centre, colours weighted with their share of white",
         die=name,
     )
-    viewing = Viewing(die.panel.cell_size.pitch_um, TELEPHONE_UM)
-    yield Quantity(
-        "grain_rms",
-        predicted_rms(feasibility.wander_px, viewing),
-        f"luminance contrast of an even field up to {SLOW_CPD:g} cycles per degree at {TELEPHONE_UM / UM_PER_MM:g} mm, "
-        "5.57 (F/ppd)² |c|, c the centroid off its mean over the orientations",
-        die=name,
-    )
-    yield from _even_rows(feasibility, name)
     light, usual = feasibility.light, LightDemand()
     assumed = light.efficacy_cd_per_a == usual.efficacy_cd_per_a
     judged = " (a judgement; no source was found)" if assumed else ""
@@ -226,22 +233,55 @@ def _circuit_rows(feasibility: Feasibility, name: str) -> Iterator[Quantity]:
     )
 
 
-def _even_rows(feasibility: Feasibility, name: str) -> Iterator[Quantity]:
-    """Evenness of the display; limits are told beside it, and nothing is judged by them."""
-    if feasibility.even is None:
+_ROWS: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {
+        "delta_e": ("flat_delta_e_mean", "mean S-CIELAB ΔE, CIE 1976, of even white"),
+        "delta_e_95": ("flat_delta_e_95", "95th percentile of S-CIELAB ΔE of even white"),
+        "grain": ("grain_slow", f"rms luminance contrast of even white up to {SLOW_CPD:g} cycles per degree"),
+        "fine_grain": ("grain_fine", f"the same from {SLOW_CPD:g} to {FINE_CPD:g} cycles per degree"),
+        "fringe": (
+            "edge_fringe",
+            "largest S-CIELAB difference in a* and b* at an edge of black and white, the common shift removed",
+        ),
+        "luminance": ("reference_luminance", "white, every colour at its current density: the least share of its area"),
+        "life": ("reference_life", "(J / J')^-n of the colours of the densest current, at equal luminance"),
+        "power": (
+            "reference_power",
+            "voltage of the supply at equal luminance, 5 V + 1.5 V (J / 10 mA/cm²)^½ at the densest current (judged "
+            "values; square law of Mott and Gurney)",
+        ),
+    }
+)
+"""Rows of a report, and how they are found, by the names of numbers that limits are held against."""
+
+
+def _judged_rows(feasibility: Feasibility, name: str) -> Iterator[Quantity]:
+    """Numbers of the eye and of life; limits that the job states are judged, and defaults are told."""
+    judged = feasibility.judged
+    if judged is None:
         return
-    eye = feasibility.eye
-    seen = f"an even field from {eye.distance / UM_PER_MM:g} mm, pixels turned at random, in closed form"
-    usual = f"{JUST_NOTICEABLE:g} is just noticeable (Mahy, Van Eycken and Oosterlinck, 1994), up to 1 is not seen"
-    asked = "" if eye.delta_e is None else f"; the job asks for {eye.delta_e:g} at most"
-    yield Quantity("even_delta_e", feasibility.even.delta_e, f"mean S-CIELAB ΔE of {seen}; {usual}{asked}", die=name)
-    asked = "" if eye.grain is None else f"; the job asks for {eye.grain:g} at most"
-    yield Quantity(
-        "even_grain",
-        feasibility.even.grain,
-        f"rms luminance contrast up to {SLOW_CPD:g} cycles per degree of {seen}{asked}",
-        die=name,
-    )
+    if judged.reference_shares is not None:
+        yield Quantity(
+            "reference_footprint",
+            min(judged.reference_shares),
+            f"share of a pixel that the least of the colours covers in {judged.layout}, the regular display at the "
+            "die's pitch, without openings, drawn by the rules of the emitters",
+            die=name,
+        )
+    for number in (*judged.looks, *judged.lives):
+        row, how = _ROWS[number.name]
+        seen = number in judged.looks
+        place = f"; {judged.where}" if seen else f", over {judged.layout} without openings"
+        beside = f"; {judged.layout}: {number.reference:.3g}" if seen and number.reference is not None else ""
+        limit = "" if number.limit is None else f"; limit {number.sign} {number.limit:.3g}, {number.source}"
+        yield Quantity(
+            row,
+            number.value,
+            f"{how}{place}{beside}{limit}",
+            limit=number.limit if number.stated else None,
+            passed=number.passed if number.stated else None,
+            die=name,
+        )
 
 
 def _wire_rows(die: Die, feasibility: Feasibility) -> Iterator[Quantity]:
@@ -371,6 +411,28 @@ class _Proof(Part):
     numbers: dict[str, float]
 
 
+class _Limited(Part):
+    name: str
+    value: float
+    reference: float | None = Field(description="of the regular display; null without one")
+    unit: str
+    limit: float | None = Field(description="null: nothing judges it")
+    stated: bool = Field(description="whether the job states the limit, which is else a default")
+    passed: bool | None
+    source: str = written()
+
+
+class _Judged(Part):
+    verdict: Literal["KEPT", "BROKEN"]
+    seen: str = optional("pixels and place of the eye")
+    numbers: list[_Limited]
+
+
+class _Reference(Part):
+    layout: Literal["stripe", "pentile", "delta"]
+    emitter_share: float = Field(description="share of a pixel that the least of the colours covers")
+
+
 class DisplayPart(Part):
     """The answer about one panel; lengths in micrometres, areas in square micrometres, shares of a pixel."""
 
@@ -387,6 +449,9 @@ class DisplayPart(Part):
     wires: _Wires | None
     proofs: list[_Proof] = written()
     bound_proof: _Proof | None = written()
+    looks: _Judged = optional("limits of the eye")
+    lives: _Judged = optional("limits of life and power, beside the reference at equal luminance")
+    reference: _Reference = optional("regular display at the die's pitch, without openings, by the same rules")
 
 
 def display_document(display: Feasibility) -> Document:
@@ -429,6 +494,25 @@ def display_document(display: Feasibility) -> Document:
         ),
         proofs=[_proof(certificate) for certificate in display.certificates],
         bound_proof=footprint.certificate and _proof(footprint.certificate),
+        **_judged_parts(display.judged),
+    )
+
+
+def _judged_parts(judged: Judgement | None) -> dict[str, Document]:
+    if judged is None:
+        return {}
+    parts = {"looks": _limits(judged.looks, judged.where)}
+    if judged.reference_shares is not None:
+        parts["lives"] = _limits(judged.lives)
+        parts["reference"] = _Reference.document(judged, emitter_share=min(judged.reference_shares))
+    return parts
+
+
+def _limits(numbers: Sequence[Limited], seen: str | None = None) -> Document:
+    return _Judged.document(
+        verdict="KEPT" if kept(numbers) else "BROKEN",
+        seen=seen,
+        numbers=[_Limited.document(number, unit=registered(_ROWS[number.name][0]).unit) for number in numbers],
     )
 
 
@@ -501,6 +585,7 @@ def check_document(
     digest: str,
     unused: Sequence[str] = (),
     notes: Mapping[str, Quantity] = MappingProxyType({}),
+    reference: str | None = None,
     *,
     passed: bool,
 ) -> Document:
@@ -512,23 +597,32 @@ def check_document(
         digest: of the job.
         unused: what of the job the answer does not depend on.
         notes: on dies.
-        passed: whether every display fits.
+        reference: die that others are compared with, which no limit is held against where there are others.
+        passed: whether every display fits, and keeps the limits that the job states.
     """
     return CheckPart.document(
         job_hash=digest,
         verdict="pass" if passed else "fail",
         dies=[
-            _checked_die(die, built.displays.get(die.name), gaps.get(die.name), notes.get(die.name))
+            _checked_die(
+                die,
+                built.displays.get(die.name),
+                gaps.get(die.name),
+                notes.get(die.name),
+                exempt=die.name == reference and len(built.displays) > 1,
+            )
             for die in built.plate.dies
         ],
         unused=list(unused),
     )
 
 
-def _checked_die(die: Die, display: Feasibility | None, gap: LargestGap | None, note: Quantity | None) -> Document:
+def _checked_die(
+    die: Die, display: Feasibility | None, gap: LargestGap | None, note: Quantity | None, *, exempt: bool
+) -> Document:
     if display is None:
         return _CheckedDie.document(name=die.name, quantities=[])
-    numbers = display_quantities(die, display)
+    numbers = display_quantities(die, display, exempt=exempt)
     return _CheckedDie.document(
         name=die.name,
         display=display_document(display),
@@ -564,7 +658,11 @@ def display_lines(
     if display is None:
         yield f"{name}: no pixels to place emitters in"
         return
-    yield f"{name}: {display.verdict}; {display.circuits_by}"
+    words = [f"FITS: {display.verdict}"]
+    if (judged := display.judged) is not None:
+        answers = (("LOOKS", judged.looks), ("LIVES", judged.lives))
+        words += [f"{word}: {'KEPT' if kept(numbers) else 'BROKEN'}" for word, numbers in answers if numbers]
+    yield f"{name}: {', '.join(words)}; {display.circuits_by}"
     for part in (_footprint, _placement, _circuits, _wires, _light_text, _proofs):
         for label, text in part(display):
             yield f"  {label:<16} {text}"
@@ -642,16 +740,25 @@ def _light_text(display: Feasibility) -> Iterator[Line]:
         return
     x, y = display.centroid_px
     yield "light", f"centroid at ({x:.4f}, {y:.4f}) px; shifts by {display.wander_px:.4f} px RMS between orientations"
-    if display.even is not None:
-        yield (
-            "even field",
-            f"ΔE {display.even.delta_e:.3g} and grain {display.even.grain:.2g} from "
-            f"{display.eye.distance / UM_PER_MM:g} mm; ΔE {JUST_NOTICEABLE:g} is just noticeable, 1 is not seen",
-        )
     if display.density_ma_per_cm2 is not None:
         yield "current density", f"{_colours(display.density_ma_per_cm2)} mA/cm2"
     if display.life is not None:
         yield "relative life", _colours(display.life)
+    judged = display.judged
+    if judged is None:
+        return
+    yield "seen", judged.where
+    for word, numbers in (("looks", judged.looks), ("lives", judged.lives)):
+        for number in numbers:
+            yield word, _told(number, judged.layout)
+
+
+def _told(number: Limited, layout: str) -> str:
+    beside = f", {layout} {number.reference:.3g}" if number.reference is not None else ""
+    verdict = "" if number.passed is None else "  KEPT" if number.passed else "  BROKEN"
+    whose = "" if number.limit is None or number.stated else ", a default"
+    limit = "" if number.limit is None else f"; limit {number.sign} {number.limit:.3g}{whose}"
+    return f"{number.title}: {number.value:.3g}{beside}{limit}{verdict}"
 
 
 def _proofs(display: Feasibility) -> Iterator[Line]:

@@ -50,7 +50,7 @@ from maskfab.report.rows.scene import PointView, SceneOptics
 from maskfab.report.rows.text import quantity_document
 from maskfab.report.rows.verdicts import Verdicts
 
-SCHEMA_VERSION = 5
+SCHEMA_VERSION = 6
 
 NO_DISPLAYS: Mapping[str, Feasibility] = MappingProxyType({})
 NO_DESIGNS: Mapping[str, Document] = MappingProxyType({})
@@ -92,10 +92,20 @@ class _Displays(Part):
     circuits: str = optional()
 
 
+class _Limits(Part):
+    dies: int
+    kept: int
+    broken: int
+    verdict: Annotated[str | None, OneOf(("KEPT", "BROKEN", None))]
+    stated: bool = Field(description="whether the job states any of the limits, which are else defaults")
+
+
 class _Verdicts(Part):
     files: _Tally = Field(description="null: nothing was checked")
     optics: _Tally = Field(description="null: nothing was checked")
     display: _Displays = Field(description="the worst answer of all dies; null: the job asks for no display")
+    looks: _Limits = Field(description="limits of the eye; null: there is no display to look at")
+    lives: _Limits = Field(description="limits of life and power; null: there is no reference display")
 
 
 class _Roughness(Part):
@@ -228,7 +238,7 @@ class _File(Part):
 class ReportPart(Part):
     """report.json."""
 
-    schema_version: Literal[5]
+    schema_version: Literal[6]
     maskfab_version: Text
     title: Text
     job_hash: Text
@@ -273,6 +283,7 @@ def to_document(
     expected_s: Mapping[str, Mapping[str, float]] = NO_DESIGNS,
     spread: ProcessSpread = NO_SPREAD,
     process: Process | None = None,
+    reference: str | None = None,
 ) -> Document:
     """The report.json of one run, of plain Python types throughout.
 
@@ -281,7 +292,7 @@ def to_document(
     :func:`maskfab.report.documents.die.photographs_document`, and a measurement one of
     :meth:`maskfab.report.documents.die.Beside.of_die`. ``expected_s`` is the time that models of a die are
     expected to take, by die and model. ``process`` is that of the mask writer, as stated,
-    and ``spread`` what bands are over.
+    ``spread`` what bands are over, and ``reference`` the die that others are compared with.
 
     Two runs of one job make equal documents; the times that they took are told beside it.
 
@@ -299,7 +310,7 @@ def to_document(
         # Which findings a run made itself differs between equal runs, as their times do.
         provenance=TIMES,
         verdict="pass" if report.passed else "fail",
-        verdicts=Verdicts.of(report.checks, displays, len(plate.dies)).to_dict(),
+        verdicts=Verdicts.of(report.checks, displays, len(plate.dies), reference).to_dict(),
         seeds=dict(report.seeds),
         camera=_Camera.document(camera, stop={**_Stop.document(camera.stop), **stop_facts(camera.stop)}),
         process=None if process is None else asdict(process),

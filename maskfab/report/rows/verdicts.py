@@ -1,15 +1,22 @@
-"""The three verdicts on a plate: whether it can be ordered, whether its numbers hold, and whether displays fit it."""
+"""The five verdicts on a plate: whether its files can be ordered and its numbers hold, and whether displays fit it,
+look right and live long enough.
+
+A report has a die that the others are compared with, often today's display, which may be meant to fail. Where there are
+others, verdicts on displays count those, and tell of the reference in words.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
+from operator import attrgetter
 
 from maskfab.base.model import Quantity
 from maskfab.base.quantities import Subject, registered
 from maskfab.display.drive import BY_AREA
 from maskfab.display.emitter_rules import Verdict
 from maskfab.display.feasibility import Feasibility
+from maskfab.display.limits import Limited, kept
 
 
 @dataclass(frozen=True)
@@ -35,11 +42,12 @@ class Displays:
     """Answers on the displays of a plate's dies.
 
     Attributes:
-        dies: on the plate; 0 where files alone were looked at.
+        dies: on the plate, less the reference where it is not counted; 0 where files alone were looked at.
         fits: dies whose display fits.
         does_not_fit: dies whose display provably does not, or breaks a rule.
         unknown: dies for which neither is known.
         circuits: how those of displays were judged.
+        aside: words on the reference, where it is not counted.
     """
 
     dies: int
@@ -47,6 +55,7 @@ class Displays:
     does_not_fit: int
     unknown: int
     circuits: str = BY_AREA
+    aside: str = ""
 
     @property
     def asked(self) -> bool:
@@ -70,7 +79,51 @@ class Displays:
         rest = [(self.does_not_fit, "do not" if self.does_not_fit != 1 else "does not"), (self.unknown, "unknown")]
         counts = [f"{count} {words}" for count, words in rest if count]
         fit = "fits" if self.fits == 1 else "fit"
-        return f"{', '.join([f'{self.fits} of {self.dies} {fit}', *counts])}; {self.circuits}"
+        return f"{', '.join([f'{self.fits} of {self.dies} {fit}', *counts])}; {self.circuits}{self.aside}"
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of one kind, of the eye or of life, on the displays of a plate.
+
+    Attributes:
+        dies: whose displays were held against them, less the reference where it is not counted.
+        kept: how many keep them all.
+        stated: whether the job states any of them, which are else defaults.
+        names: limits that are broken.
+        aside: words on the reference, where it is not counted.
+    """
+
+    dies: int
+    kept: int
+    stated: bool
+    names: tuple[str, ...] = ()
+    aside: str = ""
+
+    @property
+    def broken(self) -> int:
+        """Dies that break one."""
+        return self.dies - self.kept
+
+    @property
+    def verdict(self) -> str | None:
+        """BROKEN if any die breaks one; None where there is nothing to judge."""
+        if not self.dies:
+            return None
+        return "BROKEN" if self.broken else "KEPT"
+
+    @property
+    def words(self) -> str:
+        """In words, with whose the limits are."""
+        if not self.dies:
+            return "no display to look at"
+        whose = "limits of the job" if self.stated else "default limits, for the job states none"
+        which = f": {', '.join(self.names)}" if self.names else ""
+        keep = "keeps" if self.kept == 1 else "keep"
+        return f"{self.kept} of {self.dies} {keep} them{which}; {whose}{self.aside}"
+
+
+NO_LIMITS = Limits(0, 0, stated=False)
 
 
 @dataclass(frozen=True)
@@ -81,38 +134,73 @@ class Verdicts:
         files: checks of the files, against the design and against a mask house's rules.
         optics: checks of what was measured in the files.
         display: what fits.
+        looks: limits of the eye.
+        lives: limits of life and power.
+        house: whether the rules of a mask house were asked.
     """
 
     files: Tally
     optics: Tally
     display: Displays
+    looks: Limits = NO_LIMITS
+    lives: Limits = NO_LIMITS
+    house: bool = False
 
     @classmethod
-    def of(cls, checks: Iterable[Quantity], displays: Mapping[str, Feasibility], dies: int) -> Verdicts:
-        """From the checks of a plate, and what was found of the displays of those of its ``dies`` that have one."""
+    def of(
+        cls,
+        checks: Iterable[Quantity],
+        displays: Mapping[str, Feasibility],
+        dies: int,
+        reference: str | None = None,
+    ) -> Verdicts:
+        """From the checks of a plate, and what was found of the displays of those of its ``dies`` that have one.
+
+        Args:
+            checks: of the plate.
+            displays: by die.
+            dies: on the plate.
+            reference: die that the others are compared with, which is counted only where it is the only one.
+        """
         judged = [check for check in checks if check.passed is not None]
-        answers = [feasibility.verdict for feasibility in displays.values()]
+        aside = displays.get(reference) if reference is not None and len(displays) > 1 else None
+        counted = {name: display for name, display in displays.items() if aside is None or name != reference}
+        answers = [feasibility.verdict for feasibility in counted.values()]
         fits, not_fitting, unknown = (
             answers.count(verdict) for verdict in (Verdict.FITS, Verdict.DOES_NOT_FIT, Verdict.UNKNOWN)
         )
         how = next((feasibility.circuits_by for feasibility in displays.values()), BY_AREA)
-        found = Displays(dies, fits, not_fitting, unknown, how)
-        return cls(_tally(judged, Subject.FILES), _tally(judged, Subject.OPTICS), found)
+        said = "" if aside is None else f"; the reference {reference}: {aside.verdict.value}"
+        found = Displays(dies - (aside is not None), fits, not_fitting, unknown, how, said)
+        seen, lived = (
+            _limits(
+                [numbers_of(own) for display in counted.values() if (own := display.judged) is not None],
+                () if aside is None or aside.judged is None else numbers_of(aside.judged),
+                reference or "",
+            )
+            for numbers_of in (attrgetter("looks"), attrgetter("lives"))
+        )
+        house = any(check.name.startswith("shop_") for check in judged)
+        return cls(_tally(judged, Subject.FILES), _tally(judged, Subject.OPTICS), found, seen, lived, house)
 
     @property
-    def lines(self) -> tuple[str, str, str]:
+    def lines(self) -> tuple[str, str, str, str, str]:
         """One line for each subject."""
         verdict = "NOT JUDGED" if self.display.verdict is None else self.display.verdict.value
+        passes = "can be ordered" if self.house else "files check; no mask house chosen"
+        seen, lived = (f"{limits.verdict or 'NOT JUDGED'}: {limits.words}" for limits in (self.looks, self.lives))
         return (
-            _line("FILES", self.files, ("can be ordered", "do not order")),
+            _line("FILES", self.files, (passes, "do not order")),
             _line("OPTICS", self.optics, ("proved from the files", "not proved")),
-            f"DISPLAY: {verdict}: {self.display.words}",
+            f"FITS: {verdict}: {self.display.words}",
+            f"LOOKS: {seen}",
+            f"LIVES: {lived}",
         )
 
     def to_dict(self) -> dict[str, dict[str, int | bool | str | None]]:
         """As report.json has them."""
         verdict, display = self.display.verdict, asdict(self.display)
-        circuits = display.pop("circuits")
+        circuits, _ = display.pop("circuits"), display.pop("aside")
         return {
             "files": {**asdict(self.files), "passed": self.files.passed},
             "optics": {**asdict(self.optics), "passed": self.optics.passed},
@@ -121,7 +209,26 @@ class Verdicts:
                 "verdict": None if verdict is None else verdict.value,
                 **({} if verdict is None else {"circuits": circuits}),
             },
+            **{
+                name: {
+                    "dies": limits.dies,
+                    "kept": limits.kept,
+                    "broken": limits.broken,
+                    "verdict": limits.verdict,
+                    "stated": limits.stated,
+                }
+                for name, limits in (("looks", self.looks), ("lives", self.lives))
+            },
         }
+
+
+def _limits(numbers: list[tuple[Limited, ...]], aside: tuple[Limited, ...], reference: str) -> Limits:
+    """Count displays that keep their limits; ``aside`` are the numbers of the reference, which is not counted."""
+    held = [own for own in numbers if own]
+    broken = dict.fromkeys(number.title for own in held for number in own if number.passed is False)
+    said = f"; the reference {reference}: {'KEPT' if kept(aside) else 'BROKEN'}" if aside else ""
+    stated = any(number.stated for own in (*held, aside) for number in own)
+    return Limits(len(held), sum(kept(own) for own in held), stated, tuple(broken), said)
 
 
 def _tally(checks: Iterable[Quantity], subject: Subject) -> Tally:
