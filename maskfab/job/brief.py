@@ -182,9 +182,11 @@ class Brief(Section):
             JobError: MF102 to MF105 for an answer; MF131, MF141 for a lens or a light that cannot be; MF151 for answers
                 that contradict each other.
         """
-        stated = {key: value for key, value in answers.items() if value is not None and value != ""}
-        if "dpi" in stated:
-            stated["pitch"] = _of_both(str(stated.pop("dpi")), stated.get("pitch"))
+        stated = merged(answers)
+        if missing := [question.key for question in QUESTIONS if question.needed and question.key not in stated]:
+            what = f"no answer says {' and '.join(missing)}"
+            cure = f"Add {' and '.join(missing)}; the answers are {', '.join(question.key for question in QUESTIONS)}"
+            raise JobError("MF105", what, where="answers", cure=cure)
         for question in QUESTIONS:
             default = question.default(stated)
             if question.key not in stated and default:
@@ -205,6 +207,18 @@ class Brief(Section):
     def crossing_um(self) -> float:
         """Width of all lines of one direction, with their spaces and the clearance to the opening on both sides."""
         return self.lines * self.line + (self.lines - 1) * self.space + 2 * self.clearance
+
+
+def merged(answers: Mapping[str, object]) -> dict[str, object]:
+    """Answers without those that are blank, a density in dots per inch as the pitch that it is.
+
+    Raises:
+        JobError: MF103 or MF104 for a density or a pitch; MF151 for two that differ by more than 1 %.
+    """
+    stated = {key: value for key, value in answers.items() if value is not None and value != ""}
+    if "dpi" in stated:
+        stated["pitch"] = _of_both(str(stated.pop("dpi")), stated.get("pitch"))
+    return stated
 
 
 def _of_both(density: str, pitch: object) -> str:
@@ -235,6 +249,8 @@ class Question:
     text: str
     default: Callable[[Mapping[str, object]], str]
     why: str
+    needed: bool = False
+    """Whether an answer must be given where nobody sees the default."""
 
 
 def _by_pitch(part: float, least: float, most: float) -> Callable[[Mapping[str, object]], str]:
@@ -272,7 +288,7 @@ def _fixed(answer: str) -> Callable[[Mapping[str, object]], str]:
 
 
 QUESTIONS: tuple[Question, ...] = (
-    Question("pitch", "pitch of the pixels, as a length or in dpi", _fixed("400 dpi"), "a phone"),
+    Question("pitch", "pitch of the pixels, as a length or in dpi", _fixed("400 dpi"), "a phone", True),
     Question("layout", "the maker's layout: stripe, pentile or delta", _fixed("stripe"), "of most laptops and cars"),
     Question("emitters", "least share of the pixel that emits, all colours", _fixed("28 %"), "displays sold today"),
     Question("open", "clear share of the pixel that is wanted", _open, "that of the published display"),
@@ -285,7 +301,9 @@ QUESTIONS: tuple[Question, ...] = (
     Question("space", "least space between lines", _by_pitch(1 / 28, 1.5, 3), "as the line"),
     Question("clearance", "least distance from line to opening", _by_pitch(1 / 32, 1, 2.5), "less than the space"),
     Question("lines", "lines that cross a pixel, each way", _lines, "four, over the pixels that share a circuit"),
-    Question("camera", "camera: a name of the list, or focal length f/number pixel", _fixed("phone_main"), "a phone"),
+    Question(
+        "camera", "camera: a name of the list, or focal length f/number pixel", _fixed("phone_main"), "a phone", True
+    ),
     Question("lux", "light on the scene in lux", _fixed("200 lux"), "a living room"),
     Question("time", "exposure time", _fixed(""), "white fills 80 % of the pixels, up to the camera's longest"),
     Question(

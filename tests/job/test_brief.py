@@ -16,7 +16,8 @@ from maskfab.job.brief import RULES, Brief, job_text, modules, snapped
 from maskfab.job.read import validate
 from maskfab.mask.opening_file import parse_opening
 
-PHONE = {"dpi": "400", "camera": "phone_main"}
+CAMERA = {"camera": "phone_main"}
+PHONE = {"dpi": "400", **CAMERA}
 LAPTOP = {"dpi": "220 dpi", "camera": "laptop", "lux": "300 lux"}
 CAR = {"pitch": "150 dpi", "camera": "car_cabin", "lux": "100 lux"}
 
@@ -31,7 +32,7 @@ def _grid(made):
 
 def test_answers_that_share_a_grid_stay_as_they_are():
     asked = {"gap_to_opening": "4 um", "colour_gap": "8 um", "min_width": "8 um"}
-    made = snapped(Brief.of({"pitch": "168 um", **asked}))
+    made = snapped(Brief.of({"pitch": "168 um", "camera": "paper", **asked}))
     assert (made.brief.pitch, made.dots, made.cell_nm) == (168.0, 21, 4000)
     assert [move.name for move in made.moves] == ["open"]
 
@@ -68,7 +69,7 @@ def test_any_sensible_display_moves_a_little_to_a_grid_and_then_no_more(seed):
 @pytest.mark.parametrize(
     ("answers", "code", "names"),
     [
-        ({"dpi": "400", "pitch": "84 um"}, "MF151", "63.5 um.*84 um"),
+        ({"pitch": "84 um"}, "MF151", "63.5 um.*84 um"),
         ({"emitters": "85 %", "open": "20 %"}, "MF151", "emitters = 85.0%.*open = 20.0%"),
         ({"lines": "20"}, "MF151", "lines = 20 .*pitch = 63.5 um"),
         ({"open": "60 %", "lines": "4"}, "MF151", "open = 60.0%.*lines = 4"),
@@ -102,19 +103,25 @@ def test_any_sensible_display_moves_a_little_to_a_grid_and_then_no_more(seed):
 )
 def test_answers_that_cannot_be_are_refused_by_name(answers, code, names):
     with pytest.raises(JobError, match=f"(?s){code} .*{names}" if code != "MF102" else f"{code} .*{names}"):
-        Brief.of(answers)
+        Brief.of({**(PHONE if "pitch" not in answers or "84 um" in answers.values() else CAMERA), **answers})
+
+
+def test_a_pitch_and_a_camera_must_be_answered():
+    with pytest.raises(JobError, match=r"MF105 no answer says pitch and camera.*the answers are pitch, layout"):
+        Brief.of({"lines": "2"})
+    assert Brief.of({**PHONE, "pitch": "63.6 um"}).pitch == 63.6
 
 
 def test_the_light_that_would_do_does():
     with pytest.raises(JobError) as refused:
-        Brief.of({"lux": "0.001 lux"})
+        Brief.of({**PHONE, "lux": "0.001 lux"})
     enough = float(refused.value.cure.split("Give ")[1].split(" lux")[0])
-    brief = Brief.of({"lux": f"{1.05 * enough} lux"})
+    brief = Brief.of({**PHONE, "lux": f"{1.05 * enough} lux"})
     assert brief.camera.white(brief.lux, brief.time_s, brief.open) >= brief.camera.read_noise
 
 
 def test_a_bright_scene_is_exposed_for_less_time():
-    dim, bright = Brief.of({"lux": "200 lux"}), Brief.of({"lux": "20000 lux"})
+    dim, bright = (Brief.of({**PHONE, "lux": f"{lux} lux"}) for lux in (200, 20_000))
     assert dim.time_s == dim.camera.time
     assert bright.camera.white(bright.lux, bright.time_s, 0.2072) == pytest.approx(0.8 * 6000, rel=1e-2)
 
@@ -129,7 +136,7 @@ def test_every_camera_of_the_list_has_numbers_and_a_source():
 
 
 def test_numbers_stand_for_a_camera():
-    module = Brief.of({"camera": "4.38 mm f/1.73 1.4 um"}).camera
+    module = Brief.of({**PHONE, "camera": "4.38 mm f/1.73 1.4 um"}).camera
     assert (module.focal, module.pixel, module.stop_um) == (4380, 1.4, modules()["phone_main"].stop_um)
     assert module.well == round(3400 * 1.4**2)
 
@@ -154,4 +161,4 @@ def test_the_job_is_read_as_it_was_answered(answers):
 
 
 def test_dots_per_inch_are_of_the_inch():
-    assert Brief.of({"dpi": "200"}).pitch == UM_PER_INCH / 200
+    assert Brief.of({**CAMERA, "dpi": "200"}).pitch == UM_PER_INCH / 200
