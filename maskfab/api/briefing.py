@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import partial
 
 from maskfab.api.results import Asked
-from maskfab.job.brief import QUESTIONS, Brief, merged
+from maskfab.job.brief import Brief, merged, questions
 
 
 def ask_brief(asked: Asked, given: Mapping[str, object]) -> Brief:
@@ -24,10 +24,10 @@ def ask_brief(asked: Asked, given: Mapping[str, object]) -> Brief:
     stated = merged(given)
     if asked.attended and not asked.as_json:
         asked.tell("Enter takes the answer in brackets; Ctrl-C ends, and nothing is written.")
-        for question in QUESTIONS:
+        for question in questions():
             if question.key in stated:
                 continue
-            default = question.default(stated)
+            default = question.default_of(stated)
             shown = f"{question.text} [{f'{default}: ' if default else ''}{question.why}]"
             typed = asked.answered(shown, partial(_with, stated, question.key))
             if answer := default if typed is None else typed[0]:
@@ -37,5 +37,5 @@ def ask_brief(asked: Asked, given: Mapping[str, object]) -> Brief:
 
 def _with(stated: Mapping[str, object], key: str, answer: str) -> Brief:
     """The brief with one more answer, as if all questions that are not asked yet had their defaults."""
-    needed = {question.key: question.default(stated) for question in QUESTIONS if question.needed}
+    needed = {question.key: question.default_of(stated) for question in questions() if question.needed}
     return Brief.of({**needed, **stated, key: answer})
