@@ -8,6 +8,7 @@ import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import date
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, overload
 
@@ -331,14 +332,8 @@ def _typed(form: OrderForm, asked: Asked) -> dict[str, str]:
     asked.tell(f"{blank} Enter leaves one blank, Ctrl-C the job as it is.")
     try:
         for question in form.questions:
-            while text := asked.prompt(str(question)).strip():
-                try:
-                    form = form.answered(question.key, text)
-                except JobError as refusal:
-                    asked.tell(f"  {refusal.what}. {refusal.cure}")
-                else:
-                    answered[question.key] = text
-                    break
+            if (typed := asked.answered(str(question), partial(form.answered, question.key))) is not None:
+                answered[question.key], form = typed
     except KeyboardInterrupt:
         asked.tell("")
         asked.tell("The job is as it was.")

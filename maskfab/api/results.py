@@ -8,6 +8,7 @@ from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, TypeVar
 
+from maskfab.base.errors import JobError
 from maskfab.base.folders import Place, check_target
 from maskfab.base.work import Progress, silent
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 
 Hint = TypeVar("Hint")
+Taken = TypeVar("Taken")
 InPython: TypeAlias = Annotated[Hint, ""]
 """A parameter of a verb that its command has not."""
 Hook = TypeVar("Hook", bound="Callable[[Asked], Told]")
@@ -126,6 +128,18 @@ class Asked:
     def found(self, **more: Any) -> Any:
         """The result of the function; arguments in ``more`` come first."""
         return self.function(**{**self.stated, **more})
+
+    def answered(self, question: str, take: Callable[[str], Taken]) -> tuple[str, Taken] | None:
+        """A person's answer and what ``take`` makes of it, asked again with the cure while that refuses it.
+
+        None where the line is left blank.
+        """
+        while text := self.prompt(question).strip():
+            try:
+                return text, take(text)
+            except JobError as refusal:
+                self.tell(f"  {refusal.what}. {refusal.cure}")
+        return None
 
 
 @dataclass

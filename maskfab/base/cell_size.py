@@ -11,6 +11,8 @@ from maskfab.base.errors import JobError
 from maskfab.base.units import NM_PER_UM, dpi
 
 _ROUNDING_NM = 1e-6
+MOST_CELLS = 128
+"""Cells along a pixel's side on which emitters are placed; more would take the window table beyond a gigabyte."""
 
 
 @dataclass(frozen=True)

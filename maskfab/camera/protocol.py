@@ -39,8 +39,8 @@ from maskfab.camera.restorers.dct import EPSILON, Published
 from maskfab.camera.restorers.wiener import Wiener, prior, spectral_error
 from maskfab.camera.scenes import Photograph
 from maskfab.camera.scores import Score, ScoreTable, Truth, inner, psnr
-from maskfab.camera.sensor import F1_SENSOR, REFERENCE_TRANSMISSION, Exposure, record_light
-from maskfab.job.camera import Sensor
+from maskfab.camera.sensor import F1_SENSOR, Exposure, record_light
+from maskfab.job.camera import REFERENCE_TRANSMISSION, Sensor
 from maskfab.optics.colour import code_of_light, light_of_code
 from maskfab.optics.mtf import LEVELS
 

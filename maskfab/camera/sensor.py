@@ -8,13 +8,8 @@ that a restorer takes for white.
 
 Electrons of white behind a panel are stated as such, as a signal-to-noise ratio, or as a scene. White of L electrons
 has the signal-to-noise ratio L / sqrt(L + σ²), σ the read noise. Levels are told in decibels of it behind the published
-display, which lets 0.2072 of the stop's light through; a design that lets through more gets more. A scene of luminance
-B in cd/m² lights the image plane by
-
-    E = π B T / (4 N²)  lux                                   (R. Kingslake, Optics in Photography, SPIE 1992, ch. 6)
-
-with N the focal ratio and T the share of the stop's light that the panel passes; one lux for one second is 4.09e15
-photons of 555 nm on a square metre (683 lm/W).
+display, which lets 0.2072 of the stop's light through; a design that lets through more gets more. Electrons of a scene
+are those of :func:`maskfab.job.camera.white_electrons`.
 """
 
 from __future__ import annotations
@@ -29,7 +24,7 @@ from numpy.typing import NDArray
 
 from maskfab.base.errors import JobError
 from maskfab.camera.record import Noise, Record, interpolated, sampled
-from maskfab.job.camera import Camera, Sensor
+from maskfab.job.camera import REFERENCE_TRANSMISSION, Camera, Sensor, white_electrons
 from maskfab.job.sections import ExposureSection
 
 LEVELS = (24, 32, 40)
@@ -75,12 +70,6 @@ def record_light(
     # As it was rounded for the pixels, or none would be found clipped.
     ceiling = float(full / np.float32(electrons))
     return Record(values, Noise(electrons, sensor.read_noise, sensor.step), ceiling, sensor.mosaic != "none")
-
-
-REFERENCE_TRANSMISSION = 0.2072
-"""Share of the stop's light behind the published display."""
-PHOTONS_PER_LUX_SECOND_UM2 = 4.09e3
-"""On a square micrometre, at 555 nm: 1 / (683 lm/W) over the energy of a photon."""
 
 
 _MOST_DB = 300.0
@@ -140,8 +129,7 @@ class Exposure:
         Raises:
             JobError: MF141 as :meth:`at`.
         """
-        lux = math.pi * luminance * REFERENCE_TRANSMISSION / (4 * focal_ratio**2)
-        electrons = lux * time_s * PHOTONS_PER_LUX_SECOND_UM2 * pixel_um**2 * efficiency
+        electrons = white_electrons(luminance, time_s, efficiency, focal_ratio, pixel_um)
         stated = f"white of {luminance:g} cd/m2 for {time_s:g} s at a quantum efficiency of {efficiency:g}"
         return cls._of(electrons, sensor, stated)
 

@@ -21,10 +21,11 @@ import numpy as np
 import scipy
 
 from maskfab.base.arrays import Mask
+from maskfab.base.cell_size import MOST_CELLS
 from maskfab.base.errors import JobError
 from maskfab.base.model import COLOURS, Emitters, Opening, refined
 from maskfab.base.units import NM_PER_UM
-from maskfab.display.emitter_rules import MOST_CELLS, Certificate, Proof, finest_cell
+from maskfab.display.emitter_rules import Certificate, Proof, finest_cell
 from maskfab.optics.colour import LUMINANCE
 
 BY_AREA = "circuits by area alone: a bound, not placed"

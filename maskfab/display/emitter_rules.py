@@ -11,13 +11,10 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from maskfab.base.arrays import Mask
-from maskfab.base.cell_size import CellSize
+from maskfab.base.cell_size import MOST_CELLS, CellSize
 from maskfab.base.errors import JobError
 from maskfab.base.model import Emitters, Opening, Point, frozen
 from maskfab.base.units import NM_PER_UM
-
-MOST_CELLS = 128
-"""Cells along a pixel's side; more would take the window table beyond a gigabyte."""
 
 
 @dataclass(frozen=True)

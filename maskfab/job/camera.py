@@ -230,6 +230,33 @@ class Camera(Stated):
         return UM_PER_MM / self.pixel_um / 2
 
 
+REFERENCE_TRANSMISSION = 0.2072
+"""Share of the stop's light behind the published display."""
+PHOTONS_PER_LUX_SECOND_UM2 = 4.09e3
+"""On a square micrometre, at 555 nm: 1 / (683 lm/W) over the energy of a photon."""
+
+
+def white_electrons(
+    luminance: float,
+    time_s: float,
+    efficiency: float,
+    focal_ratio: float,
+    pixel_um: float,
+    transmission: float = REFERENCE_TRANSMISSION,
+) -> float:
+    """Electrons of white of a luminance B in cd/m², on a pixel of a quantum efficiency, for a time in seconds.
+
+    It lights the image plane by
+
+        E = π B T / (4 N²)  lux                               (R. Kingslake, Optics in Photography, SPIE 1992, ch. 6)
+
+    with N the focal ratio and T the share of the stop's light that the panel passes; one lux for one second is 4.09e15
+    photons of 555 nm on a square metre (683 lm/W).
+    """
+    lux = math.pi * luminance * transmission / (4 * focal_ratio**2)
+    return lux * time_s * PHOTONS_PER_LUX_SECOND_UM2 * pixel_um**2 * efficiency
+
+
 @dataclass(frozen=True)
 class Sensor(Stated):
     """[sensor]: what turns light into numbers; the defaults are those of protocol F1.

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from maskfab.base.errors import JobError
 from maskfab.camera.record import interpolated, sampled
-from maskfab.camera.sensor import ELECTRONS, F1_SENSOR, PHOTONS_PER_LUX_SECOND_UM2, Exposure, record_light
-from maskfab.job.camera import Sensor
+from maskfab.camera.sensor import ELECTRONS, F1_SENSOR, Exposure, record_light
+from maskfab.job.camera import PHOTONS_PER_LUX_SECOND_UM2, Sensor
 
 FLAT = np.full((3, 200, 200), 0.3, dtype=np.float32)
 

@@ -55,7 +55,7 @@ from maskfab.base.errors import JobError
 from maskfab.base.units import NM_PER_UM
 from maskfab.camera.protocol import EPSILONS
 from maskfab.camera.scenes import Photograph
-from maskfab.camera.sensor import ELECTRONS, F1_SENSOR, LEVELS, REFERENCE_TRANSMISSION
+from maskfab.camera.sensor import ELECTRONS, F1_SENSOR, LEVELS
 from maskfab.designs.descent.objective import (
     Autocorrelation,
     Objective,
@@ -67,7 +67,7 @@ from maskfab.designs.descent.objective import (
 from maskfab.designs.model.expected_psnr import Surrogate
 from maskfab.designs.model.panel_error import wiener_tensor
 from maskfab.designs.model.statistics import LEAST_CONTRAST
-from maskfab.job.camera import Camera
+from maskfab.job.camera import REFERENCE_TRANSMISSION, Camera
 from maskfab.optics.mtf import RINGS
 
 

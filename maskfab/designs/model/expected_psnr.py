@@ -59,7 +59,6 @@ from maskfab.camera.imaging import Transfer
 from maskfab.camera.lens import F1, CellGrid, Lagged, OpenStop, PhotoCamera, lattice
 from maskfab.camera.restorers.wiener import PRIOR_CY_PER_PX, wiener
 from maskfab.camera.scenes import Photograph
-from maskfab.camera.sensor import REFERENCE_TRANSMISSION
 from maskfab.designs.model.statistics import (
     COLUMNS,
     F1_SETTINGS,
@@ -71,6 +70,7 @@ from maskfab.designs.model.statistics import (
     SceneStatistics,
     scene_statistics,
 )
+from maskfab.job.camera import REFERENCE_TRANSMISSION
 from maskfab.mask.opening import closed
 from maskfab.optics.colour import code_of_light
 from maskfab.optics.restoration import squared_modulus

@@ -38,9 +38,9 @@ from maskfab.base.errors import JobError
 from maskfab.camera.imaging import Transfer
 from maskfab.camera.lens import CellGrid, lay
 from maskfab.camera.restorers.wiener import PRIOR_CY_PER_PX
-from maskfab.camera.sensor import REFERENCE_TRANSMISSION
 from maskfab.designs.model.expected_psnr import Surrogate
 from maskfab.designs.model.statistics import FACTOR, PixelNoise
+from maskfab.job.camera import REFERENCE_TRANSMISSION
 
 Transfers = tuple[Transfer, Transfer]
 """H on the upper half of the square of frequencies, and at the low ones."""

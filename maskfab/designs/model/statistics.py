@@ -26,8 +26,8 @@ from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError
 from maskfab.camera.protocol import F1, Protocol
 from maskfab.camera.scenes import Bundled, Photograph, bundled
-from maskfab.camera.sensor import ELECTRONS, LEVELS, REFERENCE_TRANSMISSION, told
-from maskfab.job.camera import Sensor
+from maskfab.camera.sensor import ELECTRONS, LEVELS, told
+from maskfab.job.camera import REFERENCE_TRANSMISSION, Sensor
 
 if TYPE_CHECKING:
     import torch

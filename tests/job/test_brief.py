@@ -1,0 +1,164 @@
+"""Answers about a display: what is refused, how lengths move to one grid, and the job that is written."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+
+import numpy as np
+import pytest
+
+from maskfab.base.errors import JobError
+from maskfab.base.model import Opening
+from maskfab.base.units import UM_PER_INCH
+from maskfab.display.emitter_rules import MOST_CELLS, EmitterRules, grid_of
+from maskfab.job.brief import RULES, Brief, job_text, modules, snapped
+from maskfab.job.read import validate
+from maskfab.mask.opening_file import parse_opening
+
+CAMERA = {"camera": "phone_main"}
+PHONE = {"dpi": "400", **CAMERA}
+LAPTOP = {"dpi": "220 dpi", "camera": "laptop", "lux": "300 lux"}
+CAR = {"pitch": "150 dpi", "camera": "car_cabin", "lux": "100 lux"}
+
+
+def _grid(made):
+    """The grid on which the display is judged, as its room finds it."""
+    brief = made.brief
+    rules = EmitterRules(*(round(getattr(brief, key) * 1000) for key in RULES))
+    opening = Opening("x", np.eye(made.dots, dtype=bool), round(1000 * made.dot_um))
+    return grid_of(opening, round(1000 * made.dot_um), 0, rules)
+
+
+def test_answers_that_share_a_grid_stay_as_they_are():
+    asked = {"gap_to_opening": "4 um", "colour_gap": "8 um", "min_width": "8 um"}
+    made = snapped(Brief.of({"pitch": "168 um", "camera": "paper", **asked}))
+    assert (made.brief.pitch, made.dots, made.cell_nm) == (168.0, 21, 4000)
+    assert [move.name for move in made.moves] == ["open"]
+
+
+def test_a_phone_moves_by_less_than_a_percent_and_says_so():
+    made = snapped(Brief.of(PHONE))
+    (pitch,) = [move for move in made.moves if move.name == "pitch"]
+    assert str(pitch) == "pitch 63.5 um -> 63 um, -0.8%: whole cells of 3 um"
+    assert _grid(made).pitch_nm == round(1000 * made.brief.pitch) == 63_000
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_any_sensible_display_moves_a_little_to_a_grid_and_then_no_more(seed):
+    draw = np.random.default_rng(seed)
+    pitch = draw.uniform(40, 300)
+    camera = draw.choice([name for name, module in modules().items() if module.stop_um > 4 * pitch])
+    rules = {key: f"{draw.uniform(0.02, 0.13) * pitch:.3f} um" for key in RULES}
+    brief = Brief.of({"pitch": f"{pitch:.3f} um", **rules, "camera": camera, "open": f"{draw.uniform(0.05, 0.3):.3f}"})
+    made = snapped(brief)
+    grid = _grid(made)
+    assert grid.cells <= MOST_CELLS
+    assert made.dots * round(1000 * made.dot_um) == round(1000 * made.brief.pitch)
+    assert 16 <= made.dots <= 64
+    assert abs(made.brief.pitch / brief.pitch - 1) <= 0.01
+    for key in RULES:
+        asked, got = getattr(brief, key), getattr(made.brief, key)
+        # A rule of a grid of whole nanometres is asked to the nanometre.
+        assert -1e-3 < got - asked <= max(0.1 * asked, brief.pitch / 100) + 1e-3
+    again = snapped(made.brief)
+    assert [move for move in again.moves if abs(move.got - move.asked) > 1e-9] == []
+    assert again.brief == made.brief
+
+
+@pytest.mark.parametrize(
+    ("answers", "code", "names"),
+    [
+        ({"pitch": "84 um"}, "MF151", "63.5 um.*84 um"),
+        ({"emitters": "85 %", "open": "20 %"}, "MF151", "emitters = 85.0%.*open = 20.0%"),
+        ({"lines": "20"}, "MF151", "lines = 20 .*pitch = 63.5 um"),
+        ({"open": "60 %", "lines": "4"}, "MF151", "open = 60.0%.*lines = 4"),
+        ({"min_width": "70 um"}, "MF151", "min_width = 70 um.*pitch = 63.5 um"),
+        ({"colour_gap": "40 um"}, "MF151", "colour_gap = 40 um.*pitch"),
+        ({"pitch": "4 mm"}, "MF151", "stop is 2532 um, and pitch = 4000 um"),
+        ({"camera": "fone_main"}, "MF105", "fone_main.*did you mean 'phone_main'.*laptop".replace("did", "[Dd]id")),
+        ({"camera": "4 mm f/0.4 1.4 um"}, "MF131", "stop of 10000 um"),
+        ({"camera": "4 mm f/-2 1.4 um"}, "MF105", "no camera"),
+        ({"camera": {"focal": "4", "f_number": 2.0, "pixel": "1 um"}}, "MF103", "camera"),
+        ({"camera": {"focal": "4 mm", "f_number": 2.0}}, "MF105", "pixel"),
+        ({"lux": "0.0001 lux"}, "MF141", "electrons.*read noise of 5.*lux or more"),
+        ({"lux": "200"}, "MF103", "lux"),
+        ({"lux": "-3 lux"}, "MF104", "lux"),
+        ({"lux": "20000 lux", "time": "100 ms"}, "MF141", "a pixel holds 6000.*ms or less"),
+        ({"delta_e": "-1"}, "MF104", "delta_e"),
+        ({"grain": 0.0}, "MF104", "grain"),
+        ({"life": "-3 %"}, "MF104", "life"),
+        ({"delta_e": "small"}, "MF105", "delta_e"),
+        ({"distance": "300"}, "MF103", "distance"),
+        ({"pitch": "63"}, "MF103", "pitch"),
+        ({"pitch": "-63 um"}, "MF104", "pitch"),
+        ({"emitters": "120 %"}, "MF104", "emitters"),
+        ({"lines": "two"}, "MF105", "lines"),
+        ({"lines": "0"}, "MF104", "lines"),
+        ({"layout": "hexagon"}, "MF105", "layout"),
+        ({"time": "33"}, "MF103", "time"),
+        ({"picth": "63 um"}, "MF102", "picth"),
+        ({"name": "a b"}, "MF110", "name"),
+    ],
+)
+def test_answers_that_cannot_be_are_refused_by_name(answers, code, names):
+    with pytest.raises(JobError, match=f"(?s){code} .*{names}" if code != "MF102" else f"{code} .*{names}"):
+        Brief.of({**(PHONE if "pitch" not in answers or "84 um" in answers.values() else CAMERA), **answers})
+
+
+def test_a_pitch_and_a_camera_must_be_answered():
+    with pytest.raises(JobError, match=r"MF105 no answer says pitch and camera.*the answers are pitch, camera, layout"):
+        Brief.of({"lines": "2"})
+    assert Brief.of({**PHONE, "pitch": "63.6 um"}).pitch == 63.6
+
+
+def test_the_light_that_would_do_does():
+    with pytest.raises(JobError) as refused:
+        Brief.of({**PHONE, "lux": "0.001 lux"})
+    enough = float(refused.value.cure.split("Give ")[1].split(" lux")[0])
+    brief = Brief.of({**PHONE, "lux": f"{1.05 * enough} lux"})
+    assert brief.camera.white(brief.lux, brief.time_s, brief.open) >= brief.camera.read_noise
+
+
+def test_a_bright_scene_is_exposed_for_less_time():
+    dim, bright = (Brief.of({**PHONE, "lux": f"{lux} lux"}) for lux in (200, 20_000))
+    assert dim.time_s == dim.camera.time
+    assert bright.camera.white(bright.lux, bright.time_s, 0.2072) == pytest.approx(0.8 * 6000, rel=1e-2)
+
+
+def test_every_camera_of_the_list_has_numbers_and_a_source():
+    assert {"phone_main", "phone_front", "tablet", "laptop", "car_cabin", "paper"} <= modules().keys()
+    assert modules()["paper"].stop_um == 4000
+    for name, module in modules().items():
+        assert "udgement" in module.source or "datasheet" in module.source, name
+        assert 500 < module.stop_um < 10_000
+        assert module.read_noise < module.well / 100
+
+
+def test_numbers_stand_for_a_camera():
+    module = Brief.of({**PHONE, "camera": "4.38 mm f/1.73 1.4 um"}).camera
+    assert (module.focal, module.pixel, module.stop_um) == (4380, 1.4, modules()["phone_main"].stop_um)
+    assert module.well == round(3400 * 1.4**2)
+
+
+@pytest.mark.parametrize("answers", [PHONE, LAPTOP, CAR, {"pitch": "168 um", "camera": "paper"}])
+def test_the_job_is_read_as_it_was_answered(answers):
+    made = snapped(Brief.of({**answers, "delta_e": "2", "house": "generic-chrome"}))
+    text = job_text(made)
+    assert text == job_text(snapped(Brief.of({**answers, "delta_e": "2", "house": "generic-chrome"})))
+    spec = validate(tomllib.loads(text), where="job.toml")
+    assert spec.design.clear_dots == made.clear_dots
+    assert spec.emitters.required == pytest.approx(made.brief.emitters / 3, rel=1e-3)
+    assert spec.exposure.luminance == pytest.approx(made.brief.lux / math.pi, rel=1e-5)
+    assert spec.plate.die_size >= 1.25 * spec.camera.stop.diameter_um
+    plain = parse_opening(spec.openings["as_is"])
+    assert plain.clear_dots == spec.design.clear_dots
+    assert plain.cell_size.pitch_nm == round(1000 * made.brief.pitch)
+    assert spec.export.shop == "generic-chrome"
+    # Whole rows of dots above and below the slit, in which the lines cross.
+    closed_um = (plain.dots - plain.mask.any(axis=1).sum()) * made.dot_um
+    assert closed_um >= made.brief.crossing_um
+
+
+def test_dots_per_inch_are_of_the_inch():
+    assert Brief.of({**CAMERA, "dpi": "200"}).pitch == UM_PER_INCH / 200
