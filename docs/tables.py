@@ -15,6 +15,7 @@ from maskfab.base.resources import explained, grouped
 from maskfab.cli.command import Parameter, command_of, summary_of
 from maskfab.cli.program import GROUPS
 from maskfab.designs.rules.constraints import RULES
+from maskfab.job.brief import modules, questions
 from maskfab.job.reference import keys_of, tables
 from maskfab.report.documents.display import check_schema
 from maskfab.report.documents.report import schema
@@ -126,6 +127,33 @@ def _rooms() -> Iterator[str]:
     yield from _table(("", "room", "content", "inner rooms"), rows)
 
 
+def _questions() -> Iterator[str]:
+    """Questions to a display engineer, with the defaults of a phone and of a dashboard."""
+    rows = []
+    for question in questions():
+        phone, car = (question.default_of({"pitch": pitch}) or "not stated" for pitch in ("400 dpi", "150 dpi"))
+        default = phone if question.of_pitch is None else f"{phone} at 400 dpi, {car} at 150 dpi"
+        rows.append((f"`{question.key}`", question.text, default, question.why))
+    yield from _table(("key", "question", "default", "reason"), rows)
+
+
+def _cameras() -> Iterator[str]:
+    yield from _table(
+        ("name", "camera", "lens, stop", "pixel, µm", "full well, read noise, electrons", "sources"),
+        (
+            (
+                f"`{name}`",
+                camera.title,
+                f"{camera.focal / 1000:g} mm f/{camera.f_number:g}, {camera.stop_um / 1000:.2f} mm",
+                f"{camera.pixel:g}",
+                f"{camera.well:g}, {camera.read_noise:g}",
+                camera.source,
+            )
+            for name, camera in modules().items()
+        ),
+    )
+
+
 def _schemas() -> Iterator[str]:
     for title, rules in (("report.json", schema()), ("maskfab check --json", check_schema())):
         yield f"### `{title}`\n\n```json\n{json.dumps(rules, indent=1, ensure_ascii=False)}\n```\n"
@@ -140,6 +168,8 @@ _MADE: dict[str, Callable[[], Iterator[str]]] = {
     "quantities": _quantities,
     "schemas": _schemas,
     "rooms": _rooms,
+    "questions": _questions,
+    "cameras": _cameras,
 }
 
 
