@@ -25,7 +25,7 @@ from maskfab.base.errors import JobError
 from maskfab.base.units import NM_PER_UM, UM_PER_MM, UM_PER_NM
 from maskfab.job.camera import REFERENCE_TRANSMISSION, Camera, Stop, white_electrons
 from maskfab.job.read import check_lens, parse_section
-from maskfab.job.sections import EmittersSection, JobSpec
+from maskfab.job.sections import EmittersSection
 from maskfab.job.values import Length, LengthOrZero, LookedFrom, Name, Pitch, Section, Time, parsed
 
 LINES_NM = (610.0, 530.0, 470.0)
@@ -119,7 +119,8 @@ def _typed(value: object) -> object:
     return value if match is None or match[2] else int(match[1]) if match[1].isdigit() else float(match[1])
 
 
-Share = Annotated[float, parsed(_amount, units_of={"": 1.0, "%": 0.01}, below=1.0, example='"28 %" or 0.28')]
+_SHARES, _EXAMPLE = MappingProxyType({"": 1.0, "%": 0.01}), '"28 %" or 0.28'
+Share = Annotated[float, parsed(_amount, units_of=_SHARES, below=1.0, example=_EXAMPLE)]
 Lux = Annotated[float, parsed(_amount, units_of={"lux": 1.0, "lx": 1.0}, below=1e7, example='"200 lux"')]
 _Limit = Annotated[float | None, Field(default=None, gt=0, allow_inf_nan=False), parsed(_typed)]
 
@@ -151,7 +152,8 @@ class Brief(Section):
     """From the eye to the display."""
     delta_e: _Limit
     grain: _Limit
-    life: Share | None = None
+    life: Annotated[float | None, parsed(_amount, units_of=_SHARES, below=1000.0, example=_EXAMPLE)] = None
+    """Least, over that of the maker's display."""
     name: Name
     house: str | None = None
 
@@ -406,6 +408,7 @@ def job_text(made: Snapped) -> str:
     usual = EmittersSection.model_validate({"colour_gap": "8 um", "min_width": "8 um"})
     (width, height), dots = made.slit, made.dots
     clear = range((dots - height) // 2, (dots + height) // 2)
+    limits = [(key, getattr(brief, key)) for key in ("delta_e", "grain", "life")]
     row = f"{'#' * width:.^{dots}}"
     return resources.template("advised.toml").format(
         made=made,
@@ -422,17 +425,9 @@ def job_text(made: Snapped) -> str:
         apart=math.ceil(die_mm + 12),
         required=brief.emitters / 3,
         shared=max(1, min(16, math.ceil(2 * usual.circuit * usual.circuits / brief.pitch**2 - 0.05))),
-        limits=_limits(brief),
+        distance_mm=brief.distance / UM_PER_MM,
+        seen="".join(f"{key} = {value:g}\n" for key, value in limits[:2] if value is not None),
+        lives="".join(f"{key} = {value:g}\n" for key, value in limits[2:] if value is not None),
         export="" if brief.house is None else f'\n[export]\nshop = "{brief.house}"\n',
         slit="\n".join(row if line in clear else "." * dots for line in range(dots)),
     )
-
-
-def _limits(brief: Brief) -> str:
-    """Limits of the eye and of life; those that are not answered are left to their defaults."""
-    looks = "looks" in JobSpec.model_fields
-    lines = ["[looks]" if looks else "[eye]", f'distance = "{brief.distance / UM_PER_MM:g} mm"']
-    lines += [f"{key} = {value:g}" for key in ("delta_e", "grain") if (value := getattr(brief, key)) is not None]
-    lines += [f'reference = "{brief.layout}"', "", "[lives]"] if looks else []
-    lines += [f"life = {brief.life:g}"] if looks and brief.life is not None else []
-    return "\n".join([*lines, ""])

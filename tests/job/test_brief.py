@@ -130,7 +130,7 @@ def test_every_camera_of_the_list_has_numbers_and_a_source():
     assert {"phone_main", "phone_front", "tablet", "laptop", "car_cabin", "paper"} <= modules().keys()
     assert modules()["paper"].stop_um == 4000
     for name, module in modules().items():
-        assert "udgement" in module.source or "datasheet" in module.source, name
+        assert "Judgement: " in module.source, name
         assert 500 < module.stop_um < 10_000
         assert module.read_noise < module.well / 100
 
@@ -143,9 +143,10 @@ def test_numbers_stand_for_a_camera():
 
 @pytest.mark.parametrize("answers", [PHONE, LAPTOP, CAR, {"pitch": "168 um", "camera": "paper"}])
 def test_the_job_is_read_as_it_was_answered(answers):
-    made = snapped(Brief.of({**answers, "delta_e": "2", "house": "generic-chrome"}))
+    stated = {**answers, "delta_e": "2", "life": "40 %", "layout": "delta", "house": "generic-chrome"}
+    made = snapped(Brief.of(stated))
     text = job_text(made)
-    assert text == job_text(snapped(Brief.of({**answers, "delta_e": "2", "house": "generic-chrome"})))
+    assert text == job_text(snapped(Brief.of(stated)))
     spec = validate(tomllib.loads(text), where="job.toml")
     assert spec.design.clear_dots == made.clear_dots
     assert spec.emitters.required == pytest.approx(made.brief.emitters / 3, rel=1e-3)
@@ -155,6 +156,8 @@ def test_the_job_is_read_as_it_was_answered(answers):
     assert plain.clear_dots == spec.design.clear_dots
     assert plain.cell_size.pitch_nm == round(1000 * made.brief.pitch)
     assert spec.export.shop == "generic-chrome"
+    assert (spec.looks.delta_e, spec.looks.grain, spec.looks.reference, spec.lives.life) == (2.0, None, "delta", 0.4)
+    assert spec.looks.distance == made.brief.distance
     # Whole rows of dots above and below the slit, in which the lines cross.
     closed_um = (plain.dots - plain.mask.any(axis=1).sum()) * made.dot_um
     assert closed_um >= made.brief.crossing_um
