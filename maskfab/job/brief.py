@@ -344,11 +344,12 @@ def snapped(brief: Brief) -> Snapped:
         JobError: MF151 for a camera so coarse that no dots of such a pixel are fine enough for it.
     """
     asked_nm = [round(getattr(brief, key) * NM_PER_UM) for key in ("pitch", *RULES)]
-    grids = list(_grids(brief, asked_nm))
-    if not grids:
+    nearest = min(_grids(brief, asked_nm), key=lambda grid: _cost(grid, asked_nm), default=None)
+    if nearest is None:
         what = f"camera pixels of {brief.camera.pixel:g} um need finer dots than pitch = {brief.pitch:g} um allows"
         raise JobError("MF151", what, where="answers: camera", cure="Give a camera of finer pixels, or a finer display")
-    dots, cell_nm, got_nm = min(grids, key=lambda grid: _cost(grid, asked_nm))
+    # Lengths that have moved may share a better grid yet, which they would be given if they were the answers.
+    dots, cell_nm, got_nm = min(_grids(brief, nearest[2]), key=lambda grid: _cost(grid, nearest[2]))
     lengths = {key: got / NM_PER_UM for key, got in zip(("pitch", *RULES), got_nm, strict=True)}
     whole = {key: round(getattr(brief, key) * NM_PER_UM) / NM_PER_UM for key in ("line", "space", "clearance")}
     why = dict.fromkeys(lengths, f"whole cells of {cell_nm / NM_PER_UM:g} um") | dict.fromkeys(

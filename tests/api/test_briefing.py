@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pytest
 
+import maskfab as mf
 from maskfab.api.briefing import ask_brief
 from maskfab.api.results import Asked
 from maskfab.base.errors import JobError
-from maskfab.job.brief import Brief, questions
+from maskfab.job.brief import Brief, job_text, questions, snapped
 
 
 def _asked(lines, **more):
@@ -63,3 +64,25 @@ def test_nobody_is_asked_elsewhere(more):
     with pytest.raises(JobError, match="MF105 no answer says camera"):
         ask_brief(asked, {"dpi": "400"})
     assert ask_brief(asked, {"dpi": "400", "camera": "laptop"}).pitch == 63.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "answers",
+    [
+        {"dpi": "400", "camera": "phone_main"},
+        {"dpi": "220", "camera": "laptop", "lux": "300 lux"},
+        {"dpi": "150", "camera": "car_cabin", "lux": "100 lux"},
+    ],
+    ids=("phone", "laptop", "car"),
+)
+def test_displays_of_answers_are_designed_and_fit(answers, tmp_path):
+    job = tmp_path / "job.toml"
+    job.write_text(job_text(snapped(Brief.of(answers))), encoding="utf-8")
+    design = mf.design(job, budget="15 s")
+    assert design.passed
+    for key, text in design.texts().items():
+        (tmp_path / f"{key}.toml").write_text(text, encoding="utf-8")
+    found = mf.check(job)
+    assert found.passed
+    assert str(found).count(": FITS") >= 2
