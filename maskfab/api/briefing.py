@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import partial
 
 from maskfab.api.results import Asked
-from maskfab.job.brief import Brief, merged, questions
+from maskfab.job.brief import Brief, merged, modules, questions
 
 
 def ask_brief(asked: Asked, given: Mapping[str, object]) -> Brief:
@@ -27,6 +27,9 @@ def ask_brief(asked: Asked, given: Mapping[str, object]) -> Brief:
         for question in questions():
             if question.key in stated:
                 continue
+            if question.key == "camera":
+                for name, camera in modules().items():
+                    asked.tell(f"  {name}: {camera.title}")
             default = question.default_of(stated)
             shown = f"{question.text} [{f'{default}: ' if default else ''}{question.why}]"
             typed = asked.answered(shown, partial(_with, stated, question.key))

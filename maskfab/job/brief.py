@@ -94,7 +94,8 @@ def _module(value: object) -> Module:
         value = {"focal": match[1], "f_number": float(match[2]), "pixel": match[3]}
     if isinstance(value, Mapping):
         return parse_section(Module, dict(value), where="camera")
-    near = get_close_matches(str(value).lower(), modules(), n=1, cutoff=0.4)
+    asked = str(value).strip().lower()
+    near = [name for name in modules() if asked in name] or get_close_matches(asked, modules(), n=1, cutoff=0.4)
     hint = f"Did you mean {near[0]!r}? The list" if near else "The list"
     cure = f'{hint}: {", ".join(modules())}; or numbers, such as "4.38 mm f/1.73 1.4 um"'
     raise JobError("MF105", f"there is no camera {value!r}", cure=cure)

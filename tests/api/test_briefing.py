@@ -8,7 +8,7 @@ import maskfab as mf
 from maskfab.api.briefing import ask_brief
 from maskfab.api.results import Asked
 from maskfab.base.errors import JobError
-from maskfab.job.brief import Brief, job_text, questions, snapped
+from maskfab.job.brief import Brief, job_text, modules, questions, snapped
 
 
 def _asked(lines, **more):
@@ -25,7 +25,8 @@ def _asked(lines, **more):
 def test_enter_takes_every_default_that_is_shown():
     asked, told = _asked([""] * len(questions()))
     assert ask_brief(asked, {}) == Brief.of({"pitch": "400 dpi", "camera": "phone_main"})
-    assert len(told) == 1 + len(questions())
+    assert len(told) == 1 + len(questions()) + len(modules())
+    assert "  laptop: laptop, webcam of 5 MP: OmniVision OV5647" in told
     assert told[1].endswith("[400 dpi: a phone]")
     assert any(line.startswith("least gap between colours [6 um: ") for line in told)
 
@@ -42,7 +43,7 @@ def test_a_bad_answer_is_asked_again_with_the_cure():
     asked, told = _asked(answers)
     brief = ask_brief(asked, {})
     assert (brief.pitch, brief.emitters) == (63.5, 0.6)
-    refused = [line for line in told if line.startswith("  ")]
+    refused = [line for line in told if ". Write it as" in line]
     assert len(refused) == 2
     assert 'Write it as "168 um"' in refused[0]
     assert '"28 %"' in refused[1]

@@ -85,6 +85,7 @@ def test_any_sensible_display_moves_a_little_to_a_grid_and_then_no_more(seed):
         ({"colour_gap": "40 um"}, "MF151", "colour_gap = 40 um.*pitch"),
         ({"pitch": "4 mm"}, "MF151", "stop is 2532 um, and pitch = 4000 um"),
         ({"camera": "fone_main"}, "MF105", "fone_main.*did you mean 'phone_main'.*laptop".replace("did", "[Dd]id")),
+        ({"camera": "car"}, "MF105", "'car'.*Did you mean 'car_cabin'"),
         ({"camera": "4 mm f/0.4 1.4 um"}, "MF131", "stop of 10000 um"),
         ({"camera": "4 mm f/-2 1.4 um"}, "MF105", "no camera"),
         ({"camera": {"focal": "4", "f_number": 2.0, "pixel": "1 um"}}, "MF103", "camera"),
