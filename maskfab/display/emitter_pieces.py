@@ -7,8 +7,9 @@ centre, and be as wide as it is high; then little is left that turning changes.
 
 The search is an annealing over squares of the least width, as in :class:`maskfab.display.free_area.Squares`: one more
 square takes away those of other colours that it comes too near to, or a square is taken away. It minimises the rms ΔE
-of :func:`maskfab.display.evenness.sight` and what each colour lacks of the area asked for, which at its end no colour
-may. The same seed gives the same placement.
+of :func:`maskfab.display.evenness.sight`, slow grain, which counts by the limits of both, and what each colour lacks of
+the area asked for, which at its end no colour may. The same seed gives the same placement. ΔE alone would leave three
+times the grain, for beside spots of colour S-CIELAB makes little of luminance.
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ from maskfab.display.emitted_light import Viewing
 from maskfab.display.emitter_rules import Certificate, EmitterGrid, EmitterRules, Footprint, Proof, Verdict
 from maskfab.display.emitter_shapes import Ratio, labelled
 from maskfab.display.evenness import Evenness, evenness_of, sight
+from maskfab.display.eye import DEFAULT_GRAIN
 from maskfab.display.free_area import Squares, border_margin, free_region
+from maskfab.optics.colour import JUST_NOTICEABLE
 
 _MOVES = 80_000
 """Some three seconds for 42 x 42 cells; five times as many make ΔE a fifth smaller."""
@@ -39,9 +42,11 @@ _NOTHING = 10.0
 _EDGE = 0.002
 """ΔE that a cell's side along a border of a colour is worth, so that pieces are few and their borders smooth."""
 _TRIES = 3
-"""Larger areas that are tried for a ΔE that is asked for: an eighth of what is between is left."""
+"""Larger areas that are tried for limits that are asked for: an eighth of what is between is left."""
 _AIM = 1.01
 """Times the area asked for, so that a colour that is short of its aim by a few cells has enough."""
+USUAL = Evenness(JUST_NOTICEABLE, DEFAULT_GRAIN)
+"""Most that an even field may show where nothing is asked."""
 _ROUNDING = 1e-9
 _DIGITS = 9
 
@@ -54,6 +59,7 @@ def in_pieces(
     least: float,
     viewing: Viewing,
     *,
+    limits: Evenness = USUAL,
     seed: int = 0,
     moves: int = _MOVES,
 ) -> Emitters | None:
@@ -67,6 +73,7 @@ def in_pieces(
         ratio: of the colours.
         least: cells.
         viewing: where the eye is.
+        limits: of which neither is worth more than the other.
         seed: of the search.
         moves: of it.
 
@@ -78,7 +85,8 @@ def in_pieces(
     targets = tuple(math.ceil(least * part - _ROUNDING) for part in ratio)
     if not squares.free or sum(targets) > squares.area(squares.free):
         return None
-    found = _Annealing(squares, sight(grid, viewing), (targets[0], targets[1], targets[2]), seed).run(moves)
+    seen = sight(grid, viewing, limits.delta_e / limits.grain)
+    found = _Annealing(squares, seen, (targets[0], targets[1], targets[2]), seed).run(moves)
     return None if found is None else Emitters(labelled(squares, found), grid.cell_nm)
 
 
@@ -117,7 +125,8 @@ def placed_in_pieces(
     *,
     keep: float,
     viewing: Viewing,
-    delta_e: float | None = None,
+    limits: Evenness = USUAL,
+    larger: bool = False,
 ) -> tuple[Footprint, Emitters | None]:
     """The answer about emitters that may lie in pieces, from that about emitters each of which is one area.
 
@@ -127,12 +136,22 @@ def placed_in_pieces(
         opening, grid, orientations, rules: the pixel's.
         keep: share of the largest footprint that must be left.
         viewing: where the eye is.
-        delta_e: most that an even field may show, if anything is asked: pieces have the largest area found for it.
+        limits: most that an even field may show.
+        larger: whether pieces are to have the largest area found that keeps these.
 
     Returns:
         The footprint, whose bound is that of pieces, and the emitters to draw: of those in pieces and the whole ones
-        those whose ΔE is smaller.
+        those that are farther below the limits.
     """
+
+    def excess(placed: Emitters) -> float:
+        """Share of the limit that is nearer, 1 at it."""
+        seen = look(placed, grid.pitch_nm, used, viewing)
+        return max(seen.delta_e / limits.delta_e, seen.grain / limits.grain)
+
+    def searched(cells: float) -> Emitters | None:
+        return in_pieces(opening, grid, used, rules.ratio, cells, viewing, limits=limits)
+
     used = tuple(sorted(set(orientations)))
     cell = (grid.cell_nm / grid.pitch_nm) ** 2
     widest = free_region(opening.mask, grid, used)
@@ -140,22 +159,18 @@ def placed_in_pieces(
     largest = whole.found_share / cell
     bound = max(bound, largest)
     least = max(min(keep, 1.0) * largest, rules.required / cell)
-    parts = in_pieces(opening, grid, used, rules.ratio, least, viewing) if 0 < least <= bound + _ROUNDING else None
-    if parts is not None and delta_e is not None:
+    parts = searched(least) if 0 < least <= bound + _ROUNDING else None
+    if parts is not None and larger:
         low, high = least, max(least, largest)
-        for _ in range(_TRIES if look(parts, grid.pitch_nm, used, viewing).delta_e <= delta_e else 0):
+        for _ in range(_TRIES if excess(parts) <= 1 else 0):
             middle = (low + high) / 2
-            larger = in_pieces(opening, grid, used, rules.ratio, middle, viewing)
-            if larger is not None and look(larger, grid.pitch_nm, used, viewing).delta_e <= delta_e:
-                low, parts = middle, larger
+            tried = searched(middle)
+            if tried is not None and excess(tried) <= 1:
+                low, parts = middle, tried
             else:
                 high = middle
     chosen = drawn
-    if parts is not None and (
-        drawn is None
-        or whole.verdict is not Verdict.FITS
-        or look(parts, grid.pitch_nm, used, viewing).delta_e < look(drawn, grid.pitch_nm, used, viewing).delta_e
-    ):
+    if parts is not None and (drawn is None or whole.verdict is not Verdict.FITS or excess(parts) < excess(drawn)):
         chosen = parts
     share = 0.0 if parts is None else _footprint(parts.labels, rules.ratio) * cell
     found = max(whole.found_share, share)

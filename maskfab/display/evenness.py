@@ -111,11 +111,11 @@ def evenness_of(pixels: list[Emitters], shares: Floats, pitch_nm: int, viewing: 
     return Evenness(_mean_length(np.linalg.eigvalsh(covariance)), grain)
 
 
-def sight(grid: EmitterGrid, viewing: Viewing) -> Floats:
+def sight(grid: EmitterGrid, viewing: Viewing, grain_worth: float = 0.0) -> Floats:
     """Effect of a lit cell on the evenness of a field, as vectors [3, n, n, terms].
 
     The length of their sum over the cells of a colour over its area, summed over colours, is the rms of ΔE, were every
-    pixel turned by any of the eight orientations.
+    pixel turned by any of the eight orientations; with slow grain times its worth in ΔE as one more component.
     """
     ppd = viewing.pixels_per_degree
     count = max(1, min(_MOST_STEPS // 4, math.ceil(_HIGHEST_CPD / min(_SEARCH_STEP_CPD, _FINEST_STEP * ppd))))
@@ -128,7 +128,9 @@ def sight(grid: EmitterGrid, viewing: Viewing) -> Floats:
     mean = np.mean([np.rot90(half, k, axes=(1, 2)) for half in (phase, phase[:, :, ::-1]) for k in range(4)], axis=0)
     off = (phase - mean).reshape(len(rows), -1)
     # Both halves of the spectrum count.
-    matrix = _matrices(f, ppd)[rows, columns] * (math.sqrt(2.0) * (f[1] - f[0]))
+    slow = np.hypot(f[rows], f[columns]) * ppd <= SLOW_CPD
+    grain = grain_worth * slow[:, None, None] * LUMINANCE
+    matrix = np.concatenate([_matrices(f, ppd)[rows, columns], grain], axis=1) * (math.sqrt(2.0) * (f[1] - f[0]))
     lights = np.concatenate([(matrix[:, :, [c]] * off[:, None]).reshape(-1, off.shape[1]) for c in range(3)], axis=1).T
     parts = np.concatenate([lights.real, lights.imag], axis=1)
     # Lengths of sums are all that counts: any vectors with these inner products will do.

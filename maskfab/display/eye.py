@@ -165,6 +165,9 @@ SLOW_CPD = 10.0
 FINE_CPD = 30.0
 """Grain finer than this is lost to most eyes."""
 
+DEFAULT_GRAIN = 0.015
+"""Slow grain that is just noticeable: the contrast of a spot of 16 mm², about a camera's window, that is (SEMI D31)."""
+
 CONSTANT: float = (2 * math.pi) ** 1.5 / math.sqrt(8)
 
 
@@ -286,7 +289,7 @@ class PictureView:
         samples: along a pixel, of both.
         delta_e: mean S-CIELAB difference of the two.
         delta_e_95: its 95th percentile.
-        delta_e_aligned: its mean after the reference moved by the panel's mean centroid.
+        delta_e_aligned: its mean after the reference moved by the mean centroid of the pixels.
         fringe: largest difference in a* and b* after that move.
         jod: ColorVideoVDP's judgement; None if it was not asked.
     """
@@ -373,7 +376,7 @@ def judge(
     """
     if with_jod:
         metric()
-    (shift_x, shift_y), offset = centroids(panel)
+    _, offset = centroids(panel)
     predicted = predicted_rms(offset, viewing)
     own = [
         Quantity("pixels_per_degree", viewing.pixels_per_degree, "distance x 1 degree / pitch", die=name),
@@ -382,6 +385,7 @@ def judge(
     ]
     views = {}
     most = max(max(image.shape[:2]) for image in images.values())
+    shift_x, shift_y = Tiled.of(panel, *next(iter(images.values())).shape[:2]).centroid
     regular = reference or Reference.of("stripe", panel.pitch_nm, EmitterRules(0, 0, 1))
     surrounded = Surrounded.of(panel, regular, most, samples, carrying(HIGHEST_CPD, viewing))
     images = {**images, BORDER: surrounded.image}

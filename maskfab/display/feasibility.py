@@ -285,7 +285,8 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = True) -> F
                 rules.emitters,
                 keep=rules.keep,
                 viewing=viewing,
-                delta_e=rules.eye.looks.delta_e,
+                limits=rules.eye.limits,
+                larger=rules.eye.asks_evenness,
             )
     room = pixel_room(opening, panel.dot_nm, rules.circuit)
     circuits = None if rules.boxes is None else place_circuits(panel, opening, rules.boxes)

@@ -15,12 +15,13 @@ from maskfab.base.units import UM_PER_MM, parse_pitch_um
 from maskfab.display.drive import LightDemand, Triple, lives
 from maskfab.display.emitted_light import Tiled, Viewing
 from maskfab.display.emitter_rules import EmitterRules
+from maskfab.display.evenness import Evenness
+from maskfab.display.eye import DEFAULT_GRAIN
 from maskfab.display.looks import Looks, field_of, looks, looks_of_reference
 from maskfab.display.reference import Reference
 from maskfab.job.sections import LivesSection, LooksSection
 from maskfab.optics.colour import JUST_NOTICEABLE
 
-DEFAULT_GRAIN = 0.015
 DEFAULT_LIFE = 1 / 3
 
 _STATED = "stated by the job"
@@ -158,6 +159,16 @@ class EyeAndLife:
     def of(cls, looks: LooksSection | None, lives: LivesSection | None) -> EyeAndLife:
         """By the sections of a job."""
         return cls(looks or LooksSection(), lives or LivesSection(), not (looks is None and lives is None))
+
+    @property
+    def limits(self) -> Evenness:
+        """Most that an even field may show, stated or by default."""
+        return Evenness(self.looks.delta_e or JUST_NOTICEABLE, self.looks.grain or DEFAULT_GRAIN)
+
+    @property
+    def asks_evenness(self) -> bool:
+        """Whether the job states any of these."""
+        return self.looks.delta_e is not None or self.looks.grain is not None
 
     def viewed(self, *, distance_um: float | None = None, dpi: float | None = None) -> EyeAndLife:
         """Limits as they are, looked at from elsewhere or at another scale."""

@@ -12,8 +12,9 @@ from maskfab.base.model import Emitters, Opening, Panel, Tiling
 from maskfab.display import emitter_pieces
 from maskfab.display.drive import CircuitRules, LightDemand
 from maskfab.display.emitted_light import Viewing
-from maskfab.display.emitter_pieces import in_pieces, look, pieces_bound, placed_in_pieces
+from maskfab.display.emitter_pieces import USUAL, in_pieces, look, pieces_bound, placed_in_pieces
 from maskfab.display.emitter_rules import EmitterRules, Proof, Verdict, grid_of
+from maskfab.display.evenness import Evenness
 from maskfab.display.feasibility import DisplayRules, feasibility
 from maskfab.display.free_area import EVERY, borders, free_region
 from maskfab.display.placement import footprint
@@ -25,7 +26,12 @@ NEAR = Viewing(112.0, 200e3)
 
 @pytest.fixture
 def quick(monkeypatch):
-    monkeypatch.setattr(emitter_pieces, "in_pieces", partial(in_pieces, moves=3000))
+    monkeypatch.setattr(emitter_pieces, "in_pieces", partial(in_pieces, moves=10_000))
+
+
+def excess(seen) -> float:
+    """Share of the nearer limit of the eye."""
+    return max(seen.delta_e / USUAL.delta_e, seen.grain / USUAL.grain)
 
 
 def corner() -> Opening:
@@ -46,7 +52,7 @@ def test_pieces_look_more_alike_than_whole_emitters_and_keep_every_rule(quick):
     )
     assert parts.verdict is Verdict.FITS or not parts.broken
     assert parts.broken == ()
-    assert parts.even.delta_e < 0.5 * whole.even.delta_e
+    assert excess(parts.even) < 0.7 * excess(whole.even)
     assert parts.share >= 0.5 * whole.footprint.found_share - 1e-9
     assert parts.share <= parts.footprint.bound_share + 1e-12
 
@@ -125,8 +131,26 @@ def test_a_lax_limit_is_spent_on_area(quick):
     grid = grid_of(corner(), 8000, 0, RULES)
     whole = footprint(corner(), 8000, 0, EVERY, RULES, largest=True)
     areas = []
-    for limit in (None, 5.0):
-        _, drawn = placed_in_pieces(whole, None, corner(), grid, EVERY, RULES, keep=0.4, viewing=NEAR, delta_e=limit)
+    limits = Evenness(5.0, 0.05)
+    for larger in (False, True):
+        _, drawn = placed_in_pieces(
+            whole, None, corner(), grid, EVERY, RULES, keep=0.4, viewing=NEAR, limits=limits, larger=larger
+        )
         areas.append(min(drawn.areas_um2))
-        assert look(drawn, grid.pitch_nm, EVERY, NEAR).delta_e < 5
+        assert look(drawn, grid.pitch_nm, EVERY, NEAR).delta_e < limits.delta_e
+        assert look(drawn, grid.pitch_nm, EVERY, NEAR).grain < limits.grain
     assert areas[1] > areas[0]
+
+
+def test_a_search_that_counts_grain_leaves_less_of_it():
+    grid = grid_of(corner(), 8000, 0, RULES)
+    lax, strict = (
+        look(
+            in_pieces(corner(), grid, EVERY, RULES.ratio, 15, NEAR, limits=Evenness(2.3, grain), moves=10_000),
+            grid.pitch_nm,
+            EVERY,
+            NEAR,
+        )
+        for grain in (10.0, 0.005)
+    )
+    assert strict.grain < 0.7 * lax.grain

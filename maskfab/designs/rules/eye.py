@@ -43,7 +43,9 @@ def _tried(constraints: Constrained, unit: Mask) -> Evenness | None:
     viewing = rules.eye.viewing(asked.grid.pitch_nm / NM_PER_UM)
     least = max(rules.keep * asked(unit), rules.emitters.required) / asked.share_of_cell
     used, ratio = constraints.orientations, rules.emitters.ratio
-    placed = in_pieces(constraints.opening(unit), asked.grid, used, ratio, least, viewing, moves=_MOVES)
+    placed = in_pieces(
+        constraints.opening(unit), asked.grid, used, ratio, least, viewing, limits=rules.eye.limits, moves=_MOVES
+    )
     return None if placed is None else look(placed, asked.grid.pitch_nm, used, viewing)
 
 
