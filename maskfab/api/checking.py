@@ -105,7 +105,8 @@ class DisplayCheck(Result):
                 one.name, self.built.displays.get(one.name), self.gaps.get(one.name), self.notes.get(one.name)
             )
         ]
-        return "\n".join([*lines, *self.verdicts.lines[2:], *in_words(self.unused)])
+        verdicts = self.verdicts.lines[2:] if self.built.displays else ()
+        return "\n".join([*lines, *verdicts, *in_words(self.unused)])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -326,7 +327,7 @@ def _rendering(
     progress: Progress,
 ) -> Rendering:
     from maskfab.display.emitted_light import emitters_of, has_emitters
-    from maskfab.display.eye import judge, target_pictures
+    from maskfab.display.eye import FEWEST_PIXELS, judge, target_pictures
     from maskfab.display.feasibility import display_rules, displays, map_sizes
     from maskfab.display.limits import EyeAndLife
     from maskfab.display.looks import field_of
@@ -353,7 +354,8 @@ def _rendering(
         progress("panels", done, len(shown))
         panel = panels[name]
         viewing = asked.viewing(panel.cell_size.pitch_um)
-        side = min(field_of(panel.orientations.shape, viewing, maps.get(name))) if pixels is None else pixels
+        usual = field_of(panel.orientations.shape, viewing, maps.get(name), least=FEWEST_PIXELS)
+        side = min(usual) if pixels is None else pixels
         judged[name] = judge(
             name, panel, target_pictures(side, photograph), samples, viewing,
             reference=None if rules is None else asked.reference(panel.pitch_nm, rules.emitters), with_jod=with_jod,

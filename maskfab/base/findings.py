@@ -245,10 +245,13 @@ FINDINGS: tuple[Finding, ...] = (
         (Need.PANEL, Need.DISPLAY),
         ("display.feasibility.feasibility", "display.limits.judgement"),
         sweep="runs.sweep_cases.display",
-        gives=("display_fits", "led_footprint", "circuit_room"),
+        gives=(
+            *("display_fits", "led_footprint", "circuit_room", "flat_delta_e_mean", "grain_slow", "edge_fringe"),
+            *("reference_luminance", "reference_life", "reference_power"),
+        ),
         rows=(
             "led_footprint_rectangles circuit_room_* circuit_boxes_placed circuit_rules_broken emitter* "
-            "luminance_centroid flat_delta_e_mean flat_delta_e_95 grain_slow grain_fine edge_fringe reference_* "
+            "luminance_centroid flat_delta_e_95 grain_fine reference_footprint "
             "current_density_* relative_life_* wire_lines_* wired_*"
         ),
         seconds=(_always(2.0), _always(0.1)),

@@ -276,7 +276,9 @@ def _fade(radius_cpd: Floats) -> Floats:
 
 
 FLAT, EDGE, ZONE, TEXT, LEAVES, PICTURE = "flat", "edge", "zone_plate", "text", "leaves", "picture"
-_FEWEST, _MOST = 8, 1000
+FEWEST_PIXELS = 8
+"""Along a side of a target."""
+_MOST = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -334,8 +336,8 @@ def target_pictures(pixels: int, photograph: Picture | None = None) -> dict[str,
     Raises:
         JobError: MF121 if there are fewer than 8 pixels or absurdly many, or the photograph cannot be shown.
     """
-    if not _FEWEST <= pixels <= _MOST:
-        what = f"{pixels} pixels along a side are outside {_FEWEST} to {_MOST}"
+    if not FEWEST_PIXELS <= pixels <= _MOST:
+        what = f"{pixels} pixels along a side are outside {FEWEST_PIXELS} to {_MOST}"
         raise JobError("MF121", what, where="pixels", cure="Use 100")
     shown = {
         FLAT: pictures.flat(pixels),

@@ -107,15 +107,18 @@ def seen(shown: Tiled, viewing: Viewing, picture: str) -> Singles:
     return appearance(shown.series(image, viewing, HIGHEST_CPD), viewing).astype(np.float32)
 
 
-def field_of(cells: tuple[int, int], viewing: Viewing, of_map: tuple[int, int] | None = None) -> tuple[int, int]:
+def field_of(
+    cells: tuple[int, ...], viewing: Viewing, of_map: tuple[int, int] | None = None, *, least: int = 1
+) -> tuple[int, int]:
     """Rows and columns that are looked at.
 
     Args:
         cells: rows and columns of the die.
         viewing: where the eye is; near a display it resolves more, and fewer pixels are looked at.
         of_map: rows and columns of its orientation map, if it has one.
+        least: pixels along a side, however near the eye is.
     """
-    most = math.isqrt(MOST_SEEN) // carrying(HIGHEST_CPD, viewing)
+    most = max(least, math.isqrt(MOST_SEEN) // carrying(HIGHEST_CPD, viewing))
     rows, columns = of_map or (MOST_PIXELS, MOST_PIXELS)
     return max(1, min(cells[0], rows, most)), max(1, min(cells[1], columns, most))
 

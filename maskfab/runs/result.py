@@ -166,6 +166,11 @@ class PlateFindings:
         """With its displays."""
         return self.built.plate
 
+    @property
+    def reference(self) -> str | None:
+        """Die that the others are compared with: that of photographs, or the one that stands for it without any."""
+        return self.restored.reference or self.job.compared_with
+
     def report(self, files: tuple[WrittenFile, ...], seconds: dict[str, float]) -> Report:
         """Everything gathered; every judged quantity is also a check."""
         job, built = self.job, self.built
@@ -173,7 +178,7 @@ class PlateFindings:
         of_plate = tuple(quantity for quantity in self.read if quantity.die is None)
         for die in built.plate.dies:
             if die.name in built.displays and die.name in of_dies:
-                exempt = die.name == self.restored.reference and len(built.displays) > 1
+                exempt = die.name == self.reference and len(built.displays) > 1
                 of_dies[die.name] += display_quantities(die, built.displays[die.name], job.camera, exempt=exempt)
                 of_dies[die.name] += self._of_footprint(die)
         for name in self.restored.dies:
@@ -189,7 +194,8 @@ class PlateFindings:
                 if name in of_dies:
                     of_dies[name] += (note,)
         of_plate += (*view_rows(job),)
-        names = unused(job.spec, *USES["run"], *(USES["run for a house"] if named_shop(job) is not None else ()))
+        asked = {"run for a house": named_shop(job) is not None, "run for a display": job.spec.emitters is not None}
+        names = unused(job.spec, *USES["run"], *(key for use, holds in asked.items() if holds for key in USES[use]))
         if names:
             how = "of the job: no file and no number here depends on it"
             of_plate += (Quantity(UNUSED, ", ".join(names), how),)
@@ -211,7 +217,7 @@ class PlateFindings:
 
     def verdicts(self, report: Report) -> Verdicts:
         """Verdicts on the plate."""
-        return Verdicts.of(report.checks, self.built.displays, len(self.plate.dies), self.restored.reference)
+        return Verdicts.of(report.checks, self.built.displays, len(self.plate.dies), self.reference)
 
     def document(self, report: Report) -> Document:
         """The content of report.json."""
@@ -223,7 +229,7 @@ class PlateFindings:
         return report_data.to_document(
             report, self.plate, self.job.camera, self.scenes, self.built.displays, designs, photographs,
             self._of_dies(), self._expected_s(), process_spread(self.job), self.job.spec.written,
-            self.restored.reference,
+            self.reference,
         )  # fmt: skip
 
     def _expected_s(self) -> dict[str, dict[str, float]]:

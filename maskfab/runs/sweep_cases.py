@@ -10,7 +10,7 @@ import os
 import time
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
@@ -26,7 +26,8 @@ from maskfab.designs.model.expected_psnr import Surrogate, surrogate_of
 from maskfab.designs.model.statistics import CaptureSettings, scene_statistics
 from maskfab.designs.rules.display_fit import Footprints
 from maskfab.display.emitter_rules import Verdict
-from maskfab.display.feasibility import display_rules, feasibility
+from maskfab.display.feasibility import display_rules, feasibility, map_sizes
+from maskfab.display.limits import judgement
 from maskfab.job.camera import Camera
 from maskfab.job.process import Process
 from maskfab.job.read import validate
@@ -213,10 +214,11 @@ def footprint(die: SweptDie) -> Iterable[Quantity]:
 
 
 def display(die: SweptDie) -> Iterable[Quantity]:
-    """Whether emitters, circuits and wires fit.
+    """Whether emitters, circuits and wires fit, and how the display looks and lives.
 
     Raises:
-        JobError: MF105 without emitters; MF161 for a sheet without pixels.
+        JobError: MF105 without emitters; MF161 for a sheet without pixels; MF117 for a reference display that is asked
+            for and cannot be.
     """
     job, name = die.job, die.name
     rules = display_rules(job)
@@ -227,11 +229,14 @@ def display(die: SweptDie) -> Iterable[Quantity]:
     if answer is None:
         cure = "Leave the die out of sweep.dies"
         raise JobError("MF161", f"die {name} is a sheet without pixels", where=job.where, cure=cure)
+    if answer.even is not None:
+        lit, of_map = replace(die.panel, emitters=answer.emitters), map_sizes(job).get(name)
+        answer = replace(answer, judged=judgement(lit, rules.eye, rules.emitters, rules.light, of_map))
     how = "emitters, circuits and wires by the job's rules: 1 they were placed, 0 a proof that they do not fit"
     value = {Verdict.FITS: 1, Verdict.DOES_NOT_FIT: 0, Verdict.UNKNOWN: None}[answer.verdict]
     yield Quantity("display_fits", value, how, passed=answer.passed, die=name)
     rows = display_quantities(die.alone, answer)
-    yield from (row for row in rows if row.name in ("led_footprint", "circuit_room"))
+    yield from (row for row in rows if STAGE_OF_QUANTITY.get(row.name) is STAGE_OF_QUANTITY["display_fits"])
 
 
 def scene(die: SweptDie) -> Iterable[Quantity]:

@@ -154,7 +154,10 @@ def test_the_text_says_everything_and_nothing_is_written(capsys, tmp_path):
     assert answer.code == 0
     assert "emitters: 1/1" in answer.stderr
     title, *rows = answer.stdout.splitlines()
-    assert title == f"PLAIN: FITS; {BY_AREA}"
+    assert title == f"PLAIN: FITS: FITS, LOOKS: KEPT, LIVES: KEPT; {BY_AREA}"
+    assert rows[-4].split(": ")[:2] == ["FITS", "FITS"]
+    assert rows[-3].startswith("LOOKS: KEPT: 1 of 1 keeps them; default limits, for the job states none")
+    assert rows[-2].startswith("LIVES: KEPT: 1 of 1 keeps them")
     told = {row[2:18].rstrip(): row[19:] for row in rows}
     assert told.keys() >= {
         "footprint", "rectangles", "areas", "borders", "rules broken", "circuits", "light", "current density",
@@ -182,7 +185,7 @@ def test_dies_keep_the_order_of_the_plate(capsys, tmp_path):
     job = display(tmp_path)
     answer = command(capsys, "check", job, "--die", "TURNED", "--die", "PLAIN", "--quiet")
     *titles, unused = [row.partition(":")[0] for row in answer.stdout.splitlines() if not row.startswith(" ")]
-    assert (titles, unused) == (["PLAIN", "TURNED"], "Not used of the job")
+    assert (titles, unused) == (["PLAIN", "TURNED", "FITS", "LOOKS", "LIVES"], "Not used of the job")
     assert answer.stdout == command(capsys, "check", job, "--quiet").stdout
 
 
