@@ -455,7 +455,9 @@ def populate(
     keys = [(_key(die.panel), None if rules.wires is None else die.panel.orientations.tobytes()) for die in plate.dies]
     panels = {key: die.panel for key, die in zip(reversed(keys), reversed(plate.dies), strict=True)}
     distinct = list(dict.fromkeys(keys))
-    calls = [(feasibility, _arguments(panels[key], rules)) for key in distinct]
+    # What was found of emitters is kept where limits of life change, which they do not depend on.
+    placing = replace(rules, eye=replace(rules.eye, lives=LivesSection(), stated=False))
+    calls = [(feasibility, _arguments(panels[key], placing)) for key in distinct]
     progress("emitters", 0, len(calls))
     tasks = (executor or SerialExecutor()).run_all(calls, lambda done: progress("emitters", done, len(calls)))
     by_key = {key: task.result() for key, task in zip(distinct, tasks, strict=True)}

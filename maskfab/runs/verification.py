@@ -374,7 +374,7 @@ def _of_wires(place: Sequence[str]) -> bool:
 def _of_looks(place: Sequence[str]) -> bool:
     """Whether a place in a report tells of limits of the eye and of life, or of what earlier ones told instead."""
     rows = ("flat_delta_e_", "grain_", "edge_fringe", "even_", "reference_")
-    return place[0] == "verdicts" or any(
+    return place[:2] == ("verdicts", "display") or any(
         part in ("looks", "lives", "reference") or word.startswith(rows) for part in place for word in part.split(", ")
     )
 

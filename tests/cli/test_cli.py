@@ -108,9 +108,9 @@ def test_run_prints_paths_on_stdout_and_progress_on_stderr(capsys, tmp_path):
     for stage in ("write files: 0/7", "read back: 4/4", "optics: 2/2", "figures: 1/1"):
         assert stage in answer.stderr
     files, optics, display = answer.stderr.splitlines()[-3:]
-    assert files.startswith("FILES: PASS, can be ordered: ")
+    assert files.startswith("FILES: PASS, files check; no mask house chosen: ")
     assert optics.startswith("OPTICS: PASS, proved from the files: ")
-    assert display == "DISPLAY: NOT JUDGED: the job has no [emitters]"
+    assert display == "FITS, LOOKS, LIVES: NOT JUDGED: the job has no [emitters]"
 
 
 def test_the_report_keeps_its_contract(out):
@@ -216,8 +216,8 @@ def test_verify_tells_its_verdict_on_stderr(capsys, out):
     answer = command(capsys, "verify", out, "--quiet")
     assert answer.code == 0
     assert answer.stdout == ""
-    told = [line.partition(",")[0] for line in answer.stderr.splitlines()]
-    assert told == ["FILES: PASS", "OPTICS: PASS", "DISPLAY: NOT JUDGED: the job has no [emitters]"]
+    told = [line.split(", ")[0] for line in answer.stderr.splitlines()]
+    assert told == ["FILES: PASS", "OPTICS: PASS", "FITS"]
 
 
 def test_verify_prints_its_checks_as_json(capsys, out):

@@ -449,6 +449,26 @@ def test_wires_that_an_earlier_version_drew_are_a_note(tmp_path):
     assert "reported" in told_of(tmp_path, {**earlier, "schema_version": SCHEMA_VERSION}, now)
 
 
+def test_looks_that_an_earlier_version_did_not_tell_are_a_note(tmp_path):
+    row, old = ({"name": name, "value": 0.01, "method": "m"} for name in ("grain_slow", "even_grain"))
+    kept = {"verdict": "KEPT", "numbers": []}
+    now = {
+        "schema_version": SCHEMA_VERSION,
+        "verdicts": {"files": {"passed": True}, "looks": {"dies": 1, "kept": 1}},
+        "dies": [{"name": "A", "quantities": [row], "display": {"verdict": "FITS", "looks": kept, "lives": kept}}],
+    }
+    earlier = {
+        "schema_version": 5,
+        "verdicts": {"files": {"passed": True}},
+        "dies": [{"name": "A", "quantities": [old], "display": {"verdict": "FITS"}}],
+    }
+    told = told_of(tmp_path, earlier, now)
+    assert ("report_looks" in told, "reported" in told) == (True, False)
+    # Others are compared as ever, and those of a report that should tell them too.
+    assert "reported" in told_of(tmp_path, {**earlier, "verdicts": {"files": {"passed": False}}}, now)
+    assert "reported" in told_of(tmp_path, {**earlier, "schema_version": SCHEMA_VERSION}, now)
+
+
 def test_a_schema_that_is_no_number_is_a_difference(tmp_path):
     assert "schema_version" in told_of(tmp_path, {**PHOTOGRAPHED, "schema_version": "two"})["reported"]
 

@@ -116,7 +116,7 @@ class Limits:
     def words(self) -> str:
         """In words, with whose the limits are."""
         if not self.dies:
-            return "no display to look at"
+            return "nothing to hold against limits"
         whose = "limits of the job" if self.stated else "default limits, for the job states none"
         which = f": {', '.join(self.names)}" if self.names else ""
         keep = "keeps" if self.kept == 1 else "keep"
@@ -184,17 +184,16 @@ class Verdicts:
         return cls(_tally(judged, Subject.FILES), _tally(judged, Subject.OPTICS), found, seen, lived, house)
 
     @property
-    def lines(self) -> tuple[str, str, str, str, str]:
-        """One line for each subject."""
+    def lines(self) -> tuple[str, ...]:
+        """One line for each subject; one for all of displays where there is none to judge."""
         verdict = "NOT JUDGED" if self.display.verdict is None else self.display.verdict.value
         passes = "can be ordered" if self.house else "files check; no mask house chosen"
         seen, lived = (f"{limits.verdict or 'NOT JUDGED'}: {limits.words}" for limits in (self.looks, self.lives))
+        displays = (f"FITS: {verdict}: {self.display.words}", f"LOOKS: {seen}", f"LIVES: {lived}")
         return (
             _line("FILES", self.files, (passes, "do not order")),
             _line("OPTICS", self.optics, ("proved from the files", "not proved")),
-            f"FITS: {verdict}: {self.display.words}",
-            f"LOOKS: {seen}",
-            f"LIVES: {lived}",
+            *(displays if self.display.asked else (f"FITS, LOOKS, LIVES: NOT JUDGED: {self.display.words}",)),
         )
 
     def to_dict(self) -> dict[str, dict[str, int | bool | str | None]]:
