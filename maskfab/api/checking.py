@@ -90,7 +90,7 @@ class DisplayCheck(Result):
         from maskfab.report.documents import display as check_data
 
         return check_data.check_document(
-            self.built, self.gaps, self.digest, self.unused, self.notes, self.reference, passed=self.passed
+            self.built, self.gaps, self.digest, self.unused, self.notes, passed=self.passed
         )
 
     def __str__(self) -> str:

@@ -227,8 +227,7 @@ def test_a_broken_limit_of_the_job_fails_the_check_of_all_but_the_reference(caps
         name: next(row for row in die["quantities"] if row["name"] == "flat_delta_e_mean")
         for name, die in by_die.items()
     }
-    assert (rows["PLAIN"]["passed"], rows["TURNED"]["passed"]) == (None, False)
-    assert "not held against the reference die" in rows["PLAIN"]["method"]
+    assert (rows["PLAIN"]["passed"], rows["TURNED"]["passed"]) == (True, False)
     looks = by_die["TURNED"]["display"]["looks"]
     assert looks["verdict"] == "BROKEN"
     first = looks["numbers"][0]
@@ -247,6 +246,10 @@ def test_a_broken_limit_of_the_job_fails_the_check_of_all_but_the_reference(caps
     assert other.code == 0
     assert "LOOKS: KEPT: 1 of 1 keeps them; limits of the job; the reference TURNED: BROKEN" in other.stdout
     assert "[report]" not in other.stdout
+    # By itself it is judged.
+    alone = command(capsys, "check", tmp_path / "job.toml", "--die", "TURNED", "--quiet")
+    assert alone.code == 1
+    assert "LOOKS: BROKEN: 0 of 1 keep them: ΔE of even white; limits of the job\n" in alone.stdout
 
 
 def test_a_run_tells_five_verdicts_and_fails_by_stated_limits_alone(capsys, tmp_path):
@@ -256,6 +259,11 @@ def test_a_run_tells_five_verdicts_and_fails_by_stated_limits_alone(capsys, tmp_
     assert words == ["FILES", "OPTICS", "FITS", "LOOKS", "LIVES"]
     assert "FAIL reference_power [TURNED]" in done.stderr
     assert "FAIL reference_power [PLAIN]" not in done.stderr
+    rows = {
+        row["name"]: row for row in json.loads((tmp_path / "out" / "report.json").read_text())["dies"][0]["quantities"]
+    }
+    assert rows["reference_power"]["passed"] is None
+    assert "not held against the reference die" in rows["reference_power"]["method"]
     report = json.loads((tmp_path / "out" / "report.json").read_text(encoding="utf-8"))
     assert report["verdicts"]["lives"] == {"dies": 1, "kept": 0, "broken": 1, "verdict": "BROKEN", "stated": True}
     assert report["verdicts"]["looks"]["stated"] is False

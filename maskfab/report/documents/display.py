@@ -585,7 +585,6 @@ def check_document(
     digest: str,
     unused: Sequence[str] = (),
     notes: Mapping[str, Quantity] = MappingProxyType({}),
-    reference: str | None = None,
     *,
     passed: bool,
 ) -> Document:
@@ -597,32 +596,23 @@ def check_document(
         digest: of the job.
         unused: what of the job the answer does not depend on.
         notes: on dies.
-        reference: die that others are compared with, which no limit is held against where there are others.
-        passed: whether every display fits, and keeps the limits that the job states.
+        passed: whether every display but that of the reference fits, and keeps the limits that the job states.
     """
     return CheckPart.document(
         job_hash=digest,
         verdict="pass" if passed else "fail",
         dies=[
-            _checked_die(
-                die,
-                built.displays.get(die.name),
-                gaps.get(die.name),
-                notes.get(die.name),
-                exempt=die.name == reference and len(built.displays) > 1,
-            )
+            _checked_die(die, built.displays.get(die.name), gaps.get(die.name), notes.get(die.name))
             for die in built.plate.dies
         ],
         unused=list(unused),
     )
 
 
-def _checked_die(
-    die: Die, display: Feasibility | None, gap: LargestGap | None, note: Quantity | None, *, exempt: bool
-) -> Document:
+def _checked_die(die: Die, display: Feasibility | None, gap: LargestGap | None, note: Quantity | None) -> Document:
     if display is None:
         return _CheckedDie.document(name=die.name, quantities=[])
-    numbers = display_quantities(die, display, exempt=exempt)
+    numbers = display_quantities(die, display)
     return _CheckedDie.document(
         name=die.name,
         display=display_document(display),
