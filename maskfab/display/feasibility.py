@@ -445,10 +445,10 @@ def populate(
 
     Raises:
         JobError: MF117, MF118 as :func:`maskfab.display.feasibility.feasibility`; MF117 also for a reference display
-            that is asked for and cannot be.
+            that is asked for and cannot be, MF115 for an eye too near to be modelled.
     """
-    for pitch_nm in {die.panel.pitch_nm for die in plate.dies if die.panel.tiling is not Tiling.HEXAGONAL}:
-        rules.eye.reference(pitch_nm, rules.emitters)
+    for pitch_nm in sorted({die.panel.pitch_nm for die in plate.dies if die.panel.tiling is not Tiling.HEXAGONAL}):
+        rules.eye.refuse(pitch_nm, rules.emitters)
     dies: list[Die] = []
     lines: list[Mark] = []
     answers: dict[str, Feasibility] = {}

@@ -11,12 +11,12 @@ from types import MappingProxyType
 
 from maskfab.base.errors import JobError
 from maskfab.base.model import Panel
-from maskfab.base.units import UM_PER_MM, parse_pitch_um
+from maskfab.base.units import NM_PER_UM, UM_PER_MM, parse_pitch_um
 from maskfab.display.drive import LightDemand, Triple, lives
-from maskfab.display.emitted_light import Tiled, Viewing
+from maskfab.display.emitted_light import MOST_SEEN, Tiled, Viewing
 from maskfab.display.emitter_rules import EmitterRules
 from maskfab.display.evenness import Evenness
-from maskfab.display.eye import DEFAULT_GRAIN
+from maskfab.display.eye import DEFAULT_GRAIN, HIGHEST_CPD, carrying
 from maskfab.display.looks import Looks, field_of, looks, looks_of_reference
 from maskfab.display.reference import Reference
 from maskfab.job.sections import LivesSection, LooksSection
@@ -180,6 +180,22 @@ class EyeAndLife:
         """Where a display of a pitch is looked at, and at which scale."""
         dpi = self.looks.dpi
         return Viewing(pitch_um if dpi is None else parse_pitch_um(f"{dpi!r} dpi"), self.looks.distance)
+
+    def refuse(self, pitch_nm: int, rules: EmitterRules) -> None:
+        """Refuse what a display of a pitch cannot be held against, before anything is searched.
+
+        Raises:
+            JobError: MF117 for a reference display that is asked for and has no room; MF115 for an eye so near that it
+                resolves too much of one pixel.
+        """
+        self.reference(pitch_nm, rules)
+        samples = carrying(HIGHEST_CPD, self.viewing(pitch_nm / NM_PER_UM))
+        if samples**2 > MOST_SEEN:
+            what = (
+                f"from {self.looks.distance / UM_PER_MM:g} mm the eye resolves {samples} x {samples} parts of a pixel"
+            )
+            cure = "Look from farther away, or at more dots per inch"
+            raise JobError("MF115", what, where="looks.distance", cure=cure)
 
     def reference(self, pitch_nm: int, rules: EmitterRules) -> Reference | None:
         """The reference display; None where the rules leave no room for it and nothing was stated of it.

@@ -217,6 +217,13 @@ def test_a_reference_without_room_is_refused_before_any_work(capsys, tmp_path, v
     assert not (tmp_path / "out").exists()
 
 
+def test_an_eye_that_is_too_near_is_refused_before_emitters_are_searched(capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr("maskfab.display.feasibility.feasibility", lambda *_: pytest.fail("worked on"))
+    done = command(capsys, "check", job(tmp_path, '[looks]\ndistance = "10 mm"\ndpi = 10\n'), "--quiet")
+    assert done.code == 2
+    assert "MF115 from 10 mm the eye resolves 1721 x 1721 parts of a pixel" in done.stderr
+
+
 def test_a_broken_limit_of_the_job_fails_the_check_of_all_but_the_reference(capsys, tmp_path):
     path = job(tmp_path, '[looks]\ndelta_e = 1e-6\nreference = "stripe"\n')
     done = command(capsys, "check", path, "--json", "--quiet")

@@ -165,6 +165,37 @@ def test_a_reference_keeps_the_rules_and_the_ratio(layout, ratio):
             assert not (near[colour].astype(bool) & (wrapped == other)).any()
 
 
+RATIO = st.tuples(*[st.floats(0.3, 3)] * 3)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    layout=st.sampled_from(LAYOUTS),
+    pitch=st.integers(20_000, 200_000),
+    gap=st.integers(0, 30_000),
+    width=st.integers(500, 20_000),
+    ratio=RATIO,
+)
+def test_whatever_the_rules_a_reference_keeps_them_or_is_refused(layout, pitch, gap, width, ratio):
+    """Exactly, from the rectangles of three by three pixels about one of each kind."""
+    try:
+        reference = Reference.of(layout, pitch, EmitterRules(0, gap, width, ratio))
+    except JobError:
+        return
+    np.testing.assert_allclose(np.array(reference.shares) / sum(reference.shares), np.array(ratio) / sum(ratio))
+    shown = reference.tiled(4, 4)
+    boxes = []
+    for row, column in np.ndindex(4, 4):
+        tile = shown.tiles[shown.held[row, column]]
+        for y, x in zip(*np.nonzero(tile.labels), strict=True):
+            low, high = tile.lines[[x, y]] + (column, row), tile.lines[[x + 1, y + 1]] + (column, row)
+            boxes.append((*low, *high, tile.labels[y, x]))
+    x0, y0, x1, y1, colour = np.array(boxes).T
+    apart = [np.maximum(low[:, None] - high, low - high[:, None]) for low, high in ((x0, x1), (y0, y1))]
+    other = colour[:, None] != colour
+    assert np.maximum(*apart)[other].min() * pitch >= gap - 1e-3
+
+
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_every_pixel_of_a_reference_sends_every_colour_alike(layout):
     shown = Reference.of(layout, 100_000, RULES).tiled(2, 2)

@@ -47,6 +47,24 @@ def test_other_colours_beside_each_other_leave_a_line(make_panel):
     assert found["border_delta_e_inside"] > found["border_delta_e_outside"]
 
 
+def test_round_the_die_lies_the_reference_that_is_asked_for(make_panel):
+    panel, image = stripes(make_panel), {"flat": np.full((12, 12, 3), 0.5)}
+    rules = EmitterRules(0, 4000, 4000)
+    seen = {
+        layout: judge("D", panel, image, 6, NEAR, reference=Reference.of(layout, panel.pitch_nm, rules))
+        for layout in ("stripe", "pentile")
+    }
+    for layout, judged in seen.items():
+        row = next(row for row in judged.quantities if row.name == "border_delta_e_outside")
+        assert layout in row.method
+    outside = [
+        float(next(row for row in judged.quantities if row.name == "border_delta_e_outside"))
+        for judged in seen.values()
+    ]
+    # Colours of a pentile lie farther apart.
+    assert outside[1] > 1.5 * outside[0]
+
+
 def test_light_is_the_same_here_and_there(make_panel):
     panel = stripes(make_panel, (3, 2, 1))
     around = Surrounded.of(panel, thirds(panel), 12, 6, 4)
