@@ -17,7 +17,7 @@ import numpy as np
 
 from maskfab.base.arrays import Floats, Singles
 from maskfab.display import pictures
-from maskfab.display.emitted_light import MOST_SEEN, Tiled, Viewing, ideal, series
+from maskfab.display.emitted_light import MOST_SEEN, Series, Tiled, Viewing, ideal, series
 from maskfab.display.eye import (
     EDGE,
     FINE_CPD,
@@ -34,6 +34,7 @@ from maskfab.display.eye import (
 from maskfab.display.reference import Reference
 from maskfab.optics.colour import lab_of_linear_srgb
 
+_ROUNDING = 1e-12
 MOST_PIXELS = 100
 """Along a side of the field of a die without a map."""
 
@@ -86,10 +87,16 @@ def _looks(white: Tiled, edged: Tiled, viewing: Viewing) -> Looks:
     return Looks(
         off.mean,
         off.worst_twentieth,
-        measured_rms(spectrum, 0.0, SLOW_CPD),
-        measured_rms(spectrum, SLOW_CPD, FINE_CPD),
+        _rms(spectrum, 0.0, SLOW_CPD),
+        _rms(spectrum, SLOW_CPD, FINE_CPD),
         colour_difference(seen, of_series(perfect, viewing)).fringe,
     )
+
+
+def _rms(spectrum: Series, low_cpd: float, high_cpd: float) -> float:
+    """Contrast in a band; 0 where rounding alone is left of pixels that are all alike."""
+    found = measured_rms(spectrum, low_cpd, high_cpd)
+    return found if found > _ROUNDING else 0.0
 
 
 def seen(shown: Tiled, viewing: Viewing, picture: str) -> Singles:

@@ -429,9 +429,9 @@ class LooksSection(Section):
     dpi: float | None = Field(default=None, ge=10, le=10_000, allow_inf_nan=False)
     """Dots per inch that dies and reference are scaled to where they are looked at; default: their own."""
     delta_e: float | None = Field(default=None, gt=0, le=100, allow_inf_nan=False)
-    """Largest mean ΔE (S-CIELAB, CIE 1976) of even white; default: 2.3, which is just noticeable."""
+    """Largest mean ΔE (S-CIELAB, CIE 1976) of even white; left out, 2.3, just noticeable, judges the verdict alone."""
     grain: float | None = Field(default=None, gt=0, le=1, allow_inf_nan=False)
-    """Largest rms contrast of the luminance of even white up to 10 cycles per degree; default: 0.015."""
+    """Largest rms luminance contrast of even white up to 10 cycles per degree; left out, 0.015 judges the verdict alone."""
     fringe: float | None = Field(default=None, gt=0, le=500, allow_inf_nan=False)
     """Largest difference in a* and b* at an edge of black and white; none if left out."""
     reference: Literal["stripe", "pentile", "delta"] = "stripe"
@@ -445,7 +445,7 @@ class LivesSection(Section):
     """
 
     life: float | None = Field(default=None, gt=0, le=1000, allow_inf_nan=False)
-    """Least life of the shortest-lived colour over the reference's; default: a third."""
+    """Least life of the shortest-lived colour over the reference's; left out, a third judges the verdict alone."""
     power: float | None = Field(default=None, gt=0, le=1000, allow_inf_nan=False)
     """Most power over the reference's; none if left out."""
 
