@@ -445,7 +445,9 @@ def _pack(asked: Asked) -> Told:
     if package.checks:
         from maskfab.report.rows.verdicts import Verdicts
 
-        heard += tuple(verdict_lines(package.checks, Verdicts.of(package.checks, {}, 0)))
+        heard += tuple(
+            verdict_lines(package.checks, Verdicts.of(package.checks, {}, 0, house=package.path is not None))
+        )
     if package.missing:
         keys = ", ".join(answer.key for answer in package.missing)
         lines.append(f"blank on the order sheet, for [order] does not state them: {keys}")

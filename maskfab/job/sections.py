@@ -431,7 +431,7 @@ class LooksSection(Section):
     delta_e: float | None = Field(default=None, gt=0, le=100, allow_inf_nan=False)
     """Largest mean ΔE (S-CIELAB, CIE 1976) of even white; left out, 2.3, just noticeable, judges the verdict alone."""
     grain: float | None = Field(default=None, gt=0, le=1, allow_inf_nan=False)
-    """Largest rms luminance contrast of even white up to 10 cycles per degree; left out, 0.015 judges the verdict alone."""
+    """Largest rms contrast of even white up to 10 cycles per degree; left out, 0.015 judges the verdict alone."""
     fringe: float | None = Field(default=None, gt=0, le=500, allow_inf_nan=False)
     """Largest difference in a* and b* at an edge of black and white; none if left out."""
     reference: Literal["stripe", "pentile", "delta"] = "stripe"

@@ -123,6 +123,8 @@ class Limits:
         return f"{self.kept} of {self.dies} {keep} them{which}; {whose}{self.aside}"
 
 
+_OF_A_HOUSE = ("shop_", "manifest_shop")
+"""Checks by the rules of a mask house, or of a package against its profile."""
 NO_LIMITS = Limits(0, 0, stated=False)
 
 
@@ -153,6 +155,8 @@ class Verdicts:
         displays: Mapping[str, Feasibility],
         dies: int,
         reference: str | None = None,
+        *,
+        house: bool = False,
     ) -> Verdicts:
         """From the checks of a plate, and what was found of the displays of those of its ``dies`` that have one.
 
@@ -161,6 +165,7 @@ class Verdicts:
             displays: by die.
             dies: on the plate.
             reference: die that the others are compared with, which is counted only where it is the only one.
+            house: whether the rules of a mask house were asked elsewhere; else the checks tell.
         """
         judged = [check for check in checks if check.passed is not None]
         aside = displays.get(reference) if reference is not None and len(displays) > 1 else None
@@ -180,8 +185,8 @@ class Verdicts:
             )
             for numbers_of in (attrgetter("looks"), attrgetter("lives"))
         )
-        house = any(check.name.startswith("shop_") for check in judged)
-        return cls(_tally(judged, Subject.FILES), _tally(judged, Subject.OPTICS), found, seen, lived, house)
+        asked = house or any(check.name.startswith(_OF_A_HOUSE) for check in judged)
+        return cls(_tally(judged, Subject.FILES), _tally(judged, Subject.OPTICS), found, seen, lived, asked)
 
     @property
     def lines(self) -> tuple[str, ...]:
