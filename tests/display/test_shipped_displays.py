@@ -44,11 +44,12 @@ def test_there_are_displays_that_ship():
     assert set(DESIGNED) >= {"fits", "fits_88", "fits_300", "fits_gutter", "fits_packed", "density", "cluster"}
 
 
-def areas_read(path: Path, die: str) -> dict[str, float]:
-    """Area of each colour in one pixel of a die, um^2, as KLayout reads it from a file of the plate."""
+def areas_read(path: Path, die: str, opening: str) -> dict[str, float]:
+    """Area of each colour in one pixel of a die, um^2, as KLayout reads it from the cells of its opening in a file."""
     layout = db.Layout()
     layout.read(str(path))
-    units = [cell for cell in layout.each_cell() if cell.name.startswith(f"{die}_") and "UNIT" in cell.name.upper()]
+    units = [cell for cell in layout.each_cell() if cell.name.startswith(f"{opening.upper()}_D")]
+    assert units, f"{path} has no cells of {die}"
     found: dict[str, float] = {}
     for layer, colour in zip(EMITTERS, ("red", "green", "blue"), strict=True):
         index = layout.find_layer(layer.number, layer.datatype)
@@ -100,8 +101,9 @@ def test_a_run_draws_the_emitters_that_check_tells(capsys, tmp_path: Path) -> No
     assert answer.code in (0, 1), answer.stderr
     told = {die["name"]: die["display"]["emitters"]["areas_um2"] for die in check(path).to_dict()["dies"]}
     assert {die["name"]: die["display"]["emitters"]["areas_um2"] for die in report["dies"]} == told
+    openings = {"TOLED": "toled", "FITS": "fits"}
     for die, areas in told.items():
-        assert areas_read(tmp_path / "out" / "FITS.gds", die) == pytest.approx(areas, rel=1e-12)
+        assert areas_read(tmp_path / "out" / "FITS.gds", die, openings[die]) == pytest.approx(areas, rel=1e-12)
 
 
 @pytest.mark.slow
