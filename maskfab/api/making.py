@@ -41,16 +41,29 @@ from maskfab.runs.verification import Reproduction, reproduce
 
 @overload
 def run(
-    job: Plate, camera: Camera | None = None, out: str | Path = ..., *, force: bool = ..., progress: Progress = ...,
-    cache: bool = ...
+    job: Plate, camera: Camera | None = None, out: str | Path = ..., *, force: bool = ..., pdf: bool = ...,
+    progress: Progress = ..., cache: bool = ...
 ) -> Run: ...  # fmt: skip
 @overload
 def run(
-    job: Job | str | Path, out: str | Path, /, *, force: bool = ..., progress: Progress = ..., cache: bool = ...
+    job: Job | str | Path,
+    out: str | Path,
+    /,
+    *,
+    force: bool = ...,
+    pdf: bool = ...,
+    progress: Progress = ...,
+    cache: bool = ...,
 ) -> Run: ...
 @overload
 def run(
-    job: Job | str | Path, *, out: str | Path, force: bool = ..., progress: Progress = ..., cache: bool = ...
+    job: Job | str | Path,
+    *,
+    out: str | Path,
+    force: bool = ...,
+    pdf: bool = ...,
+    progress: Progress = ...,
+    cache: bool = ...,
 ) -> Run: ...
 @overload
 def run(
@@ -66,6 +79,7 @@ def run(
     cache: bool = True,
     dry_run: bool = False,
     force: bool = False,
+    pdf: bool = False,
     progress: Progress = silent,
 ) -> Run | Forecast:
     """Make a plate: write the mask files, read them back, measure them, check them against [export] shop, report.
@@ -73,6 +87,7 @@ def run(
     Examples:
         $ maskfab run layouts/upc12.toml --out build/upc12
         $ maskfab run layouts/upc12.toml --out build/upc12 --dry-run
+        $ maskfab run layouts/upc12.toml --out build/upc12 --pdf
 
     Args:
         job: job file (.toml); in Python also a plate or a loaded job.
@@ -81,6 +96,7 @@ def run(
         cache: find everything anew, and keep nothing; see maskfab self cache. The files are the same either way.
         dry_run: tell stages, what of them is kept, time and memory; write nothing.
         force: replace an earlier result there.
+        pdf: print the report, too: report.pdf, by Chromium, Chrome or Edge.
         progress: told where the work stands.
 
     Returns:
@@ -98,7 +114,7 @@ def run(
     store = Store.of_user() if cache else None
     if dry_run:
         return forecast_run(job_of(job, camera), Path(out), force=force, cache=store)
-    return pipeline.run(job_of(job, camera), out, force=force, progress=progress, cache=store)
+    return pipeline.run(job_of(job, camera), out, force=force, progress=progress, cache=store, pdf=pdf)
 
 
 @answers(run)

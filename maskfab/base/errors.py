@@ -152,6 +152,8 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF432": "The results have no number or die of that name.",
         "MF436": "Corners that touch cannot have so wide or narrow a gap or neck in a mesh.",
         "MF437": "Two corners of a mesh become one in a format's float32.",
+        "MF438": "No program that prints a page is installed.",
+        "MF439": "The browser did not print the report.",
         "MF901": "maskfab failed: an internal error, not your input.",
     }
 )

@@ -102,7 +102,11 @@ TIMES = "timing.json"
 """The file beside it that tells how long the work took, and which findings the run made itself and which earlier ones
 had kept: no two runs have it alike, and no manifest hashes it."""
 REPORT, PAGE, OVERVIEW = "report.json", "report.html", "overview.png"
-"""The numbers of a run, the page that shows them, and the picture of the plate."""
+"""The numbers of a run, the page that a person signs, and the picture of the plate."""
+APPENDIX, NUMBERS = "appendix.html", "numbers.csv"
+"""Beside that page: every row, figure and method; and every number of every die as a table."""
+PRINT = "report.pdf"
+"""The page on paper, where a run was asked for it."""
 JOB_COPY = "job.json"
 """The resolved job of a run."""
 _Trace = tuple[int, int, int]

@@ -148,6 +148,18 @@ def to_nm(value_um: float, *, where: str = "", name: str = "length") -> int:
     return nearest
 
 
+def decimals_of(error: float) -> int:
+    """Decimals that an error above 0 allows a number; below 0 for errors of tens, hundreds and so on.
+
+    Of an error's first three digits 100 to 354 keep two, 355 to 949 one, and those above are a thousand, with two: the
+    rule of the Particle Data Group (Review of Particle Physics, introduction, rounding).
+    """
+    mantissa, exponent = f"{error:.2e}".split("e")
+    leading = float(mantissa)
+    more = 1 if leading < 3.55 else 0
+    return more - int(exponent) if leading < 9.5 else -int(exponent)
+
+
 def dpi(pitch_um: float) -> float:
     """Pixels per inch of a pitch in micrometres."""
     return UM_PER_INCH / pitch_um

@@ -37,7 +37,7 @@ _LIFE = (
 _NO_LIMIT = "no published limit was found: judged where the job states one"
 
 
-_TITLES = MappingProxyType(
+TITLES = MappingProxyType(
     {
         "delta_e": "ΔE of even white",
         "delta_e_95": "ΔE of even white, 95 %",
@@ -49,6 +49,7 @@ _TITLES = MappingProxyType(
         "power": "power at equal luminance",
     }
 )
+"""Numbers in words, by their names."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class Limited:
     @property
     def title(self) -> str:
         """Its name in words."""
-        return _TITLES[self.name]
+        return TITLES[self.name]
 
     @property
     def sign(self) -> str:

@@ -9,19 +9,18 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from maskfab.base.folders import OVERVIEW, PAGE, REPORT, TIMES, Account, check_target, staged, times_text
+from maskfab.base.folders import OVERVIEW, TIMES, Account, check_target, staged, times_text
 from maskfab.base.model import Quantity, Report
 from maskfab.base.processes import SerialExecutor
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.display.feasibility import displays
 from maskfab.mask.formats.exr import check_psf_file
 from maskfab.mask.job import Job, load_job
-from maskfab.report.documents import report as report_data
 from maskfab.report.documents.die import Beside, measured_beside
-from maskfab.report.pages import page
 from maskfab.report.rows.optics import layout_as_seen, plate_as_seen
 from maskfab.report.rows.photographs import Conditions
 from maskfab.report.rows.verdicts import Verdicts
+from maskfab.runs.paper import browser, print_report
 from maskfab.runs.plate_files import (
     check_pictures,
     check_processes,
@@ -37,7 +36,7 @@ from maskfab.runs.plate_files import (
     write_psfs,
 )
 from maskfab.runs.recall import CachingExecutor
-from maskfab.runs.result import TAKEN, PlateFindings, Result, draw_pictures
+from maskfab.runs.result import TAKEN, PlateFindings, Result, draw_pictures, report_texts
 from maskfab.runs.stages import (
     begin_photographs,
     executor_of,
@@ -59,6 +58,7 @@ def run(
     force: bool = False,
     progress: Progress = silent,
     cache: Store | None = None,
+    pdf: bool = False,
 ) -> Result:
     """Make a plate: lay the job out, write its mask files, read them back, measure them, and report.
 
@@ -69,6 +69,7 @@ def run(
         progress: told where the work stands.
         cache: what earlier runs have found, and where this one keeps what it finds; None for a run that finds
             everything itself. The files are the same to the last bit.
+        pdf: print the report, too.
 
     Raises:
         InputError: for bad input, before anything is written.
@@ -78,13 +79,26 @@ def run(
     place = check_target(Path(out), force=force)
     named_shop(job)
     measured = measured_beside(job)
+    aside = staged(place)
+    if pdf:
+        aside = _then_print(aside, browser(), progress)
     if cache is None or not cache.has(origin_of_run(job, measured)):
-        made = _make(job, staged(place), progress, cache, measured)
+        made = _make(job, aside, progress, cache, measured)
     else:
-        with staged(place) as folder:
+        with aside as folder:
             taken = _taken(job, folder, cache, measured, progress)
             made = taken or _make(job, nullcontext(folder), progress, cache, measured)
     return Result(place.asked, made.report, made.verdicts, None if cache is None else made.taken, made.accounts)
+
+
+@contextmanager
+def _then_print(aside: AbstractContextManager[Path], program: str, progress: Progress) -> Iterator[Path]:
+    """The directory, whose report is printed once all else in it is complete."""
+    with aside as folder:
+        yield folder
+        progress("print", 0, 1)
+        print_report(folder, program)
+        progress("print", 1, 1)
 
 
 def _make(
@@ -137,8 +151,8 @@ def _make(
                 overview, pictures = draw_pictures(findings, findings.document(report), executor, progress)
             document = findings.document(report)
             (folder / OVERVIEW).write_bytes(overview)
-            (folder / REPORT).write_text(report_data.report_text(document), encoding="utf-8")
-            (folder / PAGE).write_text(page.html_page(document, pictures), encoding="utf-8")
+            for name, text in report_texts(document, pictures).items():
+                (folder / name).write_text(text, encoding="utf-8")
             write_manifest(job, files, folder)
             accounts = executor.accounts if isinstance(executor, CachingExecutor) else ()
             result = _Made(report, findings.verdicts(report), executor.tally, accounts, back.quantities)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from maskfab.base.errors import UnknownNameError
 from maskfab.base.findings import expected
-from maskfab.base.folders import REPORT, TIMES, Account
+from maskfab.base.folders import APPENDIX, NUMBERS, PAGE, REPORT, TIMES, Account
 from maskfab.base.model import Die, DieOptics, Plate, Quantity, Report, WrittenFile
 from maskfab.base.processes import SerialExecutor
 from maskfab.base.work import Progress, silent
@@ -23,11 +23,14 @@ from maskfab.report.documents import die as die_data
 from maskfab.report.documents import report as report_data
 from maskfab.report.documents.die import Beside
 from maskfab.report.documents.display import display_quantities, footprint_band
+from maskfab.report.documents.numbers import numbers_text
 from maskfab.report.documents.shape import Document
 from maskfab.report.figures import die as die_figures
 from maskfab.report.figures import display
 from maskfab.report.figures import scene as scene_figures
 from maskfab.report.pages import front
+from maskfab.report.pages.appendix import appendix_page
+from maskfab.report.pages.page import html_page
 from maskfab.report.rows.as_written import Written, measure_written
 from maskfab.report.rows.bands import Expansion, restored_bands
 from maskfab.report.rows.optics import measure_with_bar, view_rows
@@ -41,6 +44,8 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 UNUSED = "unused_keys"
+LEAST_SEEN = 12
+"""Pixels along a side of a die below which no text is shown on it."""
 _NOTES = (UNUSED, "display_seed")
 TAKEN = "taken from the cache"
 """Stage of a run that an earlier one had made."""
@@ -276,7 +281,7 @@ def draw_pictures(
         for scene in findings.scenes
         if scene.die.name in drawn
     ]
-    more += _front_figures(findings.restored, document)
+    more += [*_front_figures(findings.restored, document), *_eye_figures(findings, document)]
     for die in findings.plate.dies:
         name = die.name
         if name not in drawn:
@@ -299,11 +304,33 @@ def draw_pictures(
     return whole, pictures
 
 
+def _eye_figures(findings: PlateFindings, document: Document) -> Iterator[die_figures.Figures]:
+    """Even light and text to the eye, of the best die's display and of its reference display."""
+    best, rules = front.best(document), display_rules(findings.job)
+    if isinstance(best, str) or rules is None:
+        return
+    die = next(die for die in findings.plate.dies if die.name == best.name)
+    answer = findings.built.displays.get(best.name)
+    if answer is not None and answer.judged is not None and min(die.panel.orientations.shape) >= LEAST_SEEN:
+        yield die_figures.Figures(best.name, display.eye, (die.panel, answer.judged, rules.emitters))
+
+
+def report_texts(document: Document, pictures: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
+    """The report as files, by their names: numbers, the page that is signed, its appendix, and the table."""
+    return {
+        REPORT: report_data.report_text(document),
+        PAGE: html_page(document, pictures),
+        APPENDIX: appendix_page(document, pictures),
+        NUMBERS: numbers_text(document),
+    }
+
+
 def _front_figures(restored: Photographs, document: Document) -> Iterator[die_figures.Figures]:
-    """The truth, and what the reference and the best die make of it."""
+    """The truth, and what each die that the report shows makes of it."""
     best = front.best(document)
     if isinstance(best, str):
         return
     yield die_figures.Figures(die_figures.PLATE, scene_figures.truth, (restored.dies[best.name],))
-    for name, _ in front.crops(document, best):
-        yield die_figures.Figures(name, scene_figures.front, (restored.dies[name], best.level_db))
+    for name in front.shown_dies(document):
+        if restored.dies[name].shots:
+            yield die_figures.Figures(name, scene_figures.front, (restored.dies[name], best.level_db))

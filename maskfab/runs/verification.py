@@ -9,8 +9,9 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,19 @@ from maskfab.base import __version__, provenance
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import InputError, JobError, OutputError
 from maskfab.base.findings import maker, origins
-from maskfab.base.folders import JOB_COPY, OVERVIEW, PAGE, REPORT, RESULT_MARK, TIMES, put_back, read_manifest
+from maskfab.base.folders import (
+    APPENDIX,
+    JOB_COPY,
+    NUMBERS,
+    OVERVIEW,
+    PAGE,
+    PRINT,
+    REPORT,
+    RESULT_MARK,
+    TIMES,
+    put_back,
+    read_manifest,
+)
 from maskfab.base.model import Quantity, WrittenFile
 from maskfab.base.processes import SerialExecutor
 from maskfab.base.provenance import sha256_of_file
@@ -41,9 +54,11 @@ from maskfab.mask.sandbox import bounded
 from maskfab.optics.metrics import fast_lens
 from maskfab.report.documents.die import DOCUMENT as MEASURED
 from maskfab.report.documents.die import measured_beside
+from maskfab.report.documents.numbers import numbers_text
 from maskfab.report.documents.shape import Document
-from maskfab.report.pages import page as differences
-from maskfab.report.pages import page as html
+from maskfab.report.pages import differences
+from maskfab.report.pages.appendix import appendix_page
+from maskfab.report.pages.page import html_page
 from maskfab.report.rows.foreign import Foreign, How, check_foreign, only_die
 from maskfab.report.rows.optics import layout_as_seen, plate_as_seen
 from maskfab.report.rows.verdicts import Verdicts
@@ -185,7 +200,7 @@ def _made_again(
     overview, pictures = draw_pictures(findings, now, executor)
     for name, differs in (
         *_aids_differ(folder, findings),
-        *_page_differs(folder, now, pictures, held=all(row.passed is not False for row in rows)),
+        *_pages_differ(folder, manifest, now, pictures, held=all(row.passed is not False for row in rows)),
         (OVERVIEW, "" if differences.alike_images(_bytes(folder / OVERVIEW), overview) else "it shows something else"),
     ):
         yield _again(name, differs, judged=alike and differs != _PHOTOGRAPHS)
@@ -244,19 +259,37 @@ def _aids_differ(folder: Path, findings: PlateFindings) -> Iterator[tuple[str, s
             yield name, "" if _bytes(folder / name) == (Path(aside) / name).read_bytes() else "its bytes differ"
 
 
-def _page_differs(
-    folder: Path, now: Document, pictures: Mapping[str, Mapping[str, str]], *, held: bool
+def _pages_differ(
+    folder: Path,
+    manifest: Mapping[str, Any],
+    now: Document,
+    pictures: Mapping[str, Mapping[str, str]],
+    *,
+    held: bool,
 ) -> Iterator[tuple[str, str]]:
-    """The page against the one of the pictures made again, and of the report, to its last digit if that held."""
+    """Pages and table against those of the pictures made again, and of the report, to its last digit if that held.
+
+    Earlier versions wrote no appendix and no table.
+    """
+    there = {file["path"] for file in manifest["files"]}
+    versions = manifest.get("versions")
+    made_with = versions if isinstance(versions, Mapping) else None
     try:
         document = json.loads((folder / REPORT).read_text(encoding="utf-8")) if held else now
-        page = html.html_page(document, pictures)
-        parts = list(differences.differences((folder / PAGE).read_text(encoding="utf-8"), page, pictures))
-    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError, TemplateError) as error:
-        yield PAGE, f"it cannot be compared: {error!r}"
-        return
-    faults = [name for name in parts if name != differences.NOISE]
-    yield PAGE, f"other {', '.join(faults)}" if faults else _PHOTOGRAPHS if parts else ""
+    except (OSError, ValueError, RecursionError):
+        document = now
+    pages: dict[str, Callable[..., str]] = {PAGE: partial(html_page, made_with=made_with), APPENDIX: appendix_page}
+    for name in (each for each in pages if each in there):
+        try:
+            page = pages[name](document, pictures)
+            parts = list(differences.differences((folder / name).read_text(encoding="utf-8"), page, pictures))
+        except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError, TemplateError) as error:
+            yield name, f"it cannot be compared: {error!r}"
+            continue
+        faults = [part for part in parts if part != differences.NOISE]
+        yield name, f"other {', '.join(faults)}" if faults else _PHOTOGRAPHS if parts else ""
+    if NUMBERS in there:
+        yield NUMBERS, "" if _bytes(folder / NUMBERS) == numbers_text(document).encode() else "its bytes differ"
 
 
 def _bytes(path: Path) -> bytes:
@@ -526,7 +559,7 @@ def reproduce(directory: str | Path, *, progress: Progress = silent) -> Reproduc
     then = {str(name): str(number) for name, number in versions.items()}
     with tempfile.TemporaryDirectory(prefix="maskfab-") as scratch:
         again = Path(scratch) / "again"
-        run(folder / JOB_COPY, again, progress=progress)
+        run(folder / JOB_COPY, again, progress=progress, pdf=PRINT in names)
         every = sorted({*names, *(path.name for path in again.iterdir())} - {TIMES, RESULT_MARK})
         files = tuple(_compared(folder, again, name) for name in (*every, RESULT_MARK))
     now = provenance.versions()

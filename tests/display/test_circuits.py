@@ -119,7 +119,7 @@ def test_boxes_are_read_back_from_every_file_and_measured_there(capsys, tmp_path
         assert (boxes & clear).is_empty()
         # Measured at all: a gap that nobody keeps is broken.
         assert boxes.space_check(30_000, False, db.Region.Square).count() > 0
-    assert "boxes of the drive circuits" in (out / "report.html").read_text(encoding="utf-8")
+    assert "boxes of the drive circuits" in (out / "appendix.html").read_text(encoding="utf-8")
     assert command(capsys, "verify", out, "--quiet").code == 0
 
 

@@ -21,7 +21,7 @@ from maskfab.mask.job import load_job
 from maskfab.report.documents.die import Stated, stated, stated_design
 from maskfab.report.documents.report import report_text, schema, to_document
 from maskfab.report.figures import scene as design_figures
-from maskfab.report.pages import page as html
+from maskfab.report.pages import appendix as html
 from maskfab.report.rows.photographs import Restored
 
 MARKUP = "<script>alert('x')</script>\"&"
@@ -56,7 +56,7 @@ def page_of(run, said, seen=None):
     document = to_document(run.report, run.plate, run.camera, designs={"TURNED": stated_design(said, LEVELS, seen)})
     Draft202012Validator(schema()).validate(json.loads(report_text(document)))
     pictures = {"TURNED": {} if seen is None else design_figures.photograph_pictures(seen)}
-    return html.html_page(document, pictures)
+    return html.appendix_page(document, pictures)
 
 
 def words_of(page):
@@ -80,8 +80,8 @@ def test_everything_that_is_stated_is_told(run):
         "Proven headroom of the opening: at most 0.240 dB (frame interior) at 24 dB SNR, 0.400 dB at 40 dB SNR.",
         "All rules together cost 0.125 dB.",
         "Dropping one rule alone gains: min feature 0.0500 dB , wires 0 dB .",
-        "Through this die at 24 dB, restored: 20 dB, inner frame 21 dB",
-        "The scene leaves1, which the front of the report shows as it is",
+        "Scene leaves1 through this die at 24 dB of light, restored: 20.00 dB, inner frame 21.00 dB",
+        "The scene leaves1, which page 1 of the report shows as it is",
     ):
         assert said.replace(" ,", ",").replace(" .", ".") in words.replace(" ,", ",").replace(" .", "."), said
 
@@ -89,7 +89,7 @@ def test_everything_that_is_stated_is_told(run):
 def test_other_dies_and_reports_say_nothing_of_a_design(run):
     document = to_document(run.report, run.plate, run.camera)
     assert all("design" not in die for die in document["dies"])
-    assert "<h3>Design</h3>" not in html.html_page(document, {})
+    assert "<h3>Design</h3>" not in html.appendix_page(document, {})
     assert page_of(run, Stated(FULL, 8.0)).count("<h3>Design</h3>") == 1
 
 

@@ -59,7 +59,7 @@ def test_a_measurement_stands_in_the_report_of_its_die_and_is_verified(capsys, p
         rows = {row["frequency_cy_per_mm"]: row for row in turned["measured"]["mtf"]}
         assert list(rows) == [25.0, 62.5, 125.0]
         assert rows[25.0]["captured"] == pytest.approx(np.exp(-25 / 60), rel=1e-3)
-        page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+        page = (tmp_path / "out" / "appendix.html").read_text(encoding="utf-8")
         assert MARKUP not in page
         section = page[page.index("Measured beside predicted") :]
         assert section[: section.index("</table>")].count("✓ yes") == 2

@@ -8,7 +8,7 @@ from jsonschema import Draft202012Validator
 from report.test_report_html import read, row
 
 from maskfab.report.documents.report import schema, to_document
-from maskfab.report.pages import page as html
+from maskfab.report.pages import appendix as html
 from maskfab.report.pages.tables import model_table
 
 
@@ -44,7 +44,7 @@ def test_the_page_shows_it_for_the_dies_that_have_times(run):
     told = {"TURNED": {"optics": 0.123, "photographs": 4.5}}
     document = to_document(run.report, run.plate, run.camera, expected_s=told)
     Draft202012Validator(schema()).validate(document)
-    page = html.html_page(document, {})
+    page = html.appendix_page(document, {})
     assert page.count('<table class="models">') == 1
     assert page.index('id="die-TURNED"') < page.index('<table class="models">')
     assert "0.12 s" in read(page).text

@@ -9,7 +9,7 @@ import pytest
 
 from maskfab.camera.scores import Score, Shot
 from maskfab.report.figures import scene
-from maskfab.report.pages import page
+from maskfab.report.pages import differences as page
 from maskfab.report.rows.photographs import Restored
 from maskfab.runs.verification import _reported
 

@@ -43,7 +43,9 @@ def embedded(image: str) -> list[np.ndarray]:
 def test_every_die_and_the_plate_have_their_pictures(run, drawn):
     assert set(drawn) == {die.PLATE, "PLAIN", "TURNED"}
     assert set(drawn[die.PLATE]) == {"drawing", "mtf"}
-    assert set(drawn["PLAIN"]) == {"opening", "panel", "psf", "mtf", "panel_small", "psf_small", "psf_own_peak"}
+    assert set(drawn["PLAIN"]) == {
+        "opening", "panel", "psf", "mtf", "mtf_small", "panel_small", "psf_small", "psf_own_peak",
+    }  # fmt: skip
 
 
 def test_a_dim_psf_is_dim_on_the_common_scale_and_whole_by_its_own_peak(run):

@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from hashlib import sha256
 from html.parser import HTMLParser
 
 import pytest
@@ -10,10 +11,12 @@ import pytest
 from maskfab.job.camera import Stop
 from maskfab.job.process import UNSTATED
 from maskfab.optics.scene.model_bar import bar_of_panel
-from maskfab.report.documents.report import to_document
+from maskfab.report.documents.report import report_text, to_document
 from maskfab.report.figures import die as die_figures
 from maskfab.report.pages import page as html
-from maskfab.report.pages.front import shown_count, shown_dies
+from maskfab.report.pages.appendix import appendix_page
+from maskfab.report.pages.front import shown_count, shown_dies, stamps
+from maskfab.report.pages.template import limit_text
 from maskfab.report.rows.text import rounded
 
 MARKUP = "<script>alert('x')</script>"
@@ -25,8 +28,22 @@ def document(run):
 
 
 @pytest.fixture(scope="module")
-def page(run, document):
-    return html.html_page(document, die_figures.pictures(run.plate, run.optics, document))
+def pictures(run, document):
+    return die_figures.pictures(run.plate, run.optics, document)
+
+
+@pytest.fixture(scope="module")
+def page(document, pictures):
+    return html.html_page(document, pictures)
+
+
+@pytest.fixture(scope="module")
+def appendix(document, pictures):
+    return appendix_page(document, pictures)
+
+
+LINKS = ("#", "data:image/", "report.html", "appendix.html", "numbers.csv")
+"""Where a page may lead: into itself, to what it holds, and to the files beside it."""
 
 
 class Reader(HTMLParser):
@@ -58,40 +75,57 @@ def read(page: str) -> Reader:
     return reader
 
 
-def test_page_is_well_formed_and_fetches_nothing(page):
+@pytest.mark.parametrize("made", ["page", "appendix"])
+def test_pages_are_well_formed_and_fetch_nothing(request, made):
+    page = request.getfixturevalue(made)
     reader = read(page)
     assert {"script", "link", "iframe", "object"}.isdisjoint(reader.tags)
-    assert all(link.startswith(("#", "data:image/")) for link in reader.links)
+    assert all(link.startswith(LINKS) for link in reader.links)
     assert "http://" not in page
     assert "https://" not in page
     assert "@import" not in page
     assert "url(" not in re.sub("src='[^']*'", "", page)
 
 
-def test_page_has_every_die_check_and_file(page, document):
-    words = " ".join(" ".join(read(page).text).split())
+def test_links_between_the_pages_lead_somewhere(page, appendix):
+    for one, other, name in ((page, appendix, "appendix.html"), (appendix, page, "report.html")):
+        assert {link[1:] for link in read(one).links if link[:1] == "#"} <= set(re.findall(r'id="([^"]+)"', one))
+        targets = {link.partition("#")[2] for link in read(one).links if link.startswith(name)} - {""}
+        assert targets <= set(re.findall(r'id="([^"]+)"', other))
+    assert {"die-PLAIN", "die-TURNED", "files"} <= {link.partition("#")[2] for link in read(page).links}
+
+
+def test_the_appendix_has_every_die_check_and_file_and_the_report_their_short_hashes(page, appendix, document):
+    words = " ".join(" ".join(read(appendix).text).split())
     for die in document["dies"]:
         assert f'id="die-{die["name"]}"' in page
+        assert f'id="die-{die["name"]}"' in appendix
         assert die["label"] in words
-    checks = page[page.index('<section id="checks"') : page.index('<section id="files"')]
+    checks = appendix[appendix.index('<section id="checks"') : appendix.index('<section id="files"')]
     failed, _, passed = checks.split("<details")
     judged = [check["passed"] for check in document["checks"]]
     assert (failed.count("<tr>"), passed.count("<tr>")) == (judged.count(False) + 1, judged.count(True) + 1)
     for file in document["files"]:
         assert file["path"] in words
         assert file["sha256"] in words
-    assert document["job_hash"] in words
+        assert file["sha256"][: html.SHORT_HASH] in page
+        assert file["sha256"] not in page
+    assert document["job_hash"] in page
+    assert sha256(report_text(document).encode()).hexdigest()[: html.SHORT_HASH] in page
 
 
 def test_front_says_fail_and_how_to_mend_it(page):
     front = page[: page.index("</header>")]
     words = " ".join(" ".join(read(front + "</header></body></html>").text).split())
-    assert "FILES ✓ CAN BE ORDERED 1 checks pass" in words
+    assert "FILES ✓ AS DESIGNED 1 checks pass; no mask house chosen" in words
     assert "OPTICS ✗ NOT PROVED 2 of 4 checks failed" in words
-    assert "DISPLAY ? NOT JUDGED the job has no [emitters]" in words
-    assert "What failed The written file differs from the design." in words
-    assert "≤ 10⁻⁶" in front
+    for verdict in ("FITS", "LOOKS", "LIVES"):
+        assert f"{verdict} ? NOT JUDGED the job has no [emitters]" in words
+    assert "1 kind of check failed" in words
     assert "PASS" not in front
+    whole = " ".join(" ".join(read(page).text).split())
+    assert "What failed The written file differs from the design." in whole
+    assert "limit ≤ 10⁻⁶" in whole
 
 
 def test_passing_report_says_pass_and_lists_no_failures(run, document):
@@ -100,20 +134,30 @@ def test_passing_report_says_pass_and_lists_no_failures(run, document):
     verdicts = {**document["verdicts"], "files": tally, "optics": tally}
     page = html.html_page({**document, "verdict": "pass", "verdicts": verdicts, "checks": good}, {})
     front = page[: page.index("</header>")]
-    assert "✓ CAN BE ORDERED" in front
+    assert "✓ AS DESIGNED" in front
     assert "✓ PROVED" in front
-    assert "What failed" not in front
+    assert "What failed" not in page
 
 
-def test_markup_in_a_label_is_inert(page):
-    assert MARKUP not in page
-    assert "&lt;script&gt;" in page
+def test_a_plate_can_be_ordered_only_where_a_house_was_asked(document):
+    passed = {"checks": 1, "failed": 0, "passed": True}
+    asked = {**document, "verdicts": {**document["verdicts"], "files": passed}}
+    house = {**document["checks"][0], "name": "shop_blank", "passed": True}
+    words = stamps({**asked, "checks": [house]})[0].word, stamps({**asked, "checks": []})[0].word
+    assert words == ("CAN BE ORDERED", "AS DESIGNED")
 
 
-def test_tables_carry_full_values_and_units(page):
-    assert 'title="0.123456789 ± 1e-07">0.123</td>' in page
-    assert "furlong" in page
-    assert "Shop rule: flashes" in page
+def test_markup_in_a_label_is_inert(page, appendix):
+    for made in (page, appendix):
+        assert MARKUP not in made
+        assert "&lt;script&gt;" in made
+
+
+def test_tables_carry_full_values_and_units(page, appendix):
+    for made in (page, appendix):
+        assert 'title="0.123456789 ± 1e-07">0.1235' in made
+    assert "furlong" in appendix
+    assert "Shop rule: flashes" in appendix
 
 
 def test_page_does_not_tell_the_time(run, document, page):
@@ -123,7 +167,8 @@ def test_page_does_not_tell_the_time(run, document, page):
 
 def test_page_without_pictures_dies_or_checks_still_reads(document):
     empty = {**document, "dies": [], "plate": [], "checks": [], "files": [], "seeds": {}}
-    assert "No check was requested" in html.html_page(empty, {})
+    assert "No check was requested" in appendix_page(empty, {})
+    assert "No photographs" in html.html_page(empty, {})
 
 
 @pytest.mark.parametrize(
@@ -143,7 +188,7 @@ def test_page_without_pictures_dies_or_checks_still_reads(document):
     ],
 )
 def test_numbers_have_few_digits(value, text):
-    assert html.rounded(value) == text
+    assert rounded(value) == text
 
 
 @pytest.mark.parametrize(
@@ -160,7 +205,7 @@ def test_numbers_have_few_digits(value, text):
     ],
 )
 def test_limits_say_on_which_side_to_be(value, bound, passed, text):
-    assert html.limit_text({"value": value, "limit": bound, "passed": passed}) == text
+    assert limit_text({"value": value, "limit": bound, "passed": passed}) == text
 
 
 def row(name: str, value: float, line: float | None = None, passed: bool | None = None) -> dict:
@@ -181,7 +226,7 @@ def test_wavelengths_stand_side_by_side_and_rare_rows_are_folded_unless_they_fai
         row("orders_lowest_five_transmitted", 0.75),
     ]
     die = {**document["dies"][0], "quantities": rows}
-    page = html.html_page({**document, "dies": [die], "checks": []}, {})
+    page = appendix_page({**document, "dies": [die], "checks": []}, {})
     section = page[page.index('<section class="die"') : page.index('<section id="plate"')]
     read(page)
     often, rarely = section.split("<details>")
@@ -191,9 +236,9 @@ def test_wavelengths_stand_side_by_side_and_rare_rows_are_folded_unless_they_fai
     ]  # fmt: skip
     assert re.findall(r'<td title="(\w+)">', rarely) == ["mtf50_per_pixel", "order_zero_incident"]
     assert ">610 nm</th>" in often
-    assert 'title="0.061 ± 0.5: way 610.0">0.06100<small>± 0.50</small></td>' in often
+    assert 'title="0.061 ± 0.5">0.1<small>± 0.5</small></td>' in often
     assert '<td class="n quiet">–</td>' in often  # no side lobe was looked for at 610 nm
-    assert "✗ 3.500" in often
+    assert "✗ 3.5" in often
     assert "✗ FAIL</td>" in often
 
 
@@ -213,7 +258,7 @@ def test_rows_of_files_are_folded_unless_they_failed(document):
         row("solid_strangers", 1, passed=False),
     ]
     die = {**document["dies"][0], "quantities": rows}
-    page = html.html_page({**document, "dies": [die], "plate": plate, "checks": []}, {})
+    page = appendix_page({**document, "dies": [die], "plate": plate, "checks": []}, {})
     read(page)
     named = r'<td title="(\w+)">'
     of_plate = page[page.index('<section id="plate"') : page.index('<section id="checks"')]
@@ -234,11 +279,11 @@ def test_what_is_not_modelled_stands_apart_the_largest_first(run):
     with_bar = replace(run.report, dies={**run.report.dies, name: (*run.report.dies[name], *bar)})
     document = to_document(with_bar, run.plate, run.camera)
     assert [row["name"] for row in document["dies"][0]["quantities"][-len(bar) :]] == [each.name for each in bar]
-    page = html.html_page(document, {})
+    page = appendix_page(document, {})
     (section,) = re.findall(r"<summary>Not modelled, by size .*?</table>", page, re.DOTALL)
     assert re.findall(r'<td title="(model_\w+)">', section) == [each.name for each in bar]
     assert page.count('title="model_chrome_leak"') == 1
-    assert "Not modelled" not in html.html_page(to_document(run.report, run.plate, run.camera), {})
+    assert "Not modelled" not in appendix_page(to_document(run.report, run.plate, run.camera), {})
 
 
 @pytest.fixture(scope="module")
@@ -260,7 +305,7 @@ def test_many_dies_are_a_table_that_unfolds(crowd):
     assert len(unfolded) == shown < 160
     assert {"D90", "D159"} < set(unfolded)
     figure = f"<img src='data:image/png;base64,{'A' * 40_000}' alt=''>"
-    page = html.html_page(crowd, {name: {"psf": figure} for name in unfolded})
+    page = appendix_page(crowd, {name: {"psf": figure} for name in unfolded})
     read(page)
     for die in crowd["dies"]:
         assert page.count(f'id="die-{die["name"]}"') == 1
@@ -274,14 +319,14 @@ def test_many_dies_are_a_table_that_unfolds(crowd):
     line = next(row for row in crowd["dies"][0]["quantities"] if row["name"] == "stop_open_ratio")
     assert folded.count(f">{rounded(line['value'])}</td>") >= 160 - shown
     # A thousand dies, and figures of the size that they have: within 10 MB.
-    fewer = html.html_page({**crowd, "dies": crowd["dies"][:100]}, {})
+    fewer = appendix_page({**crowd, "dies": crowd["dies"][:100]}, {})
     of_each = (len(page) - shown * len(figure) - len(fewer)) / 60
     assert len(page) + 840 * of_each < 10e6
 
 
 def test_a_few_dies_are_all_shown(crowd):
     few = {**crowd, "dies": crowd["dies"][:20]}
-    page = html.html_page(few, {})
+    page = appendix_page(few, {})
     assert shown_dies(few) == tuple(die["name"] for die in few["dies"])
     assert 'id="folded"' not in page
     assert page.count('<section class="die"') == 20

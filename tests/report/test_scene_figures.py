@@ -13,7 +13,7 @@ import pytest
 from maskfab.optics.scene.scene import Distortion
 from maskfab.report.documents.report import to_document
 from maskfab.report.figures import scene
-from maskfab.report.pages import page as html
+from maskfab.report.pages import appendix as html
 from maskfab.report.rows.text import rounded
 
 
@@ -30,7 +30,7 @@ def words(image: str) -> list[str]:
 
 
 def page(run, scenes, pictures) -> str:
-    return html.html_page(to_document(run.report, run.plate, run.camera, scenes), {"TURNED": pictures})
+    return html.appendix_page(to_document(run.report, run.plate, run.camera, scenes), {"TURNED": pictures})
 
 
 def test_every_place_shows_its_residual_and_its_change(seen, drawn):

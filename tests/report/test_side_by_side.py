@@ -179,6 +179,19 @@ def test_what_is_no_report_any_more_is_refused(small_result, tmp_path, damage):
         mf.compare(place)
 
 
+def test_a_report_of_the_version_before_is_compared(small_result, tmp_path):
+    """It has no limits of the eye and of life."""
+    then = json.loads((small_result / "report.json").read_text())
+    assert then["schema_version"] == 6
+    verdicts = {key: value for key, value in then["verdicts"].items() if key not in ("looks", "lives")}
+    (tmp_path / "report.json").write_text(json.dumps({**then, "schema_version": 5, "verdicts": verdicts}))
+    found, same = mf.compare(tmp_path / "report.json"), mf.compare(small_result / "report.json")
+    assert found.compared.table.lines == same.compared.table.lines
+    (tmp_path / "report.json").write_text(json.dumps({**then, "schema_version": 4}))
+    with pytest.raises(OutputError, match=r"MF407.*compares 5 and 6"):
+        mf.compare(tmp_path / "report.json")
+
+
 def test_a_report_alone_is_compared_but_not_vouched_for(small_result, tmp_path):
     shutil.copy(small_result / "report.json", tmp_path)
     found = mf.compare(tmp_path / "report.json")

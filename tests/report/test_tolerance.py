@@ -159,4 +159,4 @@ def test_a_report_has_the_bands_of_every_die(tmp_path):
     for name in ("PLAIN", "TURNED"):
         assert 0 < found[name]["band_psf_shape", 530].value < 0.01
         assert found[name]["band_stop_open_ratio"].value > 0
-    assert "Band of the AUC" in (tmp_path / "out/report.html").read_text(encoding="utf-8")
+    assert "Band of the AUC" in (tmp_path / "out/appendix.html").read_text(encoding="utf-8")

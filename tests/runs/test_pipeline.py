@@ -430,7 +430,7 @@ def test_a_scene_that_cannot_be_modelled_is_refused_before_anything_is_written(c
 
 def test_without_a_scene_nothing_is_planned_or_shown(out, report):
     assert all("scene" not in die for die in report["dies"])
-    assert "<h3>Scene</h3>" not in (out / "report.html").read_text(encoding="utf-8")
+    assert "<h3>Scene</h3>" not in (out / "appendix.html").read_text(encoding="utf-8")
 
 
 # --- [export] and [process] ------------------------------------------------------------------------------------------
@@ -546,7 +546,7 @@ def test_asked_for_files_are_written_and_checked(asked):
     assert {path.name for path in asked.iterdir()} == {
         "SMALL.gds", "SMALL.svg", "SMALL_PLAIN.glb", "SMALL_TURNED.glb", "SMALL_PLAIN.png", "SMALL_TURNED.png",
         "SMALL.lyrdb", "layers.lyp", "job.json", "manifest.json", "report.html", "report.json", "overview.png",
-        "timing.json",
+        "appendix.html", "numbers.csv", "timing.json",
     }  # fmt: skip
     document = json.loads((asked / "report.json").read_text(encoding="utf-8"))
     checked = {check["name"] for check in document["checks"]}
@@ -684,11 +684,11 @@ def test_a_bias_widens_what_is_clear_or_narrows_it_by_its_sign(tmp_path):
         drawn = row_of(result, "stop_open_ratio").value
         ratios.append([value / drawn for value in written_values(result, "open_ratio")])
         assert min(written_values(result, "psf_difference")) > 1e-3
-        assert "<h3>As written</h3>" in (result.directory / "report.html").read_text(encoding="utf-8")
+        assert "<h3>As written</h3>" in (result.directory / "appendix.html").read_text(encoding="utf-8")
         assert {"process", "process TURNED"} <= result.report.seconds.keys()
     assert max(ratios[0]) < 1 < min(ratios[1])
 
 
 def test_a_job_without_a_process_says_nothing_of_it(out, report):
     assert not [q for die in report["dies"] for q in die["quantities"] if q["name"].startswith("written_")]
-    assert "<h3>As written</h3>" not in (out / "report.html").read_text(encoding="utf-8")
+    assert "<h3>As written</h3>" not in (out / "appendix.html").read_text(encoding="utf-8")

@@ -6,6 +6,7 @@ import copy
 import json
 import shutil
 from collections.abc import Callable
+from hashlib import sha256
 from pathlib import Path
 
 import gdstk
@@ -18,8 +19,9 @@ import maskfab
 from maskfab.base.errors import JobError, OutputError
 from maskfab.base.model import Quantity
 from maskfab.base.provenance import sha256_of_file
-from maskfab.report.documents.report import SCHEMA_VERSION
+from maskfab.report.documents.report import SCHEMA_VERSION, report_text
 from maskfab.report.figures.sheet import bitmap
+from maskfab.report.pages.page import SHORT_HASH
 from maskfab.runs.verification import _reported
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "verified_once")
@@ -298,8 +300,13 @@ def test_a_unit_that_an_earlier_version_spelt_otherwise_is_a_note(out):
         for row in areas:
             row["unit"] = "um2"
 
+    then = (out / "report.json").read_text(encoding="utf-8")
     edit_report(out, edit)
-    forged(out / "report.html", lambda text: text.replace("µm²", "um2"))
+    now = report_text(json.loads((out / "report.json").read_text(encoding="utf-8")))
+    hashes = [sha256(text.encode()).hexdigest()[:SHORT_HASH] for text in (then, now)]
+    forged(out / "report.html", lambda text: text.replace("µm²", "um2").replace(*hashes))
+    forged(out / "appendix.html", lambda text: text.replace("µm²", "um2"))
+    forged(out / "numbers.csv", lambda text: text.replace("um^2", "um2"))
     correct_manifest(out)
     found = failures(out)
     assert [(check.name, check.value, check.passed) for check in found] == [("report_units", "um2", None)]
@@ -387,14 +394,24 @@ def forged(path: Path, edit: Callable[[str], str]) -> None:
 def test_a_page_markers_colours_or_a_picture_that_were_forged_are_each_named(out):
     """All at once, with their hashes renewed: each is made again and compared."""
     forged(out / "report.html", lambda text: text.replace("SMALL PLATE", "ANOTHER PLATE", 1))
+    forged(out / "appendix.html", lambda text: text.replace("SMALL PLATE", "ANOTHER PLATE", 1))
+    forged(out / "numbers.csv", lambda text: text.replace("open_ratio", "closed_ratio", 1))
     forged(out / "SMALL.lyrdb", lambda text: text.replace("<items>", "<items><!-- none -->"))
     forged(out / "layers.lyp", lambda text: text.replace("<visible>true", "<visible>false"))
     forged(out / "job.json", lambda text: text + "\n")
     (out / "overview.png").write_bytes(bitmap(Figure()))
     correct_manifest(out)
     found = {check.method.split()[0]: check.value for check in failures(out) if check.name == "made_again"}
-    assert found.keys() == {"report.html", "SMALL.lyrdb", "layers.lyp", "job.json", "overview.png"}
-    assert found["report.html"] == "other text"
+    assert found.keys() == {
+        "report.html",
+        "appendix.html",
+        "numbers.csv",
+        "SMALL.lyrdb",
+        "layers.lyp",
+        "job.json",
+        "overview.png",
+    }
+    assert found["report.html"] == found["appendix.html"] == "other text"
 
 
 def test_a_figure_of_the_page_that_was_forged_is_named(out):

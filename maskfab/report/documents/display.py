@@ -425,6 +425,8 @@ class _Limited(Part):
 class _Judged(Part):
     verdict: Literal["KEPT", "BROKEN"]
     seen: str = optional("pixels and place of the eye")
+    pitch_um: float = optional("at which the display is looked at")
+    distance_um: float = optional("from the eye to the display")
     numbers: list[_Limited]
 
 
@@ -501,17 +503,19 @@ def display_document(display: Feasibility) -> Document:
 def _judged_parts(judged: Judgement | None) -> dict[str, Document]:
     if judged is None:
         return {}
-    parts = {"looks": _limits(judged.looks, judged.where)}
+    parts = {"looks": _limits(judged.looks, judged)}
     if judged.reference_shares is not None:
         parts["lives"] = _limits(judged.lives)
         parts["reference"] = _Reference.document(judged, emitter_share=min(judged.reference_shares))
     return parts
 
 
-def _limits(numbers: Sequence[Limited], seen: str | None = None) -> Document:
+def _limits(numbers: Sequence[Limited], looked: Judgement | None = None) -> Document:
     return _Judged.document(
         verdict="KEPT" if kept(numbers) else "BROKEN",
-        seen=seen,
+        seen=None if looked is None else looked.where,
+        pitch_um=None if looked is None else looked.seen_pitch_um,
+        distance_um=None if looked is None else looked.distance_um,
         numbers=[_Limited.document(number, unit=registered(_ROWS[number.name][0]).unit) for number in numbers],
     )
 

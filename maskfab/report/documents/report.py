@@ -51,6 +51,8 @@ from maskfab.report.rows.text import quantity_document
 from maskfab.report.rows.verdicts import Verdicts
 
 SCHEMA_VERSION = 6
+_READ = (5, SCHEMA_VERSION)
+"""Schemas that are read back; of the first, displays have no limits of the eye and of life."""
 
 NO_DISPLAYS: Mapping[str, Feasibility] = MappingProxyType({})
 NO_DESIGNS: Mapping[str, Document] = MappingProxyType({})
@@ -104,8 +106,8 @@ class _Verdicts(Part):
     files: _Tally = Field(description="null: nothing was checked")
     optics: _Tally = Field(description="null: nothing was checked")
     display: _Displays = Field(description="the worst answer of all dies; null: the job asks for no display")
-    looks: _Limits = Field(description="limits of the eye; null: there is no display to look at")
-    lives: _Limits = Field(description="limits of life and power; null: there is no reference display")
+    looks: _Limits = written("limits of the eye; null: there is no display to look at")
+    lives: _Limits = written("limits of life and power; null: there is no reference display")
 
 
 class _Roughness(Part):
@@ -238,7 +240,7 @@ class _File(Part):
 class ReportPart(Part):
     """report.json."""
 
-    schema_version: Literal[6]
+    schema_version: Annotated[int, OneOf((SCHEMA_VERSION,))]
     maskfab_version: Text
     title: Text
     job_hash: Text
@@ -459,8 +461,8 @@ def _read(path: Path) -> FinishedReport:
     except (ValueError, RecursionError) as error:
         raise OutputError("MF407", f"{file} is truncated or damaged: {error}", cure=_AGAIN) from error
     version = document.get("schema_version") if isinstance(document, dict) else None
-    if version != SCHEMA_VERSION:
-        what = f"{file} is of schema {version!r}; this version compares {SCHEMA_VERSION}"
+    if type(version) is not int or version not in _READ:
+        what = f"{file} is of schema {version!r}; this version compares {' and '.join(map(str, _READ))}"
         raise OutputError("MF407", what, cure=_AGAIN)
     proved = _proved(file)
     try:

@@ -132,6 +132,7 @@ def of_die(item: DieOptics, field_nm: int, peak: float) -> dict[str, str]:
         "panel": panel_close_up(item.die.panel).img(),
         "psf": psf(item.psfs).img(),
         "mtf": mtf(item.mtfs).img(),
+        "mtf_small": mtf((_middle(item.mtfs),)).img(),
         "panel_small": panel_thumbnail(item.die.panel, field_nm),
         "psf_small": psf_thumbnail(_middle(_finest(item.psfs)), peak),
         "psf_own_peak": psf_thumbnail(_middle(_finest(item.psfs))),

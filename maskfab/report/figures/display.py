@@ -31,11 +31,15 @@ from maskfab.base.model import (
     orient,
 )
 from maskfab.base.units import UM_PER_NM
-from maskfab.display.emitted_light import show
-from maskfab.display.emitter_rules import Certificate
+from maskfab.display.emitted_light import Tiled, show
+from maskfab.display.emitter_rules import Certificate, EmitterRules
+from maskfab.display.eye import FLAT, TEXT
 from maskfab.display.feasibility import Feasibility
+from maskfab.display.limits import Judgement
+from maskfab.display.looks import seen
 from maskfab.display.pictures import text
 from maskfab.display.polygon_check import Violation
+from maskfab.display.reference import Reference
 from maskfab.display.wiring import Reach, Wiring
 from maskfab.mask.outlines import outline, unit_shapes
 from maskfab.optics.colour import code_of_light
@@ -61,6 +65,8 @@ _SIDE = 2.7
 _MOST_SHOWN = 8
 """Pixels along a side round a chain."""
 _LIT_PIXELS, _LIT_SAMPLES = 24, 21
+_SEEN_PIXELS = 48
+"""As many as hold three lines of text, and fit beside each other on paper at their true size."""
 
 
 def pictures(panel: Panel, feasibility: Feasibility) -> dict[str, str]:
@@ -81,6 +87,32 @@ def pictures(panel: Panel, feasibility: Feasibility) -> dict[str, str]:
     if panel.emitters is not None:
         drawn["display_lit"] = lit(panel)
     return drawn
+
+
+def eye(panel: Panel, judged: Judgement, rules: EmitterRules) -> dict[str, str]:
+    """Even light and text as the eye sees them: ``seen_white`` and ``seen_text`` on a die, ``maker_white`` and
+    ``maker_text`` on its reference display, where there is one.
+
+    Every picture has :func:`seen_pixels` of the die along a side, so that its true size is known.
+    """
+    count = seen_pixels(panel.orientations.shape)
+    shown = {"seen": Tiled.of(panel, count, count)}
+    if judged.reference_shares is not None:
+        shown["maker"] = Reference.of(judged.layout, panel.pitch_nm, rules).tiled(count, count)
+    drawn = {}
+    for who, field in shown.items():
+        whose = f"opening {panel.opening.name}" if who == "seen" else f"the regular {judged.layout} display"
+        for name, picture in (("white", FLAT), ("text", TEXT)):
+            light = np.clip(seen(field, judged.viewing, picture), 0, 1)
+            levels, palette = sheet.few_colours(np.rint(code_of_light(light) * 255).astype(np.uint8))
+            words = f"{'even light' if picture is FLAT else 'text'} on {whose} as the eye sees it"
+            drawn[f"{who}_{name}"] = img(sheet.data_uri(sheet.png(levels, palette)), words, "lit")
+    return drawn
+
+
+def seen_pixels(cells: Sequence[int]) -> int:
+    """Pixels along a side of the pictures of what the eye sees, of a die with so many rows and columns."""
+    return min(_SEEN_PIXELS, *cells)
 
 
 def lit(panel: Panel) -> str:

@@ -1,8 +1,8 @@
-"""The front of the report: three verdicts, the best die, how sure that is, and what its numbers assume."""
+"""The front of the report: five verdicts, the best die, how sure that is, and what its numbers assume."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,8 +10,8 @@ from maskfab.base.errors import CATALOGUE
 from maskfab.base.resources import explained
 from maskfab.base.units import UM_PER_MM
 from maskfab.camera.scores import CONFIDENCE, MeanDifference
-from maskfab.display.emitter_rules import Verdict
 from maskfab.report.documents.shape import Record
+from maskfab.report.pages.limits import FITS, LIVES, LOOKS, breaches, broken, judged_verdicts, told
 from maskfab.report.pages.tables import (
     band_of,
     die_table,
@@ -25,17 +25,23 @@ from maskfab.report.pages.tables import (
 from maskfab.report.rows.photographs import middle_level
 from maskfab.report.rows.text import short
 
-Mood = Literal["good", "bad", "open"]
+Mood = Literal["good", "bad", "some", "open"]
 
 _FEW, _CHOSEN = 32, 16
 """Dies that a page shows with figures, all of them; and of more, for which it would be too large for a browser."""
+_MOST_NAMED = 2
+"""Dies that a stamp names."""
+
+_VERDICTS = (FITS, LOOKS, LIVES)
+_LESS = 1 - 10**-0.1
+"""Of the mean squared error, by which a decibel is less."""
 
 _ADD = 'add a die as [[die]] to compare with, and name it in the job: [report] reference = "DIE"'
 
 
 @dataclass(frozen=True)
 class Stamp:
-    """One verdict: of what, in a word, good or bad or open, and what it rests on."""
+    """One verdict: of what, in a word, good or bad, of some dies alone, or open, and what it rests on."""
 
     name: str
     word: str
@@ -45,12 +51,14 @@ class Stamp:
     @property
     def sign(self) -> str:
         """Tells it where colours do not."""
-        return {"good": "✓", "bad": "✗", "open": "?"}[self.mood]
+        return {"good": "✓", "bad": "✗", "some": "◐", "open": "?"}[self.mood]
 
 
 @dataclass(frozen=True)
 class Best:
-    """The die of the highest mean PSNR of restored photographs.
+    """The die of the highest mean PSNR of restored photographs, of those whose display keeps every limit.
+
+    Where no die keeps all, it is the best without the verdicts that bind, and is not called best.
 
     Attributes:
         name, label: of it.
@@ -59,11 +67,12 @@ class Best:
         gain: over the reference; None where it is the reference, or there is none.
         reference: die that gains are over; None if there is none.
         stated: whether the job names the reference, which is else the first die.
-        scenes: photographs of each die.
-        others: dies that were photographed beside it.
-        ties: dies that cannot be told from it.
+        scenes: names of the photographs of each die.
+        others: dies that it was chosen from, without itself.
+        ties: of these, dies that cannot be told from it.
         open_ratio: of the stop behind it, as a row of the report.
-        display: verdict on its display; None if none was asked for.
+        broken: verdicts that it breaks; empty unless no die keeps all.
+        limits: what the limits cost, or which of them bind, in words; empty without displays.
         psnr_made, gain_made, open_ratio_made: bands over the displays made; empty without.
         missing: what is needed for a gain; empty where there is one.
     """
@@ -75,11 +84,12 @@ class Best:
     gain: MeanDifference | None
     reference: str | None
     stated: bool
-    scenes: int
+    scenes: tuple[str, ...]
     others: int
     ties: tuple[str, ...]
     open_ratio: Record | None
-    display: str | None
+    broken: tuple[str, ...]
+    limits: str
     missing: str
     psnr_made: str
     gain_made: str
@@ -91,15 +101,43 @@ class Best:
         return tuple(dict.fromkeys(name for name in (self.reference, self.name) if name is not None))
 
     @property
+    def heading(self) -> str:
+        """In place of its title: a die that breaks a limit is the best of none."""
+        return "Best die" if not self.broken else f"No die keeps all limits; the best without {_and(self.broken)}"
+
+    @property
+    def of_scenes(self) -> str:
+        """The photographs of its mean, in words."""
+        count = len(self.scenes)
+        return f"mean of {count} scenes" if count > 1 else f"one scene, {self.scenes[0]}"
+
+    @property
     def gain_words(self) -> str:
         """Interval and photographs of the gain, in words."""
         if self.gain is None:
             return ""
-        count = f"{self.scenes} photographs" if self.scenes > 1 else "one photograph, which gives no interval"
-        how = f"{100 * CONFIDENCE:g} % interval by Student's t of the paired differences over "
-        sure = how if self.scenes > 1 else ""
-        tie = "; a tie, for the interval holds 0" if self.scenes > 1 and self.gain.tie else ""
-        return f"{sure}{count}, at {self.level_db:g} dB of light{tie}"
+        count = len(self.scenes)
+        how = f"{100 * CONFIDENCE:g} % interval by Student's t of the paired differences over {count} scenes"
+        sure = how if count > 1 else "one photograph, which gives no interval"
+        tie = "; a tie, for the interval holds 0" if count > 1 and self.gain.tie else ""
+        return f"{sure} ({', '.join(self.scenes)}), at {self.level_db:g} dB of light{tie}"
+
+    @property
+    def psnr_words(self) -> str:
+        """Meaning of restored PSNR, for somebody who never heard of it, and what the gain means in grey levels."""
+        what = (
+            "Restored PSNR tells how near photographs through the display, sharpened again by computer, come to the "
+            f"truth: the mean squared error in decibels. 1 dB more is {_LESS:.0%} less squared error"
+        ).replace("%", " %")
+        if self.gain is None:
+            return (
+                f"{what}; {self.psnr:.1f} dB is an error of {_levels(self.psnr)} of 255 grey levels, root mean square."
+            )
+        then, now = _levels(self.psnr - self.gain.mean), _levels(self.psnr)
+        return (
+            f"{what}. Here the error of a pixel goes from {then} to {now} of 255 grey levels, root mean square; one "
+            "level is the finest step of an 8-bit picture."
+        )
 
     @property
     def tie_words(self) -> str:
@@ -107,24 +145,26 @@ class Best:
         if not self.others:
             return ""
         if not self.ties:
-            return "Every other die is worse: no interval of its paired difference holds 0."
+            kept = " that keeps the limits" if self.limits and not self.broken else ""
+            return f"Every other die{kept} is worse: no interval of its paired difference holds 0."
         who = "all other dies" if len(self.ties) == self.others and self.others > 1 else ", ".join(self.ties)
         worse = self.others - len(self.ties)
-        rest = f" The other {f'{worse} dies are' if worse > 1 else 'die is'} worse." if worse else ""
+        rest = f" The other {f'{worse} are' if worse > 1 else 'one is'} worse." if worse else ""
         how = f"the {100 * CONFIDENCE:g} % interval of the paired difference includes 0"
         they = "It" if len(self.ties) == 1 else "They"
         return f"Tied with it: {who}. {they} may be as good, for {how}.{rest}"
 
 
-def stamps(document: Record) -> tuple[Stamp, Stamp, Stamp]:
-    """Verdicts on files, optics and displays."""
+def stamps(document: Record) -> tuple[Stamp, ...]:
+    """Verdicts on files, optics, and displays: whether they fit, look right, and live."""
     verdicts = document["verdicts"]
     shops = sorted({row["name"] for row in document["checks"] if row["name"].startswith("shop_")})
-    house = f"{len(shops)} rules of the mask house" if shops else "no mask house chosen"
+    passed = "CAN BE ORDERED" if shops else "AS DESIGNED"
+    house = f"{len(shops)} rules of the mask house" if shops else "no mask house chosen, so its rules were not checked"
     return (
-        _of_checks("FILES", verdicts["files"], ("CAN BE ORDERED", "DO NOT ORDER"), f"; {house}"),
+        _of_checks("FILES", verdicts["files"], (passed, "DO NOT ORDER"), f"; {house}"),
         _of_checks("OPTICS", verdicts["optics"], ("PROVED", "NOT PROVED"), " on the files read back"),
-        _of_displays(verdicts["display"]),
+        *(_of_displays(document, name) for name in (FITS, LOOKS, LIVES)),
     )
 
 
@@ -137,8 +177,12 @@ def best(document: Record) -> Best | str:
     by_die = scores(taken, level)
     if not by_die:
         return f"No photographs: {_refusal(next(die['refused'] for die in taken['dies']))}"
-    name = max(by_die, key=lambda candidate: mean_psnr(taken, level, candidate))
-    die = next(row for row in document["dies"] if row["name"] == name)
+    dies = {die["name"]: die for die in document["dies"] if die["name"] in by_die}
+    means = {name: mean_psnr(taken, level, name) for name in by_die}
+    free = max(means, key=lambda name: means[name])
+    field = _candidates(dies, means)
+    name = max(field, key=lambda candidate: means[candidate])
+    die, missed = dies[name], broken(dies[name])
     reference, stated = taken["reference"], taken["reference_stated"]
     compared = reference is not None and reference != name
     open_ratio = next((row for row in die["quantities"] if row["name"] == "stop_open_ratio"), None)
@@ -147,20 +191,55 @@ def best(document: Record) -> Best | str:
         name=name,
         label=die["label"],
         level_db=level,
-        psnr=mean_psnr(taken, level, name),
+        psnr=means[name],
         gain=difference(taken, level, name, reference) if compared else None,
         reference=reference,
         stated=stated is not None,
-        scenes=len(taken["scenes"]),
-        others=len(by_die) - 1,
-        ties=tuple(other for other in by_die if other != name and difference(taken, level, other, name).tie),
+        scenes=tuple(taken["scenes"]),
+        others=len(field) - 1,
+        ties=tuple(other for other in field if other != name and difference(taken, level, other, name).tie),
         open_ratio=open_ratio,
-        display=die["display"]["verdict"] if "display" in die else None,
+        broken=missed,
+        limits=_limit_words(dies, name, free, difference(taken, level, free, name)),
         missing=_missing(taken, name, len(by_die)),
         psnr_made=psnr_made,
         gain_made=gain_made,
         open_ratio_made="" if open_ratio is None else edges(band_of(die, open_ratio)),
     )
+
+
+def _candidates(dies: Mapping[str, Record], means: Mapping[str, float]) -> list[str]:
+    """Dies that keep every limit; if none does, those that break the fewest verdicts, and of these the ones without
+    which the best photographs would be had."""
+    missed = {name: broken(die) for name, die in dies.items()}
+    fewest = min(len(verdicts) for verdicts in missed.values())
+    near = [name for name, verdicts in missed.items() if len(verdicts) == fewest]
+    first = max(near, key=lambda name: means[name])
+    return [name for name in near if missed[name] == missed[first]]
+
+
+def _limit_words(dies: Mapping[str, Record], name: str, free: str, cost: MeanDifference) -> str:
+    """Cost of the limits of displays in dB, or that none is kept and which bind."""
+    missed = broken(dies[name])
+    if all("display" not in die for die in dies.values()):
+        return ""
+    if missed:
+        kept = [verdict for verdict in _VERDICTS if verdict not in missed]
+        rest = f" {name} keeps {_and(kept)}." if kept else ""
+        return f"No die keeps FITS, LOOKS and LIVES. What binds is {told(breaches(dies[name]))}.{rest}"
+    if name == free:
+        return "The limits of the display cost nothing: no die that breaks one has a higher mean."
+    amount = cost.told(digits=1).lstrip("+")
+    return f"The limits of the display cost {amount}: {free} has that more, but breaks {told(breaches(dies[free]))}."
+
+
+def _levels(psnr: float) -> str:
+    """Root mean square error of a PSNR, in levels of an 8-bit picture."""
+    return f"{255 * 10 ** (-psnr / 20):.0f}"
+
+
+def _and(words: Sequence[str]) -> str:
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
 def shown_count(dies: int) -> int:
@@ -182,24 +261,28 @@ def shown_dies(document: Record) -> tuple[str, ...]:
     return tuple(name for name in names if name in chosen)
 
 
-def assumed(document: Record) -> str:
-    """Camera, light, spectrum and restorer that the numbers of the front rest on, in one line."""
+def assumptions(document: Record) -> list[tuple[str, str]]:
+    """Camera, light, spectrum, restorer and process that the numbers of the report rest on, by name."""
     camera = document["camera"]
     focal, stop = camera["focal_um"], camera["stop"]["diameter_um"]
     lines = ", ".join(f"{line:g}" for line in camera["wavelengths_nm"])
-    lens = f"f = {short(focal / UM_PER_MM)} mm, f/{short(focal / stop, 2)}"
-    said = [f"camera: {lens}, pixel {short(camera['pixel_um'])} µm"]
+    lens = f"f = {short(focal / UM_PER_MM)} mm, f/{short(focal / stop, 2)}, pixel {short(camera['pixel_um'])} µm"
+    said = [("Camera", lens)]
     taken = document.get("photographs")
     if taken is None:
-        return f"Assumed: {'; '.join([*said, f'spectrum: lines of {lines} nm', spread_words(document)])}."
+        return [*said, ("Spectrum", f"lines of {lines} nm"), ("Dies", spread_words(document))]
     scene = taken["scene"]
-    said += [sentence for sentence in taken["told"] if sentence.startswith(("sensor", "light"))]
-    spectrum = f"as [scene] says ({scene['spectrum']})" if "spectrum" in scene else f"lines of {lines} nm"
-    said += [f"spectrum: {spectrum}", "restorer: Wiener filter", f"{len(taken['scenes'])} drawn scenes"]
+    for sentence in taken["told"]:
+        name, _, rest = sentence.partition(": ")
+        if name in ("sensor", "light"):
+            said.append((name.capitalize(), rest))
+    said.append(
+        ("Spectrum", f"as [scene] says ({scene['spectrum']})" if "spectrum" in scene else f"lines of {lines} nm")
+    )
+    said.append(("Photographs", f"drawn scenes {', '.join(taken['scenes'])}, restored by a Wiener filter"))
     rest = [key for key in scene if key not in {"spectrum", "accuracy"}]
-    said.append(f"[scene]: {', '.join(rest)}" if rest else "objects in focus, on the axis")
-    said.append(spread_words(document))
-    return f"Assumed: {'; '.join(said)}."
+    said.append(("Scene", f"[scene]: {', '.join(rest)}" if rest else "objects in focus, on the axis"))
+    return [*said, ("Dies", spread_words(document))]
 
 
 def crops(document: Record, leader: Best | str) -> Iterator[tuple[str, str]]:
@@ -208,8 +291,9 @@ def crops(document: Record, leader: Best | str) -> Iterator[tuple[str, str]]:
         return
     taken = document["photographs"]
     for name in leader.shown:
-        role = "reference" if name == leader.reference else "best"
-        yield name, f"{name} ({role}): {scores(taken, leader.level_db)[name][0]:.1f} dB"
+        role = "reference" if name == leader.reference else "best" if not leader.broken else "best without a limit"
+        own = scores(taken, leader.level_db)[name][0]
+        yield name, f"{name} ({role}), scene {leader.scenes[0]} alone: {own:.1f} dB"
 
 
 def _of_checks(name: str, tally: Record, words: tuple[str, str], rest: str) -> Stamp:
@@ -220,20 +304,33 @@ def _of_checks(name: str, tally: Record, words: tuple[str, str], rest: str) -> S
     return Stamp(name, words[1], "bad", f"{tally['failed']} of {tally['checks']} checks failed{rest}")
 
 
-def _of_displays(counts: Record) -> Stamp:
-    verdict, dies = counts["verdict"], counts["dies"]
-    if verdict is None:
-        return Stamp("DISPLAY", "NOT JUDGED", "open", "the job has no [emitters]")
-    circuits = [counts["circuits"]] if "circuits" in counts else []
-    rest = [
-        f"{number} {words[number != 1]}"
-        for key, words in (("does_not_fit", ("does not fit", "do not fit")), ("unknown", ("is unknown", "are unknown")))
-        if (number := counts[key])
-    ]
-    if verdict == Verdict.FITS:
-        return Stamp("DISPLAY", "FITS", "good", "; ".join([f"on {counts['fits']} of {dies} dies", *circuits]))
-    mood: Mood = "bad" if verdict == Verdict.DOES_NOT_FIT else "open"
-    return Stamp("DISPLAY", f"{counts['fits']} OF {dies} FIT", mood, "; ".join([", ".join(rest), *circuits]))
+def _of_displays(document: Record, name: str) -> Stamp:
+    """A verdict on the displays of all dies. The reference, which may be there to break limits, makes none bad."""
+    judged = [die for die in document["dies"] if name in judged_verdicts(die)]
+    if not judged:
+        return Stamp(name, "NOT JUDGED", "open", "the job has no [emitters]")
+    reference = document.get("photographs", {}).get("reference")
+    others = [die for die in judged if die["name"] != reference or len(judged) == 1]
+    missed = [die["name"] for die in others if name in broken(die)]
+    mood: Mood = "good" if not missed else "bad" if len(missed) == len(others) else "some"
+    basis = [_whose(document, name)]
+    if missed:
+        more = f" and {len(missed) - _MOST_NAMED} more" if len(missed) > _MOST_NAMED else ""
+        basis.append(f"not {', '.join(missed[:_MOST_NAMED])}{more}")
+    if any(die["name"] == reference and name in broken(die) for die in judged if die not in others):
+        basis.append(f"nor the reference {reference}" if missed else f"not the reference {reference}")
+    kept = f"{len(others) - len(missed)} OF {len(others)} {'DIE' if len(others) == 1 else 'DIES'}"
+    return Stamp(name, kept, mood, "; ".join(basis))
+
+
+def _whose(document: Record, name: str) -> str:
+    """Basis of a verdict, in words."""
+    verdicts = document["verdicts"]
+    if name == FITS:
+        return str(verdicts["display"].get("circuits", "placed and wired"))
+    stated = verdicts.get(name.lower(), {}).get("stated", False)
+    what = {LOOKS: "limits of the eye", LIVES: "limits of life"}[name]
+    return f"{what}: {'as the job states' if stated else 'defaults'}"
 
 
 def _missing(taken: Record, name: str, photographed: int) -> str:
@@ -244,7 +341,7 @@ def _missing(taken: Record, name: str, photographed: int) -> str:
     if photographed == 1:
         return f"No gain, for no other die was photographed: {_ADD}."
     if taken["reference"] == name:
-        return "It is the reference itself: no die has a higher mean."
+        return "It is the reference itself: no die to choose from has a higher mean."
     return ""
 
 

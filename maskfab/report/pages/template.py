@@ -1,11 +1,11 @@
-"""Parts that pages share: reading of templates, their look, and the glossary of the trade's words.
+"""Parts that pages share: reading of templates, their look, rows as cells, and the glossary of the trade's words.
 
 Quantities have their own glossary in :mod:`maskfab.base.quantities`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from types import MappingProxyType
 from typing import Any
@@ -13,8 +13,10 @@ from typing import Any
 from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import Markup
 
+from maskfab.base.quantities import registered
 from maskfab.base.resources import template
-from maskfab.report.rows.text import rounded
+from maskfab.report.documents.shape import Record
+from maskfab.report.rows.text import EXACT, rounded, short, told
 
 
 def page_environment(**filters: Callable[..., Any]) -> Environment:
@@ -28,6 +30,88 @@ def page_environment(**filters: Callable[..., Any]) -> Environment:
     )
     environment.filters.update(filters)
     return environment
+
+
+_UNITS: Mapping[str, str] = MappingProxyType({"1": "", "um": "µm", "um^2": "µm²"})
+
+
+def value(row: Record) -> str:
+    """The value to the digits that its error allows; a bound says so."""
+    text, _ = told(row["value"], row["uncertainty"], row["unit"])
+    return f"≤ {text}" if "at_most" in row else text
+
+
+def plusminus(row: Record) -> str:
+    """The error bar with its sign; a word where it is rounding alone, nothing where there is none."""
+    _, error = told(row["value"], row["uncertainty"], row["unit"])
+    return error if error in ("", EXACT) else f"± {error}"
+
+
+def unit(row: Record) -> str:
+    """The unit as a reader writes it; a plain number has none."""
+    return _UNITS.get(row["unit"], row["unit"])
+
+
+def amount(text: str, row: Record) -> str:
+    """A number's text with the unit of its row, if it has one."""
+    return f"{text} {unit(row)}".rstrip()
+
+
+def full(row: Record) -> str:
+    """The value with every digit that report.json has."""
+    error = f" ± {row['uncertainty']!r}" if row["uncertainty"] else ""
+    return f"{row['value']!r}{error} {unit(row)}".rstrip()
+
+
+def limit_text(row: Record) -> str:
+    """The limit with the side on which a value must lie, as far as value and verdict tell it."""
+    bound, value = row["limit"], row["value"]
+    if bound is None:
+        return "–"
+    if isinstance(bound, str) or isinstance(value, str) or value is None or abs(value) == bound:
+        return short(bound)
+    return f"{'≤' if (abs(value) < bound) == bool(row['passed']) else '≥'} {short(bound)}"
+
+
+def verdict(row: Record) -> str:
+    """Pass or fail in words, since colour alone does not reach everybody; a dash where nothing was required."""
+    return "–" if row["passed"] is None else "✓ pass" if row["passed"] else "✗ FAIL"
+
+
+def where(row: Record) -> str:
+    """Die, wavelength and level of light of a row, as far as it has them."""
+    places = [row["die"]] if "die" in row else []
+    places += [f"{row['wavelength_nm']:g} nm"] if "wavelength_nm" in row else []
+    return ", ".join(places + ([f"{row['level_db']:g} dB"] if "level_db" in row else []))
+
+
+def decibel(value: float) -> str:
+    """A number of decibels of which no error is known."""
+    return told(float(value), None, "dB")[0]
+
+
+ROW_FILTERS: Mapping[str, Callable[..., Any]] = MappingProxyType(
+    {
+        "number": rounded, "short": short, "amount": amount, "full": full, "value": value, "plusminus": plusminus,
+        "unit": unit, "limit": limit_text, "term": registered, "verdict": verdict, "where": where, "decibel": decibel,
+    }
+)  # fmt: skip
+"""By which the pages of a run tell rows of report.json."""
+
+
+def references(listed: Mapping[str, str], page: str = "") -> Callable[[Iterable[Record | None]], Markup]:
+    """Writes the keys of the methods of some rows, each a link into the list of methods.
+
+    Args:
+        listed: keys by sentence, as :func:`maskfab.report.documents.numbers.methods` tells them.
+        page: that has the list; "" for the same one.
+    """
+
+    def keys(rows: Iterable[Record | None]) -> Markup:
+        own = dict.fromkeys(listed[row["method"]] for row in rows if row is not None and row["method"] in listed)
+        return Markup(" ").join(Markup('<a href="{}#{}">{}</a>').format(page, key, key) for key in own)
+
+    return keys
 
 
 @cache

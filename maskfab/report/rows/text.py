@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, overload
 from maskfab.base.errors import OutputError, UnknownNameError
 from maskfab.base.model import Quantity
 from maskfab.base.quantities import columns
-from maskfab.base.units import UM_PER_MM
+from maskfab.base.units import UM_PER_MM, decimals_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -53,6 +53,56 @@ def short(value: float | str | None, digits: int = 4) -> str:
     mantissa, power, exponent = text.partition(" × ")
     mantissa = mantissa.rstrip("0").rstrip(".")
     return exponent if mantissa == "1" and power else mantissa + power + exponent
+
+
+EXACT = "exact"
+"""In place of an error that is rounding alone."""
+_ROUNDING = 1e-9
+"""Of a value: errors up to this share are those of rounding, and digits of it that nobody measured."""
+_NOTHING = 1e-12
+"""Errors up to this are rounding, whatever their unit."""
+_DECIBELS = 2
+"""Decimals of a value in dB at most."""
+
+
+def told(value: float | str | None, error: float | None = None, unit: str = "1") -> tuple[str, str]:
+    """A number and its error as a reader is told them: no digit that the error does not allow, and four at most.
+
+    Args:
+        value: of a quantity.
+        error: half width of its error bar; None or 0 for an exact number.
+        unit: a number of decibels has two decimals at most.
+
+    Returns:
+        The value, and the error without its sign: "" for none, :data:`EXACT` for one of rounding alone.
+    """
+    if not isinstance(value, float) or isinstance(value, bool):
+        return rounded(value), ""
+    most = 3 - _exponent(value)
+    if unit == "dB":
+        most = min(most, _DECIBELS)
+    if not error or error <= max(_ROUNDING * abs(value), _NOTHING):
+        whole = (value.is_integer() and unit != "dB") or not 1e-3 <= abs(value) < 1e6
+        return rounded(value) if whole else _fixed(value, most), "" if error is None else EXACT
+    decimals = decimals_of(error)
+    digits = decimals + _exponent(error) + 1
+    of_error = _fixed(error, decimals) if 1e-3 <= error < 1e6 else rounded(error, digits + 1)
+    if 1e-3 <= max(abs(value), error) < 1e6:
+        return _fixed(value, min(decimals, most)), of_error
+    digits = decimals + _exponent(value) + 1
+    return rounded(value, min(digits, 4) + 1) if value and digits > 0 else "0", of_error
+
+
+def _exponent(value: float) -> int:
+    """Power of ten of a number's first digit; 0 of zero."""
+    return math.floor(math.log10(abs(value))) if value else 0
+
+
+def _fixed(value: float, decimals: int) -> str:
+    """With so many decimals, of which those below 0 are zeros before the point; never a zero with a sign."""
+    if decimals <= 0:
+        return rounded(int(round(value, decimals)))
+    return f"{value:z.{decimals}f}".replace("-", "−")
 
 
 _COLUMNS: Mapping[str, Callable[[Quantity], str]] = {
