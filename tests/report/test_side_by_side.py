@@ -192,6 +192,28 @@ def test_a_report_of_the_version_before_is_compared(small_result, tmp_path):
         mf.compare(tmp_path / "report.json")
 
 
+def test_a_die_that_breaks_a_limit_is_the_highest_and_not_the_best(document):
+    def shown(**verdicts: str) -> FinishedReport:
+        made = report("one", document, PLAIN=[20.0, 21.0, 20.5], TURNED=[22.0, 23.0, 22.6])
+        limits = {"name": "grain", "value": 0.02, "reference": 0.0, "unit": "1", "limit": 0.015, "stated": False,
+                  "passed": False, "source": "SEMI"}  # fmt: skip
+        dies = [
+            {**die, "display": {"verdict": "FITS", "share": 0.1, "required": 0.0, "emitters": None, "wires": None,
+             "bound_share": 0.3, "looks": {"verdict": verdicts[die["name"]], "numbers": [limits]}}}
+            for die in made.document["dies"]
+        ]  # fmt: skip
+        return replace(made, document={**made.document, "dies": dies})
+
+    told = verdict(compare_reports([shown(PLAIN="KEPT", TURNED="BROKEN")]))
+    assert told.startswith("Highest PSNR: TURNED; every other die is worse over 3 photographs")
+    assert "Best of those that keep FITS, LOOKS and LIVES: PLAIN." in told
+    assert "The limits of the display cost 2.0" in told
+    assert verdict(compare_reports([shown(PLAIN="KEPT", TURNED="KEPT")])).startswith("Best: TURNED; every other")
+    none = verdict(compare_reports([shown(PLAIN="BROKEN", TURNED="BROKEN")]))
+    assert "Best" not in none
+    assert "No die keeps FITS, LOOKS and LIVES. What binds is LOOKS" in none
+
+
 def test_a_report_alone_is_compared_but_not_vouched_for(small_result, tmp_path):
     shutil.copy(small_result / "report.json", tmp_path)
     found = mf.compare(tmp_path / "report.json")

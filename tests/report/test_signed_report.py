@@ -15,6 +15,7 @@ from report.test_front import A, B, document_of, front_of, taken
 from report.test_report_html import read
 from small_job import finished
 
+from maskfab.base.model import Quantity
 from maskfab.base.units import decimals_of
 from maskfab.camera.scores import MeanDifference
 from maskfab.report.documents.numbers import COLUMNS, methods, numbers_text, rows_of
@@ -22,7 +23,7 @@ from maskfab.report.pages.appendix import appendix_page
 from maskfab.report.pages.front import Best, best, stamps
 from maskfab.report.pages.limits import breaches, broken, limit_lines, told
 from maskfab.report.pages.page import html_page, judged_dies, key_rows
-from maskfab.report.rows.text import EXACT, short
+from maskfab.report.rows.text import EXACT, short, table_lines
 from maskfab.report.rows.text import told as number_told
 
 DELTA_E, GRAIN, LIFE = 2.3, 0.015, 1 / 3
@@ -306,3 +307,21 @@ def test_numbers_are_told_as_their_errors_allow(value, error, unit, expected):
 def test_limits_of_thirds_are_told_to_three_digits():
     assert short(LIFE, 3) == "0.333"
     assert next(line.limit for line in limit_lines({"display": display()}) if line.name == "life") == "≥ 0.333"
+
+
+def test_a_table_of_quantities_has_the_digits_that_errors_allow():
+    rows = (
+        Quantity("restored_psnr", 24.6162, "drawn", 0.05, level_db=32.0),
+        Quantity("auc_radial_min", 0.123456789, "mean", 1e-7, wavelength_nm=530.0),
+        Quantity("readback_psf_difference", 2.49e-9, "L2", 1e-8, wavelength_nm=530.0),
+        Quantity("stop_open_ratio", 0.5, "area", 1e-13),
+        Quantity("polygons", 12345, "count"),
+    )
+    _, *lines = (re.split(r"\s{2,}", line) for line in table_lines(rows))
+    assert [line[1:4] for line in lines] == [
+        ["24.62", "± 0.05", "dB"],
+        ["530 nm", "0.123457", "± 1.0e-07"],
+        ["530 nm", "2e-09", "± 1.0e-08"],
+        ["0.5", "exact", "1"],
+        ["12345"],
+    ]

@@ -19,6 +19,8 @@ from maskfab.report.documents.report import FinishedReport
 from maskfab.report.documents.shape import Document, Record
 from maskfab.report.figures.die import OKABE_ITO
 from maskfab.report.figures.sheet import INK, QUIET, Drawing, place, styled
+from maskfab.report.pages.front import best as best_kept
+from maskfab.report.pages.limits import broken
 from maskfab.report.pages.tables import DieLine, Table, best_photographed, die_table, difference, mean_psnr, scores
 from maskfab.report.pages.template import page_template, style
 from maskfab.report.rows.photographs import middle_level
@@ -332,7 +334,7 @@ def compare_page(compared: Compared) -> str:
 
 
 def verdict(compared: Compared) -> str:
-    """Who is best, in one sentence."""
+    """Ranking and the best die, in words; a die whose display breaks a limit is never called best."""
     table = compared.table
     if table.level_db is None:
         return "No photographs to rank by."
@@ -343,10 +345,15 @@ def verdict(compared: Compared) -> str:
         return f"One die alone has photographs that can be compared: {next(iter(by_die), 'none')}."
     if not best:
         return f"Nobody can tell which is best: all {len(by_die)} dies tie over {count}."
-    if len(best) == 1:
-        return f"Best: {next(iter(best))}; every other die is worse over {count}."
     tied = [line.name for line in table.lines if line.name in best]
-    return f"Best: {tied[0]}, tied with {', '.join(tied[1:])}, over {count}."
+    others = f", tied with {', '.join(tied[1:])}," if len(tied) > 1 else "; every other die is worse"
+    if not any(broken(die) for die in compared.document["dies"] if die["name"] in best):
+        return f"Best: {tied[0]}{others} over {count}."
+    ranking, leader = f"Highest PSNR: {tied[0]}{others} over {count}.", best_kept(compared.document)
+    if isinstance(leader, str):
+        return ranking
+    kept = "" if leader.broken else f" Best of those that keep FITS, LOOKS and LIVES: {leader.name}."
+    return f"{ranking}{kept} {leader.limits}"
 
 
 def compare_text(compared: Compared) -> Iterator[str]:

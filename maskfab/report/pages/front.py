@@ -120,7 +120,7 @@ class Best:
         how = f"{100 * CONFIDENCE:g} % interval by Student's t of the paired differences over {count} scenes"
         sure = how if count > 1 else "one photograph, which gives no interval"
         tie = "; a tie, for the interval holds 0" if count > 1 and self.gain.tie else ""
-        return f"{sure} ({', '.join(self.scenes)}), at {self.level_db:g} dB of light{tie}"
+        return f"{sure} ({', '.join(self.scenes)}), at {self.level_db:g} dB of light (signal-to-noise of white){tie}"
 
     @property
     def psnr_words(self) -> str:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from maskfab.mask.panels import CellMap
 
 
+_PLAIN = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -65,32 +66,32 @@ _DECIBELS = 2
 """Decimals of a value in dB at most."""
 
 
-def told(value: float | str | None, error: float | None = None, unit: str = "1") -> tuple[str, str]:
-    """A number and its error as a reader is told them: no digit that the error does not allow, and four at most.
+def told(value: float | str | None, error: float | None = None, unit: str = "1", digits: int = 4) -> tuple[str, str]:
+    """A number and its error as a reader is told them: no digit that the error does not allow, and few at most.
 
     Args:
         value: of a quantity.
         error: half width of its error bar; None or 0 for an exact number.
         unit: a number of decibels has two decimals at most.
+        digits: as many at most.
 
     Returns:
         The value, and the error without its sign: "" for none, :data:`EXACT` for one of rounding alone.
     """
     if not isinstance(value, float) or isinstance(value, bool):
         return rounded(value), ""
-    most = 3 - _exponent(value)
+    most = digits - 1 - _exponent(value)
     if unit == "dB":
         most = min(most, _DECIBELS)
     if not error or error <= max(_ROUNDING * abs(value), _NOTHING):
         whole = (value.is_integer() and unit != "dB") or not 1e-3 <= abs(value) < 1e6
-        return rounded(value) if whole else _fixed(value, most), "" if error is None else EXACT
+        return rounded(value, digits) if whole else _fixed(value, most), "" if error is None else EXACT
     decimals = decimals_of(error)
-    digits = decimals + _exponent(error) + 1
-    of_error = _fixed(error, decimals) if 1e-3 <= error < 1e6 else rounded(error, digits + 1)
+    of_error = _fixed(error, decimals) if 1e-3 <= error < 1e6 else rounded(error, decimals + _exponent(error) + 2)
     if 1e-3 <= max(abs(value), error) < 1e6:
         return _fixed(value, min(decimals, most)), of_error
-    digits = decimals + _exponent(value) + 1
-    return rounded(value, min(digits, 4) + 1) if value and digits > 0 else "0", of_error
+    allowed = decimals + _exponent(value) + 1
+    return rounded(value, min(allowed, digits) + 1) if value and allowed > 0 else "0", of_error
 
 
 def _exponent(value: float) -> int:
@@ -110,8 +111,8 @@ _COLUMNS: Mapping[str, Callable[[Quantity], str]] = {
     "quantity": lambda q: f"{q.name} ({q.detail})" if q.detail and q.detail in q.symbol else q.name,
     "die": lambda q: q.die or "",
     "line": lambda q: "" if q.wavelength_nm is None else f"{q.wavelength_nm:g} nm",
-    "value": lambda q: f"{'≤ ' if q.at_most else ''}{_value(q.value)}",
-    "error": lambda q: f"± {q.uncertainty:.1e}" if q.uncertainty else "",
+    "value": lambda q: f"{'≤ ' if q.at_most else ''}{_value(q)}",
+    "error": lambda q: _error(q),
     "unit": lambda q: q.unit,
     "limit": lambda q: "" if q.passed is None else f"{'pass' if q.passed else 'FAIL'} ({q.limit})",
 }
@@ -239,8 +240,26 @@ def _rows(quantities: Iterable[Quantity], dies: bool) -> list[tuple[str, ...]]:
     return [tuple(shown), *(tuple(_COLUMNS[name](quantity) for name in shown) for quantity in quantities)]
 
 
-def _value(value: object) -> str:
+def _value(quantity: Quantity) -> str:
+    """With the digits that its error allows, or six where none is known."""
+    value = quantity.value
+    if isinstance(value, float) and quantity.uncertainty and abs(value) >= _NOTHING:
+        text, error = told(value, quantity.uncertainty, quantity.unit, 6)
+        return f"{value:.6g}" if error == EXACT else _plain(text)
     return "-" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _error(quantity: Quantity) -> str:
+    _, error = told(quantity.value, quantity.uncertainty, quantity.unit)
+    return error if error in ("", EXACT) else f"± {_plain(error)}"
+
+
+def _plain(text: str) -> str:
+    """A number as terminals and programs read it."""
+    mantissa, power, exponent = text.replace("\u202f", "").replace("−", "-").partition(" × 10")
+    if not power and mantissa.startswith("10") and mantissa[2:].translate(_PLAIN) != mantissa[2:]:
+        mantissa, exponent = "1", mantissa[2:]
+    return f"{mantissa}e{int(exponent.translate(_PLAIN)):+03d}" if exponent else mantissa
 
 
 def quantity_document(quantity: Quantity) -> dict[str, Any]:
