@@ -106,18 +106,6 @@ def _fixed(value: float, decimals: int) -> str:
     return f"{value:z.{decimals}f}".replace("-", "−")
 
 
-_COLUMNS: Mapping[str, Callable[[Quantity], str]] = {
-    # A detail of the unit is told by the unit.
-    "quantity": lambda q: f"{q.name} ({q.detail})" if q.detail and q.detail in q.symbol else q.name,
-    "die": lambda q: q.die or "",
-    "line": lambda q: "" if q.wavelength_nm is None else f"{q.wavelength_nm:g} nm",
-    "value": lambda q: f"{'≤ ' if q.at_most else ''}{_value(q)}",
-    "error": lambda q: _error(q),
-    "unit": lambda q: q.unit,
-    "limit": lambda q: "" if q.passed is None else f"{'pass' if q.passed else 'FAIL'} ({q.limit})",
-}
-
-
 class Quantities(Sequence[Quantity]):
     """Reported numbers in their order: of a die, of a plate, of an analysis, of a verification.
 
@@ -260,6 +248,18 @@ def _plain(text: str) -> str:
     if not power and mantissa.startswith("10") and mantissa[2:].translate(_PLAIN) != mantissa[2:]:
         mantissa, exponent = "1", mantissa[2:]
     return f"{mantissa}e{int(exponent.translate(_PLAIN)):+03d}" if exponent else mantissa
+
+
+_COLUMNS: Mapping[str, Callable[[Quantity], str]] = {
+    # A detail of the unit is told by the unit.
+    "quantity": lambda q: f"{q.name} ({q.detail})" if q.detail and q.detail in q.symbol else q.name,
+    "die": lambda q: q.die or "",
+    "line": lambda q: "" if q.wavelength_nm is None else f"{q.wavelength_nm:g} nm",
+    "value": lambda q: f"{'≤ ' if q.at_most else ''}{_value(q)}",
+    "error": _error,
+    "unit": lambda q: q.unit,
+    "limit": lambda q: "" if q.passed is None else f"{'pass' if q.passed else 'FAIL'} ({q.limit})",
+}
 
 
 def quantity_document(quantity: Quantity) -> dict[str, Any]:
