@@ -22,6 +22,7 @@ import scipy
 from maskfab.base.arrays import Floats, Singles
 from maskfab.base.errors import JobError
 from maskfab.base.quantities import columns
+from maskfab.base.units import decimals_of
 from maskfab.camera.imaging import LARGE
 from maskfab.camera.scenes import Photograph
 from maskfab.display.eye import OPPONENT_OF_RGB, gains
@@ -190,13 +191,13 @@ class MeanDifference:
         return not abs(self.mean) > self.half_width
 
     def told(self, unit: str = "dB", digits: int = 2) -> str:
-        """In words: the mean with its sign, the interval if there is one, and whether it is a tie."""
-        mean = f"{self.mean:+z.{digits}f}"
+        """In words: the mean with its sign, the interval if there is one, and whether it is a tie; both to the decimals
+        that the interval allows, and so many at most."""
         if math.isnan(self.half_width):
-            return f"{mean} {unit}".rstrip()
-        return " ".join(
-            [mean, f"± {self.half_width:.{digits}f}", *([unit] if unit else []), *(["tie"] if self.tie else [])]
-        )
+            return f"{self.mean:+z.{digits}f} {unit}".rstrip()
+        shown = max(0, min(digits, decimals_of(self.half_width) if self.half_width else digits))
+        told = [f"{self.mean:+z.{shown}f}", f"± {self.half_width:.{shown}f}"]
+        return " ".join([*told, *([unit] if unit else []), *(["tie"] if self.tie else [])])
 
 
 @dataclass(frozen=True)

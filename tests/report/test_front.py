@@ -111,7 +111,7 @@ def test_the_table_puts_photographs_first_and_marks_the_group_of_the_best(run):
     assert [(line.name, line.psnr.text, line.psnr.best) for line in table.lines] == [
         ("TURNED", "30.20", True), ("PLAIN", "25.00", False),
     ]  # fmt: skip
-    assert table.lines[0].gain.text.startswith("+5.20 ± ")
+    assert table.lines[0].gain.text.startswith("+5.2 ± ")
     assert table.lines[1].gain.text == "reference"
     for page in (html.html_page(document, {}), appendix_page(document, {})):
         text = page[page.index('<table class="dies">') :]

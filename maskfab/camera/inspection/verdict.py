@@ -23,7 +23,7 @@ from maskfab.base import __version__
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError, SourceError
 from maskfab.base.model import Panel, Quantity
-from maskfab.base.units import UM_PER_NM
+from maskfab.base.units import UM_PER_NM, decimals_of
 from maskfab.base.work import Progress, silent
 from maskfab.camera.blur import HOLDS, STANDS, MeasuredBlur, stand_words
 from maskfab.camera.frames.merge import Merged
@@ -337,12 +337,18 @@ def _lens_sentence(fit: Fit) -> str:
     """Errors of the lens that are above their own error bars."""
     half = {term: NORMAL_95 * fit.errors[f"z{term}"] for term, _ in fit.setting.terms}
     seen = [
-        f"{TERM_NAMES.get(term, f'Zernike {term}')} {waves:+.4f} ± {half[term]:.4f}"
+        f"{TERM_NAMES.get(term, f'Zernike {term}')} {_by_error(waves, half[term])}"
         for term, waves in fit.setting.terms
         if abs(waves) > half[term]
     ]
     sought = f"of {len(half)} Zernike terms" if len(half) > 1 else "of defocus"
     return f"Lens, in waves, {sought}: {', '.join(seen) if seen else 'none above its error'}."
+
+
+def _by_error(value: float, error: float) -> str:
+    """A number with its sign and its error, to the decimals that this allows, four at most."""
+    decimals = max(0, min(4, decimals_of(error))) if error else 4
+    return f"{value:+.{decimals}f} ± {error:.{decimals}f}"
 
 
 _SPECKLES_PER_PANEL = 3.0

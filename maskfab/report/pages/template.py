@@ -116,8 +116,8 @@ def references(listed: Mapping[str, str], page: str = "") -> Callable[[Iterable[
 
 @cache
 def page_template(name: str, **filters: Callable[..., Any]) -> Template:
-    """A page by its file in export_templates/, compiled once; ``number`` rounds."""
-    return page_environment(number=rounded, **filters).from_string(template(name))
+    """A page by its file in export_templates/, compiled once; ``number`` rounds, ``told`` does so by the error."""
+    return page_environment(number=rounded, told=told, **filters).from_string(template(name))
 
 
 @cache
