@@ -191,7 +191,7 @@ def test_a_run_of_two_dies_is_four_pages(shown, tmp_path):
 
 def test_the_table_of_numbers_is_the_report_row_by_row(document, shown):
     table = list(csv.DictReader(io.StringIO((shown / "numbers.csv").read_text(encoding="utf-8"), newline="")))
-    rows, keys = list(rows_of(document)), methods(document)
+    rows, listed = list(rows_of(document)), methods(document)
     assert len(rows) == len(table) == sum(len(die["quantities"]) for die in document["dies"]) + len(document["plate"])
 
     def spelt(value: object) -> str:
@@ -200,7 +200,7 @@ def test_the_table_of_numbers_is_the_report_row_by_row(document, shown):
     for (die, row), line in zip(rows, table, strict=True):
         assert tuple(line) == COLUMNS
         assert line["die"] == die
-        assert line["method"] == keys.get(row["method"], "")
+        assert (line["method"], line["remark"]) == listed.of(row)
         assert line["error"] == spelt(row["uncertainty"])
         for column in ("name", "symbol", "value", "unit", "limit", "passed", "at_most", "wavelength_nm", "level_db"):
             assert line[column] == spelt(row.get(column)), column
@@ -220,15 +220,32 @@ def test_the_appendix_tells_each_method_once_and_the_report_none(document, shown
     appendix, page = ((shown / name).read_text(encoding="utf-8") for name in ("appendix.html", "report.html"))
     told_there = read(appendix).text
     listed = methods(document)
-    assert len(listed) > 20
-    assert len(set(listed.values())) == len(listed)
-    for sentence, key in listed.items():
+    assert len(listed.keys) > 20
+    assert len(set(listed.keys.values())) == len(listed.keys)
+    for sentence, key in listed.keys.items():
         assert told_there.count(sentence) == 1
         assert f'<dt id="{key}">{key}</dt>' in appendix
         assert sentence not in read(page).text
     used = set(re.findall(r'href="appendix\.html#(M\d+)"', page))
-    assert used <= set(listed.values())
+    assert used <= set(listed.keys.values())
     assert len(used) > 10
+    for _, row in rows_of(document):
+        key, remark = listed.of(row)
+        sentence = next(sentence for sentence, own in listed.keys.items() if own == key)
+        assert row["method"] in {f"{sentence}{mark} {remark}" for mark in ";:"} | ({sentence} if not remark else set())
+
+
+def test_clauses_that_differ_from_row_to_row_are_remarks():
+    def row(name: str, method: str) -> dict:
+        return {"name": name, "method": method}
+
+    halo = [row("halo_energy", f"energy beyond 25 um; of that, {share} lies outside") for share in (0.1, 0.2)]
+    own = [row("mtf50", "from the curve: first crossing"), row("polygons", "count"), row("shop_blank", "")]
+    listed = methods({"dies": [{"name": "A", "quantities": halo}], "plate": own, "checks": halo})
+    assert list(listed.keys) == ["energy beyond 25 um", "from the curve: first crossing", "count"]
+    assert [listed.of(each) for each in (*halo, *own)] == [
+        ("M1", "of that, 0.1 lies outside"), ("M1", "of that, 0.2 lies outside"), ("M2", ""), ("M3", ""), ("", ""),
+    ]  # fmt: skip
 
 
 def test_a_die_has_its_key_numbers_at_one_wavelength_and_all_that_failed(document):

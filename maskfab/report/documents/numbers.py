@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from maskfab.report.documents.shape import Record
 
 COLUMNS = (
     "die", "name", "symbol", "value", "unit", "error", "limit", "passed", "at_most", "wavelength_nm", "level_db",
-    "method",
+    "method", "remark",
 )  # fmt: skip
-"""Of the table. A row without a die is of the plate; ``method`` is a key of :func:`methods`."""
+"""Of the table. A row without a die is of the plate; ``method`` is a key of the list of :func:`methods`."""
 
 
 def rows_of(document: Record) -> Iterator[tuple[str, Record]]:
@@ -29,14 +31,55 @@ def rows_of(document: Record) -> Iterator[tuple[str, Record]]:
         yield "", row
 
 
-def methods(document: Record) -> dict[str, str]:
-    """Ways in which numbers were found, each with the key by which rows refer to it: M1, M2 and so on, by first use."""
-    sentences = [row["method"] for _, row in rows_of(document)]
-    sentences += [row["method"] for row in document["checks"]]
+@dataclass(frozen=True)
+class Methods:
+    """Ways in which numbers were found.
+
+    Attributes:
+        keys: by which rows refer to them, by their sentence: M1, M2 and so on, by first use.
+        parts: sentence and remark of a row, by its name and its method as report.json has it.
+    """
+
+    keys: Mapping[str, str]
+    parts: Mapping[tuple[str, str], tuple[str, str]]
+
+    def of(self, row: Record) -> tuple[str, str]:
+        """Key of a row's method, and what is said of this row alone; both empty for a row without a method."""
+        sentence, remark = self.parts.get((row["name"], row["method"]), ("", ""))
+        return self.keys.get(sentence, ""), remark
+
+
+def methods(document: Record) -> Methods:
+    """The list of methods: of sentences on one quantity that begin alike, the clauses that all have are the method, and
+    the others a remark on their row."""
+    rows = [(row["name"], row["method"]) for _, row in rows_of(document)]
+    rows += [(row["name"], row["method"]) for row in document["checks"]]
     for die in document["dies"]:
         plan = die.get("scene", {}).get("plan", {})
-        sentences += [row["method"] for row in plan.get("ingredients", ())]
-    return {sentence: f"M{number}" for number, sentence in enumerate(dict.fromkeys(filter(None, sentences)), start=1)}
+        rows += [(row["name"], row["method"]) for row in plan.get("ingredients", ())]
+    alike: dict[tuple[str, str], list[tuple[str, ...]]] = {}
+    for name, sentence in dict.fromkeys(row for row in rows if row[1]):
+        clauses = tuple(_CLAUSE.split(sentence))
+        alike.setdefault((name, clauses[0]), []).append(clauses)
+    shared = {place: _common(own) for place, own in alike.items()}
+    parts = {}
+    for name, sentence in rows:
+        clauses = tuple(_CLAUSE.split(sentence))
+        count = shared.get((name, clauses[0]), 0)
+        parts[name, sentence] = " ".join(clauses[:count]).rstrip(";:"), " ".join(clauses[count:])
+    used = dict.fromkeys(method for method, _ in parts.values() if method)
+    return Methods({method: f"M{number}" for number, method in enumerate(used, start=1)}, parts)
+
+
+_CLAUSE = re.compile(r"(?<=[;:]) ")
+
+
+def _common(sentences: Sequence[tuple[str, ...]]) -> int:
+    """Clauses from the start that all sentences have."""
+    return next(
+        (count for count, clauses in enumerate(zip(*sentences, strict=False)) if len(set(clauses)) > 1),
+        min(map(len, sentences)),
+    )
 
 
 def numbers_text(document: Record) -> str:
@@ -44,12 +87,13 @@ def numbers_text(document: Record) -> str:
 
     Numbers have every digit that report.json has; what is null there is empty. Equal documents give equal texts.
     """
-    keys = methods(document)
+    listed = methods(document)
     buffer = io.StringIO()
     table = csv.writer(buffer, lineterminator="\n")
     table.writerow(COLUMNS)
     for die, row in rows_of(document):
-        own = {**row, "die": die, "error": row["uncertainty"], "method": keys.get(row["method"], "")}
+        method, remark = listed.of(row)
+        own = {**row, "die": die, "error": row["uncertainty"], "method": method, "remark": remark}
         table.writerow([_cell(own.get(column)) for column in COLUMNS])
     return buffer.getvalue()
 

@@ -15,6 +15,7 @@ from markupsafe import Markup
 
 from maskfab.base.quantities import registered
 from maskfab.base.resources import template
+from maskfab.report.documents.numbers import Methods
 from maskfab.report.documents.shape import Record
 from maskfab.report.rows.text import EXACT, rounded, short, told
 
@@ -99,16 +100,16 @@ ROW_FILTERS: Mapping[str, Callable[..., Any]] = MappingProxyType(
 """By which the pages of a run tell rows of report.json."""
 
 
-def references(listed: Mapping[str, str], page: str = "") -> Callable[[Iterable[Record | None]], Markup]:
+def references(listed: Methods, page: str = "") -> Callable[[Iterable[Record | None]], Markup]:
     """Writes the keys of the methods of some rows, each a link into the list of methods.
 
     Args:
-        listed: keys by sentence, as :func:`maskfab.report.documents.numbers.methods` tells them.
+        listed: of the report.
         page: that has the list; "" for the same one.
     """
 
     def keys(rows: Iterable[Record | None]) -> Markup:
-        own = dict.fromkeys(listed[row["method"]] for row in rows if row is not None and row["method"] in listed)
+        own = dict.fromkeys(key for row in rows if row is not None and (key := listed.of(row)[0]))
         return Markup(" ").join(Markup('<a href="{}#{}">{}</a>').format(page, key, key) for key in own)
 
     return keys
