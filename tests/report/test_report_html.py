@@ -318,6 +318,12 @@ def test_many_dies_are_a_table_that_unfolds(crowd):
     assert "Left out are their figures, methods, rarely read numbers" in words
     line = next(row for row in crowd["dies"][0]["quantities"] if row["name"] == "stop_open_ratio")
     assert folded.count(f">{rounded(line['value'])}</td>") >= 160 - shown
+    signed = html.html_page(crowd, {})
+    read(signed)
+    assert signed.count('<section class="die page"') == shown
+    assert f"Pages follow for {shown} of the 160 dies" in signed
+    left = [die["name"] for die in crowd["dies"] if die["name"] not in unfolded]
+    assert all(f'href="appendix.html#die-{name}"' in signed for name in left)
     # A thousand dies, and figures of the size that they have: within 10 MB.
     fewer = appendix_page({**crowd, "dies": crowd["dies"][:100]}, {})
     of_each = (len(page) - shown * len(figure) - len(fewer)) / 60

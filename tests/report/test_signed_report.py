@@ -16,6 +16,7 @@ from report.test_report_html import read
 from small_job import finished
 
 from maskfab.base.model import Quantity
+from maskfab.base.resources import path as resource
 from maskfab.base.units import decimals_of
 from maskfab.camera.scores import MeanDifference
 from maskfab.report.documents.numbers import COLUMNS, methods, numbers_text, rows_of
@@ -25,7 +26,9 @@ from maskfab.report.pages.limits import breaches, broken, limit_lines, told
 from maskfab.report.pages.page import html_page, judged_dies, key_rows
 from maskfab.report.rows.text import EXACT, short, table_lines
 from maskfab.report.rows.text import told as number_told
+from maskfab.runs.pipeline import run as run_job
 
+LAYOUTS = resource("layouts")
 DELTA_E, GRAIN, LIFE = 2.3, 0.015, 1 / 3
 
 
@@ -182,6 +185,18 @@ def test_twelve_dies_are_few_words_and_bytes(shown):
     assert words <= 9000
     size = len(front.encode()) + 12 * max(len(die.encode()) for die in dies)
     assert size <= 3e6
+
+
+@pytest.mark.slow
+def test_the_report_of_the_twelve_dies_that_are_shipped_keeps_its_budget(tmp_path):
+    run_job(LAYOUTS / "upc12.toml", tmp_path / "out")
+    file = tmp_path / "out" / "report.html"
+    page = file.read_text(encoding="utf-8")
+    assert words_of(page) <= 9000
+    assert file.stat().st_size <= 3e6
+    paper, _ = printed(installed(), file, tmp_path / "home")
+    # The decision, the evidence, and the dies.
+    assert len(re.findall(rb"/Type /Page\b", paper)) == 14
 
 
 def test_a_run_of_two_dies_is_four_pages(shown, tmp_path):
