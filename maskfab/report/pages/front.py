@@ -318,7 +318,7 @@ def _of_displays(document: Record, name: str) -> Stamp:
         more = f" and {len(missed) - _MOST_NAMED} more" if len(missed) > _MOST_NAMED else ""
         basis.append(f"not {', '.join(missed[:_MOST_NAMED])}{more}")
     if any(die["name"] == reference and name in broken(die) for die in judged if die not in others):
-        basis.append(f"nor the reference {reference}" if missed else f"not the reference {reference}")
+        basis.append("nor the reference" if missed else f"not the reference {reference}")
     kept = f"{len(others) - len(missed)} OF {len(others)} {'DIE' if len(others) == 1 else 'DIES'}"
     return Stamp(name, kept, mood, "; ".join(basis))
 
