@@ -73,7 +73,9 @@ def test_a_die_that_breaks_a_limit_is_never_best_and_the_cost_of_limits_is_told(
     assert isinstance(found, Best)
     assert (found.name, found.broken, found.others) == ("PLAIN", (), 0)
     cost = MeanDifference.of([one - two for one, two in zip(B, C, strict=True)])
-    assert f"The limits of the display cost {cost.mean:.1f} ± {cost.half_width:.1f} dB: TURNED has that" in found.limits
+    assert (
+        f"The limits of the display cost {cost.mean:.1f} ± {cost.half_width:.1f} dB: TURNED gains that" in found.limits
+    )
     assert "breaks LOOKS (slow grain 0.0252, limit ≤ 0.015)." in found.limits
     words = front_of(document)
     assert found.limits in words
