@@ -230,7 +230,8 @@ def _limit_words(dies: Mapping[str, Record], name: str, free: str, cost: MeanDif
     if name == free:
         return "The limits of the display cost nothing: no die that breaks one has a higher mean."
     amount = cost.told(digits=1).lstrip("+")
-    return f"The limits of the display cost {amount}: {free} gains that much more, but breaks {told(breaches(dies[free]))}."
+    why = told(breaches(dies[free]))
+    return f"The limits of the display cost {amount}: {free} gains that much more, but breaks {why}."
 
 
 def _levels(psnr: float) -> str:
