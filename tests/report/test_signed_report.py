@@ -21,7 +21,7 @@ from maskfab.base.units import decimals_of
 from maskfab.camera.scores import MeanDifference
 from maskfab.report.documents.numbers import COLUMNS, methods, numbers_text, rows_of
 from maskfab.report.pages.appendix import appendix_page
-from maskfab.report.pages.front import Best, best, stamps
+from maskfab.report.pages.front import Best, best, decision, stamps
 from maskfab.report.pages.limits import breaches, broken, limit_lines, told
 from maskfab.report.pages.page import html_page, judged_dies, key_rows
 from maskfab.report.rows.text import EXACT, short, table_lines
@@ -73,9 +73,7 @@ def test_a_die_that_breaks_a_limit_is_never_best_and_the_cost_of_limits_is_told(
     assert isinstance(found, Best)
     assert (found.name, found.broken, found.others) == ("PLAIN", (), 0)
     cost = MeanDifference.of([one - two for one, two in zip(B, C, strict=True)])
-    assert (
-        f"The limits of the display cost {cost.mean:.1f} ± {cost.half_width:.1f} dB: TURNED gains that" in found.limits
-    )
+    assert f"The limits of the display cost {cost.mean:.1f} ± {cost.half_width:.1f} dB: TURNED restores" in found.limits
     assert "breaks LOOKS (slow grain 0.0252, limit ≤ 0.015)." in found.limits
     words = front_of(document)
     assert found.limits in words
@@ -104,10 +102,26 @@ def test_where_no_die_keeps_all_the_limit_that_binds_is_named_and_nothing_is_cal
     assert found.heading == "No die keeps all limits; the best without LOOKS"
     assert "What binds is LOOKS (ΔE of even white 3.60, limit ≤ 2.3)" in found.limits
     assert "TURNED keeps FITS and LIVES." in found.limits
+    assert decision(document, found).startswith("Build none of these: no die keeps FITS, LOOKS and LIVES. TURNED")
     words = front_of(document)
     assert "Best die" not in words
     assert "(best)" not in words
     assert "best" not in {row.role for row in judged_dies(document, found)}
+
+
+def test_the_decision_names_the_die_its_gain_its_display_and_the_order(run):
+    document = judged(run, taken(PLAIN=A, TURNED=B), PLAIN=display(), TURNED=display())
+    found = best(document)
+    gain = found.gain.told(digits=1).lstrip("+")
+    assert decision(document, found) == (
+        f"Build TURNED, photographs through it restore {gain} better than PLAIN's, its display fits, looks right and "
+        "lives long enough; before an order choose a mask house."
+    )
+    files = {**document["verdicts"]["files"], "passed": False, "failed": 3}
+    failed = {**document, "verdicts": {**document["verdicts"], "files": files}}
+    assert decision(failed, found).endswith("; do not order, for 3 checks of the files failed.")
+    tied = judged(run, taken(PLAIN=A, TURNED=(A[0] + 1.0, A[1] - 0.9, A[2])), PLAIN=display(), TURNED=display())
+    assert decision(tied, best(tied)).startswith("Nothing here is surely better than PLAIN; TURNED is ahead")
 
 
 def test_limits_that_cost_nothing_say_so_and_a_plate_without_displays_says_nothing(run):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Literal
 
 from maskfab.base.errors import CATALOGUE
@@ -33,6 +34,7 @@ _MOST_NAMED = 2
 """Dies that a stamp names."""
 
 _VERDICTS = (FITS, LOOKS, LIVES)
+_KEEPS = MappingProxyType({FITS: "fits", LOOKS: "looks right", LIVES: "lives long enough"})
 _LESS = 1 - 10**-0.1
 """Of the mean squared error, by which a decibel is less."""
 
@@ -149,7 +151,8 @@ class Best:
             return f"Every other die{kept} is worse: no interval of its paired difference holds 0."
         who = "all other dies" if len(self.ties) == self.others and self.others > 1 else ", ".join(self.ties)
         worse = self.others - len(self.ties)
-        rest = f" The other {f'{worse} are' if worse > 1 else 'one is'} worse." if worse else ""
+        of = " that keep the limits" if self.limits and not self.broken else ""
+        rest = f" The other {f'{worse} dies{of} are' if worse > 1 else 'one is'} worse." if worse else ""
         how = f"the {100 * CONFIDENCE:g} % interval of the paired difference includes 0"
         they = "It" if len(self.ties) == 1 else "They"
         return f"Tied with it: {who}. {they} may be as good, for {how}.{rest}"
@@ -208,6 +211,30 @@ def best(document: Record) -> Best | str:
     )
 
 
+def decision(document: Record, leader: Best | str) -> str:
+    """Answer of the report in one sentence: what to build, what it gains, what its display does, and the order."""
+    if isinstance(leader, str):
+        return ""
+    if leader.broken:
+        return f"Build none of these: no die keeps FITS, LOOKS and LIVES. {leader.name} comes nearest."
+    dies = {die["name"]: die for die in document["dies"]}
+    said = [f"Build {leader.name}"]
+    if leader.gain is not None and leader.gain.tie and len(leader.scenes) > 1:
+        said = [f"Nothing here is surely better than {leader.reference}; {leader.name} is ahead in the mean"]
+    elif leader.gain is not None:
+        said.append(
+            f"photographs through it restore {leader.gain.told(digits=1).lstrip('+')} better than {leader.reference}'s"
+        )
+    if judged := judged_verdicts(dies[leader.name]):
+        said.append("its display " + _and([_KEEPS[verdict] for verdict in judged]))
+    files = document["verdicts"]["files"]
+    if files["passed"] is False:
+        return f"{', '.join(said)}; do not order, for {files['failed']} checks of the files failed."
+    house = any(row["name"].startswith("shop_") for row in document["checks"])
+    order = "the files keep the mask house's rules" if house else "before an order choose a mask house"
+    return f"{', '.join(said)}; {order}."
+
+
 def _candidates(dies: Mapping[str, Record], means: Mapping[str, float]) -> list[str]:
     """Dies that keep every limit; if none does, those that break the fewest verdicts, and of these the ones without
     which the best photographs would be had."""
@@ -231,7 +258,7 @@ def _limit_words(dies: Mapping[str, Record], name: str, free: str, cost: MeanDif
         return "The limits of the display cost nothing: no die that breaks one has a higher mean."
     amount = cost.told(digits=1).lstrip("+")
     why = told(breaches(dies[free]))
-    return f"The limits of the display cost {amount}: {free} gains that much more, but breaks {why}."
+    return f"The limits of the display cost {amount}: {free} restores better by that, but breaks {why}."
 
 
 def _levels(psnr: float) -> str:

@@ -24,7 +24,7 @@ from maskfab.report.documents.shape import WORST, Record
 from maskfab.report.figures import die as die_figures
 from maskfab.report.figures.display import seen_pixels
 from maskfab.report.pages.appendix import by_name
-from maskfab.report.pages.front import Best, assumptions, best, crops, shown_dies, stamps
+from maskfab.report.pages.front import Best, assumptions, best, crops, decision, shown_dies, stamps
 from maskfab.report.pages.limits import FITS, LIVES, LOOKS, LimitLine, broken, judged_verdicts, limit_lines
 from maskfab.report.pages.tables import DieLine, die_table
 from maskfab.report.pages.template import ROW_FILTERS, page_environment, references, style
@@ -97,6 +97,7 @@ def html_page(
         whole=drawn.get(die_figures.PLATE, {}),
         drawn=drawn,
         stamps=stamps(document),
+        decision=decision(document, leader),
         best=leader,
         best_die=dies.get(leader.name) if isinstance(leader, Best) else None,
         crops=list(crops(document, leader)),
