@@ -114,14 +114,14 @@ def test_the_decision_names_the_die_its_gain_its_display_and_the_order(run):
     found = best(document)
     gain = found.gain.told(digits=1).lstrip("+")
     assert decision(document, found) == (
-        f"Build TURNED, photographs through it restore {gain} better than PLAIN's, its display fits, looks right and "
+        f"Build TURNED: photographs through it restore {gain} better than PLAIN's; its display fits, looks right and "
         "lives long enough; before an order choose a mask house."
     )
     files = {**document["verdicts"]["files"], "passed": False, "failed": 3}
     failed = {**document, "verdicts": {**document["verdicts"], "files": files}}
     assert decision(failed, found).endswith("; do not order, for 3 checks of the files failed.")
     tied = judged(run, taken(PLAIN=A, TURNED=(A[0] + 1.0, A[1] - 0.9, A[2])), PLAIN=display(), TURNED=display())
-    assert decision(tied, best(tied)).startswith("Nothing here is surely better than PLAIN; TURNED is ahead")
+    assert decision(tied, best(tied)).startswith("Nothing here is surely better than PLAIN: TURNED is ahead")
 
 
 def test_limits_that_cost_nothing_say_so_and_a_plate_without_displays_says_nothing(run):

@@ -218,9 +218,10 @@ def decision(document: Record, leader: Best | str) -> str:
     if leader.broken:
         return f"Build none of these: no die keeps FITS, LOOKS and LIVES. {leader.name} comes nearest."
     dies = {die["name"]: die for die in document["dies"]}
-    said = [f"Build {leader.name}"]
+    head, said = f"Build {leader.name}: ", []
     if leader.gain is not None and leader.gain.tie and len(leader.scenes) > 1:
-        said = [f"Nothing here is surely better than {leader.reference}; {leader.name} is ahead in the mean"]
+        head = f"Nothing here is surely better than {leader.reference}: "
+        said.append(f"{leader.name} is ahead in the mean")
     elif leader.gain is not None:
         said.append(
             f"photographs through it restore {leader.gain.told(digits=1).lstrip('+')} better than {leader.reference}'s"
@@ -228,11 +229,12 @@ def decision(document: Record, leader: Best | str) -> str:
     if judged := judged_verdicts(dies[leader.name]):
         said.append("its display " + _and([_KEEPS[verdict] for verdict in judged]))
     files = document["verdicts"]["files"]
-    if files["passed"] is False:
-        return f"{', '.join(said)}; do not order, for {files['failed']} checks of the files failed."
     house = any(row["name"].startswith("shop_") for row in document["checks"])
-    order = "the files keep the mask house's rules" if house else "before an order choose a mask house"
-    return f"{', '.join(said)}; {order}."
+    if files["passed"] is False:
+        said.append(f"do not order, for {files['failed']} checks of the files failed")
+    else:
+        said.append("the files keep the mask house's rules" if house else "before an order choose a mask house")
+    return f"{head}{'; '.join(said)}."
 
 
 def _candidates(dies: Mapping[str, Record], means: Mapping[str, float]) -> list[str]:
