@@ -209,7 +209,7 @@ def note_lines(notes: Iterable[Quantity]) -> list[str]:
 
 
 def verdict_lines(checks: Iterable[Quantity], verdicts: Verdicts) -> list[str]:
-    """Every failed check, every note, which has no verdict, and the three verdicts."""
+    """Every failed check, every note, which has no verdict, and the five verdicts."""
     lines = []
     for check in checks:
         if check.passed is None:
