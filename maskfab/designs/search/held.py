@@ -126,12 +126,14 @@ def straight_lines(units: Mask, dot_nm: int, rules: WireRules, *, turned: bool) 
     return fewest
 
 
-def kinds_of_panel(rules: Constraints) -> Iterator[Constraints]:
-    """Rules whose display suits any map, and cells that are laid alike; then any map with crooked emitters."""
+def kinds_of_panel(rules: Constraints, *, crooked: bool = True) -> Iterator[Constraints]:
+    """Rules whose display suits any map, and cells that are laid alike; then, unless that takes too long, any map with
+    crooked emitters."""
     display: Display = rules["emitters"]
     for wired in (Wired.ANY_MAP, Wired.REGULAR):
         yield rules.asking(**of_display(display.wired_as(wired)))
-    yield rules.asking(**of_display(replace(display.wired_as(Wired.ANY_MAP), crooked=True)))
+    if crooked:
+        yield rules.asking(**of_display(replace(display.wired_as(Wired.ANY_MAP), crooked=True)))
 
 
 def shapes_of(families: Iterable[str], dots: int, clear_dots: int) -> list[Candidate]:
@@ -246,7 +248,15 @@ class Start:
         return None if self.any_map or display.rules.wires is None else Guard(display, unit, self.rules.dot_nm)
 
 
-def start_of(rules: Constraints, families: tuple[str, ...], clock: Clock, progress: Progress = silent) -> Start | None:
+def start_of(
+    rules: Constraints,
+    families: tuple[str, ...],
+    clock: Clock,
+    progress: Progress = silent,
+    *,
+    more_than: int = 0,
+    crooked: bool = True,
+) -> Start | None:
     """The first opening that a display fits, of as many dots as are asked for, or of as many as can be.
 
     Args:
@@ -254,24 +264,26 @@ def start_of(rules: Constraints, families: tuple[str, ...], clock: Clock, progre
         families: of the job.
         clock: the best so far is taken when it is over.
         progress: told when an opening is found, and by every step of the bisection.
+        more_than: clear dots that are known to fit; only more are looked for.
+        crooked: look for crooked emitters too, which takes most of the time where a display is nearly full.
 
     Returns:
-        None where not even a pixel with one clear dot was found to hold the display.
+        None where no opening of more dots than that was found to hold the display.
     """
     asked = rules.clear_dots
     conflict = _conflict(rules)
-    if conflict is None and (found := _start(rules, families, _TRIED, clock)) is not None:
+    if conflict is None and (found := _start(rules, families, _TRIED, clock, crooked)) is not None:
         progress(f"fits: {found.first.name}", 1, 1)
         return found
     best: Start | None = None
-    low, high = 0, asked
+    low, high = more_than, asked
     steps = int(np.ceil(np.log2(max(asked, 2))))
     for step in range(steps + 1):
         if high - low <= 1 or (clock.over and best is not None):
             break
         count = (low + high) // 2
         fewer = replace(rules, clear_dots=count)
-        found = None if _conflict(fewer) is not None else _start(fewer, families, _TRIED_OF_FEWER, clock)
+        found = None if _conflict(fewer) is not None else _start(fewer, families, _TRIED_OF_FEWER, clock, crooked)
         progress(f"{asked} dots do not fit; tried {count}", step + 1, steps + 1)
         if found is None:
             high = count
@@ -288,10 +300,10 @@ def _conflict(rules: Constraints) -> Conflict | None:
     return rules.asking(**of_display(display.wired_as(Wired.REGULAR))).conflict()
 
 
-def _start(rules: Constraints, families: tuple[str, ...], tried: int, clock: Clock) -> Start | None:
+def _start(rules: Constraints, families: tuple[str, ...], tried: int, clock: Clock, crooked: bool) -> Start | None:
     others = tuple(name for name in ALL_FAMILIES if name not in families)
     made: dict[tuple[str, ...], list[Candidate]] = {}
-    for held in kinds_of_panel(rules):
+    for held in kinds_of_panel(rules, crooked=crooked):
         for names in (families, others):
             if names not in made:
                 made[names] = shapes_of(names, rules.dots, rules.clear_dots)

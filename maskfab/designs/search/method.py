@@ -65,6 +65,7 @@ from maskfab.designs.search.result import (
     Alternatives,
     Designed,
     Facts,
+    Prices,
     SceneDesign,
     Stages,
     alternatives,
@@ -104,6 +105,10 @@ _KICKS = 3
 
 _QUICK_FIELDS = 16
 """Fields of a quick map of an opening that a display fits: they bring most of the gain."""
+
+
+_RIVALS = 2
+"""Other kinds of openings that are told of beside the chosen one, however short the time was."""
 
 
 _WORSE_DB = 0.25
@@ -319,7 +324,7 @@ def search(
     state, rules = replace(state, best=chosen.shape), chosen.rules
     facts: Facts = {**made, "shape": state.best.name}
     laid, fit, seeds = _with_seeds(laid, fit)
-    priced = prices(state.looked, expected, rules) if state.looked else None
+    priced = _priced(state, expected, rules, clock)
     psnr, appraisal, head_room, gap, notes = laid.psnr, Facts(), None, None, (*state.notes, *laid.notes)
     short = not stages.bounded or not clock.affords(stages.bounds_s)
     if psnr is None and short:
@@ -367,7 +372,15 @@ def search(
         scene=scene,
         account=account,
         alternatives=near,
+        rivals=tuple(one for one in state.held if one.unit is not state.best.unit)[:_RIVALS],
     )
+
+
+def _priced(state: Best, judge: Objective, rules: Constraints, clock: Clock) -> Prices | None:
+    """Costs of the rules among openings that were looked at in dB; those of the eye take half a second for each, which
+    no budget leaves."""
+    dear = clock.budget_s is not None and not {"grain", "delta_e"}.isdisjoint(rules.active)
+    return prices(state.looked, judge, rules) if state.looked and not dear else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -105,7 +105,8 @@ class Designed:
         head_room: by level, dB that no other opening of as many dots can gain over it in the picture's interior, in
             focus; None for a panel of two openings, and where the budget is shorter than bounds take.
         evaluated: openings that were judged.
-        prices: what the rules cost among them, in dB of the weighted mean; None where they were judged otherwise.
+        prices: what the rules cost among them, in dB of the weighted mean; None where they were judged otherwise, and
+            of rules of the eye where there is a budget.
         cells: the designed map; None if none was asked for.
         designed: how that went.
         map_head_room: by level, dB that no layout of as much light in every cell can gain over the map, far from the
@@ -125,6 +126,7 @@ class Designed:
         alternatives: openings of nearly its PSNR; None for a panel of two openings, for a descent, where openings were
             not judged in dB, and where the budget is shorter than bounds take.
         shortfall: where the display was found to hold fewer clear dots than were asked for.
+        rivals: the best openings of other families or sizes that a display was found to fit in the scan, two at most.
     """
 
     opening: Opening
@@ -148,6 +150,7 @@ class Designed:
     account: Account | None = None
     alternatives: Alternatives | None = None
     shortfall: Shortfall | None = None
+    rivals: tuple[Ranked, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

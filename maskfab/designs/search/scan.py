@@ -63,6 +63,7 @@ class Best:
         bettered: evaluations made when the best that was judged was bettered, and its value; of a scan, whether or not
             it keeps the rules.
         stages: what was tried, and how often.
+        held: the best of every kind that a display was found to fit.
     """
 
     best: Ranked
@@ -73,6 +74,7 @@ class Best:
     near: tuple[Ranked, ...] = ()
     bettered: Bettered = ()
     stages: tuple[tuple[str, int], ...] = ()
+    held: tuple[Ranked, ...] = ()
 
 
 def require_shapes(section: SearchSection, rules: Constraints) -> None:
@@ -184,6 +186,7 @@ def scanned(
         near=tuple(opening for opening in last.ranked if opening.value >= best.value - WITHIN_DB),
         bettered=last.bettered,
         stages=(("shapes judged", evaluated),),
+        held=tuple(held),
     )
     if store is not None and complete:
         store.put(_stored(made))
