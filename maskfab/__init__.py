@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from maskfab.api.about import cite as cite
     from maskfab.api.about import doctor as doctor
     from maskfab.api.about import explain as explain
+    from maskfab.api.advising import advise as advise
     from maskfab.api.analysing import analyse as analyse
     from maskfab.api.beginning import new as new
     from maskfab.api.beginning import shapes as shapes

@@ -57,7 +57,7 @@ class Answer(Result):
 
 @checked_arguments
 def explain(
-    code: Annotated[str | None, "CODE|KEY"] = None, *, schema: Literal["job", "report", "check"] | None = None
+    code: Annotated[str | None, "CODE|KEY"] = None, *, schema: Literal["job", "report", "check", "advice"] | None = None
 ) -> Answer:
     """Explain an error code (example, usual cause, cure), a key of a job (form, default) or a number (what finds it).
 
@@ -72,7 +72,8 @@ def explain(
     Args:
         code: code such as ``"MF106"``, or a key or table of a job such as ``"camera.stop"``, or its last word, or a
             quantity such as ``"mtf50"``; left out, all codes are listed.
-        schema: print the JSON Schema (draft 2020-12) of a job file, of report.json or of maskfab check --json.
+        schema: print the JSON Schema (draft 2020-12) of a job file, of report.json, of maskfab check --json or of
+            advice.json.
 
     Raises:
         JobError: MF105 for what is neither, or both.
@@ -107,7 +108,12 @@ def _schema(of: str) -> dict[str, Any]:
         from maskfab.report.documents.display import check_schema
 
         return check_schema()
-    raise JobError("MF105", f"there is no schema of {of!r}", where="schema", cure="Name job, report or check")
+    if of == "advice":
+        from maskfab.report.pages.advice import schema as advice_schema
+
+        return advice_schema()
+    cure = "Name job, report, check or advice"
+    raise JobError("MF105", f"there is no schema of {of!r}", where="schema", cure=cure)
 
 
 def _of_quantity(name: str) -> Answer | None:

@@ -22,7 +22,7 @@ from maskfab.cli.printing import one_line, print_json, print_told, progress_bar,
 from maskfab.mask.limits import limit_in_force
 
 GROUPS: dict[str, tuple[str, ...]] = {
-    "Decide": ("design", "check", "compare"),
+    "Decide": ("advise", "design", "check", "compare"),
     "Make": ("new", "run", "view", "verify"),
     "Order": ("order list", "order compare", "order fill", "order pack"),
     "Photograph and measure": ("analyse", "simulate", "learn", "restore", "measure", "edge"),

@@ -99,6 +99,11 @@ USES: Mapping[str, Keys] = MappingProxyType({
     "design over a spread": _of("process.spread", "bias centre"),
     "design --front": ("pareto", *_LENS, *_FIT, "plate.die_size",
                *_of("design", "name method dots pitch tiling tiling_seed seed rules families map weights protocol")),
+    "advise": (
+        *_CAMERA, *_OPTICS, *_SENSOR, *_HOUSE, *_of("process.spread", "bias centre"),
+        *("design", "emitters", "circuits", "wires", "light", "looks", "lives", "exposure", "order"),
+        "report.reference",
+    ),
     "verify --against": (*_LAYOUT, *_CAMERA, *_BLANK, *_of("order", "tone parity chrome bias"), "limits",
                          *_of("export", "shop max_vertices")),
     "sweep": ("limits",),

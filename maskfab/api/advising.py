@@ -1,0 +1,142 @@
+"""One answer to what should be built for a display and its camera."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+from maskfab.api.briefing import ask_brief
+from maskfab.api.results import Asked, FolderResult, Told, saved
+from maskfab.api.results import answers as answered_by
+from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError
+from maskfab.base.folders import Place, check_target
+from maskfab.base.units import parse_time_s
+from maskfab.base.work import Clock, Progress, ended_by_interrupt, one_thread, silent
+from maskfab.job.brief import Brief, job_text, snapped
+from maskfab.job.read import read, validate
+from maskfab.job.toml import loads
+from maskfab.report.pages.advice import Advised, advice_document, advice_lines, advice_page, pictures, write_advice
+from maskfab.runs.advice import advise as advise_spec
+from maskfab.runs.advice import job_files
+
+BUDGET = "60 s"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Advice(FolderResult):
+    """An answer to what should be built.
+
+    Attributes:
+        found: the design, photographs through it, its display, mask houses, and what else there is.
+        command: that repeats it.
+        time: seconds that it took.
+    """
+
+    found: Advised
+    command: str
+    time: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def build(self) -> bool:
+        """Whether the design should be built."""
+        return bool(self.to_dict()["build"])
+
+    @property
+    def verdict(self) -> str:
+        """The answer in one sentence."""
+        return str(self.to_dict()["verdict"])
+
+    @property
+    def why_not(self) -> list[str]:
+        """Reasons not to build it, the strongest first."""
+        return list(self.to_dict()["why_not"])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything that the page tells."""
+        return advice_document(self.found, self.command, sorted(job_files(self.found.job)), self.time or None)
+
+    def _write(self, place: Place) -> list[Path]:
+        """The page, its numbers, and a job of the design with its files, which ``run`` takes."""
+        return write_advice(place, self.to_dict(), job_files(self.found.job), pictures(self.found))
+
+    def __str__(self) -> str:
+        return "\n".join(advice_lines(self.to_dict()))
+
+    def _repr_html_(self) -> str:
+        return advice_page(self.to_dict(), pictures(self.found))
+
+
+@checked_arguments
+@one_thread
+def advise(
+    job: Annotated[str | Path | None, "JOB"] = None,
+    *,
+    answers: Annotated[Mapping[str, str] | Brief | None, "--set KEY=VALUE"] = None,
+    budget: Annotated[str | None, "TIME"] = BUDGET,
+    images: str | Path | None = None,
+    progress: Progress = silent,
+) -> Advice:
+    """Say what to build for a display and its camera, what photographs gain, what it costs, who writes it, or why not.
+
+    Without a job, questions are asked on a terminal: pitch, layout, emitters, lines, camera, light and limits.
+
+    Examples:
+        $ maskfab advise layouts/display_that_fits.toml -o answer
+        $ maskfab advise job.toml -o answer --budget '5 min'
+        $ maskfab advise -o answer --set pitch='400 dpi' --set camera=phone_main --set lux='200 lux'
+
+    Args:
+        job: job file (.toml) with [design], [emitters] and [plate].
+        answers: answer about the display and its camera, in place of a job, such as ``lines``; the rest has defaults.
+        budget: time from the call on, such as ``"60 s"``; more finds better openings, proves bounds and tries more.
+        images: folder of photographs to design for; by default synthetic scenes.
+        progress: told where the work stands.
+
+    Raises:
+        JobError: MF105 for a job without [design], [emitters] or [plate]; MF150 for a budget that the first openings
+            exceed; else as for the job.
+    """
+    clock = Clock(None if budget is None else parse_time_s(budget, where="budget"), refuses=True)
+    began, processor = time.monotonic(), time.process_time()
+    moves: tuple[str, ...] = ()
+    if job is not None:
+        if answers is not None:
+            what = "answers cannot be stated beside a job, which says what is designed"
+            raise JobError("MF105", what, where="answers", cure="State them in the job, or leave the job out")
+        spec, path = read(Path(job)), Path(job)
+        command = f"maskfab advise {path.as_posix()}"
+    else:
+        made = snapped(answers if isinstance(answers, Brief) else Brief.of(answers or {}))
+        spec, path = validate(loads(job_text(made)), where="answers"), Path("answers")
+        moves, command = tuple(f"Moved to a common grid: {move}." for move in made.moves), "maskfab advise job.toml"
+    command += "" if budget == BUDGET else f" --budget '{budget}'"
+    command += "" if images is None else f" --images {Path(images).as_posix()}"
+    with ended_by_interrupt(clock):
+        found = advise_spec(
+            spec,
+            command,
+            path=path,
+            images=None if images is None else Path(images),
+            progress=progress,
+            clock=clock,
+            notes=moves,
+        )
+    taken = {"wall_s": time.monotonic() - began, "processor_s": time.process_time() - processor}
+    return Advice(found, command, {key: round(seconds, 1) for key, seconds in taken.items()})
+
+
+@answered_by(advise)
+def _advise(asked: Asked) -> Told:
+    """Places are looked at before any question or work."""
+    if asked.out is None and not asked.as_json:
+        cure = "Add -o with a folder for the page, its numbers, and the job"
+        raise JobError("MF105", "the answer has no output folder", where="--out", cure=cure)
+    if asked.out is not None:
+        check_target(asked.out, force=asked.force)
+    if "job" not in asked.stated:
+        asked.stated["answers"] = ask_brief(asked, asked.stated.get("answers") or {})
+    return saved(asked)

@@ -1,0 +1,557 @@
+"""The answer to what should be built for a display and its camera: its document, which ``--json`` prints, and one page.
+
+Six questions are answered, each by a sentence and by rows of numbers with their units, errors and methods. Whether
+anything should be built is decided here: photographs must gain what they would by a third of a stop more light, and
+the display must fit and keep its limits.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from pydantic import Field
+
+from maskfab.base import __version__
+from maskfab.base.folders import Place, staged, write_mark
+from maskfab.base.model import Tiling
+from maskfab.base.units import NM_PER_UM, decimals_of
+from maskfab.camera.scores import CONFIDENCE, MeanDifference
+from maskfab.designs.rules.display_fit import misfit
+from maskfab.designs.search.result import Designed
+from maskfab.display.emitter_rules import Verdict
+from maskfab.display.feasibility import Feasibility, PlateWithDisplays
+from maskfab.mask.job import Job
+from maskfab.mask.package.pack import Bid
+from maskfab.report.documents.display import display_document
+from maskfab.report.documents.shape import Document, Part, Record, document_text, titled_schema, written
+from maskfab.report.figures import display as display_figures
+from maskfab.report.figures import scene as scene_figures
+from maskfab.report.pages.template import page_template, style
+from maskfab.report.rows.photographs import NOISE_DB, Photographs
+from maskfab.report.rows.text import USEFUL_DB, short
+
+SCHEMA_VERSION = 1
+DOCUMENT, PAGE = "advice.json", "advice.html"
+WORTH_DB = 10 * math.log10(2 ** (1 / 3))
+"""Least gain that is worth a mask: photon noise falls as much by a third of a stop more light, the smallest step by
+which cameras set their exposure."""
+_MODEL = "estimate by the expected PSNR of restored photographs"
+
+
+def laid_db(designed: Designed) -> float:
+    """Expected restored PSNR of what is laid, with its map if it has one, dB, mean over the levels."""
+    return float(np.mean(designed.psnr if designed.designed is None else designed.designed.psnr))
+
+
+@dataclass(frozen=True)
+class Reach:
+    """The largest opening that was found to fit a display, its rules as they stand or with one of them eased.
+
+    Attributes:
+        name: of what is eased, in words.
+        clear_dots: in a pixel; None where none was found.
+        dots: along the pixel's side.
+        shape: of the opening; empty where the display holds no more than without easing.
+        psnr: expected restored PSNR by level, dB, before a map; none likewise.
+        alike: whether lines were found only where all cells lie alike.
+        mapped: whether ``psnr`` is with a map.
+        complete: whether every number of dots was tried that the clock allowed to.
+        why: there is none; None where it was looked for.
+    """
+
+    name: str
+    clear_dots: int | None = None
+    dots: int = 0
+    shape: str = ""
+    psnr: tuple[float, ...] = ()
+    alike: bool = False
+    mapped: bool = False
+    complete: bool = True
+    why: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Advised:
+    """Everything that an answer is made of.
+
+    Attributes:
+        job: of two dies, the reference and the design, which ``run`` takes.
+        designed: the design; without a display's rules where no display fits.
+        alike_psnr: expected restored PSNR of its opening with all cells laid alike, dB, by level.
+        misfit: why no display fits; None where one does.
+        displays: of both dies.
+        photographs: through both dies, at the job's light and at less and more of it.
+        level_db: the job's light, or the middle one of several.
+        unobstructed: gain over the reference of a clear stop of the design's light.
+        bids: of mask houses.
+        reaches: larger openings; none where time was over.
+        unkept: limits of the eye that an earlier, freer design breaks, and what became of one that keeps them; None
+            where the first design keeps all.
+        limit_cost_db: expected restored PSNR that keeping them costs; None where no design was found that does.
+        notes: on what of the job was not used.
+        budget_s: seconds that were asked for; None for no end.
+    """
+
+    job: Job
+    designed: Designed
+    alike_psnr: tuple[float, ...]
+    misfit: str | None
+    displays: PlateWithDisplays
+    photographs: Photographs
+    level_db: float
+    unobstructed: MeanDifference
+    bids: tuple[Bid, ...]
+    reaches: tuple[Reach, ...]
+    unkept: str | None = None
+    limit_cost_db: float | None = None
+    notes: tuple[str, ...] = ()
+    budget_s: float | None = None
+
+    @property
+    def name(self) -> str:
+        """Die of the design."""
+        return self.job.spec.die[-1].name
+
+    @property
+    def reference(self) -> str:
+        """Label of the die that gains are over."""
+        return self.job.spec.die[0].label
+
+    @property
+    def display(self) -> Feasibility | None:
+        """The display of the design; None for a sheet without pixels."""
+        return self.displays.displays.get(self.name)
+
+    @property
+    def at(self) -> int:
+        """Place, among the levels that the design is for, of the one nearest to the job's light."""
+        return min(range(len(self.designed.levels)), key=lambda k: abs(self.designed.levels[k] - self.level_db))
+
+    def gain(self, level_db: float) -> MeanDifference:
+        """Restored PSNR over the reference's, dB."""
+        return next(gain.psnr for gain in self.photographs.gains[self.name] if gain.level_db == level_db)
+
+    def gained(self, level_db: float) -> bool:
+        """Whether photographs gain what is worth a mask at a light."""
+        gain = self.gain(level_db)
+        return not gain.tie and gain.mean >= WORTH_DB
+
+    def light(self, level_db: float) -> str:
+        """Light in words: lux on white of reflectance 1 where the job states a luminance, else the level."""
+        exposure, kind = self.job.spec.exposure, self.photographs.conditions.protocol
+        if exposure is None or exposure.luminance is None:
+            return f"{level_db:.3g} dB of light"
+        times = kind.exposure(level_db).electrons / kind.exposure(self.level_db).electrons
+        return f"{short(math.pi * exposure.luminance * times, 3)} lux"
+
+    def electrons(self, level_db: float) -> str:
+        """Electrons of white behind the design, in words."""
+        white = self.photographs.conditions.protocol.exposure(level_db).behind(self.designed.opening.open_ratio)
+        return f"{short(white, 3)} electrons of white"
+
+
+class _Row(Part):
+    name: str
+    value: float | str | None = Field(description="null: not tried, for the reason in `how`")
+    unit: str
+    error: float | None = Field(description="half width; null where `how` says what the value is worth")
+    reference: float | None = Field(description="of the display or die that it is compared with")
+    limit: float | None
+    passed: bool | None
+    how: str
+
+
+class _Answer(Part):
+    key: str
+    question: str
+    sentence: str
+    method: str = Field(description="of all rows; empty where each says its own")
+    rows: list[_Row]
+
+
+class AdvicePart(Part):
+    """The content of advice.json."""
+
+    schema_version: int
+    maskfab_version: str
+    job_hash: str
+    command: str
+    time: dict[str, float] | None = written("seconds: wall_s, processor_s")
+    budget_s: float | None
+    build: bool
+    verdict: str
+    why_not: list[str]
+    answers: list[_Answer]
+    assumes: list[str]
+    left_out: list[str]
+    files: list[str]
+
+
+def schema() -> Document:
+    """The JSON Schema of advice.json."""
+    return titled_schema("maskfab advice", AdvicePart)
+
+
+def _row(name: str, value: float | str | None, unit: str = "", how: str = "", **more: Any) -> Document:
+    empty = {"error": None, "reference": None, "limit": None, "passed": None}
+    return _Row.document(name=name, value=value, unit=unit, how=how, **{**empty, **more})
+
+
+def told(gain: MeanDifference) -> str:
+    """A difference with its interval, to the digits that this allows; reasons say what holds 0."""
+    return gain.told().removesuffix(" tie")
+
+
+def why_not(advised: Advised) -> list[str]:
+    """Reasons not to build the design, the strongest first; none where it should be built."""
+    display, level = advised.display, advised.level_db
+    reasons = [] if advised.misfit is None else [f"no display fits it: {advised.misfit}"]
+    if advised.misfit is None and display is not None and display.verdict is not Verdict.FITS:
+        reasons.append(f"the display was not found to fit: {misfit(display)}")
+    for row in _limits(advised):
+        if row["passed"] is False:
+            whose = row["how"].partition(":")[0]
+            reasons.append(f"{row['name']} is {shown(row)}, and the limit is {short(row['limit'], 2)} ({whose})")
+    reasons += [advised.unkept] if reasons and advised.unkept else []
+    if not advised.gained(level):
+        gain = advised.gain(level)
+        held = "which may be chance" if gain.tie else f"less than {WORTH_DB:.1f} dB"
+        reasons.append(f"at {advised.light(level)} photographs gain {told(gain)}, {held}; {_starved(advised)}")
+    return reasons
+
+
+def _starved(advised: Advised) -> str:
+    """Whether light or blur is what photographs lack, by a clear stop of as much light; what would help."""
+    ideal, dots = advised.unobstructed, advised.designed.opening.clear_dots
+    gains = f"a clear stop of as much light would gain {told(ideal)}"
+    if ideal.mean < WORTH_DB:
+        why = f"{gains}: they are starved of light, not blurred, and no opening of {dots} dots is worth a mask"
+    elif ideal.tie:
+        why = f"{gains}, so that {ideal.count} scenes do not tell blur from want of light"
+    else:
+        why = f"{gains}: they are blurred, and this opening is no cure"
+    largest = next(iter(advised.reaches), None)
+    more = 0.0 if largest is None or not largest.psnr else float(np.mean(largest.psnr) - np.mean(advised.designed.psnr))
+    if largest is None or more < WORTH_DB:
+        return why
+    return f"{why}; try clear_dots = {largest.clear_dots}, which fit and are expected to gain {more:.1f} dB more"
+
+
+def _verdict(advised: Advised, reasons: Sequence[str]) -> str:
+    level, gain = advised.level_db, advised.gain(advised.level_db)
+    better = (
+        f"restored photographs at {advised.light(level)} are {told(gain).lstrip('+')} better than behind "
+        f"{advised.reference}"
+    )
+    if reasons:
+        apart = f". Without that, {better}" if advised.gained(level) else ""
+        return f"Do not build this: {'; '.join(reasons)}{apart}."
+    limits = [row for row in _limits(advised) if row["limit"] is not None]
+    names = ", ".join(f"{row['name']} {shown(row)} (limit {short(row['limit'], 2)})" for row in limits)
+    kept = f"keeps its limits: {names}" if limits else "fits round it"
+    power = 100 / 10 ** (gain.mean / 10)
+    return f"Build this: {better}, with {power:.0f} % of the error's power, and the display {kept}."
+
+
+def _limits(advised: Advised) -> list[Document]:
+    """Numbers of the eye and of life, beside the reference display and their limits."""
+    display = advised.display
+    if display is None or display.judged is None:
+        return []
+    parts = display_document(display)
+    numbers = [number for part in ("looks", "lives") if part in parts for number in parts[part]["numbers"]]
+    judged = (*display.judged.looks, *display.judged.lives)
+    keys = ("reference", "limit", "passed")
+    return [
+        _row(own.title, own.value, number["unit"], own.source, **{key: number[key] for key in keys})
+        for own, number in zip(judged, numbers, strict=True)
+    ]
+
+
+def shown(row: Record) -> str:
+    """Value of a row with its error and unit, as a page shows it."""
+    value, error = row["value"], row["error"]
+    if value is None or isinstance(value, str):
+        return "not tried" if value is None else value
+    decimals = 1 if not error else max(0, decimals_of(error))
+    text = short(value, 2 if abs(value) < 10 else 3)
+    if row["unit"] == "dB":
+        text = f"{value:{'+' if row['name'].startswith(_GAIN) else '-'}z.{decimals}f}"
+    unit = "" if row["unit"] == "1" else row["unit"]
+    return f"{text}{'' if error is None else f' ± {error:.{decimals}f}'} {unit}".rstrip()
+
+
+_GAIN = "gain"
+_NOTHING = 1e-9
+
+
+def _build(advised: Advised) -> tuple[str, str, list[Document]]:
+    designed, at = advised.designed, advised.at
+    opening, alike = designed.opening, designed.account is not None and designed.account.tiling is Tiling.PERIODIC
+    pitch_um, dot_um = opening.dots * opening.dot_nm / NM_PER_UM, opening.dot_nm / NM_PER_UM
+    ways = {} if alike else {"cells turned at random": designed.psnr[at]}
+    if designed.designed is not None:
+        ways["cells turned by their map"] = designed.designed.psnr[at]
+    laid = list(ways)[-1] if ways else "all cells laid alike"
+    rows = [
+        _row(f"gain by {way}", value - advised.alike_psnr[at], "dB", "built" if way == laid else "")
+        for way, value in ways.items()
+    ]
+    if designed.shortfall is not None:
+        rows.append(_row("clear dots", opening.clear_dots, "", designed.shortfall.told))
+    dense = "the same all over the stop" if designed.outer is None else "more in the middle of the stop"
+    seed = "–" if designed.account is None else designed.account.seed
+    rows.append(_row("light", dense, "", f"{designed.evaluated} openings judged, seed {seed}"))
+    return (
+        f"{opening.clear_dots} clear dots of {dot_um:g} µm in each pixel of {pitch_um:g} µm, {opening.open_ratio:.1%} "
+        f"of it: {designed.shape}; {laid}.",
+        f"Gains are over all cells laid alike, at {designed.levels[at]:.3g} dB of light: {_MODEL}.",
+        rows,
+    )
+
+
+def _photographs(advised: Advised) -> tuple[str, str, list[Document]]:
+    taken, level, gain = advised.photographs, advised.level_db, advised.gain(advised.level_db)
+    names = (advised.reference, "the design")
+    rows = [
+        _row(f"restored PSNR, {name}", die.psnr(level), "dB", "error: another draw of the noise", error=NOISE_DB)
+        for name, die in zip(names, taken.dies.values(), strict=True)
+    ]
+    for light in taken.conditions.levels:
+        own = advised.gain(light)
+        error = None if math.isnan(own.half_width) else own.half_width
+        more = {"error": error, "limit": WORTH_DB, "passed": advised.gained(light)}
+        rows.append(_row(f"gain at {advised.light(light)}", own.mean, "dB", advised.electrons(light), **more))
+    return (
+        f"{told(gain)} at {advised.light(level)}, {advised.electrons(level)}.",
+        f"PSNR is the distance of a restored photograph from the scene: 3 dB more is half the error's power. Gains are "
+        f"means of {gain.count} drawn scenes, paired over {advised.reference}, with their {CONFIDENCE:.0%} interval.",
+        rows,
+    )
+
+
+def _costs(advised: Advised) -> tuple[str, str, list[Document]]:
+    display = advised.display
+    if display is None:
+        return "The design has no pixels that a display could be judged by.", "", []
+    how = f"drawn by the job's rules; none can have more than {display.footprint.bound_share:.1%}"
+    limit, passed = 100 * display.required, display.share >= display.required - 1e-12
+    row = _row("emitters of each colour", 100 * display.share, "%", how, limit=limit, passed=passed)
+    limits = _limits(advised)
+    broken = [row["name"] for row in limits if row["passed"] is False]
+    held = f"breaks {', '.join(broken)}" if broken else "keeps every limit that it is held against"
+    wired = "" if display.wiring is None else f" and {min(display.wiring.lines)} lines each way"
+    fits = (
+        f"The display fits: emitters{wired}" if display.verdict is Verdict.FITS else f"It does not: {misfit(display)}"
+    )
+    seen = (
+        "" if display.judged is None else f"Seen: {display.judged.where}. Beside {display.judged.layout}, the maker's."
+    )
+    rows = [row, *limits]
+    if advised.limit_cost_db is not None:
+        rows.append(_row("loss by keeping its limits", advised.limit_cost_db, "dB", f"{_MODEL}; {advised.unkept}"))
+    return f"{fits}; it {held}.", seen, rows
+
+
+def _houses(advised: Advised) -> tuple[str, str, list[Document]]:
+    by = {answer: [bid for bid in advised.bids if bid.answer == answer] for answer in ("takes it", "ask first")}
+    taking, asking, rows = by["takes it"], by["ask first"], []
+    for bid in taking:
+        least = next((finding for finding in bid.findings if finding.rule == "min_feature"), None)
+        rule = "no least feature published" if least is None else f"features from {least.limit} {least.unit}"
+        rows.append(_row(bid.title, "takes it", "", ", ".join((bid.format, rule, *bid.changes))))
+    if asking:
+        rows.append(_row("ask first", f"{len(asking)} houses", "", "; ".join(bid.title for bid in asking)))
+    refusing = [bid for bid in advised.bids if bid not in taking and bid not in asking]
+    if refusing:
+        why = "; ".join(f"{bid.title} ({', '.join(dict.fromkeys(f.rule for f in bid.refusals))})" for bid in refusing)
+        rows.append(_row("do not take it", f"{len(refusing)} houses", "", why))
+    blanks = sorted({blank for bid in taking or asking for blank in bid.blanks})
+    lacks = f"A first order still lacks {', '.join(blanks)}: maskfab order fill job.toml --shop NAME asks for them."
+    sentence = f"{len(taking)} of {len(advised.bids)} mask houses take the plate by their published rules."
+    return sentence, lacks if blanks else "A first order lacks nothing.", rows
+
+
+def _others(advised: Advised) -> tuple[str, str, list[Document]]:
+    designed = advised.designed
+    before, after = float(np.mean(designed.psnr)), laid_db(designed)
+    rows = [_reach_row(reach, after if reach.mapped else before) for reach in advised.reaches]
+    rows = rows or [_row("gain by a larger opening, or with a rule eased", None, "", "ended before it was looked for")]
+    near = designed.alternatives
+    if near is not None and near.others:
+        own, others = near.chosen.value, [(one.name, one.unit, one.value) for one in near.others[:2]]
+    else:
+        own, others = before, [(one.name, one.unit, one.value) for one in designed.rivals]
+    for name, unit, value in others:
+        rows.append(_row(f"gain by {name}", value - own, "dB", f"as many dots, {unit.mean():.1%} of the pixel"))
+    if not others:
+        rows.append(_row("gain by another shape", None, "", "none of another kind was found that keeps the rules"))
+    method = f"Beside the design, mean over its light, before a map unless said otherwise: {_MODEL}."
+    largest = next(iter(advised.reaches), None)
+    if largest is None or largest.clear_dots is None:
+        return "No larger opening was looked for in the time.", method, rows
+    if not largest.shape:
+        return f"No opening of more than {largest.clear_dots} dots was found to fit.", method, rows
+    share = largest.clear_dots / largest.dots**2
+    more = "" if largest.complete else " or more"
+    return (
+        f"Up to {largest.clear_dots} clear dots{more}, {share:.1%} of the pixel, were found to fit; clear_dots = "
+        f"{largest.clear_dots} in [design] asks for them.",
+        method,
+        rows,
+    )
+
+
+def _reach_row(reach: Reach, own: float) -> Document:
+    name = f"gain by {reach.name}"
+    if not reach.shape:
+        if reach.why is not None:
+            return _row(name, None, "", reach.why)
+        return _row(name, "none found", "", f"above {reach.clear_dots} dots, which is no proof")
+    share = (reach.clear_dots or 0) / reach.dots**2
+    how = [f"{reach.clear_dots} dots, {share:.1%}: {reach.shape}"]
+    how += ["all cells laid alike"] * reach.alike + ["with its map"] * reach.mapped
+    how += [] if reach.complete else ["more may fit, for time ran out"]
+    return _row(name, float(np.mean(reach.psnr)) - own, "dB", "; ".join(how))
+
+
+def _when_not(advised: Advised) -> tuple[str, str, list[Document]]:
+    designed, ideal, levels = advised.designed, advised.unobstructed, advised.photographs.conditions.levels
+    error, at = None if math.isnan(ideal.half_width) else ideal.half_width, advised.at
+    how = f"at {advised.light(advised.level_db)}: no blur but the lens's"
+    rows = [_row("gain by a clear stop of as much light", ideal.mean, "dB", how, error=error)]
+    proofs = (("another opening of as many dots", designed.head_room), ("another map", designed.map_head_room))
+    for name, room in proofs:
+        if room is not None and room[at] <= USEFUL_DB:
+            rows.append(_row(f"gain by {name}, at most", room[at], "dB", "proven, far from the frame's edge"))
+    method = (
+        f"Worth a mask: {WORTH_DB:.1f} dB, as much as a third of a stop more light brings where photons are the noise, "
+        "the smallest step by which cameras set their exposure; and an interval without 0."
+    )
+    poor = [level for level in levels if not advised.gained(level)]
+    if not poor:
+        least = min(levels)
+        sentence = f"Every light that was tried is enough, down to {advised.light(least)}: {told(advised.gain(least))}."
+        return f"{sentence} In less, photograph first.", method, rows
+    gains = " and ".join(f"at {advised.light(level)} ({told(advised.gain(level))})" for level in poor)
+    why = f": {_starved(advised)}" if advised.level_db in poor else ""
+    return f"Not for photographs {gains}{why}.", method, rows
+
+
+_QUESTIONS = (
+    ("build", "Build this", _build),
+    ("photographs", "Photographs, before and after", _photographs),
+    ("costs", "What it costs the display", _costs),
+    ("houses", "Who writes it", _houses),
+    ("others", "What else there is", _others),
+    ("when_not", "When not to build", _when_not),
+)
+
+
+def advice_document(
+    advised: Advised, command: str, files: Sequence[str], time: Mapping[str, float] | None = None
+) -> Document:
+    """The content of advice.json; equal answers give equal documents but for ``time``.
+
+    Args:
+        advised: what was found.
+        command: that repeats it.
+        files: names of those beside it.
+        time: seconds that it took; None where that is not told.
+    """
+    reasons, answers = why_not(advised), []
+    for key, question, of in _QUESTIONS:
+        sentence, method, rows = of(advised)
+        asked = "The best that was found" if key == "build" and reasons else question
+        answers.append(_Answer.document(key=key, question=asked, sentence=sentence, method=method, rows=rows))
+    taken = advised.photographs
+    left = [*dict.fromkeys(note for die in taken.dies.values() for note in die.left_out), *advised.notes]
+    # What a design and photographs do not use by themselves, others of this answer may.
+    left += [note for note in advised.designed.notes if "not used of the job" not in note]
+    cut = ["A search that its budget cut short is not repeated bit for bit."] if advised.designed.cut else []
+    return AdvicePart.document(
+        schema_version=SCHEMA_VERSION,
+        maskfab_version=__version__,
+        job_hash=advised.job.digest,
+        command=command,
+        time=time,
+        budget_s=advised.budget_s,
+        build=not reasons,
+        verdict=_verdict(advised, reasons),
+        why_not=reasons,
+        answers=answers,
+        assumes=list(_assumes(advised)),
+        left_out=[*left, *cut],
+        files=list(files),
+    )
+
+
+def _assumes(advised: Advised) -> Iterator[str]:
+    yield from (line for line in advised.photographs.conditions.lines if not line.startswith("not used"))
+    scenes = {score.scene for score in advised.photographs.table.scores}
+    yield f"photographs of {len(scenes)} drawn scenes ({', '.join(sorted(scenes))}), the same for both dies"
+    account = advised.designed.account
+    if account is not None:
+        yield f"designed for {advised.designed.camera}, on {account.scenes}, seed {account.seed}"
+
+
+def advice_lines(document: Record) -> list[str]:
+    """The answer for a terminal."""
+    lines = [document["verdict"]]
+    for answer in document["answers"]:
+        lines += ["", f"{answer['question']}: {answer['sentence']}", answer["method"]]
+        lines += [
+            f"  {row['name']}: {shown(row)}" + (f"  ({row['how']})" if row["how"] else "") for row in answer["rows"]
+        ]
+    return lines
+
+
+def pictures(advised: Advised) -> dict[str, str]:
+    """``<img>`` elements: pixel and panel with emitters, the truth, and photographs before and after."""
+    die = next(die for die in advised.displays.plate.dies if die.name == advised.name)
+    before, after = advised.photographs.dies.values()
+    shot = {
+        f"photograph_{key}": scene_figures.front(one, advised.level_db)["front"]
+        for key, one in (("before", before), ("after", after))
+    }
+    return {"panel": display_figures.placement(die.panel), **scene_figures.truth(after), **shot}
+
+
+def _beside(value: float | None) -> str:
+    return "–" if value is None else "0" if abs(value) < _NOTHING else short(value, 2 if abs(value) < 10 else 3)
+
+
+def advice_page(document: Record, drawn: Mapping[str, str]) -> str:
+    """The page, with nothing from outside it.
+
+    Args:
+        document: of advice.json.
+        drawn: as :func:`pictures` gives them.
+    """
+    return page_template("advice.html.j2", cell=shown, beside=_beside).render(
+        style=style(),
+        told=document,
+        answers={answer["key"]: answer for answer in document["answers"]},
+        pictures={key: Markup(image) for key, image in drawn.items()},
+    )
+
+
+def write_advice(place: Place, document: Record, files: Mapping[str, str], drawn: Mapping[str, str]) -> list[Path]:
+    """Write the page, its numbers, and the job with its files into a directory that appears whole; return the paths.
+
+    Raises:
+        OutputError: MF401 or MF404 as :func:`maskfab.base.folders.staged`.
+    """
+    text = document_text(document)
+    with staged(place) as folder:
+        for name, content in {**files, DOCUMENT: text, PAGE: advice_page(json.loads(text), drawn)}.items():
+            (folder / name).write_text(content, encoding="utf-8")
+        write_mark(folder, document["job_hash"])
+    return sorted(place.asked.iterdir())

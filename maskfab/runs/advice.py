@@ -1,0 +1,442 @@
+"""Engine of ``advise``: a design for a job's display, photographs through it, its price, and what else there is.
+
+    job -> design within the clock -> plate of two dies -> displays, photographs, mask houses -> Advised
+
+A second process meanwhile looks for larger openings, as the rules stand and with one of them eased. The two dies are
+the one that the job would compare with and the design; they are photographed as ``run`` photographs them, so that a run
+of the job that is written has the same gain.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from maskfab.base.errors import JobError
+from maskfab.base.model import Opening, Panel, Tiling
+from maskfab.base.processes import ProcessExecutor, SerialExecutor, Task
+from maskfab.base.units import NM_PER_UM
+from maskfab.base.work import Clock, Progress, silent
+from maskfab.camera.imaging import Design
+from maskfab.camera.lens import PhotoCamera, lattice
+from maskfab.camera.protocol import evaluate
+from maskfab.camera.scenes import Photograph
+from maskfab.camera.scores import MeanDifference
+from maskfab.camera.sensor import Exposure
+from maskfab.designs.design import capture_settings, check_possible, design, scenes_of, section_of, stated_display
+from maskfab.designs.search.held import start_of
+from maskfab.designs.search.method import Judges
+from maskfab.designs.search.result import Designed, constraints_of
+from maskfab.designs.search.scan import scanned
+from maskfab.display.drive import lives
+from maskfab.display.feasibility import PlateWithDisplays, displays
+from maskfab.display.limits import DEFAULT_LIFE
+from maskfab.job.camera import Stop
+from maskfab.job.reference import USES, in_words, unused
+from maskfab.job.sections import DieSection, JobSpec, ReportSection, RulesSection, SearchSection
+from maskfab.job.toml import dumps
+from maskfab.mask.houses.profiles import load_shop, shop_names
+from maskfab.mask.job import Job, resolve
+from maskfab.mask.opening_file import dot_of_pitch, opening_text
+from maskfab.mask.package.pack import compare_shops
+from maskfab.mask.panels import map_text
+from maskfab.report.pages.advice import Advised, Reach, laid_db
+from maskfab.report.rows import photographs
+from maskfab.report.rows.optics import plate_as_seen
+from maskfab.report.rows.photographs import (
+    Conditions,
+    Photographs,
+    Restored,
+    Surroundings,
+    middle_level,
+    photograph_die,
+)
+from maskfab.runs.stages import PendingPhotographs
+
+_AFTER, _MOST_AFTER_S, _MEANWHILE = 0.4, 60.0, 0.75
+"""Share of the time, and the most of it, for all that follows the design; share for what the second process does."""
+_UNDER_S, _DENSER_S = 60.0, 240.0
+"""Least time for a design under limits of the eye, and for one that is denser in the middle."""
+_LIGHTS = 10.0
+"""Times less light, and more, that photographs are taken in beside the stated light."""
+_LESS_EMITTER, _MOST_DOTS = 0.02, 128
+"""Share of the pixel, all colours together, by which emitters are eased; dots along a pixel."""
+_SEARCHED, _MAPS = ("delta_e", "grain"), 1.1
+"""Limits of the eye that are rules of a search, too; and how much less these are, for a map may look less even."""
+_LONGER = "time ran out: give a longer --budget"
+
+
+def searched(spec: JobSpec, where: str) -> tuple[JobSpec, SearchSection]:
+    """The job, whose display must fit, and its [design]; what no opening can keep is an answer, and not refused.
+
+    Raises:
+        JobError: MF105 without [emitters], [plate], a [design] that searches, or a die to compare with; else as
+            :func:`maskfab.designs.design.check_possible`.
+    """
+    section = section_of(spec, where)
+    if not isinstance(section, SearchSection) or section.objective != "restored":
+        what, cure = "advice is on openings that are searched by restored photographs", 'Set objective = "restored"'
+        raise JobError("MF105", what, where=f"{where}: design", cure=cure)
+    for name in ("emitters", "plate"):
+        if getattr(spec, name) is None:
+            cure = f"Add [{name}], as in layouts/display_that_fits.toml"
+            raise JobError("MF105", f"the job has no [{name}]", where=f"{where}: {name}", cure=cure)
+    if all(die.opening == section.output for die in spec.die):
+        cure = "Add [[die]] with the opening of a display as it is"
+        raise JobError("MF105", "the job has no die to compare the design with", where=f"{where}: die", cure=cure)
+    section = section.model_copy(update={"fit": True})
+    spec = spec.model_copy(update={"design": section, "pareto": None, "study": None})
+    try:
+        check_possible(spec, where=where)
+    except JobError as refusal:
+        if refusal.code != "MF123":
+            raise
+    return _living(spec, section, where), section
+
+
+def _living(spec: JobSpec, section: SearchSection, where: str) -> JobSpec:
+    """The job with emitters as large as their limit of life asks at least: life goes with their area to a power."""
+    display, emitters = stated_display(spec, section, where, key="design.fit"), spec.emitters
+    rules, pitch_nm = display.rules, dot_of_pitch(section.pitch, section.dots, where=where) * section.dots
+    reference = rules.eye.reference(pitch_nm, rules.emitters)
+    if reference is None or emitters is None:
+        return spec
+    share = emitters.required or _LESS_EMITTER
+    red, green, blue = (share * ratio for ratio in rules.emitters.ratio)
+    life, limit = lives(rules.light, (red, green, blue), reference.shares).life, rules.eye.lives.life or DEFAULT_LIFE
+    least = math.ceil(1e4 * share * (limit / life) ** (1 / rules.light.ageing_exponent)) / 1e4
+    if least <= emitters.required or 3 * least >= 1:
+        return spec
+    return spec.model_copy(update={"emitters": emitters.model_copy(update={"required": least})})
+
+
+def advise(
+    stated: JobSpec,
+    command: str,
+    *,
+    path: Path,
+    images: Path | None = None,
+    progress: Progress = silent,
+    clock: Clock,
+    notes: tuple[str, ...] = (),
+) -> Advised:
+    """Find what should be built for a job's display.
+
+    Args:
+        stated: a validated job with [design], [emitters], [plate] and a die to compare with.
+        command: what reproduces it, for the design's provenance.
+        path: the job, for errors; its files are named from its folder.
+        images: folder of photographs to design for; synthetic scenes if None.
+        progress: told where the work stands.
+        clock: of the budget; whoever ends it early gets the best so far, photographed.
+        notes: on the job, as sentences.
+
+    Raises:
+        JobError: as :func:`searched`, and for a light, a camera or a plate that cannot be.
+    """
+    spec, section = searched(stated, str(path))
+    others = [die for die in spec.die if die.opening != section.output]
+    named = None if spec.report is None else spec.report.reference
+    reference = next((die for die in others if die.name == named), others[0])
+    before = resolve(spec.model_copy(update={"die": (reference,), "report": None}), path)
+    conditions, level = _conditions(before)
+    notes += in_words(unused(stated, *USES["advise"]))
+    asked, held = (job.emitters.required if job.emitters else 0.0 for job in (stated, spec))
+    if held > asked:
+        notes += (f"Each colour covers {held:.1%} of the pixel, not {asked:.1%}, so that it keeps its limit of life.",)
+    with ProcessExecutor() if (os.cpu_count() or 1) > 1 else SerialExecutor() as executor:
+        work = _Work(spec, section, before, command, path, images, progress, clock, executor)
+        taken = {reference.name: work.photographed(before, reference.name, conditions)}
+        left = clock.left()
+        eased = executor.submit(reaches, lambda: (spec, str(path), images, left and _MEANWHILE * left))
+        designed, misfit = work.designed()
+        job, built = work.built(designed)
+        unkept, cost = None, None
+        limits, broken = _limits(built)
+        if misfit is None and broken:
+            first = designed
+            designed, unkept = work.under(limits, " and ".join(broken), first)
+            if designed is not first:
+                cost = laid_db(first) - laid_db(designed)
+                job, built = work.built(designed)
+        plate, name = job.plate(), job.spec.die[-1].name
+        houses = executor.submit(compare_shops, lambda: (job.spec, plate, [load_shop(shop) for shop in shop_names()]))
+        taken[name] = work.photographed(job, name, conditions)
+        shown = PendingPhotographs(conditions, taken, reference.name, executor).result(progress)
+        _require(shown)
+        ideal = _unobstructed(job, name, shown, level)
+        bids = work.told("mask houses", houses)
+        alike = work.judges(spec).estimate(designed.opening.mask, periodic=True, levels=designed.levels)
+        found = () if clock.halt.is_set() and not eased.ended else work.told("larger openings", eased)
+    return Advised(
+        job, designed, alike, misfit, built, shown, level, ideal, bids, found, unkept, cost, notes, clock.budget_s
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Work:
+    """Everything that the parts of an answer are made from: the job, its [design], the job of the reference alone."""
+
+    spec: JobSpec
+    section: SearchSection
+    before: Job
+    command: str
+    path: Path
+    images: Path | None
+    progress: Progress
+    clock: Clock
+    executor: SerialExecutor
+
+    def designed(self) -> tuple[Designed, str | None]:
+        """The design; where no display fits, the one without it, and why."""
+        try:
+            return self._design(), None
+        except JobError as refusal:
+            if refusal.code != "MF123":
+                raise
+            return self._design(fit=False), refusal.what
+
+    def under(self, limits: dict[str, float], named: str, first: Designed) -> tuple[Designed, str]:
+        """A design that keeps limits of the eye, or the first one, and what became of the search for one that does."""
+        if not self.clock.affords(_UNDER_S):
+            return first, f"--budget '3 min' looks for one that keeps {named}"
+        held = {name: limit / _MAPS for name, limit in limits.items()}
+        try:
+            found = self._design(rules=self.section.rules.model_copy(update=held), shortlist=1)
+        except JobError as refusal:
+            return first, f"none was found that keeps {named}: {refusal.what}"
+        return found, f"the best without limits breaks {named}"
+
+    def _design(self, **asked: Any) -> Designed:
+        spec = self.spec.model_copy(update={"design": self.section.model_copy(update=asked)})
+        left = self.clock.left()
+        early = self.clock if left is None else self.clock.before(min(_AFTER * left, _MOST_AFTER_S))
+        where, images = str(self.path), self.images
+        return design(spec, self.command, where=where, images=images, progress=self.progress, clock=early)
+
+    def built(self, designed: Designed) -> tuple[Job, PlateWithDisplays]:
+        """The job of the two dies, which holds their openings and maps, and the display of the design."""
+        old, opening, cells, section = self.before.spec, designed.opening, designed.cells, self.section
+        own = [die for die in self.spec.die if die.opening == section.output]
+        name = own[0].name if own else opening.name.upper()
+        seed = section.seed if section.tiling_seed is None else section.tiling_seed
+        die = DieSection.model_validate(
+            {
+                "name": name if name != old.die[0].name else f"{name[:20]}_NEW",
+                "label": own[0].label if own else "the design",
+                "opening": opening.name,
+                "others": None if designed.outer is None else (designed.outer.name,),
+                "dot": f"{opening.dot_nm / NM_PER_UM:.15g} um",
+                "tiling": section.tiling if cells is None else Tiling.MAP,
+                "map": None if cells is None else cells.name,
+                "seed": seed if designed.fit is None or designed.fit.seed is None else designed.fit.seed,
+            }
+        )
+        asked = {
+            "clear_dots": opening.clear_dots if designed.shortfall else section.clear_dots,
+            "output": f"{opening.name}.toml",
+            "map_output": None if cells is None else f"{cells.name}.toml",
+            "fit": designed.fit is not None,
+        }
+        texts = {one.name: opening_text(one) for one in (opening, designed.outer) if one is not None}
+        report = (self.spec.report or ReportSection()).model_copy(update={"reference": old.die[0].name})
+        parts = {
+            "design": section.model_copy(update=asked),
+            "die": (*old.die, die),
+            "openings": {**old.openings, **texts},
+            "maps": {**old.maps, **({} if cells is None else {cells.name: map_text(cells)})},
+            "report": report,
+        }
+        job = resolve(old.model_copy(update=parts), self.path)
+        plate = job.plate()
+        alone = replace(plate, dies=tuple(each for each in plate.dies if each.name == die.name))
+        return job, displays(job, alone, self.progress, executor=self.executor)
+
+    def photographed(self, job: Job, name: str, conditions: Conditions) -> Task[Restored]:
+        """Photographs through a die, as a run takes them."""
+        panel = next(die.panel for die in plate_as_seen(job, job.plate()).dies if die.name == name)
+        return self.executor.submit(photograph_die, lambda: (conditions, Surroundings.of(job), name, panel, True))
+
+    def judges(self, spec: JobSpec) -> Judges:
+        """Judges of openings of a job by its photographs."""
+        return _judges(spec, str(self.path), scenes_of(self.images, self.section).photographs)
+
+    def told(self, stage: str, task: Task[Any]) -> Any:
+        """The finding of a task, with its progress."""
+        self.progress(stage, 0, 1)
+        found = task.result()
+        self.progress(stage, 1, 1)
+        return found
+
+
+def job_files(job: Job) -> dict[str, str]:
+    """Texts of a job file and of every file that it names, beside it, by their names; ``run`` takes the first."""
+    spec = job.spec
+
+    def beside(die: DieSection) -> str:
+        named = {"opening": f"{die.opening}.toml", "map": die.map and f"{die.map}.toml"}
+        named["others"] = die.others and tuple(f"{name}.toml" for name in die.others)  # type: ignore[assignment]
+        plain = die.model_copy(update=named).model_dump(mode="json", exclude_none=True, exclude_defaults=True)
+        return f"\n[[die]]\n{dumps(plain)}"
+
+    plain = spec.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
+    without = {"die", "openings", "maps", "curves", "shops", *(() if "limits" in plain else ("limits",))}
+    # A section that is stated asks for something, though all that it states are defaults.
+    stated = [key for key in type(spec).model_fields if key not in without and getattr(spec, key) is not None]
+    text = dumps({key: plain.get(key, {}) for key in stated}) + "".join(map(beside, spec.die))
+    drawn = {f"{name}.toml": content for name, content in (*spec.openings.items(), *spec.maps.items())}
+    return {"job.toml": text, **drawn, **spec.curves, **spec.shops}
+
+
+def _conditions(job: Job) -> tuple[Conditions, float]:
+    """Of the job's photographs, where its light is one with ten times less and more beside it as far as can be; and the
+    level that stands for all that the job states, dB."""
+    asked = Conditions.of(job, "camera")
+    level, sensor = middle_level(asked.levels), asked.protocol.sensor
+    if len(asked.levels) > 1:
+        return asked, level
+    stated, levels = asked.protocol.exposure(level).electrons, [level]
+    for electrons in (stated / _LIGHTS, stated * _LIGHTS):
+        if electrons <= sensor.full_well and (other := Exposure.of_white(electrons, sensor).level_db) > 0:
+            levels.append(other)
+    return replace(asked, levels=tuple(sorted(levels))), level
+
+
+def _require(taken: Photographs) -> None:
+    """Refuse a die that cannot be photographed, for the reason that the photographs have."""
+    for name, die in taken.dies.items():
+        if die.refused is not None:
+            code, _, what = die.refused.partition(" ")
+            raise JobError(code, what, where=name, cure="Change the camera or the plate so that it can be photographed")
+
+
+def _limits(built: PlateWithDisplays) -> tuple[dict[str, float], list[str]]:
+    """Limits of the eye that openings can be searched by, and in words those that the design breaks."""
+    judged = [display.judged for display in built.displays.values() if display.judged is not None]
+    numbers = [number for own in judged for number in own.looks if number.name in _SEARCHED]
+    held = {number.name: number.limit for number in numbers if number.limit is not None}
+    return held, [number.title for number in numbers if number.passed is False]
+
+
+def _unobstructed(job: Job, name: str, taken: Photographs, level: float) -> MeanDifference:
+    """Gain over the reference of a clear stop of the design's light, where nothing blurs but the lens, by scene."""
+    conditions, around, panel = taken.conditions, Surroundings.of(job), job.panels()[name]
+    seen, _ = conditions.design(name, panel, around)
+    stop = Stop("circle", 2 * float(np.sqrt(seen.transmission * job.camera.stop.area_um2 / np.pi)))
+    clear = Opening("clear", np.ones_like(panel.opening.mask), panel.dot_nm)
+    sheet = Panel(clear, panel.dot_nm, 0, np.zeros_like(panel.orientations), Tiling.PERIODIC, None)
+    small, _ = replace(conditions, camera=replace(job.camera, stop=stop)).design("an unobstructed stop", sheet, around)
+    scenes = photographs.drawn_scenes(highlights=bool(conditions.protocol.brackets))
+    ideal = cast(Design, _Passing(small, seen.transmission))
+    found = evaluate([ideal], scenes, scenes, (level,), protocol=conditions.protocol, details=False)
+    own = {score.scene: score.psnr for score in taken.dies[str(taken.reference)].scores if score.level_db == level}
+    return MeanDifference.of([score.psnr - own[score.scene] for score in found.scores])
+
+
+class _Passing:
+    """A design that passes another share of the stop's light: all of a smaller stop's is that of a panel's."""
+
+    def __init__(self, seen: Design, transmission: float) -> None:
+        self.seen, self.transmission = seen, transmission
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.seen, name)
+
+
+def _judges(spec: JobSpec, where: str, scenes: Sequence[Photograph]) -> Judges:
+    section = spec.design
+    assert isinstance(section, SearchSection)
+    dot_nm = dot_of_pitch(section.pitch, section.dots, where=f"{where}: design.pitch")
+    room = lattice(section.dots, dot_nm, camera=PhotoCamera.of(spec.camera, where=where))
+    return Judges(section, scenes, room, capture_settings(spec))
+
+
+def reaches(spec: JobSpec, where: str, images: Path | None, budget_s: float | None) -> tuple[Reach, ...]:
+    """The largest opening that was found to fit, and the same with one rule eased, each in its share of the time.
+
+    Args:
+        spec: of the job, as :func:`searched` gives it.
+        where: the job, for errors.
+        images: folder of photographs; synthetic scenes if None.
+        budget_s: seconds; None for as many as it takes.
+    """
+    clock, found, longest = Clock(budget_s), list[Reach](), 0.0
+    section = spec.design
+    assert isinstance(section, SearchSection)
+    scenes = scenes_of(images, section).photographs
+    for name, eased, share, times in _eased(spec, section):
+        began, largest = clock.spent, found[0].clear_dots if found else 0
+        if isinstance(eased, str):
+            found.append(Reach(name, why=eased))
+        elif largest is None:
+            found.append(Reach(name, why="no opening was found that could be made larger"))
+        elif not clock.affords(times**2 * longest):
+            found.append(Reach(name, why=_LONGER))
+        else:
+            found.append(_reach(name, eased, where, scenes, clock.part(share), largest * times**2))
+            longest = max(longest, clock.spent - began)
+    return (*found, _denser(spec, section, where, images, clock))
+
+
+def _eased(spec: JobSpec, section: SearchSection) -> Iterator[tuple[str, JobSpec | str, float, int]]:
+    """The job, and with one rule eased each, or why it cannot be; share of the time left, and times as many dots."""
+    emitters, wires = spec.emitters, spec.wires
+    assert emitters is not None
+    yield "the largest opening that fits", spec, 0.4, 1
+    name, why = "one line less each way", "there is no line to spare"
+    fewer = None if wires is None or wires.lines < 2 else wires.model_copy(update={"lines": wires.lines - 1})
+    yield name, spec.model_copy(update={"wires": fewer}) if fewer else why, 0.4, 1
+    name, why = f"emitters of {_LESS_EMITTER:.0%} of the pixel less", "the job asks for fewer anyway"
+    smaller = emitters.model_copy(update={"required": emitters.required - _LESS_EMITTER / 3})
+    yield name, spec.model_copy(update={"emitters": smaller}) if smaller.required > 0 else why, 0.5, 1
+    dot_nm, dots = dot_of_pitch(section.pitch, section.dots, where="design.pitch"), 2 * section.dots
+    name, why = f"dots of {dot_nm / 2 / NM_PER_UM:g} µm", "half a dot is on no grid, or [design.rules] counts dots"
+    finer = section.model_copy(update={"dots": dots, "clear_dots": 4 * section.clear_dots})
+    able = dots <= _MOST_DOTS and dot_nm % 2 == 0 and section.rules == RulesSection()
+    yield name, spec.model_copy(update={"design": finer}) if able else why, 1.0, 2
+
+
+def _reach(name: str, spec: JobSpec, where: str, scenes: Sequence[Photograph], clock: Clock, least: int) -> Reach:
+    section, emitters = spec.design, spec.emitters
+    assert isinstance(section, SearchSection)
+    assert emitters is not None
+    if clock.over:
+        return Reach(name, why=_LONGER)
+    most = max(int((1 - 3 * emitters.required) * section.dots**2), least + 1)
+    plain = {"clear_dots": most, "shortlist": 1, "density": None, "cluster": None}
+    asked = section.model_copy(update=plain)
+    rules = constraints_of(asked, display=stated_display(spec, asked, where, key="design.fit"))
+    # Crooked emitters take most of the time; without them all are compared alike.
+    start = start_of(rules, asked.families, clock.part(0.7), more_than=least, crooked=False)
+    if start is None and clock.over:
+        return Reach(name, why=_LONGER)
+    if start is None:
+        return Reach(name, least or None, asked.dots, why=None if least else "no opening was found that fits")
+    held = asked.model_copy(update={"clear_dots": start.rules.clear_dots, "families": start.families})
+    judges = _judges(spec.model_copy(update={"design": held}), where, scenes)
+    best = scanned(held, start.rules, judges.expected, clock, None, silent, start).best
+    psnr = judges.estimate(best.unit, periodic=not start.any_map, levels=judges.settings.levels)
+    return Reach(name, int(best.unit.sum()), asked.dots, best.name, psnr, not start.any_map, complete=not clock.over)
+
+
+def _denser(spec: JobSpec, section: SearchSection, where: str, images: Path | None, clock: Clock) -> Reach:
+    """More light in the middle of the stop, with its map; takes minutes."""
+    name, left = "more light in the middle of the stop", clock.left()
+    if section.map is None or section.density is not None or section.cluster is not None:
+        return Reach(name, why="the job has no map, or shares its light unevenly already")
+    if left is not None and left < _DENSER_S:
+        return Reach(name, why=f"takes {_DENSER_S / 60:g} minutes: give --budget '10 min'")
+    asked = {"density": "search", "shortlist": 1, "positions": 1, "joint": 0}
+    denser = spec.model_copy(update={"design": section.model_copy(update=asked)})
+    try:
+        found = design(denser, "", where=where, images=images, clock=clock)
+    except JobError as refusal:
+        return Reach(name, why=refusal.what)
+    assert found.designed is not None
+    return Reach(name, found.opening.clear_dots, section.dots, found.shape, found.designed.psnr, mapped=True)

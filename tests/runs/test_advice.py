@@ -1,0 +1,354 @@
+"""Advice on a display: one page that answers six questions, a job of the same plate, and when not to build it."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from dataclasses import replace
+
+import pytest
+from browser import installed, printed, seen
+from once import leaves
+
+import maskfab as mf
+from maskfab.api import advising
+from maskfab.base.errors import JobError, OutputError
+from maskfab.base.work import Clock
+from maskfab.cli.program import run_command_line
+from maskfab.job.read import read
+from maskfab.report.pages.advice import WORTH_DB, AdvicePart, advice_document, schema
+from maskfab.report.rows import photographs
+from maskfab.runs import advice
+from maskfab.runs.advice import job_files
+
+JOB = """
+[job]
+name = "TINY"
+title = "TINY"
+
+[design]
+name = "tiny"
+dots = 11
+pitch = "88 um"
+clear_dots = 25
+families = ["bars"]
+shortlist = 1
+map = "equal_light"
+fit = true
+output = "tiny.toml"
+map_output = "tiny_map.toml"
+
+[camera]
+focal = "5 mm"
+stop = { diameter = "800 um" }
+wavelengths = ["610 nm", "530 nm", "470 nm"]
+pixel = "2 um"
+window = "128 um"
+
+[exposure]
+white = 1600
+
+[plate]
+template = "5in"
+die_size = "1760 um"
+die_pitch = "22 mm"
+columns = 2
+
+[emitters]
+required = 0.08
+colour_gap = "8 um"
+min_width = "8 um"
+circuit = "100 um^2"
+
+[wires]
+lines = 2
+
+[[die]]
+name = "AS_IS"
+label = "plain slits"
+opening = "slit.toml"
+dot = "8 um"
+tiling = "periodic"
+
+[pareto]
+clear_dots = [25]
+"""
+SLIT = 'name = "{name}"\npitch = "88 um"\ndots = 11\ngrid = """\n{grid}\n"""\n'
+QUESTIONS = ["build", "photographs", "costs", "houses", "others", "when_not"]
+NO_END = "20 min"
+"""A budget that cuts nothing, however busy the machine."""
+
+
+def write(folder, *edits):
+    text = JOB
+    for old, new in edits:
+        assert old in text, old
+        text = text.replace(old, new)
+    path = folder / "tiny.toml"
+    path.write_text(text, encoding="utf-8")
+    for name, row in (("slit", "....##....."), ("wide", ".##########")):
+        grid = "\n".join(["." * 11, *[row] * 10])
+        (folder / f"{name}.toml").write_text(SLIT.format(name=name, grid=grid), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module", autouse=True)
+def four_small_scenes():
+    """Photographs of as many scenes as a run takes, a sixth as large, by this process, which alone knows of them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(photographs, "drawn_scenes", lambda **_: tuple(leaves(seed, 704, 768) for seed in range(1, 5)))
+        patch.setattr(advice.os, "cpu_count", lambda: 1)
+        patch.setattr(advice, "_DENSER_S", 3600.0)
+        yield
+
+
+@pytest.fixture(scope="module")
+def answer(tmp_path_factory):
+    return mf.advise(write(tmp_path_factory.mktemp("job")), budget=NO_END)
+
+
+@pytest.fixture(scope="module")
+def folder(answer, tmp_path_factory):
+    out = tmp_path_factory.mktemp("answer") / "out"
+    answer.save(out)
+    return out
+
+
+@pytest.fixture
+def alone(monkeypatch):
+    """No mask houses and no larger openings, which take most of the time."""
+    monkeypatch.setattr(advice, "compare_shops", lambda *_: ())
+    monkeypatch.setattr(advice, "reaches", lambda *_: ())
+
+
+def rows_of(document, key):
+    return {row["name"]: row for answer in document["answers"] if answer["key"] == key for row in answer["rows"]}
+
+
+def test_six_questions_are_answered_with_units_and_errors(answer, folder):
+    document = json.loads((folder / "advice.json").read_text())
+    assert document == json.loads(json.dumps(answer.to_dict()))
+    AdvicePart.model_validate(document)
+    assert set(schema()["required"]) == set(document)
+    assert [each["key"] for each in document["answers"]] == QUESTIONS
+    for each in document["answers"]:
+        assert each["sentence"].endswith(".")
+        assert each["rows"], each["key"]
+        for row in each["rows"]:
+            assert row["how"] or each["method"] or row["name"] in each["sentence"], row
+            assert row["unit"] or not isinstance(row["value"], float), row
+    assert document["build"] is True
+    assert document["why_not"] == []
+    taken = rows_of(document, "photographs")
+    gain = next(row for name, row in taken.items() if name == "gain at 32 dB of light")
+    assert gain["value"] - gain["error"] > WORTH_DB
+    assert f"{gain['value']:.1f} ± {gain['error']:.1f} dB" in document["verdict"]
+    assert [name for name in taken if name.startswith("gain")] == ["gain at 21.4 dB of light", gain["name"]]
+    assert any("[pareto]" in note for note in document["left_out"])
+
+
+def test_what_else_there_is_was_computed(answer):
+    rows = rows_of(answer.to_dict(), "others")
+    largest, finer = rows["gain by the largest opening that fits"], rows["gain by dots of 4 µm"]
+    assert largest["value"] > 1
+    assert int(largest["how"].split()[0]) > 25
+    assert int(finer["how"].split()[0]) > 4 * int(largest["how"].split()[0])
+    assert rows["gain by emitters of 2% of the pixel less"]["value"] > largest["value"]
+    assert rows["gain by more light in the middle of the stop"]["value"] is None
+    assert "--budget" in rows["gain by more light in the middle of the stop"]["how"]
+
+
+def test_the_largest_opening_is_one_that_a_design_finds(answer, tmp_path):
+    most = answer.found.reaches[0].clear_dots
+    job = write(tmp_path, ("clear_dots = 25\nfam", f"clear_dots = {most}\nfam"))
+    found = mf.design(job)
+    assert found.passed
+    assert found.found.fit is not None
+
+
+def test_the_job_that_is_written_makes_the_photographs_of_the_page(answer, folder, tmp_path):
+    report = mf.run(folder / "job.toml", out=tmp_path / "out")
+    document = answer.to_dict()
+    gain = next(row for row in rows_of(document, "photographs").values() if row["name"] == "gain at 32 dB of light")
+    assert report["TINY"]["restored_gain"].value == pytest.approx(gain["value"], abs=1e-9)
+    assert report["TINY"]["restored_gain"].uncertainty == pytest.approx(gain["error"], abs=1e-9)
+    assert json.loads((tmp_path / "out" / "report.json").read_text())["job_hash"] == document["job_hash"]
+    assert sorted(path.name for path in folder.iterdir()) == sorted(
+        [*document["files"], "advice.html", "advice.json", "manifest.json"]
+    )
+
+
+def test_the_page_is_one_sheet_and_needs_nothing_else(answer, folder, tmp_path):
+    page = (folder / "advice.html").read_text()
+    assert answer.verdict in page.replace("&#39;", "'")
+    assert page.count("photograph'") + page.count('class="photograph"') >= 3
+    assert not re.search(r"(src|href)=.?https?:", page)
+    assert answer._repr_html_() == page
+    paper, _ = printed(installed(), folder / "advice.html", tmp_path / "home")
+    assert len(re.findall(rb"/Type\s*/Page[^s]", paper)) == 1
+
+
+def test_a_telephone_shows_the_page_without_scrolling_sideways(folder, tmp_path):
+    told = seen(tmp_path, [((wide, 1600), (folder / "advice.html").read_text()) for wide in (390, 1280)])
+    for wide, page in told.items():
+        assert page["wide"] <= wide
+        assert page["broken"] == page["fetched"] == page["scripts"] == 0
+
+
+def test_words_for_a_terminal_say_what_the_page_says(answer):
+    text = str(answer)
+    assert text.startswith(answer.verdict)
+    for each in answer.to_dict()["answers"]:
+        assert f"{each['question']}: {each['sentence']}" in text
+
+
+ONE_PROCESSOR = "import os; os.cpu_count = lambda: 1\n"
+COMMAND = "import sys; from maskfab.cli.program import run_command_line; sys.exit(run_command_line(sys.argv[1:]))"
+
+
+@pytest.mark.slow
+def test_one_process_finds_what_two_find(tmp_path):
+    found = []
+    for first in ("", ONE_PROCESSOR):
+        words = [sys.executable, "-c", first + COMMAND, "advise", str(write(tmp_path)), "--budget", NO_END, "--json"]
+        done = subprocess.run(words, capture_output=True, text=True, check=True)
+        found.append({**json.loads(done.stdout), "time": None})
+    assert found[0] == found[1]
+
+
+@pytest.mark.usefixtures("alone")
+def test_too_little_light_is_told_from_blur(tmp_path):
+    edits = ("white = 1600", "white = 30"), ('opening = "slit.toml"', 'opening = "wide.toml"')
+    found = mf.advise(write(tmp_path, *edits))
+    document = found.to_dict()
+    assert not found.build
+    assert "at 12.2 dB of light photographs gain -" in found.verdict
+    assert "starved of light, not blurred" in found.verdict
+    ideal = rows_of(document, "when_not")["gain by a clear stop of as much light"]
+    assert ideal["value"] < WORTH_DB
+    assert document["answers"][0]["question"] != "Build this"
+    assert "[[die]]" in job_files(found.found.job)["job.toml"]
+
+
+@pytest.mark.usefixtures("alone")
+def test_a_display_that_fits_nothing_is_an_answer(tmp_path):
+    found = mf.advise(write(tmp_path, ("required = 0.08", "required = 0.30")), budget=NO_END)
+    assert not found.build
+    assert "no display fits it" in found.why_not[0]
+    assert "30" in found.why_not[0]
+    assert "Without that, restored photographs" in found.verdict
+    assert job_files(found.found.job)["job.toml"].count("fit = true") == 0
+
+
+@pytest.mark.usefixtures("alone")
+def test_a_limit_that_nothing_keeps_is_named_with_the_best_design_without_it(tmp_path, monkeypatch):
+    monkeypatch.setattr(advice, "_UNDER_S", 1.0)
+    found = mf.advise(write(tmp_path, ("[pareto]", "[looks]\ndelta_e = 0.001\n\n[pareto]")), budget="20 s")
+    assert not found.build
+    assert "ΔE of even white" in found.verdict
+    assert "none was found that keeps ΔE of even white" in found.verdict
+    assert "Without that, restored photographs" in found.verdict
+    assert rows_of(found.to_dict(), "costs")["ΔE of even white"]["passed"] is False
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("alone")
+def test_a_limit_that_the_freest_design_breaks_is_kept_at_a_price(tmp_path, monkeypatch, answer):
+    monkeypatch.setattr(advice, "_UNDER_S", 1.0)
+    assert next(number for number in answer.found.display.judged.looks if number.name == "grain").value > 0.008
+    found = mf.advise(write(tmp_path, ("[pareto]", "[looks]\ngrain = 0.008\n\n[pareto]")), budget="100 s")
+    costs = rows_of(found.to_dict(), "costs")
+    assert costs["slow grain"]["passed"] is True
+    assert costs["loss by keeping its limits"]["value"] == pytest.approx(found.found.limit_cost_db)
+    assert "breaks slow grain" in costs["loss by keeping its limits"]["how"]
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("alone")
+def test_emitters_are_as_large_as_the_limit_of_life_asks(tmp_path):
+    found = mf.advise(write(tmp_path, ("[pareto]", "[lives]\nlife = 0.62\n\n[pareto]")), budget=NO_END)
+    document = found.to_dict()
+    assert rows_of(document, "costs")["life at equal luminance"]["passed"] is True
+    assert rows_of(document, "costs")["emitters of each colour"]["limit"] > 8
+    assert any("limit of life" in note for note in document["left_out"])
+
+
+@pytest.mark.usefixtures("alone")
+def test_ctrl_c_keeps_the_best_so_far_and_photographs_it(tmp_path):
+    path, clock, stages = write(tmp_path), Clock(100.0), []
+
+    def watch(stage, *_):
+        stages.append(stage)
+        if stage.startswith("scan"):
+            clock.halt.set()
+
+    found = advice.advise(read(path), "maskfab advise", path=path, progress=watch, clock=clock)
+    document = advice_document(found, "maskfab advise", [])
+    assert "photographs" in stages
+    assert found.gain(found.level_db).count == 4
+    assert any("Ctrl-C" in note for note in document["left_out"])
+    assert "ended before" in rows_of(document, "others")["gain by a larger opening, or with a rule eased"]["how"]
+
+
+@pytest.mark.parametrize(
+    ("edits", "code", "said"),
+    [
+        ([('[emitters]\nrequired = 0.08\ncolour_gap = "8 um"\nmin_width = "8 um"\ncircuit = "100 um^2"\n', ""),
+          ("[wires]\nlines = 2\n", "")], "MF105", "[emitters]"),
+        ([("fit = true\n", 'fit = true\nobjective = "auc"\n'), ('families = ["bars"]\n', "")], "MF105", "photographs"),
+        ([('[plate]\ntemplate = "5in"\ndie_size = "1760 um"\ndie_pitch = "22 mm"\ncolumns = 2\n', "")], "MF105",
+         "[plate]"),
+        ([("white = 1600", "white = 1e9")], "MF141", "full well"),
+        ([('opening = "slit.toml"', 'opening = "tiny.toml"')], "MF105", "no die to compare"),
+    ],
+)  # fmt: skip
+def test_bad_jobs_are_refused_before_any_work(tmp_path, edits, code, said):
+    def never(stage, *_):
+        raise AssertionError(stage)
+
+    with pytest.raises(JobError, match=code) as refusal:
+        mf.advise(write(tmp_path, *edits), progress=never)
+    assert said in str(refusal.value)
+
+
+def test_a_folder_that_exists_is_refused_before_any_work_or_question(tmp_path, capsys):
+    job = write(tmp_path)
+    assert run_command_line(["advise", str(job), "-o", str(tmp_path)]) == 2
+    assert run_command_line(["advise", "-o", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.count("MF402") == 2
+    assert run_command_line(["advise", str(job)]) == 2
+    assert "-o" in capsys.readouterr().err
+
+
+def test_answers_stand_in_place_of_a_job(tmp_path, monkeypatch):
+    asked = {}
+
+    def engine(spec, command, **more):
+        asked.update(spec=spec, **more)
+        raise OutputError("MF401", "that is enough", cure="none")
+
+    monkeypatch.setattr(advising, "advise_spec", engine)
+    with pytest.raises(OutputError, match="enough"):
+        mf.advise(answers={"pitch": "400 dpi", "camera": "phone_main", "lux": "20 lux"})
+    assert asked["spec"].design.fit
+    assert asked["spec"].exposure.luminance == pytest.approx(20 / 3.14159265, rel=1e-4)
+    assert any("pitch 63.5 um -> 63 um" in note for note in asked["notes"])
+    with pytest.raises(JobError, match="MF105"):
+        mf.advise(write(tmp_path), answers={"pitch": "400 dpi"})
+    with pytest.raises(JobError, match="MF105"):
+        mf.advise()
+
+
+def test_reasons_come_with_the_limit_and_whose_it_is(answer):
+    found = answer.found
+    display = found.display
+    looks = [replace(number, limit=number.value / 2) if number.limit else number for number in display.judged.looks]
+    broken = replace(display, judged=replace(display.judged, looks=tuple(looks)))
+    worse = replace(found, displays=replace(found.displays, displays={found.name: broken}))
+    document = advice_document(worse, "maskfab advise", [])
+    assert not document["build"]
+    assert "slow grain" in document["verdict"]
+    assert "(default)" in document["verdict"]
+    assert "breaks" in document["answers"][2]["sentence"]
