@@ -59,7 +59,7 @@ from maskfab.report.rows.photographs import (
 )
 from maskfab.runs.stages import PendingPhotographs
 
-_AFTER, _MOST_AFTER_S, _MEANWHILE = 0.4, 60.0, 0.75
+_AFTER, _MOST_AFTER_S, _MEANWHILE = 0.45, 60.0, 0.75
 """Share of the time, and the most of it, for all that follows the design; share for what the second process does."""
 _UNDER_S, _DENSER_S = 60.0, 240.0
 """Least time for a design under limits of the eye, and for one that is denser in the middle."""
