@@ -164,6 +164,7 @@ class _Row(Part):
     error: float | None = Field(description="half width; null where `how` says what the value is worth")
     reference: float | None = Field(description="of the display or die that it is compared with")
     limit: float | None
+    least: bool = Field(description="whether the limit is the least that is allowed")
     passed: bool | None
     how: str
 
@@ -200,7 +201,7 @@ def schema() -> Document:
 
 
 def _row(name: str, value: float | str | None, unit: str = "", how: str = "", **more: Any) -> Document:
-    empty = {"error": None, "reference": None, "limit": None, "passed": None}
+    empty = {"error": None, "reference": None, "limit": None, "least": False, "passed": None}
     return _Row.document(name=name, value=value, unit=unit, how=how, **{**empty, **more})
 
 
@@ -218,7 +219,7 @@ def why_not(advised: Advised) -> list[str]:
     for row in _limits(advised):
         if row["passed"] is False:
             whose = row["how"].partition(":")[0]
-            reasons.append(f"{row['name']} is {shown(row)}, and the limit is {short(row['limit'], 2)} ({whose})")
+            reasons.append(f"{row['name']} is {shown(row)}, and may be {bound(row)} ({whose})")
     reasons += [advised.unkept] if reasons and advised.unkept else []
     if not advised.gained(level):
         gain = advised.gain(level)
@@ -254,10 +255,10 @@ def _verdict(advised: Advised, reasons: Sequence[str]) -> str:
         apart = f". Without that, {better}" if advised.gained(level) else ""
         return f"Do not build this: {'; '.join(reasons)}{apart}."
     limits = [row for row in _limits(advised) if row["limit"] is not None]
-    names = ", ".join(f"{row['name']} {shown(row)} (limit {short(row['limit'], 2)})" for row in limits)
+    names = ", ".join(f"{row['name']} {shown(row)} ({bound(row)})" for row in limits)
     kept = f"keeps its limits: {names}" if limits else "fits round it"
     power = 100 / 10 ** (gain.mean / 10)
-    return f"Build this: {better}, with {power:.0f} % of the error's power, and the display {kept}."
+    return f"Build this: {better}, with {power:.0f}\N{NO-BREAK SPACE}% of the error's power, and the display {kept}."
 
 
 def _limits(advised: Advised) -> list[Document]:
@@ -270,7 +271,7 @@ def _limits(advised: Advised) -> list[Document]:
     judged = (*display.judged.looks, *display.judged.lives)
     keys = ("reference", "limit", "passed")
     return [
-        _row(own.title, own.value, number["unit"], own.source, **{key: number[key] for key in keys})
+        _row(own.title, own.value, number["unit"], own.source, least=own.least, **{key: number[key] for key in keys})
         for own, number in zip(judged, numbers, strict=True)
     ]
 
@@ -286,6 +287,11 @@ def shown(row: Record) -> str:
         text = f"{value:{'+' if row['name'].startswith(_GAIN) else '-'}z.{decimals}f}"
     unit = "" if row["unit"] == "1" else row["unit"]
     return f"{text}{'' if error is None else f' ± {error:.{decimals}f}'} {unit}".rstrip()
+
+
+def bound(row: Record) -> str:
+    """Limit of a row in words; a dash for none."""
+    return "–" if row["limit"] is None else f"at {'least' if row['least'] else 'most'} {short(row['limit'], 2)}"
 
 
 _GAIN = "gain"
@@ -312,7 +318,8 @@ def _build(advised: Advised) -> tuple[str, str, list[Document]]:
     return (
         f"{opening.clear_dots} clear dots of {dot_um:g} µm in each pixel of {pitch_um:g} µm, {opening.open_ratio:.1%} "
         f"of it: {designed.shape}; {laid}.",
-        f"Gains are over all cells laid alike, at {designed.levels[at]:.3g} dB of light: {_MODEL}.",
+        f"Gains are over the same opening with all cells laid alike, at {designed.levels[at]:.3g} dB of light "
+        f"(signal-to-noise of white): {_MODEL}.",
         rows,
     )
 
@@ -327,7 +334,7 @@ def _photographs(advised: Advised) -> tuple[str, str, list[Document]]:
     for light in taken.conditions.levels:
         own = advised.gain(light)
         error = None if math.isnan(own.half_width) else own.half_width
-        more = {"error": error, "limit": WORTH_DB, "passed": advised.gained(light)}
+        more = {"error": error, "limit": WORTH_DB, "least": True, "passed": advised.gained(light)}
         rows.append(_row(f"gain at {advised.light(light)}", own.mean, "dB", advised.electrons(light), **more))
     return (
         f"{told(gain)} at {advised.light(level)}, {advised.electrons(level)}.",
@@ -343,7 +350,7 @@ def _costs(advised: Advised) -> tuple[str, str, list[Document]]:
         return "The design has no pixels that a display could be judged by.", "", []
     how = f"drawn by the job's rules; none can have more than {display.footprint.bound_share:.1%}"
     limit, passed = 100 * display.required, display.share >= display.required - 1e-12
-    row = _row("emitters of each colour", 100 * display.share, "%", how, limit=limit, passed=passed)
+    row = _row("emitters of each colour", 100 * display.share, "%", how, limit=limit, least=True, passed=passed)
     limits = _limits(advised)
     broken = [row["name"] for row in limits if row["passed"] is False]
     held = f"breaks {', '.join(broken)}" if broken else "keeps every limit that it is held against"
@@ -393,7 +400,10 @@ def _others(advised: Advised) -> tuple[str, str, list[Document]]:
         rows.append(_row(f"gain by {name}", value - own, "dB", f"as many dots, {unit.mean():.1%} of the pixel"))
     if not others:
         rows.append(_row("gain by another shape", None, "", "none of another kind was found that keeps the rules"))
-    method = f"Beside the design, mean over its light, before a map unless said otherwise: {_MODEL}."
+    method = (
+        f"Gains are over the design, which has the clear dots that the job asks for; mean over its light, before a map "
+        f"unless said otherwise: {_MODEL}. How these look to the eye is not judged."
+    )
     largest = next(iter(advised.reaches), None)
     if largest is None or largest.clear_dots is None:
         return "No larger opening was looked for in the time.", method, rows
@@ -535,7 +545,7 @@ def advice_page(document: Record, drawn: Mapping[str, str]) -> str:
         document: of advice.json.
         drawn: as :func:`pictures` gives them.
     """
-    return page_template("advice.html.j2", cell=shown, beside=_beside).render(
+    return page_template("advice.html.j2", cell=shown, beside=_beside, bound=bound).render(
         style=style(),
         told=document,
         answers={answer["key"]: answer for answer in document["answers"]},
