@@ -26,6 +26,7 @@ from maskfab.base.units import NM_PER_UM, UM_PER_MM, UM_PER_NM
 from maskfab.job.camera import REFERENCE_TRANSMISSION, Camera, Stop, white_electrons
 from maskfab.job.read import check_lens, parse_section
 from maskfab.job.sections import EmittersSection
+from maskfab.job.toml import value_text
 from maskfab.job.values import Length, LengthOrZero, LookedFrom, Name, Pitch, Section, Time, parsed
 
 LINES_NM = (610.0, 530.0, 470.0)
@@ -45,7 +46,8 @@ _MOST_PITCH_MOVE, _MOST_RAISE = 0.01, 0.1
 class Module(Section):
     """A camera: its lens, its sensor, and where the numbers are from."""
 
-    title: str = "your camera"
+    title: str = Field(default="your camera", max_length=80, pattern=r"^[^\x00-\x1f\x7f]*$")
+    """In one line, for a comment of the job."""
     focal: Length
     f_number: float = Field(gt=0, allow_inf_nan=False)
     """Focal length over the diameter of the stop, which is in the plane of the openings."""
@@ -430,6 +432,6 @@ def job_text(made: Snapped) -> str:
         distance_mm=brief.distance / UM_PER_MM,
         seen="".join(f"{key} = {value:g}\n" for key, value in limits[:2] if value is not None),
         lives="".join(f"{key} = {value:g}\n" for key, value in limits[2:] if value is not None),
-        export="" if brief.house is None else f'\n[export]\nshop = "{brief.house}"\n',
+        export="" if brief.house is None else f"\n[export]\nshop = {value_text(brief.house)}\n",
         slit="\n".join(row if line in clear else "." * dots for line in range(dots)),
     )

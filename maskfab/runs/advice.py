@@ -41,7 +41,7 @@ from maskfab.job.camera import Stop
 from maskfab.job.reference import USES, in_words, unused
 from maskfab.job.sections import DieSection, JobSpec, ReportSection, RulesSection, SearchSection
 from maskfab.job.toml import dumps
-from maskfab.mask.houses.profiles import load_shop, shop_names
+from maskfab.mask.houses.profiles import load_shop, shop_names, shop_of
 from maskfab.mask.job import Job, resolve
 from maskfab.mask.opening_file import dot_of_pitch, opening_text
 from maskfab.mask.package.pack import compare_shops
@@ -145,6 +145,7 @@ def advise(
     named = None if spec.report is None else spec.report.reference
     reference = next((die for die in others if die.name == named), others[0])
     before = resolve(spec.model_copy(update={"die": (reference,), "report": None}), path)
+    shop_of(before.spec, before.where)
     conditions, level = _conditions(before)
     notes += in_words(unused(stated, *USES["advise"]))
     asked, held = (job.emitters.required if job.emitters else 0.0 for job in (stated, spec))

@@ -90,6 +90,7 @@ def test_any_sensible_display_moves_a_little_to_a_grid_and_then_no_more(seed):
         ({"camera": "4 mm f/-2 1.4 um"}, "MF105", "no camera"),
         ({"camera": {"focal": "4", "f_number": 2.0, "pixel": "1 um"}}, "MF103", "camera"),
         ({"camera": {"focal": "4 mm", "f_number": 2.0}}, "MF105", "pixel"),
+        ({"camera": {"title": "a\nb = 3", "focal": "4 mm", "f_number": 2.0, "pixel": "1 um"}}, "MF105", "title"),
         ({"lux": "0.0001 lux"}, "MF141", "electrons.*read noise of 5.*lux or more"),
         ({"lux": "200"}, "MF103", "lux"),
         ({"lux": "-3 lux"}, "MF104", "lux"),
@@ -170,6 +171,12 @@ def test_the_job_is_read_as_it_was_answered(answers):
     # Whole rows of dots above and below the slit, in which the lines cross.
     closed_um = (plain.dots - plain.mask.any(axis=1).sum()) * made.dot_um
     assert closed_um >= made.brief.crossing_um
+
+
+def test_the_name_of_a_house_is_one_text_of_the_job_whatever_is_in_it():
+    name = 'a" b\n[camera] \\'
+    spec = tomllib.loads(job_text(snapped(Brief.of({"pitch": "63 um", "camera": "phone_main", "house": name}))))
+    assert spec["export"] == {"shop": name}
 
 
 def test_dots_per_inch_are_of_the_inch():

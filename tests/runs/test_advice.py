@@ -313,6 +313,16 @@ def test_bad_jobs_are_refused_before_any_work(tmp_path, edits, code, said):
     assert said in str(refusal.value)
 
 
+def test_a_mask_house_that_there_is_not_is_refused_before_any_work(tmp_path):
+    def never(stage, *_):
+        raise AssertionError(stage)
+
+    own = write(tmp_path)
+    own.write_text(own.read_text(encoding="utf-8") + '\n[export]\nshop = "nosuch"\n', encoding="utf-8")
+    with pytest.raises(OutputError, match="MF420"):
+        mf.advise(own, progress=never)
+
+
 def test_a_folder_that_exists_is_refused_before_any_work_or_question(tmp_path, capsys):
     job = write(tmp_path)
     assert run_command_line(["advise", str(job), "-o", str(tmp_path)]) == 2
