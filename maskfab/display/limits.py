@@ -51,6 +51,9 @@ TITLES = MappingProxyType(
 )
 """Numbers in words, by their names."""
 
+AT_LEAST = frozenset({"life"})
+"""Numbers whose limit is the least; of the others it is the most."""
+
 
 @dataclass(frozen=True)
 class Limited:
@@ -63,7 +66,6 @@ class Limited:
         limit: None where nothing judges it.
         stated: whether the job states the limit, which is else a default.
         source: of the limit, in words.
-        least: whether the limit is the least that is allowed.
     """
 
     name: str
@@ -72,7 +74,11 @@ class Limited:
     limit: float | None
     stated: bool
     source: str
-    least: bool = False
+
+    @property
+    def least(self) -> bool:
+        """Whether the limit is the least that is allowed."""
+        return self.name in AT_LEAST
 
     @property
     def passed(self) -> bool | None:
@@ -268,7 +274,7 @@ def _lives(shares: Triple, reference: Triple, light: LightDemand, section: Lives
     life, power = _limit(section.life, DEFAULT_LIFE, _LIFE), _limit(section.power, None, _NO_LIMIT)
     return (
         Limited("luminance", found.luminance, 1.0, None, False, ""),
-        Limited("life", found.life, 1.0, *life, least=True),
+        Limited("life", found.life, 1.0, *life),
         Limited("power", found.power, 1.0, *power),
     )
 

@@ -33,6 +33,7 @@ from maskfab.report.documents.display import display_document
 from maskfab.report.documents.shape import Document, Part, Record, document_text, titled_schema, written
 from maskfab.report.figures import display as display_figures
 from maskfab.report.figures import scene as scene_figures
+from maskfab.report.pages.limits import NOTHING
 from maskfab.report.pages.template import page_template, style
 from maskfab.report.rows.photographs import NOISE_DB, Photographs
 from maskfab.report.rows.text import USEFUL_DB, short
@@ -295,7 +296,6 @@ def bound(row: Record) -> str:
 
 
 _GAIN = "gain"
-_NOTHING = 1e-9
 
 
 def _build(advised: Advised) -> tuple[str, str, list[Document]]:
@@ -535,7 +535,7 @@ def pictures(advised: Advised) -> dict[str, str]:
 
 
 def _beside(value: float | None) -> str:
-    return "–" if value is None else "0" if abs(value) < _NOTHING else short(value, 2 if abs(value) < 10 else 3)
+    return "–" if value is None else "0" if abs(value) < NOTHING else short(value, 2 if abs(value) < 10 else 3)
 
 
 def advice_page(document: Record, drawn: Mapping[str, str]) -> str:

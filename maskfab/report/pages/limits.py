@@ -11,18 +11,15 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from maskfab.display.emitter_rules import Verdict
-from maskfab.display.limits import TITLES
+from maskfab.display.limits import AT_LEAST, TITLES
 from maskfab.report.documents.shape import Record
 from maskfab.report.rows.text import rounded, short
 
 FITS, LOOKS, LIVES = "FITS", "LOOKS", "LIVES"
 _PARTS: Mapping[str, str] = MappingProxyType({LOOKS: "looks", LIVES: "lives"})
 BROKEN = "BROKEN"
-_NOTHING = 1e-9
+NOTHING = 1e-9
 """Of contrast, and of colour differences, which floating point makes of displays that are even."""
-
-_AT_LEAST = frozenset({"life"})
-"""Numbers whose limit is the least; of the others it is the most."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +84,7 @@ def limit_lines(die: Record) -> tuple[LimitLine, ...]:
 
 
 def _line(verdict: str, number: Record) -> LimitLine:
-    bound, side = number["limit"], "≥" if number["name"] in _AT_LEAST else "≤"
+    bound, side = number["limit"], "≥" if number["name"] in AT_LEAST else "≤"
     return LimitLine(
         verdict,
         number["name"],
@@ -104,7 +101,7 @@ def _line(verdict: str, number: Record) -> LimitLine:
 
 def _told(value: float | None) -> str:
     """To three digits: what an eye tells apart, or a lifetime, is not known better. Rounding alone is nothing."""
-    return "" if value is None else "0" if abs(value) < _NOTHING else rounded(float(value), 3)
+    return "" if value is None else "0" if abs(value) < NOTHING else rounded(float(value), 3)
 
 
 def broken(die: Record) -> tuple[str, ...]:
