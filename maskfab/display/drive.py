@@ -214,9 +214,9 @@ def relative_life(density: float, reference: float, exponent: float = LightDeman
     return float((density / reference) ** -exponent)
 
 
-_FIXED_V = 5.0
+FIXED_V = 5.0
 """Of the supply: 2.5 V at which an emitter turns on, and as much for the transistor that drives it. A judgement."""
-_RISING_V, _AT_MA_PER_CM2 = 1.5, 10.0
+RISING_V, AT_MA_PER_CM2 = 1.5, 10.0
 """More that an emitter takes at a current density, a judgement; current limited by space charge rises with the square
 of its voltage (Mott and Gurney, 1940)."""
 
@@ -251,7 +251,7 @@ def lives(light: LightDemand, shares: Triple, reference: Triple) -> Lives:
         JobError: MF104 if a share is not within (0, 1].
     """
     densest, usual = (max(current_density(light, areas)) for areas in (shares, reference))
-    supply, usual_supply = (_FIXED_V + _RISING_V * math.sqrt(j / _AT_MA_PER_CM2) for j in (densest, usual))
+    supply, usual_supply = (FIXED_V + RISING_V * math.sqrt(j / AT_MA_PER_CM2) for j in (densest, usual))
     left = min(own / other for own, other in zip(shares, reference, strict=True))
     return Lives(left, relative_life(densest, usual, light.ageing_exponent), supply / usual_supply)
 

@@ -23,7 +23,7 @@ from maskfab.base.model import COLOURS, ORIENTATIONS, Die, Quantity
 from maskfab.base.quantities import registered
 from maskfab.base.units import NM_PER_UM
 from maskfab.display.circuits import Circuits
-from maskfab.display.drive import LightDemand
+from maskfab.display.drive import AT_MA_PER_CM2, FIXED_V, RISING_V, LightDemand
 from maskfab.display.emitter_rules import Certificate, EmitterRules, Verdict
 from maskfab.display.eye import FINE_CPD, SLOW_CPD
 from maskfab.display.feasibility import Feasibility, PlateWithDisplays, footprint_of
@@ -247,8 +247,8 @@ _ROWS: Mapping[str, tuple[str, str]] = MappingProxyType(
         "life": ("reference_life", "(J / J')^-n of the colours of the densest current, at equal luminance"),
         "power": (
             "reference_power",
-            "voltage of the supply at equal luminance, 5 V + 1.5 V (J / 10 mA/cm²)^½ at the densest current (judged "
-            "values; square law of Mott and Gurney)",
+            f"voltage of the supply at equal luminance, {FIXED_V:g} V + {RISING_V:g} V "
+            f"(J / {AT_MA_PER_CM2:g} mA/cm²)^½ at the densest current (judged values; square law of Mott and Gurney)",
         ),
     }
 )
