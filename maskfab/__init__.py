@@ -20,6 +20,7 @@ from maskfab.base import __version__
 
 if TYPE_CHECKING:
     from maskfab.api import order as order
+    from maskfab.api import torch as torch
     from maskfab.api.about import bench as bench
     from maskfab.api.about import cache as cache
     from maskfab.api.about import cite as cite

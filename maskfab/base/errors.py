@@ -72,6 +72,7 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF148": "A learned restorer was trained for another die, camera, sensor or light.",
         "MF150": "A budget is shorter than the least work that is useful.",
         "MF151": "Answers about a display contradict each other.",
+        "MF159": "Dots that a gradient is asked of are no tensor of openings, or the panel has no place for them.",
         "MF160": "A sweep's field does not state its values once, or a sweep has no case, or too many.",
         "MF161": "A sweep asks for a quantity that no case has.",
         "MF162": "Two cases of a sweep are one and the same.",

@@ -208,12 +208,7 @@ def lag_table(pupil: Pupil, reach_um: float = np.inf) -> LagTable:
     """
     dot_area = pupil.x.dot_um * pupil.y.dot_um
     blocks = dot_blocks(pupil.x, pupil.y, pupil.mean_transmission)
-    # Padded so that nothing folds onto lags within reach.
-    sizes = [
-        scipy.fft.next_fast_len(min(2 * n - 1, n + extra), real=True) if n > 1 else 1
-        for n, extra in zip(blocks.shape, (*_extra(pupil.y, reach_um), *_extra(pupil.x, reach_um)), strict=True)
-    ]
-    values = correlated(blocks, sizes)
+    values = correlated(blocks, lag_sizes(pupil.x, pupil.y, reach_um))
     values *= dot_area
     spread = float(pupil.variance.sum()) * dot_area
     values[0, 0, 0, 0] += spread
@@ -225,6 +220,15 @@ def lag_table(pupil: Pupil, reach_um: float = np.inf) -> LagTable:
     rounding = 1e-15 + 4 * np.finfo(np.float64).eps * pupil.rim_row.size * pupil.stop.area_um2 / max(energy, 1e-300)
     errors = unknown[0] + rounding, unknown[1] + rounding
     return LagTable(pupil.x, pupil.y, values, reach_um, energy, errors, () if rim is None else (rim,), spread)
+
+
+def lag_sizes(x: Lattice, y: Lattice, reach_um: float) -> list[int]:
+    """Transforms along cells and dots of y and of x that fold nothing onto lags within reach."""
+    counts = (*_periods(y), *_periods(x))
+    return [
+        scipy.fft.next_fast_len(min(2 * n - 1, n + extra), real=True) if n > 1 else 1
+        for n, extra in zip(counts, (*_extra(y, reach_um), *_extra(x, reach_um)), strict=True)
+    ]
 
 
 def shape_errors(pupil: Pupil, energy_um2: float, *, cut_dots: bool) -> tuple[float, float]:

@@ -262,15 +262,20 @@ def pixel_psf(points: Psf, camera: Camera) -> Psf:
         points: sampled at ``point_step_um`` with a margin of at least :func:`pixel_margin`.
         camera: gives the pixel and the window.
     """
-    weights = _pixel_filter(camera.pixel_um, points.step_um, cutoff(camera, points.wavelength_nm))
-    reach = weights.size // 2
-    stride = round(camera.pixel_um / points.step_um)
-    half = odd_samples(camera.window_um, camera.pixel_um) // 2
-    middle = points.values.shape[0] // 2
-    centres = middle + stride * np.arange(-half, half + 1)
-    gather = np.zeros((centres.size, points.values.shape[0]))
-    gather[np.arange(centres.size)[:, None], centres[:, None] + np.arange(-reach, reach + 1)] = weights
+    gather = pixel_means(camera, points.step_um, points.values.shape[0], points.wavelength_nm)
     return Psf(gather @ points.values @ gather.T, camera.pixel_um, points.wavelength_nm, "pixel")
+
+
+def pixel_means(camera: Camera, step_um: float, samples: int, wavelength_nm: float) -> Floats:
+    """Weights [pixels, samples] that take samples along an axis to means over the pixels of the window."""
+    weights = _pixel_filter(camera.pixel_um, step_um, cutoff(camera, wavelength_nm))
+    reach = weights.size // 2
+    stride = round(camera.pixel_um / step_um)
+    half = odd_samples(camera.window_um, camera.pixel_um) // 2
+    centres = samples // 2 + stride * np.arange(-half, half + 1)
+    gather = np.zeros((centres.size, samples))
+    gather[np.arange(centres.size)[:, None], centres[:, None] + np.arange(-reach, reach + 1)] = weights
+    return gather
 
 
 def pixel_sum_error(pixels: Psf, highest: float) -> float:

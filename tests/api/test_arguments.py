@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from small_job import write_job
 
 import maskfab as mf
@@ -44,6 +45,7 @@ def calls(job: Path, out: Path) -> dict[str, tuple[Callable[..., Any], dict[str,
     bar = mf.Opening.bar(dots=7, size=(3, 5), pitch="56 um")
     panel, camera = mf.Panel.tile(bar, size="560 um"), mf.Camera(**LOOK)
     plate = mf.Plate.of(A=panel)
+    dots = torch.from_numpy(bar.mask.astype(np.float64))
     none = job.with_name("none.toml")
     loaded = mf.load_job(job)
     of_job, behind = {"job": loaded}, {"job": loaded, "die": "NONE"}
@@ -95,6 +97,9 @@ def calls(job: Path, out: Path) -> dict[str, tuple[Callable[..., Any], dict[str,
         "simulate": (mf.simulate, behind | {"reference": "NONE"}),
         "study": (mf.study, of_job),
         "sweep": (mf.sweep, {"study": none, "out": out}),
+        "torch.psf": (mf.torch.psf, {"dots": dots, "camera": camera, "wavelength": 530, "pitch": "56 um"}),
+        "torch.mtf": (mf.torch.mtf, {"dots": dots, "camera": camera, "wavelength": 530, "pitch": "56 um"}),
+        "torch.restored_error": (mf.torch.restored_error, {"dots": dots, "camera": camera, "pitch": "56 um"}),
         "verify": (mf.verify, {"subject": none, "against": none}),
         "verify --again": (mf.verify, {"subject": out, "again": True}),
         "view": (mf.view, {"directory": out}),

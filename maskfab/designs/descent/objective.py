@@ -10,13 +10,16 @@ Introduction to Fourier Optics, 6.3). |A|² is real, so the transform along y is
 
     ∂/∂p = 2 IFFT( Re FFT(g) · A ),
 
-again with a real transform along y, which only the rows inside the pupil leave. Nothing but A is kept for it.
+again with a real transform along y, which only the rows inside the pupil leave. Nothing but A is kept for it. A second
+derivative is taken through these steps, with A made anew.
 
 The transfer at the frequency ν is the autocorrelation at the lag λfν, divided by lag 0, times the square pixel's
 sinc(ν_x p) sinc(ν_y p) (Goodman, 6.4). Between whole dots it is bilinear, which is exact for square dots.
 
 Notes:
-    Lags are whole dots, so the table is exact for square dots; dots cut by the stop must be in or out.
+    Lags are whole dots, so the table is exact for square dots. Designs take dots that the stop cuts in or out. A table
+    to be told takes them with their mean transmission, and lag 0 with what they pass, as
+    :mod:`maskfab.optics.lags` does.
     Sizes are even, because real transforms of odd length cost three times as much.
     On CUDA the scatter-add adds in any order, so gradients there repeat to rounding only; on the CPU they repeat.
     An objective may differ from step to step (an area that is led down, another batch of pictures). ``at`` gives the
@@ -56,6 +59,8 @@ class Autocorrelation:
         dots: dots along the unit's side.
         size: points N of the transforms along each side.
         reach: longest lag along y, in dots; |x| of a lag may be as long.
+        share: of that shape, of each dot inside the stop; None where dots are in or out.
+        spread: [dots, dots], what lag 0 gains with the square of each dot over that of its mean; None without shares.
     """
 
     index: torch.Tensor
@@ -63,19 +68,29 @@ class Autocorrelation:
     dots: int
     size: int
     reach: int
+    share: torch.Tensor | None = None
+    spread: torch.Tensor | None = None
 
     def pupil(self, unit: torch.Tensor) -> torch.Tensor:
-        """The stop filled with oriented units, of that shape."""
-        dots = torch.cat([unit.flatten(), unit.new_zeros(1)])
-        return dots.index_select(0, self.index).view(self.shape)
+        """The stop filled with oriented units, [..., *shape]."""
+        dots = torch.cat([unit.flatten(-2), unit.new_zeros((*unit.shape[:-2], 1))], -1)
+        laid = dots.index_select(-1, self.index).view(*unit.shape[:-2], *self.shape)
+        return laid if self.share is None else laid * self.share
+
+    def transform(self, unit: torch.Tensor) -> torch.Tensor:
+        """The pupil's transform, [..., size, size / 2 + 1]."""
+        spectrum: torch.Tensor = torch.fft.rfft2(self.pupil(unit), s=(self.size, self.size))
+        return spectrum
 
     def __call__(self, unit: torch.Tensor) -> torch.Tensor:
-        """Autocorrelation in dots, [reach + 1, size]; lag (y, x) at [y, x % size]. Differentiable once.
+        """Autocorrelation in dots, [..., reach + 1, size]; lag (y, x) at [..., y, x % size]. Differentiable twice.
 
         Args:
-            unit: amplitude of the unit's dots, [dots, dots], float32 or float64.
+            unit: amplitude of the unit's dots, [..., dots, dots], float32 or float64.
         """
         table: torch.Tensor = _Autocorrelation.apply(unit, self)  # type: ignore[no-untyped-call]
+        if self.spread is not None:
+            table[..., 0, 0] += (self.spread * unit**2).sum((-2, -1))
         return table
 
 
@@ -88,10 +103,15 @@ def autocorrelation(dots: int, orientations: Labels, inside: Mask, reach: int) -
         inside: bool [rows x dots, columns x dots], dots inside the stop.
         reach: longest lag in dots, shorter than the pupil.
     """
-    # Twice a fast length is fast and even.
-    size = 2 * int(next_fast_len((max(inside.shape) + reach + 1) // 2))
+    size = transform_size(max(inside.shape), reach)
     flat = torch.from_numpy(np.where(inside, unit_dots(orientations, dots), dots * dots).ravel())
     return Autocorrelation(flat, (inside.shape[0], inside.shape[1]), dots, size, reach)
+
+
+def transform_size(side: int, reach: int) -> int:
+    """Points of a transform in which lags up to the reach of so many dots fold onto none of each other."""
+    # Twice a fast length is fast and even.
+    return 2 * int(next_fast_len((side + reach + 1) // 2))
 
 
 class _Autocorrelation(torch.autograd.Function):
@@ -99,30 +119,34 @@ class _Autocorrelation(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, unit: torch.Tensor, layout: Autocorrelation) -> torch.Tensor:
-        size = layout.size
-        spectrum = torch.fft.rfft2(layout.pupil(unit), s=(size, size))
+        spectrum = layout.transform(unit)
         power = torch.addcmul(spectrum.real * spectrum.real, spectrum.imag, spectrum.imag)
-        rows = torch.fft.ihfft(power, dim=0)[: layout.reach + 1]
+        rows = torch.fft.ihfft(power, dim=-2)[..., : layout.reach + 1, :]
         ctx.layout = layout
-        ctx.save_for_backward(spectrum)
-        table: torch.Tensor = torch.fft.irfft(rows, n=size, dim=1)
+        ctx.save_for_backward(unit, spectrum)
+        table: torch.Tensor = torch.fft.irfft(rows, n=layout.size, dim=-1)
         return table
 
     @staticmethod
-    @torch.autograd.function.once_differentiable
     def backward(ctx: Any, slope: torch.Tensor) -> tuple[torch.Tensor, None]:
         layout: Autocorrelation = ctx.layout
-        (spectrum,) = ctx.saved_tensors
+        unit, spectrum = ctx.saved_tensors
+        if torch.is_grad_enabled():
+            # What is differentiated once more must depend on the unit.
+            spectrum = layout.transform(unit)
         size, (height, width) = layout.size, layout.shape
-        rows = torch.fft.rfft(slope, dim=1)
+        rows = torch.fft.rfft(slope, dim=-1)
         # Row 0 holds both signs of its lags, the others stand for their mirror images too.
-        rows[0] = 2 * rows[0].real
-        weighted = spectrum * torch.fft.hfft(rows, n=size, dim=0)
-        by_row = torch.fft.ifft(weighted, dim=0)[:height]
-        by_dot = torch.fft.irfft(by_row, n=size, dim=1)[:, :width]
-        home = by_dot.new_zeros(layout.dots**2 + 1)
-        home.scatter_add_(0, layout.index, by_dot.flatten())
-        return home[:-1].view(layout.dots, layout.dots), None
+        rows[..., 0, :] = 2 * rows[..., 0, :].real
+        weighted = spectrum * torch.fft.hfft(rows, n=size, dim=-2)
+        by_row = torch.fft.ifft(weighted, dim=-2)[..., :height, :]
+        by_dot = torch.fft.irfft(by_row, n=size, dim=-1)[..., :width]
+        if layout.share is not None:
+            by_dot = by_dot * layout.share
+        by_place = by_dot.flatten(-2)
+        home = by_place.new_zeros((*by_place.shape[:-1], layout.dots**2 + 1))
+        home.scatter_add_(-1, layout.index.expand(by_place.shape), by_place)
+        return home[..., :-1].reshape(unit.shape), None
 
 
 class Objective(ABC):
