@@ -102,13 +102,11 @@ class Spread:
 
     Attributes:
         whole: int64 [4 h w], the dot at each source; one more than the last where there is none.
-        share: [4 h w], how much of it; 0 where there is none.
         place, dot, weight: [k] each, further terms: the dots that the stop cuts.
         shape: h and w.
     """
 
     whole: torch.Tensor
-    share: torch.Tensor
     place: torch.Tensor
     dot: torch.Tensor
     weight: torch.Tensor
@@ -121,15 +119,14 @@ class Spread:
 
     def lay(self, dots: torch.Tensor) -> torch.Tensor:
         """[..., dots] to [..., sources]."""
-        ended = torch.nn.functional.pad(dots, (0, 1))
-        laid = ended.index_select(-1, self.whole) * self.share
+        laid = torch.nn.functional.pad(dots, (0, 1)).index_select(-1, self.whole)
         cut = dots.index_select(-1, self.dot) * self.weight
         return laid.scatter_add_(-1, self.place.expand(cut.shape), cut)
 
     def gather(self, slopes: torch.Tensor, dots: int) -> torch.Tensor:
         """The adjoint: [..., sources] to [..., dots]."""
         home = slopes.new_zeros((*slopes.shape[:-1], dots + 1))
-        home.scatter_add_(-1, self.whole.expand(slopes.shape), slopes * self.share)
+        home.scatter_add_(-1, self.whole.expand(slopes.shape), slopes)
         cut = slopes.index_select(-1, self.place) * self.weight
         return home.scatter_add_(-1, self.dot.expand(cut.shape), cut)[..., :-1]
 
@@ -228,9 +225,9 @@ def point_image(
     energy = layout.summed(pupil.mean_transmission) * pupil.x.dot_um * pupil.y.dot_um
     means = pixel_means(camera, step, 2 * reach + 1, wavelength_nm) if pixels else None
     here = partial(_here, dtype=dtype, device=device)
-    whole, share, place, dot, weight = map(here, terms)
+    whole, place, dot, weight = map(here, terms)
     return PointImage(
-        Spread(whole, share, place, dot, weight, (up.shape[1], across.shape[1])),
+        Spread(whole, place, dot, weight, (up.shape[1], across.shape[1])),
         here(up.transpose(0, 2, 1)),
         here(across),
         here(psf_norm_um6(scale, 1.0) * energy),
@@ -257,15 +254,15 @@ class _Axis:
     parts: int
 
     @classmethod
-    def of(cls, lattice: Lattice, highest: float) -> _Axis:
-        """Sources in every dot of a lattice, in its gutters, and beyond its ends."""
+    def of(cls, lattice: Lattice, highest: float, reach: int) -> _Axis:
+        """Sources in every dot of a lattice, in its gutters, and so many beyond its ends."""
         parts = max(1, math.ceil(_PER_PERIOD * highest * lattice.dot_um - 1e-9))
         width = lattice.dot_um / parts
         edges = lattice.edges_um()
         is_dot = np.zeros(edges.size - 1, dtype=np.bool_)
         is_dot[lattice.dot_index().ravel()] = True
-        beyond = width * (np.arange(_MOST) + 0.5)
-        held, first, count = [edges[0] - beyond[::-1]], np.full(is_dot.size, -1), _MOST
+        beyond = width * (np.arange(reach) + 0.5)
+        held, first, count = [edges[0] - beyond[::-1]], np.full(is_dot.size, -1), reach
         for k, (low, high) in enumerate(pairwise(edges)):
             within = parts if is_dot[k] else round((high - low) / width)
             held.append(low + (high - low) * (np.arange(within) + 0.5) / max(within, 1))
@@ -293,26 +290,21 @@ class _Axis:
         return size * np.cos(2 * np.pi * cycles), size * np.sin(2 * np.pi * cycles)
 
     def stand_ins(
-        self, edges: tuple[Floats, Floats], orders: int, highest: float, tolerance: float
+        self, edges: tuple[Floats, Floats], orders: int, highest: float, reach: int
     ) -> tuple[Indices, Floats, float]:
-        """Sources that stand for the Legendre orders of intervals between edges [k].
+        """Sources that stand for the Legendre orders of intervals between edges [k], so many to either side of each.
 
         Returns:
             The first source of each interval, [k]; strengths [k, orders, sources]; the largest residual.
         """
         low, high = edges
-        middle = (low + high) / 2
-        for reach in range(_FEWEST, _MOST + 1):
-            count = 2 * reach + self.parts
-            nearest = np.searchsorted(self.position_um, low)
-            first = np.clip(nearest - reach, 0, self.position_um.size - count)
-            offset = self.position_um[first[:, None] + np.arange(count)] - middle[:, None]
-            # Inside a lattice all dots see their neighbours alike.
-            alike, which = np.unique(np.round(offset, 9), axis=0, return_inverse=True)
-            fits = [self._fit(away, float(high[0] - low[0]), orders, highest) for away in alike]
-            error = max(residual for _, residual in fits)
-            if error <= tolerance:
-                break
+        count = 2 * reach + self.parts
+        first = np.clip(np.searchsorted(self.position_um, low) - reach, 0, self.position_um.size - count)
+        offset = self.position_um[first[:, None] + np.arange(count)] - (low + high)[:, None] / 2
+        # Inside a lattice all dots see their neighbours alike.
+        alike, which = np.unique(np.round(offset, 9), axis=0, return_inverse=True)
+        fits = [self._fit(away, float(high[0] - low[0]), orders, highest) for away in alike]
+        error = max(residual for _, residual in fits)
         return first, np.stack([strength for strength, _ in fits])[which.ravel()], error
 
     def _fit(self, offset: Floats, width: float, orders: int, highest: float) -> tuple[Floats, float]:
@@ -325,7 +317,6 @@ class _Axis:
         waves: Complexes = source * np.exp(-2j * np.pi * u[:, None] * offset)
         matrix, wanted = np.concatenate([waves.real, waves.imag]), np.concatenate([own.real, own.imag])
         strength = np.linalg.lstsq(matrix, wanted, rcond=1e-14)[0]
-        # Moments of order p are at most about half the mean's.
         return strength.T, float(abs(matrix @ strength - wanted).max()) / width
 
 
@@ -333,39 +324,50 @@ def _spread(
     layout: Layout, highest: float, tolerance: float
 ) -> tuple[tuple[NDArray[Any], ...], tuple[_Axis, _Axis], float]:
     """Arrays of a :class:`Spread`, the sources along y and x, and the residual of what stands for cut dots."""
-    pupil, places = layout.pupil, layout.place
-    across = _Axis.of(pupil.x, highest)
-    up = across if pupil.x == pupil.y else _Axis.of(pupil.y, highest)
-
-    def place(row: Indices, column: Indices) -> Indices:
-        """Flat number of a source in its quadrant."""
-        (below, y), (left, x) = up.folded(row), across.folded(column)
-        return np.asarray(((2 * below + left) * up.half + y) * across.half + x)
-
-    whole = np.full(4 * up.half * across.half, layout.dots**2)
-    share = np.zeros(whole.size)
-    row, column = np.nonzero(pupil.whole)
-    for j in range(up.parts):
-        for i in range(across.parts):
-            at = place(up.first[row] + j, across.first[column] + i)
-            whole[at], share[at] = places[row, column], 1.0
-    row, column = pupil.rim_row, pupil.rim_column
-    if not row.size:
-        nothing = np.zeros(0, dtype=np.intp)
-        return (whole, share, nothing, nothing, np.zeros(0)), (up, across), 0.0
+    pupil, places, row, column = layout.pupil, layout.place, layout.pupil.rim_row, layout.pupil.rim_column
     orders = rim_orders(pupil, highest, highest)
-    tolerance *= 1 + np.count_nonzero(pupil.whole) / row.size
-    (rows, along_y, error_y), (columns, along_x, error_x) = (
-        axis.stand_ins((edges[at], edges[at + 1]), orders, highest, tolerance)
-        for axis, edges, at in ((up, pupil.y.edges_um(), row), (across, pupil.x.edges_um(), column))
-    )
+    tolerance *= 1 + np.count_nonzero(pupil.whole) / max(row.size, 1)
+    for reach in range(_FEWEST if row.size else 0, _MOST + 1):
+        across = _Axis.of(pupil.x, highest, reach)
+        up = across if pupil.x == pupil.y else _Axis.of(pupil.y, highest, reach)
+        if not row.size:
+            return (_of_whole(layout, up, across), *_NOTHING), (up, across), 0.0
+        (rows, along_y, error_y), (columns, along_x, error_x) = (
+            axis.stand_ins((edges[at], edges[at + 1]), orders, highest, reach)
+            for axis, edges, at in ((up, pupil.y.edges_um(), row), (across, pupil.x.edges_um(), column))
+        )
+        if max(error_y, error_x) <= tolerance:
+            break
     weight = np.einsum("kqa,kqp,kpb->kab", along_y, pupil.moments(orders), along_x, optimize=True)
-    at = place(
+    at = _place(
+        up,
+        across,
         (rows[:, None] + np.arange(weight.shape[1]))[:, :, None],
         (columns[:, None] + np.arange(weight.shape[2]))[:, None, :],
     )
     dot = np.broadcast_to(places[row, column][:, None, None], weight.shape)
-    return (whole, share, at.ravel(), dot.ravel(), weight.ravel()), (up, across), max(error_y, error_x)
+    terms = _of_whole(layout, up, across), at.ravel(), dot.ravel(), weight.ravel()
+    return terms, (up, across), max(error_y, error_x)
+
+
+_NOTHING = np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp), np.zeros(0)
+"""Places, dots and weights of a stop that cuts none."""
+
+
+def _place(up: _Axis, across: _Axis, row: Indices, column: Indices) -> Indices:
+    """Flat numbers of sources in their quadrants."""
+    (below, y), (left, x) = up.folded(row), across.folded(column)
+    return np.asarray(((2 * below + left) * up.half + y) * across.half + x)
+
+
+def _of_whole(layout: Layout, up: _Axis, across: _Axis) -> Indices:
+    """The dot at every source of whole dots, flat by quadrant; the number of dots where there is none."""
+    whole = np.full(4 * up.half * across.half, layout.dots**2)
+    row, column = np.nonzero(layout.pupil.whole)
+    for j in range(up.parts):
+        for i in range(across.parts):
+            whole[_place(up, across, up.first[row] + j, across.first[column] + i)] = layout.place[row, column]
+    return whole
 
 
 @dataclass(frozen=True, eq=False)
