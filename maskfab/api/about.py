@@ -12,7 +12,6 @@ import textwrap
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -21,6 +20,7 @@ from maskfab.base import __version__, provenance
 from maskfab.base import resources as error_codes
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import CATALOGUE, InternalError, JobError
+from maskfab.base.extras import EXTRAS
 from maskfab.base.work import Progress, silent
 
 if TYPE_CHECKING:
@@ -177,13 +177,6 @@ def _parts(*parts: tuple[str, str]) -> str:
     return "\n".join(paragraphs)
 
 
-_OPTIONAL = {
-    "pandas": ("tables for to_dataframe()", "pandas"),
-    "rawpy": ("captures as RAW files", "raw"),
-    "gerbonara": ("Gerber read back", "gerber"),
-    "pycvvdp": ("ColorVideoVDP in maskfab check --look", "eye"),
-    "distributed": ("sweeps on a cluster", "cluster"),
-}
 _FORMATS = ("gds", "oas", "dxf")
 _LIMIT = 1e-9
 _CAMERA = {"pixel": "2 um", "wavelengths": "530 nm", "window": "128 um"}
@@ -295,9 +288,9 @@ def _facts() -> Iterator[tuple[str, str]]:
     yield "memory", _memory()
     store = Store.of_user()
     yield "cache", f"off; {VARIABLE} names a folder" if store is None else str(store.folder)
-    for module, (use, extra) in _OPTIONAL.items():
-        there = find_spec(module) is not None
-        yield module, use if there else f"not installed: {use} needs pip install 'maskfab[{extra}]'"
+    for name, extra in EXTRAS.items():
+        missing = f"{' and '.join(extra.missing)} not installed: pip install 'maskfab[{name}]'"
+        yield f"maskfab[{name}]", f"{extra.use}: {missing if extra.missing else 'installed'}"
 
 
 def _memory() -> str:

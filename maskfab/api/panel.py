@@ -13,6 +13,7 @@ from maskfab.base import model
 from maskfab.base.cell_size import CellSize
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
+from maskfab.base.extras import require
 from maskfab.base.model import Tiling
 from maskfab.base.units import NM_PER_UM, parse_length_um, parse_pitch_um, to_nm
 from maskfab.job.read import check_die, check_seed, even_nm, parse_section
@@ -160,9 +161,10 @@ class Panel(model.Panel):
             glass: thickness of the substrate.
 
         Raises:
-            JobError: MF103 or MF104 for a thickness.
+            JobError: MF103 or MF104 for a thickness; MF152 without cadquery.
             OutputError: MF410 for pixels without chrome, MF412 for a panel of too many vertices or pixels.
         """
+        require("solid", "an assembly of cadquery")
         from maskfab.mask.formats.step import cadquery_assembly
 
         return cadquery_assembly(self._die(), _stack(chrome, glass))
@@ -174,6 +176,7 @@ class Panel(model.Panel):
         Where openings touch by a corner the chrome between them is a tenth of a dot wide, for a surface of no width is
         not closed. Arguments and errors as :meth:`to_cadquery`; MF436 for dots below 100 nm that touch so.
         """
+        require("solid", "a scene of trimesh")
         from maskfab.mask.formats.step import trimesh_scene
 
         return trimesh_scene(self._die(), _stack(chrome, glass))

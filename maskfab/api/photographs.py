@@ -16,6 +16,7 @@ from maskfab.api.camera import Camera
 from maskfab.api.results import Asked, InPython, Result, Told, answers
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
+from maskfab.base.extras import require
 from maskfab.base.folders import check_file, write_bytes
 from maskfab.base.model import Panel
 from maskfab.base.work import Clock, Progress, one_thread, silent
@@ -394,11 +395,12 @@ def learn(
 
     Raises:
         JobError: MF105 for a die or device that is not there, or minutes that are none; MF150 for fewer minutes than
-            setting up and a step take; MF148 for a checkpoint of
-            another die, camera, sensor or light; as :func:`maskfab.api.photographs.simulate` for the others.
+            setting up and a step take; MF148 for a checkpoint of another die, camera, sensor or light; MF152 without
+            torch; as :func:`maskfab.api.photographs.simulate` for the others.
         SourceError: MF301 without photographs in the folder; MF303, MF304 for a file that is no checkpoint.
         OutputError: MF401 where ``out`` cannot be written.
     """
+    require("design", "a restorer that learns")
     clock = Clock(60 * minutes, refuses=True)
     from maskfab.camera.learning import Checkpoint, Course, Run, device_of
 

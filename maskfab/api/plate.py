@@ -21,7 +21,7 @@ from maskfab.job.sections import JobSection, JobSpec, PlateSection
 from maskfab.job.values import um_text
 from maskfab.mask import opening_file
 from maskfab.mask import panels as maps
-from maskfab.mask.formats.table import format_of, products
+from maskfab.mask.formats.table import format_of, products, require_packages
 from maskfab.mask.houses.files import check_stated
 from maskfab.mask.job import Job, resolve
 from maskfab.runs.plate_files import check_pictures, draw_files
@@ -193,6 +193,7 @@ class Plate:
 
         Raises:
             OutputError: MF430 for another suffix, MF401 if the file cannot be written, and as the writer of the format.
+            MissingPackageError: MF152 for a format that this installation could not write, or not read back.
             JobError: as :meth:`layout`; MF105 for a die that is not there, or a .tif or .bmp of the plate without
                 ``sections={"export": {"dpi": ...}}``.
         """
@@ -201,6 +202,7 @@ class Plate:
             cure = f"Use {', '.join(self.panels)}"
             raise JobError("MF105", f"there is no die {die!r}", where=f"{_WHERE}.write: die", cure=cure)
         kind = format_of(target, die=die is not None)
+        require_packages([kind], where=f"{_WHERE}.write: path", otherwise="choose another suffix")
         job = self.job(camera)
         plate = job.plate()
         check_pictures(job, plate, [kind])

@@ -55,7 +55,7 @@ class Result:
         """The rows as a table.
 
         Raises:
-            OutputError: MF431 without pandas.
+            JobError: MF152 without pandas.
         """
         from maskfab.report.rows.text import dataframe
 

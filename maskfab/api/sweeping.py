@@ -100,8 +100,9 @@ def sweep(
         progress: told where the work stands.
 
     Raises:
-        JobError: MF160 to MF162 for a study that cannot be; MF105 for keys, MF103 for units; MF164 for a scheduler.
-        OutputError: MF401, MF402 for a directory that cannot be used; MF431 without dask.
+        JobError: MF160 to MF162 for a study that cannot be; MF105 for keys, MF103 for units; MF152 for a cluster
+            without dask; MF164 for a scheduler.
+        OutputError: MF401, MF402 for a directory that cannot be used.
     """
     directory = Path(out)
     sweeping.check_folder(directory)

@@ -3,6 +3,7 @@
     MaskfabError
      ├─ InputError          exit 2: the user can correct it
      │   ├─ JobError        MF1xx  the job file
+     │   │   ├─ MissingPackageError  MF152  a package of an extra that is not installed
      │   ├─ OpeningError    MF2xx  an opening
      │   ├─ SourceError     MF3xx  a file that is read
      │   ├─ OutputError     MF4xx  the place results go to
@@ -72,6 +73,7 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF148": "A learned restorer was trained for another die, camera, sensor or light.",
         "MF150": "A budget is shorter than the least work that is useful.",
         "MF151": "Answers about a display contradict each other.",
+        "MF152": "A package that this needs is not installed.",
         "MF159": "Dots that a gradient is asked of are no tensor of openings, or the panel has no place for them.",
         "MF160": "A sweep's field does not state its values once, or a sweep has no case, or too many.",
         "MF161": "A sweep asks for a quantity that no case has.",
@@ -149,7 +151,6 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF422": "A file is not a package made by maskfab.",
         "MF423": "A package is unsafe to unpack.",
         "MF430": "maskfab does not write files of this kind.",
-        "MF431": "An optional package that this needs is not installed.",
         "MF432": "The results have no number or die of that name.",
         "MF436": "Corners that touch cannot have so wide or narrow a gap or neck in a mesh.",
         "MF437": "Two corners of a mesh become one in a format's float32.",
@@ -216,6 +217,10 @@ class InputError(MaskfabError):
 
 class JobError(InputError):
     """The job file asks for something that cannot be made."""
+
+
+class MissingPackageError(JobError):
+    """Work is asked for that needs a package which is not installed."""
 
 
 class OpeningError(InputError):

@@ -15,7 +15,9 @@ from pathlib import Path
 from maskfab.base import __version__
 from maskfab.base.model import WrittenFile
 
-_REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)(?P<extra>.*\bextra\b)?")
+_REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)(?:.*\bextra == '(?P<extra>\w+)')?")
+_WRITING = ("design", "solid")
+"""Extras whose libraries files may come from; those of others only read."""
 
 
 def sha256_of_file(path: Path) -> str:
@@ -32,11 +34,10 @@ def job_hash(resolved: Mapping[str, object]) -> str:
 
 
 def versions(*, extras: bool = False) -> dict[str, str]:
-    """Versions of maskfab, Python, and of every library that maskfab requires, as installed here: any of them may have
-    written into a file.
+    """Versions of maskfab, Python, and of the libraries that may have written into a file, as installed here.
 
     Args:
-        extras: name the libraries of its extras, too.
+        extras: name the libraries of all extras, too.
     """
     return {"maskfab": __version__, "python": platform.python_version(), **_libraries(extras)}
 
@@ -44,13 +45,12 @@ def versions(*, extras: bool = False) -> dict[str, str]:
 @cache
 def _libraries(extras: bool) -> Mapping[str, str]:
     """Looked up once, for their metadata are long texts."""
+    asked = filter(None, map(_REQUIREMENT.match, metadata.requires("maskfab") or ()))
+    names = {each["name"] for each in asked if extras or each["extra"] in (None, *_WRITING)}
     numbers: dict[str, str] = {}
-    for line in metadata.requires("maskfab") or ():
-        asked = _REQUIREMENT.match(line)
-        if asked is None or (asked["extra"] and not extras):
-            continue
+    for name in sorted(names):
         with suppress(metadata.PackageNotFoundError):
-            numbers.setdefault(asked["name"], metadata.version(asked["name"]))
+            numbers[name] = metadata.version(name)
     return numbers
 
 

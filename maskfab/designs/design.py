@@ -12,6 +12,7 @@ import numpy as np
 
 from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import JobError, OpeningError, OutputError
+from maskfab.base.extras import require
 from maskfab.base.units import NM_PER_UM, to_nm
 from maskfab.base.work import NO_END, Clock, Progress, silent
 from maskfab.camera import scenes as scene_sets
@@ -182,10 +183,11 @@ def design(
         price_rules: search once more without each rule, beyond the budget.
 
     Raises:
-        JobError: as :func:`check_possible`.
+        JobError: as :func:`check_possible`; MF152 without torch.
         OutputError: MF401 for a checkpoint in a directory that does not exist.
         SourceError: for photographs that cannot be read.
     """
+    require("design", "a design", where=f"{where}: design")
     display, seen = _possible(spec, where)
     if checkpoint is not None and not os.path.isdir(checkpoint.absolute().parent):
         what = f"there is no directory for the checkpoint {checkpoint}"

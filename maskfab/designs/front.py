@@ -18,13 +18,14 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import chain
 from types import MappingProxyType
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from maskfab.base.arrays import Mask
 from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import InputError, JobError
+from maskfab.base.extras import require
 from maskfab.base.model import ORIENTATIONS, Opening
 from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import Clock, Progress, silent
@@ -35,7 +36,6 @@ from maskfab.designs.maps.light import SIDE, Graded, Middle, clustered, graded, 
 from maskfab.designs.maps.orientation_map import FIRST_STEPS, DesignedMap, MapMode, design_map
 from maskfab.designs.maps.shares import Denser
 from maskfab.designs.model.appraisal import compared_bias_um, moved_by_bias
-from maskfab.designs.model.panel_error import PupilError
 from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import OF_THE_EYE, Display, Footprints, footprints_of, misfit, of_display
@@ -57,6 +57,10 @@ from maskfab.display.turned_grain import turned_grain
 from maskfab.job.sections import ParetoSection, SearchSection
 from maskfab.mask.panels import CellMap
 from maskfab.optics.tiling import orientations
+
+if TYPE_CHECKING:
+    from maskfab.designs.model.panel_error import PupilError
+
 
 T = TypeVar("T")
 
@@ -286,9 +290,11 @@ def sweep(
         progress: told where the work stands.
 
     Raises:
+        MissingPackageError: MF152 without torch.
         JobError, OpeningError: as :func:`rules_of` and :func:`lines_of`; the first size's own error, MF123, MF203 or
             MF204, if no size has any design.
     """
+    require("design", "a front of designs")
     rules, lines = rules_of(section, display, compared), lines_of(pareto, display)
     room = lattice(section.dots, rules.dot_nm, camera=camera)
     progress("photographs", 0, 1)

@@ -50,6 +50,7 @@ import numpy as np
 
 from maskfab.base.arrays import Floats, Singles
 from maskfab.base.errors import JobError
+from maskfab.base.extras import require
 from maskfab.base.model import ORIENTATIONS, Emitters, Panel, Quantity, frozen, orient
 from maskfab.display import pictures
 from maskfab.display.emitted_light import EmittedLight, Series, Tiled, Viewing, emitters_of, ideal, series
@@ -222,8 +223,9 @@ def metric() -> ModuleType:
     """The installed ``pycvvdp``.
 
     Raises:
-        JobError: MF121 if it is not installed, or cannot be imported.
+        JobError: MF152 if it is not installed, MF121 if it cannot be imported.
     """
+    require("eye", "JOD", where="--jod", otherwise="leave --jod out")
     try:
         return importlib.import_module("pycvvdp")
     except ImportError as problem:

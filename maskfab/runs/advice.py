@@ -19,6 +19,7 @@ from typing import Any, cast
 import numpy as np
 
 from maskfab.base.errors import JobError
+from maskfab.base.extras import require
 from maskfab.base.model import Opening, Panel, Tiling
 from maskfab.base.processes import ProcessExecutor, SerialExecutor, Task
 from maskfab.base.units import NM_PER_UM
@@ -138,8 +139,9 @@ def advise(
         notes: on the job, as sentences.
 
     Raises:
-        JobError: as :func:`searched`, and for a light, a camera or a plate that cannot be.
+        JobError: as :func:`searched`, MF152 without torch, and for a light, a camera or a plate that cannot be.
     """
+    require("design", "advice, which designs an opening,", where=str(path))
     spec, section = searched(stated, str(path))
     others = [die for die in spec.die if die.opening != section.output]
     named = None if spec.report is None else spec.report.reference

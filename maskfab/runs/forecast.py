@@ -27,7 +27,7 @@ from maskfab.report.pages.front import shown_count
 from maskfab.report.rows.optics import layout_as_seen, plate_as_seen
 from maskfab.report.rows.photographs import Conditions
 from maskfab.runs import pipeline
-from maskfab.runs.plate_files import check_pictures, check_processes, check_readers, draw_files, named_shop
+from maskfab.runs.plate_files import check_packages, check_pictures, check_processes, draw_files
 from maskfab.runs.recall import kind_of, origin_of
 from maskfab.runs.stages import (
     begin_photographs,
@@ -141,7 +141,7 @@ def dry_run(job: Job, out: Path, *, force: bool = False, cache: Store | None = N
     """
     job.check_window()
     check_target(out, force=force)
-    named_shop(job)
+    check_packages(job)
     if cache is not None and cache.has(pipeline.origin_of_run(job, measured_beside(job))):
         return Forecast((), 1, "for files of a usual size", True)
     plate = drawn = job.plate()
@@ -161,7 +161,6 @@ def dry_run(job: Job, out: Path, *, force: bool = False, cache: Store | None = N
         photographs = replace(photographs, seconds=photographs.seconds + scenes_s)
     seen = plate_as_seen(job, plate)
     made = draw_files(job, plate)
-    check_readers(made)
     # What is read back equals the design, or the run says that it does not.
     layout = layout_as_seen(job, made.design)
     with suppress(_NotKeptError):

@@ -22,12 +22,11 @@ from maskfab.report.rows.photographs import Conditions
 from maskfab.report.rows.verdicts import Verdicts
 from maskfab.runs.paper import browser, print_report
 from maskfab.runs.plate_files import (
+    check_packages,
     check_pictures,
     check_processes,
-    check_readers,
     draw_files,
     job_text,
-    named_shop,
     psfs_as_files,
     read_own,
     shop_quantities,
@@ -77,7 +76,7 @@ def run(
     job = job if isinstance(job, Job) else load_job(job)
     job.check_window()
     place = check_target(Path(out), force=force)
-    named_shop(job)
+    check_packages(job)
     measured = measured_beside(job)
     aside = staged(place)
     if pdf:
@@ -123,7 +122,6 @@ def _make(
             seen = plate_as_seen(job, plate)
         with stage("draw"):
             made = draw_files(job, plate)
-            check_readers(made)
         with stage("plan"):
             plans = plan_scenes(job, seen, progress)
         # Before anything is written, for it takes the most memory, and libraries of solids and what is read back stay.

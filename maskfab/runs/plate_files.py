@@ -22,10 +22,9 @@ from maskfab.job.shop import Shop
 from maskfab.job.values import PICTURES, PLATE_BITMAPS, FileFormat
 from maskfab.mask.comparison.files import ReadBack, read_back
 from maskfab.mask.formats.exr import PsfFile, psf_files
-from maskfab.mask.formats.gerber import require_gerbonara
 from maskfab.mask.formats.picture import check_pixels
 from maskfab.mask.formats.plate_bitmap import check_dots, check_plate_bitmap
-from maskfab.mask.formats.table import FORMATS
+from maskfab.mask.formats.table import FORMATS, require_packages
 from maskfab.mask.houses.adaptation import ordered_blank, written_formats
 from maskfab.mask.houses.files import PlateFiles, check_plotter, check_polygons, files_of_job, plotted_dpi
 from maskfab.mask.houses.findings import check_written
@@ -232,11 +231,11 @@ def check_pictures(job: Job, plate: Plate, formats: Sequence[FileFormat] | None 
             check_plate_bitmap(plate, bitmap, dpi, plate.name + FORMATS[bitmap].tail)
 
 
-def check_readers(made: PlateFiles) -> None:
-    """Refuse files that this installation could not read back, before any is written.
+def check_packages(job: Job) -> None:
+    """Refuse formats that this installation could not write, or not read back.
 
     Raises:
-        SourceError: MF308.
+        MissingPackageError: MF152.
     """
-    if "gerber" in made.formats:
-        require_gerbonara(made.plate.name)
+    formats = written_formats(job.spec.export or ExportSection(), named_shop(job))
+    require_packages(formats, where=f"{job.where}: export.formats", otherwise="leave it out of [export]")

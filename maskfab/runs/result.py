@@ -122,7 +122,7 @@ class Result:
         """One row for each number of each die and of the plate.
 
         Raises:
-            OutputError: MF431 without pandas.
+            JobError: MF152 without pandas.
         """
         return self._every.to_dataframe()
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
 from maskfab.base.errors import InputError, JobError, OutputError
+from maskfab.base.extras import require
 from maskfab.base.findings import STAGE_OF_QUANTITY, function_of
 from maskfab.base.model import ORIENTATIONS, Die, Opening, Panel, Quantity, Tiling
 from maskfab.base.processes import ProcessExecutor, SerialExecutor
@@ -181,7 +182,7 @@ def expected(die: SweptDie) -> Iterable[Quantity]:
     Raises:
         JobError: MF161 for cells of several openings.
     """
-    from maskfab.designs.design import capture_settings  # which loads torch
+    from maskfab.designs.design import capture_settings
 
     opening = _only_opening(die)
     settings = capture_settings(die.job.spec)
@@ -365,14 +366,15 @@ def map_cases(
         Records in the order of the cases; one whose worker failed says so and has no file, so that it is tried again.
 
     Raises:
-        JobError: MF105 for engines and addresses that do not go together; MF164 for a scheduler that does not answer,
-            or workers that run another version.
-        OutputError: MF401 where files cannot be written; MF431 without dask.
+        JobError: MF105 for engines and addresses that do not go together; MF152 for a cluster without dask; MF164 for a
+            scheduler that does not answer, or workers that run another version.
+        OutputError: MF401 where files cannot be written.
     """
     if (engine == "dask") != (scheduler is not None) or engine not in ENGINES:
         cure = "Use --engine serial or processes, or --engine dask with --scheduler tcp://HOST:8786"
         raise JobError("MF105", f"the engine {engine!r} with the scheduler {scheduler!r}", where="--engine", cure=cure)
     if scheduler is not None:
+        require("cluster", "a cluster", where="--engine", otherwise="use --engine processes")
         return _by_cluster(cases, quantities, folder, progress, scheduler)
     make_folder(folder)
     others = 0 if engine == "serial" else min(workers or os.cpu_count() or 1, len(cases)) - 1
@@ -410,11 +412,8 @@ def _by_processes(
 def _by_cluster(
     cases: Sequence[Case], quantities: tuple[str, ...], folder: Path, progress: Progress, scheduler: str
 ) -> list[Record]:
-    try:
-        import distributed
-    except ImportError as missing:
-        what = "a cluster needs the package dask.distributed"
-        raise OutputError("MF431", what, cure="pip install 'maskfab[cluster]'") from missing
+    import distributed
+
     with _client(distributed, scheduler) as client:
         _same_version(client, scheduler)
         make_folder(folder)

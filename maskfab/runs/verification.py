@@ -19,7 +19,7 @@ from jinja2 import TemplateError
 
 from maskfab.base import __version__, provenance
 from maskfab.base.checks import checked_arguments
-from maskfab.base.errors import InputError, JobError, OutputError
+from maskfab.base.errors import InputError, JobError, MissingPackageError, OutputError
 from maskfab.base.findings import maker, origins
 from maskfab.base.folders import (
     APPENDIX,
@@ -34,7 +34,7 @@ from maskfab.base.folders import (
     put_back,
     read_manifest,
 )
-from maskfab.base.model import Quantity, WrittenFile
+from maskfab.base.model import Plate, Quantity, WrittenFile
 from maskfab.base.processes import SerialExecutor
 from maskfab.base.provenance import sha256_of_file
 from maskfab.base.work import Progress, one_thread, silent
@@ -44,6 +44,7 @@ from maskfab.mask.comparison.files import read_back
 from maskfab.mask.formats.exr import check_psf_file
 from maskfab.mask.formats.picture import IMAGE_SUFFIXES
 from maskfab.mask.formats.table import LAYOUT_SUFFIXES
+from maskfab.mask.houses.files import PlateFiles
 from maskfab.mask.houses.profiles import shop_of
 from maskfab.mask.job import Job, load_job
 from maskfab.mask.judge.verdict import asked, judged
@@ -63,7 +64,7 @@ from maskfab.report.rows.foreign import Foreign, How, check_foreign, only_die
 from maskfab.report.rows.optics import layout_as_seen, plate_as_seen
 from maskfab.report.rows.verdicts import Verdicts
 from maskfab.runs.pipeline import run
-from maskfab.runs.plate_files import auxiliary_files, draw_files, psfs_as_files, shop_quantities
+from maskfab.runs.plate_files import auxiliary_files, check_packages, draw_files, psfs_as_files, shop_quantities
 from maskfab.runs.result import PlateFindings, die_quantities, draw_pictures
 from maskfab.runs.stages import (
     begin_photographs,
@@ -118,24 +119,20 @@ def verify(directory: str | Path, progress: Progress = silent) -> Verified:
 
     Raises:
         OutputError: MF403 if the directory is not one that maskfab finished.
+        MissingPackageError: MF152 for files that this installation could not read back.
     """
     folder = Path(directory)
     put_back(Path(os.path.realpath(folder)))
     manifest = read_manifest(folder)
     checks = [*_hashes(folder, manifest), *_unlisted(folder, manifest)]
     try:
-        job = load_job(folder / JOB_COPY)
-        # A later version would sign its plates differently, which is no fault of this one.
-        signature = job.signature.replace(__version__, str(manifest["maskfab_version"]), 1)
-        plate = compose(job.spec, job.openings, signature, where=job.where)
-        with executor_of(job) as executor:
-            built = displays(job, plate, progress, executor=executor)
-        # A run takes its photographs beside its displays, before these are there.
-        bare, plate = plate, built.plate
-        made = draw_files(job, plate, str(manifest["maskfab_version"]))
+        job, bare, built, made = _drawn_again(folder, str(manifest["maskfab_version"]), progress)
         of_shop = shop_quantities(job, made)
+    except MissingPackageError:
+        raise
     except InputError as error:
         return Verified.of([*checks, _failed("job", f"{JOB_COPY} cannot be used: {error}")])
+    plate = built.plate
     checks += fast_lens(job.camera)
     checks.append(_equal("job_hash", job.digest, manifest.get("job_hash"), f"hash of {JOB_COPY} against the manifest"))
     with executor_of(job) as executor:
@@ -185,6 +182,18 @@ def verify(directory: str | Path, progress: Progress = silent) -> Verified:
             findings = PlateFindings(job, built, read, optics, scenes, photographs.result(progress), *process, beside)
             checks += _made_again(folder, manifest, findings, executor)
     return Verified.of(checks, built, job.compared_with)
+
+
+def _drawn_again(folder: Path, version: str, progress: Progress) -> tuple[Job, Plate, PlateWithDisplays, PlateFiles]:
+    """The job of a folder, its plate without displays and with them, and its files as that version drew them."""
+    job = load_job(folder / JOB_COPY)
+    check_packages(job)
+    # A later version would sign its plates differently, which is no fault of this one.
+    bare = compose(job.spec, job.openings, job.signature.replace(__version__, version, 1), where=job.where)
+    with executor_of(job) as executor:
+        # A run takes its photographs beside its displays, before these are there.
+        built = displays(job, bare, progress, executor=executor)
+    return job, bare, built, draw_files(job, built.plate, version)
 
 
 def _made_again(

@@ -19,7 +19,7 @@ from small_job import write_job
 
 import maskfab as mf
 from maskfab.base import resources
-from maskfab.base.errors import JobError, OpeningError, OutputError, UnknownNameError
+from maskfab.base.errors import JobError, MissingPackageError, OpeningError, OutputError, UnknownNameError
 from maskfab.base.model import Tiling
 from maskfab.mask.opening_file import load_opening
 from maskfab.report.rows.analysis import Request, analyse_opening
@@ -215,7 +215,7 @@ def test_a_dataframe_has_a_row_for_each_number_and_needs_pandas(report, monkeypa
     report.to_dataframe()
     assert [row["name"] for row in rows[:3]] == [each.name for each in report["BAR"][:3]]
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(OutputError, match=r"MF431 .*pip install 'maskfab\[pandas\]'"):
+    with pytest.raises(MissingPackageError, match=r"MF152 .*pip install 'maskfab\[pandas\]'"):
         report["BAR"].to_dataframe()
 
 

@@ -11,7 +11,7 @@ from maskfab.base.errors import JobError
 from maskfab.camera.lens import CELLS, lay
 from maskfab.designs.maps.alternation import dot_slopes, joint
 from maskfab.designs.maps.orientation_map import LIGHT_TOLERANCE, design_map
-from maskfab.designs.model.panel_error import Slope
+from maskfab.designs.model.panel_judgement import Slope
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.mask.panels import shifted
 

@@ -20,7 +20,8 @@ from maskfab.camera.scenes import Folder
 from maskfab.designs.design import capture_settings, check_possible, conditions_of, design, notes_of
 from maskfab.designs.model.appraisal import SceneConditions, appraise_over, cells_across, designed_panel, transfers
 from maskfab.designs.model.expected_psnr import surrogate_of
-from maskfab.designs.model.panel_error import MeanPanelError, PupilError, pupil_error
+from maskfab.designs.model.panel_error import PupilError, pupil_error
+from maskfab.designs.model.panel_judgement import MeanPanelError
 from maskfab.designs.model.statistics import CaptureSettings, scene_statistics
 from maskfab.job.camera import Camera, Sensor
 from maskfab.job.read import validate

@@ -16,7 +16,7 @@ from small_job import command, write_job
 import maskfab as mf
 from maskfab.api.sweeping import Sweep
 from maskfab.base import resources
-from maskfab.base.errors import JobError, OutputError
+from maskfab.base.errors import JobError, MissingPackageError, OutputError
 from maskfab.base.processes import ProcessExecutor
 from maskfab.runs import sweep_cases
 from maskfab.runs.store import of_installation
@@ -327,6 +327,6 @@ def test_workers_of_another_version_are_refused_before_any_case():
 
 def test_without_dask_a_cluster_is_refused_with_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(OutputError, match=r"MF431.*maskfab\[cluster\]"):
+    with pytest.raises(MissingPackageError, match=r"MF152.*maskfab\[cluster\]"):
         mf.sweep(write_study(tmp_path), tmp_path / "out", engine="dask", scheduler="tcp://127.0.0.1:9")
     assert not (tmp_path / "out").exists()

@@ -9,7 +9,6 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal, TypeAlias
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from maskfab.base.arrays import Singles
 from maskfab.base.errors import SourceError
+from maskfab.base.extras import require
 from maskfab.base.provenance import sha256_of_file
 from maskfab.mask.sandbox import PATIENCE_S, read_apart
 
@@ -203,7 +203,8 @@ def read_frame(
     Raises:
         SourceError: MF301 missing, MF302 empty, MF303 damaged, MF308 of a kind that is not read, MF313 too large, MF316
             far slower to read than frames are, MF318 a TIFF that does not say what is white, MF330 not linear, MF333
-            black not below white or an exposure that is not above 0, MF431 RAW without rawpy.
+            black not below white or an exposure that is not above 0.
+        JobError: MF152 for RAW without rawpy.
     """
     path = Path(path)
     where = str(path)
@@ -216,9 +217,8 @@ def read_frame(
         what = f"{path.name} is a {suffix[1:].upper()} picture, of 8 bits or compressed with loss, not linear counts"
         cure = "Give the camera's RAW file, or linear TIFF or PNG of 16 bits, or EXR"
         raise SourceError("MF330", what, where=where, cure=cure)
-    if suffix not in PICTURES and find_spec("rawpy") is None:
-        cure = "Run pip install 'maskfab[raw]', or save the frame as linear TIFF of 16 bits"
-        raise SourceError("MF431", f"{path.name} is read by rawpy, which is not installed", where=where, cure=cure)
+    if suffix not in PICTURES:
+        require("raw", f"the RAW file {path.name}", where=where, otherwise="save it as linear TIFF of 16 bits")
     frame: Frame = read_apart(path, Path(__file__).with_name("frame_process.py"), kind=Frame, seconds=PATIENCE_S)
     frame = replace(frame, sha256=sha256_of_file(path), pattern=_stated_mosaic(frame, mosaic, where))
     levels, count = frame.black if black is None else (black,), len(frame.lattices)

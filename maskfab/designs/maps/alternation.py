@@ -27,7 +27,7 @@ from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, frozen, orient, split_cells
 from maskfab.base.work import NO_END, Clock, Progress, silent
 from maskfab.designs.maps.orientation_map import LIGHT_TOLERANCE, DesignedMap, MapMode, design_map
-from maskfab.designs.model.panel_error import PanelError, Slope
+from maskfab.designs.model.panel_judgement import PanelError, Slope
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.mask.panels import Shift, shifted
 

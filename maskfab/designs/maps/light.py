@@ -36,7 +36,7 @@ from maskfab.base.model import ORIENTATIONS, frozen, orient, side_by_side
 from maskfab.base.work import Progress, silent
 from maskfab.designs.maps.orientation_map import FIRST_STEPS, DesignedMap, MapMode, design_map
 from maskfab.designs.maps.shares import SPARSEST, Denser, Shares, beside, covered, require_outer, stated
-from maskfab.designs.model.panel_error import PanelError
+from maskfab.designs.model.panel_judgement import PanelError
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import DieFit, Display, fitting_die
 from maskfab.display.drive import LightDemand, relative_life

@@ -36,7 +36,7 @@ from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, Scalar, frozen, orient, side_by_side, split_cells
 from maskfab.base.work import NO_END, Clock, Progress, silent
 from maskfab.camera.lens import CellGrid
-from maskfab.designs.model.panel_error import PanelError, Slope
+from maskfab.designs.model.panel_judgement import PanelError, Slope
 from maskfab.designs.rules.families import turned_key
 from maskfab.mask.opening import closed
 from maskfab.mask.panels import Shift, shifted

@@ -16,7 +16,7 @@ import numpy as np
 
 from maskfab.base.arrays import Floats, Indices, Mask
 from maskfab.base.errors import JobError
-from maskfab.designs.model.panel_error import PanelError
+from maskfab.designs.model.panel_judgement import PanelError
 
 SPARSEST = range(1, 4)
 """Clear dots beyond the denser cells that a search chooses from: fewer are better, and the light must come out."""

@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import islice
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -50,7 +51,7 @@ from maskfab.designs.model.appraisal import (
 from maskfab.designs.model.expected_psnr import Surrogate, surrogate_of
 from maskfab.designs.model.layouts_bound import layout_gap
 from maskfab.designs.model.limits import rings
-from maskfab.designs.model.panel_error import MeanPanelError, PanelError, PupilError, pupil_error
+from maskfab.designs.model.panel_judgement import MeanPanelError, PanelError
 from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings, SceneStatistics, scene_statistics
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import OF_THE_EYE, DieFit, Display, fitting_die
@@ -58,7 +59,6 @@ from maskfab.designs.rules.families import Candidate, kind
 from maskfab.designs.search.annealing import ExpectedPsnr, Objective, Ranked, anneal, nearest
 from maskfab.designs.search.guard import Guard
 from maskfab.designs.search.held import Start, start_of
-from maskfab.designs.search.mtf_exchange import best_for_auc
 from maskfab.designs.search.result import (
     NO_BOUNDS,
     Account,
@@ -85,6 +85,10 @@ from maskfab.designs.search.scan import Best, allowed, annealed, annealed_withou
 from maskfab.job.sections import SearchSection
 from maskfab.mask.panels import CellMap, DieSeeds, shifted
 from maskfab.optics.tiling import orientations
+
+if TYPE_CHECKING:
+    from maskfab.designs.model.panel_error import PupilError
+
 
 _LONGEST_NAME = 24
 
@@ -166,11 +170,15 @@ class Judges:
     @cached_property
     def in_focus(self) -> PupilError:
         """Judge of panels, in focus."""
+        from maskfab.designs.model.panel_error import pupil_error
+
         return pupil_error(self.estimate, weights=self.section.weights)
 
     @cached_property
     def by_distance(self) -> tuple[PupilError, ...]:
         """Judges of panels at the distances of the scene; none where light has no phase nor scale of its own there."""
+        from maskfab.designs.model.panel_error import pupil_error
+
         return tuple(pupil_error(estimate, weights=self.section.weights) for estimate in self._at_distances)
 
     @property
@@ -674,7 +682,7 @@ def map_seed(section: SearchSection) -> int:
 def _head_room(estimate: Surrogate, error: PanelError, pupil: Floats) -> tuple[float, ...] | None:
     """Decibels by level that no layout of as much light in every cell gains; None where no bound is known."""
     # What bounds a panel in focus bounds no mean over distances.
-    gap = layout_gap(estimate, pupil) if isinstance(error, PupilError) else None
+    gap = None if isinstance(error, MeanPanelError) else layout_gap(estimate, pupil)
     return None if gap is None else gap.head_room
 
 
@@ -744,6 +752,8 @@ def groups_of(panels: Judges, side: int, dot_nm: int) -> Judges:
 
 def _by_auc(section: SearchSection, rules: Constraints, room: CellGrid, clock: Clock, progress: Progress) -> Best:
     """The best blue AUC; where it breaks the rules, annealed from the nearest that keeps them."""
+    from maskfab.designs.search.mtf_exchange import best_for_auc
+
     periodic = section.tiling is Tiling.PERIODIC
     unit = best_for_auc(
         section.dots,

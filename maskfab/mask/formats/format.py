@@ -195,6 +195,7 @@ class Format:
         layers: whether layers have numbers, only names, or a file is one layer: what the writer exposes, no more.
         notes: whether notes stand in it as text that readers can see as such.
         takes_unit: whether a file may not say its unit, so that it can be stated.
+        extra: whose packages write it or read it back; None where every installation can.
         reading: how files are best read beside others: here, in a thread, for it takes long in a process of its own, or
             in a fork of this process, which it keeps busy.
     """
@@ -211,6 +212,7 @@ class Format:
     layers: Literal["numbered", "named", "one"] = "numbered"
     notes: bool = False
     takes_unit: bool = False
+    extra: Literal["solid", "gerber"] | None = None
     reading: Literal["here", "thread", "fork"] = "here"
 
 

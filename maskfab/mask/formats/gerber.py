@@ -12,7 +12,6 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterator, Sequence
-from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
 
@@ -21,7 +20,7 @@ from klayout import db
 from numpy.typing import NDArray
 
 from maskfab.base import __version__
-from maskfab.base.errors import SourceError
+from maskfab.base.extras import require
 from maskfab.base.files import partial
 from maskfab.base.model import CLEAR, Plate, Polygon
 from maskfab.mask.figures import CUT, Figures, Pen, Placeholder, as_figures, polygon_lines
@@ -50,9 +49,11 @@ def read_gerber(path: Path) -> db.Layout:
     """A Gerber file as one cell on the layer CLEAR; dark is clear in the chrome, as the writer's data are.
 
     Raises:
-        SourceError: MF303 damaged, MF304 no Gerber, MF308 without gerbonara, MF310 open regions, MF311 arcs, MF313 too
-            many or too far, MF315 a command whose effect is not certain, MF316 far slower to read than whole files are.
+        SourceError: MF303 damaged, MF304 no Gerber, MF310 open regions, MF311 arcs, MF313 too many or too far, MF315 a
+            command whose effect is not certain, MF316 far slower to read than whole files are.
+        MissingPackageError: MF152 without gerbonara.
     """
+    require("gerber", f"the Gerber file {path.name}", where=str(path), otherwise="convert it to GDSII or DXF")
     with path.open("rb") as file:
         if not _START.match(file.read(_FIRST_BYTES)):
             raise wrong_kind(path, "Gerber")
@@ -67,22 +68,6 @@ def read_gerber(path: Path) -> db.Layout:
         layout = _Drawing(curves).layout(runs)
     check_limits(layout, path)
     return layout
-
-
-def require_gerbonara(name: str, *, where: str = "export.formats", cure: str = "leave gerber out") -> None:
-    """Refuse to write a Gerber file that this installation could not read back.
-
-    Args:
-        name: of what the file belongs to.
-        where: it was asked for.
-        cure: what else could be done.
-
-    Raises:
-        SourceError: MF308.
-    """
-    if find_spec("gerbonara") is None:
-        what = f"the Gerber file of {name} could be written, but not read back without gerbonara"
-        raise SourceError("MF308", what, where=where, cure=f"Run pip install 'maskfab[gerber]', or {cure}")
 
 
 class _Drawing:
@@ -239,6 +224,7 @@ FORMATS = (
         read=read_gerber,
         suffixes=(".gbr", ".ger"),
         layers="one",
+        extra="gerber",
         reading="thread",
     ),
 )

@@ -70,7 +70,7 @@ def content(path: Path) -> tuple[list[Run], int]:
     """The outlines of a file in the order in which dark and clear cover each other, and how many of them are curves.
 
     Raises:
-        SourceError: MF303 damaged, MF308 without gerbonara, MF310 open regions, MF311 arcs, MF315 a command whose
+        SourceError: MF303 damaged, MF310 open regions, MF311 arcs, MF315 a command whose
             effect is not certain, MF313 too many flashes, strokes or corners, or beyond a metre.
     """
     try:
@@ -161,11 +161,8 @@ class _Packed(list[Any]):
 
 
 def _objects(path: Path, text: str) -> list[Any]:
-    try:
-        from gerbonara.rs274x import GerberFile, GerberParser
-    except ImportError as error:
-        what = f"{path.name} needs gerbonara"
-        raise SourceError("MF308", what, where=str(path), cure="Run pip install 'maskfab[gerber]'") from error
+    from gerbonara.rs274x import GerberFile, GerberParser
+
     try:
         with warnings.catch_warnings():
             # What gerbonara warns of it has guessed.

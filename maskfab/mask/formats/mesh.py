@@ -406,6 +406,7 @@ FORMATS = (
         ".glb",
         write_die=lambda of, die, to: write_glb(die, to, of.comments, of.settings.stack),
         compare_die=_compare,
+        extra="solid",
     ),
     Format(
         "3mf",
@@ -413,6 +414,7 @@ FORMATS = (
         ".3mf",
         write_die=lambda of, die, to: write_3mf(die, to, of.comments, of.settings.stack),
         compare_die=_compare,
+        extra="solid",
     ),
     Format(
         "stl",
@@ -422,5 +424,6 @@ FORMATS = (
             die, to, of.comments, of.settings.stack, limit_bytes=of.settings.stl_limit_bytes
         ),
         compare_die=_compare,
+        extra="solid",
     ),
 )

@@ -513,6 +513,7 @@ FORMATS = (
         write_die=lambda of, die, to: write_step(die, to, of.comments, of.settings.stack),
         compare_plate=lambda made, path: check_plate_step(made.plate, path),
         compare_die=_compare,
+        extra="solid",
         reading="thread",
     ),
 )

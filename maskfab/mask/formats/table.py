@@ -20,6 +20,7 @@ from typing import get_args
 from klayout import db
 
 from maskfab.base.errors import JobError, OutputError, SourceError
+from maskfab.base.extras import require
 from maskfab.job.values import MEASURED_FORMATS, FileFormat
 from maskfab.mask import formats as folder
 from maskfab.mask.figures import Figures
@@ -78,6 +79,24 @@ def products(
                 for die in source.plate.dies
             ]
     return tuple(files)
+
+
+def require_packages(
+    formats: Sequence[FileFormat], *, where: str = "export.formats", otherwise: str = "leave that out"
+) -> None:
+    """Refuse formats that this installation could not write, or not read back.
+
+    Args:
+        formats: that are asked for.
+        where: they were.
+        otherwise: what else could be done.
+
+    Raises:
+        MissingPackageError: MF152.
+    """
+    for name in formats:
+        if (extra := FORMATS[name].extra) is not None:
+            require(extra, f"the format {name}", where=where, otherwise=otherwise)
 
 
 def format_of(path: Path, *, die: bool) -> FileFormat:

@@ -18,7 +18,7 @@ from typing import Any, TypeAlias
 from klayout import db
 
 from maskfab.base import __version__, provenance
-from maskfab.base.errors import InputError, JobError, OutputError, SourceError
+from maskfab.base.errors import InputError, JobError, MissingPackageError, OutputError, SourceError
 from maskfab.base.folders import JOB_COPY, RESULT_MARK, check_file, write_bytes, write_text
 from maskfab.base.model import Box, Mark, Plate, Quantity, Snapping, WrittenFile
 from maskfab.base.units import NM_PER_UM
@@ -31,7 +31,6 @@ from maskfab.mask.comparison.files import compare_mask, read_mask
 from maskfab.mask.figures import CUT, PolygonOptions
 from maskfab.mask.formats import table
 from maskfab.mask.formats.format import DrawingStyle
-from maskfab.mask.formats.gerber import require_gerbonara
 from maskfab.mask.formats.plate_bitmap import check_dots, check_drawn_dots
 from maskfab.mask.houses.adaptation import drawing_style, extent_nm, fitted, kept_grid_nm
 from maskfab.mask.houses.files import PlateFiles, check_package, files_for_shop, package_options, plotted_dpi
@@ -153,7 +152,7 @@ def pack(
         OutputError: MF401 or MF402 if ``target`` cannot be written; MF406 for a revision that would be lost.
         JobError: MF105 for a target that is no .zip or a format that no package holds, and whatever laying out the job
             refuses.
-        SourceError: MF308 for Gerber that this installation could not read back.
+        MissingPackageError: MF152 for a format that this installation could not read back.
     """
     revision = None if job.spec.order is None else job.spec.order.revision
     whole = job.plate()
@@ -165,8 +164,7 @@ def pack(
     for form in sent:
         if form not in PACKED:
             raise JobError("MF105", f"a package holds no {form}", cure=f"Choose among {', '.join(PACKED)}")
-    if "gerber" in sent:
-        require_gerbonara(zipped.name, where="format", cure="choose other formats")
+    table.require_packages(sent, where="format", otherwise="choose other formats")
     plate = fitted(whole, shop, job.spec.tone)
     dpi = plotted_dpi(job.spec.export, shop)
     if dpi is not None and set(PLATE_BITMAPS) & set(sent):
@@ -301,20 +299,9 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
             return (*checks, _failed("drawn_again", str(error)))
         # By their suffixes: a mask that the manifest calls something else is a mask all the same.
         masks = [name for name in listed if name in names and name.lower().endswith(_MASK_SUFFIXES)]
-        readings: list[Quantity] = []
-        boxes: dict[str, Box] = {}
-        readable: set[str] = set()
-        for name in masks:
-            try:
-                box, rows = _read_back_bounded(drawn, folder / name)
-            except InputError as error:
-                checks.append(_failed("readable", f"{name}: {error}"))
-                continue
-            readable.add(name)
-            if box is not None:
-                boxes[name] = box
-                checks += _spans(name, box, house)
-            readings += [row for row in rows if row.passed is not None]
+        readings, boxes, unreadable = _masks_read_back(drawn, folder, masks)
+        checks += [_failed("readable", f"{name}: {error}") for name, error in unreadable.items()]
+        checks += [row for name, box in boxes.items() for row in _spans(name, box, house)]
         checks += readings
         if not masks:
             checks.append(Quantity("mask_files", 0, "mask files that the manifest lists", limit=1, passed=False))
@@ -336,8 +323,29 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
         )
         if shop is None:
             checks += check_profile(made, house, ours=version == __version__)
-        checks += check_papers(ordered, manifest, names, readable=kinds.keys() <= readable)
+        checks += check_papers(ordered, manifest, names, readable=kinds.keys() <= set(masks) - unreadable.keys())
     return tuple(checks)
+
+
+def _masks_read_back(
+    drawn: PlateFiles, folder: Path, masks: Sequence[str]
+) -> tuple[list[Quantity], dict[str, Box], dict[str, InputError]]:
+    """Rows of the masks that can be read, boxes of their shapes, and why others cannot be read."""
+    readings: list[Quantity] = []
+    boxes: dict[str, Box] = {}
+    refused: dict[str, InputError] = {}
+    for name in masks:
+        try:
+            box, rows = _read_back_bounded(drawn, folder / name)
+        except MissingPackageError:
+            raise
+        except InputError as error:
+            refused[name] = error
+            continue
+        if box is not None:
+            boxes[name] = box
+        readings += [row for row in rows if row.passed is not None]
+    return readings, boxes, refused
 
 
 def _held(folder: Path, names: Sequence[str], listed: Mapping[str, str], wrapped: Wrapping) -> Iterator[Quantity]:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.base.errors import JobError
+from maskfab.base.extras import require
 from maskfab.base.model import Panel, Quantity
 from maskfab.camera import scenes as scene_sets
 from maskfab.camera.die_transfer import DieTransfer, die_transfer, left_out
@@ -391,9 +392,11 @@ def read_checkpoints(paths: Sequence[str | Path]) -> list[tuple[Path, Checkpoint
 
     Raises:
         SourceError: MF301, MF303, MF304 for one that is missing, damaged or none.
+        MissingPackageError: MF152 without torch.
     """
     if not paths:
         return []
+    require("design", "a restorer that learned", where="checkpoint", otherwise="use other restorers")
     # torch takes a second to load.
     from maskfab.camera.learning import Checkpoint
 

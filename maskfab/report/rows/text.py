@@ -11,7 +11,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any, overload
 
-from maskfab.base.errors import OutputError, UnknownNameError
+from maskfab.base.errors import UnknownNameError
+from maskfab.base.extras import require
 from maskfab.base.model import Quantity
 from maskfab.base.quantities import columns
 from maskfab.base.units import UM_PER_MM, decimals_of
@@ -174,7 +175,7 @@ class Quantities(Sequence[Quantity]):
         """One row for each number, as report.json has it.
 
         Raises:
-            OutputError: MF431 without pandas.
+            JobError: MF152 without pandas.
         """
         return dataframe(self.to_dict())
 
@@ -213,13 +214,11 @@ def dataframe(rows: Sequence[Mapping[str, Any]]) -> DataFrame:
     """Rows as a DataFrame of pandas.
 
     Raises:
-        OutputError: MF431 without pandas.
+        JobError: MF152 without pandas.
     """
-    try:
-        from pandas import DataFrame
-    except ImportError as error:
-        what = "a DataFrame needs pandas, which is not installed"
-        raise OutputError("MF431", what, cure="Run pip install 'maskfab[pandas]', or use to_dict()") from error
+    require("pandas", "a DataFrame", otherwise="use to_dict()")
+    from pandas import DataFrame
+
     return DataFrame(list(rows))
 
 

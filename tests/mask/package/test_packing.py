@@ -15,7 +15,7 @@ from hostile_files import overlapping
 from once import figures_in_words
 from small_job import command, with_the_die, write_job
 
-from maskfab.base.errors import SourceError
+from maskfab.base.errors import MissingPackageError, SourceError
 from maskfab.mask import layout, sandbox
 from maskfab.mask.houses.profiles import load_shop
 from maskfab.mask.job import load_job
@@ -56,7 +56,7 @@ def test_a_refused_plate_leaves_no_package(capsys, tmp_path):
 def test_a_package_that_could_not_be_read_back_is_not_begun(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "gerbonara", None)
     job, told = write_job(tmp_path), []
-    with pytest.raises(SourceError, match=r"MF308 .*p\.zip.*maskfab\[gerber\]"):
+    with pytest.raises(MissingPackageError, match=r"MF152 .*maskfab\[gerber\]"):
         pack(
             load_job(job),
             load_shop("generic-chrome"),
