@@ -21,6 +21,7 @@ import maskfab as mf
 from maskfab.base.errors import MissingPackageError
 from maskfab.base.extras import EXTRAS
 from maskfab.mask.formats.exr import write_png
+from maskfab.mask.formats.table import read_layout
 
 PACKAGE = Path(maskfab.__file__).parent
 PROJECT = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -155,7 +156,7 @@ def test_objects_of_other_libraries_say_what_they_need(bare, tmp_path):
         ("solid", panel.to_cadquery),
         ("solid", panel.to_trimesh),
         ("solid", lambda: plate.write(tmp_path / "eye.step")),
-        ("gerber", lambda: mf.read_opening(gerber, pitch="56 um", dots=7)),
+        ("gerber", lambda: read_layout(gerber)),
     ):
         with pytest.raises(MissingPackageError, match=rf"MF152 .*pip install 'maskfab\[{extra}\]'"):
             refused()
