@@ -129,8 +129,8 @@ def analyse(
     section = parse_section(SceneSection, lengths_as_text(scene or {}, SceneSection), where="scene")
     request = Request(
         camera=lens.model,
-        pitch_um=None if pitch is None else parse_pitch_um(length_text(pitch), where="pitch"),
-        dot_um=None if dot is None else parse_length_um(length_text(dot), where="dot"),
+        pitch_um=None if pitch is None else parse_pitch_um(length_text(pitch, "pitch"), where="pitch"),
+        dot_um=None if dot is None else parse_length_um(length_text(dot, "dot"), where="dot"),
         gutter_um=parse_length_um(length_text(gutter), where="gutter", zero_allowed=True),
         tiling=None if tiling is None else Tiling(tiling),
         seed=seed,

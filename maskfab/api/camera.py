@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.api.lengths import Length, Wavelength, length_text, wavelength_text
+from maskfab.api.lengths import Length, Wavelength, Wavelengths, is_one, length_text, wavelength_text, wavelengths_nm
 from maskfab.base import model
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
 from maskfab.base.model import Panel as Tiled
-from maskfab.base.units import NM_PER_UM, parse_wavelength_nm
+from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import one_thread
 from maskfab.camera.lens import camera_line
 from maskfab.job.camera import Camera as Lens
@@ -23,10 +23,12 @@ from maskfab.mask.panels import check_cover
 from maskfab.optics.lags import LagTable, lag_table
 from maskfab.optics.metrics import auc_radial_min, falls_to
 from maskfab.optics.mtf import LEVELS, longest_lag_um, presampled_mtf
-from maskfab.optics.psf import pixel_margin, pixel_psf, point_psf
+from maskfab.optics.psf import pixel_margin, pixel_psf, point_psfs
 from maskfab.optics.pupil import Pupil, cut, panel_aperture
 
 if TYPE_CHECKING:
+    from pandas import DataFrame
+
     from maskfab.report.figures.sheet import Drawing
 
 
@@ -53,33 +55,37 @@ class Camera:
         *,
         stop: Length | Mapping[str, object],
         pixel: Length,
-        wavelengths: Wavelength | Sequence[Wavelength],
+        wavelengths: Wavelength | Wavelengths = ("610 nm", "530 nm", "470 nm"),
         window: Length = "256 um",
     ) -> None:
         """A camera.
 
         Args:
             focal: focal length.
-            stop: diameter of a round stop, or any stop as a job file writes it, such as
+            stop: diameter of a round stop, or its f-number as ``"f/1.8"``, or any stop as a job file writes it, such as
                 ``{"shape": "annulus", "diameter": "4 mm", "inner": "1 mm"}``.
             pixel: side of a sensor pixel.
-            wavelengths: one or several; three are red, green and blue.
+            wavelengths: one or several, that verbs take the camera for; three are red, green and blue. PSF and MTF are
+                had at any other, too.
             window: side of the PSF's window on the sensor.
 
         Raises:
-            JobError: MF103, MF104, MF105 or MF112 for a value, MF131 or MF132 for the stop.
+            JobError: MF103, MF104, MF105 or MF112 for a value, MF131 or MF132 for the stop; MF156 for a number without
+                a unit that makes no sense, and for a lens that its window cannot lie behind.
         """
-        lines = [wavelengths] if isinstance(wavelengths, str | float | int) else list(wavelengths)
-        shape = {key: length_text(value) for key, value in stop.items()} if isinstance(stop, Mapping) else {}
+        lines = [wavelengths] if is_one(wavelengths) else wavelengths
+        if not isinstance(lines, list):
+            lines = [*wavelengths_nm(lines, "Camera: wavelengths")]
         stated = {
-            "focal": length_text(focal),
-            "stop": shape or {"diameter": length_text(stop)},
-            "pixel": length_text(pixel),
-            "wavelengths": [wavelength_text(line) for line in lines],
-            "window": length_text(window),
+            "focal": length_text(focal, "focal", "Camera: focal"),
+            "stop": _stop(stop),
+            "pixel": length_text(pixel, "pixel", "Camera: pixel"),
+            "wavelengths": [wavelength_text(line, "Camera: wavelengths") for line in lines],
+            "window": length_text(window, "window", "Camera: window"),
         }
         object.__setattr__(self, "section", parse_section(Lens, stated, where="Camera"))
         check_lens(self.model, where="Camera: stop")
+        _require_directions(self.model)
 
     @classmethod
     def of_section(cls, section: Lens) -> Camera:
@@ -93,58 +99,130 @@ class Camera:
         """The camera that the optics take, in micrometres and nanometres."""
         return self.section
 
+    @property
+    def wavelengths(self) -> tuple[float, ...]:
+        """Those that it was made with, in nanometres."""
+        return self.section.wavelengths_nm
+
+    @overload
+    def psf(  # type: ignore[overload-overlap]  # text is a sequence, too
+        self, panel: Tiled, wavelength: Wavelength | None = ..., *, pixels: bool = ...
+    ) -> Psf: ...
+    @overload
+    def psf(self, panel: Tiled, wavelength: Wavelengths, *, pixels: bool = ...) -> tuple[Psf, ...]: ...
     @checked_arguments
     @one_thread
-    def psf(self, panel: Tiled, wavelength: Wavelength | None = None, *, pixels: bool = False) -> Psf:
-        """Point spread function of the panel as designed.
+    def psf(
+        self, panel: Tiled, wavelength: Wavelength | Wavelengths | None = None, *, pixels: bool = False
+    ) -> Psf | tuple[Psf, ...]:
+        """Point spread function of the panel as designed, at one wavelength or several.
+
+        Samples lie as close as the shortest wavelength of the camera needs, or of the call if that is shorter. Several
+        wavelengths share their samples and the pupil, which is made ready once.
+
+        Examples:
+            >>> import maskfab as mf
+            >>> panel = mf.Panel.tile(mf.Opening.bar(dots=7, size=(5, 3), pitch="56 um"), size="560 um")
+            >>> camera = mf.Camera("5 mm", stop="400 um", pixel="2 um", window="64 um")
+            >>> [round(psf.energy_in_window, 2) for psf in camera.psf(panel, ["555 nm", 850])]
+            [0.84, 0.83]
 
         Args:
             panel: what the camera looks through; its middle is on the axis.
-            wavelength: one of the camera's; may be left out if it has only one.
+            wavelength: any, such as ``"555 nm"`` or 555; of a list or an array of them a tuple is returned. May be left
+                out if the camera has only one.
             pixels: means over sensor pixels instead of intensity at points.
 
         Raises:
-            JobError: MF105 for a wavelength that the camera does not have, MF113 for a window that is too wide, MF114
-                for a panel smaller than the stop.
+            JobError: MF103, MF104, MF105, MF112 or MF156 for what is no wavelength, MF105 for none of several, MF113
+                for a window that is too wide, MF114 for a panel smaller than the stop.
             SourceError: MF309 if nothing is clear in front of the stop.
         """
-        line, camera = self._line(wavelength), self.model
-        check_window(camera, panel.dot_nm / NM_PER_UM, where="Camera")
-        pupil = self._pupil(panel)
-        psf = point_psf(pupil, camera, line, pixel_margin(camera) if pixels else 0)
-        psf = pixel_psf(psf, camera) if pixels else psf
-        return Psf(psf.values, psf.step_um, psf.wavelength_nm, psf.kind)
+        lines = self._lines(wavelength)
+        # Samples as close as those of the camera's own wavelengths, so that all can be laid on each other.
+        camera = self._of({*lines, *self.wavelengths})
+        check_window(self._of(lines), panel.dot_nm / NM_PER_UM, where="Camera")
+        margin = pixel_margin(camera) if pixels else 0
+        found = {}
+        for psf in point_psfs(self._pupil(panel, lines), camera, margin, lines=tuple(dict.fromkeys(lines))):
+            seen = pixel_psf(psf, camera) if pixels else psf
+            found[seen.wavelength_nm] = Psf(seen.values, seen.step_um, seen.wavelength_nm, seen.kind)
+        return found[lines[0]] if wavelength is None or is_one(wavelength) else tuple(found[line] for line in lines)
 
+    @overload
+    def mtf(  # type: ignore[overload-overlap]
+        self, panel: Tiled, wavelength: Wavelength | None = ...
+    ) -> Mtf: ...
+    @overload
+    def mtf(self, panel: Tiled, wavelength: Wavelengths) -> tuple[Mtf, ...]: ...
     @checked_arguments
     @one_thread
-    def mtf(self, panel: Tiled, wavelength: Wavelength | None = None) -> Mtf:
+    def mtf(self, panel: Tiled, wavelength: Wavelength | Wavelengths | None = None) -> Mtf | tuple[Mtf, ...]:
         """Presampled modulation transfer function of the panel as designed; arguments and errors as for :meth:`psf`,
         but for the window, which it does not use."""
-        line, camera = self._line(wavelength), self.model
-        table = lag_table(self._pupil(panel), longest_lag_um(camera))
-        mtf = presampled_mtf(table, camera, line)
-        return Mtf(**vars(mtf), camera=camera, table=table)
+        lines = self._lines(wavelength)
+        camera = self._of(lines)
+        table = lag_table(self._pupil(panel, lines), longest_lag_um(camera))
+        found = {
+            line: Mtf(**vars(presampled_mtf(table, camera, line)), camera=camera, table=table)
+            for line in dict.fromkeys(lines)
+        }
+        return found[lines[0]] if wavelength is None or is_one(wavelength) else tuple(found[line] for line in lines)
 
-    def _pupil(self, panel: Tiled) -> Pupil:
-        camera = self.model
+    def _pupil(self, panel: Tiled, lines: Sequence[float]) -> Pupil:
+        camera = self._of(lines)
+        check_lens(camera, where="Camera: stop")
         check_pupil(camera, panel.dot_nm / NM_PER_UM, where="Camera")
         check_cover(panel, camera.stop, "the panel", where="Camera: stop")
         return cut(panel_aperture(panel, camera.stop.diameter_um / 2), camera.stop)
 
-    def _line(self, wavelength: Wavelength | None) -> float:
-        """Nanometres of one of the camera's wavelengths."""
-        lines = self.section.wavelengths_nm
-        if wavelength is None and len(lines) == 1:
-            return lines[0]
-        asked = None if wavelength is None else parse_wavelength_nm(wavelength_text(wavelength), where="wavelength")
-        if asked not in lines:
-            what = "no wavelength is given" if asked is None else f"the camera has no wavelength {asked:g} nm"
-            cure = f"Use one of {', '.join(f'{line:g} nm' for line in lines)}"
+    def _of(self, lines: Iterable[float]) -> Lens:
+        """The camera with these wavelengths, each once."""
+        return replace(self.model, wavelengths_nm=tuple(dict.fromkeys(lines)))
+
+    def _lines(self, wavelength: object) -> tuple[float, ...]:
+        """Nanometres of the wavelengths that are asked for."""
+        if wavelength is not None:
+            return wavelengths_nm(wavelength, "wavelength")
+        if len(self.wavelengths) > 1:
+            listed = ", ".join(f"{line:g}" for line in self.wavelengths)
+            what = f"no wavelength is given, and the camera has {listed} nm"
+            cure = f'Give one, such as "{self.wavelengths[0]:g} nm", or all: camera.wavelengths'
             raise JobError("MF105", what, where="wavelength", cure=cure)
-        return asked
+        return self.wavelengths
 
     def __repr__(self) -> str:
         return f"<Camera: {camera_line(self.model)}>"
+
+
+def _stop(stated: Length | Mapping[str, object]) -> object:
+    """A stop as a job file writes it."""
+    if isinstance(stated, str) and stated.strip().lower().startswith("f/"):
+        return stated
+    if not isinstance(stated, Mapping):
+        return {"diameter": length_text(stated, "stop", "Camera: stop")}
+    sizes = ("diameter", "inner", "width", "height")
+    return {
+        key: length_text(value, "stop", f"Camera: stop.{key}") if key in sizes else length_text(value)
+        for key, value in stated.items()
+    }
+
+
+def _require_directions(camera: Lens) -> None:
+    """Refuse a lens so short that no direction of light reaches the rim of its window.
+
+    Light that leaves the openings at the angle a meets the sensor at f sin a (Goodman, Fourier Optics, 5.2), never
+    further out than f.
+
+    Raises:
+        JobError: MF156, with the unit that was likely meant.
+    """
+    if camera.window_um / 2 <= camera.focal_um:
+        return
+    what = f"behind a focal length of {camera.focal_um:g} um no light reaches the rim of a window of "
+    what += f"{camera.window_um:g} um; did you mean '{camera.focal_um:g} mm'?"
+    cure = f'Give the focal length of the lens, such as "5.6 mm", or a window of at most {2 * camera.focal_um:g} um'
+    raise JobError("MF156", what, where="Camera: focal", cure=cure)
 
 
 F1 = Camera("10 mm", stop="4 mm", pixel="2 um", wavelengths=["610 nm", "530 nm", "470 nm"])
@@ -162,6 +240,10 @@ class Psf(model.Psf):
         """float64 [n, n], per square micrometre."""
         return self.values
 
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """The samples, for numpy."""
+        return np.array(self.values, dtype=dtype, copy=copy)
+
     @property
     def x_um(self) -> NDArray[np.float64]:
         """float64 [n], places of the columns on the sensor."""
@@ -173,6 +255,18 @@ class Psf(model.Psf):
     def y_um(self) -> NDArray[np.float64]:
         """float64 [n], places of the rows, upwards."""
         return self.x_um
+
+    def to_dataframe(self) -> DataFrame:
+        """The samples as a table: a row for each ``y_um``, a column for each ``x_um``, per square micrometre.
+
+        Raises:
+            OutputError: as :func:`maskfab.report.rows.text.dataframe`, without pandas.
+        """
+        from maskfab.report.rows.text import dataframe
+
+        table = dataframe(dict(zip(self.x_um.tolist(), self.values.T, strict=True)))
+        table.index = self.y_um.tolist()
+        return table.rename_axis(index="y_um", columns="x_um")
 
     def plot(self) -> Drawing:
         """log10 over six decades below the peak."""
@@ -223,6 +317,17 @@ class Mtf(model.Mtf):
         if percent in LEVELS:
             return falls_to(self, percent, None)
         return falls_to(presampled_mtf(self.table, self.camera, self.wavelength_nm, (percent,)), percent, None)
+
+    def to_dataframe(self) -> DataFrame:
+        """The curves as a table: a row for each frequency, ``frequency_cy_per_mm`` and every cut, ``wavelength_nm``.
+
+        Raises:
+            OutputError: as :func:`maskfab.report.rows.text.dataframe`, without pandas.
+        """
+        from maskfab.report.rows.text import dataframe
+
+        curves = {"frequency_cy_per_mm": self.frequency_cy_per_mm, **self.cuts}
+        return dataframe({**curves, "wavelength_nm": np.full(len(self.frequency_cy_per_mm), self.wavelength_nm)})
 
     def plot(self) -> Drawing:
         """The band from radial minimum to maximum, the radial mean, and straight cuts."""

@@ -333,7 +333,7 @@ def _rendering(
 
     asked = EyeAndLife.of(loaded.spec.looks, loaded.spec.lives)
     if distance is not None:
-        looked_from = units.parse_length_um(length_text(distance), where="distance", zero_allowed=True)
+        looked_from = units.parse_length_um(length_text(distance, "distance"), where="distance", zero_allowed=True)
         asked = asked.viewed(distance_um=looked_from)
     if dpi is not None:
         units.parse_pitch_um(f"{dpi!r} dpi", where="dpi")

@@ -283,7 +283,7 @@ def design(
         "name": name,
         "method": method,
         "dots": dots,
-        "pitch": length_text(pitch),
+        "pitch": length_text(pitch, "pitch", "design(): pitch"),
         "clear_dots": clear_dots,
         "tiling": tiling,
         "map": map,

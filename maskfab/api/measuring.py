@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from maskfab.api.asked import AnyJob, dies_of, job_of, require_form, way_round
-from maskfab.api.lengths import Length, Wavelength, length_text, wavelength_text
+from maskfab.api.lengths import Length, Wavelength, length_text, wavelength_nm
 from maskfab.api.results import FolderResult, answers, saved_at
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
 from maskfab.base.folders import Place
 from maskfab.base.model import Panel, Quantity
 from maskfab.base.provenance import sha256_of_file
-from maskfab.base.units import parse_length_um, parse_time_s, parse_wavelength_nm
+from maskfab.base.units import parse_length_um, parse_time_s
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.camera.blur import stand_named, stand_words
 from maskfab.camera.frames.frame import Frame, read_frame, read_frames
@@ -151,7 +151,7 @@ def measure(
     panels = loaded.panels()
     wanted = dies_of(die, panels)
     stated = None if times is None else [parse_time_s(time, where="times") for time in times]
-    line_nm = None if line is None else parse_wavelength_nm(wavelength_text(line), where="line")
+    line_nm = None if line is None else wavelength_nm(line, "line")
     written = loaded.spec.written
     promise = Promise(0.0 if written is None else written.cd_bias_um, shop_of(loaded.spec, loaded.where))
     sensor = loaded.spec.sensor or Sensor()
@@ -362,7 +362,7 @@ def edge(
     _refuse_idle(job, die, pixel, {"stands": stands, "line": line})
     if stands is not None:
         stand_named(stands)
-    pixel_um = None if pixel is None else parse_length_um(length_text(pixel), where="pixel")
+    pixel_um = None if pixel is None else parse_length_um(length_text(pixel, "pixel"), where="pixel")
     line_nm = _line_nm(line)
     loaded = None if job is None else job_of(job)
     panels = {} if loaded is None or die is None else loaded.panels()
@@ -444,7 +444,7 @@ def _design_notes(job: Job, die: str | None, line_nm: float | None, stands: str 
 
 
 def _line_nm(line: Wavelength | None) -> float | None:
-    return None if line is None else parse_wavelength_nm(wavelength_text(line), where="line")
+    return None if line is None else wavelength_nm(line, "line")
 
 
 def _region(stated: str | Sequence[int] | None) -> Region | None:

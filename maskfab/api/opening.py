@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from maskfab.api.lengths import Length, length_text
 from maskfab.base import __version__, model
@@ -64,19 +64,28 @@ class Opening(model.Opening):
 
     @classmethod
     @checked_arguments
-    def of(cls, mask: ArrayLike, pitch: Length, *, name: str = "opening") -> Self:
+    def of(cls, mask: ArrayLike, pitch: Length, *, name: str = "opening", threshold: float | None = None) -> Self:
         """An opening from an array [dots, dots] of bool or of 0 and 1, row 0 the lowest.
 
         Examples:
             >>> import maskfab as mf
             >>> mf.Opening.of([[0, 1], [1, 1]], pitch="16 um").clear_dots
             3
+            >>> mf.Opening.of([[0.2, 0.9], [0.7, 0.4]], pitch="16 um", threshold=0.5).clear_dots
+            2
+
+        Args:
+            mask: the array; a grey one needs a threshold.
+            pitch: side of the pixel.
+            name: of the opening.
+            threshold: value from which on a dot is clear.
 
         Raises:
-            OpeningError: MF201 not square, MF202 other values, MF203 nothing clear.
-            JobError: MF103 to MF107 for the pitch, MF110 for the name, MF115 for too many dots.
+            OpeningError: MF201 not square, MF202 other values, or grey without a threshold, MF203 nothing clear.
+            JobError: MF103 to MF107 for the pitch, MF110 for the name, MF115 for too many dots, MF156 for a number that
+                is no pitch.
         """
-        return cls._checked(name, decode.from_array(mask, "Opening.of: mask"), pitch, {}, "Opening.of")
+        return cls._checked(name, mask_of(mask, "Opening.of: mask", threshold), pitch, {}, "Opening.of")
 
     @classmethod
     @checked_arguments
@@ -127,7 +136,7 @@ class Opening(model.Opening):
         changed = dots is not None or pitch is not None or bool(lengths)
         own_dots, own_pitch = (display.dots, display.pitch) if display else (_USUAL_DOTS, _USUAL_PITCH)
         dots = own_dots if dots is None else dots
-        pitch_um = parse_pitch_um(own_pitch if pitch is None else length_text(pitch), where="pitch")
+        pitch_um = parse_pitch_um(own_pitch if pitch is None else length_text(pitch, "pitch"), where="pitch")
         dot_nm = dot_of_pitch(pitch_um, dots, where="pitch")
         made: dict[str, str | int | float] = {
             "author": "maskfab",
@@ -157,6 +166,10 @@ class Opening(model.Opening):
     def _checked(cls, name: str, mask: Mask, pitch: Length, made: dict[str, str | int | float], where: str) -> Self:
         dot_nm = _dot_nm(pitch, len(mask), f"{where}: pitch")
         return cls.of_model(opening_file.checked(name, mask, dot_nm, made, where))
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """The mask, for numpy."""
+        return np.array(self.mask, dtype=dtype, copy=copy)
 
     @classmethod
     def of_model(cls, opening: model.Opening) -> Self:
@@ -249,6 +262,12 @@ class Opening(model.Opening):
         )
 
 
+def mask_of(given: ArrayLike, where: str, threshold: float | None = None) -> Mask:
+    """Clear dots of an array of a caller; errors as for :func:`maskfab.mask.opening.from_array`."""
+    cure = "Name the value from which on a dot is clear: Opening.of(array, pitch, threshold={middle})"
+    return decode.from_array(given, where, threshold=threshold, cure=cure)
+
+
 @checked_arguments
 def read_opening(
     source: str | Path | ArrayLike,
@@ -295,7 +314,7 @@ def _repitched(opening: model.Opening, pitch: Length) -> model.Opening:
 
 
 def _dot_nm(pitch: Length, dots: int, where: str) -> int:
-    return opening_file.dot_of_pitch(parse_pitch_um(length_text(pitch), where=where), dots, where=where)
+    return opening_file.dot_of_pitch(parse_pitch_um(length_text(pitch, "pitch", where), where=where), dots, where=where)
 
 
 def _stated(value: Any, key: str, source: str) -> Any:

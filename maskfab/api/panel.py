@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Self
 from numpy.typing import ArrayLike
 
 from maskfab.api.lengths import Length, length_text
+from maskfab.api.opening import mask_of
 from maskfab.base import model
 from maskfab.base.cell_size import CellSize
 from maskfab.base.checks import checked_arguments
@@ -20,7 +21,6 @@ from maskfab.job.read import check_die, check_seed, even_nm, parse_section
 from maskfab.job.sections import DieSection
 from maskfab.job.values import um_text
 from maskfab.mask.job import check_alike
-from maskfab.mask.opening import from_array
 from maskfab.mask.opening_file import checked
 from maskfab.mask.panels import CellMap, panel_shape, shifted_openings, tiled
 
@@ -68,6 +68,8 @@ class Panel(model.Panel):
         pitch: Length | None = None,
         gutter: Length = 0.0,
         others: Sequence[model.Opening] = (),
+        threshold: float | None = None,
+        name: str | None = None,
     ) -> Self:
         """Lay an opening out.
 
@@ -80,28 +82,39 @@ class Panel(model.Panel):
             pitch: side of a pixel, gutter included, or ``"300 dpi"``; by default the opening's own dots and the gutter.
             gutter: opaque space round every pixel.
             others: further openings, of which every pixel draws one.
+            threshold: of a grey array, the value from which on a dot is clear.
+            name: of the opening of an array; "opening" by default.
 
         Raises:
-            JobError: MF103 to MF107 for lengths, MF105 for an unknown tiling, MF108 where no pixel fits, MF111 without
-                a seed, MF115 for too many pixels, MF122 for a map that does not fit.
+            JobError: MF103 to MF107 and MF156 for lengths, MF105 for an unknown tiling, and for a threshold or a name
+                beside an opening, MF108 where no pixel fits, MF111 without a seed, MF115 for too many pixels, MF122 for
+                a map that does not fit.
+            OpeningError: as :meth:`maskfab.Opening.of`, for an array.
         """
+        if isinstance(opening, model.Panel):
+            what = "a panel is laid out already"
+            raise JobError("MF105", what, where=_WHERE, cure="Give an opening, such as panel.held[0]")
         gap_um = parse_length_um(length_text(gutter), where=f"{_WHERE}: gutter", zero_allowed=True)
         gutter_nm = even_nm(gap_um, where=f"{_WHERE}: gutter", name="gutter")
         drawn: model.Opening | None = None
         if isinstance(opening, model.Opening):
             drawn, mask = opening, opening.mask
+            for key, value in {"threshold": threshold, "name": name}.items():
+                if value is not None:
+                    cure = f"Leave {key} out"
+                    raise JobError("MF105", f"{key} goes with an array", where=f"{_WHERE}: {key}", cure=cure)
         else:
-            mask = from_array(opening, f"{_WHERE}: opening")
+            mask = mask_of(opening, f"{_WHERE}: opening", threshold)
         if pitch is not None:
             place = f"{_WHERE}: pitch"
-            pitch_um = parse_pitch_um(length_text(pitch), where=place)
+            pitch_um = parse_pitch_um(length_text(pitch, "pitch", place), where=place)
             pixel = CellSize.of_pitch(pitch_um, len(mask), gutter_nm, where=place)
         elif drawn is not None:
             pixel = CellSize(drawn.dots, drawn.dot_nm, gutter_nm)
         else:
             cure = 'Add pitch = "168 um", or make an Opening'
             raise JobError("MF105", "an array does not state the pitch of its pixel", where=_WHERE, cure=cure)
-        unit = drawn or checked("opening", mask, pixel.dot_nm, {}, f"{_WHERE}: opening")
+        unit = drawn or checked(name or "opening", mask, pixel.dot_nm, {}, f"{_WHERE}: opening")
         cells = tiling if isinstance(tiling, CellMap) else None
         if cells is not None and size is None:
             rows, columns = cells.cells.shape
@@ -119,7 +132,7 @@ class Panel(model.Panel):
             "tiling": Tiling.MAP if cells is not None else tiling,
             "map": None if cells is None else cells.name,
             "seed": seed,
-            "size": None if size is None else length_text(size),
+            "size": None if size is None else length_text(size, "size", f"{_WHERE}: size"),
         }
         section = parse_section(DieSection, stated, where=_WHERE)
         if section.size is None:
@@ -201,7 +214,7 @@ def _stack(chrome: Length, glass: Length) -> Stack:
     from maskfab.mask.formats.format import Stack
 
     film_um, glass_um = (
-        parse_length_um(length_text(value), where=f"Panel: {name}")
+        parse_length_um(length_text(value, "glass" if name == "glass" else ""), where=f"Panel: {name}")
         for name, value in (("chrome", chrome), ("glass", glass))
     )
     return Stack(film_um * NM_PER_UM, glass_um * NM_PER_UM)

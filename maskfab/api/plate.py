@@ -117,10 +117,14 @@ class Plate:
         default_pitch = size + size // _STREET_SHARE + _STREET_NM
         stated = {
             "template": "5in" if template is None and blank is None else template,
-            "blank": length_text(blank),
-            "writable": length_text(writable),
-            "die_size": um_text(size / NM_PER_UM) if die_size is None else length_text(die_size),
-            "die_pitch": um_text(default_pitch / NM_PER_UM) if die_pitch is None else length_text(die_pitch),
+            "blank": length_text(blank, "blank", f"{_WHERE}.of: blank"),
+            "writable": length_text(writable, "blank", f"{_WHERE}.of: writable"),
+            "die_size": um_text(size / NM_PER_UM)
+            if die_size is None
+            else length_text(die_size, "size", f"{_WHERE}.of"),
+            "die_pitch": um_text(default_pitch / NM_PER_UM)
+            if die_pitch is None
+            else length_text(die_pitch, "size", f"{_WHERE}.of"),
             "columns": math.isqrt(len(every) - 1) + 1 if columns is None else columns,
         }
         more = dict(sections or {})

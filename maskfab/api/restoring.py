@@ -247,7 +247,7 @@ def blurs_of(
             "the blur is that of a job's die or of a PSF, and " + ("neither" if job is None else "both") + " is given"
         )
         raise JobError("MF105", what, where="psf", cure="Give a job and a die, or the EXR file of a PSF")
-    pixel_um = None if pixel is None else parse_length_um(length_text(pixel), where="pixel")
+    pixel_um = None if pixel is None else parse_length_um(length_text(pixel, "pixel"), where="pixel")
     if psf is not None:
         for key, value in (("die", die), ("camera", camera), ("stands", stands)):
             if value is not None:

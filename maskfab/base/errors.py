@@ -74,6 +74,7 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF150": "A budget is shorter than the least work that is useful.",
         "MF151": "Answers about a display contradict each other.",
         "MF152": "A package that this needs is not installed.",
+        "MF156": "A length or wavelength makes no sense in its unit.",
         "MF159": "Dots that a gradient is asked of are no tensor of openings, or the panel has no place for them.",
         "MF160": "A sweep's field does not state its values once, or a sweep has no case, or too many.",
         "MF161": "A sweep asks for a quantity that no case has.",

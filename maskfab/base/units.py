@@ -90,8 +90,11 @@ def parse_dpi(text: object, *, where: str = "") -> int:
 
 def parse_wavelength_nm(text: object, *, where: str = "") -> float:
     """Nanometres of a vacuum wavelength between 200 and 2000 nm (MF112 outside)."""
-    value = parse_length_um(text, where=where) * NM_PER_UM
-    value = round(value, 9)
+    number, unit = _split(text, where)
+    if not unit:
+        cure = f'Write it with its unit, such as "{number:g} nm"' if 200 <= number <= 2000 else 'Write it as "530 nm"'
+        raise JobError("MF103", f"the wavelength {text!r} has no unit", where=where, cure=cure)
+    value = round(parse_length_um(text, where=where) * NM_PER_UM, 9)
     if not 200.0 <= value <= 2000.0:
         cure = "Give a wavelength that silica passes and a camera sees, such as 530 nm"
         raise JobError("MF112", f"wavelength {value:g} nm is outside 200 nm to 2000 nm", where=where, cure=cure)

@@ -50,6 +50,7 @@ Rows = list[tuple[int, str]]
 """Lines of a drawing with their line numbers in the source, the top line first."""
 
 CLOSED, CLEAR = ".", "#"
+_SAVE = "Save 1 where the opening is clear and 0 where it is opaque"
 MOST_CHANNELS = 16
 MAX_DOTS = 4096  # a mask of 16 MiB; anything larger is a photograph or a plate, not one display pixel
 
@@ -178,19 +179,20 @@ def from_npy(path: Path) -> Mask:
     return from_array(values, where)
 
 
-def from_array(given: ArrayLike, where: str) -> Mask:
-    """Mask of an array [dots, dots] of bool or 0/1, row 0 lowest.
+def from_array(given: ArrayLike, where: str, *, threshold: float | None = None, cure: str = _SAVE) -> Mask:
+    """Mask of an array [dots, dots] of bool or 0/1, row 0 lowest; of a grey one what is the threshold or more.
 
     Raises:
-        OpeningError: MF201 not square, MF202 another value.
+        OpeningError: MF201 not square or empty, MF202 another value: not finite, complex, an object; grey without a
+            threshold, which ``cure`` says how to state.
         JobError: MF115 too large.
     """
     try:
         values = np.asarray(given)
     except ValueError:
-        what, cure = "the rows of the array differ in length", "Give one square array, [dots, dots]"
-        raise OpeningError("MF201", what, where=where, cure=cure) from None
-    if values.ndim != 2:
+        what, square = "the rows of the array differ in length", "Give one square array, [dots, dots]"
+        raise OpeningError("MF201", what, where=where, cure=square) from None
+    if values.ndim != 2 or not values.size:
         raise OpeningError(
             "MF201",
             f"the array has the shape {values.shape}; an opening has [dots, dots]",
@@ -201,10 +203,24 @@ def from_array(given: ArrayLike, where: str) -> Mask:
     check_square(rows, columns, where)
     check_dots(rows, where)
     if values.dtype.kind not in "buif":
+        real = "the real part or the modulus, as " if values.dtype.kind == "c" else ""
         raise OpeningError(
-            "MF202", f"the array's values are of type {values.dtype}", where=where, cure="Give bool values, or 0 and 1"
+            "MF202",
+            f"the array's values are of type {values.dtype}",
+            where=where,
+            cure=f"Give {real}bool values, or 0 and 1",
         )
-    _refuse((values != 0) & (values != 1), values, "is neither 0 nor 1", where)
+    _refuse(~np.isfinite(values), values, "is not finite", where)
+    if threshold is not None:
+        return np.asarray(values >= threshold)
+    wrong = (values != 0) & (values != 1)
+    if wrong.any() and cure != _SAVE:
+        low, high = float(values.min()), float(values.max())
+        what = f"the array is grey: {int(wrong.sum())} of its {values.size} values, {low:g} to {high:g}, are "
+        what += "neither 0 nor 1"
+        middle = 0.5 if low >= 0 and high <= 1 else (low + high) / 2
+        raise OpeningError("MF202", what, where=where, cure=cure.format(middle=f"{middle:.3g}"))
+    _refuse(wrong, values, "is neither 0 nor 1", where)
     return np.array(values, dtype=np.bool_)
 
 
@@ -319,7 +335,7 @@ def _refuse(wrong: Mask, values: NDArray[Any], problem: str, where: str) -> None
             "MF202",
             f"the value {values[row, column]} at [{row}, {column}] {problem} ({int(wrong.sum())} such values)",
             where=where,
-            cure="Save 1 where the opening is clear and 0 where it is opaque",
+            cure=_SAVE,
         )
 
 

@@ -210,12 +210,16 @@ def point_psf(pupil: Pupil, camera: Camera, wavelength_nm: float, margin: int = 
     return _point_psf(field(pupil, frequency, frequency), pupil, camera, wavelength_nm)
 
 
-def point_psfs(pupil: Pupil, camera: Camera, margin: int = 0, leak: Leak | None = None) -> list[Psf]:
+def point_psfs(
+    pupil: Pupil, camera: Camera, margin: int = 0, leak: Leak | None = None, lines: Sequence[float] | None = None
+) -> list[Psf]:
     """PSFs at every wavelength of the camera, the pupil made ready once, by the cheapest path that takes it.
 
-    With a leak the pupil is that of the openings of a binary mask, and the film's light is added.
+    With a leak the pupil is that of the openings of a binary mask, and the film's light is added. Of ``lines``, some of
+    the camera's, these alone are found, at the samples of all.
     """
-    frequencies = [_frequencies(camera, wavelength, margin) for wavelength in camera.wavelengths_nm]
+    lines = camera.wavelengths_nm if lines is None else lines
+    frequencies = [_frequencies(camera, wavelength, margin) for wavelength in lines]
     widest = max(frequencies, key=lambda frequency: float(frequency[-1]))
     tasks = [FieldTask.of(pupil, frequency, frequency) for frequency in frequencies]
     # A step that suits a transform at one wavelength does not at another.
@@ -229,7 +233,7 @@ def point_psfs(pupil: Pupil, camera: Camera, margin: int = 0, leak: Leak | None 
         _point_psf(prepared.field(frequency, frequency), pupil, camera, wavelength)
         if leak is None
         else _leaking_psf(prepared.field(frequency, frequency), pupil, camera, wavelength, frequency, leak)
-        for frequency, wavelength in zip(frequencies, camera.wavelengths_nm, strict=True)
+        for frequency, wavelength in zip(frequencies, lines, strict=True)
     ]
 
 

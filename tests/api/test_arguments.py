@@ -144,7 +144,7 @@ def test_wrong_types_and_extreme_values_are_refused_by_an_error_of_maskfabs_own(
     [
         (lambda: mf.Camera(wavelengths=None), "MF105", "focal"),
         (lambda: mf.Camera(**LOOK | {"wavelengths": None}), "MF105", "Camera: wavelengths"),
-        (lambda: mf.Camera(**LOOK | {"stop": 1e-300}), "MF104", "1e-300"),
+        (lambda: mf.Camera(**LOOK | {"stop": "1e-300 um"}), "MF104", "1e-300"),
         (lambda: mf.Camera(**LOOK | {"stop": "0.5 um"}), "MF104", "wavelength of 0.61 um"),
         (lambda: mf.Camera(**LOOK, windows=3), "MF105", "windows"),
         (lambda: mf.Panel.tile(np.ones((7, 7)), size="560 um"), "MF105", "pitch"),

@@ -316,7 +316,6 @@ TILE = {"tiling": "random", "seed": 1, "size": "560 um"}
         (JobError, "MF131", lambda bar: mf.Camera("5 mm", **LOOK | {"stop": "20 mm"})),
         (JobError, "MF112", lambda bar: mf.Camera("5 mm", **LOOK | {"wavelengths": "530 um"})),
         (JobError, "MF105", lambda bar: mf.Camera("5 mm", **LOOK | {"wavelengths": []})),
-        (JobError, "MF105", lambda bar: mf.Camera("5 mm", **LOOK).psf(mf.Panel.tile(bar, **TILE), "531 nm")),
         (JobError, "MF105", lambda bar: mf.Camera("5 mm", **LOOK).psf(mf.Panel.tile(bar, **TILE))),
         (JobError, "MF114", lambda bar: mf.Camera("5 mm", **LOOK).mtf(mf.Panel.tile(bar, size="112 um"), 530)),
         (JobError, "MF113", lambda bar: mf.Camera("1 mm", **LOOK | {"window": "1 mm"}).psf(

@@ -210,8 +210,8 @@ def html_table(quantities: Iterable[Quantity]) -> str:
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
-def dataframe(rows: Sequence[Mapping[str, Any]]) -> DataFrame:
-    """Rows as a DataFrame of pandas.
+def dataframe(rows: Sequence[Mapping[str, Any]] | Mapping[Any, Any]) -> DataFrame:
+    """Rows, or columns by their names, as a DataFrame of pandas.
 
     Raises:
         JobError: MF152 without pandas.
@@ -219,7 +219,7 @@ def dataframe(rows: Sequence[Mapping[str, Any]]) -> DataFrame:
     require("pandas", "a DataFrame", otherwise="use to_dict()")
     from pandas import DataFrame
 
-    return DataFrame(list(rows))
+    return DataFrame(rows if isinstance(rows, Mapping) else list(rows))
 
 
 def _rows(quantities: Iterable[Quantity], dies: bool) -> list[tuple[str, ...]]:
