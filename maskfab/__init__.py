@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from maskfab.api.camera import Mtf as Mtf
     from maskfab.api.camera import Psf as Psf
     from maskfab.api.checking import check as check
-    from maskfab.api.checking import compare as compare
+    from maskfab.api.comparing import compare as compare
     from maskfab.api.designing import Design as Design
     from maskfab.api.designing import design as design
     from maskfab.api.making import forecast as forecast

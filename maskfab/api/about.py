@@ -24,7 +24,7 @@ from maskfab.base.extras import EXTRAS
 from maskfab.base.work import Progress, silent
 
 if TYPE_CHECKING:
-    from maskfab.api.asked import AnyJob
+    from maskfab.api.asked import AnyJob, AnyPath
     from maskfab.api.plate import Plate
     from maskfab.base.model import Quantity
     from maskfab.optics.benchmark import Timing
@@ -561,7 +561,7 @@ class Citation(Result):
 
 
 @checked_arguments
-def cite(directory: str | Path | None = None) -> Citation:
+def cite(directory: AnyPath | None = None) -> Citation:
     """Print BibTeX entries of maskfab, and of the paper whose experiment it is for.
 
     Examples:
@@ -569,7 +569,7 @@ def cite(directory: str | Path | None = None) -> Citation:
         $ maskfab self cite build/upc12
 
     Args:
-        directory: a finished run, whose version and job are cited; by default this installation.
+        directory: a finished run, whose version and job are cited, or its result; by default this installation.
 
     Raises:
         OutputError: MF403 if it is none.

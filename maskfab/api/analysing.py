@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from maskfab.api.asked import AnyPanel, AnyPath, panels_of
 from maskfab.api.camera import F1, Camera
 from maskfab.api.lengths import Length, drawing_unit_um, length_text, lengths_as_text
+from maskfab.api.opening import mask_of
+from maskfab.api.panel import Panel
 from maskfab.api.results import Asked, InPython, Result, Told, answers, note_lines
 from maskfab.base import __version__
 from maskfab.base.checks import checked_arguments
@@ -21,6 +28,7 @@ from maskfab.job.camera import Camera as Lens
 from maskfab.job.process import MaskBlank
 from maskfab.job.read import parse_section
 from maskfab.job.sections import SceneSection
+from maskfab.mask.opening_file import checked
 from maskfab.optics.metrics import fast_lens
 from maskfab.optics.scene.model_bar import MODEL_BAR
 from maskfab.report.rows import analysis
@@ -79,7 +87,7 @@ class Analysis(Result, analysis.Analysis):
 
 @checked_arguments
 def analyse(
-    subject: Annotated[Opening | str | Path, "FILE"],
+    subject: Annotated[AnyPanel | ArrayLike | AnyPath, "FILE"],
     camera: Annotated[Camera | Mapping[str, Any] | None, "--camera TABLE"] = None,
     *,
     pitch: Length | None = None,
@@ -105,7 +113,8 @@ def analyse(
         $ maskfab analyse bar.toml --camera '{ stop = { diameter = "1 mm" } }' --scene '{ gap = "0.5 mm" }'
 
     Args:
-        subject: an opening (.toml .txt .png .tif .exr .npy) or a mask (.gds .oas .dxf).
+        subject: an opening (.toml .txt .png .tif .exr .npy) or a mask (.gds .oas .dxf). In Python also an Opening, a
+            Panel, or an array of an opening with its pitch.
         camera: table of the camera that looks through it, such as ``{ focal = "5 mm", stop = { diameter = "3 mm" } }``;
             by default that of protocol F1.
         pitch: side of a cell, such as ``"168 um"`` or ``"150 dpi"``, where the file does not state it.
@@ -141,11 +150,30 @@ def analyse(
         accuracy=section.accuracy,
         blank=parse_section(MaskBlank, dict(plate or {}), where="plate"),
     )
+    if isinstance(subject, str | PathLike):
+        return Analysis(**vars(analysis.analyse(Path(subject), request, progress)))
     if isinstance(subject, Opening):
-        analysed = analysis.analyse_opening(subject, request, progress)
-    else:
-        analysed = analysis.analyse(subject, request, progress)
-    return Analysis(**vars(analysed))
+        return Analysis(**vars(analysis.analyse_opening(subject, request, progress)))
+    if isinstance(subject, np.ndarray) or (isinstance(subject, Sequence) and not any(map(_lays_out, subject))):
+        where = "analyse: subject"
+        drawn = analysis.sized(checked("opening", mask_of(subject, where), 1, {}, where), request)
+        return Analysis(**vars(analysis.analyse_opening(drawn, request, progress)))
+    if not _lays_out(subject):
+        what = f"{type(subject).__name__} is no opening and no panel"
+        cure = "Give a file, an Opening, a Panel, or an array with its pitch; compare takes several"
+        raise JobError("MF105", what, where="analyse: subject", cure=cure)
+    stated = {"pitch": pitch, "dot": dot, "tiling": tiling, "seed": seed, "layer": layer, "cell": cell}
+    for name, value in {**stated, "unit_um": unit_um, "gutter": gutter or None}.items():
+        if value is not None:
+            what = f"{name} is not of a panel, which has its own"
+            raise JobError("MF105", what, where=name, cure=f"Leave {name} out, or give the opening: panel.held[0]")
+    (panel,) = panels_of(subject).values()
+    return Analysis(**vars(analysis.analyse_panel(panel, panel.held[0].name, request, progress)))
+
+
+def _lays_out(subject: object) -> bool:
+    """Whether it is a panel, or has one."""
+    return isinstance(subject, Panel) or hasattr(subject, "panel")
 
 
 def _camera(stated: Camera | Mapping[str, Any] | None) -> Camera:

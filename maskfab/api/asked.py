@@ -1,10 +1,18 @@
-"""Statements of callers, as the chain takes them: jobs and their dies, folders of photographs, stands."""
+"""Statements of callers, as the chain takes them: jobs and their dies, folders of photographs, stands.
+
+One way in for all verbs: a job file, a loaded job, a plate, or what Python makes, which becomes the job of a plate.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+import math
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Protocol, TypeAlias
+
+import numpy as np
 
 from maskfab.base.errors import JobError
 from maskfab.mask.job import Job, load_job
@@ -13,33 +21,108 @@ if TYPE_CHECKING:
     from maskfab.api.camera import Camera
     from maskfab.api.panel import Panel
     from maskfab.api.plate import Plate
+    from maskfab.base.model import Opening
     from maskfab.camera.scenes import Folder
 
 
-AnyJob: TypeAlias = "Plate | Panel | Job | str | Path"
-"""A plate of Python, a panel that is alone on one, a loaded job, or the path of a job file."""
+class HasPanel(Protocol):
+    """A result that lays out an opening, such as a design with its map."""
+
+    @property
+    def panel(self) -> Panel: ...
 
 
-def job_of(job: AnyJob, camera: Camera | None = None) -> Job:
+AnyPanel: TypeAlias = "Panel | Opening | HasPanel"
+"""A panel; or an opening, which is laid out periodically over the camera's stop; or a design with its map."""
+AnyJob: TypeAlias = "Plate | AnyPanel | Mapping[str, AnyPanel] | Sequence[AnyPanel] | Job | str | Path"
+"""A plate of Python; a panel, or several by name or in a list; a loaded job, or the path of a job file."""
+AnyPath: TypeAlias = "str | PathLike[str]"
+"""A path, or a result that is one: a finished run is that of its directory."""
+AnyReport: TypeAlias = "AnyPath | Plate | Job | AnyPanel"
+"""A finished run, or what can be measured and photographed as designed."""
+_TAKEN = "a Plate, a Panel, a list or a mapping of panels, a loaded job, or the path of a job file"
+
+
+def job_of(job: AnyJob, camera: Camera | None = None, sections: Mapping[str, object] | None = None) -> Job:
     """The validated job of whatever states one.
+
+    Args:
+        job: a file, a loaded job, a plate, or panels, which become a plate of dies of these names; those of a list are
+            named after their openings, or P1, P2 and so on where two have one name.
+        camera: that looks through plate or panels; by default the plate's, or that of protocol F1.
+        sections: further ones of a job file, for panels.
 
     Raises:
         JobError: MF105 for a second camera beside that of a job, and for what states none; else as for the job.
     """
-    if not isinstance(job, Job | str | Path):
-        # Plates bring along all that lays out and draws.
-        from maskfab.api.panel import Panel
-        from maskfab.api.plate import Plate
+    if isinstance(job, Job | str | Path):
+        for name, given in {"camera": camera, "sections": sections}.items():
+            if given is not None:
+                what = f"the job has {'a camera' if name == 'camera' else 'sections'} of its own"
+                raise JobError("MF105", what, where=name, cure=f"Give no {name}, or change what the job states")
+        return job if isinstance(job, Job) else load_job(job)
+    # Plates bring along all that lays out and draws.
+    from maskfab.api.plate import Plate
 
-        plate = Plate.of(PANEL=job) if isinstance(job, Panel) else job
-        if not isinstance(plate, Plate):
-            cure = "Give a Plate, a Panel, or the path of a job file"
-            raise JobError("MF105", f"a {type(job).__name__} states no job", where="job", cure=cure)
-        return plate.job(camera)
-    if camera is not None:
-        what = "the job has a camera of its own"
-        raise JobError("MF105", what, where="camera", cure="Give no camera, or change the one in the job")
-    return job if isinstance(job, Job) else load_job(job)
+    if isinstance(job, Plate):
+        return job.with_sections(sections or {}).job(camera)
+    return Plate.of(panels_of(job, camera), camera=camera, sections=sections).job()
+
+
+def panels_of(stated: object, camera: Camera | None = None) -> dict[str, Panel]:
+    """Panels by the names of their dies, of one or several, as :func:`job_of` takes them.
+
+    Raises:
+        JobError: MF105 for what is no panel, and for none.
+    """
+    if isinstance(stated, Mapping):
+        named = {name: _panel(held, camera, f"job[{name!r}]") for name, held in stated.items()}
+    elif isinstance(stated, Sequence) and not isinstance(stated, str | bytes):
+        panels = [_panel(held, camera, f"job[{number}]") for number, held in enumerate(stated)]
+        names = [panel.held[0].name for panel in panels]
+        alike = len(set(names)) < len(names)
+        named = {f"P{n}" if alike else name: one for n, (name, one) in enumerate(zip(names, panels, strict=True), 1)}
+    else:
+        named = {"PANEL": _panel(stated, camera, "job")}
+    if not named:
+        raise JobError("MF105", "there is no panel", where="job", cure=f"Give {_TAKEN}")
+    return dict(_apart(named.items()))
+
+
+def _panel(stated: object, camera: Camera | None, where: str) -> Panel:
+    """A panel as it is, of a result its own, of an opening cells that turn no way over the camera's stop."""
+    from maskfab.api.camera import F1
+    from maskfab.api.panel import Panel
+    from maskfab.base.model import Opening
+
+    if isinstance(stated, Opening):
+        pitch_um, reach_um = stated.cell_size.pitch_um, (camera or F1).model.stop.diameter_um / 2
+        return Panel.tile(stated, size=f"{2 * math.ceil(reach_um / pitch_um) * pitch_um:.15g} um")
+    if isinstance(stated, np.ndarray):
+        what = f"an array of shape {stated.shape} states neither pitch nor tiling"
+        raise JobError("MF105", what, where=where, cure='Lay it out: Panel.tile(array, pitch="168 um", size="4.4 mm")')
+    panel = stated if isinstance(stated, Panel) else getattr(stated, "panel", None)
+    if not isinstance(panel, Panel):
+        raise JobError("MF105", f"{type(stated).__name__} states no job", where=where, cure=f"Give {_TAKEN}")
+    return panel
+
+
+def _apart(named: Iterable[tuple[str, Panel]]) -> Iterator[tuple[str, Panel]]:
+    """Panels in which no two openings that differ have one name: those of arrays are all called alike.
+
+    A job holds openings by their names, so the later one gets the name of its die.
+    """
+    from maskfab.mask.opening_file import opening_text
+
+    texts: dict[str, str] = {}
+    for die, panel in named:
+        names = {}
+        for number, opening in enumerate(panel.held):
+            text = opening_text(replace(opening, name=""))
+            if texts.setdefault(opening.name, text) != text:
+                names[opening.name] = die if len(panel.held) == 1 else f"{die}_{number + 1}"
+                texts[names[opening.name]] = text
+        yield die, panel.renamed(names) if names else panel
 
 
 def dies_of(asked: str | Sequence[str] | None, names: Collection[str]) -> tuple[str, ...]:

@@ -13,37 +13,39 @@ from maskfab.api.results import Asked, InPython, Result, Told, answers
 from maskfab.base import units
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
-from maskfab.base.folders import check_target, staged, write_mark
+from maskfab.base.folders import check_target
 from maskfab.base.model import Quantity
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.job.process import UNSTATED
-from maskfab.job.reference import USES, in_words, unused
-from maskfab.job.sections import SceneSection
+from maskfab.job.reference import USES, in_words, sections_of, unused
+from maskfab.job.sections import JobSpec, SceneSection
+from maskfab.mask.job import Job
 
 if TYPE_CHECKING:
     from maskfab.api.camera import Camera
     from maskfab.display.eye import SeenPanel
     from maskfab.display.feasibility import Feasibility, PlateWithDisplays
     from maskfab.display.placement import LargestGap
-    from maskfab.mask.job import Job
     from maskfab.optics.scene.model_bar import Omission
     from maskfab.optics.scene.plan import Plan
-    from maskfab.report.pages.compared import Compared
     from maskfab.report.rows.text import Quantities
     from maskfab.report.rows.verdicts import Verdicts
-    from maskfab.runs.result import Result as Run
 
 
 # Each question imports what answers it: a scene is planned in less time than all of it takes to load.
 
-PAGE = "compare.html"
 _RULES = """State the rules of the display maker, such as
 
 [emitters]
 gap_to_opening = "4 um"
 colour_gap = "8 um"
 min_width = "8 um"
-"""
+
+or from Python rules={"emitters": {"gap_to_opening": "4 um", "colour_gap": "8 um", "min_width": "8 um"}}"""
+_HELD_AGAINST = {name: next(sections_of(JobSpec.model_fields[name])) for name in (
+    "looks", "lives", "light", "wires", "circuits", "emitters",
+)}  # fmt: skip
+"""Sections of a job that a display is held against."""
 _USUAL_SAMPLES = 21
 
 
@@ -214,25 +216,28 @@ class Plans(Result):
 
 @overload
 def check(
-    job: AnyJob, image: str | Path | None = ..., *, look: Literal[True], die: str | Sequence[str] | None = ...,
+    job: AnyJob, image: str | Path | None = ..., *, look: Literal[True], camera: Camera | None = ...,
+    rules: Mapping[str, Any] | None = ..., die: str | Sequence[str] | None = ...,
     dpi: float | None = ..., distance: Length | None = ..., pixels: int | None = ..., samples: int | None = ...,
     jod: bool = ..., progress: Progress = ...
 ) -> Rendering: ...  # fmt: skip
 @overload
 def check(
-    job: AnyJob, *, optics: Literal[True], camera: Camera | None = ..., die: str | Sequence[str] | None = ...,
-    progress: Progress = ...
+    job: AnyJob, *, optics: Literal[True], camera: Camera | None = ..., rules: Mapping[str, Any] | None = ...,
+    die: str | Sequence[str] | None = ..., progress: Progress = ...
 ) -> Plans: ...  # fmt: skip
 @overload
 def check(
-    job: AnyJob, *, die: str | Sequence[str] | None = ..., largest_gap: bool = ..., progress: Progress = ...
-) -> DisplayCheck: ...
+    job: AnyJob, *, camera: Camera | None = ..., rules: Mapping[str, Any] | None = ...,
+    die: str | Sequence[str] | None = ..., largest_gap: bool = ..., progress: Progress = ...
+) -> DisplayCheck: ...  # fmt: skip
 @checked_arguments
 @one_thread
 def check(
     job: AnyJob,
     image: Annotated[str | Path | None, "<IMAGE>"] = None,
     *,
+    rules: InPython[Mapping[str, Any] | None] = None,
     die: str | Sequence[str] | None = None,
     largest_gap: bool = False,
     look: bool = False,
@@ -257,10 +262,17 @@ def check(
         $ maskfab check job.toml --die TOLED_R150 --largest-gap --json
         $ maskfab check job.toml photo.jpg --look --die TOLED_R300 -o seen
         $ maskfab check job.toml --optics
+        >>> import maskfab as mf
+        >>> bar = mf.Opening.bar(dots=21, size=(15, 7), pitch="168 um")
+        >>> rules = {"emitters": {"colour_gap": "8 um", "min_width": "8 um"}}
+        >>> mf.check(mf.Panel.tile(bar, size="4.4 mm"), rules=rules).passed
+        True
 
     Args:
-        job: job file (.toml), with [emitters] unless for optics; in Python also a plate or a loaded job.
+        job: job file (.toml), with [emitters] unless for optics; in Python also a plate, panels or a loaded job.
         image: photograph to show as well, with look.
+        rules: sections of a job file that plate or panels are held against, such as
+            ``{"emitters": {...}, "wires": {...}}``, lengths as here; in place of the plate's own.
         die: die of the job; by default all, with look all with emitters.
         largest_gap: also find the widest possible gap between colours.
         look: show how the display looks.
@@ -270,29 +282,48 @@ def check(
         samples: samples along the side of a display pixel, with look; by default 21.
         jod: also score with ColorVideoVDP, with look; needs maskfab[eye].
         optics: plan what the optics of each die have to model.
-        camera: camera of a plate, with optics; by default its own.
+        camera: of a plate or of panels; by default the plate's, or that of protocol F1.
         progress: told where the work stands.
 
     Raises:
-        JobError: MF105 for a job without [emitters], a die that there is not, or what goes with another form; of look
-            also MF121 for what cannot be shown, of optics MF114 or MF115 if a scene cannot be modelled.
+        JobError: MF105 for a job without [emitters], a die that there is not, or what goes with another form; MF102 for
+            rules that are no sections of a display, and as for a job; of look also MF121 for what cannot be shown, of
+            optics MF114 or MF115 if a scene cannot be modelled.
     """
     seen = {"image": image, "dpi": dpi, "distance": distance, "pixels": pixels, "samples": samples, "jod": jod}
     require_form("look", seen, of=look)
-    require_form("optics", {"camera": camera}, of=optics)
     asked = [name for name, held in {"optics": optics, "look": look, "largest_gap": largest_gap}.items() if held]
     if len(asked) > 1:
         cure = f"Leave {asked[0]} out, or {asked[1]}"
         raise JobError("MF105", f"{asked[0]} and {asked[1]} do not go together", where=asked[1], cure=cure)
+    if rules is not None and isinstance(job, Job | str | Path):
+        cure = "Change what the job states, or give its panels and rules"
+        raise JobError("MF105", "the job states the rules of its display", where="rules", cure=cure)
+    loaded = job_of(job, camera, _rules(rules))
     if optics:
-        return _plans(job_of(job, camera), die)
-    loaded = job_of(job)
+        return _plans(loaded, die)
     if look:
         return _rendering(
             loaded, image, die, dpi=dpi, distance=distance, pixels=pixels,
             samples=_USUAL_SAMPLES if samples is None else samples, with_jod=jod, progress=progress,
         )  # fmt: skip
     return _fit(loaded, die, largest_gap=largest_gap, progress=progress)
+
+
+def _rules(stated: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
+    """Sections that a display is held against.
+
+    Raises:
+        JobError: MF102 for another, or for a key of one.
+    """
+    for name in stated or {}:
+        if name in _HELD_AGAINST:
+            continue
+        (*_, section) = [key for key, kind in _HELD_AGAINST.items() if name in kind.model_fields] or ("",)
+        what = f"rules are by sections of a job, and {name!r} is " + (f"a key of [{section}]" if section else "none")
+        cure = f'Write rules={{"{section}": {{"{name}": ...}}}}' if section else f"Use {', '.join(_HELD_AGAINST)}"
+        raise JobError("MF102", what, where=f"rules: {name}", cure=cure)
+    return stated
 
 
 def _fit(loaded: Job, die: str | Sequence[str] | None, *, largest_gap: bool, progress: Progress) -> DisplayCheck:
@@ -386,9 +417,6 @@ def _plans(loaded: Job, die: str | Sequence[str] | None) -> Plans:
     return Plans(section.accuracy, by_die, bars, unused(loaded.spec, *USES["check --optics"]))
 
 
-PAGE = "compare.html"
-
-
 @answers(check)
 def _check(asked: Asked) -> Told:
     """Pictures are saved while progress is watched, and only a look has any."""
@@ -398,99 +426,3 @@ def _check(asked: Asked) -> Told:
     check_target(asked.out, force=False)
     rendering = asked.found()
     return Told.of(rendering, rendering.save(asked.out, asked.progress))
-
-
-@dataclass(frozen=True, repr=False)
-class Comparison(Result):
-    """Dies of finished reports side by side.
-
-    Attributes:
-        compared: everything that was found.
-    """
-
-    compared: Compared
-
-    def to_dict(self) -> dict[str, Any]:
-        """Rankings, numbers, what cannot be compared, and where the jobs differ."""
-        return self.compared.to_dict()
-
-    def save(self, out: Annotated[str | Path, "FOLDER"]) -> Path:
-        """Write the page into a folder that appears whole, and return its path.
-
-        Args:
-            out: new folder for a page with the figure.
-
-        Raises:
-            OutputError: MF401 or MF402 if the folder cannot be written, or is not empty.
-        """
-        from maskfab.report.pages.compared import compare_page
-
-        place = check_target(Path(out), force=False)
-        with staged(place) as made:
-            (made / PAGE).write_text(compare_page(self.compared), encoding="utf-8")
-            write_mark(made, None)
-        return Path(out) / PAGE
-
-    def __str__(self) -> str:
-        from maskfab.report.pages.compared import compare_text
-
-        return "\n".join(compare_text(self.compared))
-
-
-@checked_arguments
-def compare(
-    *reports: Annotated[str | Path | Run | Sequence[str | Path | Run], "REPORT..."],
-    dies: Annotated[Sequence[str], "[RUN:]DIE"] = (),
-    reference: str | None = None,
-) -> Comparison:
-    """Put the dies of finished runs side by side: paired differences over the same photographs, numbers, jobs.
-
-    Who is best and how sure, what cannot be compared, and how the jobs differ.
-
-    Examples:
-        $ maskfab compare build/upc12
-        $ maskfab compare build/upc12 build/mine --reference upc12:TOLED_P150 --out build/side_by_side
-
-    Args:
-        reports: finished runs, or report.json files; of one, its dies are compared. In Python also results of
-            :func:`maskfab.run`, one by one or in a list.
-        dies: die to compare, of several reports ``RUN:DIE``; by default all.
-        reference: die that gains are over; by default that of the first report.
-
-    Raises:
-        JobError: MF105 for a die that is not there, for nothing to compare, and for what is no report.
-        OutputError: MF403 for a place without a report; MF407 for one that was edited, is damaged, or of another
-            version.
-    """
-    every = [source for given in reports for source in (given if isinstance(given, list | tuple) else [given])]
-    if not every:
-        cure = "Give the directories of finished runs"
-        raise JobError("MF105", "there is no report to compare", where="compare: reports", cure=cure)
-    from maskfab.report.documents.report import read_reports
-    from maskfab.report.pages.compared import compare_reports
-
-    read = read_reports([_place(source) for source in every])
-    return Comparison(compare_reports(read, dies, reference))
-
-
-@answers(compare)
-def _compare(asked: Asked) -> Told:
-    if asked.out is not None:
-        check_target(asked.out, force=False)
-    stated = dict(asked.stated)
-    comparison = compare(*stated.pop("reports"), **stated)
-    paths = [] if asked.out is None else [str(comparison.save(asked.out))]
-    if asked.as_json:
-        return Told(comparison.to_dict(), (), asides=paths)
-    return Told(comparison.to_dict(), [*str(comparison).split("\n"), *paths])
-
-
-def _place(report: object) -> Path:
-    if isinstance(report, str | Path):
-        return Path(report)
-    from maskfab.runs.result import Result as Run  # which brings along all that runs
-
-    if not isinstance(report, Run):
-        cure = "Give the directory of a finished run, or the result of run()"
-        raise JobError("MF105", f"a {type(report).__name__} is no report", where="compare: reports", cure=cure)
-    return report.directory

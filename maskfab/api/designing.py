@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, overload
 
 from maskfab.api.camera import F1, Camera
-from maskfab.api.lengths import Length, length_text, lengths_as_text
+from maskfab.api.lengths import Length, length_text, sections_as_text
 from maskfab.api.opening import Opening
+from maskfab.api.panel import Panel
 from maskfab.api.results import Asked, FolderResult, InPython, Result, Told, answers
 from maskfab.base import provenance
 from maskfab.base.checks import checked_arguments
@@ -41,8 +42,7 @@ from maskfab.designs.rules.display_fit import DieFit
 from maskfab.designs.search.result import Designed
 from maskfab.job.read import read, validate
 from maskfab.job.reference import USES
-from maskfab.job.sections import EmittersSection, JobSpec, SearchSection, WiresSection
-from maskfab.job.values import AnySection
+from maskfab.job.sections import JobSpec, SearchSection
 from maskfab.mask import opening_file, panels
 from maskfab.mask.opening_file import load_opening, opening_text
 from maskfab.mask.panels import CellMap
@@ -83,6 +83,18 @@ class Design(Result):
     def map(self) -> CellMap | None:
         """Which way the cells are turned; None for a design without a map."""
         return self.found.cells
+
+    @property
+    def panel(self) -> Panel:
+        """The opening laid out by its map.
+
+        Raises:
+            JobError: MF105 for a design without a map.
+        """
+        if self.map is None:
+            cure = 'Lay it out: Panel.tile(found.opening, "random", seed=1, size="4.4 mm")'
+            raise JobError("MF105", "the design has no map that lays it out", where="Design.panel", cure=cure)
+        return Panel.tile(self.opening, self.map, others=() if self.outer is None else (self.outer,))
 
     @property
     def psnr(self) -> dict[float, float]:
@@ -308,7 +320,7 @@ def design(
             section.setdefault("map", "equal_light")
         if section.get("map") == "none":
             del section["map"]
-        display = _display(emitters, wires)
+        display = sections_as_text({k: v for k, v in (("emitters", emitters), ("wires", wires)) if v is not None})
         more = dict(sections or {})
         for key in more:
             if key not in _FURTHER:
@@ -396,20 +408,6 @@ def _targets(spec: JobSpec, job: Path, out: Path | None) -> dict[str, Path]:
         if section.density is not None or section.cluster is not None:
             targets["outer"] = beside(target)["outer"]
     return targets
-
-
-def _display(emitters: Mapping[str, Any] | None, wires: Mapping[str, Any] | None) -> dict[str, Any]:
-    """[emitters] and [wires] as a job file has them, of those that are stated."""
-    stated: dict[str, tuple[Mapping[str, Any] | None, type[AnySection]]] = {
-        "emitters": (emitters, EmittersSection),
-        "wires": (wires, WiresSection),
-    }
-    # What is no mapping is left to the job file's own checks.
-    return {
-        key: lengths_as_text(held, kind) if isinstance(held, Mapping) else held
-        for key, (held, kind) in stated.items()
-        if held is not None
-    }
 
 
 def _call(section: Mapping[str, Any], *, camera: Mapping[str, Any] | None, images: object) -> str:

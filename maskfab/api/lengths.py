@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from maskfab.base.errors import JobError
 from maskfab.base.units import UM_PER_UNIT, parse_length_um, parse_wavelength_nm
+from maskfab.job.reference import sections_of
+from maskfab.job.sections import JobSpec
 from maskfab.job.values import AnySection, length_keys, um_text
 
 Length = str | float
@@ -85,6 +87,17 @@ def lengths_as_text(stated: Mapping[str, object], section: type[AnySection]) -> 
     """Keys of a section of a job file, with its lengths as a job file has them."""
     lengths = length_keys(section)
     return {key: length_text(value) if key in lengths else value for key, value in stated.items()}
+
+
+def sections_as_text(stated: Mapping[str, object]) -> dict[str, object]:
+    """Sections of a job file, with their lengths as a job file has them; what is no mapping, or none, as it is."""
+    made = dict(stated)
+    for name, held in stated.items():
+        field = JobSpec.model_fields.get(name)
+        kinds = () if field is None or not isinstance(held, Mapping) else tuple(sections_of(field))
+        if len(kinds) == 1 and isinstance(held, Mapping):
+            made[name] = lengths_as_text(held, kinds[0])
+    return made
 
 
 def wavelength_text(value: object, where: str = "wavelength") -> object:

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, overload
 
-from maskfab.api.asked import AnyJob, job_of
+from maskfab.api.asked import AnyJob, AnyPanel, AnyPath, job_of
 from maskfab.api.camera import Camera
 from maskfab.api.lengths import Length, drawing_unit_um, length_text
 from maskfab.api.plate import Plate
@@ -41,7 +41,8 @@ from maskfab.runs.verification import Reproduction, reproduce
 
 @overload
 def run(
-    job: Plate, camera: Camera | None = None, out: str | Path = ..., *, force: bool = ..., pdf: bool = ...,
+    job: Plate | AnyPanel | Mapping[str, AnyPanel] | list[AnyPanel], camera: Camera | None = None,
+    out: str | Path = ..., *, force: bool = ..., pdf: bool = ...,
     progress: Progress = ..., cache: bool = ...
 ) -> Run: ...  # fmt: skip
 @overload
@@ -90,8 +91,8 @@ def run(
         $ maskfab run layouts/upc12.toml --out build/upc12 --pdf
 
     Args:
-        job: job file (.toml); in Python also a plate or a loaded job.
-        camera: of a plate; by default its own.
+        job: job file (.toml); in Python also a plate, panels or a loaded job.
+        camera: of a plate or of panels; by default the plate's, or that of protocol F1.
         out: output directory; it appears when everything in it is complete.
         cache: find everything anew, and keep nothing; see maskfab self cache. The files are the same either way.
         dry_run: tell stages, what of them is kept, time and memory; write nothing.
@@ -182,16 +183,16 @@ class Verification(Quantities):
 
 
 @overload
-def verify(subject: str | Path, *, again: Literal[True], progress: Progress = ...) -> Reproduction: ...
+def verify(subject: AnyPath, *, again: Literal[True], progress: Progress = ...) -> Reproduction: ...
 @overload
 def verify(
-    subject: str | Path, *, against: AnyJob | None = ..., shop: str | None = ..., die: str | None = ...,
+    subject: AnyPath, *, against: AnyJob | None = ..., shop: str | None = ..., die: str | None = ...,
     layer: str | None = ..., cell: str | None = ..., dots_per_um: float | None = ..., unit_um: str | float | None = ...,
     tone: str | None = ..., ignore: Sequence[str] = ..., tolerance: Length | None = ..., progress: Progress = ...
 ) -> Verification: ...  # fmt: skip
 @checked_arguments
 def verify(
-    subject: Annotated[str | Path, "DIR|PACKAGE|FILE"],
+    subject: Annotated[AnyPath, "DIR|PACKAGE|FILE"],
     *,
     against: Annotated[AnyJob | None, "JOB"] = None,
     shop: str | None = None,
@@ -215,8 +216,9 @@ def verify(
 
     Args:
         subject: the --out of a finished run, a .zip that maskfab order pack wrote, or a mask file (.gds .oas .dxf .gbr
-            .cif .png .tif) from any source.
-        against: job (.toml) to compare a mask file or package with; by default for a package the job in it.
+            .cif .png .tif) from any source. In Python also the result of :func:`maskfab.run`.
+        against: job (.toml) to compare a mask file or package with; by default for a package the job in it. In Python
+            also a plate, panels or a loaded job.
         shop: shop profile to re-check the package against; by default the one in the package.
         die: compare only this die of the job.
         layer: clear layer of the mask file, such as 1/0 or CLEAR.
@@ -373,7 +375,7 @@ class View(Result):
 
 
 @checked_arguments
-def view(directory: str | Path, out: Annotated[str | Path | None, "PAGE.html"] = None, *, force: bool = False) -> View:
+def view(directory: AnyPath, out: Annotated[str | Path | None, "PAGE.html"] = None, *, force: bool = False) -> View:
     """Make one page that shows the plate: layers, dies and their numbers, places of rule violations, a ruler.
 
     It shows the polygons of the first mask file, read back, and needs neither a network nor a server.
@@ -385,7 +387,8 @@ def view(directory: str | Path, out: Annotated[str | Path | None, "PAGE.html"] =
         >>> print(mf.view("build/upc12"))                                              # doctest: +SKIP
 
     Args:
-        directory: finished run, the --out of maskfab run; nothing is written into it.
+        directory: finished run, the --out of maskfab run; nothing is written into it. In Python also the result of
+            :func:`maskfab.run`.
         out: file of the page; by default DIR.html, beside the directory.
         force: replace an existing file.
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Self
 
 from numpy.typing import ArrayLike
@@ -19,7 +19,7 @@ from maskfab.base.model import Tiling
 from maskfab.base.units import NM_PER_UM, parse_length_um, parse_pitch_um, to_nm
 from maskfab.job.read import check_die, check_seed, even_nm, parse_section
 from maskfab.job.sections import DieSection
-from maskfab.job.values import um_text
+from maskfab.job.values import check_name, um_text
 from maskfab.mask.job import check_alike
 from maskfab.mask.opening_file import checked
 from maskfab.mask.panels import CellMap, panel_shape, shifted_openings, tiled
@@ -145,6 +145,16 @@ class Panel(model.Panel):
         panel = tiled(section, laid, side_nm, cells, where=_WHERE)
         own = {field.name: getattr(panel, field.name) for field in fields(panel)}
         return cls(**own, section=section, held=held, cells=cells)
+
+    def renamed(self, names: Mapping[str, str]) -> Self:
+        """The panel with other names of its openings, by those that they have."""
+        other = {name: check_name(new, where="Panel.renamed") for name, new in names.items()}
+        held = tuple(replace(one, name=other.get(one.name, one.name)) for one in self.held)
+        drawn = [replace(one, name=other.get(one.name, one.name)) for one in (self.opening, *self.others)]
+        stated = {"opening": held[0].name, "others": tuple(one.name for one in held[1:]) or None}
+        label = other.get(self.section.label, self.section.label)
+        section = self.section.model_copy(update={**stated, "label": label})
+        return replace(self, opening=drawn[0], others=tuple(drawn[1:]), held=held, section=section)
 
     @property
     def side_nm(self) -> int:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from maskfab.api.camera import F1, Camera
-from maskfab.api.lengths import Length, length_text
+from maskfab.api.lengths import Length, length_text, sections_as_text
 from maskfab.api.panel import Panel
 from maskfab.base import model
 from maskfab.base.checks import checked_arguments
@@ -127,19 +127,27 @@ class Plate:
             else length_text(die_pitch, "size", f"{_WHERE}.of"),
             "columns": math.isqrt(len(every) - 1) + 1 if columns is None else columns,
         }
-        more = dict(sections or {})
-        for key in more:
-            if key in _OWN or key not in JobSpec.model_fields:
-                cure = f"Use {', '.join(sorted(set(JobSpec.model_fields) - _OWN - {'curves', 'shops'}))}"
-                raise JobError("MF102", f"unknown section {key!r}", where=f"{_WHERE}.of: sections", cure=cure)
-        return cls(
+        made = cls(
             parse_section(JobSection, {"name": name, "title": title or name}, where=_WHERE),
             parse_section(PlateSection, stated, where=_WHERE),
             every,
             dict(labels or {}),
             camera,
-            more,
+            {},
         )
+        return made.with_sections(sections or {})
+
+    def with_sections(self, sections: Mapping[str, Any]) -> Plate:
+        """The plate with further sections of a job file, in place of those that it has of these names.
+
+        Raises:
+            JobError: MF102 for a section that no job has, or that the plate states itself.
+        """
+        for key in sections:
+            if key in _OWN or key not in JobSpec.model_fields:
+                cure = f"Use {', '.join(sorted(set(JobSpec.model_fields) - _OWN - {'curves', 'shops'}))}"
+                raise JobError("MF102", f"unknown section {key!r}", where=f"{_WHERE}.of: sections", cure=cure)
+        return replace(self, sections={**self.sections, **sections_as_text(sections)})
 
     @checked_arguments
     def job(self, camera: Camera | None = None) -> Job:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import html
+from base64 import b64encode
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from inspect import signature
@@ -69,7 +71,17 @@ class Result:
         return str(self)
 
     def _repr_html_(self) -> str | None:
-        return self.numbers._repr_html_() if len(self.numbers) else None
+        """The picture, where there is one, over the numbers, or the words that ``print`` says: for notebooks."""
+        words = self.numbers._repr_html_() if len(self.numbers) else f"<pre>{html.escape(str(self))}</pre>"
+        return f"{self._shown()}{words}"
+
+    def _shown(self) -> str:
+        """The picture as HTML; empty where there is none."""
+        drawing = self.plot()
+        if drawing is not None:
+            return drawing.svg()
+        picture = getattr(self, "_repr_png_", lambda: None)()
+        return "" if picture is None else f'<img src="data:image/png;base64,{b64encode(picture).decode()}">'
 
     def _repr_svg_(self) -> str | None:
         drawing = self.plot()

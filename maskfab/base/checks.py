@@ -135,7 +135,15 @@ Given = ParamSpec("Given")
 Result = TypeVar("Result")
 
 _WORDS: Mapping[object, str] = types.MappingProxyType(
-    {str: "text", Path: "a path", bool: "True or False", int: "a whole number", float: "a number", type(None): "None"}
+    {
+        str: "text",
+        Path: "a path",
+        PathLike[str]: "a path",
+        bool: "True or False",
+        int: "a whole number",
+        float: "a number",
+        type(None): "None",
+    }
 )
 _SHOWN = 60
 
@@ -236,7 +244,7 @@ def _fits(value: object, hint: Any) -> bool:
         return isinstance(value, Integral) and not isinstance(value, bool)
     if hint is bool:
         return isinstance(value, bool | np.bool_)
-    if hint is Path:
+    if hint is Path or origin is PathLike:
         return isinstance(value, PathLike)
     return not isinstance(hint, type) or isinstance(value, hint)
 

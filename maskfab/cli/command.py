@@ -27,7 +27,16 @@ import typer
 
 import maskfab
 
-_TYPES: Mapping[str, type] = {"bool": bool, "int": int, "float": float, "Path": Path, "Place": Path, "AnyJob": Path}
+_TYPES: Mapping[str, type] = {
+    "AnyJob": Path,
+    "AnyPath": Path,
+    "AnyReport": Path,
+    "bool": bool,
+    "int": int,
+    "float": float,
+    "Path": Path,
+    "Place": Path,
+}
 _TEXTS = frozenset({"str", "Length", "Wavelength", "Engine", "ProtocolName", "Light"})
 _BOUNDS = re.compile(r"(\d\S*)\.\.(\d\S*)")
 _METAVARS = {bool: "", int: "N", float: "NUMBER", str: "TEXT", Path: "PATH"}

@@ -71,6 +71,10 @@ class Result:
     taken: tuple[int, int] | None = None
     accounts: tuple[Account, ...] = ()
 
+    def __fspath__(self) -> str:
+        """Its directory, wherever a path is taken."""
+        return str(self.directory)
+
     @property
     def passed(self) -> bool:
         """Whether no check failed."""

@@ -338,6 +338,37 @@ def to_document(
     return plain
 
 
+def designed_document(
+    digest: str,
+    dies: Sequence[Die],
+    quantities: Mapping[str, Sequence[Quantity]],
+    camera: Camera,
+    photographs: Document,
+) -> Document:
+    """Dies as designed, of which no file was written, as far as reports are compared: camera, numbers, photographs.
+
+    Args:
+        digest: of the job.
+        dies: alone, each about the origin.
+        quantities: by die.
+        camera: that looks through them.
+        photographs: of :func:`maskfab.report.documents.die.photographs_document`.
+    """
+    plain: Document = _plain(
+        {
+            "schema_version": SCHEMA_VERSION,
+            "maskfab_version": __version__,
+            "title": "as designed",
+            "job_hash": digest,
+            "camera": _Camera.document(camera, stop={**_Stop.document(camera.stop), **stop_facts(camera.stop)}),
+            "photographs": photographs,
+            "dies": [_die(die, quantities[die.name]) for die in dies],
+        },
+        "report",
+    )
+    return plain
+
+
 def report_text(document: Mapping[str, Any]) -> str:
     """The document as JSON text: equal documents give equal bytes, keys in the contract's order.
 
@@ -443,6 +474,11 @@ def read_reports(paths: list[Path]) -> tuple[FinishedReport, ...]:
             what = f"report {number + 1}, {report.name}, is the same as report {earlier + 1}, {reports[earlier].name}"
             cure = "Name each report once; two dies of one report are compared by naming it alone"
             raise JobError("MF105", what, where="REPORT", cure=cure)
+    return named_apart(reports)
+
+
+def named_apart(reports: Sequence[FinishedReport]) -> tuple[FinishedReport, ...]:
+    """Reports of names of their own: of equal names, each gets a number."""
     names = [report.name for report in reports]
     return tuple(
         report if names.count(name) == 1 else replace(report, name=f"{name}#{names[:number].count(name) + 1}")

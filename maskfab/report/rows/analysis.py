@@ -30,7 +30,7 @@ from maskfab.mask.formats.gdsii import write_oasis
 from maskfab.mask.formats.table import MEASURED_SUFFIXES, read_layout
 from maskfab.mask.layout import plate_layout, region
 from maskfab.mask.limits import allow
-from maskfab.mask.panels import check_light, check_panel_size
+from maskfab.mask.panels import check_cover, check_panel_size
 from maskfab.mask.raster import aperture_in_stop, edge_distances
 from maskfab.mask.sandbox import bounded
 from maskfab.optics import metrics
@@ -175,10 +175,25 @@ def analyse_opening(opening: Opening, request: Request, progress: Progress = sil
         tiling,
         request.seed,
     )
-    check_light(panel, camera.stop, where="the request: stop.diameter")
-    die = Die(opening.name, opening.name, panel, (0, 0), cells * pitch_nm)
+    return analyse_panel(panel, opening.name, request, progress)
+
+
+@one_thread
+def analyse_panel(panel: Panel, name: str, request: Request, progress: Progress = silent) -> Analysis:
+    """Analysis of a panel, whose middle is on the axis; else as :func:`analyse`.
+
+    Raises:
+        JobError: MF114 for a panel that does not cover the stop; else as :func:`analyse`.
+    """
+    camera, scene = request.camera, None if request.scene is None else request.scene.through(request.blank)
+    check_lens(camera, where="the request")
+    check_optics(camera, panel.dot_nm / NM_PER_UM, where="the request")
+    reach = camera.stop.diameter_um / 2 if scene is None else scene_reach_um(camera, scene)
+    check_cover(panel, camera.stop, name, where="the request: stop.diameter")
+    side_nm = max(panel.size_nm)
+    die = Die(name, name, panel, (0, 0), side_nm)
     plan = None if scene is None else scene_plan(die, camera, scene, request.accuracy, "the request")
-    plate = Plate(opening.name, "", cells * pitch_nm, cells * pitch_nm, (die,), (), (), ())
+    plate = Plate(name, "", side_nm, side_nm, (die,), (), (), ())
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "panel.oas"
         write_oasis(plate_layout(plate), file)
@@ -189,11 +204,25 @@ def analyse_opening(opening: Opening, request: Request, progress: Progress = sil
     bar = bar_of_panel(panel, camera, request.blank, None)
     standard = (*result.quantities, *bar)
     if scene is None or plan is None:
-        return Analysis(opening.name, result.psfs, result.mtfs, standard)
+        return Analysis(name, result.psfs, result.mtfs, standard)
     progress("scene", 0, 1)
     seen = measure_scene(die, camera, scene, read_openings(die, read, reach), plan, request.blank)
     progress("scene", 1, 1)
-    return Analysis(opening.name, result.psfs, result.mtfs, (*standard, *seen.quantities), seen)
+    return Analysis(name, result.psfs, result.mtfs, (*standard, *seen.quantities), seen)
+
+
+def sized(opening: Opening, request: Request) -> Opening:
+    """An opening that does not know its dots, such as that of an array, with those of the request.
+
+    Raises:
+        JobError: MF105 where the request states none; MF106, MF107 for a pitch of no whole dots.
+    """
+    if request.dot_um is not None:
+        return replace(opening, dot_nm=to_nm(request.dot_um, where="dot", name="dot"))
+    if request.pitch_um is None:
+        what = "an array does not state the pitch of its pixel"
+        raise JobError("MF105", what, where="analyse: pitch", cure='Add pitch="168 um"')
+    return _scaled(opening, request)
 
 
 def _load(path: Path, request: Request) -> Opening:
