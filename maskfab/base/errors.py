@@ -4,6 +4,7 @@
      ├─ InputError          exit 2: the user can correct it
      │   ├─ JobError        MF1xx  the job file
      │   │   ├─ MissingPackageError  MF152  a package of an extra that is not installed
+     │   │   └─ ManyFaultsError  MF153  several faults of one input; ``faults`` has each as an error of its own
      │   ├─ OpeningError    MF2xx  an opening
      │   ├─ SourceError     MF3xx  a file that is read
      │   ├─ OutputError     MF4xx  the place results go to
@@ -23,10 +24,11 @@ checkers what a test proves, and is one line longer as it is laid out.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from errno import ENOMEM
 from functools import partial
-from types import MappingProxyType
+from types import MappingProxyType, TracebackType
+from typing import Self
 
 CATALOGUE: Mapping[str, str] = MappingProxyType(
     {
@@ -74,6 +76,8 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF150": "A budget is shorter than the least work that is useful.",
         "MF151": "Answers about a display contradict each other.",
         "MF152": "A package that this needs is not installed.",
+        "MF153": "A job has several faults; each is told with its own code, place and cure.",
+        "MF154": "A job is written for a later version of maskfab.",
         "MF156": "A length or wavelength makes no sense in its unit.",
         "MF159": "Dots that a gradient is asked of are no tensor of openings, or the panel has no place for them.",
         "MF160": "A sweep's field does not state its values once, or a sweep has no case, or too many.",
@@ -191,7 +195,17 @@ class MaskfabError(Exception):
         remedy = f" {cure}" if cure else ""
         super().__init__(f"{code} {what}{place}.{remedy}")
 
-    def __reduce__(self) -> tuple[Callable[..., MaskfabError], tuple[str, str]]:
+    @property
+    def faults(self) -> tuple[MaskfabError, ...]:
+        """All that is wrong, each as an error of its own; of most errors the error itself."""
+        return (self,)
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain data: code, what, where and cure, and those of every fault."""
+        facts = [{"code": e.code, "what": e.what, "where": e.where, "cure": e.cure} for e in (self, *self.faults)]
+        return {**facts[0], "faults": facts[1:]}
+
+    def __reduce__(self) -> tuple[Callable[..., MaskfabError], tuple[object, ...]]:
         """Errors of a process of its own come here whole."""
         return partial(type(self), where=self.where, cure=self.cure), (self.code, self.what)
 
@@ -222,6 +236,27 @@ class JobError(InputError):
 
 class MissingPackageError(JobError):
     """Work is asked for that needs a package which is not installed."""
+class ManyFaultsError(JobError):
+    """Several faults of one input, told at once.
+
+    Args:
+        faults: two or more, in the order in which they are told.
+    """
+
+    def __init__(self, faults: Sequence[MaskfabError]) -> None:
+        places = {fault.where.partition(": ")[0] for fault in faults}
+        where = places.pop() if len(places) == 1 else ""
+        super().__init__("MF153", f"{len(faults)} faults", where=where, cure="Mend them all; each says how")
+        self._faults = tuple(faults)
+        self.args = ("\n".join([str(self), *(f"  {fault}" for fault in faults)]),)
+
+    @property
+    def faults(self) -> tuple[MaskfabError, ...]:
+        """The faults, one or more lines of the message each."""
+        return self._faults
+
+    def __reduce__(self) -> tuple[Callable[..., MaskfabError], tuple[object, ...]]:
+        return type(self), (self._faults,)
 
 
 class OpeningError(InputError):
@@ -245,3 +280,56 @@ class UnknownNameError(InputError, KeyError):
 
 class InternalError(MaskfabError):
     """An invariant of maskfab itself was broken."""
+
+
+class AtFault(Exception):  # noqa: N818 - no error of its own: the fault that it follows from is told
+    """A value that is at fault itself is read; what reads it has nothing to judge."""
+
+
+class Faults:
+    """Faults of one input, gathered so that all are told at once.
+
+        faults = Faults()
+        with faults:
+            check_lens(camera)
+        with faults:
+            check_scene(scene)
+        faults.refuse()
+
+    A block ends at its first refusal, and in silence where it reads a value that is known to be at fault.
+    """
+
+    def __init__(self) -> None:
+        self._found: list[MaskfabError] = []
+
+    def __bool__(self) -> bool:
+        return bool(self._found)
+
+    def __iter__(self) -> Iterator[MaskfabError]:
+        return iter(self._found)
+
+    def add(self, fault: MaskfabError) -> None:
+        """Keep a fault, or those that it consists of; one that was told before is not told again."""
+        told = {str(known) for known in self._found}
+        self._found += [one for one in fault.faults if str(one) not in told]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> bool:
+        if isinstance(error, InputError):
+            self.add(error)
+        return isinstance(error, InputError | AtFault)
+
+    def refuse(self) -> None:
+        """Raise what was found: nothing for none, one as it is, several as one.
+
+        Raises:
+            InputError: as above.
+        """
+        if len(self._found) > 1:
+            raise ManyFaultsError(self._found)
+        if self._found:
+            raise self._found[0]

@@ -219,7 +219,7 @@ def _named_as_options(command: Command) -> Iterator[None]:
     except MaskfabError as error:
         options = {option.name: option.spelling[0] for option in command.options}
         function, _, argument = error.where.rpartition(": ")
-        if argument not in options or not (function.isidentifier() or not function):
+        if argument not in options or not (function.isidentifier() or not function) or len(error.faults) > 1:
             raise
         raise type(error)(error.code, error.what, where=options[argument], cure=error.cure) from error
 
@@ -255,12 +255,13 @@ def _ended_by_signals() -> Iterator[None]:
 
 
 def _tell(error: MaskfabError, as_json: bool) -> int:
-    tell(f"error: {error}")
+    tell(f"error: {error}".partition("\n  MF")[0] if len(error.faults) > 1 else f"error: {error}")
+    for fault in error.faults if len(error.faults) > 1 else ():
+        tell(f"  {fault}")
     if as_json:
         _print_error(error)
     return error.exit_code
 
 
 def _print_error(error: MaskfabError) -> None:
-    facts = {"code": error.code, "what": error.what, "where": error.where, "cure": error.cure}
-    print_json({"error": facts})
+    print_json({"error": error.to_dict()})

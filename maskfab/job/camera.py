@@ -9,19 +9,20 @@ rounds to its codes. :mod:`maskfab.camera.sensor` takes pictures by it.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
-from pydantic import Field, GetCoreSchemaHandler
+from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
 from maskfab.base import checks as require
 from maskfab.base.errors import JobError
-from maskfab.base.units import UM_PER_MM
-from maskfab.job.values import Corners, Length, Section, Stated, Wavelength, checks
+from maskfab.base.units import NM_PER_UM, UM_PER_MM
+from maskfab.job.values import Corners, Length, Section, Stated, Wavelength, checks, length_um, um_text
 
 StopShape = Literal["circle", "square", "ellipse", "rectangle", "annulus", "polygon"]
 STOP_SHAPES: tuple[StopShape, ...] = get_args(StopShape)
@@ -33,7 +34,8 @@ class StopSection(Section):
     shape: StopShape = "circle"
     """Shape of the lens stop."""
     diameter: Length | None = None
-    """Diameter of a circle or of an annulus, side of a square."""
+    """Diameter of a circle or of an annulus, side of a square; as the others also as a share of camera.focal, such as
+    "f/1.8"."""
     inner: Length | None = None
     """Diameter of the dark middle of an annulus."""
     width: Length | None = None
@@ -131,11 +133,21 @@ class Stop:
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         section = handler.generate_schema(StopSection)
+
+        def made(value: Any, read: Any) -> Stop:
+            if isinstance(value, cls):
+                return value
+            return cls._of_section(read({"diameter": value} if isinstance(value, str | int | float) else value))
+
         return core_schema.no_info_wrap_validator_function(
-            lambda value, read: value if isinstance(value, cls) else cls._of_section(read(value)),
+            made,
             section,
             serialization=core_schema.plain_serializer_function_ser_schema(cls.as_stated, return_schema=section),
         )
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        return {"anyOf": [handler(core), {"type": "string"}]}
 
     @classmethod
     def ellipse(cls, width_um: float, height_um: float) -> Stop:
@@ -193,6 +205,25 @@ class Stop:
         return replace(self, shape=shape, diameter_um=max(width, height), size_um=(width, height))
 
 
+_RATIO = re.compile(r"\s*[fF]\s*/\s*(\d+\.?\d*|\.\d+)\s*")
+
+
+def stop_ratio(stop: object) -> bool:
+    """Whether a stop, or a length of it, is stated by its ratio, such as "f/1.8"."""
+    sizes = stop.values() if isinstance(stop, Mapping) else (stop,)
+    return any(isinstance(size, str) and _RATIO.fullmatch(size) for size in sizes)
+
+
+def _relative(size: object, focal_um: float) -> object:
+    """A length, to the nanometre, in place of a ratio; anything else as it is."""
+    match = _RATIO.fullmatch(size) if isinstance(size, str) else None
+    if match is None:
+        return size
+    if not (ratio := float(match[1])):
+        raise JobError("MF104", f"stop = {size!r} has no diameter", cure='Write a number above 0, such as "f/1.8"')
+    return um_text(round(focal_um / ratio * NM_PER_UM) / NM_PER_UM)
+
+
 def _signed_area(outline: Sequence[tuple[float, float]]) -> float:
     """Positive if the corners run counter-clockwise (the shoelace formula)."""
     ends = (*outline[1:], *outline[:1])
@@ -206,13 +237,27 @@ class Camera(Stated):
     focal_um: Length
     """Focal length of the lens."""
     stop: Stop
-    """The lens stop, a table."""
+    """The lens stop: the diameter of a circle, such as "f/1.8" of the focal length or "4 mm", or a table."""
     wavelengths_nm: Annotated[tuple[Wavelength, ...], Field(min_length=1, max_length=64, strict=False)]
     """One to 64 lines at which PSF and MTF are computed."""
     pixel_um: Length
     """Pixel pitch of the sensor."""
     window_um: Length = 256.0
     """Side of the PSF's window on the sensor; at most wavelength x focal / dot."""
+
+    @classmethod
+    def with_lengths(cls, stated: Any) -> Any:
+        """What a file states, with lengths in place of "f/1.8"."""
+        if not isinstance(stated, Mapping) or not stop_ratio(stop := stated.get("stop")):
+            return stated
+        try:
+            focal_um = length_um(stated.get("focal"))
+        except JobError:
+            # The focal length is at fault, and nothing is judged by a stop that follows from it.
+            focal_um = 1.0
+        if isinstance(stop, Mapping):
+            return {**stated, "stop": {key: _relative(value, focal_um) for key, value in stop.items()}}
+        return {**stated, "stop": _relative(stop, focal_um)}
 
     def __post_init__(self) -> None:
         for name in ("focal_um", "pixel_um", "window_um"):

@@ -1,4 +1,4 @@
-"""A valid job from a file or parsed data, or the first thing that is wrong with it.
+"""A valid job from a file or parsed data, or all that is wrong with it.
 
 Every section is checked by its own type; here are the checks that involve more than one.
 """
@@ -10,19 +10,21 @@ import math
 import os
 import re
 from collections import Counter
+from collections.abc import Sequence, Set
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from pydantic import ValidationError
 
-from maskfab.base import resources, units
-from maskfab.base.errors import JobError, SourceError
+from maskfab.base import __version__, resources, units
+from maskfab.base.errors import AtFault, Faults, JobError, SourceError
 from maskfab.base.model import Tiling
 from maskfab.base.units import NM_PER_UM, UM_PER_NM
 from maskfab.job.camera import Camera
+from maskfab.job.faults import JobFaults, problems, sound_part
 from maskfab.job.sections import DesignSection, DieSection, JobSpec, RelaxSection, SearchSection
 from maskfab.job.toml import loads
-from maskfab.job.values import METHODS, SOLIDS, AnySection, first_problem
+from maskfab.job.values import METHODS, SOLIDS, AnySection
 
 _MOST_DOTS_ACROSS_STOP = 6000
 _MOST_SAMPLES = 4096
@@ -31,34 +33,68 @@ _FILM_UM = (0.01, 1e6)
 """Films that solids show: STEP, to which 0.1 nm is nothing, cuts thinner ones wrongly; thicker ones dwarf any plate."""
 
 
-def check_dies(spec: JobSpec, where: str) -> None:
-    """Dies of different names, on the grid of 1 nm, before a fit camera.
+def check_dies(spec: JobSpec, faults: Faults, where: str) -> None:
+    """Dies of different names, on the grid of 1 nm, before a fit camera; each is judged by itself.
+
+    Args:
+        spec: of the job.
+        faults: gets MF105 to MF131, see :func:`check_lens` and :func:`check_pupil` for the camera; its window is left
+            to what shows a PSF, see :func:`check_windows`.
+        where: file, for errors.
+    """
+    with faults:
+        check_lens(spec.camera, where=f"{where}: camera.stop")
+        number, die = min(enumerate(spec.die), key=lambda pair: pair[1].dot, default=(0, None))
+        if die is not None:
+            _check_across(spec.camera, die.dot, f"{where}: die[{number}]")
+    with faults:
+        check_lines(spec.camera, where=f"{where}: camera.wavelengths")
+    with faults:
+        check_names([die.name for die in spec.die], where=f"{where}: die")
+    with faults:
+        for number, die in enumerate(spec.die):
+            place = f"{where}: die[{number}]"
+            with faults:
+                check_tiling(die, place)
+            with faults:
+                units.to_nm(die.dot, where=f"{place}.dot", name="dot")
+            with faults:
+                even_nm(die.gutter, where=f"{place}.gutter", name="gutter")
+
+
+def check_names(names: Sequence[str], *, where: str) -> None:
+    """Names of dies that differ, in more than their case.
 
     Raises:
-        JobError: MF105 to MF131, see :func:`check_lens` and :func:`check_pupil` for the camera; its window is left to
-            what shows a PSF, see :func:`check_windows`.
+        JobError: MF109.
     """
-    check_lens(spec.camera, where=f"{where}: camera.stop")
-    for name, count in Counter(die.name for die in spec.die).items():
+    for name, count in Counter(names).items():
         if count > 1:
             what = f"{count} dies have the name {name!r}"
-            raise JobError("MF109", what, where=f"{where}: die", cure="Give each die a name of its own")
-    for folded, count in Counter(die.name.lower() for die in spec.die).items():
+            raise JobError("MF109", what, where=where, cure="Give each die a name of its own")
+    for folded, count in Counter(name.lower() for name in names).items():
         if count > 1:
-            alike = ", ".join(repr(die.name) for die in spec.die if die.name.lower() == folded)
+            alike = ", ".join(repr(name) for name in names if name.lower() == folded)
             what = f"the dies {alike} differ in case only, and many systems would write their files over each other"
-            raise JobError("MF109", what, where=f"{where}: die", cure="Give each die a name of its own")
-    for number, die in enumerate(spec.die):
-        place = f"{where}: die[{number}]"
-        check_die(die, place)
-        check_pupil(spec.camera, die.dot, where=place)
+            raise JobError("MF109", what, where=where, cure="Give each die a name of its own")
 
 
 def check_die(die: DieSection, where: str) -> None:
     """A tiling with the map that it needs, and a dot and a gutter on the grid of 1 nm.
 
     Raises:
-        JobError: MF105, MF107 or MF122.
+        JobError: MF107 or MF122.
+    """
+    check_tiling(die, where)
+    units.to_nm(die.dot, where=f"{where}.dot", name="dot")
+    even_nm(die.gutter, where=f"{where}.gutter", name="gutter")
+
+
+def check_tiling(die: DieSection, where: str) -> None:
+    """A tiling with the map, the openings and the gutter that go with it.
+
+    Raises:
+        JobError: MF122.
     """
     if (die.tiling is Tiling.MAP) != (die.map is not None):
         without = die.map is None
@@ -69,8 +105,6 @@ def check_die(die: DieSection, where: str) -> None:
         what = f"die {die.name!r} is tiled hexagonal, which takes one opening and no gutter"
         cure = "Remove that key, or use another tiling"
         raise JobError("MF122", what, where=f"{where}.{'others' if die.others else 'gutter'}", cure=cure)
-    units.to_nm(die.dot, where=f"{where}.dot", name="dot")
-    even_nm(die.gutter, where=f"{where}.gutter", name="gutter")
 
 
 def check_seed(die: DieSection, where: str) -> None:
@@ -97,26 +131,33 @@ def check_display(spec: JobSpec, where: str) -> None:
             raise JobError("MF105", f"the job has [{name}] and no [emitters]", where=f"{where}: {name}", cure=cure)
 
 
-def check_method(document: object, where: str) -> None:
-    """Keys of [design] that belong to the other method, told as such before they are found to be unknown.
+def check_method(document: object, faults: Faults, where: str) -> Set[str]:
+    """Keys of [design] that belong to the other method, told as such rather than as unknown.
 
-    Raises:
-        JobError: MF102; MF105 for a method that there is not.
+    Args:
+        document: the job as plain data.
+        faults: gets MF102; MF105 for a method that there is not.
+        where: file, for errors.
+
+    Returns:
+        Keys of [design] that are told.
     """
     design = document.get("design") if isinstance(document, dict) else None
     if not isinstance(design, dict):
-        return
+        return frozenset()
     method = design.get("method", "search")
     if method not in METHODS:
-        what = f"design.method = {method!r} is not a design method"
-        raise JobError("MF105", what, where=f"{where}: design.method", cure=f"Use {' or '.join(map(repr, METHODS))}")
+        what, place = f"design.method = {method!r} is not a design method", f"{where}: design.method"
+        faults.add(JobError("MF105", what, where=place, cure=f"Use {' or '.join(map(repr, METHODS))}"))
+        return frozenset(design)
     own, other = (SearchSection, RelaxSection) if method == "search" else (RelaxSection, SearchSection)
-    for key in design:
-        if key in other.model_fields and key not in own.model_fields:
-            another = "relax" if method == "search" else "search"
-            what = f'the key {key!r} belongs to method = "{another}", and the method is "{method}"'
-            cure = f'Remove it, or set method = "{another}"'
-            raise JobError("MF102", what, where=f"{where}: design.{key}", cure=cure)
+    another = "relax" if method == "search" else "search"
+    strange = [key for key in design if key in other.model_fields and key not in own.model_fields]
+    for key in strange:
+        what = f'the key {key!r} belongs to method = "{another}", and the method is "{method}"'
+        cure = f'Remove it, or set method = "{another}"'
+        faults.add(JobError("MF102", what, where=f"{where}: design.{key}", cure=cure))
+    return frozenset(strange)
 
 
 def check_design(spec: JobSpec, where: str) -> None:
@@ -169,7 +210,14 @@ def _check_search(design: SearchSection, where: str) -> None:
 
 def _asked(design: DesignSection) -> set[str]:
     """Keys with other values than their defaults; a job that was written out states those too."""
-    return {name for name, field in type(design).model_fields.items() if getattr(design, name) != field.default}
+    stated = set()
+    for name, field in type(design).model_fields.items():
+        try:
+            if getattr(design, name) != field.default:
+                stated.add(name)
+        except AtFault:
+            stated.add(name)
+    return stated
 
 
 def _check_relax(design: RelaxSection, where: str) -> None:
@@ -246,9 +294,25 @@ def check_lens(camera: Camera, *, where: str) -> None:
 
 
 def check_windows(spec: JobSpec, where: str) -> None:
-    """Refuse the window of a PSF that a die has no room for, by :func:`check_window`; photographs use none."""
-    for number, die in enumerate(spec.die):
+    """Refuse the window of a PSF that a die has no room for, by :func:`check_window`; photographs use none.
+
+    Coarse dots leave the least room.
+    """
+    if spec.die:
+        number, die = max(enumerate(spec.die), key=lambda pair: pair[1].dot)
         check_window(spec.camera, die.dot, where=f"{where}: die[{number}]")
+
+
+def check_lines(camera: Camera, *, where: str) -> None:
+    """Refuse a wavelength that is there twice.
+
+    Raises:
+        JobError: MF105.
+    """
+    twice = [line for line, count in Counter(camera.wavelengths_nm).items() if count > 1]
+    if twice:
+        what = f"the wavelength {twice[0]:g} nm is given more than once"
+        raise JobError("MF105", what, where=where, cure="List each wavelength once")
 
 
 def check_optics(camera: Camera, dot_um: float, *, where: str) -> None:
@@ -258,15 +322,16 @@ def check_optics(camera: Camera, dot_um: float, *, where: str) -> None:
 
 
 def check_pupil(camera: Camera, dot_um: float, *, where: str) -> None:
-    """Refuse an aperture too fine to hold, and a wavelength that is there twice.
+    """Refuse an aperture too fine to hold, and what :func:`check_lines` refuses.
 
     Raises:
         JobError: MF105 if a wavelength is there twice; MF115 if the stop is more than 6000 dots across.
     """
-    twice = [line for line, count in Counter(camera.wavelengths_nm).items() if count > 1]
-    if twice:
-        what = f"the wavelength {twice[0]:g} nm is given more than once"
-        raise JobError("MF105", what, where=f"{where}: camera.wavelengths", cure="List each wavelength once")
+    check_lines(camera, where=f"{where}: camera.wavelengths")
+    _check_across(camera, dot_um, where)
+
+
+def _check_across(camera: Camera, dot_um: float, where: str) -> None:
     across = camera.stop.diameter_um / dot_um
     if across > _MOST_DOTS_ACROSS_STOP:
         what = (
@@ -408,7 +473,7 @@ def read(path: Path) -> JobSpec:
 
     Raises:
         SourceError: MF301, MF302, MF303 or MF308 if the file cannot be read.
-        JobError: MF101 to MF115 for the first thing that is wrong with its content.
+        JobError: MF101 to MF131 for what is wrong with its content, all of it at once.
     """
     return validate(document(path, "job"), where=str(path))
 
@@ -424,6 +489,11 @@ def document(path: Path, kind: str) -> object:
         SourceError: MF301, MF302, MF303, MF304 or MF308 if the file cannot be read.
         JobError: MF101 for what is no TOML.
     """
+    if os.path.isdir(path):
+        jobs = sorted(file.name for file in path.glob("*.toml"))
+        inside = f" such as {path / ('job.toml' if 'job.toml' in jobs else jobs[0])}" if jobs else ""
+        what = f"{path} is a folder, and a {kind} file is meant"
+        raise SourceError("MF301", what, cure=f"Give a file (.toml) in it{inside}")
     if not os.path.isfile(path):
         cure = f"Give the path of a {kind} file (.toml); the shipped ones are in {resources.path('layouts')}"
         raise SourceError("MF301", f"there is no {kind} file {path}", cure=cure)
@@ -446,17 +516,72 @@ def document(path: Path, kind: str) -> object:
 
 
 def validate(document: object, *, where: str) -> JobSpec:
-    """A spec from parsed data; ``where`` names the file in errors."""
-    check_method(document, where)
-    spec = parse_section(JobSpec, document, where=where)
-    check_design(spec, where)
-    check_dies(spec, where)
-    check_display(spec, where)
-    check_scene(spec, where)
-    check_film(spec, where)
-    check_order(spec, where)
-    check_report(spec, where)
+    """A spec from parsed data; ``where`` names the file in errors.
+
+    Raises:
+        JobError: for all that is wrong, at once.
+    """
+    faults = JobFaults.of(document)
+    spec = examined(document, faults, where=where)
+    faults.refuse()
     return spec
+
+
+def examined(document: object, faults: JobFaults, *, where: str) -> JobSpec:
+    """A spec from parsed data, and all that is wrong with it.
+
+    Args:
+        document: the data.
+        faults: gets what is wrong.
+        where: file, for errors.
+
+    Returns:
+        The spec; with faults one of which no value that is at fault can be read (:class:`AtFault`).
+
+    Raises:
+        InputError: for what leaves nothing to judge, such as a list.
+    """
+    check_version(document, where)
+    told = check_method(document, faults, where)
+    try:
+        spec = JobSpec.model_validate(document)
+    except ValidationError as error:
+        for fault in problems(error, JobSpec, document, where):
+            if fault.where.removeprefix(f"{where}: design.") not in told:
+                faults.add(fault)
+        try:
+            spec = sound_part(error, JobSpec, document, faults, where)
+        except AtFault:
+            faults.refuse()
+            raise
+    for check in (check_design, check_display, check_scene, check_film, check_order, check_report):
+        with faults:
+            check(spec, where)
+    with faults:
+        check_dies(spec, faults, where)
+    return spec
+
+
+def check_version(document: object, where: str) -> None:
+    """Refuse a job that says it needs a later version, before its keys are found to be unknown.
+
+    Raises:
+        JobError: MF154; MF105 for what is no version.
+    """
+    needed = document.get("maskfab") if isinstance(document, dict) else None
+    if needed is None:
+        return
+    if not (isinstance(needed, str) and _VERSION.fullmatch(needed)):
+        what, cure = f"maskfab = {needed!r} is not a version", f'Write maskfab = "{__version__}", or leave it out'
+        raise JobError("MF105", what, where=f"{where}: maskfab", cure=cure)
+    asked, own = ([int(part) for part in version.split(".")] for version in (needed, __version__))
+    if asked > own:
+        what = f"the job needs maskfab {needed} or later, and this is {__version__}"
+        cure = f"Install it: pip install 'maskfab>={needed}'; or remove the key, and mend what is then refused"
+        raise JobError("MF154", what, where=f"{where}: maskfab", cure=cure)
+
+
+_VERSION = re.compile(r"\d{1,6}(\.\d{1,6}){0,3}")
 
 
 def parse_section(kind: type[Kind], values: object, *, where: str) -> Kind:
@@ -464,7 +589,11 @@ def parse_section(kind: type[Kind], values: object, *, where: str) -> Kind:
     try:
         return cast(Kind, kind.model_validate(values))
     except ValidationError as error:
-        raise first_problem(error, where) from error
+        faults = Faults()
+        for fault in problems(error, cast(type[AnySection], kind), values, where):
+            faults.add(fault)
+        faults.refuse()
+        raise
 
 
 def _toml(text: str, where: str) -> dict[str, Any]:

@@ -21,15 +21,14 @@ from dataclasses import dataclass
 from difflib import SequenceMatcher
 from functools import cache
 from types import MappingProxyType
-from typing import Any, get_args
+from typing import Any
 
 from pydantic import TypeAdapter
-from pydantic.fields import FieldInfo
 
 from maskfab.base.errors import JobError
 from maskfab.job import camera, order, process, sections
 from maskfab.job.sections import JobSpec
-from maskfab.job.values import AnySection, Section, Stated, key_of, values_of
+from maskfab.job.values import AnySection, Section, Stated, key_of, sections_of, values_of
 
 Keys = tuple[str, ...]
 
@@ -310,18 +309,6 @@ def _methods(models: list[type[AnySection]], path: str) -> Iterator[Table]:
         method = f'{path} (method = "{model.__name__.removesuffix("Section").lower()}")'
         own = [key for key in model.model_fields if key not in common.model_fields]
         yield Table(method, inspect.cleandoc(model.__doc__ or ""), tuple(_key(model, method, key) for key in own))
-
-
-def sections_of(field: FieldInfo) -> Iterator[type[AnySection]]:
-    """The sections that a field holds."""
-    stack: list[Any] = [field.annotation]
-    while stack:
-        kind = stack.pop(0)
-        kind = getattr(kind, "stated_as", kind)
-        if isinstance(kind, type) and issubclass(kind, AnySection):
-            yield kind
-        else:
-            stack[:0] = get_args(kind)
 
 
 def _key(model: type[AnySection], section: str, name: str) -> Key:

@@ -673,6 +673,8 @@ class ProcessSection(Process):
 class JobSpec(Section):
     """A whole job file."""
 
+    maskfab: str | None = None
+    """Least version of maskfab that the job is for, such as "0.2"; an earlier one refuses it."""
     job: JobSection | None = None
     camera: Camera
     plate: PlateSection | None = None
@@ -706,11 +708,14 @@ class JobSpec(Section):
     def dump(self) -> dict[str, Any]:
         """Plain data that loads to an equal spec; defaults are written out, so that they are part of the job's hash.
 
-        Left out are ``curves``, ``maps`` and ``shops`` where they are empty, and what [export] leaves to its shop.
+        Left out are ``curves``, ``maps`` and ``shops`` where they are empty, what [export] leaves to its shop, and the
+        version that the job is for.
         """
         data = self.model_dump(mode="json", exclude_none=True)
         # A job without tables, maps or profiles keeps the hash that it had before jobs could name any.
-        return {key: value for key, value in data.items() if value or key not in {"curves", "maps", "shops"}}
+        kept = {key: value for key, value in data.items() if value or key not in {"curves", "maps", "shops"}}
+        kept.pop("maskfab", None)
+        return kept
 
     @property
     def tone(self) -> Tone:

@@ -14,12 +14,13 @@ from typing import Annotated, Literal, TypeAlias
 
 from pydantic import AfterValidator, Field, ValidationError
 
-from maskfab.base.errors import JobError, OutputError
+from maskfab.base.errors import OutputError
 from maskfab.base.model import CHROME, LAYERS
 from maskfab.base.units import MOST_DPI
+from maskfab.job.faults import problems
 from maskfab.job.order import ChromeSide, Film, Glass, OrderSection, Protection, Reading, Tone
 from maskfab.job.toml import dumps, loads
-from maskfab.job.values import Section, ShopFormat, first_problem
+from maskfab.job.values import Section, ShopFormat
 
 OrderField: TypeAlias = Literal[
     "mask_name",
@@ -360,8 +361,9 @@ def parse_shop(text: str, name: str, *, where: str) -> Shop:
     try:
         shop = Shop.model_validate({**loads(text), "name": name})
     except ValidationError as error:
-        problem: JobError = first_problem(error, where)
-        raise OutputError("MF421", problem.what, where=problem.where, cure=problem.cure) from error
+        problem, *others = problems(error, Shop, loads(text), where)
+        more = f"; {len(others)} more follow{'s' if len(others) == 1 else ''}" if others else ""
+        raise OutputError("MF421", problem.what + more, where=problem.where, cure=problem.cure) from error
     except (ValueError, RecursionError) as error:
         cure = "Correct the TOML there: close quotes and brackets, give every key one value"
         raise OutputError("MF421", f"the profile is not valid TOML: {error}", where=where, cure=cure) from error

@@ -25,7 +25,6 @@ from pydantic import (
     GetCoreSchemaHandler,
     PlainSerializer,
     TypeAdapter,
-    ValidationError,
     model_validator,
 )
 from pydantic.fields import FieldInfo
@@ -88,7 +87,14 @@ class Stated:
         # A strict dataclass would take no table of a file, only an instance.
         table = cast(core_schema.DataclassSchema, handler(source))
         table["strict"] = False
-        return core_schema.no_info_wrap_validator_function(lambda value, read: refusing(read, value), table)
+        return core_schema.no_info_wrap_validator_function(
+            lambda value, read: refusing(lambda stated: read(cls.with_lengths(stated)), value), table
+        )
+
+    @classmethod
+    def with_lengths(cls, stated: Any) -> Any:
+        """What a file states, with lengths for what it states by another key of the table."""
+        return stated
 
     @classmethod
     def model_validate(cls, values: object) -> Self:
@@ -117,9 +123,20 @@ def values_of(section: AnySection) -> Iterator[tuple[str, FieldInfo, Any]]:
         yield key, field, value.as_stated() if hasattr(value, "stated_as") else value
 
 
-_PART = "\x1f"  # parts what from cure on the way through pydantic
-_UNKNOWN = frozenset({"extra_forbidden", "unexpected_keyword_argument"})
-_OUT_OF_RANGE = frozenset({"greater_than", "greater_than_equal", "less_than", "less_than_equal", "finite_number"})
+def sections_of(field: FieldInfo) -> Iterator[type[AnySection]]:
+    """The sections that a field holds."""
+    stack: list[Any] = [field.annotation]
+    while stack:
+        kind = stack.pop(0)
+        kind = getattr(kind, "stated_as", kind)
+        if isinstance(kind, type) and issubclass(kind, AnySection):
+            yield kind
+        else:
+            stack[:0] = get_args(kind)
+
+
+PART = "\x1f"
+"""Parts what from cure on the way through pydantic."""
 
 
 def refusing(parse: Any, value: object, **options: object) -> Any:
@@ -128,7 +145,7 @@ def refusing(parse: Any, value: object, **options: object) -> Any:
         return parse(value, **options)
     except JobError as error:
         # Without a context pydantic takes the text as it is, braces included.
-        raise PydanticCustomError(error.code, error.what + _PART + error.cure) from error
+        raise PydanticCustomError(error.code, error.what + PART + error.cure) from error
 
 
 def parsed(parse: Callable[..., Any], **options: object) -> BeforeValidator:
@@ -152,39 +169,6 @@ WORD, NUMBER = "word", "number"
 def word_or_number(value: object) -> str:
     """Which of the two a value is read as."""
     return WORD if isinstance(value, str) else NUMBER
-
-
-def _written(loc: tuple[int | str, ...]) -> tuple[int | str, ...]:
-    """A place without what pydantic puts into it: the method that [design] was read as, or a word or number."""
-    loc = loc[:-1] if loc[-1:] in {(WORD,), (NUMBER,)} else loc
-    return loc[:1] + loc[2:] if loc[:1] == ("design",) and loc[1:2] in {("search",), ("relax",)} else loc
-
-
-def first_problem(error: ValidationError, where: str) -> JobError:
-    """The first problem pydantic found, as an error of ours that names the key; the number of others is told.
-
-    An unknown key comes first of all: a misspelt one is also missing under its true name.
-    """
-    problems = sorted(error.errors(include_url=False), key=lambda p: p["type"] not in _UNKNOWN)
-    for problem in problems:
-        problem["loc"] = _written(problem["loc"])
-    problem = problems[0]
-    # A list of which one item is wrong may also count as too short; that is no problem of its own.
-    more = sum(p["loc"] != problem["loc"][: len(p["loc"])] for p in problems)
-    key = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in problem["loc"]).lstrip(".") or "the file"
-    place = f"{where}: {key}"
-    others = f"; {more} more problem{'s follow' if more > 1 else ' follows'}" if more else ""
-    kind = problem["type"]
-    if kind.startswith("MF"):
-        what, _, cure = problem["msg"].partition(_PART)
-        return JobError(kind, f"{key} = {what}{others}" if kind != "MF110" else what + others, where=place, cure=cure)
-    if kind in _UNKNOWN:
-        return JobError("MF102", f"unknown key {key!r}{others}", where=place, cure="Remove it, or mend its spelling")
-    if kind == "missing":
-        return JobError("MF105", f"the key {key!r} is missing{others}", where=place, cure=f"Add {key}")
-    code = "MF104" if kind in _OUT_OF_RANGE else "MF105"
-    what = f"{key} = {problem['input']!r}: {problem['msg'][0].lower()}{problem['msg'][1:]}{others}"
-    return JobError(code, what, where=place, cure=f"Change {key}")
 
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,23}")

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from maskfab.base import provenance, units
 from maskfab.base.cell_size import CellSize
 from maskfab.base.checks import checked_arguments
-from maskfab.base.errors import JobError, SourceError
+from maskfab.base.errors import AtFault, JobError, SourceError
 from maskfab.base.model import Opening, Panel, Plate, Quantity
 from maskfab.job.camera import Camera
+from maskfab.job.faults import JobFaults
 from maskfab.job.process import UNSTATED, MaskBlank
-from maskfab.job.read import check_seed, check_window, check_windows, read
+from maskfab.job.read import check_seed, check_window, check_windows, document, examined
 from maskfab.job.sections import DieSection, JobSpec
 from maskfab.job.values import is_table
 from maskfab.mask import opening_file, panels
@@ -109,14 +110,31 @@ class Job:
         return compose(self.spec, self.openings, self.signature, where=self.where)
 
 
+Further: TypeAlias = "Callable[[Job, JobFaults], None]"
+"""What a verb refuses of a job before any work."""
+
+
 @checked_arguments
-def load_job(path: str | Path) -> Job:
+def load_job(path: str | Path, further: Further | None = None) -> Job:
     """Read a job file and every file it names; nothing is computed yet.
 
+    Args:
+        path: of the file.
+        further: what a verb refuses before any work, to be told with all else; of the job that it gets, nothing that is
+            at fault can be read (:class:`maskfab.base.errors.AtFault`).
+
     Raises:
-        JobError, OpeningError, SourceError, OutputError: for the first thing that is wrong.
+        JobError, OpeningError, SourceError, OutputError: for all that is wrong, at once.
     """
-    return resolve(read(Path(path)), Path(path))
+    stated = Path(path)
+    data = document(stated, "job")
+    faults = JobFaults.of(data)
+    job = _job(examined(data, faults, where=str(stated)), stated, faults)
+    if further is not None:
+        with faults:
+            further(job, faults)
+    faults.refuse()
+    return job
 
 
 def resolve(stated: JobSpec, path: Path) -> Job:
@@ -127,21 +145,57 @@ def resolve(stated: JobSpec, path: Path) -> Job:
         path: the file that it came from; names of other files are relative to its folder.
 
     Raises:
-        JobError, OpeningError, SourceError, OutputError: for the first thing that is wrong.
+        JobError, OpeningError, SourceError, OutputError: for all that is wrong, at once.
     """
-    openings = {
-        die.name: tuple(_opening(name, die, i, stated, path) for name in (die.opening, *(die.others or ())))
-        for i, die in enumerate(stated.die)
-    }
-    texts: dict[str, str] = {}
+    faults = JobFaults([die.name for die in stated.die])
+    job = _job(stated, path, faults)
+    faults.refuse()
+    return job
+
+
+class _Sound(dict[str, Any]):
+    """What was read, by name; the rest is at fault, as was told."""
+
+    def __missing__(self, name: str) -> Any:
+        raise AtFault
+
+
+def _job(stated: JobSpec, path: Path, faults: JobFaults) -> Job:
+    """The job, as far as spec and files are sound."""
+    openings, drawings = _Sound(), dict[str, str]()
+    spec = stated.model_copy(update={"openings": drawings})
+    with faults:
+        spec = spec.model_copy(update={"die": _drawn(stated, openings, drawings, path, faults)})
+        spec = _with_maps(spec, path, faults)
+        spec = _with_seeds(spec, openings, path, faults)
+    with faults:
+        spec = _with_curves(spec, path)
+    with faults:
+        spec = _with_shop(spec, path)
+    if faults:
+        return Job(spec, openings, "", str(path))
+    return Job(spec, _moved(spec, openings, path), provenance.job_hash(spec.drawn()), str(path))
+
+
+def _drawn(
+    stated: JobSpec, openings: dict[str, tuple[Opening, ...]], texts: dict[str, str], path: Path, faults: JobFaults
+) -> tuple[DieSection, ...]:
+    """The dies with their openings by name; the openings, by die, and their texts are put into the mappings."""
+    dies, lost = list(stated.die), set[str]()
     for i, die in enumerate(stated.die):
-        check_alike(openings[die.name], f"{path}: die[{i}].others")
-        for opening in openings[die.name]:
-            _keep(texts, opening.name, opening_file.opening_text(opening), "openings", f"{path}: die[{i}].opening")
-    dies = tuple(_resolved(die, openings[die.name]) for die in stated.die)
-    named = _with_seeds(_with_maps(stated.model_copy(update={"die": dies, "openings": texts}), path), openings, path)
-    resolved = _with_shop(_with_curves(named, path), path)
-    return Job(resolved, _moved(resolved, openings, path), provenance.job_hash(resolved.drawn()), str(path))
+        with faults:
+            names = (die.opening, *(die.others or ()))
+            if not lost.isdisjoint(names):
+                continue  # told of an earlier die
+            lost.update(names)
+            with faults.of_die(die.name):
+                held = tuple(_opening(name, die, i, stated, path) for name in names)
+            lost.difference_update(names)
+            check_alike(held, f"{path}: die[{i}].others")
+            for opening in held:
+                _keep(texts, opening.name, opening_file.opening_text(opening), "openings", f"{path}: die[{i}].opening")
+            openings[die.name], dies[i] = held, _resolved(die, held)
+    return tuple(dies)
 
 
 def masks_in(folder: Path) -> dict[str, Path]:
@@ -210,35 +264,34 @@ def _keep(texts: dict[str, str], name: str, text: str, kind: str, where: str) ->
         )
 
 
-def _with_maps(stated: JobSpec, path: Path) -> JobSpec:
+def _with_maps(stated: JobSpec, path: Path, faults: JobFaults) -> JobSpec:
     """The spec with the text of every map that its dies name, by the map's own name."""
-    texts: dict[str, str] = {}
-    dies = []
+    texts, dies = _Sound(), list(stated.die)
     for i, die in enumerate(stated.die):
-        if die.map is None:
-            dies.append(die)
-            continue
-        given = stated.maps.get(die.map)
-        cells = (
-            panels.read_map(path.parent / die.map)
-            if given is None
-            else panels.parse_map(given, f"{path}: maps.{die.map}")
-        )
-        _keep(texts, cells.name, panels.map_text(cells), "maps", f"{path}: die[{i}].map")
-        dies.append(die.model_copy(update={"map": cells.name}))
-    return stated.model_copy(update={"die": tuple(dies), "maps": texts})
+        with faults:
+            if die.map is None:
+                continue
+            given = stated.maps.get(die.map)
+            with faults.of_die(die.name):
+                cells = (
+                    panels.read_map(path.parent / die.map)
+                    if given is None
+                    else panels.parse_map(given, f"{path}: maps.{die.map}")
+                )
+            _keep(texts, cells.name, panels.map_text(cells), "maps", f"{path}: die[{i}].map")
+            dies[i] = die.model_copy(update={"map": cells.name})
+    return stated.model_copy(update={"die": tuple(dies), "maps": texts if faults else dict(texts)})
 
 
-def _with_seeds(stated: JobSpec, openings: Mapping[str, tuple[Opening, ...]], path: Path) -> JobSpec:
-    """The spec with a seed for every die that needs one and states none: the first that its files name.
-
-    Raises:
-        JobError: MF111 where they name none.
-    """
-    dies = tuple(_seeded(die, stated, openings[die.name]) for die in stated.die)
-    for i, die in enumerate(dies):
-        check_seed(die, f"{path}: die[{i}]")
-    return stated.model_copy(update={"die": dies})
+def _with_seeds(stated: JobSpec, openings: Mapping[str, tuple[Opening, ...]], path: Path, faults: JobFaults) -> JobSpec:
+    """The spec with a seed for every die that needs one and states none: the first that its files name; MF111 where
+    they name none."""
+    dies = list(stated.die)
+    for i, die in enumerate(stated.die):
+        with faults:
+            dies[i] = _seeded(die, stated, openings[die.name])
+            check_seed(dies[i], f"{path}: die[{i}]")
+    return stated.model_copy(update={"die": tuple(dies)})
 
 
 def _seeded(die: DieSection, spec: JobSpec, held: Sequence[Opening]) -> DieSection:

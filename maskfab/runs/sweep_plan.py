@@ -25,10 +25,10 @@ from maskfab.base.model import Opening
 from maskfab.base.units import to_nm
 from maskfab.designs.rules.families import FAMILIES
 from maskfab.job.read import check_windows, validate
-from maskfab.job.reference import USES, covered, keys_of, named, sections_of, unused
+from maskfab.job.reference import USES, covered, keys_of, named, unused
 from maskfab.job.sections import JobSpec
 from maskfab.job.sweep_file import FieldSection, LimitSection, SweepSpec, Value, read_sweep
-from maskfab.job.values import AnySection
+from maskfab.job.values import AnySection, sections_of
 from maskfab.mask.job import Job, load_job, resolve
 from maskfab.mask.opening_file import opening_text
 from maskfab.runs.store import fingerprint, of_installation

@@ -22,7 +22,7 @@ def refused(answer: Answer, code: str, *said: str) -> dict[str, str]:
     """Check one refusal, told on stderr in one line and on stdout as one JSON document."""
     assert answer.code == 2, answer
     error = answer.document["error"]
-    assert error.keys() == {"code", "what", "where", "cure"}
+    assert error.keys() == {"code", "what", "where", "cure", "faults"}
     assert error["code"] == code, error
     assert code in CATALOGUE
     message = answer.stderr.strip()
@@ -165,11 +165,18 @@ def test_no_length_of_a_job_is_let_through_unchecked(capsys, tmp_path, old, valu
     assert listing(tmp_path) == before
 
 
-def test_one_problem_more_is_told(capsys, tmp_path):
+def test_a_misspelt_key_is_not_missing_too_and_two_are_told_at_once(capsys, tmp_path):
     job = write_job(tmp_path, ("pixel =", "pixle ="))
-    assert "; 1 more problem follows" in refused_run(capsys, tmp_path, job, "MF102")["what"]
+    assert refused_run(capsys, tmp_path, job, "MF102")["cure"] == 'Write pixel = "2 um"'
     job = write_job(tmp_path, ("pixel =", "pixle ="), ("focal =", "fcal ="))
-    assert "; 3 more problems follow" in refused_run(capsys, tmp_path, job, "MF102")["what"]
+    answer = command(capsys, "run", job, "--out", tmp_path / "out", "--json")
+    assert [fault["where"] for fault in answer.document["error"]["faults"]] == [
+        f"{job}: camera.fcal",
+        f"{job}: camera.pixle",
+    ]
+    head, first, second = answer.stderr.splitlines()
+    assert head == f"error: MF153 2 faults ({job}). Mend them all; each says how"
+    assert (first[:8], second[:8]) == ("  MF102 ", "  MF102 ")
 
 
 def test_the_window_that_the_cure_names_is_accepted(capsys, tmp_path):

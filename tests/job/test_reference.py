@@ -8,9 +8,9 @@ import pytest
 from pydantic import ConfigDict, TypeAdapter
 
 from maskfab.base.errors import JobError
-from maskfab.job.reference import Key, holds_sections, keys_of, sections_of, tables
+from maskfab.job.reference import Key, holds_sections, keys_of, tables
 from maskfab.job.sections import AnyDesign, JobSpec
-from maskfab.job.values import AnySection
+from maskfab.job.values import AnySection, sections_of
 
 
 @pytest.fixture(scope="module")

@@ -86,13 +86,12 @@ def test_a_spec_cannot_be_changed():
 def test_an_unknown_key_is_told_before_the_one_it_stands_for():
     error = refused("MF102", JOB.replace("columns = 2", "colums = 2"))
     assert error.where == "job.toml: plate.colums"
-    assert "'plate.colums'; 1 more problem follows" in error.what
+    assert error.cure == "Write columns = 2"
 
 
 def test_one_wrong_item_of_a_list_is_one_problem():
     error = refused("MF112", JOB.replace('["530 nm"]', '["530 nm", "100 nm"]'))
     assert error.where == "job.toml: camera.wavelengths[1]"
-    assert "more problem" not in error.what
 
 
 def test_braces_of_a_value_stand_in_the_message_as_written():

@@ -19,9 +19,9 @@ from maskfab.base.errors import InputError
 from maskfab.base.findings import STAGE_OF_QUANTITY
 from maskfab.cli.command import command_of
 from maskfab.cli.program import VERBS
-from maskfab.job.reference import INNER, USES, covered, in_words, named, sections_of, unused
+from maskfab.job.reference import INNER, USES, covered, in_words, named, unused
 from maskfab.job.sections import JobSpec
-from maskfab.job.values import AnySection, Section, key_of
+from maskfab.job.values import AnySection, Section, key_of, sections_of
 
 
 def stating(kind: type[AnySection], path: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
