@@ -17,8 +17,9 @@ from maskfab.base.folders import check_target
 from maskfab.base.model import Quantity
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.job.process import UNSTATED
-from maskfab.job.reference import USES, in_words, sections_of, unused
+from maskfab.job.reference import USES, in_words, unused
 from maskfab.job.sections import JobSpec, SceneSection
+from maskfab.job.values import sections_of
 from maskfab.mask.job import Job
 
 if TYPE_CHECKING:

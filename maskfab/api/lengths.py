@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from maskfab.base.errors import JobError
 from maskfab.base.units import UM_PER_UNIT, parse_length_um, parse_wavelength_nm
-from maskfab.job.reference import sections_of
 from maskfab.job.sections import JobSpec
-from maskfab.job.values import AnySection, length_keys, um_text
+from maskfab.job.values import AnySection, length_keys, sections_of, um_text
 
 Length = str | float
 """``"168 um"``, ``"0.168 mm"``, or 168.0 micrometres."""

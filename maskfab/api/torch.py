@@ -28,7 +28,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,6 +38,7 @@ from maskfab.api.panel import Panel
 from maskfab.base import model
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
+from maskfab.base.extras import require
 from maskfab.base.model import Tiling
 from maskfab.base.units import NM_PER_UM, parse_pitch_um, parse_wavelength_nm
 from maskfab.camera.lens import PhotoCamera, lattice
@@ -194,9 +194,7 @@ _DEVICES = ("cpu", "cuda")
 
 def _require_dots(dots: Any) -> None:
     """Refuse what is no tensor of dots."""
-    if find_spec("torch") is None:
-        cure = "pip install 'maskfab[design]'"
-        raise JobError("MF431", "gradients need torch, which is not installed", where="maskfab.torch", cure=cure)
+    require("design", "gradients", where="maskfab.torch")
     import torch
 
     if not isinstance(dots, torch.Tensor):

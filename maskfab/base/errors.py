@@ -236,6 +236,8 @@ class JobError(InputError):
 
 class MissingPackageError(JobError):
     """Work is asked for that needs a package which is not installed."""
+
+
 class ManyFaultsError(JobError):
     """Several faults of one input, told at once.
 
