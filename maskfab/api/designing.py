@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import hashlib
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, overload
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, overload
+
+from numpy.typing import ArrayLike
 
 from maskfab.api.camera import F1, Camera
 from maskfab.api.lengths import Length, length_text, sections_as_text
 from maskfab.api.opening import Opening
 from maskfab.api.panel import Panel
 from maskfab.api.results import Asked, FolderResult, InPython, Result, Told, answers
-from maskfab.base import provenance
+from maskfab.base import model, provenance
+from maskfab.base.arrays import Mask
 from maskfab.base.checks import checked_arguments
-from maskfab.base.errors import JobError, OutputError
+from maskfab.base.errors import JobError, OpeningError, OutputError
 from maskfab.base.folders import Place, check_file, check_target, write_text
-from maskfab.base.units import parse_time_s
+from maskfab.base.units import NM_PER_UM, parse_time_s
 from maskfab.base.work import Clock, Progress, ended_by_interrupt, one_thread, silent
 from maskfab.camera.lens import PhotoCamera, lattice
 from maskfab.designs.design import (
@@ -44,6 +48,7 @@ from maskfab.job.read import read, validate
 from maskfab.job.reference import USES
 from maskfab.job.sections import JobSpec, SearchSection
 from maskfab.mask import opening_file, panels
+from maskfab.mask.opening import closed, from_array
 from maskfab.mask.opening_file import load_opening, opening_text
 from maskfab.mask.panels import CellMap
 from maskfab.report.pages import pareto
@@ -204,7 +209,8 @@ def design(
 ) -> ParetoFront: ...  # fmt: skip
 @overload
 def design(
-    job: str | Path | None = ..., *, dots: int | None = ..., pitch: Length | None = ..., clear_dots: int | None = ...,
+    job: str | Path | None = ..., *, start: model.Opening | ArrayLike | None = ..., dots: int | None = ...,
+    pitch: Length | None = ..., clear_dots: int | None = ...,
     camera: Camera | None = ..., name: str | None = ..., method: Literal["search", "relax"] | None = ...,
     tiling: str | None = ..., map: Literal["equal_light", "edge_packing", "none"] | None = ...,
     rules: Mapping[str, Any] | None = ..., emitters: Mapping[str, Any] | None = ...,
@@ -217,6 +223,7 @@ def design(
 def design(
     job: Annotated[str | Path | None, "JOB"] = None,
     *,
+    start: InPython[model.Opening | ArrayLike | None] = None,
     dots: InPython[int | None] = None,
     pitch: InPython[Length | None] = None,
     clear_dots: InPython[int | None] = None,
@@ -247,9 +254,12 @@ def design(
 
     Args:
         job: job file (.toml) with [design].
-        dots: along the side of a pixel.
-        pitch: side of the pixel.
-        clear_dots: met exactly.
+        start: opening, or array of one, that the search or the descent begins at in place of families of shapes. Where
+            it breaks rules the nearest opening that was found to keep them all is taken. Without ``anneal`` that is the
+            design, so that an opening of one's own is made buildable.
+        dots: along the side of a pixel; by default those of the start.
+        pitch: side of the pixel; by default that of a start that is an opening.
+        clear_dots: met exactly; by default those of the start.
         camera: designed for; by default that of protocol F1.
         name: of the opening; "found" by default.
         method: search among compact shapes, which is the default, or gradient descent.
@@ -274,6 +284,7 @@ def design(
         keys: any other key of [design], such as ``anneal=2000`` or ``families=["bars", "discs"]``.
 
     Raises:
+        OpeningError: MF201 to MF203 for a start that is no opening; a grey one is refused.
         JobError: as for a job file with such a [design]; MF102 for a section that a design does not use; MF105 for what
             is stated beside a job; MF123 for rules that contradict each other, and for a display that does not fit;
             where it fits fewer dots than were asked for, these are designed, and :attr:`Design.passed` is false;
@@ -282,7 +293,7 @@ def design(
         OutputError: MF401 for a checkpoint in a directory that does not exist.
     """
     if front:
-        idle = {"checkpoint": checkpoint, "price_rules": price_rules or None}
+        idle = {"checkpoint": checkpoint, "price_rules": price_rules or None, "start": start}
         for key, value in idle.items():
             if value is not None:
                 cure = f"Leave {key} out, or front"
@@ -291,6 +302,7 @@ def design(
             raise JobError("MF105", "a front is of a job", where="job", cure="Give a job file with [pareto]")
         return _front(Path(job), images=images, budget=budget, command=command, progress=progress)
     clock = Clock(None if budget is None else parse_time_s(budget, where="budget"), refuses=True)
+    begin = None if start is None else _begun(start)
     stated: dict[str, Any] = {
         "name": name,
         "method": method,
@@ -312,10 +324,11 @@ def design(
         spec, where = read(Path(job)), str(job)
         command = f"maskfab design {Path(job).as_posix()}"
         command += "" if images is None else f" --images {Path(images).as_posix()}"
+        command += _start_words(start, begin)
     else:
         where = "design()"
         lens = (camera or F1).section.model_dump(mode="json", exclude_none=True)
-        section = {"name": "found", "method": "search", "tiling": "random", **given}
+        section = {"name": "found", "method": "search", "tiling": "random", **_counts(start, begin), **given}
         if section["method"] == "search" and section["tiling"] == "random":
             section.setdefault("map", "equal_light")
         if section.get("map") == "none":
@@ -329,7 +342,7 @@ def design(
                 raise JobError("MF102", what, where="design(): sections", cure=cure)
         spec = validate({"camera": lens, "design": section, **display, **more}, where=where)
         stated = {**section, **display, **({"sections": more} if more else {})}
-        command = _call(stated, camera=None if camera is None else lens, images=images)
+        command = _call(stated, camera=None if camera is None else lens, images=images) + _start_words(start, begin)
     began, processor = time.monotonic(), time.process_time()
     with ended_by_interrupt(clock):
         best = design_spec(
@@ -341,6 +354,7 @@ def design(
             clock=clock,
             checkpoint=None if checkpoint is None else Path(checkpoint),
             price_rules=price_rules,
+            begin=begin,
         )
     taken = time.monotonic() - began, time.process_time() - processor
     return Design(best, Made(provenance.job_hash(spec.dump()), *taken))
@@ -371,6 +385,46 @@ def _design(asked: Asked) -> Told:
         written = list(paths.values())
     lines = [*designed_lines(designed.found, designed.notes), *map(str, written)]
     return Told(designed.to_dict(paths), lines, designed.passed)
+
+
+def _counts(start: object, begin: Mask | None) -> dict[str, Any]:
+    """Dots, pitch and clear dots of a start, which a design has unless it is told others."""
+    if begin is None:
+        return {}
+    counts: dict[str, Any] = {"dots": len(begin), "clear_dots": int(begin.sum())}
+    if isinstance(start, model.Opening):
+        counts["pitch"] = length_text(start.dots * start.dot_nm / NM_PER_UM)
+    return counts
+
+
+def _begun(start: object) -> Mask:
+    """The start of a search, bool [dots, dots].
+
+    Raises:
+        JobError, OpeningError: MF201 to MF203, MF115 for what is no opening.
+    """
+    where = "design(): start"
+    if isinstance(start, model.Opening):
+        return start.mask
+    # A tensor that has slopes is no array yet.
+    array = start.detach().cpu().numpy() if hasattr(start, "detach") else start
+    try:
+        mask = from_array(cast(ArrayLike, array), where)
+    except OpeningError as refusal:
+        grey = refusal.code == "MF202"
+        cure = "Say from where on a dot is clear: start > 0.5" if grey else refusal.cure
+        raise OpeningError(refusal.code, refusal.what, where=where, cure=cure) from None
+    if not mask.any():
+        raise closed(0, mask.size, where=where, cure="Open some of its dots")
+    return mask
+
+
+def _start_words(start: object, begin: Mask | None) -> str:
+    """A start behind the call that repeats a design: its name, and a hash of its dots."""
+    if begin is None:
+        return ""
+    name = start.name if isinstance(start, model.Opening) else "an array"
+    return f"  # start: {name}, sha256 {hashlib.sha256(begin.tobytes()).hexdigest()[:16]}"
 
 
 def _design_front(asked: Asked, job: Path) -> Told:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from maskfab.base.arrays import Mask
 from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import JobError, OpeningError, OutputError
 from maskfab.base.extras import require
@@ -169,6 +170,7 @@ def design(
     clock: Clock = NO_END,
     checkpoint: Path | None = None,
     price_rules: bool = False,
+    begin: Mask | None = None,
 ) -> Designed:
     """Find the opening of the job's [design], and its map where one is asked for.
 
@@ -181,9 +183,11 @@ def design(
         clock: of its budget, after which the best so far is taken.
         checkpoint: file that saves the state of the search, from which it goes on if it exists.
         price_rules: search once more without each rule, beyond the budget.
+        begin: opening that the search or the descent begins at, bool [dots, dots].
 
     Raises:
-        JobError: as :func:`check_possible`; MF152 without torch.
+        JobError: as :func:`check_possible`; MF105 for a search for the AUC, or of several openings, that is to begin
+            at one; MF152 without torch.
         OutputError: MF401 for a checkpoint in a directory that does not exist.
         SourceError: for photographs that cannot be read.
     """
@@ -193,12 +197,22 @@ def design(
         what = f"there is no directory for the checkpoint {checkpoint}"
         raise OutputError("MF401", what, cure="Create that directory, or give a path in one that exists")
     section, camera, settings = section_of(spec, where), spec.camera, capture_settings(spec)
+    if begin is not None and begin.shape != (section.dots, section.dots):
+        what = f"the start has {begin.shape[1]} x {begin.shape[0]} dots, and the design {section.dots} along a side"
+        raise JobError(
+            "MF105", what, where=f"{where}: start", cure=f"Give a start of {section.dots} x {section.dots} dots"
+        )
+    if begin is not None and isinstance(section, SearchSection):
+        others = {"objective": section.objective == "auc", "density": section.density, "cluster": section.cluster}
+        if idle := [key for key, value in others.items() if value]:
+            what = f"a search with {idle[0]} begins at no single opening"
+            raise JobError("MF105", what, where=f"{where}: start", cure=f"Leave out {idle[0]}, or start")
     source = scenes_of(images, section)
     scenes = source.photographs
     if isinstance(section, RelaxSection):
         from maskfab.designs.descent.method import relax
 
-        designed = relax(section, camera, scenes, command, progress, clock=clock, checkpoint=checkpoint)
+        designed = relax(section, camera, scenes, command, progress, clock=clock, checkpoint=checkpoint, begin=begin)
     else:
         from maskfab.designs.search.method import search
 
@@ -217,6 +231,7 @@ def design(
             clock=clock,
             checkpoint=checkpoint,
             price_rules=price_rules,
+            begin=begin,
         )
     spread = designed.robust is not None
     uses = (

@@ -18,12 +18,13 @@ STARTS = {".png": b"\x89PNG\r\n\x1a\n", ".svg": b"<svg"}
 
 def test_there_are_examples_and_each_is_short():
     assert len(EXAMPLES) >= 6
-    assert all(len(path.read_text().splitlines()) <= 30 for path in EXAMPLES)
+    assert all(len(path.read_text().splitlines()) <= 42 for path in EXAMPLES)
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_an_example_runs_in_an_empty_folder_and_ends_in_a_picture(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("STEPS", "3")
     runpy.run_path(str(path), run_name="__main__")
     drawn = [file for file in tmp_path.iterdir() if file.suffix in STARTS]
     assert drawn

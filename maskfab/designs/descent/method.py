@@ -44,7 +44,7 @@ from maskfab.designs.descent.schedule import (
 )
 from maskfab.designs.model.expected_psnr import Surrogate, surrogate_behind
 from maskfab.designs.rules.constraints import Constraints
-from maskfab.designs.search.annealing import Bettered, anneal, nearest
+from maskfab.designs.search.annealing import Bettered, anneal, nearest, nearest_notes
 from maskfab.designs.search.result import (
     ANNEALING,
     NO_BOUNDS,
@@ -80,6 +80,7 @@ def relax(
     *,
     clock: Clock = NO_END,
     checkpoint: Path | None = None,
+    begin: Mask | None = None,
 ) -> Designed:
     """Descend as the section says.
 
@@ -92,6 +93,7 @@ def relax(
         clock: of the budget for the descent and what follows it. Without a checkpoint the schedule is made so short;
             with one the whole schedule is begun, and left to be gone on with.
         checkpoint: file of the descent to go on from, and to keep.
+        begin: opening from which every start begins, bool [dots, dots]; None for even grey.
 
     Raises:
         JobError, OpeningError: MF104 to MF107, MF111, MF112 to MF115, MF121 for what cannot be; MF123, MF203, MF204 for
@@ -105,6 +107,8 @@ def relax(
     estimate = surrogate_behind(scenes, room)
     progress("photographs", 1, 1)
     plan = schedule(section, rules, camera, scenes, estimate)
+    if begin is not None:
+        plan = replace(plan, descent=replace(plan.descent, begin=tuple(begin.ravel().tolist())))
     periodic = section.tiling is Tiling.PERIODIC
     clear = np.ones((section.dots, section.dots), dtype=np.bool_)
     stages = Stages.of(partial(estimate, periodic=periodic), clear, clock)
@@ -275,14 +279,10 @@ def _ruled(
 
     mask = np.asarray(result.unit.numpy() > 0.5, dtype=np.bool_)
     broken = sorted(rules.broken(mask))
-    start, notes = mask, []
+    start, notes = mask, list[str]()
     if broken:
         start = nearest(mask, rules, seed=section.seed)
-        shared = int((start & mask).sum())
-        notes.append(
-            f"The thresholded descent breaks {', '.join(broken)}; what follows begins at the nearest opening found "
-            f"that keeps all rules, which shares {shared} of its {section.clear_dots} clear dots."
-        )
+        notes.extend(nearest_notes("thresholded descent", mask, start, broken))
     if not section.anneal:
         return start, -worth(start), tuple(notes), False
     # Losses have scales of their own: what counts is a share of where they stand.

@@ -119,6 +119,8 @@ class Descent:
         judged_every: steps between judgements of the binary unit; 0 takes the last one as it is.
         patience: judgements without a better one that end a start; 0 is no end.
         precision: of the logits; the objective's constants have their own.
+        begin: whether each dot is clear at the start, row by row: its logit is the mean one or minus that; None for
+            the mean everywhere.
     """
 
     dots: int
@@ -137,6 +139,7 @@ class Descent:
     judged_every: int = 10
     patience: int = 0
     precision: Precision = "float32"
+    begin: tuple[bool, ...] | None = None
 
     def gain(self, iteration: int) -> float:
         """Gain of the sigmoid at a step: 1 until settled, then growing by an even factor."""
@@ -293,7 +296,8 @@ class _Run:
     def _begin(self) -> None:
         how = self.how
         noise = np.random.default_rng(how.seed + self.start).standard_normal((how.dots, how.dots))
-        values = how.start_logit + how.start_noise * noise
+        even = 1.0 if how.begin is None else np.where(np.reshape(how.begin, noise.shape), 1.0, -1.0)
+        values = how.start_logit * even + how.start_noise * noise
         self.logits = torch.tensor(values, dtype=self.dtype, device=self.device, requires_grad=True)
         self.optimiser: torch.optim.Optimizer
         if how.optimiser == "adam":

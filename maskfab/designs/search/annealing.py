@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence, Sized
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -507,6 +507,17 @@ def nearest(unit: Mask, constraints: Constraints, *, seed: int = 0) -> Mask:
         what = f"none of {len(shapes)} compact shapes keeps all rules: {', '.join(constraints.active)}"
         raise JobError("MF123", what, where="design.rules", cure="Relax one of these rules, or change clear_dots")
     return anneal(start, shared, constraints, evaluations=_EVALUATIONS, seed=seed).unit
+
+
+def nearest_notes(what: str, unit: Mask, kept: Mask, broken: Collection[str]) -> tuple[str, ...]:
+    """Sentence on an opening that :func:`nearest` was asked for, where it breaks rules."""
+    if not broken:
+        return ()
+    shared = np.count_nonzero(kept & unit)
+    return (
+        f"The {what} breaks {', '.join(broken)}; what follows begins at the nearest opening found that keeps all "
+        f"rules, which shares {shared} of its {np.count_nonzero(unit)} clear dots.",
+    )
 
 
 def _shapes(constraints: Constraints) -> Iterator[Candidate]:

@@ -81,7 +81,7 @@ from maskfab.designs.search.result import (
     run_key,
     stopped,
 )
-from maskfab.designs.search.scan import Best, allowed, annealed, annealed_without, first_shape, scanned
+from maskfab.designs.search.scan import Best, allowed, annealed, annealed_without, begun, first_shape, scanned
 from maskfab.job.sections import SearchSection
 from maskfab.mask.panels import CellMap, DieSeeds, shifted
 from maskfab.optics.tiling import orientations
@@ -243,6 +243,7 @@ def search(
     clock: Clock = NO_END,
     checkpoint: Path | None = None,
     price_rules: bool = False,
+    begin: Mask | None = None,
 ) -> Designed:
     """Search as the section says.
 
@@ -260,6 +261,7 @@ def search(
             they would take most of what is left.
         checkpoint: file to go on from, and to keep.
         price_rules: anneal once more without each rule, beyond the budget.
+        begin: opening that the search begins at in place of a scan of families, bool [dots, dots].
 
     Raises:
         JobError, OpeningError: MF104, MF106, MF107, MF135 for numbers; MF121 for scenes without a spectrum; MF123,
@@ -281,11 +283,22 @@ def search(
         expected, first_shape(section), clock, mapped=section.map is not None, fitted=display is not None
     )
     made_for = camera_facts(camera, settings, seen)
-    store = None if checkpoint is None else Kept(checkpoint, run_key(section, scenes, *made_for.values()))
+    store = (
+        None
+        if checkpoint is None
+        else Kept(
+            checkpoint,
+            run_key(section, scenes, *made_for.values(), *(() if begin is None else (begin.tobytes(),))),
+        )
+    )
     if section.objective == "auc":
         state = _by_auc(section, rules, room, stages.search, progress)
     else:
-        state = scanned(section, rules, expected, stages.search, store, progress, start)
+        state = (
+            scanned(section, rules, expected, stages.search, store, progress, start)
+            if begin is None
+            else begun(begin, section, rules, expected, progress)
+        )
         state = annealed(state, section, rules, expected, stages.search, store, progress)
     listed: tuple[Listed, ...] = (Listed(state.best, rules),)
     if panel is not None and section.map is not None and for_any_map(section):
@@ -892,6 +905,7 @@ def _account(section: SearchSection, state: Best, rules: Constraints, laid: Mapp
     by_auc = section.objective == "auc"
     wanted = "area under the radial minimum of the blue MTF" if by_auc else "expected restored PSNR"
     among = "" if by_auc else f" among shapes of the families {', '.join(section.families)}"
+    among = " from a start of one's own" if state.best.name.startswith("start") else among
     stages = state.stages
     if section.joint and not laid.cut:
         stages = (*stages, ("rounds of opening and map, at most", section.joint))

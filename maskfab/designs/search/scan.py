@@ -32,7 +32,18 @@ from maskfab.camera.scenes import Photograph
 from maskfab.designs.model.expected_psnr import surrogate_behind
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.families import FAMILIES, Candidate, kind, orbits
-from maskfab.designs.search.annealing import Bettered, ExpectedPsnr, Objective, Ranked, Scan, State, anneal, scan
+from maskfab.designs.search.annealing import (
+    Bettered,
+    ExpectedPsnr,
+    Objective,
+    Ranked,
+    Scan,
+    State,
+    anneal,
+    nearest,
+    nearest_notes,
+    scan,
+)
 from maskfab.designs.search.held import Start, best_held, finer, thinned
 from maskfab.designs.search.result import ANNEALING, WITHIN_DB, camera_facts
 from maskfab.job.sections import SearchSection
@@ -191,6 +202,24 @@ def scanned(
     if store is not None and complete:
         store.put(_stored(made))
     return made
+
+
+def begun(unit: Mask, section: SearchSection, rules: Constraints, objective: Objective, progress: Progress) -> Best:
+    """An opening of one's own, or the nearest one found that keeps the rules.
+
+    Args:
+        unit: bool [dots, dots].
+        section, rules, objective, progress: of the search.
+
+    Raises:
+        JobError, OpeningError: as :func:`maskfab.designs.search.annealing.nearest`.
+    """
+    progress("start", 0, 1)
+    broken = () if rules.allows(unit) else sorted(rules.broken(unit))
+    kept = nearest(unit, rules, seed=section.seed)
+    progress("start", 1, 1)
+    best = Ranked("start", kept, objective(kept))
+    return Best(best, (), 1, nearest_notes("start", unit, kept, broken), near=(best,), stages=(("start judged", 1),))
 
 
 def allowed(
