@@ -138,7 +138,7 @@ class Camera:
                 for a window that is too wide, MF114 for a panel smaller than the stop.
             SourceError: MF309 if nothing is clear in front of the stop.
         """
-        lines = self._lines(wavelength)
+        lines = self.asked_nm(wavelength)
         # Samples as close as those of the camera's own wavelengths, so that all can be laid on each other.
         camera = self._of({*lines, *self.wavelengths})
         check_window(self._of(lines), panel.dot_nm / NM_PER_UM, where="Camera")
@@ -160,7 +160,7 @@ class Camera:
     def mtf(self, panel: Tiled, wavelength: Wavelength | Wavelengths | None = None) -> Mtf | tuple[Mtf, ...]:
         """Presampled modulation transfer function of the panel as designed; arguments and errors as for :meth:`psf`,
         but for the window, which it does not use."""
-        lines = self._lines(wavelength)
+        lines = self.asked_nm(wavelength)
         camera = self._of(lines)
         table = lag_table(self._pupil(panel, lines), longest_lag_um(camera))
         found = {
@@ -180,7 +180,7 @@ class Camera:
         """The camera with these wavelengths, each once."""
         return replace(self.model, wavelengths_nm=tuple(dict.fromkeys(lines)))
 
-    def _lines(self, wavelength: object) -> tuple[float, ...]:
+    def asked_nm(self, wavelength: object) -> tuple[float, ...]:
         """Nanometres of the wavelengths that are asked for."""
         if wavelength is not None:
             return wavelengths_nm(wavelength, "wavelength")

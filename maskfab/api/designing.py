@@ -19,7 +19,7 @@ from maskfab.api.results import Asked, FolderResult, InPython, Result, Told, ans
 from maskfab.base import model, provenance
 from maskfab.base.arrays import Mask
 from maskfab.base.checks import checked_arguments
-from maskfab.base.errors import JobError, OpeningError, OutputError
+from maskfab.base.errors import JobError, OutputError
 from maskfab.base.folders import Place, check_file, check_target, write_text
 from maskfab.base.units import NM_PER_UM, parse_time_s
 from maskfab.base.work import Clock, Progress, ended_by_interrupt, one_thread, silent
@@ -408,12 +408,7 @@ def _begun(start: object) -> Mask:
         return start.mask
     # A tensor that has slopes is no array yet.
     array = start.detach().cpu().numpy() if hasattr(start, "detach") else start
-    try:
-        mask = from_array(cast(ArrayLike, array), where)
-    except OpeningError as refusal:
-        grey = refusal.code == "MF202"
-        cure = "Say from where on a dot is clear: start > 0.5" if grey else refusal.cure
-        raise OpeningError(refusal.code, refusal.what, where=where, cure=cure) from None
+    mask = from_array(cast(ArrayLike, array), where, cure="Say from where on a dot is clear: start > 0.5")
     if not mask.any():
         raise closed(0, mask.size, where=where, cure="Open some of its dots")
     return mask

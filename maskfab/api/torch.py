@@ -33,19 +33,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from maskfab.api.camera import Camera
-from maskfab.api.lengths import Length, Wavelength, length_text, wavelength_text
+from maskfab.api.lengths import Length, Wavelength, length_text
 from maskfab.api.panel import Panel
 from maskfab.base import model
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
 from maskfab.base.extras import require
 from maskfab.base.model import Tiling
-from maskfab.base.units import NM_PER_UM, parse_pitch_um, parse_wavelength_nm
+from maskfab.base.units import NM_PER_UM, parse_pitch_um
 from maskfab.camera.lens import PhotoCamera, lattice
 from maskfab.camera.scenes import bundled
 from maskfab.camera.sensor import ELECTRONS, LEVELS
 from maskfab.job.camera import Camera as Lens
-from maskfab.job.read import check_pupil, check_window
+from maskfab.job.read import check_lens, check_pupil, check_window
 from maskfab.mask.panels import CellMap, check_cover
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ def psf(
             that is too wide, MF114 for a panel smaller than the stop; MF152 without torch.
     """
     layout = _layout(dots, camera, like, pitch, tiling, seed, size, gutter)
-    line = _line(camera, wavelength)
+    (line,) = camera.asked_nm(wavelength)
     # Samples lie as close as those of the camera's own wavelengths.
     lens = replace(camera.model, wavelengths_nm=tuple(dict.fromkeys((line, *camera.model.wavelengths_nm))))
     return _image(layout, lens, line, pixels, dots.dtype, dots.device)(dots)
@@ -126,7 +126,7 @@ def mtf(
         differ by 7e-5.
     """
     layout = _layout(dots, camera, like, pitch, tiling, seed, size, gutter)
-    line = _line(camera, wavelength)
+    (line,) = camera.asked_nm(wavelength)
     return _modulation(layout, replace(camera.model, wavelengths_nm=(line,)), line, dots.dtype, dots.device)(dots)
 
 
@@ -259,7 +259,7 @@ def _layout(
         raise JobError("MF105", what, where=_where("pitch"), cure='Add pitch = "168 um", or like = panel')
     else:
         if size is None and not isinstance(tiling, CellMap):
-            pitch_um = parse_pitch_um(length_text(pitch), where=_where("pitch"))
+            pitch_um = parse_pitch_um(length_text(pitch, "pitch", _where("pitch")), where=_where("pitch"))
             size = 2 * math.ceil(camera.model.stop.diameter_um / (2 * pitch_um) - 1e-9) * pitch_um
         clear = np.ones((count, count), dtype=np.bool_)
         panel = Panel.tile(clear, tiling, seed=seed, size=size, pitch=pitch, gutter=gutter)
@@ -271,17 +271,6 @@ def _layout(
         what = f"dots are {count} x {count}, and the panel's opening {own} x {own}"
         raise _refused(what, f"Give {own} x {own} dots, or another panel", "like")
     return _Layout(panel)
-
-
-def _line(camera: Camera, wavelength: Wavelength | None) -> float:
-    """Nanometres of the wavelength that is asked for."""
-    lines = camera.model.wavelengths_nm
-    if wavelength is not None:
-        return parse_wavelength_nm(wavelength_text(wavelength), where="wavelength")
-    if len(lines) > 1:
-        what = f"no wavelength is given, and the camera has {', '.join(f'{line:g}' for line in lines)} nm"
-        raise JobError("MF105", what, where="wavelength", cure=f'Give one, such as "{lines[0]:g} nm"')
-    return lines[0]
 
 
 @lru_cache(maxsize=8)
@@ -307,6 +296,7 @@ def _modulation(layout: _Layout, lens: Lens, line: float, dtype: torch.dtype, de
 
 
 def _check(layout: _Layout, lens: Lens) -> None:
+    check_lens(lens, where="Camera: stop")
     check_pupil(lens, layout.panel.dot_nm / NM_PER_UM, where="Camera")
     check_cover(layout.panel, lens.stop, "the panel", where="Camera: stop")
 

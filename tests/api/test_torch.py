@@ -211,7 +211,7 @@ def test_dots_that_are_none_are_refused(dots: Any, told: str) -> None:
         ({"pitch": "56 um", "size": "200 um"}, "MF114"),
         ({"pitch": "60 um", "gutter": "3 um"}, "MF10[67]"),
         ({"pitch": "56 um", "tiling": "hexagonal", "seed": 1}, "MF159.*hexagonal"),
-        ({"pitch": "56 um", "wavelength": 40}, "MF112"),
+        ({"pitch": "56 um", "wavelength": "40 nm"}, "MF112"),
         ({"like": mf.Panel.tile(binary(5), size="500 um", pitch="40 um")}, "MF159.*5 x 5"),
         ({"like": mf.Panel.tile(binary(7), size="500 um", pitch="56 um"), "seed": 1}, "MF105.*Leave out"),
     ],
