@@ -10,9 +10,10 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from maskfab.base.errors import JobError
 from maskfab.mask.job import Job, load_job
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from maskfab.api.panel import Panel
     from maskfab.api.plate import Plate
     from maskfab.base.model import Opening
+    from maskfab.camera.frames.frame import Source
     from maskfab.camera.scenes import Folder
 
 
@@ -40,6 +42,8 @@ AnyPath: TypeAlias = "str | PathLike[str]"
 """A path, or a result that is one: a finished run is that of its directory."""
 AnyReport: TypeAlias = "AnyPath | Plate | Job | AnyPanel"
 """A finished run, or what can be measured and photographed as designed."""
+AnyPhoto: TypeAlias = "AnyPath | NDArray[Any]"
+"""The path of a picture, or linear light in memory: [rows, columns] or [rows, columns, 3], row 0 the top."""
 _TAKEN = "a Plate, a Panel, a list or a mapping of panels, a loaded job, or the path of a job file"
 
 
@@ -123,6 +127,30 @@ def _apart(named: Iterable[tuple[str, Panel]]) -> Iterator[tuple[str, Panel]]:
                 names[opening.name] = die if len(panel.held) == 1 else f"{die}_{number + 1}"
                 texts[names[opening.name]] = text
         yield die, panel.renamed(names) if names else panel
+
+
+def sources(given: AnyPhoto | Sequence[AnyPhoto], name: str) -> list[Source]:
+    """Pictures of a caller: paths, and arrays as frames, which are called after their argument and their number.
+
+    Raises:
+        JobError: MF105 for what is neither.
+        SourceError: as :func:`maskfab.camera.frames.frame.frame_of_array`.
+    """
+    # Frames bring along what reads them.
+    from maskfab.camera.frames.frame import frame_of_array
+
+    alone = isinstance(given, str | PathLike | np.ndarray) or not isinstance(given, Sequence)
+    every: Sequence[object] = [given] if alone else given  # type: ignore[assignment]
+    made: list[Source] = []
+    for number, one in enumerate(every, 1):
+        if isinstance(one, str | PathLike):
+            made.append(Path(one))
+        elif isinstance(one, np.ndarray):
+            made.append(frame_of_array(one, name if alone else f"{name}_{number}"))
+        else:
+            cure = "Give paths of files, or arrays of linear light, [rows, columns, 3]"
+            raise JobError("MF105", f"{type(one).__name__} is no picture", where=name, cure=cure)
+    return made
 
 
 def dies_of(asked: str | Sequence[str] | None, names: Collection[str]) -> tuple[str, ...]:

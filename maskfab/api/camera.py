@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.api.lengths import Length, Wavelength, Wavelengths, is_one, length_text, wavelength_text, wavelengths_nm
+from maskfab.api.lengths import Length, Wavelength, is_one, length_text, wavelength_text, wavelengths_nm
 from maskfab.base import model
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
@@ -29,6 +29,7 @@ from maskfab.optics.pupil import Pupil, cut, panel_aperture
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+    from maskfab.api.lengths import Wavelengths  # at run time refused here, line by line
     from maskfab.report.figures.sheet import Drawing
 
 

@@ -9,7 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from maskfab.api.asked import AnyJob, dies_of, job_of, require_form, way_round
+import numpy as np
+
+from maskfab.api.asked import AnyJob, AnyPhoto, dies_of, job_of, require_form, sources, way_round
+from maskfab.api.camera import Camera
 from maskfab.api.lengths import Length, Wavelength, length_text, wavelength_nm
 from maskfab.api.results import FolderResult, answers, saved_at
 from maskfab.base.checks import checked_arguments
@@ -99,16 +102,17 @@ class Measurement(FolderResult):
 @checked_arguments
 @one_thread
 def measure(
-    captures: Annotated[str | Path | Sequence[str | Path], "FILE"],
+    captures: Annotated[AnyPhoto | Sequence[AnyPhoto], "FILE"],
     job: AnyJob,
+    camera: Camera | None = None,
     *,
     die: str | Sequence[str] | None = None,
     times: Annotated[Sequence[str] | None, "--times TIME"] = None,
     gain: float | None = None,
     read_noise: float | None = None,
-    pair: Sequence[str | Path] = (),
-    dark: Sequence[str | Path] = (),
-    flat: Sequence[str | Path] = (),
+    pair: Sequence[AnyPhoto] = (),
+    dark: Sequence[AnyPhoto] = (),
+    flat: Sequence[AnyPhoto] = (),
     window: int = 150,
     line: Wavelength | None = None,
     black: float | None = None,
@@ -123,8 +127,10 @@ def measure(
         $ maskfab measure led.tif --job job.toml --line '530 nm' --pair a.tif --pair b.tif
 
     Args:
-        captures: one frame or a stack of exposures: RAW, linear TIFF or PNG of 16 bits, EXR.
-        job: job file (.toml) of the plate, with the camera.
+        captures: one frame or a stack of exposures: RAW, linear TIFF or PNG of 16 bits, EXR. In Python also arrays of
+            counts, [rows, columns] or [rows, columns, 3], row 0 the top, with times.
+        job: job file (.toml) of the plate, with the camera. In Python also a plate, panels or a loaded job.
+        camera: of a plate or of panels; by default the plate's, or that of protocol F1.
         die: die that it may be; by default all of the job.
         times: exposure, such as ``"4 ms"``, in the order of the files; by default as the files state them.
         gain: electrons for each count; by default told from pair.
@@ -144,7 +150,7 @@ def measure(
         JobError: MF105 for a die that the job does not have, or a gain that nothing states; else as for the job.
         OutputError: MF420, MF421 for a mask house of the job that has no profile, or a malformed one.
     """
-    loaded = job_of(job)
+    loaded = job_of(job, camera)
     if not _LEAST_WINDOW <= window <= _MOST_WINDOW:
         what = f"a window of {window} pixels is not from {_LEAST_WINDOW} to {_MOST_WINDOW}"
         raise JobError("MF104", what, where="window", cure="Use 150, or up to 400 for wide pictures")
@@ -158,14 +164,15 @@ def measure(
     if not pair:
         _noise(gain, read_noise, None)
 
-    def read(paths: Sequence[str | Path], times_s: Sequence[float] | None = None) -> tuple[Frame, ...]:
-        files = [Path(path) for path in paths]
+    def read(
+        pictures: AnyPhoto | Sequence[AnyPhoto], name: str, times_s: Sequence[float] | None = None
+    ) -> tuple[Frame, ...]:
+        files = sources(pictures, name)
         return read_frames(files, times_s=times_s, black=black, white=white, mosaic=mosaic) if files else ()
 
-    given = [captures] if isinstance(captures, str | Path) else captures
     progress("captures", 0, 1)
-    frames, darks, flats = read(given, stated), read(dark), read(flat)
-    gained = None if not pair else photon_transfer(read(pair), darks if len(darks) > 1 else ())
+    frames, darks, flats = read(captures, "capture", stated), read(dark, "dark"), read(flat, "flat")
+    gained = None if not pair else photon_transfer(read(pair, "pair"), darks if len(darks) > 1 else ())
     side = min(window, *frames[0].shape) // 2 * 2
     middle = window_middle(light_place(frames, side), frames[0], side)
     electrons_per_count, read_noise_e = _noise(gain, read_noise, gained)
@@ -298,8 +305,9 @@ class EdgeMeasurement(FolderResult):
 @checked_arguments
 @one_thread
 def edge(
-    picture: Annotated[str | Path, "PICTURE|CURVE.csv"],
+    picture: Annotated[AnyPhoto, "PICTURE|CURVE.csv"],
     job: AnyJob | None = None,
+    camera: Camera | None = None,
     *,
     die: str | Sequence[str] | None = None,
     stands: str | None = None,
@@ -322,9 +330,12 @@ def edge(
 
     Args:
         picture: RAW, linear TIFF or PNG of 16 bits, EXR, every colour measured by its own pixels; or a table (.csv) of
-            cycles/pixel or cycles/mm, mtf, and perhaps low and high.
-        job: job file (.toml) of the plate, with the camera.
-        die: die of the job that was before the camera; without one nothing is held against a design.
+            cycles/pixel or cycles/mm, mtf, and perhaps low and high. In Python also an array of linear light,
+            [rows, columns] or [rows, columns, 3], row 0 the top.
+        job: job file (.toml) of the plate, with the camera. In Python also a plate, panels or a loaded job.
+        camera: of a plate or of panels; by default the plate's, or that of protocol F1.
+        die: die of the job that was before the camera; without one nothing is held against a design, unless the job is
+            a panel.
         stands: how the die stood: drawn, turned (by 90 degrees), mirrored or mirrored-turned; by default what the job
             says, mirrored if the plate's chrome is away from the lens.
         pixel: side of the sensor's pixel of a picture without a job, such as ``"2 um"``; without either, frequencies
@@ -344,7 +355,10 @@ def edge(
             not have, or an argument that others leave without use.
     """
     die = _only(die)
-    if Path(picture).suffix.lower() == ".csv":
+    if job is not None and not isinstance(job, Job | str | Path):
+        job, camera = job_of(job, camera), None
+        die = job.spec.die[0].name if die is None and len(job.spec.die) == 1 else die
+    if not isinstance(picture, np.ndarray) and Path(picture).suffix.lower() == ".csv":
         of_picture = {"pixel": pixel, "region": region, "window": window, "black": black, "white": white}
         require_form("a picture of edges", {**of_picture, "mosaic": mosaic}, of=False)
         for name, stated in {"job": job, "die": die}.items():
@@ -353,7 +367,9 @@ def edge(
                 raise JobError("MF105", why, where=name, cure=f"Add {name}")
         assert job is not None
         assert die is not None
-        return _curve(picture, job, die=die, stands=stands, angle=0.0 if angle is None else angle, line=line)
+        return _curve(
+            Path(picture), job_of(job, camera), die=die, stands=stands, angle=0.0 if angle is None else angle, line=line
+        )
     require_form("a table (.csv) of an MTF", {"angle": angle}, of=False)
     box = _region(region)
     if window is not None and window < 2 * NARROWEST_PX:
@@ -364,11 +380,12 @@ def edge(
         stand_named(stands)
     pixel_um = None if pixel is None else parse_length_um(length_text(pixel, "pixel"), where="pixel")
     line_nm = _line_nm(line)
-    loaded = None if job is None else job_of(job)
+    loaded = None if job is None else job_of(job, camera)
     panels = {} if loaded is None or die is None else loaded.panels()
     if die is not None:
         dies_of(die, panels)
-    frame = read_frame(Path(picture), black=black, white=white, mosaic=mosaic)
+    (source,) = sources(picture, "picture")
+    frame = read_frame(source, black=black, white=white, mosaic=mosaic)
     colours = tuple(dict.fromkeys(lattice.colour for lattice in frame.lattices))
     designs = None
     if loaded is not None:
@@ -393,17 +410,15 @@ answers(edge)(saved_at)
 
 
 def _curve(
-    curve: str | Path, job: AnyJob, *, die: str, stands: str | None, angle: float, line: Wavelength | None
+    path: Path, loaded: Job, *, die: str, stands: str | None, angle: float, line: Wavelength | None
 ) -> EdgeMeasurement:
     """An MTF that was measured elsewhere, held against a die's; every colour of the job's light without a line."""
     if not abs(angle) <= 180:
         what = f"an angle of {angle:g} deg is not -180 to 180 deg"
         raise JobError("MF104", what, where="angle", cure="Use 0 or 90, say")
     line_nm = _line_nm(line)
-    loaded = job_of(job)
     panels = loaded.panels()
     dies_of(die, panels)
-    path = Path(curve)
     read = read_mtf(path, loaded.camera.pixel_um, float(angle))
     bands = () if loaded.scene is None else loaded.scene.bands
     lights: tuple[Light, ...] = (line_nm,) if line_nm is not None else bands or loaded.camera.wavelengths_nm

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from maskfab.api.asked import AnyJob, dies_of, job_of, way_round
+from maskfab.api.asked import AnyJob, AnyPhoto, dies_of, job_of, sources, way_round
 from maskfab.api.camera import Camera
 from maskfab.api.lengths import Length, length_text
 from maskfab.api.results import Asked, FolderResult, Told, answers, saved
@@ -44,12 +44,12 @@ from maskfab.report.rows.photographs import Conditions, Surroundings
 @checked_arguments
 @one_thread
 def restore(
-    photos: Annotated[str | Path | Sequence[str | Path], "PHOTO"],
-    *,
+    photos: Annotated[AnyPhoto | Sequence[AnyPhoto], "PHOTO"],
     job: AnyJob | None = None,
+    camera: Camera | None = None,
+    *,
     die: str | Sequence[str] | None = None,
     stands: str | None = None,
-    camera: Camera | None = None,
     psf: str | Path | Sequence[str | Path] | None = None,
     restore: str | Sequence[str] = AUTO,
     epsilon: float | None = None,
@@ -73,12 +73,14 @@ def restore(
         $ maskfab restore photo.jpg --psf red.exr --psf green.exr --psf blue.exr --restore wiener --out restored
 
     Args:
-        photos: RAW, linear TIFF or PNG of 16 bits, EXR; any other picture is taken for code values of sRGB.
-        job: job file (.toml) whose camera took them; its pixel is the photographs'.
+        photos: RAW, linear TIFF or PNG of 16 bits, EXR; any other picture is taken for code values of sRGB. In Python
+            also arrays of linear light, [rows, columns, 3] or with mosaic [rows, columns], row 0 the top.
+        job: job file (.toml) whose camera took them; its pixel is the photographs'. In Python also a plate, panels or a
+            loaded job.
         die: die of the job that they were taken through, or one for each photograph; by default its only one.
         stands: how the dies stood before the camera: drawn, turned (by 90 degrees), mirrored or mirrored-turned; by
             default what the job says, mirrored if the plate's chrome is away from the lens.
-        camera: of a plate; by default its own.
+        camera: of a plate or of panels; by default the plate's, or that of protocol F1.
         psf: in place of job and die: an EXR of a point light's capture, or one or three that ``maskfab run`` wrote; or
             as many captures as photographs, one for each.
         restore: restorer: wiener, dct+wiener, gradient, dct+gradient or tv; of several the best, by default of all.
@@ -109,8 +111,8 @@ def restore(
     if epsilon is not None and not 0 < epsilon < np.inf:
         what = f"a strength of {epsilon:g} is not above 0"
         raise JobError("MF104", what, where="epsilon", cure="Give a number such as 0.03")
-    paths = [Path(photos)] if isinstance(photos, str | Path) else [Path(photo) for photo in photos]
-    stems = [path.stem for path in paths]
+    paths = sources(photos, "photo")
+    stems = [Path(path.name).stem for path in paths]
     if not stems or len(set(stems)) < len(stems):
         twice = next((stem for stem in stems if stems.count(stem) > 1), "")
         what = f"two photographs have the name {twice}" if stems else "there is no photograph"

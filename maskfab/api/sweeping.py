@@ -2,24 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Annotated, Any, overload
 
-from maskfab.api.results import Asked, Result, Told, answers
+import numpy as np
+
+from maskfab.api.asked import AnyJob, job_of, require_form
+from maskfab.api.lengths import length_text
+from maskfab.api.results import Asked, InPython, Result, Told, answers
 from maskfab.base.checks import checked_arguments
+from maskfab.base.errors import JobError
 from maskfab.base.work import Progress, silent
+from maskfab.job.read import parse_section
 from maskfab.job.reference import in_words
+from maskfab.job.sections import JobSpec
+from maskfab.job.sweep_file import SweepSpec
+from maskfab.job.values import length_keys, sections_of
+from maskfab.mask.job import Job
 from maskfab.runs import sweep as sweeping
 from maskfab.runs.sweep import rows_of, sweep_document, write_sweep
 from maskfab.runs.sweep_numbers import Sensitivity, Swept, Yield
-from maskfab.runs.sweep_plan import planned
+from maskfab.runs.sweep_plan import Plan, planned, planned_of, require_quantities
 
 if TYPE_CHECKING:
+    from maskfab.api.camera import Camera
+    from maskfab.report.figures.sheet import Drawing
     from maskfab.runs.sweep_cases import Engine
 
 
+USUAL_QUANTITIES = ("open_ratio", "auc_radial_min", "mtf50")
+"""Quantities that a sweep finds unless others are named: those that take no photographs."""
+_FEW = 50
 _MOST_LINES = 12
 
 
@@ -29,11 +46,11 @@ class Sweep(Result):
 
     Attributes:
         found: every case.
-        directory: of its files.
+        directory: of its files; None for one that was asked for none.
     """
 
     found: Swept
-    directory: Path
+    directory: Path | None
 
     @property
     def passed(self) -> bool:
@@ -58,6 +75,12 @@ class Sweep(Result):
         """Rows: one for each number of each case."""
         return rows_of(self.found)
 
+    def plot(self) -> Drawing | None:
+        """The first quantity against every field; None where there is nothing to draw."""
+        from maskfab.runs.sweep_page import quantity_figure
+
+        return quantity_figure(self.found, self.found.plan.quantities[0])
+
     def __str__(self) -> str:
         swept = self.found
         lines = [f"{len(swept.records)} cases, {swept.remade} found now, {len(swept.failed)} failed"]
@@ -73,11 +96,29 @@ class Sweep(Result):
         return "\n".join(lines)
 
 
+@overload
+def sweep(
+    study: str | Path, out: str | Path, /, *, engine: Engine = ..., scheduler: str | None = ...,
+    workers: int | None = ..., progress: Progress = ...
+) -> Sweep: ...  # fmt: skip
+@overload
+def sweep(
+    study: AnyJob, camera: Camera | None = ..., out: str | Path | None = ..., *,
+    over: Mapping[str, Any] | None = ..., quantities: Sequence[str] = ..., dies: Sequence[str] | None = ...,
+    cases: int | None = ..., seed: int = ..., engine: Engine = ..., scheduler: str | None = ...,
+    workers: int | None = ..., progress: Progress = ...
+) -> Sweep: ...  # fmt: skip
 @checked_arguments
 def sweep(
-    study: str | Path,
-    out: Annotated[str | Path, "FOLDER"],
+    study: AnyJob,
+    camera: InPython[Camera | str | Path | None] = None,
+    out: Annotated[str | Path | None, "FOLDER!"] = None,
     *,
+    over: InPython[Mapping[str, Any] | None] = None,
+    quantities: InPython[Sequence[str]] = USUAL_QUANTITIES,
+    dies: InPython[Sequence[str] | None] = None,
+    cases: InPython[int | None] = None,
+    seed: InPython[int] = 0,
     engine: Annotated[Engine, "processes|serial|dask"] = "processes",
     scheduler: Annotated[str | None, "ADDRESS"] = None,
     workers: Annotated[int | None, "1..1024"] = None,
@@ -90,29 +131,99 @@ def sweep(
     Examples:
         $ maskfab sweep layouts/sweeps/bias.toml -o build/bias
         $ maskfab sweep layouts/sweeps/shapes.toml -o build/shapes --engine dask --scheduler tcp://127.0.0.1:8786
+        >>> import maskfab as mf
+        >>> bar = mf.Opening.bar(dots=7, size=(5, 3), pitch="56 um")
+        >>> camera = mf.Camera("5 mm", stop="400 um", pixel="2 um", wavelengths="530 nm", window="64 um")
+        >>> swept = mf.sweep(bar, camera, over={"camera.focal": ["5 mm", "6 mm"]}, engine="serial")
+        >>> [round(row["value"], 2) for row in swept.rows() if row["name"] == "mtf50"]
+        [4.57, 3.81]
 
     Args:
-        study: study file (.toml): the job, its fields with their values, the quantities wanted.
-        out: directory of the cases, the table and the page; cases in it are not found again.
+        study: study file (.toml): the job, its fields with their values, the quantities wanted. In Python also a job,
+            plate or panels, with over.
+        camera: of a plate or of panels; by default the plate's, or that of protocol F1.
+        out: directory of the cases, the table and the page; cases in it are not found again. In Python it may be left
+            out with over: nothing is written then.
+        over: keys of the job and the values of each, as ``{"camera.pixel": ["1 um", "2 um"], "die.gutter": [0, 8]}``,
+            every value with every other; ``die.KEY`` is of every die. In place of a list a field as in a study file,
+            such as ``{"from": "1 um", "to": "3 um", "count": 5}`` or, with cases, ``{"uniform": ["1 um", "3 um"]}``.
+        quantities: wanted, with over, as report.json names them.
+        dies: that are looked at, with over; by default all.
+        cases: number of draws, with over, where a field is drawn.
+        seed: of the draws.
         engine: who finds the cases; the table is the same.
         scheduler: address of a Dask scheduler, such as tcp://127.0.0.1:8786.
         workers: processes; by default as many as there are processors.
         progress: told where the work stands.
 
     Raises:
-        JobError: MF160 to MF162 for a study that cannot be; MF105 for keys, MF103 for units; MF152 for a cluster
-            without dask; MF164 for a scheduler.
+        JobError: MF160 to MF162 for a study that cannot be; MF105 for keys, and for an object without over; MF103 for
+            units; MF152 for a cluster without dask; MF164 for a scheduler.
         OutputError: MF401, MF402 for a directory that cannot be used.
     """
-    directory = Path(out)
-    sweeping.check_folder(directory)
-    plan = planned(Path(study))
-    swept = sweeping.made(plan, directory, progress, engine=engine, scheduler=scheduler, workers=workers)
-    write_sweep(directory, swept)
-    return Sweep(swept, directory)
+    if isinstance(camera, str | Path):
+        if out is not None:
+            raise JobError("MF105", f"{camera!r} is not a camera", where="sweep: camera", cure="Make one: Camera(...)")
+        camera, out = None, camera
+    if over is None:
+        if not isinstance(study, str | Path):
+            what = f"{type(study).__name__} does not state which of its keys vary"
+            raise JobError("MF105", what, where="over", cure='Add over={"camera.pixel": ["1 um", "2 um"]}')
+        require_form("over", {"dies": dies, "cases": cases, "camera": camera, "seed": seed or None}, of=False)
+        if out is None:
+            raise JobError("MF105", "there is no output directory", where="sweep: out", cure='Add out="build/sweep"')
+    if out is not None:
+        sweeping.check_folder(Path(out))
+    if over is None:
+        plan = planned(Path(str(study)))
+    else:
+        plan = _planned(job_of(study, camera), over, tuple(quantities), dies, cases, seed)
+        if engine == "processes" and len(plan.cases) < _FEW and set(quantities) <= set(USUAL_QUANTITIES):
+            engine = "serial"  # found in less time than processes take to start
+    with nullcontext(out) if out is not None else TemporaryDirectory(prefix="maskfab-") as folder:
+        swept = sweeping.made(plan, Path(folder), progress, engine=engine, scheduler=scheduler, workers=workers)
+        if out is None:
+            return Sweep(swept, None)
+        write_sweep(Path(out), swept)
+    return Sweep(swept, Path(out))
+
+
+def _planned(
+    job: Job, over: Mapping[str, Any], quantities: tuple[str, ...], dies: Sequence[str] | None, cases: int | None,
+    seed: int,
+) -> Plan:  # fmt: skip
+    """A study of a job whose fields are stated in Python."""
+    where = "sweep: over"
+    if not over:
+        raise JobError("MF105", "no key varies", where=where, cure='Write over={"camera.pixel": ["1 um", "2 um"]}')
+    section = {
+        "title": "Sweep", "job": job.where, "quantities": list(quantities), "cases": cases, "seed": seed,
+        "dies": None if dies is None else list(dies),
+    }  # fmt: skip
+    fields = [_field(key, values) for key, values in over.items()]
+    spec = parse_section(SweepSpec, {"sweep": section, "field": fields}, where=where)
+    require_quantities(spec, where)
+    return planned_of(spec, job, Path(job.where), where)
+
+
+def _field(key: str, values: object) -> dict[str, object]:
+    """A field as a study file has it; numbers of a key that is a length are micrometres."""
+    table, *inner = key.split(".")
+    path = f"die.*.{inner[0]}" if table == "die" and len(inner) == 1 else key
+    if isinstance(values, np.ndarray):
+        values = values.tolist()
+    section = next(iter(sections_of(JobSpec.model_fields[table])), None) if table in JobSpec.model_fields else None
+    is_length = section is not None and bool(inner) and inner[-1] in length_keys(section)
+    as_stated = length_text if is_length else (lambda value: value)
+    if isinstance(values, Mapping):
+        one = {name: as_stated(value) if name in ("from", "to") else value for name, value in values.items()}
+        return {"key": path, **one}
+    listed = [values] if isinstance(values, str) or not isinstance(values, Sequence) else values
+    return {"key": path, "values": [as_stated(value) for value in listed]}
 
 
 @answers(sweep)
 def _sweep(asked: Asked) -> Told:
     swept: Sweep = asked.found()
+    assert swept.directory is not None
     return Told.of(swept, [swept.directory / "sweep.html"], path=str(swept.directory))

@@ -230,6 +230,8 @@ def _fits(value: object, hint: Any) -> bool:
     if origin is Literal:
         # What the words mean, and which there are, is told where they are used.
         return any(type(value) is type(kind) for kind in inner)
+    if origin is np.ndarray:
+        return isinstance(value, np.ndarray)
     if isinstance(origin, type) and issubclass(origin, Mapping | Sequence):
         return _each_fits(value, origin, inner)
     if origin is Callable:
@@ -281,6 +283,8 @@ def _words(hint: Any) -> str:
         return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}"
     if origin is Literal:
         return ", ".join(repr(word) for word in inner)
+    if origin is np.ndarray:
+        return "an array"
     if isinstance(origin, type) and issubclass(origin, Mapping):
         return "a mapping by name"
     if isinstance(origin, type) and issubclass(origin, Sequence):

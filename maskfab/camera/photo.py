@@ -40,7 +40,7 @@ from maskfab.base.arrays import Floats, Mask, Singles
 from maskfab.base.errors import JobError, SourceError
 from maskfab.base.provenance import sha256_of_file
 from maskfab.camera.blur import MeasuredBlur
-from maskfab.camera.frames.frame import Frame, letters, read_frame
+from maskfab.camera.frames.frame import Frame, Source, letters, read_frame
 from maskfab.camera.imaging import LARGE, Blur
 from maskfab.camera.record import BinnedBlur, Noise, Record, Restorer, binned, interpolated, of_cells
 from maskfab.camera.restorers.choice import Chosen, restored
@@ -174,11 +174,11 @@ class Photo:
     told: tuple[str, ...]
 
 
-def read_photo(path: Path, stated: Stated, *, cells: bool = False) -> Photo:
+def read_photo(path: Source, stated: Stated, *, cells: bool = False) -> Photo:
     """Read a file: RAW, TIFF and PNG of 16 bits and EXR as linear counts, any other picture as code values of sRGB.
 
     Args:
-        path: of it.
+        path: of it, or a frame in memory.
         stated: what its file may lack.
         cells: take the cells of a mosaic for pixels, and interpolate nothing.
 
@@ -192,12 +192,12 @@ def read_photo(path: Path, stated: Stated, *, cells: bool = False) -> Photo:
     try:
         frame = read_frame(path, black=stated.black, white=stated.white, mosaic=stated.mosaic)
     except SourceError as refusal:
-        if refusal.code != "MF330":
+        if refusal.code != "MF330" or isinstance(path, Frame):
             raise
         if cells:
             raise _no_mosaic(path) from refusal
         return _of_picture(path, stated, refusal.what)
-    return _of_frame(frame, stated, path, cells=cells)
+    return _of_frame(frame, stated, Path(path.name) if isinstance(path, Frame) else path, cells=cells)
 
 
 def _of_frame(frame: Frame, stated: Stated, path: Path, *, cells: bool) -> Photo:

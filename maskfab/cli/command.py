@@ -30,6 +30,7 @@ import maskfab
 _TYPES: Mapping[str, type] = {
     "AnyJob": Path,
     "AnyPath": Path,
+    "AnyPhoto": Path,
     "AnyReport": Path,
     "bool": bool,
     "int": int,

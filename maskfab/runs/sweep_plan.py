@@ -395,8 +395,18 @@ def planned(study: Path) -> Plan:
             not there; MF103 for units; MF160 for fields without values, and for too many cases; MF161 for a quantity
             that no case has; MF162 for two cases that are one.
     """
-    where = str(study)
     spec = read_sweep(study)
+    require_quantities(spec, str(study))
+    path = study.parent / spec.sweep.job
+    return planned_of(spec, load_job(path), path, str(study))
+
+
+def require_quantities(spec: SweepSpec, where: str) -> None:
+    """Refuse quantities that no case has, and limits of others.
+
+    Raises:
+        JobError: MF161.
+    """
     sweep = spec.sweep
     require_known(sweep.quantities, f"{where}: sweep.quantities")
     for i, limit in enumerate(spec.limit):
@@ -404,8 +414,19 @@ def planned(study: Path) -> Plan:
             cure = f"Use one of {', '.join(sweep.quantities)}"
             what = f"the sweep does not find {limit.quantity!r}"
             raise JobError("MF161", what, where=f"{where}: limit[{i}].quantity", cure=cure)
-    path = study.parent / sweep.job
-    job = _of_dies(load_job(path), sweep.dies, path, where)
+
+
+def planned_of(spec: SweepSpec, loaded: Job, path: Path, where: str) -> Plan:
+    """:func:`planned` for a job that is loaded already.
+
+    Args:
+        spec: of the study, its quantities checked.
+        loaded: the job that is varied.
+        path: that names of files in the study's values are relative to, as of the job's file.
+        where: the study, for errors.
+    """
+    sweep = spec.sweep
+    job = _of_dies(loaded, sweep.dies, path, where)
     fields = fields_of(spec, job.spec, [die.name for die in job.spec.die], where)
     listed = [field for field in fields if not field.drawn]
     count = prod(len(field.levels) for field in listed) * (sweep.cases or 1)

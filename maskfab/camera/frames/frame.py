@@ -5,6 +5,7 @@ RAW is read by LibRaw (extra ``raw``), linear TIFF and PNG of 16 bits and EXR by
 
 from __future__ import annotations
 
+import hashlib
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -14,7 +15,7 @@ from types import MappingProxyType
 from typing import Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from maskfab.base.arrays import Singles
 from maskfab.base.errors import SourceError
@@ -183,18 +184,52 @@ _MOSAICS: dict[str, Pattern] = {
 PICTURES = (".tif", ".tiff", ".png", ".exr")
 
 
+Source: TypeAlias = Path | Frame
+"""A file, or a frame in memory, of which nothing is stated yet."""
+
+
+def frame_of_array(given: ArrayLike, name: str) -> Frame:
+    """A frame of counts in memory, or of light: linear, row 0 the top.
+
+    Args:
+        given: [rows, columns], [rows, columns, 3] or [3, rows, columns], whole numbers of 16 bits or more, or floats;
+            white is 65535 of uint16, and unknown of others, black 0.
+        name: what it is called.
+
+    Raises:
+        SourceError: MF330 for 8 bits, which are codes of a display; MF331 for another shape, or none; MF333 for what is
+            no number, or not finite.
+    """
+    values = np.asarray(given)
+    planes = values.transpose(2, 0, 1) if values.ndim == 3 and values.shape[2] == 3 else values
+    if not planes.size or planes.ndim not in (2, 3) or (planes.ndim == 3 and len(planes) != 3):
+        what = f"an array of shape {values.shape} is no frame"
+        raise SourceError("MF331", what, where=name, cure="Give [rows, columns], or [rows, columns, 3]")
+    if values.dtype in (np.uint8, np.int8, np.bool_):
+        what = f"an array of {values.dtype} holds codes of a picture, not light"
+        cure = "Give linear light, as uint16 or as float, or the path of the picture"
+        raise SourceError("MF330", what, where=name, cure=cure)
+    if values.dtype.kind not in "uif" or not np.isfinite(values).all():
+        what = f"an array of {values.dtype}" if values.dtype.kind not in "uif" else "an array with values not finite"
+        raise SourceError("MF333", f"{what} is no frame", where=name, cure="Give finite real numbers")
+    counts = np.ascontiguousarray(planes, dtype=np.float32)
+    white = float(np.iinfo(np.uint16).max) if values.dtype == np.uint16 else math.inf
+    sha256 = hashlib.sha256(counts.tobytes()).hexdigest()
+    return Frame(name, counts, (0.0,) * (3 if counts.ndim == 3 else 1), white, sha256=sha256)
+
+
 def read_frame(
-    path: Path,
+    path: Source,
     *,
     exposure_s: float | None = None,
     black: float | None = None,
     white: float | None = None,
     mosaic: str | None = None,
 ) -> Frame:
-    """One frame, in a process of its own.
+    """One frame, a file in a process of its own.
 
     Args:
-        path: ``.tif .tiff .png .exr``; anything else is taken for RAW.
+        path: ``.tif .tiff .png .exr``; anything else is taken for RAW. Or a frame in memory.
         exposure_s: in seconds; what the file states if None.
         black: counts of no light in every colour; what the file states, or 0, if None.
         white: counts of a full pixel; what the file states, 65535 of 16 bits or infinite if None.
@@ -206,8 +241,21 @@ def read_frame(
             black not below white or an exposure that is not above 0.
         JobError: MF152 for RAW without rawpy.
     """
-    path = Path(path)
-    where = str(path)
+    where = path.name if isinstance(path, Frame) else str(path)
+    frame = path if isinstance(path, Frame) else _read(Path(path), where)
+    frame = replace(frame, pattern=_stated_mosaic(frame, mosaic, where))
+    levels, count = frame.black if black is None else (black,), len(frame.lattices)
+    frame = replace(
+        frame,
+        exposure_s=frame.exposure_s if exposure_s is None else exposure_s,
+        black=levels if len(levels) == count else levels[:1] * count,
+        white=frame.white if white is None else white,
+    )
+    _check_levels(frame, where)
+    return frame
+
+
+def _read(path: Path, where: str) -> Frame:
     if not os.path.isfile(path):
         raise SourceError("MF301", f"there is no file {path.name}", where=where, cure="Give the path of a frame")
     if path.stat().st_size == 0:
@@ -220,20 +268,11 @@ def read_frame(
     if suffix not in PICTURES:
         require("raw", f"the RAW file {path.name}", where=where, otherwise="save it as linear TIFF of 16 bits")
     frame: Frame = read_apart(path, Path(__file__).with_name("frame_process.py"), kind=Frame, seconds=PATIENCE_S)
-    frame = replace(frame, sha256=sha256_of_file(path), pattern=_stated_mosaic(frame, mosaic, where))
-    levels, count = frame.black if black is None else (black,), len(frame.lattices)
-    frame = replace(
-        frame,
-        exposure_s=frame.exposure_s if exposure_s is None else exposure_s,
-        black=levels if len(levels) == count else levels[:1] * count,
-        white=frame.white if white is None else white,
-    )
-    _check_levels(frame, where)
-    return frame
+    return replace(frame, sha256=sha256_of_file(path))
 
 
 def read_frames(
-    paths: Sequence[Path],
+    paths: Sequence[Source],
     *,
     times_s: Sequence[float] | None = None,
     black: float | None = None,
@@ -243,7 +282,7 @@ def read_frames(
     """Frames of one sensor.
 
     Args:
-        paths: of one or more files.
+        paths: of one or more files, or frames in memory.
         times_s: an exposure for each file, in their order; what the files state if None.
         black: as :func:`read_frame`.
         white: as :func:`read_frame`.
