@@ -14,9 +14,12 @@ import pytest
 from small_job import finished, write_job
 
 import maskfab as mf
+from maskfab.api import asked
 from maskfab.api.asked import job_of, panels_of
+from maskfab.api.taken import WORDS, taken
 from maskfab.base.errors import InputError, JobError
 from maskfab.camera.frames.frame import frame_of_array
+from maskfab.report.rows.photographs import Restored
 from maskfab.runs.result import Result as Run
 
 BAR = mf.Opening.bar(dots=7, size=(5, 3), pitch="56 um")
@@ -104,27 +107,52 @@ def test_what_states_no_job_is_refused_with_all_that_do(stated: Any, told: str) 
 PHOTO = 0.2 + 0.6 * (np.add.outer(10 * np.arange(128), np.arange(128)) > 700)[..., None] * np.ones(3)
 PHOTO[::3, ::5] *= 0.97
 
-VERBS: dict[str, Callable[..., Any]] = {
-    "bench": mf.bench,
-    "check": lambda job, die: mf.check(job, camera=CAMERA, rules=RULES, die=die),
-    "check look": lambda job, die: mf.check(job, look=True, camera=CAMERA, rules=RULES, die=die),
-    "check optics": lambda job, die: mf.check(job, optics=True, camera=CAMERA, die=die),
-    "edge": lambda job, die: mf.edge(PHOTO, job, CAMERA, die=die),
-    "measure": lambda job, die: mf.measure(PHOTO, job, CAMERA, die=die),
-    "restore": lambda job, die: mf.restore(PHOTO, job, CAMERA, die=die),
-    "simulate": lambda job, die: mf.simulate(job, CAMERA, die=die),
-    "sweep": lambda job, die: mf.sweep(job, GREEN, over={f"die.{die}.gutter": [0, 4]}),
+_NO_DIE = ("MF105", "P1, P2")
+VERBS: dict[str, tuple[Callable[[Any], Any], tuple[str, str]]] = {
+    "bench": (lambda job: mf.bench(mf.Plate.of(panels_of(job), camera=CAMERA), die="P3"), _NO_DIE),
+    "check": (lambda job: mf.check(job, camera=CAMERA, rules=RULES, die="P3"), _NO_DIE),
+    "check --look": (lambda job: mf.check(job, look=True, camera=CAMERA, rules=RULES, die="P3"), _NO_DIE),
+    "check --optics": (lambda job: mf.check(job, optics=True, camera=CAMERA, die="P3"), _NO_DIE),
+    "compare": (lambda job: mf.compare(job, camera=CAMERA, dies=["P3"]), ("MF105", "P1")),
+    "edge": (lambda job: mf.edge(PHOTO, job, CAMERA, die="P3"), _NO_DIE),
+    "forecast": (lambda job: mf.forecast(job, out="none"), ("MF114", "P1")),
+    "learn": (lambda job: mf.learn(job, CAMERA, out="none.npz", die="P3"), _NO_DIE),
+    "measure": (lambda job: mf.measure(PHOTO, job, CAMERA, die="P3"), _NO_DIE),
+    "order.compare": (lambda job: mf.order.compare(job, "none"), ("MF420", "none")),
+    "order.fill": (lambda job: mf.order.fill(job, "none"), ("MF420", "none")),
+    "order.pack": (lambda job: mf.order.pack(job, "none"), ("MF420", "none")),
+    "restore": (lambda job: mf.restore(PHOTO, job, CAMERA, die="P3"), _NO_DIE),
+    "run": (lambda job: mf.run(job, out="none"), ("MF114", "P1")),
+    "simulate": (lambda job: mf.simulate(job, CAMERA, die="P3"), _NO_DIE),
+    "study": (mf.study, ("MF146", "study")),
+    "sweep": (lambda job: mf.sweep(job, GREEN, over={"die.P3.gutter": [0, 4]}), _NO_DIE),
+    "verify": (lambda job: mf.verify("none.gds", against=job), ("MF114", "P1")),
 }
+"""Calls of every verb that takes panels, each refused for a reason that only who knows the panels can have."""
 RULES = {"emitters": {"colour_gap": 8, "min_width": "8 um"}}
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_verbs_take_lists_of_panels(verb: str) -> None:
-    """Each knows the dies, for it refuses another before any work."""
-    stated = [TURNED, PLAIN] if verb != "bench" else mf.Plate.of(P1=TURNED, P2=PLAIN, camera=CAMERA)
-    with pytest.raises(JobError, match="P1, P2") as refusal:
-        VERBS[verb](stated, die="P3")
-    assert refusal.value.code == "MF105"
+def test_verbs_take_lists_of_panels(verb: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("maskfab.runs.as_designed.photograph_die", lambda *_: Restored(refused="MF000 not now"))
+    call, (code, told) = VERBS[verb]
+    with pytest.raises(InputError, match=told) as refusal:
+        call([TURNED, PLAIN])
+    assert refusal.value.code == code
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_table_of_what_verbs_take_is_made_from_their_signatures() -> None:
+    rows = {row.verb: row for row in taken()}
+    of_panels = {verb for verb, row in rows.items() if any("Plate" in words for words in row.parameters.values())}
+    assert of_panels == {verb.partition(" ")[0] for verb in VERBS}
+    assert {name for name in vars(asked) if name.startswith("Any") and name != "Any"} <= set(WORDS)
+    assert rows["analyse"].parameters["subject"][0] == "Panel"
+    assert "array" in rows["restore"].parameters["photos"]
+    assert rows["view"].parameters == {"directory": ("path", "result of run")}
+    assert rows["simulate"].camera
+    assert "explain" not in rows
 
 
 def test_rules_are_the_sections_of_a_job_with_lengths_as_python_has_them() -> None:
