@@ -63,7 +63,7 @@ $(VENV)/pip.stamp:
 	touch $@
 
 $(VENV)/run.stamp: pyproject.toml constraints.txt $(VENV)/pip.stamp
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable .
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[all]'
 	touch $@
 
 $(VENV)/docs.stamp: pyproject.toml constraints.txt $(VENV)/pip.stamp

@@ -92,6 +92,24 @@ def test_a_sweep_that_is_kept_is_read_without_what_only_finds_cases(tmp_path):
     assert imported(code) & later == set()
 
 
+def test_objects_are_made_and_a_psf_computed_without_what_only_files_need():
+    code = (
+        "import maskfab as mf\nbar = mf.Opening.bar(7, (3, 5), '56 um')\npanel = mf.Panel.tile(bar, size='560 um')\n"
+        "mf.Camera('5 mm', stop='400 um', pixel='2 um', wavelengths='530 nm', window='64 um').psf(panel)"
+    )
+    later = {
+        "klayout",
+        "gdstk",
+        "OpenImageIO",
+        "matplotlib",
+        "scipy.fft",
+        "scipy.sparse",
+        "scipy.special",
+        "urllib.request",
+    }
+    assert imported(code) & later == set()
+
+
 def test_an_opening_is_analysed_without_what_only_displays_and_designs_need():
     later = {"torch", "matplotlib", "scipy.sparse", "maskfab.display", "maskfab.designs"}
     assert imported("import maskfab.api.analysing") & later == set()
@@ -125,5 +143,6 @@ def test_the_public_names_are_there():
     for name in maskfab.__all__:
         assert getattr(maskfab, name) is not None
     assert {"analyse", "load_job", "run", "verify", "__version__"} <= set(maskfab.__all__)
+    assert dir(maskfab) == sorted(maskfab.__all__)
     with pytest.raises(AttributeError, match="nonsense"):
         _ = maskfab.nonsense

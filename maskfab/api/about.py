@@ -289,7 +289,7 @@ def _facts() -> Iterator[tuple[str, str]]:
     store = Store.of_user()
     yield "cache", f"off; {VARIABLE} names a folder" if store is None else str(store.folder)
     for name, extra in EXTRAS.items():
-        missing = f"{' and '.join(extra.missing)} not installed: pip install 'maskfab[{name}]'"
+        missing = f"not installed: {', '.join(extra.missing)}; pip install 'maskfab[{name}]'"
         yield f"maskfab[{name}]", f"{extra.use}: {missing if extra.missing else 'installed'}"
 
 

@@ -16,7 +16,6 @@ from maskfab.base.errors import JobError
 from maskfab.base.model import Panel as Tiled
 from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import one_thread
-from maskfab.camera.lens import camera_line
 from maskfab.job.camera import Camera as Lens
 from maskfab.job.read import check_lens, check_pupil, check_window, parse_section
 from maskfab.mask.panels import check_cover
@@ -193,6 +192,8 @@ class Camera:
         return self.wavelengths
 
     def __repr__(self) -> str:
+        from maskfab.camera.lens import camera_line
+
         return f"<Camera: {camera_line(self.model)}>"
 
 

@@ -23,7 +23,6 @@ from maskfab.job.values import check_name
 from maskfab.mask import emitter_layouts, opening_file
 from maskfab.mask import opening as decode
 from maskfab.mask import opening as shapes
-from maskfab.mask.formats.table import LAYOUT_SUFFIXES
 from maskfab.mask.opening_file import dot_of_pitch
 
 if TYPE_CHECKING:
@@ -299,6 +298,8 @@ def read_opening(
     if path.suffix.lower() == ".toml":
         opening = opening_file.load_opening(path, dots=dots, name=name)
         return Opening.of_model(opening if pitch is None else _repitched(opening, pitch))
+    from maskfab.mask.formats.table import LAYOUT_SUFFIXES  # slow to load, with every format
+
     if path.suffix.lower() in LAYOUT_SUFFIXES:
         wanted = _whole(_stated(dots, "dots", path.name), "dots")
         dot_nm = _dot_nm(_stated(pitch, "pitch", path.name), wanted, "read_opening: pitch")

@@ -59,7 +59,7 @@ def require(extra: str, what: str, *, where: str = "", otherwise: str = "") -> N
         MissingPackageError: MF152, with the command that installs them.
     """
     if missing := EXTRAS[extra].missing:
-        needed = f"{what} needs {' and '.join(missing)}, not installed here"
+        needed = f"{what} needs packages that are not installed: {', '.join(missing)}"
         cure = f"Run pip install 'maskfab[{extra}]'" + f", or {otherwise}" * bool(otherwise)
         raise MissingPackageError("MF152", needed, where=where, cure=cure)
 

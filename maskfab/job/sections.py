@@ -173,7 +173,7 @@ class DesignSection(Section):
     """Seed of the search."""
     anneal: int = Field(default=0, ge=0, le=10_000_000)
     """Evaluations of a search dot by dot that follows."""
-    rules: RulesSection = RulesSection()
+    rules: RulesSection = RulesSection.model_construct()
     """Hard constraints on the opening, a table."""
     output: str | None = None
     """File of the opening, relative to the job."""
@@ -358,13 +358,10 @@ class CircuitsSection(Section):
     um, a channel of 12 um for the transistor that drives, and 256 um^2 of plates.
     """
 
-    boxes: Annotated[tuple[BoxSection, ...], Field(min_length=1, max_length=16, strict=False)] = tuple(
-        BoxSection.model_validate(box)
-        for box in (
-            {"name": "driving transistor", "width": "24 um", "height": "6 um"},
-            {"name": "switching transistor", "width": "15 um", "height": "6 um", "count": 6},
-            {"name": "capacitor", "width": "16 um", "height": "16 um"},
-        )
+    boxes: Annotated[tuple[BoxSection, ...], Field(min_length=1, max_length=16, strict=False)] = (
+        BoxSection.model_construct(name="driving transistor", width=24.0, height=6.0),
+        BoxSection.model_construct(name="switching transistor", width=15.0, height=6.0, count=6),
+        BoxSection.model_construct(name="capacitor", width=16.0, height=16.0),
     )
     """Boxes of one circuit; default: 7 transistors and a capacitor."""
     gap: LengthOrZero = 3.0
@@ -678,7 +675,7 @@ class JobSpec(Section):
     job: JobSection | None = None
     camera: Camera
     plate: PlateSection | None = None
-    limits: LimitsSection = LimitsSection()
+    limits: LimitsSection = LimitsSection.model_construct()
     die: Annotated[tuple[DieSection, ...], Field(strict=False)] = ()
     design: AnyDesign | None = None
     pareto: ParetoSection | None = None

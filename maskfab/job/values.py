@@ -37,7 +37,7 @@ from maskfab.base.errors import JobError
 class Section(BaseModel):
     """A table of a job file: frozen, and refused if it has an unknown key or a value of the wrong type."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, defer_build=True)
 
     def model_dump(self, **options: Any) -> dict[str, Any]:
         """Plain data by the keys of a job, those of tables that are :class:`Stated` too."""

@@ -97,7 +97,7 @@ def test_the_verbs_of_the_core_work_without_the_heavy_packages(tmp_path):
     assert [line for line, code in codes.items() if code] == [], done.stderr
     assert len(codes) == len(lines)
     assert set(unready) == NEED_TORCH
-    assert "torch not installed: pip install 'maskfab[design]'" in done.stdout
+    assert "not installed: torch; pip install 'maskfab[design]'" in done.stdout
 
 
 @pytest.fixture
