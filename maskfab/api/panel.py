@@ -187,7 +187,7 @@ class Panel(model.Panel):
             JobError: MF103 or MF104 for a thickness; MF152 without cadquery.
             OutputError: MF410 for pixels without chrome, MF412 for a panel of too many vertices or pixels.
         """
-        require("solid", "an assembly of cadquery")
+        require("solid", what="an assembly")
         from maskfab.mask.formats.step import cadquery_assembly
 
         return cadquery_assembly(self._die(), _stack(chrome, glass))
@@ -199,7 +199,7 @@ class Panel(model.Panel):
         Where openings touch by a corner the chrome between them is a tenth of a dot wide, for a surface of no width is
         not closed. Arguments and errors as :meth:`to_cadquery`; MF436 for dots below 100 nm that touch so.
         """
-        require("solid", "a scene of trimesh")
+        require("solid", what="a scene of meshes")
         from maskfab.mask.formats.step import trimesh_scene
 
         return trimesh_scene(self._die(), _stack(chrome, glass))

@@ -400,7 +400,7 @@ def learn(
         SourceError: MF301 without photographs in the folder; MF303, MF304 for a file that is no checkpoint.
         OutputError: MF401 where ``out`` cannot be written.
     """
-    require("design", "a restorer that learns")
+    require("design", what="a restorer that learns")
     clock = Clock(60 * minutes, refuses=True)
     from maskfab.camera.learning import Checkpoint, Course, Run, device_of
 

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
+from itertools import chain
 from types import MappingProxyType
 
 from maskfab.base.errors import MissingPackageError
@@ -46,21 +47,22 @@ EXTRAS: Mapping[str, Extra] = MappingProxyType(
 """Extras of ``pyproject.toml`` that a user may want, by name."""
 
 
-def require(extra: str, what: str, *, where: str = "", otherwise: str = "") -> None:
+def require(*extras: str, what: str, where: str = "", otherwise: str = "") -> None:
     """Refuse work that needs packages which are not installed.
 
     Args:
-        extra: that installs them.
-        what: needs them, such as "the format stl".
+        extras: that install them.
+        what: needs them, such as "writing stl".
         where: it was asked for.
         otherwise: what else could be done.
 
     Raises:
         MissingPackageError: MF152, with the command that installs them.
     """
-    if missing := EXTRAS[extra].missing:
-        needed = f"{what} needs packages that are not installed: {', '.join(missing)}"
-        cure = f"Run pip install 'maskfab[{extra}]'" + f", or {otherwise}" * bool(otherwise)
+    missing = {name: EXTRAS[name].missing for name in extras if EXTRAS[name].missing}
+    if missing:
+        needed = f"{what} needs {', '.join(chain(*missing.values()))}, not installed here"
+        cure = f"Run pip install 'maskfab[{','.join(missing)}]'" + f", or {otherwise}" * bool(otherwise)
         raise MissingPackageError("MF152", needed, where=where, cure=cure)
 
 

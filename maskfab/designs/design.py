@@ -191,7 +191,7 @@ def design(
         OutputError: MF401 for a checkpoint in a directory that does not exist.
         SourceError: for photographs that cannot be read.
     """
-    require("design", "a design", where=f"{where}: design")
+    require("design", what="a design", where=f"{where}: design")
     display, seen = _possible(spec, where)
     if checkpoint is not None and not os.path.isdir(checkpoint.absolute().parent):
         what = f"there is no directory for the checkpoint {checkpoint}"

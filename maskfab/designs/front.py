@@ -294,7 +294,7 @@ def sweep(
         JobError, OpeningError: as :func:`rules_of` and :func:`lines_of`; the first size's own error, MF123, MF203 or
             MF204, if no size has any design.
     """
-    require("design", "a front of designs")
+    require("design", what="a front of designs")
     rules, lines = rules_of(section, display, compared), lines_of(pareto, display)
     room = lattice(section.dots, rules.dot_nm, camera=camera)
     progress("photographs", 0, 1)

@@ -225,7 +225,7 @@ def metric() -> ModuleType:
     Raises:
         JobError: MF152 if it is not installed, MF121 if it cannot be imported.
     """
-    require("eye", "JOD", where="--jod", otherwise="leave --jod out")
+    require("eye", what="JOD", where="--jod", otherwise="leave --jod out")
     try:
         return importlib.import_module("pycvvdp")
     except ImportError as problem:

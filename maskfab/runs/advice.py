@@ -141,7 +141,7 @@ def advise(
     Raises:
         JobError: as :func:`searched`, MF152 without torch, and for a light, a camera or a plate that cannot be.
     """
-    require("design", "advice, which designs an opening,", where=str(path))
+    require("design", what="advice on a design", where=str(path))
     spec, section = searched(stated, str(path))
     others = [die for die in spec.die if die.opening != section.output]
     named = None if spec.report is None else spec.report.reference

@@ -238,4 +238,4 @@ def check_packages(job: Job) -> None:
         MissingPackageError: MF152.
     """
     formats = written_formats(job.spec.export or ExportSection(), named_shop(job))
-    require_packages(formats, where=f"{job.where}: export.formats", otherwise="leave it out of [export]")
+    require_packages(formats, where=f"{job.where}: export.formats", otherwise="leave these formats out")

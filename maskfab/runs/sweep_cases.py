@@ -374,7 +374,7 @@ def map_cases(
         cure = "Use --engine serial or processes, or --engine dask with --scheduler tcp://HOST:8786"
         raise JobError("MF105", f"the engine {engine!r} with the scheduler {scheduler!r}", where="--engine", cure=cure)
     if scheduler is not None:
-        require("cluster", "a cluster", where="--engine", otherwise="use --engine processes")
+        require("cluster", what="a cluster", where="--engine", otherwise="use --engine processes")
         return _by_cluster(cases, quantities, folder, progress, scheduler)
     make_folder(folder)
     others = 0 if engine == "serial" else min(workers or os.cpu_count() or 1, len(cases)) - 1

@@ -115,9 +115,17 @@ def test_a_format_that_needs_an_extra_is_refused_before_any_work(bare, capsys, t
     job = write_job(tmp_path, ("[[die]]", f'[export]\nformats = ["gdsii", "{form}"]\n\n[[die]]'))
     answer = command(capsys, "run", job, "--out", tmp_path / "out", *option)
     assert answer.code == 2
-    assert re.search(rf"MF152 the format {form} needs .*pip install 'maskfab\[{extra}\]'.*leave it out", answer.stderr)
+    assert re.search(
+        rf"MF152 writing {form} needs .*pip install 'maskfab\[{extra}\]'.*leave these formats out", answer.stderr
+    )
     assert answer.stdout == ""
     assert not (tmp_path / "out").exists()
+
+
+def test_all_formats_that_need_extras_are_named_at_once(bare, capsys, tmp_path):
+    answer = command(capsys, "run", LAYOUTS / "all_formats.toml", "--out", tmp_path / "out")
+    assert "MF152 writing gerber, step, glb, 3mf, stl needs gerbonara, cadquery, " in answer.stderr
+    assert "pip install 'maskfab[gerber,solid]'" in answer.stderr
 
 
 def test_a_run_with_solids_is_not_called_damaged_where_they_cannot_be_read(capsys, monkeypatch, tmp_path):
@@ -126,7 +134,7 @@ def test_a_run_with_solids_is_not_called_damaged_where_they_cannot_be_read(capsy
         monkeypatch.setitem(sys.modules, module, None)
     answer = command(capsys, "verify", out)
     assert answer.code == 2
-    assert "MF152 the format stl needs" in answer.stderr
+    assert "MF152 writing stl needs" in answer.stderr
 
 
 def test_what_needs_torch_is_refused_before_any_work(bare, tmp_path):

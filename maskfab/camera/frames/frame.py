@@ -266,7 +266,7 @@ def _read(path: Path, where: str) -> Frame:
         cure = "Give the camera's RAW file, or linear TIFF or PNG of 16 bits, or EXR"
         raise SourceError("MF330", what, where=where, cure=cure)
     if suffix not in PICTURES:
-        require("raw", f"the RAW file {path.name}", where=where, otherwise="save it as linear TIFF of 16 bits")
+        require("raw", what=f"the RAW file {path.name}", where=where, otherwise="save it as linear TIFF of 16 bits")
     frame: Frame = read_apart(path, Path(__file__).with_name("frame_process.py"), kind=Frame, seconds=PATIENCE_S)
     return replace(frame, sha256=sha256_of_file(path))
 

@@ -53,7 +53,7 @@ def read_gerber(path: Path) -> db.Layout:
             command whose effect is not certain, MF316 far slower to read than whole files are.
         MissingPackageError: MF152 without gerbonara.
     """
-    require("gerber", f"the Gerber file {path.name}", where=str(path), otherwise="convert it to GDSII or DXF")
+    require("gerber", what=f"the Gerber file {path.name}", where=str(path), otherwise="convert it to GDSII or DXF")
     with path.open("rb") as file:
         if not _START.match(file.read(_FIRST_BYTES)):
             raise wrong_kind(path, "Gerber")

@@ -20,7 +20,7 @@ from typing import get_args
 from klayout import db
 
 from maskfab.base.errors import JobError, OutputError, SourceError
-from maskfab.base.extras import require
+from maskfab.base.extras import EXTRAS, require
 from maskfab.job.values import MEASURED_FORMATS, FileFormat
 from maskfab.mask import formats as folder
 from maskfab.mask.figures import Figures
@@ -82,7 +82,7 @@ def products(
 
 
 def require_packages(
-    formats: Sequence[FileFormat], *, where: str = "export.formats", otherwise: str = "leave that out"
+    formats: Sequence[FileFormat], *, where: str = "export.formats", otherwise: str = "leave these out"
 ) -> None:
     """Refuse formats that this installation could not write, or not read back.
 
@@ -94,9 +94,9 @@ def require_packages(
     Raises:
         MissingPackageError: MF152.
     """
-    for name in formats:
-        if (extra := FORMATS[name].extra) is not None:
-            require(extra, f"the format {name}", where=where, otherwise=otherwise)
+    extras = {name: extra for name in formats if (extra := FORMATS[name].extra) is not None}
+    missing = [name for name, extra in extras.items() if EXTRAS[extra].missing]
+    require(*dict.fromkeys(extras.values()), what=f"writing {', '.join(missing)}", where=where, otherwise=otherwise)
 
 
 def format_of(path: Path, *, die: bool) -> FileFormat:

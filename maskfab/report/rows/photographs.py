@@ -396,7 +396,7 @@ def read_checkpoints(paths: Sequence[str | Path]) -> list[tuple[Path, Checkpoint
     """
     if not paths:
         return []
-    require("design", "a restorer that learned", where="checkpoint", otherwise="use other restorers")
+    require("design", what="a restorer that learned", where="checkpoint", otherwise="use other restorers")
     # torch takes a second to load.
     from maskfab.camera.learning import Checkpoint
 

@@ -216,7 +216,7 @@ def dataframe(rows: Sequence[Mapping[str, Any]] | Mapping[Any, Any]) -> DataFram
     Raises:
         JobError: MF152 without pandas.
     """
-    require("pandas", "a DataFrame", otherwise="use to_dict()")
+    require("pandas", what="a DataFrame", otherwise="use to_dict()")
     from pandas import DataFrame
 
     return DataFrame(rows if isinstance(rows, Mapping) else list(rows))
