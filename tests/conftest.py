@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import copies
 import numpy as np
 import pytest
+from browser import Browser, Chromium, Firefox
 from hypothesis import settings
 from once import BOUNDS, DESIGN, OPTICS, compared_once, dimmed, figures_in_words, leaves, once, small_scenes, statistics
 from small_job import finished, write_job
@@ -199,6 +200,28 @@ def read_here(monkeypatch) -> None:
 def within_limits(read_here, monkeypatch) -> None:
     """For a test among those that is about the limits."""
     monkeypatch.setattr(sandbox, "multiprocessing", multiprocessing)
+
+
+@pytest.fixture(scope="session")
+def chromium(tmp_path_factory) -> Iterator[Chromium]:
+    """Started once, for all that is looked at."""
+    browser = Chromium.started(tmp_path_factory.mktemp("browsers"))
+    yield browser
+    browser.close()
+
+
+@pytest.fixture(scope="session")
+def firefox(tmp_path_factory) -> Iterator[Firefox]:
+    """Started once, for all that is looked at."""
+    browser = Firefox.started(tmp_path_factory.mktemp("browsers"))
+    yield browser
+    browser.close()
+
+
+@pytest.fixture(scope="module", params=["chromium", "firefox"])
+def browser(request) -> Browser:
+    """One after the other; by module, lest tests of others, and what they share, be made twice."""
+    return request.getfixturevalue(request.param)
 
 
 @pytest.fixture(scope="session")

@@ -10,6 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 import tifffile
+from browser import faults
 from camera.capture.captured_dies import BLACK, GAIN, READ_NOISE, exposed, polygon_picture
 from small_job import command, write_job
 
@@ -48,7 +49,7 @@ def captured(tmp_path_factory):
     return folder / "job.toml", frames
 
 
-def test_a_stack_tells_the_die_its_stand_and_its_width(captured, capsys, tmp_path):
+def test_a_stack_tells_the_die_its_stand_and_its_width(captured, capsys, chromium, firefox, tmp_path):
     job, frames = captured
     out = tmp_path / "out"
     told = command(capsys, "measure", *frames, "--job", job, *SENSOR, *STATED, "-o", out, "--json", "--quiet").document
@@ -68,6 +69,7 @@ def test_a_stack_tells_the_die_its_stand_and_its_width(captured, capsys, tmp_pat
     page = (out / "measure.html").read_text()
     assert told["verdict"][0] in page
     assert "<script" not in page
+    assert [fault for browser in (chromium, firefox) for fault in faults(browser, out / "measure.html")] == []
     blur = read_psf([out / "fitted_psf.exr"])
     assert blur.pixel_um == 2
     assert blur.kernels[1].sum() == pytest.approx(1)

@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 import tifffile
+from browser import faults
 from slanted_edges import blurred_edge, gaussian, noisy, rendered, true_mtf
 from small_job import command, write_job
 
@@ -37,7 +38,7 @@ def mosaic(tmp_path_factory):
 LEVELS = ("--black", BLACK, "--white", WHITE, "--mosaic", "rggb")
 
 
-def test_each_colour_of_a_mosaic_is_measured_by_its_own_pixels(capsys, mosaic, tmp_path):
+def test_each_colour_of_a_mosaic_is_measured_by_its_own_pixels(capsys, chromium, firefox, mosaic, tmp_path):
     out = tmp_path / "out"
     answer = command(capsys, "edge", mosaic, *LEVELS, "--pixel", "2 um", "-o", out, "--json")
     assert answer.code == 0, answer
@@ -52,6 +53,7 @@ def test_each_colour_of_a_mosaic_is_measured_by_its_own_pixels(capsys, mosaic, t
         assert per_mm["value"] == pytest.approx(500 * per_pixel["value"])
     page = (out / "measure.html").read_text()
     assert "Green pixels, horizontal, edge −5.0" in page
+    assert [fault for browser in (chromium, firefox) for fault in faults(browser, out / "measure.html")] == []
     assert json.loads((out / "measure.json").read_text())["edges"] == edges
     assert {each.name for each in out.iterdir()} == {"measure.html", "measure.json", "manifest.json"}
     again = command(capsys, "edge", mosaic, *LEVELS, "-o", out, "--force")

@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 
 import pytest
+from browser import Chromium, Firefox, faults
 from once import leaves
 
 from maskfab.camera import scenes
@@ -67,7 +68,9 @@ def job(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_sweep_is_written_whole_and_alike_each_time(job: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_sweep_is_written_whole_and_alike_each_time(
+    job: Path, capsys: pytest.CaptureFixture[str], chromium: Chromium, firefox: Firefox
+) -> None:
     out = job.parent / "out"
     assert run_command_line(["design", "--front", str(job), "--out", str(out), "--json", "--quiet"]) == 0
     told = json.loads(capsys.readouterr().out)
@@ -95,6 +98,7 @@ def test_a_sweep_is_written_whole_and_alike_each_time(job: Path, capsys: pytest.
     assert page.count("Together the rules cost") == len(told["curves"])
     assert f"Assumes {told['designed_for']}; 1 synthetic scene;" in page
     assert "<script" not in page
+    assert [fault for browser in (chromium, firefox) for fault in faults(browser, out / "pareto.html")] == []
     for each in found:
         assert f'<a href="#{each["name"]}">' in page
         assert f'id="{each["name"]}"' in page

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from browser import seen
+from browser import DESK, TELEPHONE, Browser, faults
 from once import leaves
 from report.conftest import MARKUP
 from small_job import command, listing
@@ -138,7 +138,7 @@ def test_a_file_that_is_no_toml_is_refused_before_work(folder: Path, capsys: pyt
     assert (answer.code, "MF430" in answer.stderr) == (2, True)
 
 
-def test_hostile_texts_are_words_and_nothing_runs_or_scrolls_sideways(told: dict[str, Any], tmp_path: Path) -> None:
+def test_hostile_texts_are_words_and_nothing_runs_or_scrolls_sideways(browser: Browser, told: dict[str, Any]) -> None:
     hostile = copy.deepcopy(told)
     name = MARKUP + "W" * 300
     hostile |= {"name": name, "shape": name, "notes": [MARKUP], "designed_for": MARKUP, "job_hash": MARKUP}
@@ -148,9 +148,14 @@ def test_hostile_texts_are_words_and_nothing_runs_or_scrolls_sideways(told: dict
     page = design_page(hostile)
     assert "<script" not in page
     assert page.count(markup.escape(MARKUP, quote=False).replace("'", "&#39;")) >= 10
-    for wide, looked in seen(tmp_path, (((1280, 800), page), ((390, 800), page))).items():
-        assert looked.pop("wide") <= wide
+    for size in (DESK, TELEPHONE):
+        looked = browser.seen(page, size)
+        assert looked.pop("wide") <= size[0]
         assert looked == {"scripts": 0, "broken": 0, "fetched": 0}
+
+
+def test_the_page_opens_anywhere(browser: Browser, folder: Path) -> None:
+    assert faults(browser, folder / "out" / "design.html") == []
 
 
 def test_rules_are_priced_by_annealing_without_each_where_that_is_asked_for(

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from browser import installed, printed, seen
+from browser import DESK, TELEPHONE
 from report.conftest import MARKUP
 from report.test_front import A, B, taken
 
@@ -20,7 +20,6 @@ from maskfab.report.figures import scene as design_figures
 from maskfab.report.pages.appendix import appendix_page
 from maskfab.report.pages.page import html_page
 
-DESK, TELEPHONE = (1280, 900), (390, 844)
 PAPER = (688, 1016)
 """A4 without margins of 14 mm, at 96 pixels an inch."""
 A4_PT = (595, 842)
@@ -67,20 +66,19 @@ def pages(run):
     return html_page(document, pictures), appendix_page(document, pictures)
 
 
-def everywhere(page, folder):
+def everywhere(browser, page):
     """What a browser sees of one page, by the width of its window."""
-    on_paper = page.replace("@media print", "@media all").replace("@media screen", "@media speech")
-    return seen(folder, ((DESK, page), (TELEPHONE, page), (PAPER, on_paper)), FRONT)
+    return {size[0]: browser.seen(page, size, FRONT, paper=size is PAPER) for size in (DESK, TELEPHONE, PAPER)}
 
 
 @pytest.fixture(scope="module")
-def looked(pages, tmp_path_factory):
-    return everywhere(pages[0], tmp_path_factory.mktemp("report"))
+def looked(browser, pages):
+    return everywhere(browser, pages[0])
 
 
 @pytest.fixture(scope="module")
-def appended(pages, tmp_path_factory):
-    return everywhere(pages[1], tmp_path_factory.mktemp("appendix"))
+def appended(browser, pages):
+    return everywhere(browser, pages[1])
 
 
 @EVERYWHERE
@@ -141,12 +139,12 @@ def test_a_die_is_a_page_of_a4(looked):
     assert max(heights) <= PAPER[1]
 
 
-def test_the_browser_prints_pages_of_a4_and_has_nothing_to_complain_of(pages, tmp_path):
+def test_the_browser_prints_pages_of_a4_and_has_nothing_to_complain_of(chromium, pages, tmp_path):
     file = tmp_path / "report.html"
     file.write_text(pages[0], encoding="utf-8")
-    paper, log = printed(installed(), file, tmp_path / "home")
+    paper = chromium.printed(file)
     boxes = re.findall(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", paper)
     assert {(round(float(wide)), round(float(high))) for wide, high in boxes} == {A4_PT}
     # The decision, the evidence, and the two dies.
     assert len(re.findall(rb"/Type /Page\b", paper)) == 4
-    assert "CONSOLE" not in log
+    assert chromium.complaints() == []

@@ -8,7 +8,6 @@ import json
 import re
 
 import pytest
-from browser import installed, printed
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from report.test_front import A, B, document_of, front_of, taken
@@ -204,19 +203,19 @@ def test_twelve_dies_are_few_words_and_bytes(shown):
 
 
 @pytest.mark.slow
-def test_the_report_of_the_twelve_dies_that_are_shipped_keeps_its_budget(tmp_path):
+def test_the_report_of_the_twelve_dies_that_are_shipped_keeps_its_budget(chromium, tmp_path):
     run_job(LAYOUTS / "upc12.toml", tmp_path / "out")
     file = tmp_path / "out" / "report.html"
     page = file.read_text(encoding="utf-8")
     assert words_of(page) <= 9000
     assert file.stat().st_size <= 3e6
-    paper, _ = printed(installed(), file, tmp_path / "home")
+    paper = chromium.printed(file)
     # The decision, the evidence, and the dies.
     assert len(re.findall(rb"/Type /Page\b", paper)) == 14
 
 
-def test_a_run_of_two_dies_is_four_pages(shown, tmp_path):
-    paper, _ = printed(installed(), shown / "report.html", tmp_path / "home")
+def test_a_run_of_two_dies_is_four_pages(chromium, shown):
+    paper = chromium.printed(shown / "report.html")
     assert len(re.findall(rb"/Type /Page\b", paper)) == 4
 
 

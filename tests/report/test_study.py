@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import faults
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.image import imread
@@ -150,6 +151,10 @@ def test_claims_are_judged_by_the_photographs_that_simulate_takes(made: Path, ph
     assert for_it["verdicts"] == {"f1": "agrees" if low >= 0.5 else "cannot be told"}
     assert against["verdicts"] == {"f1": "does not agree" if low > -0.5 else "cannot be told"}
     assert high > 0.5
+
+
+def test_the_page_opens_anywhere(browser, made: Path):
+    assert faults(browser, made / "out" / "study.html") == []
 
 
 def test_the_page_tells_what_made_it_and_needs_nothing_else(made: Path):

@@ -11,6 +11,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from browser import faults
 from small_job import command, write_job
 
 import maskfab as mf
@@ -137,6 +138,10 @@ def test_table_document_and_page_say_the_same(swept):
     page = (swept.directory / "sweep.html").read_text(encoding="utf-8")
     assert "<b>and</b>" not in page
     assert "//" not in page.replace("<!--", "")
+
+
+def test_the_page_opens_anywhere(browser, swept):
+    assert faults(browser, swept.directory / "sweep.html") == []
 
 
 def test_processes_find_what_one_finds(swept, tmp_path):

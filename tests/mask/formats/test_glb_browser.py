@@ -10,7 +10,6 @@ from __future__ import annotations
 import base64
 import io
 import json
-import re
 import struct
 import zipfile
 from dataclasses import dataclass
@@ -19,13 +18,11 @@ from importlib.resources import files
 import matplotlib.image
 import numpy as np
 import pytest
-from browser import dumped, installed
 
 from maskfab.mask.dots import die_edges_nm, die_raster
 from maskfab.mask.formats.format import Stack
 from maskfab.mask.formats.mesh import write_glb
 
-WEBGL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 SIDE = 512
 EDGE_PX = 0.15
 """Pixels with their middle so near to an edge of the design are not compared; of the others not one may be wrong."""
@@ -136,9 +133,8 @@ def pale(document):
 
 
 @pytest.fixture(scope="module")
-def pictures(small_plate, tmp_path_factory):
-    """Every picture of this module, by name, from one start of the browser."""
-    browser = installed()
+def pictures(chromium, small_plate, tmp_path_factory):
+    """Every picture of this module, by name, from one page."""
     place = tmp_path_factory.mktemp("glb")
     jobs = []
 
@@ -163,11 +159,10 @@ def pictures(small_plate, tmp_path_factory):
     assert start
     page = place / "page.html"
     page.write_text(library + PAGE.replace("SIDE", str(SIDE)).replace("JOBS", json.dumps(jobs)) + end)
-    found = re.search(r'<pre id="told">(.*?)</pre>', dumped(browser, page, place / "home", *WEBGL), re.DOTALL)
-    assert found, "the page came to no end"
-    told = json.loads(found[1])
+    chromium.open(page)
+    told = json.loads(chromium.until("return document.querySelector('#told')?.textContent"))
     if told == "no WebGL":
-        pytest.skip(f"{browser} has no WebGL here")
+        pytest.skip(f"{chromium.program} has no WebGL here")
     assert isinstance(told, dict), told
     return {name: picture(**each) for name, each in told.items()}
 
