@@ -103,11 +103,11 @@ def with_the_die(name: str, job: Path) -> Path:
     return job
 
 
-def finished(folder: Path, *edits: tuple[str, str]) -> Path:
-    """The output directory of the job, run by the command line; figures are in words."""
+def finished(folder: Path, *edits: tuple[str, str], code: int = 0) -> Path:
+    """The output directory of the job, run by the command line with that exit code; figures are in words."""
     out = folder / "out"
     with figures_in_words():
-        assert run_command_line(["run", str(write_job(folder, *edits)), "--out", str(out), "--quiet"]) == 0
+        assert run_command_line(["run", str(write_job(folder, *edits)), "--out", str(out), "--quiet"]) == code
     return out
 
 

@@ -64,7 +64,7 @@ function listDies(dies, choose) {
 }
 
 /** The chosen die's numbers and PSF; null for none. */
-function tellDie(dies, place) {
+function tellDie({ dies, beside }, place) {
   [...byId("dies").children].forEach((button, at) => button.setAttribute("aria-pressed", String(at === place)));
   byId("chosen").hidden = place === null;
   if (place === null) return;
@@ -82,8 +82,16 @@ function tellDie(dies, place) {
     picture.src = die.psf;
     picture.alt = `${die.name}: ${die.psf_words}`;
   }
+  byId("chosen-links").replaceChildren(...(beside === null ? [] : linksOf(die, beside)));
   byId("chosen").scrollIntoView({ block: "nearest" });
   byId("chosen-words").textContent = die.psf ? die.psf_words : "The report holds no PSF of this die.";
+}
+
+/** To what the pages beside this one tell of a die. */
+function linksOf(die, beside) {
+  const pages = [["Its numbers", `appendix.html#numbers-${die.name}`], ["its figures", `appendix.html#die-${die.name}`]];
+  if (die.in_report) pages.push(["in the report", `report.html#die-${die.name}`]);
+  return pages.flatMap(([words, page], at) => [at ? ", " : "", element("a", words, { href: beside + page })]);
 }
 
 /** Rules with the number of their places, ticked to be shown, and buttons from place to place. */
@@ -96,7 +104,12 @@ function listRules(told, rules, step, changed) {
       changed();
     });
     rows.push(row);
-    for (const words of rule.told) rows.push(element("p", words, { class: "quiet" }));
+    for (const words of rule.told) {
+      const owner = /^die (\w+):/.exec(words), asked = new URLSearchParams({ rule: rule.name, ...(owner && { die: owner[1] }) });
+      const row = element("p", undefined, { class: "quiet" });
+      row.append(element("a", words, { href: `#${asked}` }));
+      rows.push(row);
+    }
     rows.push(element("p", count ? `${count} places here` : "no place told", { class: "quiet" }));
   }
   if (!rules.length) {
@@ -122,5 +135,8 @@ function tellFile(told) {
   byId("file").replaceChildren(...rows.flatMap(([heading, words, kind]) => [
     element("dt", heading), element("dd", words, kind ? { class: kind } : {}),
   ]));
-  byId("source").textContent = `${told.file.path}, SHA-256 ${told.file.sha256.slice(0, 16)}…, ${told.folder}`;
+  byId("source").textContent = `${told.file.path}, SHA-256 ${told.file.sha256.slice(0, 16)}…`;
+  if (told.beside === null) return;
+  const pages = [["report", "report.html"], ["appendix", "appendix.html"], ["numbers.csv", "numbers.csv"]];
+  byId("pages").replaceChildren(...pages.map(([words, page]) => element("a", words, { href: told.beside + page })));
 }

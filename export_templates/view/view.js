@@ -17,7 +17,8 @@ if (!shown.size) told.layers.forEach((_, place) => shown.add(place));
 const canvas = byId("plate"), context = canvas.getContext("2d", { alpha: false });
 const view = { x: 0, y: 0, scale: 1 };  // of the middle in nm; CSS pixels per nm
 let looks, tiles, size = [0, 0], ratio = 1, asked = false, framed = false;
-let chosen = null, hovered = null, pointer = null, ruler = null, placeAt = null;
+let chosen = null, hovered = null, ruler = null, placeAt = null;
+let pointed = null;  // box in nm of the place that was gone to
 
 // --- What is seen ---------------------------------------------------------------------------------------------------
 
@@ -52,6 +53,7 @@ function resize() {
   if (!framed && area.width > 0) {
     framed = true;
     frame(plateBox, 0.94);
+    follow();
   }
   redraw();
 }
@@ -104,6 +106,7 @@ function drawFrame() {
   drawTexts();
   drawDies();
   drawRules();
+  drawPointed();
   drawRuler();
   drawScaleBar();
   if (!whole) redraw();
@@ -188,6 +191,24 @@ function mark([x0, y0, x1, y1]) {
   }
 }
 
+/** The place that was gone to: a ring about it with four strokes that lead there, whatever else is marked. */
+function drawPointed() {
+  if (!pointed) return;
+  const [x0, y1] = toScreen(pointed[0], pointed[1]), [x1, y0] = toScreen(pointed[2], pointed[3]);
+  const x = (x0 + x1) / 2, y = (y0 + y1) / 2, radius = Math.hypot(x1 - x0, y1 - y0) / 2 + 14;
+  for (const [width, ink] of [[7, "--page"], [3, "--rule"]]) {
+    context.lineWidth = width;
+    context.strokeStyle = colour(ink);
+    context.beginPath();
+    context.arc(x, y, radius, 0, 2 * Math.PI);
+    for (const [across, down] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) {
+      context.moveTo(x + across * radius, y + down * radius);
+      context.lineTo(x + across * (radius + 12), y + down * (radius + 12));
+    }
+    context.stroke();
+  }
+}
+
 function drawRuler() {
   if (!ruler) return;
   const points = ruler.points.concat(ruler.points.length === 1 && ruler.next ? [ruler.next] : []);
@@ -250,8 +271,13 @@ function dieAt([x, y]) {
 }
 
 function choose(place, framing) {
+  if (place !== chosen) {
+    pointed = null;
+    byId("told").textContent = "";
+  }
   chosen = place;
-  tellDie(told.dies, place);
+  tellDie(told, place);
+  remember(place === null ? {} : { die: told.dies[place].name });
   if (place !== null && framing) frame(told.dies[place].box, 0.85);
   redraw();
 }
@@ -268,17 +294,78 @@ function hover(place, x, y) {
   box.style.top = `${y + 18 + box.offsetHeight > size[1] ? Math.max(4, y - box.offsetHeight - 12) : y + 18}px`;
 }
 
+/** Places of the rules that are shown, rule by rule: box and die of each, and its number on that die. */
+function everyPlace() {
+  return rules.filter((rule) => rule.shown).flatMap((rule) => {
+    const counts = new Map();
+    return Array.from({ length: rule.places.length / 4 }, (_, at) => {
+      const box = rule.places.slice(4 * at, 4 * at + 4), die = dieAt(middleOf(box));
+      counts.set(die, (counts.get(die) || 0) + 1);
+      return { rule, box, die, number: counts.get(die) };
+    });
+  });
+}
+
+function middleOf(box) {
+  return [(box[0] + box[2]) / 2, (box[1] + box[3]) / 2];
+}
+
 function stepPlace(by) {
-  const all = rules.filter((rule) => rule.shown).flatMap((rule) =>
-    Array.from({ length: rule.places.length / 4 }, (_, at) => ({ rule, at })));
+  const all = everyPlace();
   if (!all.length) return;
   placeAt = placeAt === null ? (by > 0 ? 0 : all.length - 1) : (placeAt + by + all.length) % all.length;
-  const { rule, at } = all[placeAt], [x0, y0, x1, y1] = rule.places.slice(4 * at, 4 * at + 4);
-  const around = Math.max(x1 - x0, y1 - y0, 20000) * 2;
+  goTo(all, placeAt);
+}
+
+function goTo(all, at) {
+  const { rule, box, die, number } = all[at];
+  placeAt = at;
+  point(box, `${rule.name}, place ${at + 1} of ${all.length}`);
+  remember({ rule: rule.name, ...(die === null ? {} : { die: told.dies[die].name }), place: number });
+}
+
+/** Show a place so near that what is wrong there can be seen, ring it, and choose its die. */
+function point(box, words) {
+  const [x0, y0, x1, y1] = box, around = Math.max(x1 - x0, y1 - y0, 20000) * 2;
   frame([x0 - around, y0 - around, x1 + around, y1 + around], 1);
-  const place = dieAt([(x0 + x1) / 2, (y0 + y1) / 2]);
-  if (place !== chosen) choose(place, false);
-  byId("told").textContent = `${rule.name}, place ${placeAt + 1} of ${all.length}`;
+  const die = dieAt(middleOf(box));
+  if (die !== chosen) choose(die, false);
+  pointed = box;
+  byId("told").textContent = words;
+}
+
+/** Put what is seen into the address, to be kept or sent. */
+function remember(asked) {
+  try {
+    history.replaceState(null, "", `#${new URLSearchParams(asked)}`);
+  } catch {
+    // A page within another may have no address of its own.
+  }
+}
+
+/** Go where the address says: a rule, the die that breaks it and which of its places there; x and y in µm; or a die. */
+function follow() {
+  const asked = new URLSearchParams(location.hash.slice(1));
+  const named = told.dies.findIndex((die) => die.name === asked.get("die")), die = named < 0 ? null : named;
+  const rule = rules.find((each) => each.name === asked.get("rule"));
+  const [x, y] = ["x", "y"].map((side) => Number.parseFloat(asked.get(side)) * 1000);
+  const what = asked.get("rule") || "";
+  if (Number.isFinite(x) && Number.isFinite(y)) {
+    point([x, y, x, y], `${what && `${what}, `}x ${micrometres(x)}, y ${micrometres(y)}`);
+    return;
+  }
+  if (rule && !rule.shown) {
+    rule.shown = true;
+    listRules(told, rules, stepPlace, redraw);
+  }
+  const all = rule ? everyPlace() : [];
+  const own = all.flatMap((place, at) => (place.rule === rule && place.die === die ? [at] : []));
+  const at = own[Math.min(own.length, Number.parseInt(asked.get("place"), 10) || 1) - 1];
+  if (at !== undefined) goTo(all, at);
+  else if (die !== null) {
+    choose(die, true);
+    if (what) byId("told").textContent = `${what}: no place on ${told.dies[die].name} is told`;
+  } else if (what) byId("told").textContent = `${what}: no place is told`;
 }
 
 function useRuler(on) {
@@ -405,5 +492,6 @@ listRules(told, rules, stepPlace, redraw);
 tellFile(told);
 resize();
 restyle();
+addEventListener("hashchange", follow);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", restyle);
 new ResizeObserver(resize).observe(canvas);

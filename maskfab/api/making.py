@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, overload
+from urllib.parse import quote
 
 from maskfab.api.asked import AnyJob, AnyPanel, AnyPath, job_of
 from maskfab.api.camera import Camera
@@ -374,6 +375,15 @@ class View(Result):
         return f"{self.path}: {self.mask_file}, SHA-256 {self.sha256}, in {self.bytes / 1e6:.1f} MB"
 
 
+def _address(folder: Path, page: Path) -> str | None:
+    """Of a folder from beside a page; None where there is no way, as from one drive of Windows to another."""
+    try:
+        way = os.path.relpath(folder, os.path.realpath(page.parent))
+    except ValueError:
+        return None
+    return f"{quote(Path(way).as_posix())}/"
+
+
 @checked_arguments
 def view(directory: AnyPath, out: Annotated[str | Path | None, "PAGE.html"] = None, *, force: bool = False) -> View:
     """Make one page that shows the plate: layers, dies and their numbers, places of rule violations, a ruler.
@@ -403,7 +413,7 @@ def view(directory: AnyPath, out: Annotated[str | Path | None, "PAGE.html"] = No
         what = f"{target} lies in the finished run, whose manifest does not know it"
         raise OutputError("MF401", what, where="--out", cure="Give --out a path beside the directory")
     check_file(target, force=force)
-    shown = shown_run(folder)
+    shown = shown_run(folder, _address(folder, target))
     page = viewer_page(shown)
     write_text(target, page, replace=force)
     return View(target, shown["file"]["path"], shown["file"]["sha256"], len(page.encode()))

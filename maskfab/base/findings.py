@@ -20,7 +20,7 @@ from importlib import import_module
 from types import MappingProxyType
 from typing import Any
 
-from maskfab.base.folders import APPENDIX, NUMBERS, OVERVIEW, PAGE, PRINT, REPORT, RESULT_MARK
+from maskfab.base.folders import APPENDIX, NUMBERS, OVERVIEW, PAGE, PRINT, REPORT, RESULT_MARK, VIEW
 from maskfab.base.units import NM_PER_UM
 
 
@@ -365,7 +365,7 @@ FINDINGS: tuple[Finding, ...] = (
     ),
     Finding("self-test", (), rows="clear_stop_psf_error"),
     Finding("numbers", (Need.JOB, Need.FILES), files=(REPORT, NUMBERS)),
-    Finding("figures", (Need.JOB, Need.FILES), files=(PAGE, APPENDIX, OVERVIEW, PRINT)),
+    Finding("figures", (Need.JOB, Need.FILES), files=(PAGE, APPENDIX, VIEW, OVERVIEW, PRINT)),
     Finding("hashes of the others", (Need.RESULT,), files=(RESULT_MARK,)),
     Finding("drawing and writing", (Need.PANEL,), files=("*",)),
 )

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from maskfab.base import provenance
 from maskfab.base.errors import OutputError
-from maskfab.base.folders import APPENDIX, NUMBERS, PAGE, PRINT, RESULT_MARK
+from maskfab.base.folders import APPENDIX, NUMBERS, PAGE, PRINT, RESULT_MARK, VIEW
 
 BROWSERS = (
     "chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge", "microsoft-edge",
@@ -24,7 +24,7 @@ BROWSERS = (
 """Programs that print a page without a window, by their names; the first that is installed is taken."""
 _FLAGS = ("--headless", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run", "--no-pdf-header-footer")
 _PATIENCE_S = 180.0
-_BESIDE = re.compile(rf'href="(?:{re.escape(APPENDIX)}|{re.escape(NUMBERS)})[^"]*"')
+_BESIDE = re.compile(rf'href="(?:{"|".join(map(re.escape, (APPENDIX, NUMBERS, VIEW)))})[^"]*"')
 _DATE = re.compile(rb"\(D:\d{14}[^)]*\)")
 _CURE = f"Install Chromium, Chrome or Edge, or leave --pdf out and print {PAGE} from any browser: it is laid out for A4"
 

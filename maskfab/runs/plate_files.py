@@ -13,7 +13,7 @@ from pathlib import Path
 
 from maskfab.base import __version__, provenance, resources
 from maskfab.base.errors import InternalError, SourceError
-from maskfab.base.folders import APPENDIX, JOB_COPY, NUMBERS, OVERVIEW, PAGE, REPORT, RESULT_MARK, TIMES
+from maskfab.base.folders import APPENDIX, JOB_COPY, NUMBERS, OVERVIEW, PAGE, REPORT, RESULT_MARK, TIMES, VIEW
 from maskfab.base.model import DieOptics, Plate, Quantity, WrittenFile
 from maskfab.base.processes import release_memory
 from maskfab.base.work import Progress
@@ -138,7 +138,7 @@ def write_psfs(psfs: Sequence[PsfFile], folder: Path) -> tuple[WrittenFile, ...]
 
 def write_manifest(job: Job, files: Sequence[WrittenFile], folder: Path) -> None:
     """Write the manifest of a finished folder: hashes of all its files, and versions of what made them."""
-    names = (REPORT, PAGE, APPENDIX, NUMBERS, OVERVIEW)
+    names = (REPORT, PAGE, APPENDIX, NUMBERS, OVERVIEW, *((VIEW,) if (folder / VIEW).exists() else ()))
     reports = [provenance.file_record(folder, folder / name, "report") for name in names]
     manifest = {
         "schema_version": MANIFEST_VERSION,

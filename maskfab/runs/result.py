@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from maskfab.base.errors import UnknownNameError
 from maskfab.base.findings import expected
-from maskfab.base.folders import APPENDIX, NUMBERS, PAGE, REPORT, TIMES, Account
+from maskfab.base.folders import APPENDIX, NUMBERS, PAGE, REPORT, TIMES, VIEW, Account
 from maskfab.base.model import Die, DieOptics, Plate, Quantity, Report, WrittenFile
 from maskfab.base.processes import SerialExecutor
 from maskfab.base.work import Progress, silent
@@ -31,6 +31,7 @@ from maskfab.report.figures import scene as scene_figures
 from maskfab.report.pages import front
 from maskfab.report.pages.appendix import appendix_page
 from maskfab.report.pages.page import html_page
+from maskfab.report.pages.viewer import MOST_BYTES, mask_file, shown_plate, viewer_page
 from maskfab.report.rows.as_written import Written, measure_written
 from maskfab.report.rows.bands import Expansion, restored_bands
 from maskfab.report.rows.optics import measure_with_bar, view_rows
@@ -319,13 +320,19 @@ def _eye_figures(findings: PlateFindings, document: Document) -> Iterator[die_fi
         yield die_figures.Figures(best.name, display.eye, (die.panel, answer.judged, rules.emitters))
 
 
-def report_texts(document: Document, pictures: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
-    """The report as files, by their names: numbers, the page that is signed, its appendix, and the table."""
+def report_texts(document: Document, pictures: Mapping[str, Mapping[str, str]], folder: Path) -> dict[str, str]:
+    """The report as files, by their names: numbers, the page that is signed, its appendix, the table, and the plate to
+    look into, unless no file of the folder has polygons, or too many."""
+    shown = mask_file(document["files"])
+    view = shown is not None and shown["bytes"] <= MOST_BYTES
+    page = html_page(document, pictures, view=view)
+    more = {VIEW: viewer_page(shown_plate(folder, document["files"], document, page))} if view else {}
     return {
         REPORT: report_data.report_text(document),
-        PAGE: html_page(document, pictures),
-        APPENDIX: appendix_page(document, pictures),
+        PAGE: page,
+        APPENDIX: appendix_page(document, pictures, view=view),
         NUMBERS: numbers_text(document),
+        **more,
     }
 
 

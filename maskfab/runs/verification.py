@@ -31,6 +31,7 @@ from maskfab.base.folders import (
     REPORT,
     RESULT_MARK,
     TIMES,
+    VIEW,
     put_back,
     read_manifest,
 )
@@ -60,6 +61,7 @@ from maskfab.report.documents.shape import Document
 from maskfab.report.pages import differences
 from maskfab.report.pages.appendix import appendix_page
 from maskfab.report.pages.page import html_page
+from maskfab.report.pages.viewer import shown_run, viewer_page
 from maskfab.report.rows.foreign import Foreign, How, check_foreign, only_die
 from maskfab.report.rows.optics import layout_as_seen, plate_as_seen
 from maskfab.report.rows.verdicts import Verdicts
@@ -287,7 +289,10 @@ def _pages_differ(
         document = json.loads((folder / REPORT).read_text(encoding="utf-8")) if held else now
     except (OSError, ValueError, RecursionError):
         document = now
-    pages: dict[str, Callable[..., str]] = {PAGE: partial(html_page, made_with=made_with), APPENDIX: appendix_page}
+    pages: dict[str, Callable[..., str]] = {
+        PAGE: partial(html_page, made_with=made_with, view=VIEW in there),
+        APPENDIX: partial(appendix_page, view=VIEW in there),
+    }
     for name in (each for each in pages if each in there):
         try:
             page = pages[name](document, pictures)
@@ -299,6 +304,13 @@ def _pages_differ(
         yield name, f"other {', '.join(faults)}" if faults else _PHOTOGRAPHS if parts else ""
     if NUMBERS in there:
         yield NUMBERS, "" if _bytes(folder / NUMBERS) == numbers_text(document).encode() else "its bytes differ"
+    if VIEW in there:
+        try:
+            view = viewer_page(shown_run(folder)).encode()
+        except (InputError, ValueError) as error:
+            yield VIEW, f"it cannot be made again: {error}"
+        else:
+            yield VIEW, "" if _bytes(folder / VIEW) == view else "its bytes differ"
 
 
 def _bytes(path: Path) -> bytes:

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browser import dumped, installed
 from hypothesis import given
 from hypothesis import strategies as st
 from klayout import db
@@ -266,13 +265,12 @@ document.body.append(pre);
 
 
 @pytest.fixture(scope="module")
-def answers(hostile, tmp_path_factory) -> dict:
-    browser, place = installed(), tmp_path_factory.mktemp("viewer")
+def answers(browser, hostile, tmp_path_factory) -> dict:
+    place = tmp_path_factory.mktemp("viewer")
     page = mf.view(hostile, place / "view.html").path.read_text(encoding="utf-8")
     (place / "look.html").write_text(page.replace("</body>", f"<script>{{{LOOK}}}</script></body>"), encoding="utf-8")
-    found = re.search(r'<pre id="answers">(.*?)</pre>', dumped(browser, place / "look.html", place / "home"), re.DOTALL)
-    assert found, "the page came to no end"
-    return json.loads(found[1].replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&"))
+    browser.open(place / "look.html")
+    return json.loads(browser.until("return document.querySelector('#answers')?.textContent"))
 
 
 def corner(hostile: Path, name: str) -> db.Vector:

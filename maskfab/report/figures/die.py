@@ -58,6 +58,8 @@ _CUTS: Mapping[str, tuple[str, str, Any, float]] = MappingProxyType(
 _MARKS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "h", "*")
 _LOWEST = 5e-3
 """MTF at the lower edge of the comparison of dies; what is lower is drawn there."""
+_PLATE_SEEN = (-1.02, 1.17), (-1.2, 1.17)
+"""What a drawing of the plate shows along x and y, in halves of the blank."""
 _NAMED = 100
 """Dies whose names and labels a drawing of the plate can show."""
 _NAME = 0.045
@@ -118,7 +120,7 @@ def of_plate(
     plate: Plate, failed: frozenset[str], dies: Sequence[DieOptics], stressed: Sequence[str]
 ) -> dict[str, str]:
     """The figures of a whole plate, dies that ``failed`` a check marked, those ``stressed`` drawn thick."""
-    whole = {"drawing": plate_drawing(plate, failed).img()}
+    whole = {"drawing": plate_drawing(plate, failed).img(), "places": plate_places(plate)}
     if dies:
         whole["mtf"] = mtf_comparison(dies, stressed).img()
     return whole
@@ -285,6 +287,23 @@ def plate_drawing(plate: Plate, failed: frozenset[str] = frozenset()) -> Drawing
     return Drawing(figure, f"Drawing of plate {plate.name} with {len(plate.dies)} dies")
 
 
+def plate_places(plate: Plate) -> str:
+    """Links to lay over :func:`plate_drawing`: each die to its numbers, ``numbers-`` and its name, in percent."""
+    (left, right), (low, high) = _PLATE_SEEN
+    half_nm, side = plate.blank_nm / 2, high - low
+    beside = (side - (right - left)) / 2  # the drawing is square, what it shows is not
+    links = []
+    for die in plate.dies:
+        x0, y0, x1, y1 = (edge / half_nm for edge in die.box_nm)
+        box = (x0 - left + beside, high - y1, x1 - x0, y1 - y0)
+        style = "; ".join(
+            f"{name}: {100 * length / side:.2f}%"
+            for name, length in zip(("left", "top", "width", "height"), box, strict=True)
+        )
+        links.append(f'<a href="#numbers-{die.name}" style="{style}" title="{die.name}" aria-label="{die.name}"></a>')
+    return "".join(links)
+
+
 def panel_thumbnail(panel: Panel, side_nm: int, pixels: int = 108, kind: str = "small") -> str:
     """A small picture of a square of ``side_nm``; with one side for all dies their cells compare in size."""
     levels = np.rint(sheet.panel_coverage(panel, side_nm, pixels) * (len(_GREYS) - 1)).astype(np.uint8)
@@ -427,7 +446,8 @@ def _draw_plate(axes: Axes, plate: Plate, failed: frozenset[str]) -> None:
     _dimension(axes, (-room, -half), (room, -half), -0.135 * half, f"writable {2 * room:.6g} mm")
     _dimension_dies(axes, plate, half)
     axes.plot([-0.03 * half, 0.03 * half], [0, 0], [0, 0], [-0.03 * half, 0.03 * half], color=_CLEAR, linewidth=0.6)
-    axes.set(xlim=(-1.02 * half, 1.17 * half), ylim=(-1.2 * half, 1.17 * half), aspect="equal")
+    (left, right), (low, high) = _PLATE_SEEN
+    axes.set(xlim=(left * half, right * half), ylim=(low * half, high * half), aspect="equal")
     axes.set_axis_off()
 
 

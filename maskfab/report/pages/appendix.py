@@ -21,6 +21,7 @@ from maskfab.report.documents.numbers import methods, rows_of
 from maskfab.report.documents.shape import Record
 from maskfab.report.figures import die as die_figures
 from maskfab.report.pages.front import Best, best, shown_dies
+from maskfab.report.pages.links import where_linked
 from maskfab.report.pages.tables import band_of, decibels, die_table, model_table, photograph_table, ranked, stage_table
 from maskfab.report.pages.template import ROW_FILTERS, WORDS, page_environment, references, style
 from maskfab.report.rows.bands import BIAS_UM
@@ -57,13 +58,14 @@ def _page() -> Template:
     return environment.from_string(template("appendix.html.j2"))
 
 
-def appendix_page(document: Record, pictures: Mapping[str, Mapping[str, str]]) -> str:
+def appendix_page(document: Record, pictures: Mapping[str, Mapping[str, str]], *, view: bool = False) -> str:
     """The appendix as one HTML page.
 
     Args:
         document: report.json, as :func:`maskfab.report.documents.report.to_document` makes it.
         pictures: ``<img>`` elements by die and figure, as :func:`maskfab.report.figures.die.pictures` makes them;
             a figure that is missing is left out.
+        view: whether the page that shows the plate lies beside it.
 
     Equal documents and pictures give equal pages.
     """
@@ -107,6 +109,8 @@ def appendix_page(document: Record, pictures: Mapping[str, Mapping[str, str]]) -
         methods=listed.keys,
         remark=lambda row: listed.of(row)[1],
         refs=references(listed),
+        view=view,
+        where_linked=where_linked,
         quantities=[entry for name, entry in quantities().items() if name in present],
         words=WORDS,
     )

@@ -26,6 +26,7 @@ from maskfab.report.figures.display import seen_pixels
 from maskfab.report.pages.appendix import by_name
 from maskfab.report.pages.front import Best, assumptions, best, crops, decision, shown_dies, stamps
 from maskfab.report.pages.limits import FITS, LIVES, LOOKS, LimitLine, broken, judged_verdicts, limit_lines
+from maskfab.report.pages.links import linked_places
 from maskfab.report.pages.tables import DieLine, die_table
 from maskfab.report.pages.template import ROW_FILTERS, page_environment, references, style
 from maskfab.report.rows.photographs import middle_level
@@ -72,7 +73,11 @@ def _page() -> Template:
 
 
 def html_page(
-    document: Record, pictures: Mapping[str, Mapping[str, str]], made_with: Mapping[str, str] | None = None
+    document: Record,
+    pictures: Mapping[str, Mapping[str, str]],
+    made_with: Mapping[str, str] | None = None,
+    *,
+    view: bool = False,
 ) -> str:
     """The report as one HTML page.
 
@@ -81,6 +86,7 @@ def html_page(
         pictures: ``<img>`` elements by die and figure, as :func:`maskfab.report.figures.die.pictures` makes them;
             a figure that is missing is left out.
         made_with: versions of the programs that made it; by default those that are installed.
+        view: whether the page that shows the plate lies beside it.
 
     Equal documents and pictures give equal pages.
     """
@@ -115,6 +121,8 @@ def html_page(
         middle_nm=lines_nm[len(lines_nm) // 2],
         main=_main(document),
         refs=references(listed, "appendix.html"),
+        view=view,
+        places=linked_places,
         report_hash=hashlib.sha256(report_text(document).encode()).hexdigest(),
         versions=versions() if made_with is None else made_with,
         digits=SHORT_HASH,

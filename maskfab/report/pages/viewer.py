@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,7 @@ from maskfab.mask.formats.table import LAYOUT_SUFFIXES, read_layout
 from maskfab.mask.layout import DBU_UM, CellNames
 from maskfab.report.documents.report import read_reports
 from maskfab.report.documents.shape import Document, Record
+from maskfab.report.pages.front import shown_dies
 from maskfab.report.pages.tables import die_table
 from maskfab.report.pages.template import page_template
 
@@ -230,12 +231,21 @@ class _Reader(HTMLParser):
                 self.found[self._die] = address, words
 
 
+_MARKERS = ".lyrdb"
 _CELLS_FIRST = (".gds", ".oas")
 """Files in which cells are placed by references, whatever the job; others may be flat."""
 
 
-def shown_run(folder: Path) -> Document:
+MOST_BYTES = 50_000_000
+"""Of a mask file of which a run writes a page by itself; asked for, one is made of any."""
+
+
+def shown_run(folder: Path, beside: str | None = "") -> Document:
     """A finished directory, its mask file read back: all that the page draws and tells.
+
+    Args:
+        folder: the directory.
+        beside: address of the directory from where the page will lie, "" or ending in a slash; None without links.
 
     Raises:
         OutputError: MF403 if it is no finished run, MF407 if a file that would be shown was changed since, MF409 if
@@ -244,35 +254,54 @@ def shown_run(folder: Path) -> Document:
     """
     files = {str(row["path"]): {"format": "", **row} for row in read_manifest(folder)["files"]}
     (report,) = read_reports([folder])
-    mask = _mask_file(folder, files)
-    layout = read_layout(_unchanged(folder, mask))
+    mask = mask_file(files.values())
+    if mask is None:
+        formats = ", ".join(dict.fromkeys(str(row["format"]) for row in files.values() if row["format"]))
+        what = f"{folder} holds no mask file with polygons, only {formats or 'other files'}"
+        cure = 'Add "gdsii" or "oasis" to [export] formats, and run the job again'
+        raise OutputError("MF409", what, where=str(folder), cure=cure)
     page = _unchanged(folder, files[PAGE]).read_text(encoding="utf-8") if PAGE in files else ""
-    markers = [_unchanged(folder, row) for name, row in files.items() if name.endswith(".lyrdb")]
+    for row in (mask, *(row for name, row in files.items() if name.endswith(_MARKERS))):
+        _unchanged(folder, row)
+    return shown_plate(folder, list(files.values()), report.document, page, beside)
+
+
+def shown_plate(folder: Path, files: Sequence[Record], report: Record, page: str, beside: str | None = "") -> Document:
+    """As :func:`shown_run`, of a directory that is still being made.
+
+    Args:
+        folder: with the files of its plate.
+        files: their rows, of which one is a mask file with polygons.
+        report: content of report.json.
+        page: the report.
+        beside: as of :func:`shown_run`.
+    """
+    mask = mask_file(files)
+    assert mask is not None
+    layout = read_layout(folder / str(mask["path"]))
+    markers = [folder / str(row["path"]) for row in files if str(row["path"]).endswith(_MARKERS)]
     box = layout.top_cell().bbox()
     return {
-        "title": report.document["title"],
-        "folder": report.name,
+        "title": report["title"],
+        "beside": beside,
         "file": {key: mask[key] for key in ("path", "format", "bytes", "sha256")},
-        "job_hash": report.document["job_hash"],
-        "maskfab_version": report.document["maskfab_version"],
+        "job_hash": report["job_hash"],
+        "maskfab_version": report["maskfab_version"],
         "box": [box.left, box.bottom, box.right, box.top],
         **drawn_cells(layout),
-        "dies": _dies(report.document, layout, psf_pictures(page)),
+        "dies": _dies(report, layout, psf_pictures(page)),
         "rules": [rule for path in markers for rule in rule_places(path)],
         "markers": [path.name for path in markers],
     }
 
 
-def _mask_file(folder: Path, files: Mapping[str, Record]) -> Record:
-    """The first file with cells, else the first with polygons."""
-    for suffixes in (_CELLS_FIRST, LAYOUT_SUFFIXES):
-        for name, row in files.items():
-            if Path(name).suffix in suffixes:
-                return row
-    formats = ", ".join(dict.fromkeys(str(row["format"]) for row in files.values() if row["format"]))
-    what = f"{folder} holds no mask file with polygons, only {formats or 'other files'}"
-    cure = 'Add "gdsii" or "oasis" to [export] formats, and run the job again'
-    raise OutputError("MF409", what, where=str(folder), cure=cure)
+def mask_file(files: Iterable[Record]) -> Record | None:
+    """The row of the first file with cells, else of the first with polygons; None where there is neither."""
+    rows = list(files)
+    of_kinds = (
+        row for kinds in (_CELLS_FIRST, LAYOUT_SUFFIXES) for row in rows if Path(str(row["path"])).suffix in kinds
+    )
+    return next(of_kinds, None)
 
 
 def _unchanged(folder: Path, row: Record) -> Path:
@@ -294,7 +323,7 @@ def _unchanged(folder: Path, row: Record) -> Path:
 def _dies(report: Record, layout: db.Layout, pictures: Mapping[str, tuple[str, str]]) -> list[Document]:
     """Dies of a report in its order, each with its numbers, its place in the layout, nm, and its PSF."""
     table = die_table(report)
-    lines = {line.name: line for line in table.lines}
+    lines, in_report = {line.name: line for line in table.lines}, shown_dies(report)
     documents = []
     for die, box in zip(report["dies"], _boxes(report, layout), strict=True):
         line = lines[die["name"]]
@@ -318,6 +347,7 @@ def _dies(report: Record, layout: db.Layout, pictures: Mapping[str, tuple[str, s
                 "name": die["name"],
                 "label": die["label"],
                 "best": line.psnr.best,
+                "in_report": die["name"] in in_report,
                 "box": box,
                 "rows": rows,
                 "psf": address,

@@ -97,7 +97,7 @@ def obeyed(text: str) -> list[str]:
     return [c for c in text if c != "\n" and unicodedata.category(c) in {"Cc", "Cf", "Cs", "Zl", "Zp"}]
 
 
-LEADS = re.compile(r"#|data:image/|(report\.html|appendix\.html|numbers\.csv)(#[\w-]+)?$")
+LEADS = re.compile(r"#|data:image/|(report\.html|appendix\.html|numbers\.csv|view\.html)(#[\w=&-]+)?$")
 """Into the page, to what it holds, and to the files beside it."""
 
 
