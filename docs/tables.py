@@ -67,7 +67,7 @@ def _codes() -> Iterator[str]:
 def _verbs() -> Iterator[str]:
     """Every verb by its group, in one line."""
     for group, names in GROUPS.items():
-        rows = ((f"[`maskfab {name}`](verbs.md#maskfab-{name.replace(' ', '-')})", summary_of(name)) for name in names)
+        rows = ((f"[`maskfab {name}`](#maskfab-{name.replace(' ', '-')})", summary_of(name)) for name in names)
         yield f"**{group}**"
         yield from _table(("command", "purpose"), ((link, _plain(text)) for link, text in rows))
     yield "Each has `--help` with examples; `--json` prints one JSON document on stdout, progress goes to stderr."

@@ -1,0 +1,78 @@
+"""Notebooks as pages of the manual: executed when it is built, their answers in its own style, nothing from a network."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from mkdocs.config.defaults import MkDocsConfig
+    from mkdocs.structure.files import Files
+
+_ANSWERS = """\
+{% extends "markdown/index.md.j2" %}
+{% block input %}
+```python
+{{ cell.source }}
+```
+{% endblock input %}
+{% block stream %}
+```text
+{{ output.text | trim }}
+```
+{% endblock stream %}
+{% block data_text scoped %}
+```text
+{{ output.data["text/plain"] | trim }}
+```
+{% endblock data_text %}
+{% block data_html scoped %}
+<div class="output">
+{{ output.data["text/html"] | one_line }}
+</div>
+{% endblock data_html %}
+{% block data_svg scoped %}
+![{{ cell.source.splitlines()[-1] | forceescape }}]({{ output.metadata.filenames["image/svg+xml"] }})
+{% endblock data_svg %}
+{% block data_png scoped %}
+![{{ cell.source.splitlines()[-1] | forceescape }}]({{ output.metadata.filenames["image/png"] }})
+{% endblock data_png %}
+"""
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add a page for each notebook, and its pictures."""
+    from mkdocs.structure.files import File
+
+    for path in sorted((Path(config.docs_dir) / "notebooks").glob("*.ipynb")):
+        text, pictures = _page(path)
+        files.append(File.generated(config, f"notebooks/{path.stem}.md", content=text))
+        for name, data in pictures.items():
+            files.append(File.generated(config, f"notebooks/{name}", content=data))
+    return files
+
+
+def _page(path: Path) -> tuple[str, dict[str, bytes]]:
+    """A notebook that was run in an empty folder, as Markdown, and its pictures by name.
+
+    Raises:
+        nbclient.exceptions.CellExecutionError: for a cell that fails, so that no manual shows what does not run.
+    """
+    import nbformat
+    from jinja2 import DictLoader
+    from nbconvert import MarkdownExporter
+    from nbconvert.preprocessors import ExecutePreprocessor
+
+    os.environ.setdefault("MPLBACKEND", "agg")
+    book = nbformat.read(path, as_version=4)
+    with TemporaryDirectory() as folder:
+        ExecutePreprocessor(timeout=900, kernel_name="python3").preprocess(book, {"metadata": {"path": folder}})
+    exporter = MarkdownExporter(extra_loaders=[DictLoader({"answers.md.j2": _ANSWERS})], template_file="answers.md.j2")
+    exporter.register_filter("one_line", lambda html: re.sub(r"\s*\n\s*", " ", html))
+    text, more = exporter.from_notebook_node(book, {"output_files_dir": f"{path.stem}_files"})
+    source = f"[Open the notebook]({path.name}){{ download }} and run it yourself.\n"
+    head, _, rest = text.strip().partition("\n")
+    return f"{head}\n\n{source}\n{rest}\n", more["outputs"]
