@@ -1,4 +1,4 @@
-"""Notebooks as pages of the manual: executed when it is built, their answers in its own style, nothing from a network."""
+"""Notebooks as pages of the manual: executed when it is built, answers in its own style, no network."""
 
 from __future__ import annotations
 

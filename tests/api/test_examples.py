@@ -56,7 +56,7 @@ def test_examples_in_docstrings_give_what_they_say():
 def test_every_table_of_the_manual_is_made_and_has_its_place():
     docs = Path(mf.__file__).parents[1] / "docs"
     made = runpy.run_path(str(docs / "tables.py"))["_MADE"]
-    marked = {mark for page in docs.glob("*.md") for mark in re.findall(r"<!-- (\w+) -->", page.read_text("utf-8"))}
+    marked = {mark for page in docs.rglob("*.md") for mark in re.findall(r"<!-- (\w+) -->", page.read_text("utf-8"))}
     assert marked == set(made)
     for lines in made.values():
         assert len("\n".join(lines())) > 1000

@@ -1,6 +1,6 @@
 """Dies that a job asks for, dot by dot, and the boundaries of shapes, whole numbers by which files are compared.
 
-Rows count from below and columns from the left, from 0. The rules are those of ``docs/layout.md``.
+Rows count from below and columns from the left, from 0. The rules are those of ``docs/reference/layout.md``.
 
 How often polygons cover a point changes where a vertical ray from below crosses their edges. Edges along one line that
 run in opposite senses cancel, so that it does not matter how shapes are cut into polygons: two sets of them cover the
