@@ -21,7 +21,7 @@ TEXTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *PAGES]
 GALLERY = runpy.run_path(str(DOCS / "gallery.py"))
 ENTRIES = GALLERY["entries"]()
 NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
-SLOW_NOTEBOOKS = {"opening_to_plate", "compare_designs"}
+SLOW_NOTEBOOKS = {"opening_to_plate", "compare_designs", "sweep_and_tolerances"}
 MOST_BYTES = 3_000_000
 
 
@@ -62,24 +62,24 @@ def test_every_page_stands_in_the_navigation():
     assert named == there | {f"notebooks/{path.stem}.md" for path in NOTEBOOKS}
 
 
-def commands() -> list[tuple[str, str]]:
-    """Every command line of maskfab that a page or the gallery shows, with its place."""
+def commands() -> list[tuple[str, list[str]]]:
+    """Words of every command line of maskfab that a page or the gallery shows, with its place."""
     shown = [(told(path), block) for path in TEXTS for block in blocks(path.read_text("utf-8"), "sh")]
     shown += [(entry.name, entry.sh) for entry in ENTRIES]
-    lines = []
+    found = []
     for place, block in shown:
-        for line in re.split(r"\n|&&", block.replace("\\\n", " ")):
-            lines += [(place, line.strip())] if line.strip().startswith("maskfab ") else []
-    return lines
+        for line in re.split(r"\n|&&", re.sub(r"(?<=,)\n|\\\n", " ", block)):
+            if line.strip().startswith("maskfab "):
+                found.append((place, shlex.split(line, comments=True)[1:]))
+    return found
 
 
 def test_every_command_shown_is_one_that_the_program_takes(monkeypatch):
     monkeypatch.setattr(program, "_act", lambda *_: None)
     assert len(commands()) > 50
-    for place, line in commands():
-        words = shlex.split(line, comments=True)[1:]
-        assert words[0] in {verb.split()[0] for verb in program.VERBS}, (place, line)
-        assert program._run(words) == 0, (place, line)
+    for place, words in commands():
+        assert words[0] in {verb.split()[0] for verb in program.VERBS}, (place, words)
+        assert program._run(words) == 0, (place, words)
 
 
 @pytest.mark.parametrize("path", TEXTS, ids=told)
@@ -108,7 +108,7 @@ def remade(entry, folder: Path) -> None:
     assert size(picture) == size(GALLERY["FOLDER"] / picture.name)
 
 
-@pytest.mark.parametrize("entry", [one for one in ENTRIES if one.cheap][:2], ids=lambda entry: entry.name)
+@pytest.mark.parametrize("entry", [one for one in ENTRIES if one.cheap][:1], ids=lambda entry: entry.name)
 def test_a_picture_is_made_by_the_lines_under_it(entry, tmp_path):
     remade(entry, tmp_path)
 
