@@ -55,6 +55,20 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     return files
 
 
+def on_post_build(config: MkDocsConfig) -> None:
+    """Refuse a manual that would ask a network for anything but a page that a reader follows a link to."""
+    from mkdocs.exceptions import PluginError
+
+    for path in Path(config.site_dir).rglob("*.html"):
+        text = path.read_text("utf-8")
+        parts = re.findall(r"<(?:script|link|img|iframe|source)\b[^>]*?(?:src|href)=\"?((?:https?:)?//[^\"\s>]+)", text)
+        if parts:
+            raise PluginError(f"{path} needs a network: {', '.join(parts)}")
+    for path in Path(config.site_dir).rglob("*.css"):
+        if re.search(r"url\([\"']?(?:https?:)?//|@import", path.read_text("utf-8")):
+            raise PluginError(f"{path} needs a network")
+
+
 def _page(path: Path) -> tuple[str, dict[str, bytes]]:
     """A notebook that was run in an empty folder, as Markdown, and its pictures by name.
 
