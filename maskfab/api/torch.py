@@ -194,7 +194,7 @@ _DEVICES = ("cpu", "cuda")
 
 def _require_dots(dots: Any) -> None:
     """Refuse what is no tensor of dots."""
-    require("design", "gradients", where="maskfab.torch")
+    require("design", what="a gradient", where="maskfab.torch")
     import torch
 
     if not isinstance(dots, torch.Tensor):

@@ -1,6 +1,8 @@
 """Marks that a job asks for: outlines of figures, and lines of text, which are read back by a table of letters.
 
-Rooms, sizes and rules are those of the plate's template (``export_templates/plates``) and of ``docs/reference/layout.md``."""
+Rooms, sizes and rules are those of the plate's template (``export_templates/plates``) and of
+``docs/reference/layout.md``.
+"""
 
 from __future__ import annotations
 
