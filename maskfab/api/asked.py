@@ -38,11 +38,11 @@ AnyPanel: TypeAlias = "Panel | Opening | HasPanel"
 """A panel; or an opening, which is laid out periodically over the camera's stop; or a design with its map."""
 AnyJob: TypeAlias = "Plate | AnyPanel | Mapping[str, AnyPanel] | Sequence[AnyPanel] | Job | str | Path"
 """A plate of Python; a panel, or several by name or in a list; a loaded job, or the path of a job file."""
-AnyPath: TypeAlias = "str | PathLike[str]"
+AnyPath: TypeAlias = str | PathLike[str]
 """A path, or a result that is one: a finished run is that of its directory."""
 AnyReport: TypeAlias = "AnyPath | Plate | Job | AnyPanel"
 """A finished run, or what can be measured and photographed as designed."""
-AnyPhoto: TypeAlias = "AnyPath | NDArray[Any]"
+AnyPhoto: TypeAlias = str | PathLike[str] | NDArray[Any]
 """The path of a picture, or linear light in memory: [rows, columns] or [rows, columns, 3], row 0 the top."""
 _TAKEN = "a Plate, a Panel, a list or a mapping of panels, a loaded job, or the path of a job file"
 
