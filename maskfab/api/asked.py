@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.base.errors import JobError
-from maskfab.mask.job import Job, load_job
+from maskfab.mask.job import Further, Job, load_job
 
 if TYPE_CHECKING:
     from maskfab.api.camera import Camera
@@ -47,7 +47,12 @@ AnyPhoto: TypeAlias = str | PathLike[str] | NDArray[Any]
 _TAKEN = "a Plate, a Panel, a list or a mapping of panels, a loaded job, or the path of a job file"
 
 
-def job_of(job: AnyJob, camera: Camera | None = None, sections: Mapping[str, object] | None = None) -> Job:
+def job_of(
+    job: AnyJob,
+    camera: Camera | None = None,
+    sections: Mapping[str, object] | None = None,
+    further: Further | None = None,
+) -> Job:
     """The validated job of whatever states one.
 
     Args:
@@ -55,6 +60,7 @@ def job_of(job: AnyJob, camera: Camera | None = None, sections: Mapping[str, obj
             named after their openings, or P1, P2 and so on where two have one name.
         camera: that looks through plate or panels; by default the plate's, or that of protocol F1.
         sections: further ones of a job file, for panels.
+        further: what a verb refuses, told with the faults of a file; see :func:`maskfab.mask.job.load_job`.
 
     Raises:
         JobError: MF105 for a second camera beside that of a job, and for what states none; else as for the job.
@@ -64,7 +70,7 @@ def job_of(job: AnyJob, camera: Camera | None = None, sections: Mapping[str, obj
             if given is not None:
                 what = f"the job has {'a camera' if name == 'camera' else 'sections'} of its own"
                 raise JobError("MF105", what, where=name, cure=f"Give no {name}, or change what the job states")
-        return job if isinstance(job, Job) else load_job(job)
+        return job if isinstance(job, Job) else load_job(job, further)
     # Plates bring along all that lays out and draws.
     from maskfab.api.plate import Plate
 

@@ -16,6 +16,7 @@ from maskfab.base.errors import JobError
 from maskfab.base.folders import check_target
 from maskfab.base.model import Quantity
 from maskfab.base.work import Progress, one_thread, silent
+from maskfab.job.faults import JobFaults
 from maskfab.job.process import UNSTATED
 from maskfab.job.reference import USES, in_words, unused
 from maskfab.job.sections import JobSpec, SceneSection
@@ -300,7 +301,9 @@ def check(
     if rules is not None and isinstance(job, Job | str | Path):
         cure = "Change what the job states, or give its panels and rules"
         raise JobError("MF105", "the job states the rules of its display", where="rules", cure=cure)
-    loaded = job_of(job, camera, _rules(rules))
+    from maskfab.display.feasibility import plate_of
+
+    loaded = job_of(job, camera, _rules(rules), None if optics else plate_of)
     if optics:
         return _plans(loaded, die)
     if look:
@@ -328,13 +331,16 @@ def _rules(stated: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
 
 
 def _fit(loaded: Job, die: str | Sequence[str] | None, *, largest_gap: bool, progress: Progress) -> DisplayCheck:
-    from maskfab.display.feasibility import display_rules, displays, widest_gaps
+    from maskfab.display.feasibility import display_rules, displays, plate_of, widest_gaps
     from maskfab.runs.stages import executor_of
 
     rules = display_rules(loaded)
     if rules is None:
         raise JobError("MF105", "the job asks for no emitters", where=f"{loaded.where}: emitters", cure=_RULES)
-    plate = loaded.plate()
+    faults = JobFaults.of_spec(loaded.spec)
+    plate = plate_of(loaded, faults)
+    faults.refuse()
+    assert plate is not None
     asked = dies_of(die, [one.name for one in plate.dies])
     plate = replace(plate, dies=tuple(one for one in plate.dies if one.name in asked))
     with executor_of(loaded) as executor:

@@ -6,6 +6,7 @@ import hashlib
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, overload
 
@@ -26,6 +27,7 @@ from maskfab.base.work import Clock, Progress, ended_by_interrupt, one_thread, s
 from maskfab.camera.lens import PhotoCamera, lattice
 from maskfab.designs.design import (
     capture_settings,
+    check_possible,
     notes_of,
     require_weights,
     scenes_line,
@@ -321,7 +323,8 @@ def design(
         if beside_job:
             what = f"{', '.join(beside_job)} cannot be stated beside a job, which says what is designed"
             raise JobError("MF105", what, where=beside_job[0], cure="State it in the job, or leave the job out")
-        spec, where = read(Path(job)), str(job)
+        where = str(job)
+        spec = read(Path(job), partial(check_possible, where=where))
         command = f"maskfab design {Path(job).as_posix()}"
         command += "" if images is None else f" --images {Path(images).as_posix()}"
         command += _start_words(start, begin)
@@ -366,7 +369,7 @@ def _design(asked: Asked) -> Told:
     job, out = Path(asked.stated["job"]), asked.out
     if asked.stated.get("front"):
         return _design_front(asked, job)
-    spec = read(job)
+    spec = read(job, partial(check_possible, where=str(job)))
     folder = out if out is not None and is_folder(out) else None
     if folder is not None:
         section_of(spec, str(job))

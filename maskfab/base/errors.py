@@ -248,7 +248,7 @@ class ManyFaultsError(JobError):
     def __init__(self, faults: Sequence[MaskfabError]) -> None:
         places = {fault.where.partition(": ")[0] for fault in faults}
         where = places.pop() if len(places) == 1 else ""
-        super().__init__("MF153", f"{len(faults)} faults", where=where, cure="Mend them all; each says how")
+        super().__init__("MF153", f"{len(faults)} faults", where=where, cure="Write what each of them says")
         self._faults = tuple(faults)
         self.args = ("\n".join([str(self), *(f"  {fault}" for fault in faults)]),)
 
@@ -311,9 +311,9 @@ class Faults:
         return iter(self._found)
 
     def add(self, fault: MaskfabError) -> None:
-        """Keep a fault, or those that it consists of; one that was told before is not told again."""
-        told = {str(known) for known in self._found}
-        self._found += [one for one in fault.faults if str(one) not in told]
+        """Keep a fault, or those that it consists of; what was told of a place is not told again."""
+        told = {(known.code, known.where or known.what) for known in self._found}
+        self._found += [one for one in fault.faults if (one.code, one.where or one.what) not in told]
 
     def __enter__(self) -> Self:
         return self

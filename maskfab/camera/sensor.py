@@ -15,7 +15,7 @@ are those of :func:`maskfab.job.camera.white_electrons`.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -108,7 +108,7 @@ class Exposure:
         square = 10 ** (min(level_db, _MOST_DB) / 10)
         electrons = (square + math.sqrt(square**2 + 4 * square * sensor.read_noise**2)) / 2
         exposure = cls(round(electrons) if whole else electrons, level_db, f"{level_db:g} dB")
-        exposure.check(sensor)
+        exposure.check(sensor, lambda: _held_level(sensor))
         return exposure
 
     @classmethod
@@ -118,7 +118,8 @@ class Exposure:
         Raises:
             JobError: MF141 as :meth:`at`.
         """
-        return cls._of(electrons, sensor, f"{electrons:g} electrons of white")
+        stated = f"{electrons:g} electrons of white"
+        return cls._of(electrons, sensor, stated, lambda: f"white = {sensor.full_well:g} or less")
 
     @classmethod
     def of_scene(
@@ -131,19 +132,22 @@ class Exposure:
         """
         electrons = white_electrons(luminance, time_s, efficiency, focal_ratio, pixel_um)
         stated = f"white of {luminance:g} cd/m2 for {time_s:g} s at a quantum efficiency of {efficiency:g}"
-        return cls._of(electrons, sensor, stated)
+        return cls._of(electrons, sensor, stated, lambda: _held_time(time_s * sensor.full_well / electrons))
 
     @classmethod
-    def _of(cls, electrons: float, sensor: Sensor, stated: str) -> Exposure:
+    def _of(cls, electrons: float, sensor: Sensor, stated: str, holds: Callable[[], str]) -> Exposure:
         if not (math.isfinite(electrons) and electrons > 0):
             raise JobError("MF141", f"{stated} is no light", where="exposure", cure="Give the scene more light")
-        ratio = electrons / math.sqrt(electrons + sensor.read_noise**2)
-        exposure = cls(electrons, 20 * math.log10(ratio), stated)
-        exposure.check(sensor)
+        exposure = cls(electrons, _level_db(electrons, sensor), stated)
+        exposure.check(sensor, holds)
         return exposure
 
-    def check(self, sensor: Sensor) -> None:
+    def check(self, sensor: Sensor, holds: Callable[[], str]) -> None:
         """Refuse white that overflows a full well behind the published display.
+
+        Args:
+            sensor: of the full well.
+            holds: says what it does hold, as it is stated.
 
         Raises:
             JobError: MF141.
@@ -153,7 +157,8 @@ class Exposure:
                 f"{self.stated}: white is {self.electrons:.6g} electrons behind the published display, and the full "
                 f"well is {sensor.full_well:g}"
             )
-            raise JobError("MF141", what, where="exposure", cure="Expose for less, or give a deeper full well")
+            cure = f"Use {holds()}; or a full well of {math.ceil(self.electrons)} electrons or more"
+            raise JobError("MF141", what, where="exposure", cure=cure)
 
     def behind(self, transmission: float) -> float:
         """Electrons of white behind a design that passes such a share of the stop's light, g.
@@ -165,6 +170,22 @@ class Exposure:
             what = f"a transmission of {transmission:g} is outside 0 to 1"
             raise JobError("MF104", what, cure="Open some of the stop")
         return self.electrons * transmission / REFERENCE_TRANSMISSION
+
+
+def _held_level(sensor: Sensor) -> str:
+    most = math.floor(10 * _level_db(sensor.full_well, sensor)) / 10
+    such = ", ".join(f"{level:g}" for level in (*(level for level in LEVELS if level < most), most))
+    return f"at most {most:g} dB, such as snr = [{such}] in [exposure]"
+
+
+def _held_time(most_s: float) -> str:
+    step = 10.0 ** (math.floor(math.log10(most_s)) - 2)
+    return f'time = "{math.floor(most_s / step) * step * 1e3:.3g} ms" or less'
+
+
+def _level_db(electrons: float, sensor: Sensor) -> float:
+    """Signal-to-noise ratio of so many electrons, dB: shot noise and read noise."""
+    return 20 * math.log10(electrons / math.sqrt(electrons + sensor.read_noise**2))
 
 
 F1_SENSOR = Sensor()

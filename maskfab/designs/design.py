@@ -31,6 +31,7 @@ from maskfab.designs.rules.families import FAMILIES, Candidate
 from maskfab.designs.search.result import Designed, constraints_of
 from maskfab.display.feasibility import DisplayRules
 from maskfab.job.camera import Sensor
+from maskfab.job.faults import JobFaults
 from maskfab.job.process import UNSTATED
 from maskfab.job.reference import USES, Keys, unused
 from maskfab.job.sections import DesignSection, JobSpec, RelaxSection, SceneSection, SearchSection
@@ -106,7 +107,8 @@ def display_notes(spec: JobSpec) -> tuple[str, ...]:
 
 
 def check_possible(spec: JobSpec, *, where: str) -> None:
-    """Refuse rules that no opening keeps, and a camera that no search knows, before anything is read or drawn.
+    """Refuse rules that no opening keeps, and a camera that no search knows, before anything is read or drawn; all at
+    once.
 
     Raises:
         JobError: MF105 without a [design]; MF123 for rules that contradict each other; MF133 to MF135 for the camera;
@@ -117,25 +119,44 @@ def check_possible(spec: JobSpec, *, where: str) -> None:
 
 def _possible(spec: JobSpec, where: str) -> tuple[Display | None, SceneConditions | None]:
     """The display that the opening must hold, and the conditions of the scene, of a job that is possible."""
-    section, display = section_of(spec, where), display_of(spec, where)
-    rules = constraints_of(section, where=f"{where}: design", display=display)
-    fewer = display is not None and isinstance(section, SearchSection) and section.map is not None
-    if not fewer or (conflict := rules.conflict()) is None or "clear_dots" not in conflict.rules:
-        # Where fewer dots may do, their number is searched.
-        rules.require_possible()
+    section, faults = section_of(spec, where), JobFaults.of_spec(spec)
+    display = rules = camera = seen = None
+    with faults:
+        display = display_of(spec, where)
+    with faults:
+        rules = constraints_of(section, where=f"{where}: design", display=display)
+        fewer = display is not None and isinstance(section, SearchSection) and section.map is not None
+        if not fewer or (conflict := rules.conflict()) is None or "clear_dots" not in conflict.rules:
+            # Where fewer dots may do, their number is searched.
+            rules.require_possible()
     if isinstance(section, SearchSection):
-        from maskfab.designs.search.scan import require_shapes
+        with faults:
+            require_weights(section, capture_settings(spec), where)
+        with faults:
+            camera = PhotoCamera.of(spec.camera, where=where)
+        with faults:
+            spread_of(spec, where)
+        if rules is not None:
+            with faults:
+                _check_shapes(spec, section, rules, where)
+            if camera is not None:
+                with faults:
+                    lattice(section.dots, rules.dot_nm, camera=camera, where=f"{where}: design.dots")
+        if rules is not None and not faults:
+            with faults:
+                seen = conditions_of(spec, section, rules.dot_nm, where)
+    faults.refuse()
+    return display, seen
 
-        require_weights(section, capture_settings(spec), where)
-        if section.fit and spec.emitters is not None:
-            require_room(section, spec.emitters.required, where=f"{where}: design")
-            require_cap(section, rules, where=f"{where}: design")
-        camera = PhotoCamera.of(spec.camera, where=where)
-        lattice(section.dots, rules.dot_nm, camera=camera, where=f"{where}: design.dots")
-        spread_of(spec, where)
-        require_shapes(section, rules)
-        return display, conditions_of(spec, section, rules.dot_nm, where)
-    return display, None
+
+def _check_shapes(spec: JobSpec, section: SearchSection, rules: Constraints, where: str) -> None:
+    """Refuse shapes that leave no room for emitters, or of which none keeps the rules (MF104, MF123)."""
+    from maskfab.designs.search.scan import require_shapes
+
+    if section.fit and spec.emitters is not None:
+        require_room(section, spec.emitters.required, where=f"{where}: design")
+        require_cap(section, rules, where=f"{where}: design")
+    require_shapes(section, rules)
 
 
 def conditions_of(spec: JobSpec, section: SearchSection, dot_nm: int, where: str) -> SceneConditions | None:

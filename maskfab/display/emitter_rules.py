@@ -81,6 +81,23 @@ def finest_cell(dots: int, dot_nm: int) -> int:
     return next(dot_nm // parts for parts in range(max(1, MOST_CELLS // dots), 0, -1) if dot_nm % parts == 0)
 
 
+def check_widths(rules: EmitterRules, side_nm: int, *, where: str) -> None:
+    """Refuse rules that are wider than a pixel less its gutter.
+
+    Raises:
+        JobError: MF117.
+    """
+    side = f"{side_nm / NM_PER_UM:g} um"
+    for name, value in (
+        ("gap_to_opening", rules.gap_to_opening_nm),
+        ("colour_gap", rules.colour_gap_nm),
+        ("min_width", rules.min_width_nm),
+    ):
+        if value > side_nm or value < 0 or (name == "min_width" and value == 0):
+            what = f"{name} = {value / NM_PER_UM:g} um is not within the {side} of a pixel less its gutter"
+            raise JobError("MF117", what, where=f"{where}.{name}", cure=f"Give a length up to {side}")
+
+
 def grid_of(
     opening: Opening, dot_nm: int, gutter_nm: int, rules: EmitterRules, *, where: str = "emitters"
 ) -> EmitterGrid:
@@ -92,17 +109,7 @@ def grid_of(
         JobError: MF117 if a rule is wider than the pixel, MF118 if the grid would have more than 128 cells on a side.
     """
     side = CellSize(opening.dots, dot_nm, gutter_nm).dots_nm
-    for name, value in (
-        ("gap_to_opening", rules.gap_to_opening_nm),
-        ("colour_gap", rules.colour_gap_nm),
-        ("min_width", rules.min_width_nm),
-    ):
-        if value > side or value < 0 or (name == "min_width" and value == 0):
-            what = (
-                f"{name} = {value / NM_PER_UM:g} um is not within the {side / NM_PER_UM:g} um of a pixel less its "
-                "gutter"
-            )
-            raise JobError("MF117", what, where=f"{where}.{name}", cure=f"Give a length up to {side / NM_PER_UM:g} um")
+    check_widths(rules, side, where=where)
     cell = math.gcd(dot_nm, gutter_nm, rules.gap_to_opening_nm, rules.colour_gap_nm, rules.min_width_nm)
     cells = side // cell
     if cells > MOST_CELLS:

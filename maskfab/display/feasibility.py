@@ -11,12 +11,13 @@ from types import MappingProxyType
 
 import numpy as np
 
+from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, WIRES, Die, Emitters, Mark, Panel, Plate, Tiling, refined
 from maskfab.base.processes import ArgumentsFactory, SerialExecutor
 from maskfab.base.units import to_nm
 from maskfab.base.work import Progress, silent
-from maskfab.display.circuit_boxes import BoxKind, BoxRules
+from maskfab.display.circuit_boxes import BoxKind, BoxRules, check_boxes
 from maskfab.display.circuits import Circuits, no_place, place_circuits
 from maskfab.display.drive import (
     BOXES_ALONE,
@@ -33,7 +34,7 @@ from maskfab.display.drive import (
     relative_life,
 )
 from maskfab.display.emitter_pieces import placed_in_pieces
-from maskfab.display.emitter_rules import Certificate, EmitterRules, Footprint, Verdict, grid_of
+from maskfab.display.emitter_rules import Certificate, EmitterRules, Footprint, Verdict, check_widths, grid_of
 from maskfab.display.evenness import Evenness, evenness
 from maskfab.display.free_area import Borders, borders, meetings
 from maskfab.display.limits import EyeAndLife, Judgement, judgement
@@ -42,6 +43,7 @@ from maskfab.display.pixel_lines import WireRules
 from maskfab.display.placement import LargestGap, centred, footprint, largest_gap, wander
 from maskfab.display.polygon_check import Violation, violations
 from maskfab.display.wiring import Reach, WireDemand, Wiring, check_wires, reaches, wiring
+from maskfab.job.faults import JobFaults
 from maskfab.job.read import even_nm
 from maskfab.job.sections import (
     CircuitsSection,
@@ -51,7 +53,7 @@ from maskfab.job.sections import (
     LooksSection,
     WiresSection,
 )
-from maskfab.mask.job import Job
+from maskfab.mask.job import Job, check_die_grid
 from maskfab.mask.panels import parse_map
 from maskfab.optics.colour import luminance_centroid
 
@@ -509,6 +511,38 @@ def display_rules(job: Job) -> DisplayRules | None:
     return DisplayRules.of(
         spec.emitters, spec.light, spec.wires, spec.circuits, spec.looks, spec.lives, where=job.where
     )
+
+
+def plate_of(job: Job, faults: JobFaults) -> Plate | None:
+    """The plate of a job, and what no pixel of its dies can hold of the display, before any is looked at.
+
+    Args:
+        job: the job, of which what is at fault may be unreadable.
+        faults: gets MF105, MF107 and MF116 of the rules; MF106, MF117 and MF118 of a die; and what refuses the plate.
+
+    Returns:
+        The plate; None where it cannot be laid out.
+    """
+    with faults:
+        _check_display(job, faults)
+    with faults:
+        return job.plate()
+    return None
+
+
+def _check_display(job: Job, faults: JobFaults) -> None:
+    rules = display_rules(job)
+    if rules is None:
+        return
+    for number, die in enumerate(job.spec.die):
+        with faults:
+            opening = job.openings[die.name][0]
+            check_die_grid(die, opening, job.spec.emitters, f"{job.where}: ", f"die[{number}]", pitch_alone=False)
+            with faults.of_die(die.name):
+                side_nm = CellSize(opening.dots, to_nm(die.dot)).dots_nm
+                check_widths(rules.emitters, side_nm, where=f"{job.where}: emitters")
+                if rules.boxes is not None:
+                    check_boxes(rules.boxes, side_nm)
 
 
 def displays(

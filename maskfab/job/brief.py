@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache
@@ -20,10 +20,10 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from maskfab.base import resources, units
-from maskfab.base.cell_size import MOST_CELLS
 from maskfab.base.errors import JobError
 from maskfab.base.units import NM_PER_UM, UM_PER_MM, UM_PER_NM
 from maskfab.job.camera import REFERENCE_TRANSMISSION, Camera, Stop, white_electrons
+from maskfab.job.grid import nearest_grid, widest_dot_nm
 from maskfab.job.read import check_lens, parse_section
 from maskfab.job.sections import EmittersSection
 from maskfab.job.toml import value_text
@@ -34,13 +34,8 @@ LINES_NM = (610.0, 530.0, 470.0)
 RULES = ("gap_to_opening", "colour_gap", "min_width")
 _FILLED = 0.8
 """Share of a full well that an automatic exposure lets white fill."""
-_FEWEST_DOTS, _USUAL_DOTS, _MOST_DOTS = 16, 22, 64
-"""Along a pixel: fewer draw no shape that restores well, more cost time; shipped displays have 21."""
-_FEWEST_ACROSS, _FEWEST_LAGS = 64, 32
-"""Dots across the stop, and dots of lag to one cycle per pixel, that photographs are judged through."""
-_STEP_NM = 50
-"""Cells are whole steps, unless the answers share another grid: plotters' address grids divide them."""
-_MOST_PITCH_MOVE, _MOST_RAISE = 0.01, 0.1
+_MOST_PITCH_MOVE = 0.01
+"""Share by which two answers that say the same may differ."""
 
 
 class Module(Section):
@@ -251,7 +246,7 @@ def merged(answers: Mapping[str, object]) -> dict[str, object]:
 def _refuse(brief: Brief) -> None:
     """Refuse a lens and a light that cannot be, and answers that contradict each other (MF131, MF141, MF151)."""
     module, pitch, stop = brief.camera, brief.pitch, brief.camera.stop_um
-    check_lens(Camera(module.focal, Stop("circle", stop), LINES_NM, module.pixel), where="answers: camera")
+    check_lens(_lens(module), where="answers: camera")
     wide = f", and pitch = {pitch:g} um"
     crossing = f"lines = {brief.lines} take {brief.crossing_um:g} um with spaces and clearance"
     room = max(0.0, 1 - brief.crossing_um / pitch)
@@ -284,6 +279,10 @@ def _refuse(brief: Brief) -> None:
         cure = f"Give a time of {brief.time_s * module.well / most * 1e3:.2g} ms or less, or leave it out"
         what = f"{light} {most:.3g} electrons, and a pixel holds {module.well:g}"
         raise JobError("MF141", what, where="answers: time", cure=cure)
+
+
+def _lens(module: Module) -> Camera:
+    return Camera(module.focal, Stop("circle", module.stop_um), LINES_NM, module.pixel)
 
 
 @dataclass(frozen=True)
@@ -335,24 +334,18 @@ class Snapped:
 
 
 def snapped(brief: Brief) -> Snapped:
-    """The brief with its lengths on the best grid of at most 128 cells along a pixel.
-
-    Answers that share a grid stay as they are. Otherwise the pitch moves by at most 1 %, and a rule grows by at most a
-    tenth or a hundredth of the pitch. Of the grids that do so the best has the least sum of: cells over 128, for time;
-    |ln(dots / 22)|, for finer dots help a display to fit and coarser ones are fast; and fifty times the share of the
-    pitch by which all lengths move together, so that 1 % weighs half as much as the finest grid against a pixel of no
-    cells.
+    """The brief with its lengths on the grid of :func:`maskfab.job.grid.nearest_grid`.
 
     Raises:
         JobError: MF151 for a camera so coarse that no dots of such a pixel are fine enough for it.
     """
-    asked_nm = [round(getattr(brief, key) * NM_PER_UM) for key in ("pitch", *RULES)]
-    nearest = min(_grids(brief, asked_nm), key=lambda grid: _cost(grid, asked_nm), default=None)
-    if nearest is None:
+    asked_nm = [round(getattr(brief, key) * NM_PER_UM) for key in RULES]
+    widest_nm = widest_dot_nm(_lens(brief.camera), LINES_NM)
+    found = nearest_grid(round(brief.pitch * NM_PER_UM), asked_nm, widest_nm=widest_nm)
+    if found is None:
         what = f"camera pixels of {brief.camera.pixel:g} um need finer dots than pitch = {brief.pitch:g} um allows"
         raise JobError("MF151", what, where="answers: camera", cure="Give a camera of finer pixels, or a finer display")
-    # Lengths that have moved may share a better grid yet, which they would be given if they were the answers.
-    dots, cell_nm, got_nm = min(_grids(brief, nearest[2]), key=lambda grid: _cost(grid, nearest[2]))
+    dots, cell_nm, got_nm = found.dots, found.cell_nm, (found.pitch_nm, *found.rules_nm)
     lengths = {key: got / NM_PER_UM for key, got in zip(("pitch", *RULES), got_nm, strict=True)}
     whole = {key: round(getattr(brief, key) * NM_PER_UM) / NM_PER_UM for key in ("line", "space", "clearance")}
     why = dict.fromkeys(lengths, f"whole cells of {cell_nm / NM_PER_UM:g} um") | dict.fromkeys(
@@ -373,31 +366,6 @@ def snapped(brief: Brief) -> Snapped:
         moves.append(Move("open", 100 * brief.open, 100 * share, "%", f"a slit of {width} x {height} whole dots"))
     moved = brief.model_copy(update={**lengths, **whole, "open": share})
     return Snapped(moved, dots, cell_nm, (width, height), tuple(moves))
-
-
-def _grids(brief: Brief, asked_nm: list[int]) -> Iterator[tuple[int, int, list[int]]]:
-    """Dots, cell, pitch and rules of every grid whose dots the camera can be judged through, in nanometres."""
-    pitch_nm, *rules_nm = asked_nm
-    camera = brief.camera
-    lag_um = min(LINES_NM) * UM_PER_NM * camera.focal / camera.pixel
-    widest_nm = min(camera.stop_um / _FEWEST_ACROSS, lag_um / _FEWEST_LAGS) * NM_PER_UM
-    finest, shared = math.ceil(pitch_nm / (MOST_CELLS + 0.5)), math.gcd(*asked_nm)
-    steps = range(-(-finest // _STEP_NM) * _STEP_NM, pitch_nm // _FEWEST_DOTS + _STEP_NM, _STEP_NM)
-    for cell in sorted({*steps, *(shared // n for n in range(1, shared // finest + 1) if shared % n == 0)}):
-        cells = round(pitch_nm / cell)
-        for dots in range(_FEWEST_DOTS, min(_MOST_DOTS, cells) + 1):
-            if cells <= MOST_CELLS and cells % dots == 0 and cells * cell <= dots * widest_nm:
-                yield dots, cell, [cells * cell, *(-(-rule // cell) * cell for rule in rules_nm)]
-
-
-def _cost(grid: tuple[int, int, list[int]], asked_nm: list[int]) -> tuple[bool, bool, float]:
-    (dots, cell, got_nm), pitch = grid, asked_nm[0]
-    by = [abs(got - asked) for got, asked in zip(got_nm, asked_nm, strict=True)]
-    far = by[0] > _MOST_PITCH_MOVE * pitch or any(
-        more > max(_MOST_RAISE * rule, pitch / 100) for more, rule in zip(by[1:], asked_nm[1:], strict=True)
-    )
-    cost = got_nm[0] / cell / MOST_CELLS + abs(math.log(dots / _USUAL_DOTS)) + 50 * sum(by) / pitch
-    return sum(by) > 0, far, cost
 
 
 def job_text(made: Snapped) -> str:

@@ -247,7 +247,7 @@ class Camera(Stated):
 
     @classmethod
     def with_lengths(cls, stated: Any) -> Any:
-        """What a file states, with lengths in place of "f/1.8"."""
+        """The table with lengths in place of "f/1.8"."""
         if not isinstance(stated, Mapping) or not stop_ratio(stop := stated.get("stop")):
             return stated
         try:

@@ -23,6 +23,7 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 from maskfab.base import __version__, resources
 from maskfab.base.errors import AtFault, Faults, InputError, JobError, MaskfabError
 from maskfab.job.camera import stop_ratio
+from maskfab.job.sections import DieSection, JobSpec
 from maskfab.job.values import PART, AnySection, Section, key_of, sections_of
 
 Place: TypeAlias = tuple[int | str, ...]
@@ -370,6 +371,18 @@ class JobFaults(Faults):
         """None yet, of a job as plain data, whatever it holds."""
         dies = document.get("die") if isinstance(document, Mapping) else None
         return cls(tuple(_names(dies)) if isinstance(dies, list | tuple) else ())
+
+    @classmethod
+    def of_spec(cls, spec: JobSpec) -> JobFaults:
+        """None yet, of a job of which some may be at fault."""
+        dies: Sequence[DieSection] = ()
+        with (faults := cls()):
+            dies = spec.die
+        names: list[str | None] = [None] * len(dies)
+        for number, die in enumerate(dies):
+            with faults:
+                names[number] = die.name
+        return cls(names)
 
     def add(self, fault: MaskfabError) -> None:
         """Keep a fault, with the name of its die."""

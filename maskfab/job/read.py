@@ -10,7 +10,7 @@ import math
 import os
 import re
 from collections import Counter
-from collections.abc import Sequence, Set
+from collections.abc import Callable, Sequence, Set
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -22,6 +22,7 @@ from maskfab.base.model import Tiling
 from maskfab.base.units import NM_PER_UM, UM_PER_NM
 from maskfab.job.camera import Camera
 from maskfab.job.faults import JobFaults, problems, sound_part
+from maskfab.job.grid import check_grid, widest_dot_nm
 from maskfab.job.sections import DesignSection, DieSection, JobSpec, RelaxSection, SearchSection
 from maskfab.job.toml import loads
 from maskfab.job.values import METHODS, SOLIDS, AnySection
@@ -171,6 +172,32 @@ def check_design(spec: JobSpec, where: str) -> None:
         _check_search(design, f"{where}: design")
     elif isinstance(design, RelaxSection):
         _check_relax(design, f"{where}: design")
+
+
+def check_design_grid(spec: JobSpec, where: str) -> None:
+    """Refuse a [design] whose pitch its dots do not make, or whose display shares too fine a grid with them.
+
+    Raises:
+        JobError: MF106 or MF118, see :func:`maskfab.job.grid.check_grid`.
+    """
+    design = spec.design
+    if design is None:
+        return
+    held = spec.emitters is not None and (spec.pareto is not None or getattr(design, "fit", False))
+    widest_nm = math.inf
+    with Faults():  # a camera that is at fault itself bounds nothing
+        widest_nm = widest_dot_nm(spec.camera, spec.camera.wavelengths_nm)
+    check_grid(
+        design.pitch,
+        design.dots,
+        None,
+        0,
+        spec.emitters.grid_lengths if held and spec.emitters is not None else {},
+        key="design",
+        dots_given=False,
+        widest_nm=widest_nm,
+        where=f"{where}: ",
+    )
 
 
 def _check_search(design: SearchSection, where: str) -> None:
@@ -468,14 +495,25 @@ def check_film(spec: JobSpec, where: str) -> None:
 Kind = TypeVar("Kind", bound=AnySection)
 
 
-def read(path: Path) -> JobSpec:
+def read(path: Path, further: Callable[[JobSpec], None] | None = None) -> JobSpec:
     """Load and validate a job file (.toml, or the .json that a run keeps).
+
+    Args:
+        path: of the file.
+        further: what a verb refuses before any work; called where there are faults, to tell it with them.
 
     Raises:
         SourceError: MF301, MF302, MF303 or MF308 if the file cannot be read.
         JobError: MF101 to MF131 for what is wrong with its content, all of it at once.
     """
-    return validate(document(path, "job"), where=str(path))
+    data, where = document(path, "job"), str(path)
+    faults = JobFaults.of(data)
+    spec = examined(data, faults, where=where)
+    if further is not None and faults:
+        with faults:
+            further(spec)
+    faults.refuse()
+    return spec
 
 
 def document(path: Path, kind: str) -> object:
@@ -554,7 +592,7 @@ def examined(document: object, faults: JobFaults, *, where: str) -> JobSpec:
         except AtFault:
             faults.refuse()
             raise
-    for check in (check_design, check_display, check_scene, check_film, check_order, check_report):
+    for check in (check_design, check_design_grid, check_display, check_scene, check_film, check_order, check_report):
         with faults:
             check(spec, where)
     with faults:

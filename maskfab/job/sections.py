@@ -335,6 +335,11 @@ class EmittersSection(Section):
     shared_by: int = Field(default=1, ge=1, le=16)
     """Pixels that take turns at one circuit."""
 
+    @property
+    def grid_lengths(self) -> dict[str, float]:
+        """Lengths that are whole numbers of the cells on which emitters are placed, by their keys, in micrometres."""
+        return {key: getattr(self, key) for key in ("gap_to_opening", "colour_gap", "min_width")}
+
 
 class BoxSection(Section):
     """[[circuits.boxes]]: boxes of one size in a circuit, such as a transistor with its contacts."""

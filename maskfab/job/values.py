@@ -93,7 +93,7 @@ class Stated:
 
     @classmethod
     def with_lengths(cls, stated: Any) -> Any:
-        """What a file states, with lengths for what it states by another key of the table."""
+        """The table as a file states it, with lengths for what it states by another of its keys."""
         return stated
 
     @classmethod

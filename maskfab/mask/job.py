@@ -12,12 +12,13 @@ from maskfab.base import provenance, units
 from maskfab.base.cell_size import CellSize
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import AtFault, JobError, SourceError
-from maskfab.base.model import Opening, Panel, Plate, Quantity
+from maskfab.base.model import Opening, Panel, Plate, Quantity, Tiling
 from maskfab.job.camera import Camera
 from maskfab.job.faults import JobFaults
+from maskfab.job.grid import check_grid
 from maskfab.job.process import UNSTATED, MaskBlank
 from maskfab.job.read import check_seed, check_window, check_windows, document, examined
-from maskfab.job.sections import DieSection, JobSpec
+from maskfab.job.sections import DieSection, EmittersSection, JobSpec
 from maskfab.job.values import is_table
 from maskfab.mask import opening_file, panels
 from maskfab.mask.panels import DieSeeds, die_panels
@@ -110,8 +111,8 @@ class Job:
         return compose(self.spec, self.openings, self.signature, where=self.where)
 
 
-Further: TypeAlias = "Callable[[Job, JobFaults], None]"
-"""What a verb refuses of a job before any work."""
+Further: TypeAlias = "Callable[[Job, JobFaults], object]"
+"""Refusals of a verb, of a job before any work."""
 
 
 @checked_arguments
@@ -120,8 +121,8 @@ def load_job(path: str | Path, further: Further | None = None) -> Job:
 
     Args:
         path: of the file.
-        further: what a verb refuses before any work, to be told with all else; of the job that it gets, nothing that is
-            at fault can be read (:class:`maskfab.base.errors.AtFault`).
+        further: what a verb refuses before any work; called where there are faults, to tell it with them. Of the job
+            that it gets nothing that is at fault can be read (:class:`maskfab.base.errors.AtFault`).
 
     Raises:
         JobError, OpeningError, SourceError, OutputError: for all that is wrong, at once.
@@ -130,7 +131,7 @@ def load_job(path: str | Path, further: Further | None = None) -> Job:
     data = document(stated, "job")
     faults = JobFaults.of(data)
     job = _job(examined(data, faults, where=str(stated)), stated, faults)
-    if further is not None:
+    if further is not None and faults:
         with faults:
             further(job, faults)
     faults.refuse()
@@ -147,14 +148,14 @@ def resolve(stated: JobSpec, path: Path) -> Job:
     Raises:
         JobError, OpeningError, SourceError, OutputError: for all that is wrong, at once.
     """
-    faults = JobFaults([die.name for die in stated.die])
+    faults = JobFaults.of_spec(stated)
     job = _job(stated, path, faults)
     faults.refuse()
     return job
 
 
 class _Sound(dict[str, Any]):
-    """What was read, by name; the rest is at fault, as was told."""
+    """Files that were read, by name; the rest is at fault, as was told."""
 
     def __missing__(self, name: str) -> Any:
         raise AtFault
@@ -192,6 +193,8 @@ def _drawn(
                 held = tuple(_opening(name, die, i, stated, path) for name in names)
             lost.difference_update(names)
             check_alike(held, f"{path}: die[{i}].others")
+            with faults:
+                check_die_grid(die, held[0], stated.emitters, f"{path}: ", f"die[{i}]", pitch_alone=True)
             for opening in held:
                 _keep(texts, opening.name, opening_file.opening_text(opening), "openings", f"{path}: die[{i}].opening")
             openings[die.name], dies[i] = held, _resolved(die, held)
@@ -366,6 +369,29 @@ def _resolved(die: DieSection, held: tuple[Opening, ...]) -> DieSection:
     first, *others = (opening.name for opening in held)
     names = {"opening": first, "others": tuple(others) or None}
     return die.model_copy(update={**names, "opening_layer": None, "opening_cell": None})
+
+
+def check_die_grid(
+    die: DieSection, opening: Opening, emitters: EmittersSection | None, where: str, key: str, *, pitch_alone: bool
+) -> None:
+    """Refuse the lengths of a die and its emitters that share no grid; see :func:`maskfab.job.grid.check_grid`.
+
+    Args:
+        die, opening: the die and its first opening.
+        emitters: that it is to hold, if any.
+        where, key: file and die, for errors.
+        pitch_alone: refuse a pitch that is not that of dots and gutter, and leave rules on too fine a grid.
+
+    Raises:
+        JobError: MF106 or MF118.
+    """
+    dot_nm, gutter_nm = units.to_nm(die.dot), units.to_nm(die.gutter)
+    made = CellSize(opening.dots, dot_nm, gutter_nm)
+    pitch_um = made.pitch_um if die.pitch is None else die.pitch
+    if die.tiling is Tiling.HEXAGONAL or (pitch_alone and made.has_pitch(pitch_um)):
+        return
+    rules = {} if emitters is None else emitters.grid_lengths
+    check_grid(pitch_um, opening.dots, dot_nm, gutter_nm, rules, key=key, dots_given=True, where=where)
 
 
 def check_alike(held: tuple[Opening, ...], where: str) -> None:

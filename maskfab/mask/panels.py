@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 from maskfab.base.arrays import Labels
 from maskfab.base.cell_size import CellSize
 from maskfab.base.checks import checked_arguments
-from maskfab.base.errors import JobError, SourceError
+from maskfab.base.errors import Faults, JobError, SourceError
 from maskfab.base.model import ORIENTATIONS, Opening, Panel, Scalar, Tiling, frozen
 from maskfab.base.units import NM_PER_UM, to_nm
 from maskfab.job.camera import Stop
@@ -488,15 +488,17 @@ def die_panels(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], *, wh
     _, section = laid_out(spec, where=where)
     slot_nm = to_nm(section.die_size, where=f"{where}: plate.die_size", name="die_size")
     stop = spec.camera.stop
-    panels = {}
+    panels, faults = {}, Faults()
     for i, die in enumerate(spec.die):
-        place = f"{where}: die[{i}]"
-        given = None if die.map is None else parse_map(spec.maps[die.map], f"{place}.map")
-        panel = tiled(die, openings[die.name], _side_nm(die, slot_nm, place), given, where=place)
-        check_cover(panel, stop, f"die {die.name!r}", where=place)
-        if given is not None and die.others is not None:
-            check_map(given, panel, stop, f"die {die.name!r}", where=f"{place}.map")
-        panels[die.name] = panel
+        with faults:
+            place = f"{where}: die[{i}]"
+            given = None if die.map is None else parse_map(spec.maps[die.map], f"{place}.map")
+            panel = tiled(die, openings[die.name], _side_nm(die, slot_nm, place), given, where=place)
+            check_cover(panel, stop, f"die {die.name!r}", where=place)
+            if given is not None and die.others is not None:
+                check_map(given, panel, stop, f"die {die.name!r}", where=f"{place}.map")
+            panels[die.name] = panel
+    faults.refuse()
     return panels
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from klayout import db
 
 from maskfab.base import provenance
-from maskfab.base.errors import JobError
+from maskfab.base.errors import Faults, JobError
 from maskfab.base.model import (
     CLEAR,
     ORIENTATIONS,
@@ -495,15 +495,19 @@ def compose(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], signatur
     """
     heading, section = laid_out(spec, where=where)
     template = None if section.template is None else plate_template(section.template, where=f"{where}: plate.template")
-    blank_nm, writable_nm = (_side(section, template, key, where) for key in ("blank", "writable"))
-    _check_rooms(section, template, len(spec.die), (blank_nm, writable_nm), where)
+    faults = Faults()
+    with faults:
+        blank_nm, writable_nm = (_side(section, template, key, where) for key in ("blank", "writable"))
+        _check_rooms(section, template, len(spec.die), (blank_nm, writable_nm), where)
+    with faults:
+        panels = die_panels(spec, openings, where=where)
+    faults.refuse()
     pitch_nm = to_nm(section.die_pitch, where=f"{where}: plate.die_pitch", name="die_pitch")
     size_nm = to_nm(section.die_size, where=f"{where}: plate.die_size", name="die_size")
     # Row by row from the top left, the whole grid centred on the plate.
     columns = min(section.columns, len(spec.die))
     rows = -(-len(spec.die) // columns)
     left, top = -(columns - 1) * pitch_nm // 2, (rows - 1) * pitch_nm // 2
-    panels = die_panels(spec, openings, where=where)
     dies = tuple(
         Die(
             die.name,

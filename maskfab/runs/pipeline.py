@@ -10,10 +10,11 @@ from functools import partial
 from pathlib import Path
 
 from maskfab.base.folders import OVERVIEW, TIMES, Account, check_target, staged, times_text
-from maskfab.base.model import Quantity, Report
+from maskfab.base.model import Plate, Quantity, Report
 from maskfab.base.processes import SerialExecutor
 from maskfab.base.work import Progress, one_thread, silent
-from maskfab.display.feasibility import displays
+from maskfab.display.feasibility import displays, plate_of
+from maskfab.job.faults import JobFaults
 from maskfab.mask.formats.exr import check_psf_file
 from maskfab.mask.job import Job, load_job
 from maskfab.report.documents.die import Beside, measured_beside
@@ -73,10 +74,8 @@ def run(
     Raises:
         InputError: for bad input, before anything is written.
     """
-    job = job if isinstance(job, Job) else load_job(job)
-    job.check_window()
+    job = job if isinstance(job, Job) else load_job(job, plate_to_make)
     place = check_target(Path(out), force=force)
-    check_packages(job)
     measured = measured_beside(job)
     aside = staged(place)
     if pdf:
@@ -88,6 +87,28 @@ def run(
             taken = _taken(job, folder, cache, measured, progress)
             made = taken or _make(job, nullcontext(folder), progress, cache, measured)
     return Result(place.asked, made.report, made.verdicts, None if cache is None else made.taken, made.accounts)
+
+
+def plate_to_make(job: Job, faults: JobFaults) -> Plate | None:
+    """The plate of a job, and all that a run refuses of it before any die is worked on.
+
+    Args:
+        job: the job, of which what is at fault may be unreadable.
+        faults: gets what is refused.
+
+    Returns:
+        The plate; None where it cannot be laid out.
+    """
+    for check in (job.check_window, partial(check_packages, job), partial(Conditions.of, job, "camera")):
+        with faults:
+            check()
+    plate = plate_of(job, faults)
+    if plate is not None:
+        with faults:
+            check_processes(job, plate)
+        with faults:
+            check_pictures(job, plate)
+    return plate
 
 
 @contextmanager
@@ -112,10 +133,10 @@ def _make(
     with executor_of(job, cache) as executor:
         stage = partial(_stage, seconds=seconds, executor=executor, progress=progress)
         with stage("layout", of="displays"):
-            plate = job.plate()
-            check_processes(job, plate)
-            check_pictures(job, plate)
-            Conditions.of(job, "camera")  # light that cannot be is refused before dies are worked on
+            faults = JobFaults.of_spec(job.spec)
+            plate = plate_to_make(job, faults)
+            faults.refuse()
+            assert plate is not None
             built = displays(job, plate, progress, executor=executor)
             photographs = begin_photographs(job, plate, executor)
             plate = built.plate

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -117,6 +118,27 @@ def test_light_of_a_scene_by_hand():
 def test_levels_without_light_or_above_a_full_well_are_refused(level):
     with pytest.raises(JobError, match="MF141"):
         Exposure.at(level, Sensor())
+
+
+@pytest.mark.parametrize(
+    "light",
+    [
+        lambda sensor, held: Exposure.at(held or 40, sensor),
+        lambda sensor, held: Exposure.of_white(held or 9000, sensor),
+        lambda sensor, held: Exposure.of_scene(
+            5000, (held or 100) / 1e3, 0.6, focal_ratio=2.5, pixel_um=2, sensor=sensor
+        ),
+    ],
+)
+def test_a_light_that_a_full_well_does_not_hold_is_told_with_one_that_it_does(light):
+    """As much of it as can be told in its digits: a twentieth more overflows again."""
+    sensor = Sensor(full_well=6000.0)
+    with pytest.raises(JobError, match="MF141") as caught:
+        light(sensor, None)
+    held = float(re.findall(r"[\d.]+", caught.value.cure)[0])
+    assert light(sensor, held).electrons <= sensor.full_well
+    with pytest.raises(JobError, match="MF141"):
+        light(sensor, 1.05 * held)
 
 
 @pytest.mark.parametrize("transmission", [0.0, 1.5, math.nan])

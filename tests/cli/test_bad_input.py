@@ -175,7 +175,7 @@ def test_a_misspelt_key_is_not_missing_too_and_two_are_told_at_once(capsys, tmp_
         f"{job}: camera.pixle",
     ]
     head, first, second = answer.stderr.splitlines()
-    assert head == f"error: MF153 2 faults ({job}). Mend them all; each says how"
+    assert head == f"error: MF153 2 faults ({job}). Write what each of them says"
     assert (first[:8], second[:8]) == ("  MF102 ", "  MF102 ")
 
 
