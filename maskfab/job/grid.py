@@ -92,7 +92,7 @@ def _grids(asked: Grid, widest_nm: float) -> Iterator[Grid]:
     finest = math.ceil(asked.pitch_nm / (MOST_CELLS + 0.5))
     shared = math.gcd(asked.pitch_nm, asked.gutter_nm, *asked.rules_nm)
     if asked.dots:
-        yield from _of_dots(asked)
+        yield from _of_dots(asked) if asked.rules_nm else [_without_rules(asked)]
         return
     steps = range(-(-finest // _STEP_NM) * _STEP_NM, asked.pitch_nm // FEWEST_DOTS + _STEP_NM, _STEP_NM)
     for cell in sorted({*steps, *(shared // n for n in range(1, shared // finest + 1) if shared % n == 0)}):
@@ -114,6 +114,11 @@ def _of_dots(asked: Grid) -> Iterator[Grid]:
                 gutter = -(-asked.gutter_nm // cell) * cell
                 if gutter % 2 == 0:
                     yield _on(cell, asked, asked.dots, asked.dots * dot + gutter)
+
+
+def _without_rules(asked: Grid) -> Grid:
+    dot = max(1, round((asked.pitch_nm - asked.gutter_nm) / asked.dots))
+    return Grid(asked.dots, dot, asked.dots * dot + asked.gutter_nm, asked.gutter_nm, ())
 
 
 def _on(cell: int, asked: Grid, dots: int, pitch_nm: int) -> Grid:
@@ -158,29 +163,41 @@ def check_grid(
         where: place of the table, for errors.
 
     Raises:
-        JobError: MF106 for a pitch that is not its dots and gutter; MF118 for rules and dots of too fine a grid; both
-            with lengths that work together.
+        JobError: MF106 for a pitch that is not its dots and gutter, MF107 if no dots of whole nanometres are; MF118 for
+            rules and dots of too fine a grid; all with lengths that work together.
     """
     pitch_nm, rules_nm = pitch_um * NM_PER_UM, [round(rule * NM_PER_UM) for rule in rules_um.values()]
     made = CellSize(dots, dot_nm or round((pitch_nm - gutter_nm) / dots), gutter_nm)
     meets = made.has_pitch(pitch_um)
     cell = math.gcd(made.dot_nm, gutter_nm, *rules_nm)
-    if meets and (not rules_nm or made.dots_nm // cell <= MOST_CELLS):
+    if meets and _shares(made, rules_nm):
         return
-    side = made.dots_nm / NM_PER_UM
-    code, place = ("MF118", "emitters") if meets else ("MF106", f"{key}.pitch")
+    side, apart = made.dots_nm / NM_PER_UM, abs((pitch_nm - gutter_nm) / dots % 1 - 0.5) < 0.5 - 1e-6
+    code, place = ("MF118", "emitters") if meets else ("MF107" if apart else "MF106", f"{key}.pitch")
     what = (
         f"dots of {made.dot_nm / NM_PER_UM:g} um and the rules of [emitters] are whole numbers only on a grid of "
         f"{cell / NM_PER_UM:g} um, {made.dots_nm // cell} cells on {side:g} um; the limit is {MOST_CELLS}"
         if meets
         else f"{dots} dots x {made.dot_nm / NM_PER_UM:g} um + gutter {gutter_nm / NM_PER_UM:g} um = "
         f"{made.pitch_um:.10g} um, but pitch says {pitch_um:.10g} um"
+        + (", which no dots of whole nanometres make" if apart else "")
     )
     near = [nearest_grid(round(pitch_nm), rules_nm, dots=dots, gutter_nm=gutter_nm)]
+    near += (
+        []
+        if meets or not _shares(made, rules_nm)
+        else [Grid(dots, made.dot_nm, made.pitch_nm, gutter_nm, (*rules_nm,))]
+    )
     near += [] if dots_given else [nearest_grid(round(pitch_nm), rules_nm, gutter_nm=gutter_nm, widest_nm=widest_nm)]
     lines = [_lines(found, rules_um, key, gutter_nm) for found in dict.fromkeys(near) if found is not None]
     cure = f"These work together: {', or '.join(lines)}" if lines else "Use other dots: none near these share a grid"
     raise JobError(code, what, where=f"{where}{place}", cure=cure)
+
+
+def _shares(made: CellSize, rules_nm: Sequence[int]) -> bool:
+    """Whether dots, gutter and rules are whole numbers of few enough cells; a pixel without rules needs none."""
+    cell = math.gcd(made.dot_nm, made.gutter_nm, *rules_nm)
+    return not rules_nm or made.dots_nm // cell <= MOST_CELLS
 
 
 def _lines(found: Grid, rules_um: Mapping[str, float], key: str, gutter_nm: int) -> str:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from maskfab.base import provenance, units
 from maskfab.base.cell_size import CellSize
 from maskfab.base.checks import checked_arguments
-from maskfab.base.errors import AtFault, JobError, SourceError
+from maskfab.base.errors import AtFault, Faults, JobError, SourceError
 from maskfab.base.model import Opening, Panel, Plate, Quantity, Tiling
 from maskfab.job.camera import Camera
 from maskfab.job.faults import JobFaults
@@ -385,7 +385,12 @@ def check_die_grid(
     Raises:
         JobError: MF106 or MF118.
     """
-    dot_nm, gutter_nm = units.to_nm(die.dot), units.to_nm(die.gutter)
+    lengths: list[int] = []
+    with Faults():
+        lengths = [units.to_nm(die.dot), units.to_nm(die.gutter)]
+    if not lengths:
+        return  # off the grid of 1 nm, as is told of the die
+    dot_nm, gutter_nm = lengths
     made = CellSize(opening.dots, dot_nm, gutter_nm)
     pitch_um = made.pitch_um if die.pitch is None else die.pitch
     if die.tiling is Tiling.HEXAGONAL or (pitch_alone and made.has_pitch(pitch_um)):

@@ -70,4 +70,5 @@ def test_a_job_line_that_is_an_example_raises_its_code(tmp_path, code):
     job.write_text(f"{before}{heading}\n{line}\n{section}{''.join(rest)}", encoding="utf-8")
     with pytest.raises(MaskfabError) as caught:
         shown(load_job(job))
-    assert caught.value.code == code, caught.value
+    # A plate of twelve dies may have several.
+    assert code in {fault.code for fault in caught.value.faults}, caught.value

@@ -69,7 +69,11 @@ REFUSED = {
     "width of more than the pixel": (emitters(min_width='"57 um"'), "MF117", "56 um"),
     "no width": (emitters(min_width='"0 um"'), "MF104", "emitters.min_width"),
     "negative gap": (emitters(colour_gap='"-1 um"'), "MF104", "emitters.colour_gap"),
-    "too fine a grid": (emitters(colour_gap='"8.001 um"'), "MF118", "multiples of 0.5 um"),
+    "too fine a grid": (
+        emitters(colour_gap='"8.001 um"'),
+        "MF118",
+        'dot = "8.01 um"; [emitters] gap_to_opening = "0 um", colour_gap = "8.01 um"',
+    ),
     "required of more than the pixel": (emitters(required=2), "MF104", "emitters.required"),
     "nothing kept": (emitters(keep=0), "MF104", "emitters.keep"),
     "flat aspect": (emitters(max_aspect=0.5), "MF104", "emitters.max_aspect"),
