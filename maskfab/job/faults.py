@@ -126,6 +126,8 @@ def sound_part(error: ValidationError, kind: type[AnySection], values: object, f
 def _made(kind: type[AnySection], values: object, lost: list[Place], faults: Faults, where: str) -> Any:
     if () in lost or not isinstance(values, Mapping):
         raise AtFault
+    relative = stop_ratio(values.get("stop"))
+    values = values if issubclass(kind, Section) else kind.with_lengths(values)
     held: dict[str, Any] = {}
     gone: set[str] = set()
     for key, field in kind.model_fields.items():
@@ -143,7 +145,7 @@ def _made(kind: type[AnySection], values: object, lost: list[Place], faults: Fau
                 gone.add(key)
                 held[key] = _inner(table, values[key], inner, faults, f"{where}{key}")
                 gone.discard(key)
-    if "focal" in gone and stop_ratio(values.get("stop")):
+    if "focal" in gone and relative:
         gone.add("stop")
     made = _lacking(kind, held, frozenset(gone))
     with faults:
