@@ -19,6 +19,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import NoReturn
 
+from maskfab.camera.frames import frame_process
 from maskfab.mask import limits
 from maskfab.mask.formats import gdstk_process, gerber_process, step_process
 
@@ -26,6 +27,7 @@ LIBRARIES = {
     gdstk_process.__file__: "gdstk",
     gerber_process.__file__: "gerbonara",
     step_process.__file__: "OCP.STEPControl",
+    frame_process.__file__: "rawpy",
 }
 """What each script reads with, which is imported once, not in every copy."""
 

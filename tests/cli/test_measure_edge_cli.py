@@ -155,7 +155,7 @@ def test_bad_input_is_refused_by_its_option(capsys, tmp_path, stated, code, said
     assert answer.code == 2, answer
     error = answer.document["error"]
     assert error["code"] == code, error
-    assert said in " ".join(error.values()), error
+    assert said in " ".join(map(str, error.values())), error
     assert error["cure"]
     assert not out.exists()
 
