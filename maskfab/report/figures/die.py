@@ -59,7 +59,7 @@ _MARKS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "h", "*")
 _LOWEST = 5e-3
 """MTF at the lower edge of the comparison of dies; what is lower is drawn there."""
 _PLATE_SEEN = (-1.02, 1.17), (-1.2, 1.17)
-"""What a drawing of the plate shows along x and y, in halves of the blank."""
+"""Extent of a drawing of the plate along x and y, in halves of the blank."""
 _NAMED = 100
 """Dies whose names and labels a drawing of the plate can show."""
 _NAME = 0.045
