@@ -18,6 +18,7 @@ from maskfab.base.folders import check_file, check_target, staged, write_text
 if TYPE_CHECKING:
     from maskfab.api.lengths import Length
     from maskfab.api.opening import Opening
+    from maskfab.report.figures.sheet import Drawing
 
 
 # A job is begun in less time than openings take to load.
@@ -65,6 +66,10 @@ class Drawn(Result):
         """Facts of the opening, and where it is."""
         facts = {"name": self.opening.name, "path": str(self.path), "clear_dots": self.opening.clear_dots}
         return {**facts, "open_ratio": self.opening.open_ratio, "provenance": dict(self.opening.provenance)}
+
+    def plot(self) -> Drawing:
+        """The opening."""
+        return self.opening.plot()
 
     def __str__(self) -> str:
         return str(self.path)

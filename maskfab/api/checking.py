@@ -49,6 +49,8 @@ _HELD_AGAINST = {name: next(sections_of(JobSpec.model_fields[name])) for name in
 )}  # fmt: skip
 """Sections of a job that a display is held against."""
 _USUAL_SAMPLES = 21
+_SHOWN_DIES = 4
+"""Dies of which a notebook shows pictures."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -96,6 +98,14 @@ class DisplayCheck(Result):
         return check_data.check_document(
             self.built, self.gaps, self.digest, self.unused, self.notes, passed=self.passed
         )
+
+    def _shown(self) -> str:
+        """Emitters, wires and light of every die, of the first dies alone where there are many."""
+        from maskfab.report.figures.display import pictures
+
+        panels = {die.name: die.panel for die in self.built.plate.dies}
+        shown = list(self.built.displays.items())[:_SHOWN_DIES]
+        return "".join(f"<h4>{name}</h4>{''.join(pictures(panels[name], found).values())}" for name, found in shown)
 
     def __str__(self) -> str:
         from maskfab.report.documents import display as display_text
@@ -168,7 +178,8 @@ class Rendering(Result):
     def _repr_html_(self) -> str:
         from maskfab.report.rows.text import html_table
 
-        return "".join(f"<h4>{name}</h4>{html_table(panel.quantities)}" for name, panel in self.panels.items())
+        tables = (f"<h4>{name}</h4>{html_table(panel.quantities)}" for name, panel in self.panels.items())
+        return "".join([self._shown(), *tables])
 
     def _repr_png_(self) -> bytes:
         return self.picture()

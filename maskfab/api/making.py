@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -370,6 +371,9 @@ class View(Result):
     def to_dict(self) -> dict[str, Any]:
         """Its attributes."""
         return {"page": str(self.path), "mask_file": self.mask_file, "sha256": self.sha256, "bytes": self.bytes}
+
+    def _shown(self) -> str:
+        return f'<a href="{html.escape(self.path.as_posix())}">{html.escape(self.path.name)}</a>'
 
     def __str__(self) -> str:
         return f"{self.path}: {self.mask_file}, SHA-256 {self.sha256}, in {self.bytes / 1e6:.1f} MB"

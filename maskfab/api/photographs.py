@@ -64,7 +64,7 @@ class Simulation(Result):
         refused: why dies that nobody named could not be photographed, by name.
         scenes: that were photographed.
         skipped: files of the folder that are no photographs.
-        shown: part of the first scene by die, one shot for each level of light; empty unless they were kept.
+        shown: part of the first scene by die, one shot for each level of light; empty if they were not kept.
     """
 
     table: ScoreTable
@@ -85,7 +85,7 @@ class Simulation(Result):
         from maskfab.report.figures.scene import sheet
 
         if not self.shown:
-            raise JobError("MF105", "no pictures were kept", where="simulate", cure="Call it with pictures=True")
+            raise JobError("MF105", "no pictures were kept", where="simulate", cure="Call it without pictures=False")
         kind = self.conditions.protocol
         how = f"protocol {kind.name} {'in linear light' if kind.linear else 'in code values'}"
         return sheet(truth_of(self.scenes[0], _CROP), self.scenes[0].name, self.shown, how)
@@ -152,7 +152,7 @@ def simulate(
     brackets: Sequence[float] | None = None,
     restore: str | Sequence[str] | None = None,
     checkpoints: Sequence[str | Path] = (),
-    pictures: InPython[bool] = False,
+    pictures: InPython[bool] = True,
     progress: Progress = silent,
 ) -> Simulation:
     """Simulate noisy photographs through each die, restore and score them: PSNR, SSIM, gain over a reference.
@@ -180,7 +180,7 @@ def simulate(
         restore: restorer: wiener, dct+wiener, gradient, dct+gradient or tv; by default wiener or the protocol's own.
             With auto the one for each photograph that its record speaks for, of those named beside it or of all.
         checkpoints: file of maskfab learn, one for each die: one more restorer, learned, beside those named.
-        pictures: keep part of the photographs of the first scene, by the last restorer.
+        pictures: keep part of the photographs of the first scene, by the last restorer, for notebooks and files.
         progress: told where the work stands.
 
     Raises:
@@ -243,9 +243,9 @@ def simulate(
 def _simulate(asked: Asked) -> Told:
     """Pictures are kept where they are saved."""
     if asked.out is None:
-        return Told.of(asked.found())
+        return Told.of(asked.found(pictures=False))
     check_file(asked.out, force=asked.force)
-    simulation = asked.found(pictures=True)
+    simulation = asked.found()
     simulation.save(asked.out, force=asked.force)
     return Told.of(simulation)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -38,6 +39,7 @@ from maskfab.camera.registration import RegisteredPhoto, brought
 from maskfab.camera.restorers import named
 from maskfab.job.reference import USES, in_words, unused
 from maskfab.mask.formats.exr import write_exr, write_png
+from maskfab.optics.colour import code_of_light
 from maskfab.report.rows.photographs import Conditions, Surroundings
 
 
@@ -159,6 +161,8 @@ def _restore(asked: Asked) -> Told:
 
 
 DOCUMENT = "restore.json"
+_SHOWN_PX = 480
+"""Pixels along a side of a photograph in a notebook."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -202,6 +206,16 @@ class Restoration(FolderResult):
             write_mark(folder, None)
             names = sorted(file.name for file in folder.iterdir())
         return [place.asked / name for name in names]
+
+    def _shown(self) -> str:
+        """Every photograph, the larger ones by some of their pixels."""
+        from maskfab.report.figures.scene import tile
+
+        shown = []
+        for photo in self.photos:
+            step = math.ceil(max(photo.picture.shape) / _SHOWN_PX)
+            shown.append(tile(code_of_light(photo.picture[:, ::step, ::step]).astype(np.float32), photo.name))
+        return "".join(shown)
 
     def __str__(self) -> str:
         lines = []

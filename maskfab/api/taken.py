@@ -41,7 +41,7 @@ _OUTPUTS = frozenset({"out", "place", "images", "checkpoint", "checkpoints", "ch
 
 
 class Taken(NamedTuple):
-    """What one verb takes: its parameters by name, in words, and whether it takes a camera."""
+    """One verb: the objects that its parameters take, in words, and whether it takes a camera."""
 
     verb: str
     parameters: Mapping[str, tuple[str, ...]]

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from maskfab.optics.scene.scene import Scene
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Job:
     """A resolved job.
 
@@ -43,6 +43,10 @@ class Job:
     openings: Mapping[str, tuple[Opening, ...]]
     digest: str
     where: str
+
+    def __repr__(self) -> str:
+        name = Path(self.where).stem if self.spec.job is None else self.spec.job.name
+        return f"<Job {name}: {', '.join(die.name for die in self.spec.die)}>"
 
     @property
     def seeds(self) -> dict[str, int]:

@@ -161,7 +161,7 @@ Shift = tuple[int, int]
 """Right and up, in whole dots."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CellMap:
     """Orientation map: contents of the cells round the axis.
 
@@ -182,6 +182,10 @@ class CellMap:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cells", frozen(np.asarray(self.cells, dtype=np.int8)))
+
+    def __repr__(self) -> str:
+        rows, columns = self.cells.shape
+        return f"<CellMap {self.name}: {columns} x {rows} cells>"
 
 
 @checked_arguments

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from maskfab.base.errors import UnknownNameError
 from maskfab.base.findings import expected
-from maskfab.base.folders import APPENDIX, NUMBERS, PAGE, REPORT, TIMES, VIEW, Account
+from maskfab.base.folders import APPENDIX, NUMBERS, OVERVIEW, PAGE, REPORT, TIMES, VIEW, Account
 from maskfab.base.model import Die, DieOptics, Plate, Quantity, Report, WrittenFile
 from maskfab.base.processes import SerialExecutor
 from maskfab.base.work import Progress, silent
@@ -28,6 +28,7 @@ from maskfab.report.documents.shape import Document
 from maskfab.report.figures import die as die_figures
 from maskfab.report.figures import display
 from maskfab.report.figures import scene as scene_figures
+from maskfab.report.figures.sheet import data_uri, img
 from maskfab.report.pages import front
 from maskfab.report.pages.appendix import appendix_page
 from maskfab.report.pages.page import html_page
@@ -142,7 +143,10 @@ class Result:
         return f"<Result in {self.directory}: {', '.join(self.report.dies)}; {'; '.join(self.verdicts.lines)}>"
 
     def _repr_html_(self) -> str:
-        return self._every._repr_html_()
+        """The overview over every number."""
+        picture = self.directory / OVERVIEW
+        shown = img(data_uri(picture.read_bytes()), "the plate", "overview") if picture.is_file() else ""
+        return shown + self._every._repr_html_()
 
 
 @dataclass(frozen=True, eq=False)

@@ -371,6 +371,7 @@ def test_public_names_are_no_rooms_and_stay_functions_after_any_import():
     assert not {each.name for each in pkgutil.iter_modules(mf.__path__)} & set(mf.__all__)
     for name in mf.__all__:
         assert getattr(mf, name) is not None
+    assert dir(mf) == sorted(mf.__all__)
     assert "clear_dots" in inspect.signature(mf.design).parameters
     assert "against" in inspect.signature(mf.verify).parameters
     with pytest.raises(JobError, match="MF103"):

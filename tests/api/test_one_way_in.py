@@ -160,6 +160,8 @@ def test_rules_are_the_sections_of_a_job_with_lengths_as_python_has_them() -> No
     text = {"emitters": {"colour_gap": "8 um", "min_width": "8 um"}}
     by_plate = mf.check(mf.Plate.of({"bar_5x3": PLAIN}, camera=CAMERA, sections=text))
     assert by_rules.to_dict() == by_plate.to_dict()
+    shown = by_rules._repr_html_()
+    assert shown.index("<img") < shown.index("<pre>")
     plate = mf.Plate.of({"bar_5x3": PLAIN}, camera=CAMERA, sections=text)
     wider = mf.check(plate, rules={"emitters": RULES["emitters"] | {"colour_gap": 16}})
     assert wider.to_dict() != by_plate.to_dict()
@@ -304,6 +306,7 @@ def test_arrays_are_restored_and_measured_as_the_files_of_them(tmp_path: Path) -
     by_array = mf.restore(counts, TURNED, CAMERA, restore="wiener", epsilon=0.01)
     np.testing.assert_array_equal(by_array.photos[0].picture, by_file.photos[0].picture)
     assert by_array.photos[0].name == "photo"
+    assert by_array._repr_html_().startswith("<img")
     edges = [mf.edge(source, TURNED, CAMERA, line=530).to_dict()["edges"] for source in (path, counts)]
     assert edges[0] == edges[1]
     planes = frame_of_array(counts.transpose(2, 0, 1), "photo")
