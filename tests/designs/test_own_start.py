@@ -11,6 +11,9 @@ import torch
 import maskfab as mf
 from maskfab.base.errors import InputError
 from maskfab.designs.descent.schedule import Descent, descend
+from maskfab.designs.rules.constraints import Constraints
+from maskfab.designs.search.annealing import nearest
+from maskfab.designs.search.mending import mended
 
 ALONE: dict[str, Any] = {"map": "none"}
 
@@ -77,3 +80,36 @@ def test_starts_that_cannot_be_are_refused(start: Any, more: dict[str, Any], tol
     stated = {"pitch": "168 um", "map": "equal_light" if "density" in more else "none", **more}
     with pytest.raises(InputError, match=told):
         mf.design(start=start, **{key: value for key, value in stated.items() if value is not None})
+
+
+@pytest.mark.parametrize(
+    ("rules", "least"),
+    [
+        ({"min_feature_dots": 3}, 90),
+        ({"min_feature_dots": 2, "min_space_dots": 2, "kissing": "cell"}, 95),
+        ({"min_feature_dots": 3, "rim_dots": 1}, 85),
+        ({"symmetry": "rot180"}, 60),
+    ],
+)
+def test_an_opening_that_nearly_keeps_the_rules_is_mended(rules: dict[str, Any], least: int) -> None:
+    """Two blocks at the cell's edge with ragged sides: no compact shape has as much in common with them."""
+    mask = np.zeros((21, 21), dtype=np.bool_)
+    mask[0:9, 1:8] = mask[12:20, 14:19] = True
+    draw = np.random.default_rng(5)
+    for row, column in draw.integers(0, 21, (12, 2)):
+        mask[row, column] ^= True
+    held = Constraints(int(mask.sum()), dots=21, **rules)
+    found = nearest(mask, held)
+    assert held.allows(found)
+    assert int((found & mask).sum()) >= least
+
+
+def test_a_mended_opening_has_the_count_that_is_asked_for() -> None:
+    mask = np.zeros((21, 21), dtype=np.bool_)
+    mask[3:12, 4:15] = True
+    for count in (70, 99, 130):
+        held = Constraints(count, dots=21, min_feature_dots=4)
+        found = mended(mask, held)
+        assert found is not None
+        assert held.allows(found)
+        assert int((found & mask).sum()) == min(count, 99)

@@ -30,6 +30,7 @@ from maskfab.camera.sensor import LEVELS
 from maskfab.designs.model.expected_psnr import Surrogate
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.families import FAMILIES, Candidate, kind, turned_key
+from maskfab.designs.search.mending import mended
 
 Objective = Callable[[Mask], float]
 """Value of an opening, bool [dots, dots]; higher is better. In dB where it is an expected PSNR."""
@@ -481,12 +482,12 @@ def _check(moves: Sequence[Move], temperature: tuple[float, float], evaluations:
 def nearest(unit: Mask, constraints: Constraints, *, seed: int = 0) -> Mask:
     """An opening that keeps the constraints and has as many dots as possible in common with this one.
 
-    The compact shape that shares most dots with it and keeps the rules is changed dot by dot towards it, rules kept at
-    every step. Not proven to be the nearest.
+    The opening mended, or where that leads nowhere the compact shape that shares most dots with it and keeps the rules,
+    is changed dot by dot towards it, rules kept at every step. Not proven to be the nearest.
 
     Args:
         unit: bool [dots, dots].
-        constraints: to be kept; their count is the unit's.
+        constraints: to be kept; their count need not be the unit's.
         seed: of the changes.
 
     Raises:
@@ -499,6 +500,8 @@ def nearest(unit: Mask, constraints: Constraints, *, seed: int = 0) -> Mask:
     def shared(other: Mask) -> float:
         return float(np.count_nonzero(unit & other))
 
+    if (close := mended(unit, constraints)) is not None:
+        return anneal(close, shared, constraints, evaluations=_EVALUATIONS, seed=seed).unit
     shapes = sorted(_shapes(constraints), key=lambda shape: -shared(shape.unit))
     # The closest ones, then a few of all the others: rules on emitters take their time.
     few = chain(shapes[:_TRIED], shapes[_TRIED :: max(1, len(shapes) // _TRIED)])
