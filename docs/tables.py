@@ -9,6 +9,7 @@ import tomllib
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
+from maskfab.api.taken import taken
 from maskfab.base.findings import origins
 from maskfab.base.quantities import quantities
 from maskfab.base.resources import explained, grouped
@@ -154,6 +155,20 @@ def _cameras() -> Iterator[str]:
     )
 
 
+def _objects() -> Iterator[str]:
+    """What every verb takes from Python, read from its signature."""
+    many = next(words for row in taken() for words in row.parameters.values() if "loaded job" in words)
+    yield f"*A job or panels* below stands for: {', '.join(many)}."
+    rows = []
+    for row in taken():
+        takes = "; ".join(
+            f"`{name}`: {'*a job or panels*' if words == many else ', '.join(words)}"
+            for name, words in row.parameters.items()
+        )
+        rows.append((f"`mf.{row.verb}`", takes, "yes" if row.camera else ""))
+    yield from _table(("verb", "takes", "`camera=`"), rows)
+
+
 def _schemas() -> Iterator[str]:
     for title, rules in (("report.json", schema()), ("maskfab check --json", check_schema())):
         yield f"### `{title}`\n\n```json\n{json.dumps(rules, indent=1, ensure_ascii=False)}\n```\n"
@@ -167,6 +182,7 @@ _MADE: dict[str, Callable[[], Iterator[str]]] = {
     "rules": _rules,
     "quantities": _quantities,
     "schemas": _schemas,
+    "objects": _objects,
     "rooms": _rooms,
     "questions": _questions,
     "cameras": _cameras,
