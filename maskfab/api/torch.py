@@ -79,7 +79,10 @@ def psf(
         wavelength: one of the camera's or any other; may be left out if the camera has only one.
         like: panel whose dots, gutters and orientations are taken.
         pitch: of a pixel, gutter included, where there is no ``like``.
-        tiling, seed, size, gutter: of the panel, as :meth:`maskfab.Panel.tile` takes them.
+        tiling: how pixels are turned, or a map, as :meth:`maskfab.Panel.tile` takes it; so the next three.
+        seed: of a random tiling.
+        size: side of the square that is filled.
+        gutter: opaque space round every pixel.
         pixels: means over sensor pixels instead of intensity at points.
 
     Returns:
