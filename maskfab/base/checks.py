@@ -25,6 +25,7 @@ import numpy as np
 
 from maskfab.base.arrays import Labels, Mask
 from maskfab.base.errors import JobError, OpeningError
+from maskfab.base.work import notebook_line
 
 _LARGEST = sys.float_info.max
 MOST_NM = 2**31 - 1
@@ -151,7 +152,8 @@ _SHOWN = 60
 def checked_arguments(function: Callable[Given, Result]) -> Callable[Given, Result]:
     """For functions that users call: refuses arguments of another type than their annotations say.
 
-    Names that only type checkers import are taken for anything.
+    Names that only type checkers import are taken for anything. Where a function tells its progress and nobody asks for
+    it, a notebook shows it (:func:`maskfab.base.work.notebook_line`).
 
     Raises:
         JobError: MF105 for an argument that is missing, unknown or of the wrong type; MF104 for a number that is not
@@ -183,7 +185,14 @@ def checked_arguments(function: Callable[Given, Result]) -> Callable[Given, Resu
                 values = {name: value}
             for key, held in values.items():
                 _require(held, hints[name], f"{called}: {key}")
-        return function(*args, **kwargs)
+        untold = "progress" in stated.parameters and "progress" not in bound.arguments
+        line = notebook_line(called) if untold else None
+        if line is None:
+            return function(*args, **kwargs)
+        try:
+            return function(*args, **{**kwargs, "progress": line})  # type: ignore[arg-type]
+        finally:
+            line.end()
 
     return checked
 

@@ -10,13 +10,15 @@ import gc
 import math
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import wraps
-from typing import ParamSpec, TypeVar
+from importlib import import_module
+from typing import Any, ParamSpec, TypeVar
 
 from maskfab.base.errors import JobError
 
@@ -26,6 +28,52 @@ Progress = Callable[[str, int, int], None]
 
 def silent(stage: str, done: int, total: int) -> None:
     """A progress that nobody watches."""
+
+
+_SEEN_AFTER_S, _SEEN_EVERY_S = 2.0, 0.2
+"""Seconds of work after which a notebook shows where it stands, and between two looks at it."""
+
+
+class NotebookLine:
+    """A progress that a notebook shows: one line, updated, once the work has taken two seconds.
+
+    Args:
+        name: of the work.
+        display: shows plain text and gives what updates it, as ``IPython.display.display`` does.
+        now: seconds that have gone by since any moment.
+    """
+
+    def __init__(self, name: str, display: Callable[..., Any], now: Callable[[], float] = time.monotonic) -> None:
+        self._name, self._display, self._now = name, display, now
+        self._begun = self._shown = now()
+        self._line: Any = None
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        """A step of the work."""
+        moment = self._now()
+        if moment - self._begun >= _SEEN_AFTER_S and moment - self._shown >= _SEEN_EVERY_S:
+            self._show(f"{stage} {done}/{total}, {moment - self._begun:.0f} s")
+            self._shown = moment
+
+    def end(self) -> None:
+        """The last word, of work that was shown."""
+        if self._line is not None:
+            self._show(f"done in {self._now() - self._begun:.0f} s")
+
+    def _show(self, text: str) -> None:
+        shown = {"text/plain": f"{self._name}: {text}"}
+        if self._line is None:
+            self._line = self._display(shown, raw=True, display_id=True)
+        else:
+            self._line.update(shown, raw=True)
+
+
+def notebook_line(name: str) -> NotebookLine | None:
+    """A line for the work of that name, where Python is run by the kernel of a notebook; elsewhere None."""
+    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    if getattr(shell, "kernel", None) is None:
+        return None
+    return NotebookLine(name, import_module("IPython.display").display)
 
 
 SLACK = 0.2
