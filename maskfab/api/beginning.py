@@ -14,6 +14,7 @@ from maskfab.base import resources
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
 from maskfab.base.folders import check_file, check_target, staged, write_text
+from maskfab.base.units import NM_PER_UM
 
 if TYPE_CHECKING:
     from maskfab.api.lengths import Length
@@ -72,7 +73,8 @@ class Drawn(Result):
         return self.opening.plot()
 
     def __str__(self) -> str:
-        return str(self.path)
+        dots, dot_um = self.opening.dots, self.opening.dot_nm / NM_PER_UM
+        return f'{self.path}: {dots} dots; in the job: dot = "{dot_um:g} um", pitch = "{self.opening.pitch_um:.10g} um"'
 
 
 def templates() -> tuple[str, ...]:
@@ -114,8 +116,9 @@ def new(
         source: a shipped job, such as upc12 or display_that_fits; by default first_plate.
         shape: kind of opening: stripe, blobs or diamond-discs; with emitters rgb-stripe, pentile-diamond,
             pentile-lines, delta, circular or window.
-        dots: dots along the side of a cell; by default 21, or a display's own.
-        pitch: side of a cell; by default ``"168 um"``, or a display's own.
+        dots: dots along the side of a cell; by default 21, or a display's own, or near it where they make the pitch.
+        pitch: side of a cell, to the nearest that dots of whole nanometres make; by default ``"168 um"``, or a
+            display's own.
         clear_dots: number of clear dots; blobs and discs need it.
         width_dots: width of a stripe in dots; by default 5.
         size_ratio: size of small blobs relative to large ones; by default 0.7.

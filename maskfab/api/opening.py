@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -23,7 +24,6 @@ from maskfab.job.values import check_name
 from maskfab.mask import emitter_layouts, opening_file
 from maskfab.mask import opening as decode
 from maskfab.mask import opening as shapes
-from maskfab.mask.opening_file import dot_of_pitch
 
 if TYPE_CHECKING:
     from maskfab.api.camera import Camera
@@ -112,8 +112,9 @@ class Opening(model.Opening):
 
         Args:
             kind: one of :func:`maskfab.shapes`.
-            dots: along the side of a cell; by default 21, or a display's own.
-            pitch: side of a cell; by default 168 um, or a display's own.
+            dots: along the side of a cell; by default 21, or a display's own, or near that so that they make the pitch.
+            pitch: side of a cell, to the nearest that dots of whole nanometres make; by default 168 um, or a
+                display's own.
             clear_dots: number of clear dots; blobs and discs need it.
             width_dots: of a stripe.
             size_ratio: of blobs: size of the small ones relative to the large ones.
@@ -134,9 +135,11 @@ class Opening(model.Opening):
         display = emitter_layouts.DISPLAYS.get(kind)
         changed = dots is not None or pitch is not None or bool(lengths)
         own_dots, own_pitch = (display.dots, display.pitch) if display else (_USUAL_DOTS, _USUAL_PITCH)
-        dots = own_dots if dots is None else dots
         pitch_um = parse_pitch_um(own_pitch if pitch is None else length_text(pitch, "pitch"), where="pitch")
-        dot_nm = dot_of_pitch(pitch_um, dots, where="pitch")
+        dots = (
+            _dots_near(own_dots, display.multiple if display else 1, pitch_um) if dots is None else _whole(dots, "dots")
+        )
+        dot_nm = max(1, round(pitch_um * NM_PER_UM / max(1, dots)))
         made: dict[str, str | int | float] = {
             "author": "maskfab",
             "command": command
@@ -308,6 +311,13 @@ def read_opening(
         )
     opening = opening_file.load_opening(path, dots=dots, dot_nm=1, name=name)
     return Opening.of_model(_repitched(opening, _stated(pitch, "pitch", path.name)))
+
+
+def _dots_near(usual: int, multiple: int, pitch_um: float) -> int:
+    """The multiple of a number nearest to the usual dots that are whole nanometres of a pitch, if there is one."""
+    near = range(-(-usual // (2 * multiple)) * multiple, 2 * usual + 1, multiple)
+    whole = [dots for dots in near if abs(pitch_um * NM_PER_UM / dots % 1 - 0.5) > 0.5 - 1e-6]
+    return min(whole or [usual], key=lambda dots: (abs(math.log(dots / usual)), dots))
 
 
 def _repitched(opening: model.Opening, pitch: Length) -> model.Opening:

@@ -257,6 +257,7 @@ class Display:
         source: who published figures.
         what: these figures.
         judgement: what nobody published.
+        multiple: number that divides its dots.
     """
 
     layout: Layout
@@ -266,9 +267,10 @@ class Display:
     source: str
     what: str
     judgement: str
+    multiple: int = 1
 
     def draw(self, dots: int | None = None, changed: Mapping[str, int] = MappingProxyType({})) -> tuple[Mask, Labels]:
-        """The mask and the labels, with other dots or lengths where given.
+        """The mask and the labels, with other dots or lengths where given; with other dots all lengths in proportion.
 
         Raises:
             JobError: MF102 for a length that the layout has not, and what the layout raises.
@@ -281,7 +283,17 @@ class Display:
                     where=name,
                     cure=f"It has {', '.join(self.lengths)}",
                 )
-        return self.layout(self.dots if dots is None else dots, **{**self.lengths, **changed})
+        dots = self.dots if dots is None else dots
+        share = dots / self.dots
+        try:
+            nearest = {name: max(1, round(length * share)) for name, length in self.lengths.items()}
+            return self.layout(dots, **{**nearest, **changed})
+        except JobError as narrow:
+            if narrow.code != "MF117" or dots == self.dots:
+                raise
+        # Rounded down, what has room among its own dots has it among others.
+        least = {name: max(1, math.floor(length * share)) for name, length in self.lengths.items()}
+        return self.layout(dots, **{**least, **changed})
 
 
 DISPLAYS: Mapping[str, Display] = MappingProxyType(
@@ -313,6 +325,7 @@ DISPLAYS: Mapping[str, Display] = MappingProxyType(
             "402 ppi, 2280 x 1080 on 6.28 in, twice as many greens; red and blue rhombic, green oval, blue largest and "
             "green smallest",
             "every area, green as a disc, the openings, 3 um to them",
+            multiple=2,
         ),
         "pentile-lines": Display(
             lined_diamond,
@@ -338,6 +351,7 @@ DISPLAYS: Mapping[str, Display] = MappingProxyType(
             "two by two pixels of 302 ppi in the cell, every area, 4 um to emitters, all else clear, a data line for "
             "either column of emitters; the places of the lines: of 175 drawn, one whose random tiling gains as much "
             "area under the MTF as the published mask's",
+            multiple=2,
         ),
         "delta": Display(
             delta,
@@ -348,6 +362,7 @@ DISPLAYS: Mapping[str, Display] = MappingProxyType(
             "Display",
             "Visionox and Tianma make deltas; about 28 % emits at 300 ppi",
             "the pixel's pitch of 84 um, rows half a pixel apart, equal areas of 26.5 % together, the openings",
+            multiple=12,
         ),
         "circular": Display(
             circular,

@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from small_job import command
 
+import maskfab
 from maskfab.base.errors import JobError
 from maskfab.base.model import Opening, Tiling, orient
+from maskfab.base.units import parse_pitch_um
 from maskfab.cli.command import command_of
 from maskfab.mask import job, opening_file
 from maskfab.mask import opening as given_emitters
@@ -412,3 +414,21 @@ def test_the_job_shows_every_display_and_tiling():
     for die in found.plate().dies:
         assert min(die.panel.size_nm) >= found.camera.stop.diameter_um * 1e3
         assert max(die.panel.size_nm) <= die.slot_nm
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("pitch", ["140 um", "300 dpi", "63.5 um"])
+def test_a_display_is_drawn_at_any_pitch_in_proportion(kind, pitch):
+    """Of whole nanometres that make the pitch, or the nearest; as open as the display's own, but for whole dots."""
+    drawn, own = maskfab.Opening.shape(kind, pitch=pitch), maskfab.Opening.shape(kind)
+    assert drawn.pitch_um == pytest.approx(parse_pitch_um(pitch), rel=2e-4)
+    assert pitch != "140 um" or kind == "delta" or drawn.pitch_um == 140.0
+    assert drawn.open_ratio == pytest.approx(own.open_ratio, rel=0.4)
+
+
+@pytest.mark.parametrize("dots", [16, 21, 40, 64])
+def test_a_display_has_room_at_any_number_of_dots(dots):
+    """56 dots were the first in which lengths stated for 42 had room and that divide 140 um."""
+    drawn = maskfab.Opening.shape("rgb-stripe", dots=dots, pitch="140 um")
+    assert (drawn.dots, drawn.emitters is not None) == (dots, True)
+    assert drawn.pitch_um == pytest.approx(140, rel=5e-4)
