@@ -577,8 +577,9 @@ def cite(directory: AnyPath | None = None) -> Citation:
     """
     if directory is None:
         return Citation(_PROGRAM.format(version=__version__, note=""), _PAPER)
+    from maskfab.api.asked import folder_of
     from maskfab.base.folders import read_manifest
 
-    manifest = read_manifest(Path(directory))
+    manifest = read_manifest(folder_of(directory, "cite", "directory"))
     note = f"\n  note    = {{job {str(manifest.get('job_hash'))[:16]}}},"
     return Citation(_PROGRAM.format(version=manifest["maskfab_version"], note=note), _PAPER)

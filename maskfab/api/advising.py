@@ -6,8 +6,9 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+from maskfab.api.asked import spec_of
 from maskfab.api.briefing import ask_brief
 from maskfab.api.results import Asked, FolderResult, Told, saved
 from maskfab.api.results import answers as answered_by
@@ -17,11 +18,14 @@ from maskfab.base.folders import Place, check_target
 from maskfab.base.units import parse_time_s
 from maskfab.base.work import Clock, Progress, ended_by_interrupt, one_thread, silent
 from maskfab.job.brief import Brief, job_text, snapped
-from maskfab.job.read import read, validate
+from maskfab.job.read import validate
 from maskfab.job.toml import loads
 from maskfab.report.pages.advice import Advised, advice_document, advice_lines, advice_page, pictures, write_advice
 from maskfab.runs.advice import advise as advise_spec
 from maskfab.runs.advice import job_files
+
+if TYPE_CHECKING:
+    from maskfab.api.asked import DesignJob  # at run time refused here, with its reason
 
 BUDGET = "60 s"
 
@@ -73,7 +77,7 @@ class Advice(FolderResult):
 @checked_arguments
 @one_thread
 def advise(
-    job: Annotated[str | Path | None, "JOB"] = None,
+    job: Annotated[DesignJob | None, "JOB"] = None,
     *,
     answers: Annotated[Mapping[str, str] | Brief | None, "--set KEY=VALUE"] = None,
     budget: Annotated[str | None, "TIME"] = BUDGET,
@@ -90,7 +94,7 @@ def advise(
         $ maskfab advise -o answer --set pitch='400 dpi' --set camera=phone_main --set lux='200 lux'
 
     Args:
-        job: job file (.toml) with [design], [emitters] and [plate].
+        job: job file (.toml) with [design], [emitters] and [plate]; in Python also a loaded job.
         answers: answer about the display and its camera, in place of a job, such as ``lines``; the rest has defaults.
         budget: time from the call on, such as ``"60 s"``; more finds better openings, proves bounds and tries more.
         images: folder of photographs to design for; by default synthetic scenes.
@@ -107,7 +111,7 @@ def advise(
         if answers is not None:
             what = "answers cannot be stated beside a job, which says what is designed"
             raise JobError("MF105", what, where="answers", cure="State them in the job, or leave the job out")
-        spec, path = read(Path(job)), Path(job)
+        spec, path = spec_of(job, "advise")
         command = f"maskfab advise {path.as_posix()}"
     else:
         made = snapped(answers if isinstance(answers, Brief) else Brief.of(answers or {}))

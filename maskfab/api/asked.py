@@ -6,7 +6,7 @@ One way in for all verbs: a job file, a loaded job, a plate, or what Python make
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.base.errors import JobError
+from maskfab.job.read import read
 from maskfab.mask.job import Further, Job, load_job
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from maskfab.base.model import Opening
     from maskfab.camera.frames.frame import Source
     from maskfab.camera.scenes import Folder
+    from maskfab.job.sections import JobSpec
 
 
 class HasPanel(Protocol):
@@ -42,6 +44,8 @@ AnyPath: TypeAlias = str | PathLike[str]
 """A path, or a result that is one: a finished run is that of its directory."""
 AnyReport: TypeAlias = "AnyPath | Plate | Job | AnyPanel"
 """A finished run, or what can be measured and photographed as designed."""
+DesignJob: TypeAlias = "Job | str | Path"
+"""A job with [design]: loaded, or the path of its file."""
 AnyPhoto: TypeAlias = str | PathLike[str] | NDArray[Any]
 """The path of a picture, or linear light in memory: [rows, columns] or [rows, columns, 3], row 0 the top."""
 _TAKEN = "a Plate, a Panel, a list or a mapping of panels, a loaded job, or the path of a job file"
@@ -79,21 +83,55 @@ def job_of(
     return Plate.of(panels_of(job, camera), camera=camera, sections=sections).job()
 
 
+def spec_of(
+    job: DesignJob, verb: str, check: Callable[[JobSpec], None] | None = None
+) -> tuple[JobSpec, Path]:
+    """The spec of a job that says what is designed, and the path that its files are relative to.
+
+    Args:
+        job: that states it.
+        verb: that asks.
+        check: further refusals, told with the faults of a file.
+
+    Raises:
+        JobError: MF105 for an opening or a panel, which are designed already; else as for a job file.
+    """
+    if isinstance(job, Job):
+        return job.spec, Path(job.where)
+    if isinstance(job, str | Path):
+        return read(Path(job), check), Path(job)
+    what = f"{verb} finds an opening, and {type(job).__name__} does not say for what"
+    cure = "Give a job with [design], or begin a design at an opening: design(start=opening, camera=camera)"
+    raise JobError("MF105", what, where=f"{verb}: job", cure=cure)
+
+
+def folder_of(given: AnyPath, verb: str, where: str) -> Path:
+    """The path that a caller names, or that a result is.
+
+    Raises:
+        JobError: MF105 for what is none: a plate, say, of which nothing was written yet.
+    """
+    if isinstance(given, str | PathLike):
+        return Path(given)
+    what = f"{verb} looks into files, and {type(given).__name__} is no path and no finished run"
+    cure = 'Make it first: report = run(plate, camera, out="build/demo")'
+    raise JobError("MF105", what, where=f"{verb}: {where}", cure=cure)
+
+
 def panels_of(stated: object, camera: Camera | None = None) -> dict[str, Panel]:
     """Panels by the names of their dies, of one or several, as :func:`job_of` takes them.
 
     Raises:
         JobError: MF105 for what is no panel, and for none.
     """
+    from maskfab.api.plate import named as by_name
+
     if isinstance(stated, Mapping):
         named = {name: _panel(held, camera, f"job[{name!r}]") for name, held in stated.items()}
     elif isinstance(stated, Sequence) and not isinstance(stated, str | bytes):
-        panels = [_panel(held, camera, f"job[{number}]") for number, held in enumerate(stated)]
-        names = [panel.held[0].name for panel in panels]
-        alike = len(set(names)) < len(names)
-        named = {f"P{n}" if alike else name: one for n, (name, one) in enumerate(zip(names, panels, strict=True), 1)}
+        named = by_name([_panel(held, camera, f"job[{number}]") for number, held in enumerate(stated)])
     else:
-        named = {"PANEL": _panel(stated, camera, "job")}
+        named = by_name(_panel(stated, camera, "job"))
     if not named:
         raise JobError("MF105", "there is no panel", where="job", cure=f"Give {_TAKEN}")
     return dict(_apart(named.items()))

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, overload
 
 from numpy.typing import ArrayLike
 
+from maskfab.api.asked import spec_of
 from maskfab.api.camera import F1, Camera
 from maskfab.api.lengths import Length, length_text, sections_as_text
 from maskfab.api.opening import Opening
@@ -58,6 +59,7 @@ from maskfab.report.pages.design import Made, designed_document, write_design
 from maskfab.report.rows.text import designed_lines
 
 if TYPE_CHECKING:
+    from maskfab.api.asked import DesignJob  # at run time refused here, with its reason
     from maskfab.report.figures.sheet import Drawing
 
 
@@ -206,12 +208,12 @@ def beside(target: Path) -> dict[str, Path]:
 
 @overload
 def design(
-    job: str | Path, *, front: Literal[True], images: str | Path | None = ..., budget: str | None = ...,
+    job: DesignJob, *, front: Literal[True], images: str | Path | None = ..., budget: str | None = ...,
     command: str | None = ..., progress: Progress = ...
 ) -> ParetoFront: ...  # fmt: skip
 @overload
 def design(
-    job: str | Path | None = ..., *, start: model.Opening | ArrayLike | None = ..., dots: int | None = ...,
+    job: DesignJob | None = ..., *, start: model.Opening | ArrayLike | None = ..., dots: int | None = ...,
     pitch: Length | None = ..., clear_dots: int | None = ...,
     camera: Camera | None = ..., name: str | None = ..., method: Literal["search", "relax"] | None = ...,
     tiling: str | None = ..., map: Literal["equal_light", "edge_packing", "none"] | None = ...,
@@ -223,7 +225,7 @@ def design(
 @checked_arguments
 @one_thread
 def design(
-    job: Annotated[str | Path | None, "JOB"] = None,
+    job: Annotated[DesignJob | None, "JOB"] = None,
     *,
     start: InPython[model.Opening | ArrayLike | None] = None,
     dots: InPython[int | None] = None,
@@ -255,7 +257,7 @@ def design(
         $ maskfab design layouts/pareto.toml --front -o build/pareto
 
     Args:
-        job: job file (.toml) with [design].
+        job: job file (.toml) with [design]; in Python also a loaded job.
         start: opening, or array of one, that the search or the descent begins at in place of families of shapes. Where
             it breaks rules the nearest opening that was found to keep them all is taken. Without ``anneal`` that is the
             design, so that an opening of one's own is made buildable.
@@ -302,7 +304,7 @@ def design(
                 raise JobError("MF105", f"{key} does not apply to a front", where=key, cure=cure)
         if job is None:
             raise JobError("MF105", "a front is of a job", where="job", cure="Give a job file with [pareto]")
-        return _front(Path(job), images=images, budget=budget, command=command, progress=progress)
+        return _front(*spec_of(job, "design"), images=images, budget=budget, command=command, progress=progress)
     clock = Clock(None if budget is None else parse_time_s(budget, where="budget"), refuses=True)
     begin = None if start is None else _begun(start)
     stated: dict[str, Any] = {
@@ -323,9 +325,8 @@ def design(
         if beside_job:
             what = f"{', '.join(beside_job)} cannot be stated beside a job, which says what is designed"
             raise JobError("MF105", what, where=beside_job[0], cure="State it in the job, or leave the job out")
-        where = str(job)
-        spec = read(Path(job), partial(check_possible, where=where))
-        command = f"maskfab design {Path(job).as_posix()}"
+        spec, path = spec_of(job, "design", partial(check_possible, where=str(job)))
+        where, command = str(path), f"maskfab design {path.as_posix()}"
         command += "" if images is None else f" --images {Path(images).as_posix()}"
         command += _start_words(start, begin)
     else:
@@ -409,9 +410,7 @@ def _begun(start: object) -> Mask:
     where = "design(): start"
     if isinstance(start, model.Opening):
         return start.mask
-    # A tensor that has slopes is no array yet.
-    array = start.detach().cpu().numpy() if hasattr(start, "detach") else start
-    mask = from_array(cast(ArrayLike, array), where, cure="Say from where on a dot is clear: start > 0.5")
+    mask = from_array(cast(ArrayLike, start), where, cure="Say from where on a dot is clear: start > 0.5")
     if not mask.any():
         raise closed(0, mask.size, where=where, cure="Open some of its dots")
     return mask
@@ -511,9 +510,8 @@ class ParetoFront(FolderResult):
 
 
 def _front(
-    path: Path, *, images: str | Path | None, budget: str | None, command: str | None, progress: Progress
+    spec: JobSpec, path: Path, *, images: str | Path | None, budget: str | None, command: str | None, progress: Progress
 ) -> ParetoFront:
-    spec = read(path)
     if spec.pareto is None:
         what = "the job has no [pareto] section"
         raise JobError("MF105", what, where=str(path), cure="Add a [pareto] section with clear_dots = [88, 100]")

@@ -7,10 +7,10 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, overload
+from typing import TYPE_CHECKING, Annotated, Any, Literal, overload
 from urllib.parse import quote
 
-from maskfab.api.asked import AnyJob, AnyPanel, AnyPath, job_of
+from maskfab.api.asked import AnyJob, AnyPanel, folder_of, job_of
 from maskfab.api.camera import Camera
 from maskfab.api.lengths import Length, drawing_unit_um, length_text
 from maskfab.api.plate import Plate
@@ -39,6 +39,9 @@ from maskfab.runs.forecast import dry_run as forecast_run
 from maskfab.runs.result import Result as Run
 from maskfab.runs.store import Store
 from maskfab.runs.verification import Reproduction, reproduce
+
+if TYPE_CHECKING:
+    from maskfab.api.asked import AnyPath  # at run time refused here, with the verb to call first
 
 
 @overload
@@ -238,7 +241,7 @@ def verify(
         SourceError: for a file that cannot be read.
         JobError: MF105 for a file without a job to compare it with, and for arguments that do not apply.
     """
-    path = Path(subject)
+    path = folder_of(subject, "verify", "subject")
     unit_um = drawing_unit_um(unit_um)
     stated = {
         "against": against, "shop": shop, "die": die, "layer": layer, "cell": cell, "dots_per_um": dots_per_um,
@@ -411,7 +414,7 @@ def view(directory: AnyPath, out: Annotated[str | Path | None, "PAGE.html"] = No
             changed since, MF409 for a run without a mask file of polygons.
         SourceError: if the mask file cannot be read.
     """
-    folder = Path(os.path.realpath(directory))
+    folder = Path(os.path.realpath(folder_of(directory, "view", "directory")))
     target = folder.with_name(f"{folder.name}.html") if out is None else Path(out)
     if folder in Path(os.path.realpath(target)).parents:
         what = f"{target} lies in the finished run, whose manifest does not know it"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -71,7 +71,7 @@ class Plate:
     @checked_arguments
     def of(
         cls,
-        dies: Mapping[str, Panel] | None = None,
+        dies: Mapping[str, Panel] | Sequence[Panel] | Panel | None = None,
         /,
         *,
         template: str | None = None,
@@ -90,7 +90,7 @@ class Plate:
         """Put panels on a plate, row by row, in the order in which they are given.
 
         Args:
-            dies: panels by name; or each as a keyword of its own.
+            dies: panels by name, in a list, or one, named as :func:`named` does it; or each as a keyword of its own.
             template: blank and marks: 4in, 5in, 6in or 7in; 5in if there is no blank either.
             blank: side of the blank.
             writable: side of the square in its middle that may be written.
@@ -106,7 +106,7 @@ class Plate:
         Raises:
             JobError: MF102 to MF110 for a section, a name or a length; what does not fit is refused by :meth:`layout`.
         """
-        every = {**(dies or {}), **panels}
+        every = {**(dies if isinstance(dies, Mapping) else named(() if dies is None else dies)), **panels}
         for die, panel in every.items():
             if not isinstance(panel, Panel):
                 what = f"{die} = {panel!r} is not a panel"
@@ -246,6 +246,16 @@ class Plate:
 
     def __repr__(self) -> str:
         return f"<Plate {self.heading.name}: {', '.join(self.panels)}>"
+
+
+def named(panels: Panel | Sequence[Panel]) -> dict[str, Panel]:
+    """Panels by names of dies: one is PANEL; those of a list are named after their openings, or P1, P2 and so on where
+    two have one name."""
+    if not isinstance(panels, Sequence):
+        return {"PANEL": panels}
+    names = [panel.held[0].name if isinstance(panel, Panel) else f"P{n}" for n, panel in enumerate(panels, 1)]
+    alike = len(set(names)) < len(names)
+    return {f"P{n}" if alike else name: one for n, (name, one) in enumerate(zip(names, panels, strict=True), 1)}
 
 
 def _keep(texts: dict[str, str], name: str, text: str, kind: str, die: str) -> None:

@@ -17,6 +17,7 @@ WORDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "AnyJob": ("job file", "loaded job", "Plate", *_PANELS, "list or mapping of these"),
         "AnyPanel": _PANELS,
         "AnyReport": ("finished run", "loaded job", "Plate", *_PANELS, "list of these"),
+        "DesignJob": ("job file", "loaded job"),
         "AnyPhoto": ("file", "array"),
         "AnyPath": ("path", "result of run"),
         "ArrayLike": ("array",),

@@ -146,6 +146,8 @@ _WORDS: Mapping[object, str] = types.MappingProxyType(
         type(None): "None",
     }
 )
+_MADE = types.MappingProxyType({"Panel": ', such as Panel.tile(opening, size="4.4 mm")'})
+"""Ways to make what is asked for, by the name of its type."""
 _SHOWN = 60
 
 
@@ -204,7 +206,8 @@ def _require(value: object, hint: Any, where: str) -> None:
     shown = shown if len(shown) <= _SHOWN else f"{type(value).__name__} {shown[:_SHOWN]}..."
     if isinstance(value, Real) and not _finite(value) and _fits(1.0, hint):
         raise JobError("MF104", f"{shown} is not finite", where=where, cure="Give a finite number")
-    raise JobError("MF105", f"{shown} is not {_words(hint)}", where=where, cure=f"Give {_words(hint)}")
+    made = _MADE.get(getattr(hint, "__name__", ""), "")
+    raise JobError("MF105", f"{shown} is not {_words(hint)}", where=where, cure=f"Give {_words(hint)}{made}")
 
 
 def _evaluated(annotation: Any, names: Mapping[str, Any]) -> Any:

@@ -32,6 +32,7 @@ _TYPES: Mapping[str, type] = {
     "AnyPath": Path,
     "AnyPhoto": Path,
     "AnyReport": Path,
+    "DesignJob": Path,
     "bool": bool,
     "int": int,
     "float": float,

@@ -187,6 +187,8 @@ def from_array(given: ArrayLike, where: str, *, threshold: float | None = None, 
             threshold, which ``cure`` says how to state.
         JobError: MF115 too large.
     """
+    if hasattr(given, "detach"):  # a tensor that has slopes is no array yet
+        given = given.detach().cpu().numpy()
     try:
         values = np.asarray(given)
     except ValueError:

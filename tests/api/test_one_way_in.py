@@ -54,9 +54,35 @@ def test_panels_become_the_job_of_a_plate_of_them(stated: Any, names: list[str])
     assert list(job.panels()) == names
     given = panels_of(stated, CAMERA)
     assert job.digest == mf.Plate.of(given).job(CAMERA).digest
+    if isinstance(stated, tuple | mf.Panel):
+        assert list(mf.Plate.of(stated).panels) == names
     for name, panel in job.panels().items():
         np.testing.assert_array_equal(panel.opening.mask, given[name].opening.mask)
         np.testing.assert_array_equal(panel.orientations, given[name].orientations)
+
+
+@pytest.mark.parametrize(
+    ("call", "told"),
+    [
+        (lambda: mf.design(TURNED), r"Panel does not say for what.*design\(start="),
+        (lambda: mf.advise(BAR), "advise finds an opening, and Opening"),
+        (lambda: mf.view(TURNED), "view looks into files.*run"),
+        (lambda: mf.verify(mf.Plate.of(A=TURNED)), "verify looks into files, and Plate"),
+        (lambda: mf.cite(TURNED), "cite looks into files"),
+        (lambda: mf.analyse([TURNED, PLAIN]), "list is no opening and no panel.*compare"),
+        (lambda: mf.analyse(TURNED, GREEN, seed=3), "seed is not of a panel"),
+        (lambda: mf.analyse(BAR.mask, GREEN), "pitch"),
+        (lambda: CAMERA.psf(BAR, 530), r"not a Panel.*Panel\.tile"),
+        (lambda: mf.Plate.of([TURNED, BAR]), r"not a panel|not a mapping"),
+        (lambda: mf.Panel.tile(TURNED, size="1 mm"), r"laid out already.*panel\.held"),
+        (lambda: mf.Panel.tile(BAR, size="1 mm", threshold=0.5), "threshold goes with an array"),
+        (lambda: mf.study(TURNED), r"no \[study\]"),
+    ],
+)
+def test_an_object_that_a_verb_cannot_take_is_refused_with_the_one_that_it_can(call: Any, told: str) -> None:
+    with pytest.raises(JobError, match=told) as refusal:
+        call()
+    assert refusal.value.cure
 
 
 def test_an_opening_alone_is_laid_out_as_its_analysis_lays_it_out() -> None:
