@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
-
 from maskfab.api.asked import AnyJob, AnyPhoto, dies_of, job_of, require_form, sources, way_round
 from maskfab.api.camera import Camera
 from maskfab.api.lengths import Length, Wavelength, length_text, wavelength_nm
@@ -23,7 +21,7 @@ from maskfab.base.provenance import sha256_of_file
 from maskfab.base.units import parse_length_um, parse_time_s
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.camera.blur import stand_named, stand_words
-from maskfab.camera.frames.frame import Frame, read_frame, read_frames
+from maskfab.camera.frames.frame import Frame, Source, read_frame, read_frames
 from maskfab.camera.frames.merge import merged
 from maskfab.camera.frames.stack import Gain, light_place, photon_transfer, window_middle
 from maskfab.camera.inspection.edge_mtf import (
@@ -358,7 +356,8 @@ def edge(
     if job is not None and not isinstance(job, Job | str | Path):
         job, camera = job_of(job, camera), None
         die = job.spec.die[0].name if die is None and len(job.spec.die) == 1 else die
-    if not isinstance(picture, np.ndarray) and Path(picture).suffix.lower() == ".csv":
+    source = _picture(picture)
+    if isinstance(source, Path) and source.suffix.lower() == ".csv":
         of_picture = {"pixel": pixel, "region": region, "window": window, "black": black, "white": white}
         require_form("a picture of edges", {**of_picture, "mosaic": mosaic}, of=False)
         for name, stated in {"job": job, "die": die}.items():
@@ -368,7 +367,7 @@ def edge(
         assert job is not None
         assert die is not None
         return _curve(
-            Path(picture), job_of(job, camera), die=die, stands=stands, angle=0.0 if angle is None else angle, line=line
+            source, job_of(job, camera), die=die, stands=stands, angle=0.0 if angle is None else angle, line=line
         )
     require_form("a table (.csv) of an MTF", {"angle": angle}, of=False)
     box = _region(region)
@@ -384,7 +383,6 @@ def edge(
     panels = {} if loaded is None or die is None else loaded.panels()
     if die is not None:
         dies_of(die, panels)
-    (source,) = sources(picture, "picture")
     frame = read_frame(source, black=black, white=white, mosaic=mosaic)
     colours = tuple(dict.fromkeys(lattice.colour for lattice in frame.lattices))
     designs = None
@@ -407,6 +405,14 @@ def edge(
 
 
 answers(edge)(saved_at)
+
+
+def _picture(stated: AnyPhoto) -> Source:
+    given = sources(stated, "picture")
+    if len(given) != 1:
+        what = f"{len(given)} pictures are given, and edges are measured in one"
+        raise JobError("MF105", what, where="picture", cure="Give one after the other")
+    return given[0]
 
 
 def _curve(
