@@ -42,8 +42,8 @@ _RULES = """State the rules of the display maker, such as
 gap_to_opening = "4 um"
 colour_gap = "8 um"
 min_width = "8 um"
-
-or from Python rules={"emitters": {"gap_to_opening": "4 um", "colour_gap": "8 um", "min_width": "8 um"}}"""
+"""
+_IN_PYTHON = 'State the rules of the display maker: rules={"emitters": {"colour_gap": "8 um", "min_width": "8 um"}}'
 _HELD_AGAINST = {name: next(sections_of(JobSpec.model_fields[name])) for name in (
     "looks", "lives", "light", "wires", "circuits", "emitters",
 )}  # fmt: skip
@@ -322,7 +322,8 @@ def check(
             loaded, image, die, dpi=dpi, distance=distance, pixels=pixels,
             samples=_USUAL_SAMPLES if samples is None else samples, with_jod=jod, progress=progress,
         )  # fmt: skip
-    return _fit(loaded, die, largest_gap=largest_gap, progress=progress)
+    cure = _RULES if isinstance(job, Job | str | Path) else _IN_PYTHON
+    return _fit(loaded, die, cure, largest_gap=largest_gap, progress=progress)
 
 
 def _rules(stated: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
@@ -341,13 +342,15 @@ def _rules(stated: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
     return stated
 
 
-def _fit(loaded: Job, die: str | Sequence[str] | None, *, largest_gap: bool, progress: Progress) -> DisplayCheck:
+def _fit(
+    loaded: Job, die: str | Sequence[str] | None, cure: str, *, largest_gap: bool, progress: Progress
+) -> DisplayCheck:
     from maskfab.display.feasibility import display_rules, displays, plate_of, widest_gaps
     from maskfab.runs.stages import executor_of
 
     rules = display_rules(loaded)
     if rules is None:
-        raise JobError("MF105", "the job asks for no emitters", where=f"{loaded.where}: emitters", cure=_RULES)
+        raise JobError("MF105", "the job asks for no emitters", where=f"{loaded.where}: emitters", cure=cure)
     faults = JobFaults.of_spec(loaded.spec)
     plate = plate_of(loaded, faults)
     faults.refuse()
