@@ -15,7 +15,6 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from maskfab.api.asked import AnyPath
 from maskfab.api.results import Result
 from maskfab.base import __version__, provenance
 from maskfab.base import resources as error_codes
@@ -25,7 +24,7 @@ from maskfab.base.extras import EXTRAS
 from maskfab.base.work import Progress, silent
 
 if TYPE_CHECKING:
-    from maskfab.api.asked import AnyJob
+    from maskfab.api.asked import AnyJob, AnyPath  # heavy, and refused where it is used
     from maskfab.api.plate import Plate
     from maskfab.base.model import Quantity
     from maskfab.optics.benchmark import Timing

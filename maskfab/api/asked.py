@@ -83,9 +83,7 @@ def job_of(
     return Plate.of(panels_of(job, camera), camera=camera, sections=sections).job()
 
 
-def spec_of(
-    job: DesignJob, verb: str, check: Callable[[JobSpec], None] | None = None
-) -> tuple[JobSpec, Path]:
+def spec_of(job: DesignJob, verb: str, check: Callable[[JobSpec], None] | None = None) -> tuple[JobSpec, Path]:
     """The spec of a job that says what is designed, and the path that its files are relative to.
 
     Args:

@@ -141,18 +141,18 @@ VERBS: dict[str, tuple[Callable[[Any], Any], tuple[str, str]]] = {
     "check --optics": (lambda job: mf.check(job, optics=True, camera=CAMERA, die="P3"), _NO_DIE),
     "compare": (lambda job: mf.compare(job, camera=CAMERA, dies=["P3"]), ("MF105", "P1")),
     "edge": (lambda job: mf.edge(PHOTO, job, CAMERA, die="P3"), _NO_DIE),
-    "forecast": (lambda job: mf.forecast(job, out="none"), ("MF114", "P1")),
+    "forecast": (lambda job: mf.forecast(job, out="none"), ("MF153", "P1")),
     "learn": (lambda job: mf.learn(job, CAMERA, out="none.npz", die="P3"), _NO_DIE),
     "measure": (lambda job: mf.measure(PHOTO, job, CAMERA, die="P3"), _NO_DIE),
     "order.compare": (lambda job: mf.order.compare(job, "none"), ("MF420", "none")),
     "order.fill": (lambda job: mf.order.fill(job, "none"), ("MF420", "none")),
     "order.pack": (lambda job: mf.order.pack(job, "none"), ("MF420", "none")),
     "restore": (lambda job: mf.restore(PHOTO, job, CAMERA, die="P3"), _NO_DIE),
-    "run": (lambda job: mf.run(job, out="none"), ("MF114", "P1")),
+    "run": (lambda job: mf.run(job, out="none"), ("MF153", "P1")),
     "simulate": (lambda job: mf.simulate(job, CAMERA, die="P3"), _NO_DIE),
     "study": (mf.study, ("MF146", "study")),
     "sweep": (lambda job: mf.sweep(job, GREEN, over={"die.P3.gutter": [0, 4]}), _NO_DIE),
-    "verify": (lambda job: mf.verify("none.gds", against=job), ("MF114", "P1")),
+    "verify": (lambda job: mf.verify("none.gds", against=job), ("MF153", "P1")),
 }
 """Calls of every verb that takes panels, each refused for a reason that only who knows the panels can have."""
 RULES = {"emitters": {"colour_gap": 8, "min_width": "8 um"}}
@@ -349,8 +349,8 @@ def test_arrays_are_restored_and_measured_as_the_files_of_them(tmp_path: Path) -
         (np.zeros((0, 0)), r"MF331 .*\(0, 0\)"),
         (PHOTO[..., 0], "MF353 .*one colour"),
         (PHOTO[:64], "MF121"),
-        (3, "MF105 int is no picture"),
-        ([PHOTO, None], "MF105 NoneType is no picture"),
+        (3, "MF105 3 is not text, a path, an array"),
+        ([PHOTO, None], "(?s)MF105 .*photos.*Give text, a path, an array"),
     ],
 )
 def test_an_array_that_is_no_photograph_is_refused(array: Any, told: str) -> None:
