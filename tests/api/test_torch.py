@@ -11,7 +11,7 @@ import torch
 
 import maskfab as mf
 from maskfab.base.errors import InputError, JobError
-from maskfab.base.model import orient
+from maskfab.base.model import Opening, Panel, Tiling, orient
 from maskfab.camera.lens import PhotoCamera, lattice
 from maskfab.camera.scenes import bundled
 from maskfab.designs.descent.losses import expected_error
@@ -60,15 +60,19 @@ def test_the_derivatives_of_the_restored_error_agree_with_differences() -> None:
 
 
 @pytest.mark.parametrize(
-    "stop",
+    ("stop", "pitch", "gutter"),
     [
-        "400 um",
-        {"shape": "annulus", "diameter": "400 um", "inner": "130 um"},
-        {"shape": "square", "diameter": "330 um"},
+        ("400 um", "56 um", 0.0),
+        ({"shape": "annulus", "diameter": "400 um", "inner": "130 um"}, "58 um", "2 um"),
+        ({"shape": "square", "diameter": "330 um"}, "76 um", "20 um"),
+        (
+            {"shape": "polygon", "corners": [["-200 um", "-180 um"], ["190 um", "-150 um"], ["60 um", "200 um"]]},
+            "56 um",
+            0.0,
+        ),
     ],
-    ids=["circle", "annulus", "square"],
+    ids=["circle", "annulus", "square", "polygon"],
 )
-@pytest.mark.parametrize(("pitch", "gutter"), [("56 um", 0.0), ("58 um", "2 um"), ("76 um", "20 um")])
 def test_of_clear_and_closed_dots_it_is_what_the_camera_tells(stop: Any, pitch: str, gutter: Any) -> None:
     camera = mf.Camera("1 mm", stop=stop, pixel="2 um", wavelengths=["530 nm", "470 nm"], window="56 um")
     panel = mf.Panel.tile(binary(7), "random", seed=3, size="540 um", pitch=pitch, gutter=gutter)
@@ -92,14 +96,18 @@ def test_a_large_window_of_coarse_dots_has_sources_within_dots() -> None:
     assert np.abs(found.numpy() - told).max() < 1e-10 * told.max()
 
 
-def test_the_mtf_of_means_is_that_of_the_lag_table() -> None:
-    panel = mf.Panel.tile(binary(7), "random", seed=3, size="500 um", pitch="56 um")
+@pytest.mark.parametrize("cells", [(9, 9), (8, 9), (10, 8)])
+def test_the_mtf_of_means_is_that_of_the_lag_table(cells: tuple[int, int]) -> None:
+    turned = np.random.default_rng(3).integers(8, size=cells)
+    panel = Panel(Opening("drawn", binary(7), 8000), 8000, 0, turned, Tiling.PERIODIC, None)
     table = SMALL.mtf(panel).table
     lag = 530e-3 * 1000 / 2 * 0.5 / 146 * np.arange(-146, 147)
     pixel = np.sinc(np.arange(-146, 147) / 292)
     expected = table.coarse_grid(lag, lag[146:]) * pixel * pixel[146:, None]
-    found = mf.torch.mtf(torch.from_numpy(binary(7).astype(np.float64)), SMALL, like=panel)
-    np.testing.assert_allclose(found.numpy(), expected, atol=1e-12)
+    dots = torch.from_numpy(binary(7).astype(np.float64))
+    np.testing.assert_allclose(mf.torch.mtf(dots, SMALL, like=panel).numpy(), expected, atol=1e-12)
+    told = SMALL.psf(panel).samples
+    assert np.abs(mf.torch.psf(dots, SMALL, like=panel).numpy() - told).max() < 1e-10 * told.max()
 
 
 def test_the_restored_error_is_that_of_a_design() -> None:

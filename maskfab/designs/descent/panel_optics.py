@@ -451,8 +451,8 @@ def modulation(
         table, along_y, along_x = CellLags(index.view(cells), share.view(cells), spread, sizes), sizes[:2], sizes[2:]
     else:
         rows, columns = share.shape
-        reach = min(int(reach_um / x.dot_um) + 1, min(rows, columns) - 1)
-        size, side = transform_size(max(rows, columns), reach), (layout.dots, layout.dots)
+        reach, wide = (min(int(reach_um / x.dot_um) + 1, count - 1) for count in (rows, columns))
+        size, side = transform_size(max(rows, columns), max(reach, wide)), (layout.dots, layout.dots)
         table = Autocorrelation(index.flatten(), (rows, columns), layout.dots, size, reach, share, spread.view(side))
         along_y = along_x = (size, 1)
     axis = 0.5 / (RINGS - 1) * np.arange(1 - RINGS, RINGS, dtype=np.float64)
