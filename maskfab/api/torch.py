@@ -5,7 +5,7 @@
     >>> dots = torch.rand(7, 7, dtype=torch.float64, requires_grad=True)
     >>> psf = mf.torch.psf(dots, camera, pitch="56 um", tiling="random", seed=1)
     >>> psf.shape, dots.grad is None
-    (torch.Size([271, 271]), True)
+    (torch.Size([127, 127]), True)
     >>> psf.amax().backward()
     >>> dots.grad.shape
     torch.Size([7, 7])

@@ -35,7 +35,11 @@ def test_an_example_runs_in_an_empty_folder_and_ends_in_a_picture(path, tmp_path
 def documented() -> list[doctest.DocTest]:
     """Examples of every public name, each with the module that it stands in."""
     finder, found = doctest.DocTestFinder(), []
-    modules = {room for room in mf.WHERE.values() if room != "maskfab.api"} | {"maskfab", "maskfab.api.order"}
+    modules = {room for room in mf.WHERE.values() if room != "maskfab.api"} | {
+        "maskfab",
+        "maskfab.api.order",
+        "maskfab.api.torch",
+    }
     for name in sorted(modules):
         found += [test for test in finder.find(import_module(name)) if test.examples]
     return found

@@ -18,6 +18,7 @@ from maskfab.designs.descent.losses import expected_error
 from maskfab.designs.descent.objective import Autocorrelation, tiled_stop
 from maskfab.designs.descent.panel_optics import modulation
 from maskfab.designs.model.expected_psnr import surrogate_behind
+from maskfab.optics.pupil import cut, panel_aperture
 
 SMALL = mf.Camera("1 mm", stop="400 um", pixel="2 um", wavelengths="530 nm", window="64 um")
 TINY = mf.Camera("1 mm", stop="100 um", pixel="4 um", wavelengths="530 nm", window="32 um")
@@ -83,8 +84,8 @@ def test_of_clear_and_closed_dots_it_is_what_the_camera_tells(stop: Any, pitch: 
         assert np.abs(found.numpy() - told).max() < 1e-10 * told.max()
     told_mtf = camera.mtf(panel, "530 nm")
     found = mf.torch.mtf(dots, camera, "530 nm", like=panel)
-    for cut, values in (("horizontal", found[0, 146:]), ("vertical", found[:, 146])):
-        assert np.abs(values.numpy() - told_mtf.cuts[cut]).max() < told_mtf.uncertainty + 1e-9
+    for name, values in (("horizontal", found[0, 146:]), ("vertical", found[:, 146])):
+        assert np.abs(values.numpy() - told_mtf.cuts[name]).max() < told_mtf.uncertainty + 1e-9
 
 
 def test_a_large_window_of_coarse_dots_has_sources_within_dots() -> None:
@@ -163,17 +164,24 @@ def test_single_precision_is_good_to_its_rounding() -> None:
         assert float((single - exact).abs().max()) < 1e-5
 
 
-def test_light_and_its_peak_are_those_of_the_open_area() -> None:
-    """Parseval; and the peak is the squared field on the axis over the energy, which the dots alone give."""
+def test_light_its_peak_and_its_area_are_those_of_the_openings() -> None:
+    """Parseval; even grey; the peak, the squared field on the axis over the energy; AUC by the camera's rings."""
     wide = mf.Camera("1 mm", stop="100 um", pixel="2 um", wavelengths="530 nm", window="66 um")
-    dots = grey(7, 8)
-    psf = mf.torch.psf(dots, wide, **RANDOM)
-    step = float(wide.psf(mf.Panel.tile(binary(7), size="112 um", pitch="56 um")).step_um)
-    assert 0.85 < float(psf.sum()) * step**2 < 1
-    clear = mf.torch.psf(torch.ones_like(dots), wide, **RANDOM)
-    disc = np.pi / 4 * 100.0**2
-    assert float(clear.amax()) == pytest.approx(disc / (0.530 * 1000) ** 2, rel=1e-9)
-    torch.testing.assert_close(mf.torch.psf(0.5 * dots, wide, **RANDOM), psf)
+    dots, panel = grey(7, 8), mf.Panel.tile(binary(7), "random", seed=1, size="500 um", pitch="56 um")
+    psf = mf.torch.psf(dots, wide, like=panel)
+    assert 0.85 < float(psf.sum()) * wide.psf(panel).step_um ** 2 < 1
+    torch.testing.assert_close(mf.torch.psf(0.5 * dots, wide, like=panel), psf)
+    clear = torch.from_numpy(binary(7).astype(np.float64))
+    pupil = cut(panel_aperture(panel), SMALL.model.stop)
+    peak = pupil.field_integral_um2**2 / pupil.energy_um2 / (0.530 * 1000) ** 2
+    found = mf.torch.psf(clear, SMALL, like=panel)
+    assert float(found[63, 63]) == pytest.approx(peak, rel=1e-9)
+    rows, columns = np.mgrid[0:147, -146:147]
+    ring = np.rint(np.hypot(rows, columns))
+    mtf = mf.torch.mtf(clear, SMALL, like=panel).numpy()
+    least = [mtf[ring == k].min() for k in range(147)]
+    told = SMALL.mtf(panel)
+    assert abs(np.mean(least) - told.auc.value) < told.uncertainty
 
 
 @pytest.mark.parametrize("element", range(1, 8))
