@@ -80,7 +80,7 @@ def _page(path: Path) -> tuple[str, dict[str, bytes]]:
     from nbconvert import MarkdownExporter
     from nbconvert.preprocessors import ExecutePreprocessor
 
-    os.environ.setdefault("MPLBACKEND", "agg")
+    os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
     book = nbformat.read(path, as_version=4)
     with TemporaryDirectory() as folder:
         ExecutePreprocessor(timeout=900, kernel_name="python3").preprocess(book, {"metadata": {"path": folder}})

@@ -9,6 +9,7 @@ import shlex
 import struct
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import pytest
 
 import maskfab as mf
@@ -149,6 +150,7 @@ def test_a_notebook_runs_in_an_empty_folder(path, tmp_path, monkeypatch):
     for number, cell in enumerate(cells):
         if cell["cell_type"] == "code":
             exec(compile("".join(cell["source"]), f"{path.stem}, cell {number}", "exec"), names)
+    plt.close("all")
 
 
 @pytest.mark.slow
