@@ -85,8 +85,14 @@ def _page(path: Path) -> tuple[str, dict[str, bytes]]:
     with TemporaryDirectory() as folder:
         ExecutePreprocessor(timeout=900, kernel_name="python3").preprocess(book, {"metadata": {"path": folder}})
     exporter = MarkdownExporter(extra_loaders=[DictLoader({"answers.md.j2": _ANSWERS})], template_file="answers.md.j2")
-    exporter.register_filter("one_line", lambda html: re.sub(r"\s*\n\s*", " ", html))
+    exporter.register_filter("one_line", _one_line)
     text, more = exporter.from_notebook_node(book, {"output_files_dir": f"{path.stem}_files"})
     source = f"[Open the notebook]({path.name}){{ download }} and run it yourself.\n"
     head, _, rest = text.strip().partition("\n")
     return f"{head}\n\n{source}\n{rest}\n", more["outputs"]
+
+
+def _one_line(html: str) -> str:
+    """HTML without line breaks, which Markdown would read; those of preformatted text stay as references."""
+    kept = re.sub(r"<pre.*?</pre>", lambda text: text[0].replace("\n", "&#10;"), html, flags=re.DOTALL)
+    return re.sub(r"\s*\n\s*", " ", kept)
