@@ -42,7 +42,7 @@ def embedded(image: str) -> list[np.ndarray]:
 
 def test_every_die_and_the_plate_have_their_pictures(run, drawn):
     assert set(drawn) == {die.PLATE, "PLAIN", "TURNED"}
-    assert set(drawn[die.PLATE]) == {"drawing", "mtf"}
+    assert set(drawn[die.PLATE]) == {"drawing", "places", "mtf"}
     assert set(drawn["PLAIN"]) == {
         "opening", "panel", "psf", "mtf", "mtf_small", "panel_small", "psf_small", "psf_own_peak",
     }  # fmt: skip
@@ -95,7 +95,7 @@ def test_which_process_draws_does_not_show(run, drawn):
 
 
 def test_pictures_are_images_with_words_and_ask_for_nothing_outside(drawn):
-    for image in (image for images in drawn.values() for image in images.values()):
+    for image in (image for images in drawn.values() for name, image in images.items() if name != "places"):
         assert re.fullmatch(r"""<img class="\w+" src='data:image/[^'<>]*' alt="[^"<>]+">""", image)
         if "svg+xml" in image:
             root = ElementTree.fromstring(svg(image))

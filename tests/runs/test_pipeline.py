@@ -546,7 +546,7 @@ def test_asked_for_files_are_written_and_checked(asked):
     assert {path.name for path in asked.iterdir()} == {
         "SMALL.gds", "SMALL.svg", "SMALL_PLAIN.glb", "SMALL_TURNED.glb", "SMALL_PLAIN.png", "SMALL_TURNED.png",
         "SMALL.lyrdb", "layers.lyp", "job.json", "manifest.json", "report.html", "report.json", "overview.png",
-        "appendix.html", "numbers.csv", "timing.json",
+        "appendix.html", "numbers.csv", "view.html", "timing.json",
     }  # fmt: skip
     document = json.loads((asked / "report.json").read_text(encoding="utf-8"))
     checked = {check["name"] for check in document["checks"]}

@@ -1,4 +1,5 @@
-"""Figures of a die and its plate: pure functions from the vocabulary to ``<img>`` elements that need nothing else.
+"""Figures of a die and its plate: pure functions from the vocabulary to ``<img>`` elements that need nothing else, and
+links to lay over one of them.
 
 Line drawings are SVG; pictures are palette PNGs inside it. Equal input gives equal bytes: no dates, no random ids.
 An SVG inside ``<img>`` cannot run scripts, cannot load anything, and its ids cannot clash with those of the page.

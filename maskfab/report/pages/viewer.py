@@ -240,12 +240,13 @@ MOST_BYTES = 50_000_000
 """Of a mask file of which a run writes a page by itself; asked for, one is made of any."""
 
 
-def shown_run(folder: Path, beside: str | None = "") -> Document:
+def shown_run(folder: Path, beside: str | None = "", report: Record | None = None) -> Document:
     """A finished directory, its mask file read back: all that the page draws and tells.
 
     Args:
         folder: the directory.
         beside: address of the directory from where the page will lie, "" or ending in a slash; None without links.
+        report: content of report.json, if it is not that of the directory.
 
     Raises:
         OutputError: MF403 if it is no finished run, MF407 if a file that would be shown was changed since, MF409 if
@@ -253,7 +254,8 @@ def shown_run(folder: Path, beside: str | None = "") -> Document:
         SourceError: as :func:`maskfab.mask.formats.table.read_layout` raises it.
     """
     files = {str(row["path"]): {"format": "", **row} for row in read_manifest(folder)["files"]}
-    (report,) = read_reports([folder])
+    if report is None:
+        report = read_reports([folder])[0].document
     mask = mask_file(files.values())
     if mask is None:
         formats = ", ".join(dict.fromkeys(str(row["format"]) for row in files.values() if row["format"]))
@@ -263,7 +265,7 @@ def shown_run(folder: Path, beside: str | None = "") -> Document:
     page = _unchanged(folder, files[PAGE]).read_text(encoding="utf-8") if PAGE in files else ""
     for row in (mask, *(row for name, row in files.items() if name.endswith(_MARKERS))):
         _unchanged(folder, row)
-    return shown_plate(folder, list(files.values()), report.document, page, beside)
+    return shown_plate(folder, list(files.values()), report, page, beside)
 
 
 def shown_plate(folder: Path, files: Sequence[Record], report: Record, page: str, beside: str | None = "") -> Document:
