@@ -44,7 +44,7 @@ return {
 """What is seen of a page in its window."""
 
 
-FAULTS = """
+FAULTS = r"""
 for (const each of document.querySelectorAll("details")) each.open = true;
 const faults = new Set(), root = document.documentElement, wide = innerWidth;
 const named = (each) => `<${[each.localName, each.id && `#${each.id}`, each.className].filter(Boolean).join(" ")}>`;
@@ -97,6 +97,15 @@ while (walker.nextNode()) {
   const below = behind(owner), [one, other] = [light(over(numbers(style.color), below)), light(below)];
   const ratio = (Math.max(one, other) + 0.05) / (Math.min(one, other) + 0.05);
   if (ratio < 4.5) faults.add(`contrast ${ratio.toFixed(2)} of ${named(owner)} "${text.slice(0, 30)}"`);
+}
+for (const each of document.querySelectorAll(".bad, .good")) {
+  const told = getComputedStyle(each, "::before").content.replace("none", "") + each.textContent;
+  const row = each.closest("tr")?.textContent || "";
+  if (!/[✓✗]|\p{L}/u.test(told) && !/[✓✗]/.test(row)) faults.add(`in colour alone: ${named(each)} "${told}"`);
+}
+for (const each of document.links) {
+  const style = getComputedStyle(each), lined = style.textDecorationLine.includes("underline");
+  if (each.textContent.trim() && !lined) faults.add(`a link in colour alone: ${named(each)}`);
 }
 const links = [...document.links].map((each) => each.getAttribute("href"));
 return [[...faults], [...new Set(links)], judged.size];
@@ -443,8 +452,9 @@ SHOWN = tuple((size, dark) for size in (DESK, TELEPHONE) for dark in (False, Tru
 def faults(browser: Browser, page: Path) -> list[str]:
     """What is wrong with a page on a desk and on a telephone, in light and in dark, and with what it links to.
 
-    It must not scroll sideways, every text has a contrast of 4.5 or more (WCAG 2.2, 1.4.3), every picture is there,
-    every link within it and to files beside it leads somewhere, no script fails, and nothing is asked of a network.
+    It must not scroll sideways, every text has a contrast of 4.5 or more (WCAG 2.2, 1.4.3), no verdict and no link is
+    told by colour alone (1.4.1), every picture is there, every link within it and to files beside it leads somewhere,
+    no script fails, and nothing is asked of a network.
     """
     found: dict[str, list[str]] = {}
     browser.open(page)

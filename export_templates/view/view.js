@@ -16,7 +16,7 @@ if (!shown.size) told.layers.forEach((_, place) => shown.add(place));
 
 const canvas = byId("plate"), context = canvas.getContext("2d", { alpha: false });
 const view = { x: 0, y: 0, scale: 1 };  // of the middle in nm; CSS pixels per nm
-let looks, tiles, size = [0, 0], ratio = 1, asked = false, framed = false;
+let looks, tiles, size = [0, 0], ratio = 1, asked = false, framed = false, whole = false;
 let chosen = null, hovered = null, ruler = null, placeAt = null;
 let pointed = null;  // box in nm of the place that was gone to
 
@@ -52,9 +52,9 @@ function resize() {
   canvas.height = Math.max(1, Math.round(area.height * ratio));
   if (!framed && area.width > 0) {
     framed = true;
-    frame(plateBox, 0.94);
+    showWhole();
     follow();
-  }
+  } else if (whole) showWhole();  // as when a telephone is turned
   redraw();
 }
 
@@ -63,7 +63,13 @@ function wholeScale() {
   return Math.max(1, Math.min(size[0], size[1])) / Math.max(wide, high);
 }
 
+function showWhole() {
+  frame(plateBox, 0.94);
+  whole = true;
+}
+
 function frame(box, share) {
+  whole = false;
   const wide = Math.max(box[2] - box[0], 1000), high = Math.max(box[3] - box[1], 1000);
   view.x = (box[0] + box[2]) / 2;
   view.y = (box[1] + box[3]) / 2;
@@ -80,6 +86,7 @@ function toScreen(x, y) {
 }
 
 function zoom(factor, x = size[0] / 2, y = size[1] / 2) {
+  whole = false;
   const [px, py] = toPlate(x, y);
   view.scale = Math.min(FINEST_PX_PER_NM, Math.max(wholeScale() / 3, view.scale * factor));
   view.x = px - (x - size[0] / 2) / view.scale;
@@ -88,6 +95,7 @@ function zoom(factor, x = size[0] / 2, y = size[1] / 2) {
 }
 
 function pan(x, y) {
+  whole = false;
   view.x = Math.min(plateBox[2], Math.max(plateBox[0], view.x - x / view.scale));
   view.y = Math.min(plateBox[3], Math.max(plateBox[1], view.y + y / view.scale));
   redraw();
@@ -100,8 +108,8 @@ function drawFrame() {
   context.fillStyle = colour("--chrome");
   context.fillRect(0, 0, canvas.width, canvas.height);
   const seen = { x: view.x, y: view.y, scale: view.scale * ratio };
-  const whole = tiles.draw(context, seen, canvas.width, canvas.height);
-  if (canvas.getAttribute("aria-busy") !== String(!whole)) canvas.setAttribute("aria-busy", String(!whole));
+  const done = tiles.draw(context, seen, canvas.width, canvas.height);
+  if (canvas.getAttribute("aria-busy") !== String(!done)) canvas.setAttribute("aria-busy", String(!done));
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
   drawTexts();
   drawDies();
@@ -109,7 +117,7 @@ function drawFrame() {
   drawPointed();
   drawRuler();
   drawScaleBar();
-  if (!whole) redraw();
+  if (!done) redraw();
 }
 
 /** Words that stay legible on anything. */
@@ -454,7 +462,7 @@ canvas.addEventListener("wheel", (event) => {
 }, { passive: false });
 
 const KEYS = {
-  "+": () => zoom(1.5), "=": () => zoom(1.5), "-": () => zoom(1 / 1.5), 0: () => frame(plateBox, 0.94),
+  "+": () => zoom(1.5), "=": () => zoom(1.5), "-": () => zoom(1 / 1.5), 0: showWhole,
   ArrowLeft: () => pan(60, 0), ArrowRight: () => pan(-60, 0), ArrowUp: () => pan(0, 60), ArrowDown: () => pan(0, -60),
   m: () => useRuler(!ruler), Escape: () => useRuler(false), n: () => stepPlace(1), p: () => stepPlace(-1),
   "[": () => stepDie(-1), "]": () => stepDie(1),
@@ -477,7 +485,7 @@ canvas.addEventListener("keydown", (event) => {
 
 byId("in").addEventListener("click", () => zoom(1.5));
 byId("out").addEventListener("click", () => zoom(1 / 1.5));
-byId("whole").addEventListener("click", () => frame(plateBox, 0.94));
+byId("whole").addEventListener("click", showWhole);
 byId("ruler").addEventListener("click", () => useRuler(!ruler));
 for (const [name, wanted] of [["mask-only", (layer) => layer.written || layer.name === "OUTLINE"], ["all-layers", () => true]]) {
   byId(name).addEventListener("click", () => {

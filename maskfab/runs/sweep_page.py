@@ -18,7 +18,7 @@ from maskfab.base.arrays import Floats
 from maskfab.base.quantities import registered
 from maskfab.base.resources import template
 from maskfab.camera.scores import CONFIDENCE
-from maskfab.report.figures.die import OKABE_ITO
+from maskfab.report.figures.die import MARKS, OKABE_ITO
 from maskfab.report.figures.sheet import QUIET, Drawing, place, styled
 from maskfab.report.pages.template import page_environment, style
 from maskfab.report.rows.text import rounded, short
@@ -27,7 +27,6 @@ from maskfab.runs.sweep_plan import Field
 
 BAND = (0.05, 0.95)
 """Shares of the cases between which a band lies."""
-_MARKS = "osD^vPX"
 _LEFT, _WIDE, _HIGH, _FOOT, _TOP, _GAP, _LEGEND = 0.75, 2.9, 2.1, 0.5, 0.3, 0.7, 1.9
 _MOST_AXES = 4
 _LABEL = 30
@@ -78,7 +77,7 @@ def quantity_figure(swept: Swept, name: str) -> Drawing | None:
 
 def _curve(sheet: Axes, numbers: Floats | None, series: Series, number: int) -> None:
     """Median and band where several cases share a value, points where hardly any do, or the sorted values."""
-    colour, mark = OKABE_ITO[number % len(OKABE_ITO)], _MARKS[number % len(_MARKS)]
+    colour, mark = OKABE_ITO[number % len(OKABE_ITO)], MARKS[number % len(MARKS)]
     label = series.of.die or ""
     finite = np.isfinite(series.values)
     values = series.values[finite]

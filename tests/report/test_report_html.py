@@ -312,7 +312,7 @@ def test_many_dies_are_a_table_that_unfolds(crowd):
         assert f"“{die['label']}”" in page
     assert page.count(figure) == page.count('<section class="die"') == shown
     folded = page[page.index('<section id="folded"') : page.index('<section id="plate"')]
-    assert folded.count("<details>") == folded.count('<table id="numbers-') == 160 - shown
+    assert folded.count("<details>") == folded.count('<table class="marked" id="numbers-') == 160 - shown
     words = " ".join(folded.split())
     assert f"of {shown} of the 160 dies" in words
     assert "Left out are their figures, methods, rarely read numbers" in words

@@ -272,15 +272,17 @@ class OrderSheet:
             listed = "".join(f"<li>{escape(source)}</li>" for source in self.sources)
             parts.append(f"<h2>{escape(self.rules_heading)}</h2><ul>{listed}</ul>")
         style = (
-            "body{font:14px system-ui,sans-serif;margin:2em auto;max-width:60em}"
+            "body{font:14px system-ui,sans-serif;margin:2em auto;max-width:60em;padding:0 1em;color-scheme:light;"
+            "color:#000;background:#fff}"
             "table{border-collapse:collapse;width:100%}td:first-child{width:12em}"
             "td,th{border:1px solid #bbb;padding:.3em .7em;text-align:left;vertical-align:top;overflow-wrap:anywhere}"
             "h1{font-size:1.5em}h2{font-size:1.1em;margin:1.2em 0 .4em;break-after:avoid}tr,li{break-inside:avoid}"
             "figure{display:inline-block;margin:0 3em 0 0;text-align:center}svg{background:#d9dde2;border:1px solid}"
-            "li{overflow-wrap:anywhere}@page{size:A4;margin:15mm}@media print{body{font-size:9pt;margin:0}}"
+            "li{overflow-wrap:anywhere}@page{size:A4;margin:15mm}@media print{body{font-size:9pt;margin:0;padding:0}}"
         )
         return (
-            f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(self.title)}</title>'
+            f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+            f'<meta name="viewport" content="width=device-width, initial-scale=1"><title>{escape(self.title)}</title>'
             f"<style>{style}</style></head>\n<body>\n" + "\n".join(parts) + "\n</body></html>\n"
         )
 

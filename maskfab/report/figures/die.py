@@ -56,7 +56,8 @@ _CUTS: Mapping[str, tuple[str, str, Any, float]] = MappingProxyType(
         "radial_min": ("radial minimum", "#000000", (0, (4, 2)), 1.1),
     }
 )
-_MARKS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "h", "*")
+MARKS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "h", "*")
+"""Marks of curves, which tell them apart in grey."""
 _LOWEST = 5e-3
 """MTF at the lower edge of the comparison of dies; what is lower is drawn there."""
 _PLATE_SEEN = (-1.02, 1.17), (-1.2, 1.17)
@@ -232,7 +233,7 @@ def mtf_comparison(dies: Sequence[DieOptics], stressed: Sequence[str] = ()) -> D
             color=colour,
             linestyle="-" if panel.tiling is Tiling.PERIODIC else (0, (4, 1.5)),
             linewidth=2.4 if thick else 0.9,
-            marker=_MARKS[number % len(_MARKS)],
+            marker=MARKS[number % len(MARKS)],
             markevery=(every * (number + 1) // (len(dies) + 1), every),  # those of two dies do not meet
             markersize=6 if thick else 4.5,
             markerfacecolor=colour if thick else "white",

@@ -17,7 +17,7 @@ from maskfab.base.quantities import columns
 from maskfab.camera.scores import CONFIDENCE
 from maskfab.report.documents.report import FinishedReport
 from maskfab.report.documents.shape import Document, Record
-from maskfab.report.figures.die import OKABE_ITO
+from maskfab.report.figures.die import MARKS, OKABE_ITO
 from maskfab.report.figures.sheet import INK, QUIET, Drawing, place, styled
 from maskfab.report.pages.front import best as best_kept
 from maskfab.report.pages.limits import broken
@@ -270,9 +270,6 @@ def _found(name: str, chosen: Mapping[str, object], where: str) -> str:
     raise JobError("MF105", what, where=where, cure=f"Name one of {', '.join(alike or chosen)}")
 
 
-_MARKS = "osD^vphX"
-
-
 @styled
 def trade(document: Record) -> Drawing:
     """Open ratio against gain over the reference, one mark for each die; a die that none betters in both is filled."""
@@ -302,7 +299,7 @@ def trade(document: Record) -> Drawing:
             gains[name],
             yerr=width if width > 0 else None,
             color=colour,
-            marker=_MARKS[number % len(_MARKS)],
+            marker=MARKS[number % len(MARKS)],
             markerfacecolor="white" if bettered else colour,
             markersize=6,
             capsize=2,

@@ -29,6 +29,7 @@ from maskfab.designs.front_designs import FrontDesign
 from maskfab.mask.opening_file import opening_text
 from maskfab.mask.panels import map_text
 from maskfab.report.documents.shape import Record, document_text
+from maskfab.report.figures.die import MARKS
 from maskfab.report.figures.sheet import INK, QUIET, Drawing, bitmap, place, styled
 from maskfab.report.pages.design import (
     alternatives_document,
@@ -41,7 +42,6 @@ from maskfab.report.pages.design import (
 from maskfab.report.pages.template import page_template, style
 from maskfab.report.rows.text import by_level
 
-_MARKS = "osD^vphX"
 _LEFT, _FOOT, _WIDE, _HIGH, _GAP, _LEGEND = 0.6, 0.5, 3.4, 3.4, 0.2, 2.0
 _MOST_FIELDS = 4
 _LIGHTEST = 0.85
@@ -125,7 +125,7 @@ def _field(axes: Axes, pareto: Pareto, lines: int) -> None:
         ratio = curve.front[0].judged.open_ratio
         label = f"{ratio:.1%} open, {curve.clear_dots} dots"
         serving = [point for point in curve.front if point.lines >= lines]
-        mark = _MARKS[k % len(_MARKS)]
+        mark = MARKS[k % len(MARKS)]
         _curve(axes, serving, left, shades[k], mark, label)
         _denser(axes, [point for point in curve.denser if point.lines >= lines], shades[k], mark)
     for number, other in enumerate(pareto.compared, start=1):
@@ -170,7 +170,7 @@ def _seen(axes: Axes, pareto: Pareto, rule: str, value: str, label: str) -> None
     shades = mpl.colormaps["cividis"](np.linspace(0, _LIGHTEST, len(curves)))
     limit = pareto.limits.get(rule)
     for k, curve in enumerate(curves):
-        one, mark = curve.front[0], _MARKS[k % len(_MARKS)]
+        one, mark = curve.front[0], MARKS[k % len(MARKS)]
         points = sorted((point for point in curve.denser if sought(point.uneven)), key=lambda point: point.value)
         across = [getattr(point, value) for point in points]
         axes.plot(across, [point.value - one.value for point in points], color=shades[k], linewidth=0.8, zorder=2)

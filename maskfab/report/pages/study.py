@@ -28,7 +28,7 @@ from maskfab.camera.scores import CONFIDENCE, Score, ScoreTable
 from maskfab.optics.metrics import auc_radial_min
 from maskfab.report.documents.shape import Record, document_text
 from maskfab.report.figures import sheet
-from maskfab.report.figures.die import OKABE_ITO, mtf_comparison, panel_thumbnail
+from maskfab.report.figures.die import MARKS, OKABE_ITO, mtf_comparison, panel_thumbnail
 from maskfab.report.figures.scene import tile
 from maskfab.report.figures.sheet import QUIET, Drawing, img, place, styled
 from maskfab.report.pages.tables import Line, Table
@@ -36,7 +36,6 @@ from maskfab.report.pages.template import page_template, style
 from maskfab.report.rows.study import OWN_SCENE, Claim, Finding, Setting, Study, Take, Verdict
 from maskfab.report.rows.text import short
 
-_MARKS = "osD^vPX"
 _LINES = ("-", (0, (5, 1.5)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 _WIDE, _HIGH, _LEFT, _FOOT, _TOP, _GAP, _LEGEND = 3.0, 2.1, 0.55, 0.62, 0.3, 0.62, 2.0
 _ROWS = (("psnr", "PSNR (dB)"), ("ssim", "SSIM"))
@@ -124,7 +123,7 @@ def _curve(axes: Axes, x: Sequence[float], y: Sequence[float], number: int, labe
         y,
         color=OKABE_ITO[number % len(OKABE_ITO)],
         linestyle=_LINES[number // len(OKABE_ITO) % len(_LINES)] if joined else (0, (1, 3)),
-        marker=_MARKS[number % len(_MARKS)],
+        marker=MARKS[number % len(MARKS)],
         markersize=4.5,
         linewidth=1.2 if joined else 0.7,
         label=label,
