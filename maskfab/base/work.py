@@ -77,7 +77,7 @@ def notebook_line(name: str) -> NotebookLine | None:
 
 
 SLACK = 0.2
-"""Share of itself by which a budget may be passed."""
+"""Share of itself by which the least that is useful may pass a budget before it is refused."""
 
 
 @dataclass(frozen=True)
@@ -130,10 +130,10 @@ class Clock:
         return self.left() == 0.0
 
     def affords(self, seconds: float) -> bool:
-        """Whether so much more time keeps the budget, but for half of its slack."""
+        """Whether so much more time keeps the budget."""
         if self.halt.is_set():
             return False
-        return self.budget_s is None or self.spent + seconds <= (1 + SLACK / 2) * self.budget_s
+        return self.budget_s is None or self.spent + seconds <= self.budget_s
 
     def before(self, seconds: float) -> Clock:
         """The clock of what must leave so many seconds to what follows."""

@@ -96,7 +96,7 @@ def searched(spec: JobSpec, where: str) -> tuple[JobSpec, SearchSection]:
     try:
         check_possible(spec, where=where)
     except JobError as refusal:
-        if refusal.code != "MF123":
+        if any(fault.code != "MF123" for fault in refusal.faults):
             raise
     return _living(spec, section, where), section
 
@@ -201,9 +201,9 @@ class _Work:
         try:
             return self._design(), None
         except JobError as refusal:
-            if refusal.code != "MF123":
+            if any(fault.code != "MF123" for fault in refusal.faults):
                 raise
-            return self._design(fit=False), refusal.what
+            return self._design(fit=False), refusal.faults[0].what
 
     def under(self, limits: dict[str, float], named: str, first: Designed) -> tuple[Designed, str]:
         """A design that keeps limits of the eye, or the first one, and what became of the search for one that does."""

@@ -280,7 +280,12 @@ def search(
     # Made before the stages have their time, for it takes some.
     panel = None if section.map is None else panels.panel
     stages = Stages.of(
-        expected, first_shape(section), clock, mapped=section.map is not None, fitted=display is not None
+        expected,
+        first_shape(section),
+        clock,
+        mapped=section.map is not None,
+        fitted=display is not None,
+        across=0 if display is None else display.across,
     )
     made_for = camera_facts(camera, settings, seen)
     store = (
