@@ -221,6 +221,8 @@ def _check(dots: int, clear_dots: int) -> None:
 
 def _choice(sizes: Sequence[int], total: int) -> list[int]:
     """The first places of ``sizes`` that sum to ``total``, those left out without which the rest still can."""
+    if max(sizes) == 1:
+        return list(range(total))
     following = sums(sizes)
     chosen, left = [], total
     for k, size in enumerate(sizes):

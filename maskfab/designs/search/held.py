@@ -114,15 +114,17 @@ def straight_lines(units: Mask, dot_nm: int, rules: WireRules, *, turned: bool) 
         seen = [one]
     fewest = np.full(len(units), np.iinfo(np.int64).max)
     for clear in seen:
-        passing = np.zeros(len(units), dtype=np.int64)
-        for k, row in enumerate(clear):
+        # Many shapes cast one shadow.
+        shadows, which = np.unique(clear, axis=0, return_inverse=True)
+        passing = np.zeros(len(shadows), dtype=np.int64)
+        for k, row in enumerate(shadows):
             places = np.flatnonzero(row)
             inner = np.diff(places, prepend=-1, append=dots) - 1
             spare = np.full(len(inner), rules.space_nm - 2 * rules.clearance_nm)
             # Half a space is kept from the pixel's border in place of the clearance.
             spare[[0, -1]] = rules.space_nm - rules.clearance_nm - -(-rules.space_nm // 2)
             passing[k] = np.maximum((inner * dot_nm + spare) // lane, 0).sum()
-        fewest = np.minimum(fewest, passing)
+        fewest = np.minimum(fewest, passing[which])
     return fewest
 
 
