@@ -36,6 +36,7 @@ NEED_TORCH = {
     "maskfab.designs.descent.losses",
     "maskfab.designs.descent.method",
     "maskfab.designs.descent.objective",
+    "maskfab.designs.descent.panel_optics",
     "maskfab.designs.descent.schedule",
     "maskfab.designs.model.panel_error",
     "maskfab.designs.search.mtf_exchange",
