@@ -312,11 +312,11 @@ def check(
     if rules is not None and isinstance(job, Job | str | Path):
         cure = "Change what the job states, or give its panels and rules"
         raise JobError("MF105", "the job states the rules of its display", where="rules", cure=cure)
+    if optics:
+        return _plans(job_of(job, camera, _rules(rules)), die)
     from maskfab.display.feasibility import plate_of
 
-    loaded = job_of(job, camera, _rules(rules), None if optics else plate_of)
-    if optics:
-        return _plans(loaded, die)
+    loaded = job_of(job, camera, _rules(rules), plate_of)
     if look:
         return _rendering(
             loaded, image, die, dpi=dpi, distance=distance, pixels=pixels,
