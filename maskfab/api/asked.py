@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from maskfab.base.errors import JobError
 from maskfab.job.read import read
+from maskfab.job.sections import AssumedPlate
 from maskfab.mask.job import Further, Job, load_job
 
 if TYPE_CHECKING:
@@ -80,7 +81,10 @@ def job_of(
 
     if isinstance(job, Plate):
         return job.with_sections(sections or {}).job(camera)
-    return Plate.of(panels_of(job, camera), camera=camera, sections=sections).job()
+    made = Plate.of(panels_of(job, camera), camera=camera, sections=sections).job()
+    assert made.spec.plate is not None
+    assumed = AssumedPlate(**vars(made.spec.plate))
+    return replace(made, spec=made.spec.model_copy(update={"plate": assumed}))
 
 
 def spec_of(job: DesignJob, verb: str, check: Callable[[JobSpec], None] | None = None) -> tuple[JobSpec, Path]:

@@ -27,7 +27,7 @@ from pydantic import TypeAdapter
 
 from maskfab.base.errors import JobError
 from maskfab.job import camera, order, process, sections
-from maskfab.job.sections import JobSpec
+from maskfab.job.sections import AssumedPlate, JobSpec
 from maskfab.job.values import AnySection, Section, Stated, key_of, sections_of, values_of
 
 Keys = tuple[str, ...]
@@ -154,7 +154,7 @@ def in_words(names: tuple[str, ...]) -> tuple[str, ...]:
 def _unused(section: AnySection, path: str, used: frozenset[str]) -> Iterator[str]:
     for key, field, value in values_of(section):
         here = f"{path}.{key}".lstrip(".")
-        if here in used or here in INNER or value is None:
+        if here in used or here in INNER or value is None or isinstance(value, AssumedPlate):
             continue
         tables = [table for table in (value if isinstance(value, tuple) else (value,)) if isinstance(table, AnySection)]
         if not field.is_required() and value == field.default:

@@ -79,6 +79,10 @@ class PlateSection(MaskBlank):
     """Dies in a row."""
 
 
+class AssumedPlate(PlateSection):
+    """A [plate] that nobody stated: panels of Python have one, so that they can be laid out."""
+
+
 class LimitsSection(Section):
     """[limits]: limits of every die; quantities without a limit are reported without a verdict."""
 

@@ -19,6 +19,7 @@ from maskfab.api.asked import job_of, panels_of
 from maskfab.api.taken import WORDS, taken
 from maskfab.base.errors import InputError, JobError
 from maskfab.camera.frames.frame import frame_of_array
+from maskfab.job.reference import USES, unused
 from maskfab.report.rows.photographs import Restored
 from maskfab.runs.result import Result as Run
 
@@ -83,6 +84,15 @@ def test_an_object_that_a_verb_cannot_take_is_refused_with_the_one_that_it_can(c
     with pytest.raises(JobError, match=told) as refusal:
         call()
     assert refusal.value.cure
+
+
+def test_only_what_a_caller_states_is_told_as_not_used() -> None:
+    uses = USES["check --optics"]
+    assert unused(job_of(TURNED, CAMERA).spec, *uses) == ()
+    limits = {"limits": {"min_feature": 4}}
+    assert unused(job_of(TURNED, CAMERA, limits).spec, *uses) == ("[limits]",)
+    stated = unused(mf.Plate.of(TURNED, camera=CAMERA, sections=limits).job().spec, *uses)
+    assert {"[limits]", "die_pitch of [plate]"} <= set(stated)
 
 
 def test_an_opening_alone_is_laid_out_as_its_analysis_lays_it_out() -> None:
