@@ -48,6 +48,9 @@ class Shops(tuple[Shop, ...]):
         documents = [_document(shop) for shop in self]
         return documents[0] if self.one else {"shops": documents}
 
+    def __repr__(self) -> str:
+        return str(self)
+
     def __str__(self) -> str:
         if self.one:
             return "\n".join(_rules(self[0]))
@@ -161,6 +164,9 @@ class Bids(tuple[Bid, ...]):
             ],
             "unused": [*self.unused],
         }
+
+    def __repr__(self) -> str:
+        return str(self)
 
     def __str__(self) -> str:
         rows = [("shop", "takes it", "format", "blanks", "changes, what to ask, or why not")]

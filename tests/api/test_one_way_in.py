@@ -368,6 +368,11 @@ def test_an_array_that_is_no_photograph_is_refused(array: Any, told: str) -> Non
         mf.restore(array, TURNED, CAMERA, restore="wiener")
 
 
+def test_tables_of_mask_houses_show_themselves_as_they_print() -> None:
+    assert repr(mf.order.list()) == str(mf.order.list())
+    assert "\n" in repr(mf.order.list())
+
+
 def test_a_finished_run_is_the_path_of_its_directory(small_result: Path, tmp_path: Path) -> None:
     run = Run(small_result, None, None)  # type: ignore[arg-type]
     assert os.fspath(run) == str(small_result)

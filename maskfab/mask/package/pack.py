@@ -94,7 +94,7 @@ _TAILS = tuple(table.FORMATS[each].tail for each in PACKED)
 _MASK_SUFFIXES = tuple(f".{tail.rpartition('.')[2]}" for tail in _TAILS)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Package:
     """Result of packing.
 
@@ -115,6 +115,11 @@ class Package:
     missing: tuple[Answer, ...] = ()
     unused: tuple[str, ...] = ()
     mail: str = ""
+
+    def __repr__(self) -> str:
+        if self.path is None:
+            return f"<Package: none, for {', '.join(self.refused_by)}>"
+        return f"<Package {self.path}: {len(self.files)} files; {self.answer}>"
 
     @property
     def answer(self) -> Taken:
