@@ -46,6 +46,7 @@ return {
 
 FAULTS = r"""
 for (const each of document.querySelectorAll("details")) each.open = true;
+for (const each of document.getAnimations()) each.finish();
 const faults = new Set(), root = document.documentElement, wide = innerWidth;
 const named = (each) => `<${[each.localName, each.id && `#${each.id}`, each.className].filter(Boolean).join(" ")}>`;
 if (root.scrollWidth > wide) {
@@ -335,7 +336,7 @@ class Firefox(Browser):
     """
     _COMPLAINTS = """
         const said = Services.console.getMessageArray().filter(each => each instanceof Ci.nsIScriptError
-          && /^(file|data|blob):/.test(each.sourceName)).map(each => each.errorMessage);
+          && !(each.flags & each.warningFlag) && /^(file|data|blob):/.test(each.sourceName)).map(each => each.errorMessage);
         return said.concat(window.maskfabAsked);
     """
     _SHOW = """
