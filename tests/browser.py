@@ -336,8 +336,8 @@ class Firefox(Browser):
     """
     _COMPLAINTS = """
         const said = Services.console.getMessageArray().filter(each => each instanceof Ci.nsIScriptError
-          && !(each.flags & each.warningFlag) && /^(file|data|blob):/.test(each.sourceName)).map(each => each.errorMessage);
-        return said.concat(window.maskfabAsked);
+          && !(each.flags & each.warningFlag) && /^(file|data|blob):/.test(each.sourceName));
+        return said.map(each => each.errorMessage).concat(window.maskfabAsked);
     """
     _SHOW = """
         const page = gBrowser.selectedBrowser, [wide, high, dark, paper] = arguments;
