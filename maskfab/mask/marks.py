@@ -20,7 +20,7 @@ from pydantic import BeforeValidator, Field
 
 from maskfab.base import resources
 from maskfab.base.arrays import Mask
-from maskfab.base.errors import JobError
+from maskfab.base.errors import JobError, ManyFaultsError
 from maskfab.base.model import CLEAR, Box, Die, Gauge, Mark, Point, Polygon
 from maskfab.base.units import NM_PER_UM, to_nm
 from maskfab.job.order import ChromeSide, Tone
@@ -574,7 +574,8 @@ def load_template(path: Path) -> PlateTemplate:
     except (ValueError, RecursionError) as error:
         raise _unusable(f"it is no TOML: {error}", str(path), "Mend the syntax there") from error
     except JobError as error:
-        raise _unusable(error.what, error.where, error.cure) from error
+        faults = [_unusable(fault.what, fault.where, fault.cure) for fault in error.faults]
+        raise (faults[0] if len(faults) == 1 else ManyFaultsError(faults)) from error
     _check_lines(template, str(path))
     _check_rooms(template, str(path))
     return template

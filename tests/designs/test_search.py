@@ -22,7 +22,7 @@ from maskfab.designs.model.panel_error import pupil_error
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.families import FAMILIES, Candidate, kind
 from maskfab.designs.search import method as searching
-from maskfab.designs.search import scan
+from maskfab.designs.search import mtf_exchange, scan
 from maskfab.designs.search.annealing import ExpectedPsnr, Ranked, nearest
 from maskfab.designs.search.method import different, search, shortlisted
 from maskfab.designs.search.mtf_exchange import best_for_auc
@@ -150,7 +150,7 @@ def test_auc_under_rules_is_annealed_without_being_asked(
 ) -> None:
     free = best_for_auc(7, 10, steps=40)
     monkeypatch.setattr(searching, "_AUC_EVALUATIONS", 150)
-    monkeypatch.setattr(searching, "best_for_auc", lambda *_, **__: free)
+    monkeypatch.setattr(mtf_exchange, "best_for_auc", lambda *_, **__: free)
     wanted = section(dots=7, clear_dots=10, objective="auc", rules={"kissing": "cell", "rim_dots": 1})
     found = search(wanted, scenes, "x")
     rules = constraints_of(wanted)

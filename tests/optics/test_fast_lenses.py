@@ -40,8 +40,9 @@ def test_an_impossible_lens_is_refused_before_the_file_is_looked_at(capsys, tmp_
         ("run", tmp_path / "job.toml", "--out", tmp_path / "out"),
     ):
         answer = command(capsys, *words, "--json")
-        assert (answer.code, answer.document["error"]["code"]) == (2, "MF131")
-        assert "stop" in answer.document["error"]["where"]
+        first = answer.document["error"]["faults"][0]
+        assert (answer.code, first["code"]) == (2, "MF131")
+        assert "stop" in first["where"]
     assert not (tmp_path / "out").exists()
 
 

@@ -343,7 +343,7 @@ def test_two_openings_of_one_name_are_refused_if_they_differ(tmp_path):
     (tmp_path / "other.toml").write_text(OPENING)
     assert len(load_job(job).openings) == 2
     (tmp_path / "other.toml").write_text(OPENING.replace(".##.#..", ".##.##.", 1))
-    with pytest.raises(JobError, match="MF109 two different openings have the name 'ring'"):
+    with pytest.raises(JobError, match=r"MF109 .*two different openings have the name 'ring'"):
         load_job(job)
 
 
@@ -602,7 +602,7 @@ def without(attribute: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize(("shop", "code"), [("no-such-house", "MF420"), ("bad.toml", "MF421")])
 def test_an_unknown_shop_is_refused_before_any_work(capsys, tmp_path, monkeypatch, shop, code):
-    without("maskfab.mask.plate.compose", monkeypatch)
+    without("maskfab.runs.pipeline.draw_files", monkeypatch)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "bad.toml").write_text("title = 3", encoding="utf-8")
     job = write_job(tmp_path, ("[plate]", f'[export]\nshop = "{shop}"\n\n[plate]'))

@@ -330,7 +330,7 @@ def test_a_job_that_cannot_be_laid_out_any_more_is_found(out):
     path.write_text(path.read_text(encoding="utf-8").replace('"56 um"', '"63 um"'), encoding="utf-8")
     correct_manifest(out)
     (found,) = failures(out)
-    assert found.method.startswith("job.json cannot be used: MF106")
+    assert found.method.startswith("job.json cannot be used: MF153 2 faults")
 
 
 def test_an_edited_job_is_found(out):

@@ -74,7 +74,7 @@ def test_names_of_other_things_give_each_file_and_cell_a_name_of_its_own(capsys,
     answer = run(capsys, job)
     assert (answer.code, answer.document["verdict"]) == (0, "pass")
     out = listing(tmp_path / "out")
-    assert len({name.casefold() for name in out}) == len(out) == 6 + 2 * 3 + 10
+    assert len({name.casefold() for name in out}) == len(out) == 7 + 2 * 3 + 10
     listed = [file["path"] for file in json.loads(out["manifest.json"])["files"]]
     assert sorted([*listed, "manifest.json", "timing.json"]) == sorted(out)
     assert {path.name for path in tmp_path.iterdir()} == {"job.toml", "ring.toml", "out"}
