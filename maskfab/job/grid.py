@@ -170,7 +170,8 @@ def check_grid(
     made = CellSize(dots, dot_nm or round((pitch_nm - gutter_nm) / dots), gutter_nm)
     meets = made.has_pitch(pitch_um)
     cell = math.gcd(made.dot_nm, gutter_nm, *rules_nm)
-    if meets and _shares(made, rules_nm):
+    # A rule wider than the pixel is refused as such where emitters are placed; no grid would mend it.
+    if meets and (_shares(made, rules_nm) or max(rules_nm) > made.dots_nm):
         return
     side, apart = made.dots_nm / NM_PER_UM, abs((pitch_nm - gutter_nm) / dots % 1 - 0.5) < 0.5 - 1e-6
     code, place = ("MF118", "emitters") if meets else ("MF107" if apart else "MF106", f"{key}.pitch")

@@ -131,7 +131,7 @@ def test_a_sweep_is_written_whole_and_alike_each_time(
         ('["given.toml"]', '["nowhere.toml"]', "MF301"),
         ('["given.toml"]', '["given.toml", "given.toml"]', "MF109"),
         ("dots = 8", "dots = 7", "MF105"),
-        ('colour_gap = "21 um"', 'colour_gap = "189 um"', "MF117"),
+        ('colour_gap = "21 um"', 'colour_gap = "200 um"', "MF117"),
         ('colour_gap = "21 um"', 'colour_gap = "21.001 um"', "MF118"),
         ('compare = ["given.toml"]', "anneal = -1", "MF104"),
         ("lines = [0, 1]", "lines = []", "MF105"),

@@ -331,6 +331,7 @@ def test_a_job_that_cannot_be_laid_out_any_more_is_found(out):
     correct_manifest(out)
     (found,) = failures(out)
     assert found.method.startswith("job.json cannot be used: MF153 2 faults")
+    assert "MF106" in found.method
 
 
 def test_an_edited_job_is_found(out):
