@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import json
 import re
 import tomllib
@@ -18,6 +19,7 @@ from maskfab.cli.program import GROUPS
 from maskfab.designs.rules.constraints import RULES
 from maskfab.job.brief import modules, questions
 from maskfab.job.reference import keys_of, tables
+from maskfab.mask.emitter_layouts import DISPLAYS
 from maskfab.report.documents.display import check_schema
 from maskfab.report.documents.report import schema
 
@@ -155,6 +157,20 @@ def _cameras() -> Iterator[str]:
     )
 
 
+def _shapes() -> Iterator[str]:
+    """Lengths of every display that ``new --shape`` draws, with the meaning that its layout states."""
+    rows = []
+    for kind, display in DISPLAYS.items():
+        stated = (inspect.getdoc(display.layout) or "").partition("Args:\n")[2].partition("\n\n")[0]
+        meanings = re.findall(r"(?m)^    ([a-z_, ]+): (.*(?:\n {8}.*)*)", stated)
+        own = "; ".join(f"`{name}={length}`" for name, length in display.lengths.items())
+        told = " ".join(f"{key}: {_plain(' '.join(text.split()))}" for key, text in meanings if key != "dots")
+        whole = f", a multiple of {display.multiple}" if display.multiple > 1 else ""
+        drawn = (inspect.getdoc(display.layout) or "").partition("\n")[0]
+        rows.append((f"`{kind}`", drawn, f"{display.dots} on {display.pitch.replace('um', 'µm')}{whole}", own, told))
+    yield from _table(("shape", "cell", "dots", "lengths, in dots, and their defaults", "meaning"), rows)
+
+
 def _objects() -> Iterator[str]:
     """What every verb takes from Python, read from its signature."""
     many = next(words for row in taken() for words in row.parameters.values() if "loaded job" in words)
@@ -186,6 +202,7 @@ _MADE: dict[str, Callable[[], Iterator[str]]] = {
     "rooms": _rooms,
     "questions": _questions,
     "cameras": _cameras,
+    "shapes": _shapes,
 }
 
 

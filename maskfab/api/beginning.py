@@ -14,7 +14,7 @@ from maskfab.base import resources
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
 from maskfab.base.folders import check_file, check_target, staged, write_text
-from maskfab.base.units import NM_PER_UM
+from maskfab.base.units import NM_PER_UM, UM_PER_INCH
 
 if TYPE_CHECKING:
     from maskfab.api.lengths import Length
@@ -58,10 +58,12 @@ class Drawn(Result):
     Attributes:
         path: of its file.
         opening: what is in it.
+        pixels_across: pixels of the display that the opening's cell holds along its side.
     """
 
     path: Path
     opening: Opening
+    pixels_across: int = 1
 
     def to_dict(self) -> dict[str, Any]:
         """Facts of the opening, and where it is."""
@@ -73,8 +75,11 @@ class Drawn(Result):
         return self.opening.plot()
 
     def __str__(self) -> str:
-        dots, dot_um = self.opening.dots, self.opening.dot_nm / NM_PER_UM
-        return f'{self.path}: {dots} dots; in the job: dot = "{dot_um:g} um", pitch = "{self.opening.pitch_um:.10g} um"'
+        dots, dot_um, across = self.opening.dots, self.opening.dot_nm / NM_PER_UM, self.pixels_across
+        pixel_um = self.opening.pitch_um / across
+        held = f" for {across} x {across} pixels of {pixel_um:g} um, {UM_PER_INCH / pixel_um:.0f} dpi" * (across > 1)
+        drawn = f"{self.path}: {dots} dots{held}; in the job: "
+        return f'{drawn}dot = "{dot_um:g} um", pitch = "{self.opening.pitch_um:.10g} um"'
 
 
 def templates() -> tuple[str, ...]:
@@ -118,13 +123,13 @@ def new(
             pentile-lines, delta, circular or window.
         dots: dots along the side of a cell; by default 21, or a display's own, or near it where they make the pitch.
         pitch: side of a cell, to the nearest that dots of whole nanometres make; by default ``"168 um"``, or a
-            display's own.
+            display's own. Cells of pentile-diamond, pentile-lines and delta are two pixels wide.
         clear_dots: number of clear dots; blobs and discs need it.
         width_dots: width of a stripe in dots; by default 5.
         size_ratio: size of small blobs relative to large ones; by default 0.7.
         aspect: aspect ratio of blobs, length over width; by default 1.25.
         exponent: superellipse exponent of blobs: 2 is an ellipse, larger is squarer; by default 4.
-        lengths: length of a display, in dots.
+        lengths: length of a display, in dots; its keys stand in the manual, and in the answer to a wrong one.
         name: name of the opening; by default the file's stem.
         command: what reproduces an opening, for its provenance; by default this call.
         force: replace an existing file of an opening.
@@ -143,6 +148,7 @@ def new(
     if source is not None:
         raise JobError("MF105", "a shape is drawn from numbers", where="source", cure="Leave source out, or shape")
     from maskfab.api.opening import Opening
+    from maskfab.mask.emitter_layouts import DISPLAYS
     from maskfab.mask.opening_file import opening_text
 
     target = Path(place)
@@ -153,7 +159,8 @@ def new(
         command=command or f"maskfab.new({str(place)!r}, shape={shape!r})", **stated,
     )  # fmt: skip
     write_text(target, opening_text(opening), replace=force)
-    return Drawn(target, opening)
+    display = DISPLAYS.get(shape)
+    return Drawn(target, opening, 1 if display is None else display.pixels_across)
 
 
 def _job(folder: Path, source: str) -> Begun:

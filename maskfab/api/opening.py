@@ -148,6 +148,10 @@ class Opening(model.Opening):
         }
         emitters = None
         if display is not None:
+            if dots % display.multiple:
+                what = f"dots = {dots} is not a multiple of {display.multiple}, as those of {kind} must be"
+                near = _dots_near(dots, display.multiple, pitch_um)
+                raise JobError("MF104", what, where="dots", cure=f"Use {near} dots of {pitch_um / near:.6g} um")
             mask, emitters = display.draw(dots, dict(lengths or {}))
             made.update(emitter_layouts.source_facts(display, changed=changed))
         elif lengths:

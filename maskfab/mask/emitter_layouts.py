@@ -9,6 +9,7 @@ dots, both with row 0 lowest and as in :class:`~maskfab.base.model.Opening`.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -258,6 +259,7 @@ class Display:
         what: these figures.
         judgement: what nobody published.
         multiple: number that divides its dots.
+        pixels_across: pixels of the display along the cell's side.
     """
 
     layout: Layout
@@ -268,6 +270,7 @@ class Display:
     what: str
     judgement: str
     multiple: int = 1
+    pixels_across: int = 1
 
     def draw(self, dots: int | None = None, changed: Mapping[str, int] = MappingProxyType({})) -> tuple[Mask, Labels]:
         """The mask and the labels, with other dots or lengths where given; with other dots all lengths in proportion.
@@ -275,18 +278,15 @@ class Display:
         Raises:
             JobError: MF102 for a length that the layout has not, and what the layout raises.
         """
-        for name in changed:
-            if name not in self.lengths:
-                raise JobError(
-                    "MF102",
-                    f"this display has no length {name!r}",
-                    where=name,
-                    cure=f"It has {', '.join(self.lengths)}",
-                )
         dots = self.dots if dots is None else dots
         share = dots / self.dots
+        nearest = {name: max(1, round(length * share)) for name, length in self.lengths.items()}
+        for name in changed:
+            if name not in nearest:
+                own = ", ".join(f"{key}={length}" for key, length in nearest.items())
+                cure = f"It has, with {dots} dots along the cell, {own}"
+                raise JobError("MF102", f"this display has no length {name!r}", where=name, cure=cure)
         try:
-            nearest = {name: max(1, round(length * share)) for name, length in self.lengths.items()}
             return self.layout(dots, **{**nearest, **changed})
         except JobError as narrow:
             if narrow.code != "MF117" or dots == self.dots:
@@ -326,6 +326,7 @@ DISPLAYS: Mapping[str, Display] = MappingProxyType(
             "green smallest",
             "every area, green as a disc, the openings, 3 um to them",
             multiple=2,
+            pixels_across=2,
         ),
         "pentile-lines": Display(
             lined_diamond,
@@ -352,6 +353,7 @@ DISPLAYS: Mapping[str, Display] = MappingProxyType(
             "either column of emitters; the places of the lines: of 175 drawn, one whose random tiling gains as much "
             "area under the MTF as the published mask's",
             multiple=2,
+            pixels_across=2,
         ),
         "delta": Display(
             delta,
@@ -363,6 +365,7 @@ DISPLAYS: Mapping[str, Display] = MappingProxyType(
             "Visionox and Tianma make deltas; about 28 % emits at 300 ppi",
             "the pixel's pitch of 84 um, rows half a pixel apart, equal areas of 26.5 % together, the openings",
             multiple=12,
+            pixels_across=2,
         ),
         "circular": Display(
             circular,
@@ -406,7 +409,10 @@ def read_lengths(pairs: Iterable[str]) -> dict[str, int]:
     for pair in pairs:
         name, _, number = (part.strip() for part in pair.partition("="))
         if not (number.isascii() and number.isdigit()):
-            raise JobError("MF105", f"{pair!r} is not a length in dots", where=name, cure="Write it as clear_width=38")
+            whole = re.fullmatch(r"(\d{1,6})\.\d+", number)
+            near = sorted({max(1, int(whole[1])), int(whole[1]) + 1}) if whole else [5]
+            cure = f"Write {' or '.join(f'{name}={dots}' for dots in near)}: dots are whole"
+            raise JobError("MF105", f"{pair!r} is not a length in dots", where=name, cure=cure)
         if name in lengths:
             raise JobError("MF102", f"{name} is given twice", where=name, cure="Give each length once")
         lengths[name] = int(number)
@@ -438,9 +444,9 @@ def _check(dots: int, **lengths: int) -> None:
 
 def _check_multiple(dots: int, of: int) -> None:
     if dots % of:
-        raise JobError(
-            "MF104", f"dots = {dots} is not a multiple of {of}", where="dots", cure=f"Use {dots + of - dots % of} dots"
-        )
+        near = [str(whole) for whole in (dots - dots % of, dots - dots % of + of) if whole]
+        what = f"dots = {dots} is not a multiple of {of}, as this display's must be"
+        raise JobError("MF104", what, where="dots", cure=f"Use {' or '.join(near)} dots")
 
 
 def _check_room(what: str, needed: int, room: int) -> None:

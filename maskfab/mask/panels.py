@@ -44,7 +44,7 @@ from maskfab.base.cell_size import CellSize
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import Faults, JobError, SourceError
 from maskfab.base.model import ORIENTATIONS, Opening, Panel, Scalar, Tiling, frozen
-from maskfab.base.units import NM_PER_UM, to_nm
+from maskfab.base.units import NM_PER_MM, NM_PER_UM, to_nm
 from maskfab.job.camera import Stop
 from maskfab.job.sections import DieSection, JobSection, JobSpec, PlateSection
 from maskfab.job.values import check_name
@@ -546,7 +546,7 @@ def tiled(die: DieSection, held: tuple[Opening, ...], side_nm: int, given: CellM
             where=where,
             cure="Use a larger plate.die_size or a finer dot",
         )
-    check_panel_size(cells, opening.dots, f"die {die.name!r}", where=where)
+    check_panel_size(cells, opening.dots, pitch_nm, f"die {die.name!r}", where=where)
     rows, columns = (cells, cells) if given is None else panel_shape(given, cells, cells)
     if die.tiling is Tiling.HEXAGONAL:
         opening, rows, columns = hexagonal_sheet(opening, side_nm // dot_nm, die.seed or 0), 1, 1
@@ -583,15 +583,16 @@ def check_map(given: CellMap, panel: Panel, stop: Stop, what: str, *, where: str
         )
 
 
-def check_panel_size(cells: int, dots: int, what: str, *, where: str) -> None:
+def check_panel_size(cells: int, dots: int, pitch_nm: int, what: str, *, where: str) -> None:
     """Refuse a panel of more cells or dots than can be drawn and compared (MF115)."""
-    if cells > _MOST_CELLS_ACROSS or cells * dots > _MOST_DOTS_ACROSS:
+    most = min(_MOST_CELLS_ACROSS, _MOST_DOTS_ACROSS // dots)
+    if cells > most:
         raise JobError(
             "MF115",
             f"{what} is {cells} cells or {cells * dots} dots across; the limits are {_MOST_CELLS_ACROSS} cells and "
             f"{_MOST_DOTS_ACROSS} dots",
             where=where,
-            cure="Use a smaller panel, or a coarser dot",
+            cure=f"Use a panel of at most {most} cells, which is {most * pitch_nm / NM_PER_MM:g} mm, or a coarser dot",
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -36,7 +37,6 @@ from maskfab.mask.emitter_layouts import (
 LAYOUTS = Path(__file__).parents[2] / "layouts"
 KINDS = tuple(DISPLAYS)
 FILES = {kind: f"{kind.replace('-', '_')}.toml" for kind in KINDS} | {"pentile-lines": "poled.toml"}
-PIXELS_ACROSS = {"pentile-diamond": 2, "pentile-lines": 2, "delta": 2}
 PPI, OPEN, EMITTING = (
     dict(zip(KINDS, values, strict=True))
     for values in (
@@ -92,7 +92,7 @@ def test_a_file_says_where_its_figures_come_from(kind):
 def test_pitch_and_areas_are_as_stated(kind):
     opening = shipped(kind)
     clear, labels, _ = finer(opening)
-    pixel_um = opening.dots * opening.dot_nm / 1e3 / PIXELS_ACROSS.get(kind, 1)
+    pixel_um = opening.dots * opening.dot_nm / 1e3 / DISPLAYS[kind].pixels_across
     assert 25_400 / pixel_um == pytest.approx(PPI[kind], rel=0.01)
     assert opening.open_ratio == pytest.approx(OPEN[kind], abs=5e-5)
     assert (labels > 0).mean() == pytest.approx(EMITTING[kind], abs=5e-5)
@@ -365,6 +365,25 @@ def test_lengths_are_read_in_pairs():
 
 
 # --- the verb -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("asked", "told"),
+    [
+        (("--pitch", "200 dpi", "--length", "opening=8"), r"MF102.*40 dots.*clear_reach=4, red_reach=5"),
+        (("--length", "clear_reach=4.5"), "Write clear_reach=4 or clear_reach=5"),
+        (("--pitch", "63.5 um", "--dots", "127"), "Use 100 dots of 0.635 um"),
+    ],
+)
+def test_what_is_refused_of_a_display_says_what_to_write(capsys, tmp_path, asked, told):
+    shown = command(capsys, "new", tmp_path / "drawn.toml", "--shape", "pentile-diamond", *asked)
+    assert shown.code == 2
+    assert re.search(told, shown.stderr)
+
+
+def test_a_cell_of_several_pixels_says_so(capsys, tmp_path):
+    shown = command(capsys, "new", tmp_path / "drawn.toml", "--shape", "pentile-diamond", "--pitch", "200 dpi")
+    assert "for 2 x 2 pixels of 63.5 um, 400 dpi" in shown.stdout
 
 
 def test_the_verb_names_every_display():

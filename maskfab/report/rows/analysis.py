@@ -165,7 +165,7 @@ def analyse_opening(opening: Opening, request: Request, progress: Progress = sil
         reach = scene_reach_um(camera, scene)
     pitch_nm = CellSize(opening.dots, dot_nm, gutter_nm).pitch_nm
     cells = 2 * math.ceil(reach * NM_PER_UM / pitch_nm)
-    check_panel_size(cells, opening.dots, "the panel over the stop", where="the request")
+    check_panel_size(cells, opening.dots, pitch_nm, "the panel over the stop", where="the request")
     tiling = request.tiling or Tiling.PERIODIC
     panel = Panel(
         opening,
