@@ -173,9 +173,14 @@ class Exposure:
 
 
 def _held_level(sensor: Sensor) -> str:
+    *_, most = held = _held_levels(sensor)
+    return f"at most {most:g} dB, such as snr = [{', '.join(f'{level:g}' for level in held)}] in [exposure]"
+
+
+def _held_levels(sensor: Sensor) -> tuple[float, ...]:
+    """Protocol F1's levels that a full well holds, and the most that it does."""
     most = math.floor(10 * _level_db(sensor.full_well, sensor)) / 10
-    such = ", ".join(f"{level:g}" for level in (*(level for level in LEVELS if level < most), most))
-    return f"at most {most:g} dB, such as snr = [{such}] in [exposure]"
+    return (*(level for level in LEVELS if level < most), most)
 
 
 def _held_time(most_s: float) -> str:
@@ -198,11 +203,16 @@ ELECTRONS: Mapping[int, int] = MappingProxyType(
 def stated_light(section: ExposureSection | None, sensor: Sensor, camera: Camera) -> tuple[tuple[float, ...], str]:
     """Levels of [exposure] in dB, and how it states them; protocol F1's where it states none.
 
+    Of those, a full well that is smaller than protocol F1's holds less: its most stands for what it does not hold.
+
     Raises:
         JobError: MF141 for a light that cannot be.
     """
     if section is None or (section.snr, section.white, section.luminance) == (None, None, None):
-        return LEVELS, in_decibels(LEVELS)
+        held = _held_levels(sensor)
+        if held[-1] >= LEVELS[-1]:
+            return LEVELS, in_decibels(LEVELS)
+        return held, f"{in_decibels(held)}, the most that a full well of {sensor.full_well:g} electrons holds"
     if section.snr is not None:
         return section.snr, in_decibels(section.snr)
     if section.white is not None:

@@ -486,7 +486,8 @@ class SceneSection(Section):
 
 
 class ExposureSection(Section):
-    """[exposure]: light of white, stated in one of three ways; without any photographs are taken at 24, 32 and 40 dB.
+    """[exposure]: light of white, stated in one of three ways; without any photographs are taken at 24, 32 and 40 dB,
+    the highest lowered to what the sensor's full well holds.
 
     Levels and electrons are those behind the published display, which passes 20.72 % of the stop's light: behind every
     die there are as many more as it lets through.

@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from maskfab.api.camera import F1
 from maskfab.base.errors import JobError
 from maskfab.camera.record import interpolated, sampled
-from maskfab.camera.sensor import ELECTRONS, F1_SENSOR, Exposure, record_light
+from maskfab.camera.sensor import ELECTRONS, F1_SENSOR, Exposure, record_light, stated_light
 from maskfab.job.camera import PHOTONS_PER_LUX_SECOND_UM2, Sensor
 
 FLAT = np.full((3, 200, 200), 0.3, dtype=np.float32)
@@ -139,6 +140,15 @@ def test_a_light_that_a_full_well_does_not_hold_is_told_with_one_that_it_does(li
     assert light(sensor, held).electrons <= sensor.full_well
     with pytest.raises(JobError, match="MF141"):
         light(sensor, 1.05 * held)
+
+
+@pytest.mark.parametrize(("full_well", "levels"), [(6000.0, (24, 32, 37.7)), (12000.0, (24, 32, 40)), (100.0, (19.0,))])
+def test_levels_that_no_job_states_are_those_that_its_full_well_holds(full_well, levels):
+    sensor = Sensor(full_well=full_well)
+    held, words = stated_light(None, sensor, F1.model)
+    assert held == levels
+    assert all(Exposure.at(level, sensor).electrons <= full_well for level in held)
+    assert ("full well" in words) == (levels[-1] != 40)
 
 
 @pytest.mark.parametrize("transmission", [0.0, 1.5, math.nan])

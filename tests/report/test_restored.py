@@ -166,7 +166,7 @@ def test_a_die_that_the_camera_cannot_see_is_told_with_its_reason(job):
 
 @pytest.mark.parametrize(
     ("section", "code"),
-    [("[exposure]\nwhite = 90000\n", "MF141"), ("[sensor]\nfull_well = 100\n", "MF141")],
+    [("[exposure]\nwhite = 90000\n", "MF141"), ("[exposure]\nsnr = [24]\n\n[sensor]\nfull_well = 100\n", "MF141")],
     ids=["more than a full well", "too small a well"],
 )
 def test_light_that_cannot_be_is_refused_before_a_die_is_looked_at(tmp_path, section, code):
