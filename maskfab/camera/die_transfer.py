@@ -32,10 +32,10 @@ import scipy
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError
 from maskfab.base.model import Panel
-from maskfab.base.units import UM_PER_MM, UM_PER_NM
+from maskfab.base.units import NM_PER_UM, UM_PER_MM, UM_PER_NM
 from maskfab.camera.imaging import Isoplanatic, Transfer
 from maskfab.camera.lens import COLOURS
-from maskfab.job.camera import Camera
+from maskfab.job.camera import Camera, Stop
 from maskfab.job.process import MaskBlank
 from maskfab.optics.gap import (
     AXIS,
@@ -440,6 +440,11 @@ def _samples(view: StopView, light: list[Band | float]) -> tuple[Samples, Sample
     return Samples(shadow, gap), Samples(coarsest, coarsest), by_shadow + by_gap
 
 
+def too_fine(panel: Panel, stop: Stop) -> bool:
+    """Whether a panel has more dots along the stop than photographs take, whatever the scene."""
+    return max(stop.sides_um) * NM_PER_UM > MOST_ACROSS * panel.dot_nm
+
+
 def _require_room(openings: Aperture, camera: Camera, times: int, error: float = math.inf) -> None:
     across = max(camera.stop.sides_um) / min(openings.x.dot_um, openings.y.dot_um) * times
     if across <= MOST_ACROSS:
@@ -450,7 +455,12 @@ def _require_room(openings: Aperture, camera: Camera, times: int, error: float =
         f"the stop of {camera.stop.diameter_um:g} um is {across / times:.0f} dots of {openings.x.dot_um:g} um{divided}"
         f"; photographs take {MOST_ACROSS} along a side at most"
     )
-    cure = "Use larger dots or a smaller stop" if times == 1 else "Ask for less defocus, aberration or gap"
+    dot_um = max(camera.stop.sides_um) / MOST_ACROSS
+    stop_um = camera.stop.diameter_um * MOST_ACROSS / across
+    sizes = (
+        f"Use dots of {math.ceil(dot_um * NM_PER_UM) / NM_PER_UM:g} um or more, or a stop of at most {stop_um:.4g} um"
+    )
+    cure = sizes if times == 1 else "Ask for less defocus, aberration or gap"
     raise JobError("MF115", what, cure=cure)
 
 

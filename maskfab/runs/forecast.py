@@ -19,6 +19,7 @@ from maskfab.base.folders import check_target
 from maskfab.base.model import Plate
 from maskfab.base.processes import ArgumentsFactory, Found, SerialExecutor, Task
 from maskfab.base.work import silent
+from maskfab.camera.die_transfer import MOST_ACROSS, too_fine
 from maskfab.display.feasibility import displays
 from maskfab.mask.houses.files import PlateFiles
 from maskfab.mask.job import Job
@@ -159,6 +160,11 @@ def dry_run(job: Job, out: Path, *, force: bool = False, cache: Store | None = N
     if photographs.kept != photographs.tasks:
         scenes_s = SCENES_S * pace.of_all * min(processes, photographs.tasks)
         photographs = replace(photographs, seconds=photographs.seconds + scenes_s)
+    refused = [die.name for die in drawn.dies if too_fine(die.panel, job.camera.stop)]
+    if refused:
+        seconds = photographs.seconds * (1 - len(refused) / len(drawn.dies))
+        note = f"none of {', '.join(refused)}: more than {MOST_ACROSS} dots across the stop"
+        photographs = replace(photographs, seconds=seconds, note=note)
     seen = plate_as_seen(job, plate)
     made = draw_files(job, plate)
     # What is read back equals the design, or the run says that it does not.

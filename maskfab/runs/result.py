@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 UNUSED = "unused_keys"
 LEAST_SEEN = 12
 """Pixels along a side of a die below which no text is shown on it."""
-_NOTES = (UNUSED, "display_seed")
+_NOTES = (UNUSED, "display_seed", "photographs_refused")
 TAKEN = "taken from the cache"
 """Stage of a run that an earlier one had made."""
 
@@ -106,7 +106,8 @@ class Result:
 
     @property
     def notes(self) -> tuple[Quantity, ...]:
-        """Notes that a user must see beside the checks: keys of the job that were not used, dies of another seed."""
+        """Notes that a user must see beside the checks: keys of the job that were not used, dies of another seed or
+        without photographs."""
         rows = (*self.report.plate, *(row for die in self.report.dies.values() for row in die))
         return tuple(row for row in rows if row.name in _NOTES)
 

@@ -197,7 +197,7 @@ def test_a_sweep_judges_behind_the_jobs_camera_and_in_its_light(folder, capsys):
     assert abs(best["phone"] - best["fast"]) > 0.1
 
 
-def test_a_run_says_which_camera_its_dies_were_designed_for_and_why_none_is_judged(folder, tmp_path):
+def test_a_run_says_which_camera_its_dies_were_designed_for_and_why_none_is_judged(folder, tmp_path, capsys):
     """One colour of light: everything else is reported, and nothing fails."""
     (tmp_path / "bar.toml").write_text(BAR + DESIGNED)
     small = PHONE.replace('"1 mm"', '"450 um"')
@@ -210,6 +210,7 @@ def test_a_run_says_which_camera_its_dies_were_designed_for_and_why_none_is_judg
     assert rows["designed_for"]["passed"] is None
     assert "MF134" in rows["photographs_refused"]["value"]
     assert "restored_psnr" not in rows
+    assert rows["photographs_refused"]["value"] in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

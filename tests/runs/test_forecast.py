@@ -161,3 +161,11 @@ def test_a_plate_of_many_dies_is_foreseen_with_the_figures_that_its_page_shows(t
     stages = {stage.name: stage for stage in dry_run(load_job(path), tmp_path / "out").stages}
     assert stages["figures"].tasks == 2 + shown_count(40) < 42
     assert stages["optics"].tasks == 40
+
+
+def test_dies_too_fine_for_photographs_are_told_before_the_run(made, monkeypatch, tmp_path):
+    """A limit below the dots of either die: none is photographed, and nothing is counted for it."""
+    monkeypatch.setattr("maskfab.camera.die_transfer.MOST_ACROSS", 10)
+    (stage,) = (s for s in dry_run(load_job(made[0] / "job.toml"), tmp_path / "out").stages if s.name == "photographs")
+    assert stage.seconds == 0.0
+    assert stage.note.startswith("none of ")

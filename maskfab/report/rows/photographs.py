@@ -372,7 +372,7 @@ def photograph_die(conditions: Conditions, around: Surroundings, name: str, pane
             [design], scenes, scenes, conditions.levels, protocol=conditions.protocol, details=False, show=keep
         )
     except JobError as refusal:
-        return Restored(refused=f"{refusal.code} {refusal.what}")
+        return Restored(refused=f"{refusal.code} {refusal.what}. {refusal.cure}")
     notes += design.told
     return Restored(table.scores, notes, None, scenes[0].name, truth_of(scenes[0], CROP), tuple(shots))
 

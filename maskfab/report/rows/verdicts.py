@@ -229,9 +229,10 @@ class Verdicts:
 def _limits(numbers: list[tuple[Limited, ...]], aside: tuple[Limited, ...], reference: str) -> Limits:
     """Count displays that keep their limits; ``aside`` are the numbers of the reference, which is not counted."""
     held = [own for own in numbers if own]
-    broken = dict.fromkeys(number.title for own in held for number in own if number.passed is False)
     said = f"; the reference {reference}: {'KEPT' if kept(aside) else 'BROKEN'}" if aside else ""
     stated = any(number.stated for own in (*held, aside) for number in own)
+    failed = (number for own in held for number in own if number.passed is False)
+    broken = dict.fromkeys(f"{one.title} (a default)" if stated and not one.stated else one.title for one in failed)
     return Limits(len(held), sum(kept(own) for own in held), stated, tuple(broken), said)
 
 
