@@ -22,7 +22,7 @@ TEXTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *PAGES]
 GALLERY = runpy.run_path(str(DOCS / "gallery.py"))
 ENTRIES = GALLERY["entries"]()
 NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
-QUICK_NOTEBOOKS = {"first_psf"}
+QUICK_NOTEBOOKS = {"first_psf", "forty_lines"}
 MOST_BYTES = 3_000_000
 
 
@@ -146,11 +146,19 @@ def test_a_notebook_runs_in_an_empty_folder(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "agg")
     cells = json.loads(path.read_text("utf-8"))["cells"]
-    names: dict[str, object] = {}
+    names: dict[str, object] = {"display": print}
     for number, cell in enumerate(cells):
         if cell["cell_type"] == "code":
             exec(compile("".join(cell["source"]), f"{path.stem}, cell {number}", "exec"), names)
     plt.close("all")
+
+
+def test_the_forty_lines_are_forty():
+    cells = json.loads((DOCS / "notebooks/forty_lines.ipynb").read_text("utf-8"))["cells"]
+    lines = [line for cell in cells if cell["cell_type"] == "code" for line in "".join(cell["source"]).splitlines()]
+    written = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
+    assert len(written) <= 40
+    assert max(map(len, written)) <= 100
 
 
 @pytest.mark.slow
