@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from maskfab.api.asked import AnyPanel, AnyPath, panels_of
-from maskfab.api.camera import F1, Camera
+from maskfab.api.camera import Camera, protocol_f1
 from maskfab.api.lengths import Length, drawing_unit_um, length_text, lengths_as_text
 from maskfab.api.opening import mask_of
 from maskfab.api.panel import Panel
@@ -25,8 +25,8 @@ from maskfab.base.provenance import sha256_of_file
 from maskfab.base.units import parse_length_um, parse_pitch_um
 from maskfab.base.work import Progress, silent
 from maskfab.job.camera import Camera as Lens
+from maskfab.job.faults import parse_section
 from maskfab.job.process import MaskBlank
-from maskfab.job.read import parse_section
 from maskfab.job.sections import SceneSection
 from maskfab.mask.opening_file import checked
 from maskfab.optics.metrics import fast_lens
@@ -180,7 +180,7 @@ def _camera(stated: Camera | Mapping[str, Any] | None) -> Camera:
     """The camera that is stated; keys that a table leaves out are those of protocol F1."""
     if isinstance(stated, Camera):
         return stated
-    given = F1.section.model_dump(mode="json", exclude_none=True) | lengths_as_text(stated or {}, Lens)
+    given = protocol_f1().section.model_dump(mode="json", exclude_none=True) | lengths_as_text(stated or {}, Lens)
     stop = given["stop"]
     given["stop"] = stop if isinstance(stop, Mapping) else {"diameter": stop}
     return Camera.of_section(parse_section(Lens, given, where="camera"))

@@ -141,12 +141,12 @@ def panels_of(stated: object, camera: Camera | None = None) -> dict[str, Panel]:
 
 def _panel(stated: object, camera: Camera | None, where: str) -> Panel:
     """A panel as it is, of a result its own, of an opening cells that turn no way over the camera's stop."""
-    from maskfab.api.camera import F1
+    from maskfab.api.camera import protocol_f1
     from maskfab.api.panel import Panel
     from maskfab.base.model import Opening
 
     if isinstance(stated, Opening):
-        pitch_um, reach_um = stated.cell_size.pitch_um, (camera or F1).model.stop.diameter_um / 2
+        pitch_um, reach_um = stated.cell_size.pitch_um, (camera or protocol_f1()).model.stop.diameter_um / 2
         return Panel.tile(stated, size=f"{2 * math.ceil(reach_um / pitch_um) * pitch_um:.15g} um")
     if isinstance(stated, np.ndarray):
         what = f"an array of shape {stated.shape} states neither pitch nor tiling"

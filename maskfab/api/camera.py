@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
@@ -17,18 +18,15 @@ from maskfab.base.model import Panel as Tiled
 from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import one_thread
 from maskfab.job.camera import Camera as Lens
-from maskfab.job.read import check_lens, check_pupil, check_window, parse_section
-from maskfab.mask.panels import check_cover
-from maskfab.optics.lags import LagTable, lag_table
-from maskfab.optics.metrics import auc_radial_min, falls_to
-from maskfab.optics.mtf import LEVELS, longest_lag_um, presampled_mtf
-from maskfab.optics.psf import pixel_margin, pixel_psf, point_psfs
-from maskfab.optics.pupil import Pupil, cut, panel_aperture
+from maskfab.job.die import check_lens, check_pupil, check_window
+from maskfab.job.faults import parse_section
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
     from maskfab.api.lengths import Wavelengths  # at run time refused here, line by line
+    from maskfab.optics.lags import LagTable
+    from maskfab.optics.pupil import Pupil
     from maskfab.report.figures.sheet import Drawing
 
 
@@ -138,6 +136,8 @@ class Camera:
                 for a window that is too wide, MF114 for a panel smaller than the stop.
             SourceError: MF309 if nothing is clear in front of the stop.
         """
+        from maskfab.optics.psf import pixel_margin, pixel_psf, point_psfs
+
         lines = self.asked_nm(wavelength)
         # Samples as close as those of the camera's own wavelengths, so that all can be laid on each other.
         camera = self._of({*lines, *self.wavelengths})
@@ -160,6 +160,9 @@ class Camera:
     def mtf(self, panel: Tiled, wavelength: Wavelength | Wavelengths | None = None) -> Mtf | tuple[Mtf, ...]:
         """Presampled modulation transfer function of the panel as designed; arguments and errors as for :meth:`psf`,
         but for the window, which it does not use."""
+        from maskfab.optics.lags import lag_table
+        from maskfab.optics.mtf import longest_lag_um, presampled_mtf
+
         lines = self.asked_nm(wavelength)
         camera = self._of(lines)
         table = lag_table(self._pupil(panel, lines), longest_lag_um(camera))
@@ -170,6 +173,9 @@ class Camera:
         return found[lines[0]] if wavelength is None or is_one(wavelength) else tuple(found[line] for line in lines)
 
     def _pupil(self, panel: Tiled, lines: Sequence[float]) -> Pupil:
+        from maskfab.mask.panels import check_cover
+        from maskfab.optics.pupil import cut, panel_aperture
+
         camera = self._of(lines)
         check_lens(camera, where="Camera: stop")
         check_pupil(camera, panel.dot_nm / NM_PER_UM, where="Camera")
@@ -227,8 +233,10 @@ def _require_directions(camera: Lens) -> None:
     raise JobError("MF156", what, where="Camera: focal", cure=cure)
 
 
-F1 = Camera("10 mm", stop="4 mm", pixel="2 um", wavelengths=["610 nm", "530 nm", "470 nm"])
-"""The camera of protocol F1, for plates of which no camera is stated."""
+@cache
+def protocol_f1() -> Camera:
+    """The camera of protocol F1, for plates of which no camera is stated."""
+    return Camera("10 mm", stop="4 mm", pixel="2 um", wavelengths=["610 nm", "530 nm", "470 nm"])
 
 
 class Psf(model.Psf):
@@ -301,6 +309,8 @@ class Mtf(model.Mtf):
     @property
     def auc(self) -> model.Quantity:
         """Mean of the radial minimum over its frequencies, with its error."""
+        from maskfab.optics.metrics import auc_radial_min
+
         return auc_radial_min(self, None)
 
     @checked_arguments
@@ -315,6 +325,9 @@ class Mtf(model.Mtf):
             raise JobError("MF105", f"level = {level!r} is not a number", where="level", cure="Write 0.5")
         if not 0 < level < 1:
             raise JobError("MF104", f"level = {level} must lie between 0 and 1", where="level", cure="Write 0.5")
+        from maskfab.optics.metrics import falls_to
+        from maskfab.optics.mtf import LEVELS, presampled_mtf
+
         percent = 100 * float(level)
         if percent in LEVELS:
             return falls_to(self, percent, None)

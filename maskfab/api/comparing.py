@@ -204,7 +204,7 @@ def _taken_as(job: Mapping[str, Any] | None, camera: Camera | None) -> tuple[Cam
         return camera, {}
     from maskfab.api.camera import Camera
     from maskfab.job.camera import Camera as Lens
-    from maskfab.job.read import parse_section
+    from maskfab.job.faults import parse_section
 
     theirs = Camera.of_section(parse_section(Lens, job["camera"], where="camera of the run"))
     return camera or theirs, {key: job[key] for key in _CONDITIONS if key in job}

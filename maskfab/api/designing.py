@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, overload
 from numpy.typing import ArrayLike
 
 from maskfab.api.asked import spec_of
-from maskfab.api.camera import F1, Camera
+from maskfab.api.camera import Camera, protocol_f1
 from maskfab.api.lengths import Length, length_text, sections_as_text
 from maskfab.api.opening import Opening
 from maskfab.api.panel import Panel
@@ -331,7 +331,7 @@ def design(
         command += _start_words(start, begin)
     else:
         where = "design()"
-        lens = (camera or F1).section.model_dump(mode="json", exclude_none=True)
+        lens = (camera or protocol_f1()).section.model_dump(mode="json", exclude_none=True)
         section = {"name": "found", "method": "search", "tiling": "random", **_counts(start, begin), **given}
         if section["method"] == "search" and section["tiling"] == "random":
             section.setdefault("map", "equal_light")

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from maskfab.base.errors import JobError
 from maskfab.base.units import UM_PER_UNIT, parse_length_um, parse_wavelength_nm
-from maskfab.job.sections import JobSpec
 from maskfab.job.values import AnySection, length_keys, sections_of, um_text
 
 Length = str | float
@@ -90,6 +89,8 @@ def lengths_as_text(stated: Mapping[str, object], section: type[AnySection]) -> 
 
 def sections_as_text(stated: Mapping[str, object]) -> dict[str, object]:
     """Sections of a job file, with their lengths as a job file has them; what is no mapping, or none, as it is."""
+    from maskfab.job.sections import JobSpec  # slow to load, and lengths need none
+
     made = dict(stated)
     for name, held in stated.items():
         field = JobSpec.model_fields.get(name)

@@ -215,7 +215,7 @@ class Opening(model.Opening):
             OpeningError: MF203 for none.
             SourceError: for photographs that cannot be read.
         """
-        from maskfab.api.camera import F1
+        from maskfab.api.camera import protocol_f1
         from maskfab.camera import scenes
         from maskfab.camera.lens import PhotoCamera, camera_line
         from maskfab.camera.scenes import folder
@@ -231,7 +231,7 @@ class Opening(model.Opening):
         opening = reduced_opening(
             self,
             count,
-            PhotoCamera.of((camera or F1).model),
+            PhotoCamera.of((camera or protocol_f1()).model),
             scenes.bundled() if images is None else folder(Path(images)).photographs,
             f"maskfab.Opening.reduced({count}, tiling={tiling!r}{stated})",
             periodic=tiling == "periodic",

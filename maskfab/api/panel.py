@@ -17,12 +17,11 @@ from maskfab.base.errors import JobError
 from maskfab.base.extras import require
 from maskfab.base.model import Tiling
 from maskfab.base.units import NM_PER_UM, parse_length_um, parse_pitch_um, to_nm
-from maskfab.job.read import check_die, check_seed, even_nm, parse_section
-from maskfab.job.sections import DieSection
+from maskfab.job.die import DieSection, check_die, check_seed, even_nm
+from maskfab.job.faults import parse_section
 from maskfab.job.values import check_name, um_text
-from maskfab.mask.job import check_alike
 from maskfab.mask.opening_file import checked
-from maskfab.mask.panels import CellMap, panel_shape, shifted_openings, tiled
+from maskfab.mask.panels import CellMap, check_alike, panel_shape, shifted_openings, tiled
 
 if TYPE_CHECKING:
     import cadquery

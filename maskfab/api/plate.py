@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from maskfab.api.camera import F1, Camera
+from maskfab.api.camera import Camera, protocol_f1
 from maskfab.api.lengths import Length, length_text, sections_as_text
 from maskfab.api.panel import Panel
 from maskfab.base import model
@@ -16,7 +16,8 @@ from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
 from maskfab.base.files import partial
 from maskfab.base.units import NM_PER_UM
-from maskfab.job.read import parse_section, validate
+from maskfab.job.faults import parse_section
+from maskfab.job.read import validate
 from maskfab.job.sections import JobSection, JobSpec, PlateSection
 from maskfab.job.values import um_text
 from maskfab.mask import opening_file
@@ -166,7 +167,7 @@ class Plate:
                 _keep(texts["maps"], panel.cells.name, maps.map_text(panel.cells), "maps", die)
         document = {
             "job": _plain(self.heading),
-            "camera": _plain((camera or F1).section),
+            "camera": _plain((camera or protocol_f1()).section),
             "plate": _plain(self.section),
             "die": [self._die(name, panel) for name, panel in self.panels.items()],
             **self.sections,

@@ -17,7 +17,7 @@ from maskfab.api.results import Asked, InPython, Result, Told, answers
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
 from maskfab.base.work import Progress, silent
-from maskfab.job.read import parse_section
+from maskfab.job.faults import parse_section
 from maskfab.job.reference import in_words
 from maskfab.job.sections import JobSpec
 from maskfab.job.sweep_file import SweepSpec

@@ -46,7 +46,7 @@ from maskfab.camera.lens import PhotoCamera, lattice
 from maskfab.camera.scenes import bundled
 from maskfab.camera.sensor import ELECTRONS, LEVELS
 from maskfab.job.camera import Camera as Lens
-from maskfab.job.read import check_lens, check_pupil, check_window
+from maskfab.job.die import check_lens, check_pupil, check_window
 from maskfab.mask.panels import CellMap, check_cover
 
 if TYPE_CHECKING:

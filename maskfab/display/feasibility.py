@@ -43,8 +43,8 @@ from maskfab.display.pixel_lines import WireRules
 from maskfab.display.placement import LargestGap, centred, footprint, largest_gap, wander
 from maskfab.display.polygon_check import Violation, violations
 from maskfab.display.wiring import Reach, WireDemand, Wiring, check_wires, reaches, wiring
+from maskfab.job.die import even_nm
 from maskfab.job.faults import JobFaults
-from maskfab.job.read import even_nm
 from maskfab.job.sections import (
     CircuitsSection,
     EmittersSection,

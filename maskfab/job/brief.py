@@ -23,8 +23,9 @@ from maskfab.base import resources, units
 from maskfab.base.errors import JobError
 from maskfab.base.units import NM_PER_UM, UM_PER_MM, UM_PER_NM
 from maskfab.job.camera import REFERENCE_TRANSMISSION, Camera, Stop, white_electrons
+from maskfab.job.die import check_lens
+from maskfab.job.faults import parse_section
 from maskfab.job.grid import nearest_grid, widest_dot_nm
-from maskfab.job.read import check_lens, parse_section
 from maskfab.job.sections import EmittersSection
 from maskfab.job.toml import value_text
 from maskfab.job.values import Length, LengthOrZero, LookedFrom, Name, Pitch, Section, Time, parsed

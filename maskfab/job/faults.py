@@ -15,7 +15,7 @@ from dataclasses import fields
 from difflib import get_close_matches
 from functools import cache
 from types import MappingProxyType
-from typing import Any, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, cast
 
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
@@ -23,8 +23,11 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 from maskfab.base import __version__, resources
 from maskfab.base.errors import AtFault, Faults, InputError, JobError, MaskfabError
 from maskfab.job.camera import stop_ratio
-from maskfab.job.sections import DieSection, JobSpec
 from maskfab.job.values import PART, AnySection, Section, key_of, sections_of
+
+if TYPE_CHECKING:
+    from maskfab.job.die import DieSection
+    from maskfab.job.sections import JobSpec
 
 Place: TypeAlias = tuple[int | str, ...]
 
@@ -412,3 +415,18 @@ def _names(dies: Sequence[object]) -> Iterator[str | None]:
     for die in dies:
         name = die.get("name") if isinstance(die, Mapping) else None
         yield name if isinstance(name, str) and len(name) <= 24 else None
+
+
+Kind = TypeVar("Kind", bound=AnySection)
+
+
+def parse_section(kind: type[Kind], values: object, *, where: str) -> Kind:
+    """One section from values that did not come from a file; errors as for a job."""
+    try:
+        return cast(Kind, kind.model_validate(values))
+    except ValidationError as error:
+        faults = Faults()
+        for fault in problems(error, cast(type[AnySection], kind), values, where):
+            faults.add(fault)
+        faults.refuse()
+        raise

@@ -12,23 +12,21 @@ import re
 from collections import Counter
 from collections.abc import Callable, Sequence, Set
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any
 
 from pydantic import ValidationError
 
 from maskfab.base import __version__, resources, units
 from maskfab.base.errors import AtFault, Faults, JobError, SourceError
 from maskfab.base.model import Tiling
-from maskfab.base.units import NM_PER_UM, UM_PER_NM
-from maskfab.job.camera import Camera
+from maskfab.base.units import NM_PER_UM
+from maskfab.job.die import check_across, check_lens, check_lines, check_tiling, check_window, even_nm
 from maskfab.job.faults import JobFaults, problems, sound_part
 from maskfab.job.grid import check_grid, widest_dot_nm
-from maskfab.job.sections import DesignSection, DieSection, JobSpec, RelaxSection, SearchSection
+from maskfab.job.sections import DesignSection, JobSpec, RelaxSection, SearchSection
 from maskfab.job.toml import loads
-from maskfab.job.values import METHODS, SOLIDS, AnySection
+from maskfab.job.values import METHODS, SOLIDS
 
-_MOST_DOTS_ACROSS_STOP = 6000
-_MOST_SAMPLES = 4096
 _ROUNDING_NM = 1e-6
 _FILM_UM = (0.01, 1e6)
 """Films that solids show: STEP, to which 0.1 nm is nothing, cuts thinner ones wrongly; thicker ones dwarf any plate."""
@@ -47,7 +45,7 @@ def check_dies(spec: JobSpec, faults: Faults, where: str) -> None:
         check_lens(spec.camera, where=f"{where}: camera.stop")
         number, die = min(enumerate(spec.die), key=lambda pair: pair[1].dot, default=(0, None))
         if die is not None:
-            _check_across(spec.camera, die.dot, f"{where}: die[{number}]")
+            check_across(spec.camera, die.dot, f"{where}: die[{number}]")
     with faults:
         check_lines(spec.camera, where=f"{where}: camera.wavelengths")
     with faults:
@@ -78,46 +76,6 @@ def check_names(names: Sequence[str], *, where: str) -> None:
             alike = ", ".join(repr(name) for name in names if name.lower() == folded)
             what = f"the dies {alike} differ in case only, and many systems would write their files over each other"
             raise JobError("MF109", what, where=where, cure="Give each die a name of its own")
-
-
-def check_die(die: DieSection, where: str) -> None:
-    """A tiling with the map that it needs, and a dot and a gutter on the grid of 1 nm.
-
-    Raises:
-        JobError: MF107 or MF122.
-    """
-    check_tiling(die, where)
-    units.to_nm(die.dot, where=f"{where}.dot", name="dot")
-    even_nm(die.gutter, where=f"{where}.gutter", name="gutter")
-
-
-def check_tiling(die: DieSection, where: str) -> None:
-    """A tiling with the map, the openings and the gutter that go with it.
-
-    Raises:
-        JobError: MF122.
-    """
-    if (die.tiling is Tiling.MAP) != (die.map is not None):
-        without = die.map is None
-        what = f"die {die.name!r} is tiled {die.tiling} and has {'no' if without else 'a'} map"
-        cure = 'Add map = "maps/x.toml"' if without else 'Use tiling = "map", or remove the key'
-        raise JobError("MF122", what, where=f"{where}.map", cure=cure)
-    if die.tiling is Tiling.HEXAGONAL and (die.others or die.gutter):
-        what = f"die {die.name!r} is tiled hexagonal, which takes one opening and no gutter"
-        cure = "Remove that key, or use another tiling"
-        raise JobError("MF122", what, where=f"{where}.{'others' if die.others else 'gutter'}", cure=cure)
-
-
-def check_seed(die: DieSection, where: str) -> None:
-    """A seed where chance is asked for.
-
-    Raises:
-        JobError: MF111.
-    """
-    if (die.tiling.seeded or die.others) and die.seed is None:
-        what = f"is tiled {die.tiling}" if die.tiling.seeded else f"chooses among {1 + len(die.others or ())} openings"
-        cure = "Add seed = 1"
-        raise JobError("MF111", f"die {die.name!r} {what} without a seed", where=f"{where}.seed", cure=cure)
 
 
 def check_display(spec: JobSpec, where: str) -> None:
@@ -288,38 +246,6 @@ def check_scene(spec: JobSpec, where: str) -> None:
             raise JobError("MF104", what, where=f"{where}: scene.{key}", cure=cure)
 
 
-def even_nm(value_um: float, *, where: str, name: str) -> int:
-    """Integer nanometres of a length of which either half must lie on the database grid (MF107 otherwise)."""
-    value_nm = units.to_nm(value_um, where=where, name=name)
-    if value_nm % 2:
-        what = f"{name} {value_um:g} um is an odd number of nanometres, half of which is off the 1 nm grid"
-        raise JobError("MF107", what, where=where, cure=f"Use {value_um + UM_PER_NM:g} um")
-    return value_nm
-
-
-def check_lens(camera: Camera, *, where: str) -> None:
-    """Refuse a stop through which no lens of its focal length can bring light to a focus, and a pinhole.
-
-    By the sine condition the numerical aperture is D / 2f, the sine of an angle. A stop narrower than a wavelength is
-    no aperture of scalar diffraction.
-
-    Raises:
-        JobError: MF131 if D / 2f exceeds 1; MF104 if D is less than the longest wavelength.
-    """
-    width, widest = camera.stop.diameter_um, 2 * camera.focal_um
-    line = max(camera.wavelengths_nm) * UM_PER_NM
-    if width < line:
-        what = f"a stop of {width:g} um is narrower than the wavelength of {line:g} um"
-        raise JobError("MF104", what, where=where, cure='Give the diameter of the lens, such as "4 mm"')
-    if width > widest:
-        what = (
-            f"a stop of {width:g} um before a focal length of {camera.focal_um:g} um has the numerical aperture "
-            f"{width / widest:.3g}; in air the limit is 1"
-        )
-        cure = f"Use a stop of at most {widest:g} um, or a longer focal length"
-        raise JobError("MF131", what, where=where, cure=cure)
-
-
 def check_windows(spec: JobSpec, where: str) -> None:
     """Refuse the window of a PSF that a die has no room for, by :func:`check_window`; photographs use none.
 
@@ -328,74 +254,6 @@ def check_windows(spec: JobSpec, where: str) -> None:
     if spec.die:
         number, die = max(enumerate(spec.die), key=lambda pair: pair[1].dot)
         check_window(spec.camera, die.dot, where=f"{where}: die[{number}]")
-
-
-def check_lines(camera: Camera, *, where: str) -> None:
-    """Refuse a wavelength that is there twice.
-
-    Raises:
-        JobError: MF105.
-    """
-    twice = [line for line, count in Counter(camera.wavelengths_nm).items() if count > 1]
-    if twice:
-        what = f"the wavelength {twice[0]:g} nm is given more than once"
-        raise JobError("MF105", what, where=where, cure="List each wavelength once")
-
-
-def check_optics(camera: Camera, dot_um: float, *, where: str) -> None:
-    """Refuse what :func:`check_pupil` and :func:`check_window` refuse."""
-    check_pupil(camera, dot_um, where=where)
-    check_window(camera, dot_um, where=where)
-
-
-def check_pupil(camera: Camera, dot_um: float, *, where: str) -> None:
-    """Refuse an aperture too fine to hold, and what :func:`check_lines` refuses.
-
-    Raises:
-        JobError: MF105 if a wavelength is there twice; MF115 if the stop is more than 6000 dots across.
-    """
-    check_lines(camera, where=f"{where}: camera.wavelengths")
-    _check_across(camera, dot_um, where)
-
-
-def _check_across(camera: Camera, dot_um: float, where: str) -> None:
-    across = camera.stop.diameter_um / dot_um
-    if across > _MOST_DOTS_ACROSS_STOP:
-        what = (
-            f"a stop of {camera.stop.diameter_um:g} um is {across:.0f} dots of {dot_um:g} um across; the limit is "
-            f"{_MOST_DOTS_ACROSS_STOP}"
-        )
-        raise JobError("MF115", what, where=where, cure="Use a smaller stop or a coarser dot")
-
-
-def check_window(camera: Camera, dot_um: float, *, where: str) -> None:
-    """Refuse a window with replicas of the PSF in it, and one that is too fine to hold.
-
-    Raises:
-        JobError: MF104 for a window smaller than a pixel; MF113 if it is wider than λf/dot at the shortest wavelength;
-            MF115 if it is more than 4096 samples wide.
-    """
-    shortest = min(camera.wavelengths_nm)
-    limit = shortest * UM_PER_NM * camera.focal_um / dot_um
-    if camera.window_um > limit:
-        what = (
-            f"window {camera.window_um:g} um is wider than λf/dot = {limit:.1f} um at {shortest:g} nm for a dot of "
-            f"{dot_um:g} um"
-        )
-        cure = f"Use a window of at most {math.floor(limit * 10) / 10:g} um"
-        raise JobError("MF113", what, where=f"{where}: camera.window", cure=cure)
-    if camera.window_um < camera.pixel_um:
-        what = f"window {camera.window_um:g} um is smaller than one sensor pixel of {camera.pixel_um:g} um"
-        raise JobError("MF104", what, where=f"{where}: camera.window", cure="Use a window of many pixels")
-    finest = min(camera.pixel_um, shortest * UM_PER_NM * camera.focal_um / camera.stop.diameter_um) / 2
-    samples = camera.window_um / finest
-    if samples > _MOST_SAMPLES:
-        what = (
-            f"a window of {camera.window_um:g} um is {samples:.0f} samples of {finest:g} um wide; the limit is "
-            f"{_MOST_SAMPLES}"
-        )
-        cure = f"Use a window of at most {math.floor(_MOST_SAMPLES * finest * 10) / 10:g} um, or a larger pixel"
-        raise JobError("MF115", what, where=f"{where}: camera.window", cure=cure)
 
 
 def check_order(spec: JobSpec, where: str) -> None:
@@ -490,9 +348,6 @@ def check_film(spec: JobSpec, where: str) -> None:
         f"solids show films of {least * NM_PER_UM:g} nm to {most / 1e6:g} m"
     )
     raise JobError("MF104", what, where=f"{where}: export.{key}", cure=cure)
-
-
-Kind = TypeVar("Kind", bound=AnySection)
 
 
 def read(path: Path, further: Callable[[JobSpec], None] | None = None) -> JobSpec:
@@ -620,18 +475,6 @@ def check_version(document: object, where: str) -> None:
 
 
 _VERSION = re.compile(r"\d{1,6}(\.\d{1,6}){0,3}")
-
-
-def parse_section(kind: type[Kind], values: object, *, where: str) -> Kind:
-    """One section from values that did not come from a file; errors as for a job."""
-    try:
-        return cast(Kind, kind.model_validate(values))
-    except ValidationError as error:
-        faults = Faults()
-        for fault in problems(error, cast(type[AnySection], kind), values, where):
-            faults.add(fault)
-        faults.refuse()
-        raise
 
 
 def _toml(text: str, where: str) -> dict[str, Any]:

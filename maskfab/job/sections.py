@@ -12,6 +12,7 @@ from maskfab.base.errors import JobError
 from maskfab.base.model import Tiling
 from maskfab.base.units import NM_PER_UM
 from maskfab.job.camera import Camera, Sensor
+from maskfab.job.die import DieSection
 from maskfab.job.order import DATA_KEYS, OrderSection, Tone
 from maskfab.job.process import MaskBlank, Process
 from maskfab.job.values import (
@@ -92,39 +93,6 @@ class LimitsSection(Section):
     """Narrowest clear shape."""
     min_space: Length | None = None
     """Narrowest chrome between clear shapes."""
-
-
-class DieSection(Section):
-    """[[die]]: one opening laid out as one panel."""
-
-    name: Name
-    """Name of the die in files and reports."""
-    label: DrawnText = Field(min_length=1, max_length=40)
-    """Text under the die, ASCII."""
-    opening: str
-    """A key of [openings], or the path of a file relative to the job: TOML, text, PNG, TIFF, EXR, NumPy, GDSII, OASIS
-    or DXF.
-    """
-    opening_layer: str | None = None
-    """Layer that holds the opening, in a layout file."""
-    opening_cell: str | None = None
-    """Cell that holds the opening, in a layout file."""
-    others: Annotated[tuple[str, ...], Field(min_length=1, max_length=14, strict=False)] | None = None
-    """Further openings; every cell draws one of all."""
-    dot: Length
-    """Side of one dot."""
-    pitch: Pitch | None = None
-    """Pitch of the pixels, as a length or in DPI; checked against dots x dot + gutter."""
-    gutter: LengthOrZero = 0.0
-    """Opaque space between neighbouring cells, half of it on each side."""
-    tiling: Annotated[Tiling, Field(strict=False)]
-    """Order of orientations over the panel."""
-    map: str | None = None
-    """With tiling = "map": a key of [maps], or the path of a file relative to the job."""
-    seed: int | None = Field(default=None, ge=0)
-    """Seed of a tiling that is drawn at random."""
-    size: PlateLength | None = None
-    """Side of the square that the panel fills with whole pixels; default: plate.die_size."""
 
 
 class RulesSection(Section):

@@ -8,7 +8,8 @@ from typing import Annotated, Literal, TypeAlias
 from pydantic import Field, StrictBool, StrictFloat, StrictInt, StrictStr
 
 from maskfab.base.errors import JobError
-from maskfab.job.read import document, parse_section
+from maskfab.job.faults import parse_section
+from maskfab.job.read import document
 from maskfab.job.values import Counts, Names, Section, checks
 
 Value: TypeAlias = StrictBool | StrictInt | StrictFloat | StrictStr

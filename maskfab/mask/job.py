@@ -14,11 +14,12 @@ from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import AtFault, Faults, JobError, SourceError
 from maskfab.base.model import Opening, Panel, Plate, Quantity, Tiling
 from maskfab.job.camera import Camera
+from maskfab.job.die import DieSection, check_seed, check_window
 from maskfab.job.faults import JobFaults
 from maskfab.job.grid import check_grid
 from maskfab.job.process import UNSTATED, MaskBlank
-from maskfab.job.read import check_seed, check_window, check_windows, document, examined
-from maskfab.job.sections import DieSection, EmittersSection, JobSpec
+from maskfab.job.read import check_windows, document, examined
+from maskfab.job.sections import EmittersSection, JobSpec
 from maskfab.job.values import is_table
 from maskfab.mask import opening_file, panels
 from maskfab.mask.panels import DieSeeds, die_panels
@@ -95,7 +96,7 @@ class Job:
         """Refuse a window that shows replicas of the PSF, for verbs that show a PSF.
 
         Raises:
-            JobError: MF104, MF113 or MF115 as :func:`maskfab.job.read.check_window`, of the camera's lines and of the
+            JobError: MF104, MF113 or MF115 as :func:`maskfab.job.die.check_window`, of the camera's lines and of the
                 ends of the scene's bands.
         """
         check_windows(self.spec, self.where)
@@ -196,7 +197,7 @@ def _drawn(
             with faults.of_die(die.name):
                 held = tuple(_opening(name, die, i, stated, path) for name in names)
             lost.difference_update(names)
-            check_alike(held, f"{path}: die[{i}].others")
+            panels.check_alike(held, f"{path}: die[{i}].others")
             with faults:
                 check_die_grid(die, held[0], stated.emitters, f"{path}: ", f"die[{i}]", pitch_alone=True)
             for opening in held:
@@ -401,18 +402,6 @@ def check_die_grid(
         return
     rules = {} if emitters is None else emitters.grid_lengths
     check_grid(pitch_um, opening.dots, dot_nm, gutter_nm, rules, key=key, dots_given=True, where=where)
-
-
-def check_alike(held: tuple[Opening, ...], where: str) -> None:
-    """Cells that choose among openings are of one size."""
-    for opening in held[1:]:
-        if opening.dots != held[0].dots:
-            raise JobError(
-                "MF122",
-                f"the opening {opening.name!r} has {opening.dots} dots a side, and {held[0].name!r} has {held[0].dots}",
-                where=where,
-                cure="Choose among openings of one size",
-            )
 
 
 def _opening(name: str, die: DieSection, number: int, stated: JobSpec, path: Path) -> Opening:

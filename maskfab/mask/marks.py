@@ -23,8 +23,8 @@ from maskfab.base.arrays import Mask
 from maskfab.base.errors import JobError, ManyFaultsError
 from maskfab.base.model import CLEAR, Box, Die, Gauge, Mark, Point, Polygon
 from maskfab.base.units import NM_PER_UM, to_nm
+from maskfab.job.faults import parse_section
 from maskfab.job.order import ChromeSide, Tone
-from maskfab.job.read import parse_section
 from maskfab.job.toml import loads
 from maskfab.job.values import DrawnText, Name, PlateLength, Section, length_um, refusing
 from maskfab.mask.outlines import outline

@@ -34,7 +34,7 @@ import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,12 +46,15 @@ from maskfab.base.errors import Faults, JobError, SourceError
 from maskfab.base.model import ORIENTATIONS, Opening, Panel, Scalar, Tiling, frozen
 from maskfab.base.units import NM_PER_MM, NM_PER_UM, to_nm
 from maskfab.job.camera import Stop
-from maskfab.job.sections import DieSection, JobSection, JobSpec, PlateSection
+from maskfab.job.die import DieSection
 from maskfab.job.values import check_name
 from maskfab.mask.opening import drawn_lines
 from maskfab.mask.opening_file import at_key, facts_of, provenance_lines, provenance_of, quoted
 from maskfab.optics.pupil import cut, panel_aperture
 from maskfab.optics.tiling import MOST_OPENINGS, orientations
+
+if TYPE_CHECKING:
+    from maskfab.job.sections import JobSection, JobSpec, PlateSection
 
 TURNS = 6
 
@@ -517,6 +520,18 @@ def _side_nm(die: DieSection, slot_nm: int, where: str) -> int:
             cure=f'Use size = "{slot_nm / NM_PER_UM:g} um" or less, or a larger plate.die_size',
         )
     return side_nm
+
+
+def check_alike(held: tuple[Opening, ...], where: str) -> None:
+    """Cells that choose among openings are of one size."""
+    for opening in held[1:]:
+        if opening.dots != held[0].dots:
+            raise JobError(
+                "MF122",
+                f"the opening {opening.name!r} has {opening.dots} dots a side, and {held[0].name!r} has {held[0].dots}",
+                where=where,
+                cure="Choose among openings of one size",
+            )
 
 
 def tiled(die: DieSection, held: tuple[Opening, ...], side_nm: int, given: CellMap | None, *, where: str) -> Panel:

@@ -39,8 +39,9 @@ from maskfab.display.drive import lives
 from maskfab.display.feasibility import PlateWithDisplays, displays
 from maskfab.display.limits import DEFAULT_LIFE
 from maskfab.job.camera import Stop
+from maskfab.job.die import DieSection
 from maskfab.job.reference import USES, in_words, unused
-from maskfab.job.sections import DieSection, JobSpec, ReportSection, RulesSection, SearchSection
+from maskfab.job.sections import JobSpec, ReportSection, RulesSection, SearchSection
 from maskfab.job.toml import dumps
 from maskfab.mask.houses.profiles import load_shop, shop_names, shop_of
 from maskfab.mask.job import Job, resolve

@@ -12,7 +12,7 @@ from maskfab.base.model import Die, DieOptics, Mtf, Panel, Quantity
 from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.job.camera import Camera
-from maskfab.job.read import check_lens, check_pupil
+from maskfab.job.die import check_lens, check_pupil
 from maskfab.mask.job import Job
 from maskfab.mask.panels import check_cover
 from maskfab.mask.plate_rules import judged

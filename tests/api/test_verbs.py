@@ -13,7 +13,7 @@ from once import leaves
 from small_job import OPENING, command, write_job
 
 import maskfab as mf
-from maskfab.api.camera import F1
+from maskfab.api.camera import protocol_f1
 from maskfab.base.errors import JobError, OutputError
 from maskfab.cli.command import place_of
 from maskfab.cli.program import VERBS
@@ -199,7 +199,7 @@ def test_what_cannot_be_said_of_a_subject_is_refused_and_not_ignored(tmp_path, n
     [
         ({"dots": 7}, "dots"),
         ({"method": "search"}, "method"),
-        ({"camera": F1}, "camera"),
+        ({"camera": protocol_f1()}, "camera"),
         ({"anneal": 5}, "anneal"),
         ({"emitters": {}, "wires": {}, "sections": {}}, "emitters, wires, sections"),
     ],

@@ -19,7 +19,7 @@ from maskfab.designs.model.expected_psnr import surrogate
 from maskfab.designs.model.panel_error import pupil_error
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.search.annealing import ExpectedPsnr
-from maskfab.job.read import parse_section
+from maskfab.job.faults import parse_section
 from maskfab.job.sections import SearchSection
 
 DOTS = 7

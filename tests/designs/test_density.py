@@ -23,7 +23,7 @@ from maskfab.display.feasibility import DisplayRules
 from maskfab.display.placement import footprint
 from maskfab.display.turned_grain import turned_grain
 from maskfab.job.camera import Stop
-from maskfab.job.read import parse_section
+from maskfab.job.faults import parse_section
 from maskfab.job.sections import EmittersSection, SearchSection
 from maskfab.mask.panels import CellMap, check_map
 

@@ -13,7 +13,7 @@ from maskfab.base.errors import JobError
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import of_display
 from maskfab.designs.search.result import constraints_of
-from maskfab.job.read import parse_section
+from maskfab.job.faults import parse_section
 from maskfab.job.sections import SearchSection
 
 UNIT = np.zeros((12, 12), dtype=np.bool_)

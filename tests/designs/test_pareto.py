@@ -37,7 +37,8 @@ from maskfab.designs.rules.display_fit import Display, Footprints
 from maskfab.designs.rules.families import bars
 from maskfab.designs.search.annealing import ExpectedPsnr
 from maskfab.display.emitter_rules import EmitterRules, Verdict
-from maskfab.job.read import parse_section, validate
+from maskfab.job.faults import parse_section
+from maskfab.job.read import validate
 from maskfab.job.sections import JobSpec, ParetoSection, RulesSection, SearchSection
 from maskfab.job.toml import loads
 from maskfab.mask.opening_file import opening_text, parse_opening

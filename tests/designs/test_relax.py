@@ -19,7 +19,7 @@ from maskfab.designs.rules.families import FAMILIES
 from maskfab.designs.search.annealing import nearest
 from maskfab.designs.search.result import NO_BOUNDS, Designed, constraints_of
 from maskfab.job.camera import Camera, Stop
-from maskfab.job.read import parse_section
+from maskfab.job.faults import parse_section
 from maskfab.job.sections import RelaxSection
 from maskfab.mask.opening_file import opening_text, parse_opening
 

@@ -21,7 +21,7 @@ from maskfab.designs.rules.families import bars
 from maskfab.designs.rules.rule import Conflict, Rule, price_key, priced_rule
 from maskfab.designs.search.annealing import anneal, nearest, scan
 from maskfab.designs.search.result import Designed, constraints_of, of_prices, prices
-from maskfab.job.read import parse_section
+from maskfab.job.faults import parse_section
 from maskfab.job.reference import keys_of
 from maskfab.job.sections import RulesSection, SearchSection
 from maskfab.mask.opening_file import opening_text, parse_opening

@@ -28,7 +28,7 @@ from maskfab.designs.search.method import different, search, shortlisted
 from maskfab.designs.search.mtf_exchange import best_for_auc
 from maskfab.designs.search.result import constraints_of
 from maskfab.designs.search.scan import Best, scanned
-from maskfab.job.read import parse_section
+from maskfab.job.faults import parse_section
 from maskfab.job.sections import SearchSection
 from maskfab.mask import panels
 from maskfab.mask.opening_file import opening_text, parse_opening

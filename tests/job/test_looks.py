@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from maskfab.base.errors import JobError
-from maskfab.job.read import parse_section
+from maskfab.job.faults import parse_section
 from maskfab.job.sections import LivesSection, LooksSection
 
 

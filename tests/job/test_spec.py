@@ -15,8 +15,10 @@ from maskfab.base import resources
 from maskfab.base.errors import JobError, SourceError
 from maskfab.base.model import Tiling
 from maskfab.job.camera import Camera, Stop
+from maskfab.job.die import check_optics, even_nm
+from maskfab.job.faults import parse_section
 from maskfab.job.process import Process
-from maskfab.job.read import check_optics, even_nm, parse_section, read, validate
+from maskfab.job.read import read, validate
 from maskfab.job.sections import EmittersSection, SceneSection
 from maskfab.job.values import check_name
 

@@ -9,7 +9,7 @@ from small_job import JOB, OPENING, command, look
 
 from maskfab.base.errors import JobError
 from maskfab.job.camera import Camera, Stop
-from maskfab.job.read import check_lens
+from maskfab.job.die import check_lens
 from maskfab.optics.metrics import FASTEST_PARAXIAL, fast_lens
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words")

@@ -10,7 +10,7 @@ from sweeps import examples
 
 from maskfab.base.errors import JobError, MaskfabError
 from maskfab.job.camera import Camera, Stop
-from maskfab.job.read import parse_section
+from maskfab.job.faults import parse_section
 from maskfab.job.sections import SceneSection
 from maskfab.job.values import COLDEST_K, HOTTEST_K
 from maskfab.optics.response import black_body, generic_rgb

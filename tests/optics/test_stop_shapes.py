@@ -20,7 +20,7 @@ from maskfab.base.errors import JobError
 from maskfab.cli.program import run_command_line
 from maskfab.designs.descent.objective import tiled_stop
 from maskfab.job.camera import Camera, Stop
-from maskfab.job.read import parse_section
+from maskfab.job.faults import parse_section
 from maskfab.optics.field.matrix import parity_field
 from maskfab.optics.field.polygons import boundary
 from maskfab.optics.lags import lag_table

@@ -17,8 +17,9 @@ from maskfab.base.errors import JobError, SourceError
 from maskfab.base.files import partial
 from maskfab.base.model import Plate
 from maskfab.base.units import NM_PER_MM, NM_PER_UM, UM_PER_MM
+from maskfab.job.faults import parse_section
 from maskfab.job.order import ContactSection, Film, Glass, OrderSection, Protection, Touches
-from maskfab.job.read import check_order, parse_section, validate
+from maskfab.job.read import check_order, validate
 from maskfab.job.read import read as read_spec
 from maskfab.job.sections import JobSpec
 from maskfab.job.shop import Shop

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from maskfab.base.arrays import Ints, Mask
 from maskfab.base.units import NM_PER_UM
-from maskfab.job.sections import DieSection, JobSpec
+from maskfab.job.die import DieSection
+from maskfab.job.sections import JobSpec
 
 _HALF = 1 << 31
 _ROW = 1 << 32

@@ -20,8 +20,8 @@ from maskfab.base.processes import release_memory
 from maskfab.base.units import NM_PER_UM, to_nm
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.job.camera import Camera, Stop
+from maskfab.job.die import check_lens, check_optics, even_nm
 from maskfab.job.process import UNSTATED, MaskBlank
-from maskfab.job.read import check_lens, check_optics, even_nm
 from maskfab.job.sections import SceneSection
 from maskfab.job.values import is_table
 from maskfab.mask import opening_file

@@ -31,7 +31,7 @@ from maskfab.camera.record import Restorer
 from maskfab.camera.scenes import Folder, Photograph, drawn
 from maskfab.camera.scores import Crop, MeanDifference, Score, truth_of
 from maskfab.job.camera import Camera
-from maskfab.job.read import parse_section
+from maskfab.job.faults import parse_section
 from maskfab.job.reference import USES, unused
 from maskfab.job.sections import CaseSection, ClaimSection, SceneSection, StudySection
 from maskfab.mask.job import Job, with_masks
