@@ -17,7 +17,6 @@ from maskfab.base import __version__, model
 from maskfab.base.arrays import Mask
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError, OutputError
-from maskfab.base.folders import write_text
 from maskfab.base.units import NM_PER_UM, parse_pitch_um
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.job.values import check_name
@@ -246,6 +245,8 @@ class Opening(model.Opening):
         Raises:
             OutputError: MF430 for another suffix, MF401 if the file cannot be written.
         """
+        from maskfab.base.folders import write_text
+
         target = Path(path)
         if target.suffix.lower() != ".toml":
             problem = f"no opening is written with the suffix {target.suffix!r}"

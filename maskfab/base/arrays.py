@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,3 +14,11 @@ Ints = NDArray[np.int64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 Labels = NDArray[np.int8]
+
+Number = TypeVar("Number", bound=np.generic)
+
+
+def distinct(values: NDArray[Number]) -> NDArray[Number]:
+    """Values of an array, each once, ascending."""
+    # Asked for nothing else np.unique loads numpy.ma, which takes longer than a PSF's arithmetic may.
+    return np.unique(values, return_counts=True)[0]

@@ -14,7 +14,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Literal, TypeVar
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,9 @@ from maskfab.base import checks as require
 from maskfab.base.arrays import Floats, Indices, Labels, Mask
 from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import InternalError
-from maskfab.base.quantities import registered
+
+if TYPE_CHECKING:
+    from maskfab.base.quantities import Entry
 
 Point = tuple[int, int]
 Polygon = tuple[Point, ...]
@@ -590,18 +592,24 @@ class Quantity:
     detail: str | None = None
 
     def __post_init__(self) -> None:
-        if registered(self.name).takes_detail != (self.detail is not None):
+        if self._entry.takes_detail != (self.detail is not None):
             raise InternalError("MF901", f"symbol or unit of {self.name!r} cannot be told with detail {self.detail!r}")
+
+    @property
+    def _entry(self) -> Entry:
+        from maskfab.base.quantities import registered  # reads a long table, and a panel needs none
+
+        return registered(self.name)
 
     @property
     def symbol(self) -> str:
         """Symbol of the formula; empty for counts and words."""
-        return registered(self.name).symbol.replace("{detail}", self.detail or "")
+        return self._entry.symbol.replace("{detail}", self.detail or "")
 
     @property
     def unit(self) -> str:
         """Unit of value, uncertainty and limit; ``1`` for a ratio, empty for counts and words."""
-        return registered(self.name).unit.replace("{detail}", self.detail or "")
+        return self._entry.unit.replace("{detail}", self.detail or "")
 
     def __float__(self) -> float:
         if not isinstance(self.value, int | float):

@@ -9,7 +9,6 @@ import re
 from collections.abc import Mapping
 from contextlib import suppress
 from functools import cache
-from importlib import metadata
 from pathlib import Path
 
 from maskfab.base import __version__
@@ -45,6 +44,8 @@ def versions(*, extras: bool = False) -> dict[str, str]:
 @cache
 def _libraries(extras: bool) -> Mapping[str, str]:
     """Looked up once, for their metadata are long texts."""
+    from importlib import metadata  # slow to load, and only what is written needs it
+
     asked = filter(None, map(_REQUIREMENT.match, metadata.requires("maskfab") or ()))
     names = {each["name"] for each in asked if extras or each["extra"] in (None, *_WRITING)}
     numbers: dict[str, str] = {}

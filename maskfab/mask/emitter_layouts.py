@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-import scipy
 
 from maskfab.base.arrays import Floats, Labels, Mask
 from maskfab.base.errors import JobError
@@ -91,7 +90,7 @@ def diamond(
         np.minimum(away(dots, one), away(dots, other)) < clear_reach for one, other in ((0.25, 0.75), (0, 0.5))
     )
     mask = (quarters[None, :] & halves[:, None]) | (halves[None, :] & quarters[:, None])
-    near = scipy.ndimage.maximum_filter(labels, size=2 * to_opening + 1, mode="wrap")
+    near = _spread(labels, to_opening, "wrap")
     mask &= near == 0
     if not mask.any():
         raise _narrow("nothing is left of the openings", "clear_reach")
@@ -130,7 +129,7 @@ def lined_diamond(
     _check(dots, **{k: v for k, v in locals().items() if k != "dots"})
     _check_multiple(dots, 2)
     labels = _diamond_emitters(dots, red_reach, green_reach, blue_reach)
-    mask = scipy.ndimage.maximum_filter(labels, size=2 * to_opening + 1, mode="wrap") == 0
+    mask = _spread(labels, to_opening, "wrap") == 0
     pixel = dots // 2
     for starts, across in (((first_data, second_data, power), False), ((scan, emission), True)):
         places = np.sort(np.array(starts) % pixel)
@@ -220,7 +219,7 @@ def circular(dots: int, *, diameter: int, colour_gap: int, to_opening: int, bord
     x, y = (place / _FINER for place in _centred(dots * _FINER))
     radius = np.hypot(x, y)
     clear = refined(mask, _FINER)
-    near = scipy.ndimage.maximum_filter(clear, size=2 * _FINER * to_opening + 1, mode="constant")
+    near = _spread(clear, _FINER * to_opening, "constant")
     free = ~near & (radius <= dots / 2 - border)
     labels = np.zeros(radius.shape, dtype=np.int8)
     share = int(clear.sum()) / 3
@@ -456,3 +455,11 @@ def _check_room(what: str, needed: int, room: int) -> None:
 
 def _narrow(what: str, where: str) -> JobError:
     return JobError("MF117", what, where=where, cure="Use more dots, or smaller lengths")
+
+
+def _spread(picture: Labels | Mask, reach: int, mode: str) -> Labels:
+    """The largest value within so many elements either way."""
+    from scipy import ndimage  # slow to load, and few openings are drawn with emitters
+
+    found: Labels = ndimage.maximum_filter(picture, size=2 * reach + 1, mode=mode)
+    return found

@@ -44,6 +44,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, reduce
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -51,12 +52,14 @@ from maskfab.base.arrays import Complexes, Floats
 from maskfab.base.model import Psf, frozen
 from maskfab.base.units import UM_PER_NM
 from maskfab.job.camera import Camera, Stop
-from maskfab.job.process import MaskBlank, Roughness
 from maskfab.optics.field.matrix import ParityField
 from maskfab.optics.field.methods import FieldTask, admissible, field
-from maskfab.optics.lags import LagTable
 from maskfab.optics.pupil import Aperture, Pupil, cut
 from maskfab.optics.stop import clear_field, inside
+
+if TYPE_CHECKING:
+    from maskfab.job.process import MaskBlank, Roughness
+    from maskfab.optics.lags import LagTable
 
 # Shares of the reach, and directions.
 _LAGS = [(share, x, y) for share in (0.25, 0.5, 1.0) for x, y in ((1.0, 0.0), (0.0, 1.0), (0.7, 0.7), (-0.7, 0.7))]

@@ -23,7 +23,7 @@ from typing import Literal
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 
-from maskfab.base.arrays import Floats, Indices, Labels, Mask
+from maskfab.base.arrays import Floats, Indices, Labels, Mask, distinct
 from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, Panel, Polygon, frozen, orient, refined
 from maskfab.base.units import NM_PER_UM
@@ -45,7 +45,7 @@ def veil(panel: Panel) -> tuple[Floats, Floats]:
     points = [np.array(polygon).ravel() for track in drawn for polygon in track.polygons]
     cuts = np.concatenate([lines, *points, *(panel.pitch_nm - point for point in points)])
     # The same cuts in x and y, and mirrored, so that a turn is a turn of the array.
-    edges = np.unique(cuts[(cuts >= lines[0]) & (cuts <= lines[-1])])
+    edges = distinct(cuts[(cuts >= lines[0]) & (cuts <= lines[-1])])
     middle = (edges[1:] + edges[:-1]) / 2
     shares = np.diff(edges) / panel.dot_nm
     starts = np.searchsorted(edges, lines[:-1])
@@ -217,7 +217,7 @@ def _laid_out(oriented: Floats | Mask, chosen: Labels, x: Lattice, y: Lattice) -
     # One row of cells at a time stays in the processor's cache; thousands of dots across would not.
     strip = np.zeros((y.dots, x.cells, x.period))
     for j in range(y.cells):
-        for k in np.unique(chosen[j]):
+        for k in distinct(chosen[j]):
             strip[:, chosen[j] == k, : x.dots] = oriented[k][:, None, :]
         rows = slice(j * y.period, j * y.period + y.dots)
         transmission[rows] = strip.reshape(y.dots, -1)[:, : transmission.shape[1]]

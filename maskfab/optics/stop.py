@@ -15,7 +15,6 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-import scipy
 from numpy.polynomial.legendre import leggauss
 
 from maskfab.base.arrays import Complexes, Floats, Mask
@@ -181,6 +180,8 @@ def clear_field(stop: Stop, u: Floats, v: Floats) -> Complexes:
 
 
 def _ellipse_field(width: float, height: float, u: Floats, v: Floats) -> Floats:
+    from scipy import special  # slow to load, and of plain stops alone
+
     q = np.pi * np.hypot(width * u, height * v)
     safe = np.where(q > 0, q, 1.0)
-    return np.asarray(np.pi / 4 * width * height * np.where(q > 0, 2 * scipy.special.j1(safe) / safe, 1.0))
+    return np.asarray(np.pi / 4 * width * height * np.where(q > 0, 2 * special.j1(safe) / safe, 1.0))

@@ -24,10 +24,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
-from maskfab.base.arrays import Complexes, Floats, Indices
+from maskfab.base.arrays import Complexes, Floats, Indices, distinct
 from maskfab.base.errors import InternalError
 from maskfab.base.model import Scalar
 from maskfab.optics.field.waves import (
@@ -130,7 +129,7 @@ class _Side:
 
 
 def _side(edges: Floats, index: Indices, highest: float, orders: int) -> _Side:
-    held = np.unique(index)
+    held = distinct(index)
     low, high = edges[held], edges[held + 1]
     nodes = nodes_for(float(low[0]), float(high[-1]), highest)
     moments = nodes.moments(low, high, orders, orders + 2)
@@ -454,6 +453,8 @@ def direct_field(pupil: Pupil, u: Floats, v: Floats, precision: Precision = "dou
     total = total.astype(np.complex128, copy=False)
     if not pupil.rim_row.size:
         return total
+    import scipy  # slow to load, and of rims alone
+
     weight = 2 * np.arange(orders) + 1
     moments = pupil.moments(orders) * weight[:, None] * weight
     rows, columns = pupil.whole.shape

@@ -32,7 +32,6 @@ from types import MappingProxyType
 from typing import Any, Protocol
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Complexes, Floats, Indices
@@ -225,6 +224,8 @@ class PrunedField:
 
     def _whole(self, u: Floats, v: Floats) -> ParityField:
         on_axis = bool(u[0] == 0)
+        import scipy  # slow to load, and the fastest method for few samples needs none
+
         live = np.flatnonzero(self.pupil.whole.any(axis=1))
         rows: Reals = self.pupil.whole[live].astype(real_type(self.precision), copy=False)
         kind = np.result_type(rows.dtype, np.complex64)
@@ -286,6 +287,8 @@ def _step(frequency: Floats) -> float:
 
 def _row_transform(rows: Reals, lattice: Lattice, u: Floats, on_axis: bool) -> NDArray[np.complexfloating[Any]]:
     """Rows at the frequencies u, [rows, nu], the first dot at the origin."""
+    import scipy
+
     size = transform_size(lattice, u)
     if on_axis:
         spectrum: NDArray[np.complexfloating[Any]] = scipy.fft.rfft(rows, size, axis=1)[:, : u.size]
