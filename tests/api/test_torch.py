@@ -14,6 +14,7 @@ from maskfab.base.errors import InputError, JobError
 from maskfab.base.model import Opening, Panel, Tiling, orient
 from maskfab.camera.lens import PhotoCamera, lattice
 from maskfab.camera.scenes import bundled
+from maskfab.designs.descent import panel_optics
 from maskfab.designs.descent.losses import expected_error
 from maskfab.designs.descent.objective import Autocorrelation, tiled_stop
 from maskfab.designs.descent.panel_optics import modulation
@@ -49,6 +50,41 @@ def test_first_and_second_derivatives_agree_with_differences(name: str) -> None:
     dots = grey(3, 1, 2).requires_grad_()
     assert torch.autograd.gradcheck(TINY_ONES[name], dots, fast_mode=True)
     assert torch.autograd.gradgradcheck(TINY_ONES[name], dots, fast_mode=True)
+
+
+@pytest.mark.parametrize("tiling", ["random", "periodic"])
+def test_fine_dots_that_share_sources_have_true_derivatives(monkeypatch: pytest.MonkeyPatch, tiling: str) -> None:
+    monkeypatch.setattr(panel_optics, "_FINE", 2)
+    camera = mf.Camera("4 mm", stop="90 um", pixel="4 um", wavelengths="530 nm", window="32 um")
+    panel = mf.Panel.tile(binary(6, 3), tiling, seed=1, pitch="24 um", size="120 um")
+    function = panel_optics.point_image(panel, camera.model, 530.0)
+    assert isinstance(function.spread, panel_optics.Merged)
+    dots = grey(6, 1, 2).requires_grad_()
+    assert torch.autograd.gradcheck(lambda unit: function(unit) / 1e-3, dots, fast_mode=True)
+    assert torch.autograd.gradgradcheck(lambda unit: function(unit) / 1e-3, dots, fast_mode=True)
+
+
+@pytest.mark.parametrize("stop", ["1 mm", {"shape": "rectangle", "width": "600 um", "height": "1 mm"}])
+@pytest.mark.parametrize("pixels", [False, True])
+def test_fine_dots_that_share_sources_are_those_that_have_their_own(
+    monkeypatch: pytest.MonkeyPatch, stop: Any, pixels: bool
+) -> None:
+    camera = mf.Camera("10 mm", stop=stop, pixel="2 um", wavelengths="530 nm", window="128 um")
+    panel = mf.Panel.tile(binary(48, 5), "random", seed=3, pitch="96 um", size="1.2 mm")
+
+    def taken(shared: bool, dtype: torch.dtype) -> torch.Tensor:
+        monkeypatch.setattr(panel_optics, "_FINE", 48 if shared else 49)
+        function = panel_optics.point_image(panel, camera.model, 530.0, pixels=pixels, dtype=dtype)
+        assert isinstance(function.spread, panel_optics.Merged) is shared
+        dots = grey(48, 7).to(dtype).requires_grad_()
+        image = function(dots) / float(function(dots).detach().max())
+        (slope,) = torch.autograd.grad((grey(len(image), 6).to(dtype) * image**2).sum(), dots)
+        return torch.cat([image.detach().flatten(), slope.flatten() / float(slope.abs().max())])
+
+    exact = taken(False, torch.float64)
+    assert float((taken(True, torch.float64) - exact).abs().max()) < 1e-12
+    single, rounded = (float((taken(shared, torch.float32) - exact).abs().max()) for shared in (True, False))
+    assert single < 2 * rounded < 1e-4
 
 
 def test_the_derivatives_of_the_restored_error_agree_with_differences() -> None:

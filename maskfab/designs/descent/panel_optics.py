@@ -17,6 +17,9 @@ by least squares; they grow in number until the equation's residual is below a t
 sum of a few hundred thousand terms, and the products are those of whole dots. Dots that are coarse for the window, and
 gutters, are filled with finer sources until there are four in the shortest period of the field.
 
+**Fine dots are merged.** Where a dot is a small part of that period, sources of several dots' width stand for dots in
+the same way. Within a cell they are a product of matrices, and cells that the stop does not cut share one, turned.
+
 **The MTF** is read from the autocorrelation of :mod:`maskfab.designs.descent.objective`, that of the descent's losses,
 with cut dots by their mean transmission, as :meth:`maskfab.optics.lags.LagTable.coarse_otf` has it. Gutters take the
 lags of cells and of dots apart.
@@ -28,16 +31,17 @@ Notes:
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from maskfab.base.arrays import Complexes, Floats, Indices
+from maskfab.base.arrays import Complexes, Floats, Indices, Labels
 from maskfab.base.model import Panel, unit_dots
 from maskfab.designs.descent.objective import Autocorrelation, transform_size
 from maskfab.job.camera import Camera, Stop
@@ -55,6 +59,10 @@ _TOLERANCES = {torch.float64: 1e-9, torch.float32: 3e-7}
 _FEWEST, _MOST = 2, 16
 """Sources to either side that stand for a cut dot."""
 _FIT_POINTS = 96
+_MERGED_TOLERANCES = {torch.float64: 3e-13, torch.float32: 3e-8}
+"""Largest residual of sources that stand for all dots."""
+_FINE = 32
+"""Dots of a cell from which wider sources save time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,11 +73,13 @@ class Layout:
         pupil: of the panel with all dots clear.
         place: intp [ny, nx], the unit's dot at every interval of the pupil; -1 in gutters.
         dots: along the unit's side.
+        turned: int8 [cells y, cells x], orientations of the pupil's cells.
     """
 
     pupil: Pupil
     place: Indices
     dots: int
+    turned: Labels
 
     @classmethod
     def of(cls, panel: Panel, stop: Stop) -> Layout:
@@ -82,7 +92,7 @@ class Layout:
         place = np.full(pupil.whole.shape, -1, dtype=np.intp)
         dots = panel.opening.dots
         place[np.ix_(pupil.y.dot_index().ravel(), pupil.x.dot_index().ravel())] = unit_dots(turned, dots)
-        return cls(pupil, place, dots)
+        return cls(pupil, place, dots, turned)
 
     def summed(self, values: Floats) -> Floats:
         """Sums of values of intervals [ny, nx] over all that hold each dot of the unit, [dots²]."""
@@ -98,24 +108,24 @@ def _here(array: NDArray[Any], dtype: torch.dtype, device: str | torch.device) -
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """A linear map from a unit's dots to sources in the four quadrants of the stop, right above first.
+    """A linear map from a unit's dots to sources, in the four quadrants of the stop, right above first, or in cells.
 
     Attributes:
-        whole: int64 [4 h w], the dot at each source; one more than the last where there is none.
+        whole: int64 [sources], the dot at each source; one more than the last where there is none.
         place, dot, weight: [k] each, further terms: the dots that the stop cuts.
-        shape: h and w.
+        shape: of the sources: 4, h and w, or cells and their dots.
     """
 
     whole: torch.Tensor
     place: torch.Tensor
     dot: torch.Tensor
     weight: torch.Tensor
-    shape: tuple[int, int]
+    shape: tuple[int, int, int]
 
     def __call__(self, unit: torch.Tensor) -> torch.Tensor:
-        """Strengths [..., 4, h, w] of the sources of a unit [..., dots, dots]."""
+        """Strengths [..., *shape] of the sources of a unit [..., dots, dots]."""
         laid: torch.Tensor = _Laid.apply(unit.flatten(-2), self)  # type: ignore[no-untyped-call]
-        return laid.view(*unit.shape[:-2], 4, *self.shape)
+        return laid.view(*unit.shape[:-2], *self.shape)
 
     def lay(self, dots: torch.Tensor) -> torch.Tensor:
         """[..., dots] to [..., sources]."""
@@ -156,6 +166,25 @@ class _Gathered(torch.autograd.Function):
 
 
 @dataclass(frozen=True, eq=False)
+class Merged:
+    """A linear map from a unit's dots to sources that are several dots wide, cell by cell.
+
+    Attributes:
+        cells: from the dots to those of cells; the first is the unit, the others are those that the stop cuts.
+        matrix: [sources, dots], along either axis, of a cell and what lies beside it.
+        laid: from the sources of cells to the four quadrants of the stop.
+    """
+
+    cells: Spread
+    matrix: torch.Tensor
+    laid: Spread
+
+    def __call__(self, unit: torch.Tensor) -> torch.Tensor:
+        """Strengths [..., 4, h, w] of the sources of a unit [..., dots, dots]."""
+        return self.laid((self.matrix @ self.cells(unit) @ self.matrix.T).flatten(-3, -2))
+
+
+@dataclass(frozen=True, eq=False)
 class PointImage:
     """The PSF of one layout behind one camera at one wavelength, a function of the unit's dots.
 
@@ -169,7 +198,7 @@ class PointImage:
         fit_error: largest residual of what stands for cut dots, relative to a whole dot's field.
     """
 
-    spread: Spread
+    spread: Spread | Merged
     up: torch.Tensor
     across: torch.Tensor
     energy: torch.Tensor
@@ -219,15 +248,14 @@ def point_image(
     reach = odd_samples(camera.window_um, step) // 2 + (pixel_margin(camera) if pixels else 0)
     frequency = step * np.arange(reach + 1, dtype=np.float64) / scale
     layout = Layout.of(panel, camera.stop)
-    terms, sources, error = _spread(layout, float(frequency[-1]), _TOLERANCES[dtype])
+    here = partial(_here, dtype=dtype, device=device)
+    spread, sources, error = _spread(layout, float(frequency[-1]), dtype, here)
     up, across = (np.stack(axis.waves(frequency)) for axis in sources)
     pupil = layout.pupil
     energy = layout.summed(pupil.mean_transmission) * pupil.x.dot_um * pupil.y.dot_um
     means = pixel_means(camera, step, 2 * reach + 1, wavelength_nm) if pixels else None
-    here = partial(_here, dtype=dtype, device=device)
-    whole, place, dot, weight = map(here, terms)
     return PointImage(
-        Spread(whole, place, dot, weight, (up.shape[1], across.shape[1])),
+        spread,
         here(up.transpose(0, 2, 1)),
         here(across),
         here(psf_norm_um6(scale, 1.0) * energy),
@@ -303,11 +331,11 @@ class _Axis:
         offset = self.position_um[first[:, None] + np.arange(count)] - (low + high)[:, None] / 2
         # Inside a lattice all dots see their neighbours alike.
         alike, which = np.unique(np.round(offset, 9), axis=0, return_inverse=True)
-        fits = [self._fit(away, float(high[0] - low[0]), orders, highest) for away in alike]
+        fits = [self.fit(away, float(high[0] - low[0]), orders, highest) for away in alike]
         error = max(residual for _, residual in fits)
         return first, np.stack([strength for strength, _ in fits])[which.ravel()], error
 
-    def _fit(self, offset: Floats, width: float, orders: int, highest: float) -> tuple[Floats, float]:
+    def fit(self, offset: Floats, width: float, orders: int, highest: float) -> tuple[Floats, float]:
         """Strengths [orders, sources] at offsets from an interval's middle, and the largest residual."""
         u = highest * np.cos(np.pi * (np.arange(_FIT_POINTS) + 0.5) / (2 * _FIT_POINTS))
         order = np.arange(orders)
@@ -320,10 +348,35 @@ class _Axis:
         return strength.T, float(abs(matrix @ strength - wanted).max()) / width
 
 
+Terms: TypeAlias = tuple[Indices, Indices, Indices, Floats]
+"""Row and column of sources, the dot, and its weight there, [k] each."""
+
+
 def _spread(
-    layout: Layout, highest: float, tolerance: float
-) -> tuple[tuple[NDArray[Any], ...], tuple[_Axis, _Axis], float]:
-    """Arrays of a :class:`Spread`, the sources along y and x, and the residual of what stands for cut dots."""
+    layout: Layout, highest: float, dtype: torch.dtype, here: Callable[[NDArray[Any]], torch.Tensor]
+) -> tuple[Spread | Merged, tuple[_Axis, _Axis], float]:
+    """A spread to the sources along y and x, those, and the residual of what stands for dots."""
+    terms, (up, across), error = _of_cut(layout, highest, _TOLERANCES[dtype])
+    merged = _merged(layout, highest)
+    if merged > 1:
+        spread, axes, more = _of_cells(layout, highest, merged, (terms, up, across), dtype, here)
+        return spread, axes, max(error, more)
+    row, column, dot, weight = terms
+    arrays = _of_whole(layout, up, across), _place(up, across, row, column), dot, weight
+    return Spread(*map(here, arrays), (4, up.half, across.half)), (up, across), error
+
+
+def _merged(layout: Layout, highest: float) -> int:
+    """Dots that one source may be wide, in cells without gutters between them."""
+    x, y, dots = layout.pupil.x, layout.pupil.y, layout.dots
+    if x.has_gutter or y.has_gutter or dots < _FINE:
+        return 1
+    most = 1 / (_PER_PERIOD * highest * x.dot_um)
+    return max(times for times in range(1, dots + 1) if dots % times == 0 and times <= max(most, 1))
+
+
+def _of_cut(layout: Layout, highest: float, tolerance: float) -> tuple[Terms, tuple[_Axis, _Axis], float]:
+    """Whole dots that stand for cut ones, the sources along y and x, and the largest residual."""
     pupil, places, row, column = layout.pupil, layout.place, layout.pupil.rim_row, layout.pupil.rim_column
     orders = rim_orders(pupil, highest, highest)
     tolerance *= 1 + np.count_nonzero(pupil.whole) / max(row.size, 1)
@@ -331,7 +384,7 @@ def _spread(
         across = _Axis.of(pupil.x, highest, reach)
         up = across if pupil.x == pupil.y else _Axis.of(pupil.y, highest, reach)
         if not row.size:
-            return (_of_whole(layout, up, across), *_NOTHING), (up, across), 0.0
+            return _NOTHING, (up, across), 0.0
         (rows, along_y, error_y), (columns, along_x, error_x) = (
             axis.stand_ins((edges[at], edges[at + 1]), orders, highest, reach)
             for axis, edges, at in ((up, pupil.y.edges_um(), row), (across, pupil.x.edges_um(), column))
@@ -339,19 +392,94 @@ def _spread(
         if max(error_y, error_x) <= tolerance:
             break
     weight = np.einsum("kqa,kqp,kpb->kab", along_y, pupil.moments(orders), along_x, optimize=True)
-    at = _place(
-        up,
-        across,
-        (rows[:, None] + np.arange(weight.shape[1]))[:, :, None],
-        (columns[:, None] + np.arange(weight.shape[2]))[:, None, :],
+    shape = weight.shape
+    along = (rows[:, None] + np.arange(shape[1]))[:, :, None], (columns[:, None] + np.arange(shape[2]))[:, None, :]
+    dot = places[row, column][:, None, None]
+    at_row, at_column, of_dot = (np.broadcast_to(each, shape).ravel() for each in (*along, dot))
+    return (at_row, at_column, of_dot, weight.ravel()), (up, across), max(error_y, error_x)
+
+
+_NO_PLACE = np.zeros(0, dtype=np.intp)
+_NOTHING: Terms = _NO_PLACE, _NO_PLACE, _NO_PLACE, np.zeros(0)
+"""Of a stop that cuts no dot."""
+
+
+def _of_cells(
+    layout: Layout,
+    highest: float,
+    merged: int,
+    cut: tuple[Terms, _Axis, _Axis],
+    dtype: torch.dtype,
+    here: Callable[[NDArray[Any]], torch.Tensor],
+) -> tuple[Merged, tuple[_Axis, _Axis], float]:
+    """Sources so many dots wide: once for all whole cells, and for each cell that the stop cuts."""
+    (row, column, dot, weight), fine_up, fine_across = cut
+    x, y, dots = layout.pupil.x, layout.pupil.y, layout.dots
+    whole = _by_cell(layout.pupil.whole > 0, dots)
+    full = whole.all(axis=(2, 3))
+    # Stand-ins of cut dots may lie in any cell, and in a ring of cells about the lattice.
+    (cell_y, in_y), (cell_x, in_x) = (
+        np.divmod(at - axis.first[0] + dots, dots) for at, axis in ((row, fine_up), (column, fine_across))
     )
-    dot = np.broadcast_to(places[row, column][:, None, None], weight.shape)
-    terms = _of_whole(layout, up, across), at.ravel(), dot.ravel(), weight.ravel()
-    return terms, (up, across), max(error_y, error_x)
+    held = np.pad(~full & whole.any(axis=(2, 3)), 1)
+    held[cell_y, cell_x] = True
+    number = np.cumsum(held).reshape(held.shape)
+    laid = np.where(whole & ~full[:, :, None, None], _by_cell(layout.place, dots), dots**2)
+    laid = np.pad(laid, ((1, 1), (1, 1), (0, 0), (0, 0)), constant_values=dots**2)[held]
+    cells = (
+        np.concatenate([np.arange(dots**2), laid.ravel()]),
+        (number[cell_y, cell_x] * dots + in_y) * dots + in_x,
+        dot,
+        weight,
+    )
+    matrix, reach, error = _to_merged(dots, x.dot_um, merged, highest, _MERGED_TOLERANCES[dtype])
+    count, side = dots // merged, len(matrix)
+    up, across = (
+        _Axis.of(Lattice(each.start_um, each.cells, count, merged * each.dot_um, each.pitch_um), highest, reach + count)
+        for each in (y, x)
+    )
+    # By the ring: what lies beside a cell on its lower side begins where the cell before it does.
+    j, i = (np.concatenate([inside + 1, beside]) for inside, beside in zip(full.nonzero(), held.nonzero(), strict=True))
+    rows, columns = (number[:, None] * count + np.arange(side) for number in (j, i))
+    at = _place(up, across, rows[:, :, None], columns[:, None, :]).ravel()
+    patches = _by_cell(unit_dots(layout.turned, side), side)[full].ravel()
+    sources = np.concatenate([patches, np.arange(side**2, (1 + len(laid)) * side**2)])
+    nothing = np.full(4 * up.half * across.half, (1 + len(laid)) * side**2)
+    home = nothing, at, sources, np.ones(at.size)
+    return (
+        Merged(
+            Spread(*map(here, cells), (1 + len(laid), dots, dots)),
+            here(matrix),
+            Spread(*map(here, home), (4, up.half, across.half)),
+        ),
+        (up, across),
+        error,
+    )
 
 
-_NOTHING = np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp), np.zeros(0)
-"""Places, dots and weights of a stop that cuts none."""
+def _by_cell(picture: Indices, side: int) -> Indices:
+    """Cells [rows, columns, side, side] of a picture."""
+    rows, columns = (length // side for length in picture.shape)
+    return picture.reshape(rows, side, columns, side).swapaxes(1, 2)
+
+
+def _to_merged(dots: int, dot_um: float, merged: int, highest: float, tolerance: float) -> tuple[Floats, int, float]:
+    """Sources of a cell and so many to either side for its dots, [sources, dots]; how many; the largest residual."""
+    count = dots // merged
+    axis = _Axis(np.zeros(0), merged * dot_um, np.zeros(0, dtype=np.intp), 1)
+    middles = (np.arange(merged) + 0.5) / merged - 0.5
+    for reach in range(_FEWEST, _MOST + 1):
+        place = np.arange(-reach, reach + 1)
+        fits = [axis.fit(axis.width_um * (place - middle), dot_um, 1, highest) for middle in middles]
+        error = max(residual for _, residual in fits)
+        if error <= tolerance:
+            break
+    matrix = np.zeros((count + 2 * reach, dots))
+    for k in range(dots):
+        source, own = divmod(k, merged)
+        matrix[source : source + 2 * reach + 1, k] = fits[own][0][0]
+    # A turned cell has its turned sources.
+    return (matrix + matrix[::-1, ::-1]) / 2, reach, error
 
 
 def _place(up: _Axis, across: _Axis, row: Indices, column: Indices) -> Indices:
