@@ -21,4 +21,5 @@ Number = TypeVar("Number", bound=np.generic)
 def distinct(values: NDArray[Number]) -> NDArray[Number]:
     """Values of an array, each once, ascending."""
     # Asked for nothing else np.unique loads numpy.ma, which takes longer than a PSF's arithmetic may.
-    return np.unique(values, return_counts=True)[0]
+    found: NDArray[Number] = np.unique(values, return_counts=True)[0]
+    return found

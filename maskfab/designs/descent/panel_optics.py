@@ -42,7 +42,7 @@ import torch
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Complexes, Floats, Indices, Labels
-from maskfab.base.model import Panel, unit_dots
+from maskfab.base.model import Panel, split_cells, unit_dots
 from maskfab.designs.descent.objective import Autocorrelation, transform_size
 from maskfab.job.camera import Camera, Stop
 from maskfab.optics.field.matrix import rim_orders
@@ -111,16 +111,16 @@ class Spread:
     """A linear map from a unit's dots to sources, in the four quadrants of the stop, right above first, or in cells.
 
     Attributes:
+        shape: of the sources: 4, h and w, or cells and their dots.
         whole: int64 [sources], the dot at each source; one more than the last where there is none.
         place, dot, weight: [k] each, further terms: the dots that the stop cuts.
-        shape: of the sources: 4, h and w, or cells and their dots.
     """
 
+    shape: tuple[int, int, int]
     whole: torch.Tensor
     place: torch.Tensor
     dot: torch.Tensor
     weight: torch.Tensor
-    shape: tuple[int, int, int]
 
     def __call__(self, unit: torch.Tensor) -> torch.Tensor:
         """Strengths [..., *shape] of the sources of a unit [..., dots, dots]."""
@@ -363,7 +363,7 @@ def _spread(
         return spread, axes, max(error, more)
     row, column, dot, weight = terms
     arrays = _of_whole(layout, up, across), _place(up, across, row, column), dot, weight
-    return Spread(*map(here, arrays), (4, up.half, across.half)), (up, across), error
+    return Spread((4, up.half, across.half), *map(here, arrays)), (up, across), error
 
 
 def _merged(layout: Layout, highest: float) -> int:
@@ -415,8 +415,8 @@ def _of_cells(
     """Sources so many dots wide: once for all whole cells, and for each cell that the stop cuts."""
     (row, column, dot, weight), fine_up, fine_across = cut
     x, y, dots = layout.pupil.x, layout.pupil.y, layout.dots
-    whole = _by_cell(layout.pupil.whole > 0, dots)
-    full = whole.all(axis=(2, 3))
+    whole = split_cells(layout.pupil.whole > 0, dots, dots)
+    full = np.asarray(whole.all(axis=(2, 3)))
     # Stand-ins of cut dots may lie in any cell, and in a ring of cells about the lattice.
     (cell_y, in_y), (cell_x, in_x) = (
         np.divmod(at - axis.first[0] + dots, dots) for at, axis in ((row, fine_up), (column, fine_across))
@@ -424,7 +424,7 @@ def _of_cells(
     held = np.pad(~full & whole.any(axis=(2, 3)), 1)
     held[cell_y, cell_x] = True
     number = np.cumsum(held).reshape(held.shape)
-    laid = np.where(whole & ~full[:, :, None, None], _by_cell(layout.place, dots), dots**2)
+    laid = np.where(whole & ~full[:, :, None, None], split_cells(layout.place, dots, dots), dots**2)
     laid = np.pad(laid, ((1, 1), (1, 1), (0, 0), (0, 0)), constant_values=dots**2)[held]
     cells = (
         np.concatenate([np.arange(dots**2), laid.ravel()]),
@@ -442,25 +442,19 @@ def _of_cells(
     j, i = (np.concatenate([inside + 1, beside]) for inside, beside in zip(full.nonzero(), held.nonzero(), strict=True))
     rows, columns = (number[:, None] * count + np.arange(side) for number in (j, i))
     at = _place(up, across, rows[:, :, None], columns[:, None, :]).ravel()
-    patches = _by_cell(unit_dots(layout.turned, side), side)[full].ravel()
+    patches = split_cells(unit_dots(layout.turned, side), side, side)[full].ravel()
     sources = np.concatenate([patches, np.arange(side**2, (1 + len(laid)) * side**2)])
     nothing = np.full(4 * up.half * across.half, (1 + len(laid)) * side**2)
     home = nothing, at, sources, np.ones(at.size)
     return (
         Merged(
-            Spread(*map(here, cells), (1 + len(laid), dots, dots)),
+            Spread((1 + len(laid), dots, dots), *map(here, cells)),
             here(matrix),
-            Spread(*map(here, home), (4, up.half, across.half)),
+            Spread((4, up.half, across.half), *map(here, home)),
         ),
         (up, across),
         error,
     )
-
-
-def _by_cell(picture: Indices, side: int) -> Indices:
-    """Cells [rows, columns, side, side] of a picture."""
-    rows, columns = (length // side for length in picture.shape)
-    return picture.reshape(rows, side, columns, side).swapaxes(1, 2)
 
 
 def _to_merged(dots: int, dot_um: float, merged: int, highest: float, tolerance: float) -> tuple[Floats, int, float]:
