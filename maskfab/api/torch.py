@@ -29,7 +29,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import numpy as np
 
@@ -58,19 +58,25 @@ if TYPE_CHECKING:
     from maskfab.designs.model.expected_psnr import Surrogate
 
 
+class LayoutKeys(TypedDict, total=False):
+    """Arguments that state the panel."""
+
+    like: model.Panel | None
+    pitch: Length | None
+    tiling: str | CellMap
+    seed: int | None
+    size: Length | None
+    gutter: Length
+
+
 @checked_arguments
 def psf(
     dots: Tensor,
     camera: Camera,
     wavelength: Wavelength | None = None,
     *,
-    like: model.Panel | None = None,
-    pitch: Length | None = None,
-    tiling: str | CellMap = Tiling.PERIODIC,
-    seed: int | None = None,
-    size: Length | None = None,
-    gutter: Length = 0.0,
     pixels: bool = False,
+    **layout: Unpack[LayoutKeys],
 ) -> Tensor:
     """Point spread function, as :meth:`maskfab.Camera.psf` tells it of the same panel.
 
@@ -97,11 +103,11 @@ def psf(
             layout; MF105 for no wavelength of several, MF103 to MF105 and MF112 for what is none; MF113 for a window
             that is too wide, MF114 for a panel smaller than the stop; MF152 without torch.
     """
-    layout = _layout(dots, camera, like, pitch, tiling, seed, size, gutter)
+    laid = _layout(dots, camera, **layout)
     (line,) = camera.asked_nm(wavelength)
     # Samples lie as close as those of the camera's own wavelengths.
     lens = replace(camera.model, wavelengths_nm=tuple(dict.fromkeys((line, *camera.model.wavelengths_nm))))
-    return _image(layout, lens, line, pixels, dots.dtype, dots.device)(dots)
+    return _image(laid, lens, line, pixels, dots.dtype, dots.device)(dots)
 
 
 @checked_arguments
@@ -109,13 +115,7 @@ def mtf(
     dots: Tensor,
     camera: Camera,
     wavelength: Wavelength | None = None,
-    *,
-    like: model.Panel | None = None,
-    pitch: Length | None = None,
-    tiling: str | CellMap = Tiling.PERIODIC,
-    seed: int | None = None,
-    size: Length | None = None,
-    gutter: Length = 0.0,
+    **layout: Unpack[LayoutKeys],
 ) -> Tensor:
     """Presampled modulation transfer function, optics and sensor pixel, as :meth:`maskfab.Camera.mtf` has it.
 
@@ -129,9 +129,9 @@ def mtf(
         within the uncertainty of :meth:`maskfab.Camera.mtf`: 1e-4 for 8 um dots behind a stop of 4 mm, where the cuts
         differ by 7e-5.
     """
-    layout = _layout(dots, camera, like, pitch, tiling, seed, size, gutter)
+    laid = _layout(dots, camera, **layout)
     (line,) = camera.asked_nm(wavelength)
-    return _modulation(layout, replace(camera.model, wavelengths_nm=(line,)), line, dots.dtype, dots.device)(dots)
+    return _modulation(laid, replace(camera.model, wavelengths_nm=(line,)), line, dots.dtype, dots.device)(dots)
 
 
 @checked_arguments
@@ -139,13 +139,9 @@ def restored_error(
     dots: Tensor,
     camera: Camera,
     *,
-    like: model.Panel | None = None,
-    pitch: Length | None = None,
-    tiling: str | CellMap = Tiling.PERIODIC,
-    seed: int | None = None,
-    size: Length | None = None,
     levels: Sequence[int] = LEVELS,
     decibels: bool = False,
+    **layout: Unpack[LayoutKeys],
 ) -> Tensor:
     """Error that restored photographs are expected to keep, of this very layout, by the loss of :func:`maskfab.design`.
 
@@ -170,9 +166,9 @@ def restored_error(
     if not chosen or any(level not in ELECTRONS for level in chosen):
         cure = f"Choose among {', '.join(map(str, ELECTRONS))}"
         raise JobError("MF104", f"levels = {list(levels)} are not known levels", where=_where("levels"), cure=cure)
-    layout = _layout(dots, camera, like, pitch, tiling, seed, size, 0.0)
+    laid = _layout(dots, camera, **layout)
     lens = PhotoCamera.of(camera.model, where="Camera")
-    error, estimate = _expected(layout, lens, chosen, str(dots.dtype).removeprefix("torch."), dots.device.type)
+    error, estimate = _expected(laid, lens, chosen, str(dots.dtype).removeprefix("torch."), dots.device.type)
     units = dots.reshape(-1, *dots.shape[-2:]).unbind()
     import torch
 
@@ -242,12 +238,12 @@ class _Layout:
 def _layout(
     dots: Any,
     camera: Camera,
-    like: model.Panel | None,
-    pitch: Length | None,
-    tiling: str | CellMap,
-    seed: int | None,
-    size: Length | None,
-    gutter: Length,
+    like: model.Panel | None = None,
+    pitch: Length | None = None,
+    tiling: str | CellMap = Tiling.PERIODIC,
+    seed: int | None = None,
+    size: Length | None = None,
+    gutter: Length = 0.0,
 ) -> _Layout:
     """The layout that is stated."""
     _require_dots(dots)

@@ -19,7 +19,7 @@ from functools import cache, wraps
 from numbers import Integral, Real
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -166,7 +166,8 @@ def checked_arguments(function: Callable[Given, Result]) -> Callable[Given, Resu
 
     @cache
     def expected() -> tuple[inspect.Signature, Mapping[str, Any]]:
-        stated, names = inspect.signature(function), inspect.unwrap(function).__globals__
+        names = inspect.unwrap(function).__globals__
+        stated = inspect.signature(checked)
         return stated, {name: _evaluated(parameter.annotation, names) for name, parameter in stated.parameters.items()}
 
     @wraps(function)
@@ -196,7 +197,22 @@ def checked_arguments(function: Callable[Given, Result]) -> Callable[Given, Resu
         finally:
             line.end()
 
+    if any(str(kind).startswith("Unpack[") for kind in function.__annotations__.values()):
+        checked.__signature__ = _spelled_out(function)  # type: ignore[attr-defined]
     return checked
+
+
+def _spelled_out(function: Callable[..., object]) -> inspect.Signature:
+    """Signature with the keys of a typed dictionary as arguments that may be left out."""
+    stated, keys = inspect.signature(function), []
+    for parameter in stated.parameters.values():
+        if parameter.kind is not inspect.Parameter.VAR_KEYWORD:
+            keys.append(parameter)
+            continue
+        (held,) = get_args(_evaluated(parameter.annotation, function.__globals__))
+        for name, kind in get_type_hints(held).items():
+            keys.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind))
+    return stated.replace(parameters=keys)
 
 
 def _require(value: object, hint: Any, where: str) -> None:

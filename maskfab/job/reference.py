@@ -26,7 +26,7 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from maskfab.base.errors import JobError
-from maskfab.job import camera, order, process, sections
+from maskfab.job import camera, die, order, process, sections
 from maskfab.job.sections import AssumedPlate, JobSpec
 from maskfab.job.values import AnySection, Section, Stated, key_of, sections_of, values_of
 
@@ -330,7 +330,7 @@ def written_key(model: type[AnySection], name: str) -> tuple[str, str]:
 def _source() -> Mapping[tuple[str, str], tuple[str, str]]:
     """Annotation and text of every key, by class and name, from the source of the sections."""
     found: dict[tuple[str, str], tuple[str, str]] = {}
-    for module in (sections, camera, process, order):
+    for module in (sections, die, camera, process, order):
         for section in ast.parse(inspect.getsource(module)).body:
             if not isinstance(section, ast.ClassDef):
                 continue
