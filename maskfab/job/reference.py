@@ -1,7 +1,7 @@
 """Keys of a job: their form, default and meaning, the JSON Schema, and which verb depends on which of them.
 
 Form and default are those of the types that check a job; the meaning is the text that stands below each key in
-:mod:`maskfab.job.sections` and :mod:`maskfab.job.order`. The schema is that of the same types, with values as a job
+:mod:`maskfab.job.sections` and its neighbours. The schema is that of the same types, with values as a job
 file writes them: an editor may let pass what :func:`maskfab.job.read.read` refuses, and refuses nothing that it takes.
 
 A verb declares what it uses; whatever else a job states is named in the verb's answer, or refused. So a key that is new
