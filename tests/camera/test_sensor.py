@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from maskfab.api.camera import F1
+from maskfab.api.camera import protocol_f1
 from maskfab.base.errors import JobError
 from maskfab.camera.record import interpolated, sampled
 from maskfab.camera.sensor import ELECTRONS, F1_SENSOR, Exposure, record_light, stated_light
@@ -145,7 +145,7 @@ def test_a_light_that_a_full_well_does_not_hold_is_told_with_one_that_it_does(li
 @pytest.mark.parametrize(("full_well", "levels"), [(6000.0, (24, 32, 37.7)), (12000.0, (24, 32, 40)), (100.0, (19.0,))])
 def test_levels_that_no_job_states_are_those_that_its_full_well_holds(full_well, levels):
     sensor = Sensor(full_well=full_well)
-    held, words = stated_light(None, sensor, F1.model)
+    held, words = stated_light(None, sensor, protocol_f1().model)
     assert held == levels
     assert all(Exposure.at(level, sensor).electrons <= full_well for level in held)
     assert ("full well" in words) == (levels[-1] != 40)
