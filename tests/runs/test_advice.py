@@ -219,7 +219,7 @@ def test_one_process_finds_what_two_find(tmp_path):
 @pytest.mark.usefixtures("alone")
 def test_too_little_light_is_told_from_blur(tmp_path):
     edits = ("white = 1600", "white = 30"), ('opening = "slit.toml"', 'opening = "wide.toml"')
-    found = mf.advise(write(tmp_path, *edits))
+    found = mf.advise(write(tmp_path, *edits), budget=NO_END)
     document = found.to_dict()
     assert not found.build
     assert "at 12.2 dB of light photographs gain -" in found.verdict
