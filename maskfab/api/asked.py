@@ -10,12 +10,13 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.base.errors import JobError
+from maskfab.job.faults import JobFaults
 from maskfab.job.read import read
 from maskfab.job.sections import AssumedPlate
 from maskfab.mask.job import Further, Job, load_job
@@ -49,6 +50,7 @@ DesignJob: TypeAlias = "Job | str | Path"
 """A job with [design]: loaded, or the path of its file."""
 AnyPhoto: TypeAlias = str | PathLike[str] | NDArray[Any]
 """The path of a picture, or linear light in memory: [rows, columns] or [rows, columns, 3], row 0 the top."""
+_Laid = TypeVar("_Laid")
 _TAKEN = "a Plate, a Panel, a list or a mapping of panels, a loaded job, or the path of a job file"
 
 
@@ -85,6 +87,34 @@ def job_of(
     assert made.spec.plate is not None
     assumed = AssumedPlate(**vars(made.spec.plate))
     return replace(made, spec=made.spec.model_copy(update={"plate": assumed}))
+
+
+def laid_out(
+    job: AnyJob, lay: Callable[[Job], _Laid], *checks: Callable[[Job], object], camera: Camera | None = None
+) -> tuple[Job, _Laid]:
+    """The validated job of whatever states one, and its plate or panels, refused with all that checks refuse, at once.
+
+    Args:
+        job: as :func:`job_of` takes it.
+        lay: lays the job out.
+        checks: refuse what the verb cannot do with the job.
+        camera: as :func:`job_of` takes it.
+
+    Raises:
+        JobError, OpeningError, SourceError, OutputError: for all that is wrong, at once.
+    """
+    made: list[_Laid] = []
+
+    def further(loaded: Job, faults: JobFaults) -> None:
+        for check in (*checks, lambda loaded: made.append(lay(loaded))):
+            with faults:
+                check(loaded)
+
+    loaded = job_of(job, camera, further=further)
+    faults = JobFaults.of_spec(loaded.spec)
+    further(loaded, faults)
+    faults.refuse()
+    return loaded, made[-1]
 
 
 def spec_of(job: DesignJob, verb: str, check: Callable[[JobSpec], None] | None = None) -> tuple[JobSpec, Path]:

@@ -119,8 +119,9 @@ def run(
         raise JobError("MF105", f"{camera!r} is not a camera", where="run: camera", cure="Make one: Camera(...)")
     store = Store.of_user() if cache else None
     if dry_run:
-        return forecast_run(job_of(job, camera), Path(out), force=force, cache=store)
-    return pipeline.run(job_of(job, camera), out, force=force, progress=progress, cache=store, pdf=pdf)
+        return forecast_run(job_of(job, camera, further=pipeline.plate_to_make), Path(out), force=force, cache=store)
+    made = job_of(job, camera, further=pipeline.plate_to_make)
+    return pipeline.run(made, out, force=force, progress=progress, cache=store, pdf=pdf)
 
 
 @answers(run)
@@ -128,7 +129,7 @@ def _run(asked: Asked) -> Told:
     """Files on stdout; times, checks that fail and verdicts on stderr."""
     if asked.stated.get("dry_run"):
         return Told.of(asked.found())
-    loaded = load_job(asked.stated["job"])
+    loaded = load_job(asked.stated["job"], pipeline.plate_to_make)
     result = asked.found(job=loaded)
     asides = [] if asked.quiet else [*_times(result.report.seconds)]
     checks = [*fast_lens(loaded.camera), *result.notes, *result.report.checks]

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, overload
 
-from maskfab.api.asked import AnyJob, job_of
+from maskfab.api.asked import AnyJob, laid_out
 from maskfab.api.results import Asked, Result, Told, answers, verdict_lines
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
@@ -25,6 +25,7 @@ from maskfab.mask.houses.files import check_package
 from maskfab.mask.houses.findings import Finding, Taken, accepted, answer_of, mail_of
 from maskfab.mask.houses.order import OrderForm, write_answers
 from maskfab.mask.houses.profiles import load_shop, shop_names, shop_of
+from maskfab.mask.job import Job
 from maskfab.mask.package.pack import Bid, Package, compare_shops
 from maskfab.mask.package.pack import pack as pack_plate
 
@@ -221,17 +222,18 @@ def compare(job: AnyJob, shop: Annotated[str | None, "<SHOP>"] = None, *, progre
         OutputError: MF420 or MF421 for the profile.
         JobError: as for the job.
     """
-    loaded = job_of(job)
-    if shop is not None:
-        houses = {shop: load_shop(shop)}
-    else:
-        houses = {name: load_shop(name) for name in shop_names()}
-        own = shop_of(loaded.spec, loaded.where)
-        houses |= {} if own is None else {own.name: own}
-    bids = compare_shops(loaded.spec, loaded.plate(), tuple(houses.values()), progress)
+    houses = {name: load_shop(name) for name in (shop_names() if shop is None else [shop])}
+    loaded, plate = laid_out(job, Job.plate, *(() if shop is not None else [_own_house]))
+    own = _own_house(loaded) if shop is None else None
+    houses |= {} if own is None else {own.name: own}
+    bids = compare_shops(loaded.spec, plate, tuple(houses.values()), progress)
     ranked = Bids(sorted(bids, key=lambda bid: get_args(Taken).index(bid.answer)))
     ranked.unused = unused(loaded.spec, *USES["order compare"])
     return ranked
+
+
+def _own_house(job: Job) -> Shop | None:
+    return shop_of(job.spec, job.where)
 
 
 class Filled(Result):
@@ -302,8 +304,9 @@ def fill(job: AnyJob, shop: str, answers: Annotated[Mapping[str, str] | None, "-
             else as for the job.
         SourceError: MF308 for answers to a job that is no TOML file.
     """
-    loaded, profile = job_of(job), load_shop(shop)
-    form = OrderForm.of(loaded.spec, loaded.plate(), profile)
+    profile = load_shop(shop)
+    loaded, plate = laid_out(job, Job.plate)
+    form = OrderForm.of(loaded.spec, plate, profile)
     for key, text in (answers or {}).items():
         form = form.answered(key, text)
     written: tuple[str, ...] = ()
@@ -427,10 +430,9 @@ def pack(
             cure = f"Choose among {', '.join(SHOP_FORMATS)}"
             raise JobError("MF105", f"there is no format {kind!r}", where="format", cure=cure)
     sent = tuple(kind for kind in SHOP_FORMATS if kind in formats)
-    loaded = job_of(job)
+    loaded, plate = laid_out(job, Job.plate)
     if dry_run:
         progress("rules", 0, 1)
-        plate = loaded.plate()
         findings = check_package(loaded.spec, plate, profile, sent)
         progress("rules", 1, 1)
         left = unused(loaded.spec, *USES["order pack --dry-run"])

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.api.asked import AnyJob, dies_of, given_folder, job_of
+from maskfab.api.asked import AnyJob, dies_of, given_folder, laid_out
 from maskfab.api.camera import Camera
 from maskfab.api.results import Asked, InPython, Result, Told, answers
 from maskfab.base.checks import checked_arguments
@@ -190,8 +191,9 @@ def simulate(
             MF148 for a checkpoint of another die, camera, sensor or light, or a die without one where some have.
         SourceError: MF301, MF303, MF304 for a checkpoint that is missing, damaged or none.
     """
-    loaded = job_of(job, camera)
-    asked = Conditions.of(loaded, protocol, levels, light, brackets)
+    conditions = partial(Conditions.of, protocol=protocol, levels=levels, light=light, brackets=brackets)
+    loaded, panels = laid_out(job, Job.panels, conditions, camera=camera)
+    asked = conditions(loaded)
     trained = read_checkpoints(checkpoints)
     restorers, choose = _restorers(asked, restore, learned=bool(trained))
     given = given_folder(images, white, whole=whole)
@@ -200,7 +202,6 @@ def simulate(
         _require_memory(given.photographs, kinds, brackets=bool(asked.protocol.brackets))
     for scene in given.photographs if given else ():
         asked.protocol.check(scene)
-    panels = loaded.panels()
     wanted = dies_of(die, panels)
     if reference is not None:
         dies_of(reference, wanted)
@@ -409,9 +410,9 @@ def learn(
     path, chosen = Path(out), device_of(device)
     check_file(path, force=True)
     before = Checkpoint.read(path) if path.exists() and not force else None
-    loaded = job_of(job, camera)
-    asked = Conditions.of(loaded, "camera", levels)
-    panels = loaded.panels()
+    conditions = partial(Conditions.of, protocol="camera", levels=levels)
+    loaded, panels = laid_out(job, Job.panels, conditions, camera=camera)
+    asked = conditions(loaded)
     name = _one(die, tuple(panels))
     given = given_folder(images, white) or Folder((), ())
     for scene in given.photographs:

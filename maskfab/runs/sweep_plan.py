@@ -19,11 +19,12 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.base.errors import JobError
+from maskfab.base.errors import Faults, JobError
 from maskfab.base.findings import STAGE_OF_QUANTITY, Need
 from maskfab.base.model import Opening
 from maskfab.base.units import to_nm
 from maskfab.designs.rules.families import FAMILIES
+from maskfab.display.feasibility import plate_of
 from maskfab.job.read import check_windows, validate
 from maskfab.job.reference import USES, covered, keys_of, named, unused
 from maskfab.job.sections import JobSpec
@@ -395,10 +396,15 @@ def planned(study: Path) -> Plan:
             not there; MF103 for units; MF160 for fields without values, and for too many cases; MF161 for a quantity
             that no case has; MF162 for two cases that are one.
     """
-    spec = read_sweep(study)
-    require_quantities(spec, str(study))
+    spec, faults, loaded = read_sweep(study), Faults(), None
     path = study.parent / spec.sweep.job
-    return planned_of(spec, load_job(path), path, str(study))
+    with faults:
+        require_quantities(spec, str(study))
+    with faults:
+        loaded = load_job(path, plate_of)
+    faults.refuse()
+    assert loaded is not None
+    return planned_of(spec, loaded, path, str(study))
 
 
 def require_quantities(spec: SweepSpec, where: str) -> None:

@@ -213,6 +213,39 @@ def test_a_verb_that_shows_no_psf_takes_a_camera_of_any_window(capsys, tmp_path,
     assert (error["code"], error["what"]) == ("MF105", "the job has no die 'NONE'")
 
 
+STUDY = """[sweep]
+title = "S"
+job = "{job}"
+quantities = ["open_ratio", "none"]
+[[field]]
+key = "camera.pixel"
+values = ["1 um", "2 um"]
+"""
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["run", "JOB", "--out", "OUT"], ["run", "JOB", "--out", "OUT", "--dry-run"], ["simulate", "JOB"],
+     ["order", "compare", "JOB"], ["order", "fill", "JOB", "--shop", "generic-chrome"],
+     ["order", "pack", "JOB", "--shop", "generic-chrome"], ["sweep", "STUDY", "--out", "OUT"]],
+    ids=" ".join,
+)  # fmt: skip
+def test_verbs_tell_the_faults_of_a_job_and_of_its_layout_at_once(capsys, tmp_path, words):
+    job = write_job(tmp_path, ("columns = 2", "columns = 0"), ('"400 um"', '"600 um"'))
+    stands = {"JOB": job, "OUT": tmp_path / "out", "STUDY": tmp_path / "study.toml"}
+    stands["STUDY"].write_text(STUDY.format(job=job.name), encoding="utf-8")
+    error = command(capsys, *(stands.get(word, word) for word in words), "--json").document["error"]
+    told = {"MF104", "MF114"} | ({"MF161"} if "sweep" in words else set())
+    assert (error["code"], {fault["code"] for fault in error["faults"]}) == ("MF153", told)
+    assert not stands["OUT"].exists()
+
+
+def test_what_the_light_and_the_layout_of_a_sound_file_refuse_is_told_at_once(capsys, tmp_path):
+    job = write_job(tmp_path, ('"400 um"', '"600 um"'), ("[plate]", "[exposure]\nwhite = 1e9\n[plate]"))
+    error = command(capsys, "simulate", job, "--json").document["error"]
+    assert {fault["code"] for fault in error["faults"]} == {"MF114", "MF141"}
+
+
 # --- the job file itself ---------------------------------------------------------------------------------------------
 
 
