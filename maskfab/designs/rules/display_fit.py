@@ -70,6 +70,10 @@ _LAID_ALIKE, _LEAST_ALIKE = (64, 3), (6, 6)
 by a line for every few of them is too narrow by many for all; and of one on which lines are drawn."""
 
 
+_BOUND_ALIKE = (16, 16)
+"""Of one in which lines are only counted, for many openings at once."""
+
+
 class Wired(StrEnum):
     """Panels in which the lines of a display must pass."""
 
@@ -149,12 +153,15 @@ class Display:
         return None if self.rules.wires is None else most_lines(panel, panel.common, self.rules.wires)
 
     def lines_beside(self, units: Mask, dot_nm: int) -> Ints | None:
-        """Opaque lines for every pixel that pass beside openings [units, dots, dots] at most; None if none must, and
-        where the panel is not known yet."""
+        """Opaque lines for every pixel that pass beside openings [units, dots, dots] at most; None if none must.
+
+        Before any map that is in a panel whose cells are laid alike, which is one of those that the lines must pass.
+        """
         wires = self.rules.wires
-        if wires is None or self.opaque_lines < 1 or self.wired is not Wired.TILING:
+        if wires is None or self.opaque_lines < 1:
             return None
-        return most_beside(units, self.cells, dot_nm, wires.rules)
+        cells = self.cells if self.wired is Wired.TILING else np.zeros(_BOUND_ALIKE, dtype=np.int8)
+        return most_beside(units, cells, dot_nm, wires.rules)
 
     @property
     def opaque_lines(self) -> int:

@@ -23,7 +23,7 @@ from maskfab.base.errors import JobError, OpeningError
 from maskfab.base.work import Clock, Progress, silent
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import Display, Wired, footprints_of, of_display
-from maskfab.designs.rules.families import FAMILIES, Candidate, kind
+from maskfab.designs.rules.families import FAMILIES, Candidate, kind, turned_key
 from maskfab.designs.rules.rule import Conflict
 from maskfab.designs.search.annealing import Ranked
 from maskfab.designs.search.guard import Guard
@@ -39,6 +39,10 @@ _TRIED_OF_FEWER = 24
 
 MOST_JUDGED = 3000
 """Shapes of one count above which places in the cell are thinned."""
+
+
+_JUDGED_OF_FEWER = 600
+"""Of every number of dots of a bisection."""
 
 
 _KINDS, _NEAR = 8, 3
@@ -76,7 +80,7 @@ class Shortfall:
 def roomiest(shapes: Sequence[Candidate], rules: Constraints) -> list[Candidate]:
     """Shapes beside which a display may fit, those with most room for straight lines and emitters first.
 
-    Left out are shapes whose emitters a bound excludes. Room is the least, over lines and emitters, of what there is
+    Left out are shapes whose lines or emitters a bound excludes. Room is the least, over lines and emitters, of what there is
     over what is asked; it only orders.
 
     Args:
@@ -86,13 +90,19 @@ def roomiest(shapes: Sequence[Candidate], rules: Constraints) -> list[Candidate]
     display: Display = rules["emitters"]
     if not shapes:
         return []
-    units = np.stack([shape.unit for shape in shapes])
+    units, dot_nm = np.stack([shape.unit for shape in shapes]), rules.dot_nm
+    passing = display.lines_beside(units, dot_nm)
+    if passing is not None:
+        able = np.flatnonzero(passing >= display.opaque_lines)
+        shapes, units = [shapes[k] for k in able], units[able]
+        if not shapes:
+            return []
     asked = display.rules.emitters
     share = footprints_of(rules, asked).bounds(units)
     room: Floats = share / asked.required if asked.required > 0 else np.ones(len(units))
     wires = display.rules.wires
     if wires is not None and display.opaque_lines:
-        lines = straight_lines(units, rules.dot_nm, wires.rules, turned=display.wired is not Wired.REGULAR)
+        lines = straight_lines(units, dot_nm, wires.rules, turned=display.wired is not Wired.REGULAR)
         room = np.minimum(room, (lines + 0.5) / display.opaque_lines)
     order = np.argsort(-room, kind="stable")
     return [shapes[k] for k in order if share[k] >= asked.required]
@@ -132,20 +142,27 @@ def kinds_of_panel(rules: Constraints, *, crooked: bool = True) -> Iterator[Cons
     """Rules whose display suits any map, and cells that are laid alike; then, unless that takes too long, any map with
     crooked emitters."""
     display: Display = rules["emitters"]
-    for wired in (Wired.ANY_MAP, Wired.REGULAR):
-        yield rules.asking(**of_display(display.wired_as(wired)))
+    any_map, regular = (display.wired_as(wired) for wired in (Wired.ANY_MAP, Wired.REGULAR))
+    yield rules.asking(**of_display(any_map))
+    yield rules.asking(**of_display(regular))
     if crooked:
-        yield rules.asking(**of_display(replace(display.wired_as(Wired.ANY_MAP), crooked=True)))
+        # What is known of its lines is known here.
+        yield rules.asking(**of_display(replace(any_map, crooked=True)))
 
 
-def shapes_of(families: Iterable[str], dots: int, clear_dots: int) -> list[Candidate]:
-    """Shapes of some families, thinned where they are many."""
+EASE = "Ask for fewer lines, or smaller emitters"
+
+
+def shapes_of(
+    families: Iterable[str], dots: int, clear_dots: int, most: int | None = MOST_JUDGED
+) -> list[Candidate]:
+    """Shapes of some families, thinned where they are more than ``most``, if that is a number."""
     shapes: list[Candidate] = []
     for name in families:
         # A family that cannot have the count has no shapes.
         with suppress(OpeningError, JobError):
             shapes += FAMILIES[name](dots, clear_dots)
-    return thinned(shapes)
+    return shapes if most is None else thinned(shapes, most)
 
 
 def thinned(shapes: Sequence[Candidate], most: int = MOST_JUDGED) -> list[Candidate]:
@@ -196,11 +213,13 @@ def _place(unit: Mask) -> tuple[int, int, int, int]:
     return int(rows[0]), int(columns[0]), last - int(rows[-1]), last - int(columns[-1])
 
 
-def held_of(shapes: Sequence[Candidate], rules: Constraints, tried: int, clock: Clock) -> Candidate | None:
-    """A shape that keeps all rules, of the roomiest and most different ones; None if none was found."""
-    varied = _varied(roomiest(shapes, rules))
-    for shape in islice(varied, tried):
-        if rules.allows(shape.unit):
+def held_of(varied: Iterable[Candidate], rules: Constraints, clock: Clock) -> Candidate | None:
+    """The first shape that keeps all rules, of those that are tried; None if none was found."""
+    display: Display = rules["emitters"]
+    for shape in varied:
+        # Lines take a hundredth of the time of crooked emitters, so they are asked first.
+        wired = not display.crooked or display.unwired(shape.unit, rules.dot_nm) is None
+        if wired and rules.allows(shape.unit):
             return shape
         if clock.over:
             break
@@ -305,16 +324,65 @@ def _conflict(rules: Constraints) -> Conflict | None:
 def _start(rules: Constraints, families: tuple[str, ...], tried: int, clock: Clock, crooked: bool) -> Start | None:
     others = tuple(name for name in ALL_FAMILIES if name not in families)
     made: dict[tuple[str, ...], list[Candidate]] = {}
+    # What bounds leave is the same for crooked emitters.
+    varied: dict[tuple[Wired, tuple[str, ...]], list[Candidate]] = {}
     for held in kinds_of_panel(rules, crooked=crooked):
+        display: Display = held["emitters"]
         for names in (families, others):
             if names not in made:
-                made[names] = shapes_of(names, rules.dots, rules.clear_dots)
-            display: Display = held["emitters"]
+                most = MOST_JUDGED if tried == _TRIED else _JUDGED_OF_FEWER
+                made[names] = shapes_of(names, rules.dots, rules.clear_dots, most)
+            if (display.wired, names) not in varied:
+                varied[display.wired, names] = list(_varied(roomiest(made[names], held)))
             most = min(tried, _TRIED_CROOKED) if display.crooked else tried
-            first = held_of(made[names], held, most, clock)
+            first = held_of(varied[display.wired, names][:most], held, clock)
             if first is not None:
                 return Start(held, families if names == families else (*families, *others), first)
     return None
+
+
+def require_held(rules: Constraints, families: tuple[str, ...], clock: Clock, progress: Progress = silent) -> None:
+    """Refuse a display beside which no shape of the families keeps the rules on the job's tiling, before any is judged.
+
+    Every shape is asked that bounds leave, the roomiest first, so that one that fits is soon found.
+
+    Args:
+        rules: with a display, of the job's tiling.
+        families: of the job.
+        clock: a look that it ends refuses nothing.
+        progress: told by every step of the bisection for the most dots that do fit.
+
+    Raises:
+        JobError: MF123, with the largest number of dots for which an opening was found.
+    """
+    asked = rules.clear_dots
+
+    def first_of(count: int, tried: int | None) -> tuple[Candidate | None, int]:
+        shapes = shapes_of(families, rules.dots, count, _JUDGED_OF_FEWER if tried else None)
+        shapes = shapes if tried else _apart(shapes, rules.orientations)
+        held = replace(rules, clear_dots=count)
+        return held_of(islice(_varied(roomiest(shapes, held)), tried), held, clock), len(shapes)
+
+    found, many = first_of(asked, None)
+    if found is not None or clock.over:
+        return
+    low, high, best = 0, asked, None
+    while high - low > 1 and not clock.over:
+        count = (low + high) // 2
+        progress(f"{asked} dots do not fit; tried {count}", 0, 1)
+        found, _ = first_of(count, _TRIED_OF_FEWER)
+        low, high, best = (low, count, best) if found is None else (count, high, found)
+    what = f"{asked} dots do not fit: none of the {many} shapes of {', '.join(families)} keeps {', '.join(rules.active)}"
+    if best is None:
+        raise JobError("MF123", f"{what}; nor was one of fewer dots found", where="design.fit", cure=EASE)
+    what += f"; {low} do, as {best.name}"
+    raise JobError("MF123", what, where="design.clear_dots", cure=f"Set clear_dots = {low}, or {EASE.lower()}")
+
+
+def _apart(shapes: Iterable[Candidate], orientations: Iterable[int]) -> list[Candidate]:
+    """Shapes of which none is another one turned."""
+    turns = tuple(orientations)
+    return list({turned_key(shape.unit, turns): shape for shape in reversed(list(shapes))}.values())[::-1]
 
 
 _WALKED = 400

@@ -58,7 +58,7 @@ from maskfab.designs.rules.display_fit import OF_THE_EYE, DieFit, Display, fitti
 from maskfab.designs.rules.families import Candidate, kind
 from maskfab.designs.search.annealing import ExpectedPsnr, Objective, Ranked, anneal, nearest
 from maskfab.designs.search.guard import Guard
-from maskfab.designs.search.held import Start, start_of
+from maskfab.designs.search.held import EASE, Start, require_held, start_of
 from maskfab.designs.search.result import (
     NO_BOUNDS,
     Account,
@@ -272,6 +272,8 @@ def search(
     rules = constraints_of(section, display=display)
     room = _room_of(section, rules, camera)
     section, rules, start = started(section, rules, display, clock, progress)
+    if start is None and display is not None and begin is None and section.objective == "restored":
+        require_held(rules, section.families, clock, progress)
     progress("photographs", 0, 1)
     judges = Judges(section, scenes, room, settings, seen)
     expected = judges.expected
@@ -687,7 +689,7 @@ def started(
     if start is None:
         rules.require_possible()
         what = f"no opening of 1 to {section.clear_dots} clear dots was found beside which the display fits"
-        raise JobError("MF123", what, where="design.fit", cure="Ask for fewer lines, or smaller emitters")
+        raise JobError("MF123", what, where="design.fit", cure=EASE)
     counted = {"clear_dots": start.rules.clear_dots, "families": start.families}
     return section.model_copy(update=counted), start.rules, start
 
