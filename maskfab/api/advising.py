@@ -16,7 +16,7 @@ from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
 from maskfab.base.folders import Place, check_target
 from maskfab.base.units import parse_time_s
-from maskfab.base.work import Clock, Progress, ended_by_interrupt, one_thread, silent
+from maskfab.base.work import Progress, budget_clock, ended_by_interrupt, one_thread, silent
 from maskfab.job.brief import Brief, job_text, snapped
 from maskfab.job.read import validate
 from maskfab.job.toml import loads
@@ -104,7 +104,7 @@ def advise(
         JobError: MF105 for a job without [design], [emitters] or [plate]; MF150 for a budget that the first openings
             exceed; else as for the job.
     """
-    clock = Clock(None if budget is None else parse_time_s(budget, where="budget"), refuses=True)
+    clock = budget_clock(None if budget is None else parse_time_s(budget, where="budget"))
     began, processor = time.monotonic(), time.process_time()
     moves: tuple[str, ...] = ()
     if job is not None:

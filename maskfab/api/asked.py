@@ -106,9 +106,11 @@ def laid_out(
     made: list[_Laid] = []
 
     def further(loaded: Job, faults: JobFaults) -> None:
-        for check in (*checks, lambda loaded: made.append(lay(loaded))):
+        for check in checks:
             with faults:
                 check(loaded)
+        with faults:
+            made.append(lay(loaded))
 
     loaded = job_of(job, camera, further=further)
     faults = JobFaults.of_spec(loaded.spec)

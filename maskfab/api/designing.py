@@ -24,7 +24,7 @@ from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError, OutputError
 from maskfab.base.folders import Place, check_file, check_target, write_text
 from maskfab.base.units import NM_PER_UM, parse_time_s
-from maskfab.base.work import Clock, Progress, ended_by_interrupt, one_thread, silent
+from maskfab.base.work import Progress, budget_clock, ended_by_interrupt, one_thread, silent
 from maskfab.camera.lens import PhotoCamera, lattice
 from maskfab.designs.design import (
     capture_settings,
@@ -305,7 +305,7 @@ def design(
         if job is None:
             raise JobError("MF105", "a front is of a job", where="job", cure="Give a job file with [pareto]")
         return _front(*spec_of(job, "design"), images=images, budget=budget, command=command, progress=progress)
-    clock = Clock(None if budget is None else parse_time_s(budget, where="budget"), refuses=True)
+    clock = budget_clock(None if budget is None else parse_time_s(budget, where="budget"))
     begin = None if start is None else _begun(start)
     stated: dict[str, Any] = {
         "name": name,
@@ -512,6 +512,7 @@ class ParetoFront(FolderResult):
 def _front(
     spec: JobSpec, path: Path, *, images: str | Path | None, budget: str | None, command: str | None, progress: Progress
 ) -> ParetoFront:
+    clock = budget_clock(None if budget is None else parse_time_s(budget, where="budget"))
     if spec.pareto is None:
         what = "the job has no [pareto] section"
         raise JobError("MF105", what, where=str(path), cure="Add a [pareto] section with clear_dots = [88, 100]")
@@ -522,7 +523,6 @@ def _front(
     camera = PhotoCamera.of(spec.camera, where=str(path))
     settings = capture_settings(spec)
     require_weights(section, settings, str(path))
-    limit_s = None if budget is None else parse_time_s(budget, where="budget")
     compared = [load_opening(path.parent / name) for name in spec.pareto.compare]
     texts = {opening.name: opening_text(opening) for opening in compared}
     if len(texts) < len(compared):
@@ -542,7 +542,7 @@ def _front(
         compared=compared,
         camera=camera,
         settings=settings,
-        budget_s=limit_s,
+        clock=clock,
         progress=progress,
     )
     made = designs(swept, spec, command or f"maskfab.design({path.as_posix()!r}, front=True)", camera, settings)

@@ -15,6 +15,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 from functools import wraps
 from importlib import import_module
@@ -162,6 +163,13 @@ class Clock:
 
 NO_END = Clock()
 """As much time as it takes."""
+_COMMAND_BEGUN: ContextVar[float] = ContextVar("command_begun", default=math.nan)
+"""When the command line was started, where one was: its budget holds the time of its imports, too."""
+
+
+def budget_clock(seconds: float | None) -> Clock:
+    """The clock of a verb's budget, which refuses: from the call on, or from the start of the command that calls."""
+    return Clock(seconds, refuses=True, _begun=_COMMAND_BEGUN.get())
 
 
 @contextmanager
@@ -209,8 +217,9 @@ _OBJECTS = 10_000
 
 
 def settle() -> None:
-    """Limit every numerical library that is not loaded yet to one thread, unless the environment says otherwise, and
-    look for unreachable objects seldom."""
+    """Limit every numerical library that is not loaded yet to one thread, unless the environment says otherwise, look
+    for unreachable objects seldom, and count the command's time from here, less what its processor has spent."""
     for name in _VARIABLES:
         os.environ.setdefault(name, "1")
     gc.set_threshold(_OBJECTS)
+    _COMMAND_BEGUN.set(time.monotonic() - time.process_time())

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 import os
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -28,7 +29,7 @@ from maskfab.base.errors import InputError, JobError
 from maskfab.base.extras import require
 from maskfab.base.model import ORIENTATIONS, Opening
 from maskfab.base.units import NM_PER_UM
-from maskfab.base.work import Clock, Progress, silent
+from maskfab.base.work import NO_END, Clock, Progress, silent
 from maskfab.camera.lens import F1, PhotoCamera, lattice
 from maskfab.camera.scenes import Photograph
 from maskfab.designs.design import densest, require_closed
@@ -271,7 +272,7 @@ def sweep(
     compared: Sequence[Opening] = (),
     camera: PhotoCamera = F1,
     settings: CaptureSettings = F1_SETTINGS,
-    budget_s: float | None = None,
+    clock: Clock = NO_END,
     workers: int | None = None,
     progress: Progress = silent,
 ) -> Pareto:
@@ -285,7 +286,8 @@ def sweep(
         compared: openings on the same grid, judged as if laid in the same tiling.
         camera: that looks through the panel.
         settings: of the photographs that openings are compared by.
-        budget_s: stop after about this time; every size has its share of it, and at least 64 shapes.
+        clock: of the budget; every size has its share of it, and at least 64 shapes. How long maps and dies take is
+            measured, and fewer points are laid where it leaves no time for all.
         workers: threads; by default as many as there are processors.
         progress: told where the work stands.
 
@@ -306,12 +308,11 @@ def sweep(
     many = workers or os.cpu_count() or 1
     work = _Sweep(pareto, section, objective, panels, error, footprints, rules, display, lines, many, progress)
     counts = sorted(set(pareto.clear_dots))
-    clock = Clock(budget_s)
     curves: list[FrontCurve] = []
     refusals: list[InputError] = []
     for done, count in enumerate(counts):
         try:
-            curves.append(work.curve(count, Clock(clock.left(1 / (len(counts) - done)))))
+            curves.append(work.curve(count, clock.part(1 / (len(counts) - done))))
         except InputError as refusal:
             refusals.append(refusal)
             curves.append(FrontCurve(count, (), (), 0, 0, 0, (), True, f"{refusal.code} {refusal.what}"))
@@ -436,11 +437,16 @@ class _Sweep:
             cure = "Ask for less of the display, or add families"
             raise JobError("MF123", what, where="pareto.clear_dots", cure=cure)
         evaluated, complete = shapes_judged.evaluated, shapes_judged.complete
+        # What follows is measured on the best opening, and the annealing ends in time for it.
+        point_s = 0.0 if clock.budget_s is None else self._seconds(steps[0])
+        after_s = point_s * min(self.pareto.points, len(steps))
         if self.pareto.anneal and complete:
-            more, walked, complete = self._annealed(steps, rules, clock)
+            more, walked, complete = self._annealed(steps, rules, clock.before(after_s))
             steps, evaluated, measured = [*steps, *more], evaluated + walked, measured + len(more)
         best = sorted((s for s in steps if not any(o.betters(s) for o in steps)), key=lambda opening: -opening.value)
-        chosen = spread(best, self.pareto.points)
+        left = clock.left()
+        most = self.pareto.points if left is None or not point_s else int(min(self.pareto.points, left / point_s))
+        chosen = spread(best, max(1, most))
         points, misfits = self._laid(chosen, count, FIRST_STEPS if clock.over else None)
         if not points:
             what = f"the display fits openings of {count} clear dots, and none on the panel of a die: {misfits[0]}"
@@ -592,6 +598,12 @@ class _Sweep:
                     misfits.append(made)
                 self.progress(stage, done, len(chosen))
         return tuple(points), tuple(misfits)
+
+    def _seconds(self, judged: JudgedOpening) -> float:
+        """How long an opening takes to lay, its map and its die, with as many at once as there are processors."""
+        begun = time.monotonic()
+        self._lay(judged, FIRST_STEPS)
+        return (time.monotonic() - begun) / self.workers
 
     def _lay(self, judged: JudgedOpening, steps: int | None) -> FrontPoint | str:
         designed = self._mapped(judged.unit, steps)

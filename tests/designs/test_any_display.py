@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 from collections.abc import Iterator
+from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -14,15 +17,18 @@ from once import leaves
 
 from maskfab import design as designed
 from maskfab.api.designing import Design
+from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, Tiling
-from maskfab.base.work import Clock, ended_by_interrupt
-from maskfab.designs.design import design
+from maskfab.base.work import Clock, ended_by_interrupt, silent
+from maskfab.designs.design import design, display_of, section_of
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import Display, Wired, every_pair, of_display
 from maskfab.designs.rules.families import bars, l_shapes
 from maskfab.designs.search.annealing import Ranked
+from maskfab.designs.search.die_look import PROBED, DieLook
 from maskfab.designs.search.guard import Guard
-from maskfab.designs.search.held import finer, start_of, straight_lines, thinned
+from maskfab.designs.search.held import finer, kinds_of_panel, require_held, start_of, straight_lines, thinned
+from maskfab.designs.search.result import constraints_of
 from maskfab.display.emitter_rules import Verdict
 from maskfab.display.feasibility import display_rules, feasibility
 from maskfab.display.free_area import meetings
@@ -30,7 +36,7 @@ from maskfab.display.wiring import wired_alike, wiring
 from maskfab.job.read import read
 from maskfab.mask.job import load_job
 from maskfab.mask.opening_file import opening_text
-from maskfab.mask.panels import map_text
+from maskfab.mask.panels import CellMap, map_text
 from maskfab.report.pages.design import Made
 
 pytestmark = pytest.mark.usefixtures("bound_loosely")
@@ -188,3 +194,50 @@ def test_the_first_ctrl_c_keeps_the_best_so_far(tmp_path: Path, one_scene: None,
 
 def test_a_periodic_display_asks_for_no_map() -> None:
     assert asked_display(lines=2, tiling=Tiling.PERIODIC).wired is Wired.TILING
+
+
+@pytest.mark.parametrize("lines", [2, 7])
+def test_lines_counted_beside_many_openings_leave_out_none_that_can_be_wired(lines: int) -> None:
+    """Every kind of panel, by its own exact answer."""
+    shapes = [*islice(bars(11, 25), 0, None, 3), *islice(l_shapes(11, 25), 0, None, 40)]
+    units = np.stack([shape.unit for shape in shapes])
+    for held in kinds_of_panel(rules_of(asked_display(lines=lines)), crooked=False):
+        display = held["emitters"]
+        most = display.lines_beside(units, held.dot_nm)
+        wired = [display.unwired(unit, held.dot_nm) is None for unit in units]
+        assert all(passing >= display.opaque_lines for passing, fits in zip(most, wired, strict=True) if fits)
+        assert lines == 2 or (most < display.opaque_lines).any()
+
+
+def test_dots_that_do_not_fit_are_refused_before_any_photograph_with_the_most_that_do(tmp_path: Path) -> None:
+    path, stages = job_of(tmp_path, ("lines = 2", "lines = 10")), list[str]()
+    with pytest.raises(JobError, match=r"MF123 25 dots do not fit: none of the \d+ shapes of .*; (\d+) do") as refusal:
+        design(read(path), "a test", where=str(path), progress=lambda stage, *_: stages.append(stage))
+    assert not any(stage.startswith(("photographs", "scan")) for stage in stages)
+    most = int(re.search(r"clear_dots = (\d+)", refusal.value.cure)[1])
+    # What is told to fit keeps the rules, and the search finds it.
+    fewer = job_of(tmp_path, ("lines = 2", "lines = 10"), ("clear_dots = 25", f"clear_dots = {most}"))
+    require_held(constraints_of(section_of(read(fewer), "x"), display=display_of(read(fewer), "x")), ("bars",), Clock())
+
+
+def test_a_die_that_there_is_no_time_for_is_looked_at_in_part_and_that_is_told(tmp_path: Path) -> None:
+    display = display_of(read(job_of(tmp_path)), "job")
+    assert display is not None
+    unit = np.zeros((11, 11), dtype=np.bool_)
+    unit[4:7, 4:7] = True
+    whole = DieLook.of(display, Clock(), unit, DOT_NM)
+    assert whole(unit, DOT_NM, None, silent).across == display.across == 12
+    assert whole.notes(whole(unit, DOT_NM, None, silent)) == ()
+    large = replace(display, across=60)
+    # A second for each pixel, and 200 s: 14 x 14 pixels.
+    look = DieLook(large, Clock(200.5, now=lambda: 0.0), pixel_s=1.0)
+    fit = look(unit, DOT_NM, None, silent)
+    assert (fit.across, fit.why) == (14, None)
+    assert look.notes(fit) == ("The budget left time to look at 14 x 14 of the die's 60 x 60 pixels.",)
+    # The map is looked at whole, and without time as much as was measured on.
+    cells = CellMap("map", np.zeros((20, 20), dtype=np.int8))
+    assert look(unit, DOT_NM, cells, silent).across == 20
+    assert replace(look, clock=Clock(0.0, now=lambda: 0.0))(unit, DOT_NM, None, silent).across == PROBED
+    measured = DieLook.of(large, Clock(60.0), unit, DOT_NM)
+    assert measured.seconds == pytest.approx(measured.pixel_s * 3600)
+    assert measured.pixel_s > 0

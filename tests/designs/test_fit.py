@@ -266,7 +266,7 @@ def test_a_job_without_a_plate_has_dies_like_those_that_ship_and_one_with_a_plat
 
 def test_a_design_tells_the_die_that_it_fits_and_the_seed_to_state(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("maskfab.camera.scenes.bundled", lambda count=4: (leaves(1),))
-    monkeypatch.setattr("maskfab.designs.search.method.fitting_die", lambda *_, **__: fit)
+    monkeypatch.setattr("maskfab.designs.search.die_look.fitting_die", lambda *_, **__: fit)
     fit = fitting_die(shown(tmp_path), unit(), 8000)
     path = job_of(tmp_path)
     found = design(read(path), "a test", where=str(path))

@@ -12,6 +12,7 @@ from sweeps import examples
 
 from maskfab.base.errors import MaskfabError
 from maskfab.base.model import Opening, Tiling
+from maskfab.base.work import Clock
 from maskfab.camera.lens import F1, lattice
 from maskfab.camera.scenes import Photograph
 from maskfab.designs.design import display_of, stated_display
@@ -334,7 +335,7 @@ def test_openings_say_where_they_come_from(scenes: tuple[Photograph, ...]) -> No
 
 
 def test_a_budget_stops_the_look_and_is_told(scenes: tuple[Photograph, ...]) -> None:
-    found = swept(asked(9, 12, lines=[1]), section(families=["bars", "discs"]), scenes, budget_s=1e-6)
+    found = swept(asked(9, 12, lines=[1]), section(families=["bars", "discs"]), scenes, clock=Clock(1e-6))
     assert not found.curves[0].complete
     assert all(curve.front and curve.evaluated <= 64 for curve in found.curves)
 

@@ -80,8 +80,8 @@ class Shortfall:
 def roomiest(shapes: Sequence[Candidate], rules: Constraints) -> list[Candidate]:
     """Shapes beside which a display may fit, those with most room for straight lines and emitters first.
 
-    Left out are shapes whose lines or emitters a bound excludes. Room is the least, over lines and emitters, of what there is
-    over what is asked; it only orders.
+    Left out are shapes whose lines or emitters a bound excludes. Room is the least, over lines and emitters, of what
+    there is over what is asked; it only orders.
 
     Args:
         shapes: of one count of clear dots.
@@ -93,7 +93,7 @@ def roomiest(shapes: Sequence[Candidate], rules: Constraints) -> list[Candidate]
     units, dot_nm = np.stack([shape.unit for shape in shapes]), rules.dot_nm
     passing = display.lines_beside(units, dot_nm)
     if passing is not None:
-        able = np.flatnonzero(passing >= display.opaque_lines)
+        able = np.flatnonzero(passing >= display.opaque_lines).tolist()
         shapes, units = [shapes[k] for k in able], units[able]
         if not shapes:
             return []
@@ -104,7 +104,7 @@ def roomiest(shapes: Sequence[Candidate], rules: Constraints) -> list[Candidate]
     if wires is not None and display.opaque_lines:
         lines = straight_lines(units, dot_nm, wires.rules, turned=display.wired is not Wired.REGULAR)
         room = np.minimum(room, (lines + 0.5) / display.opaque_lines)
-    order = np.argsort(-room, kind="stable")
+    order = np.argsort(-room, kind="stable").tolist()
     return [shapes[k] for k in order if share[k] >= asked.required]
 
 
@@ -153,9 +153,7 @@ def kinds_of_panel(rules: Constraints, *, crooked: bool = True) -> Iterator[Cons
 EASE = "Ask for fewer lines, or smaller emitters"
 
 
-def shapes_of(
-    families: Iterable[str], dots: int, clear_dots: int, most: int | None = MOST_JUDGED
-) -> list[Candidate]:
+def shapes_of(families: Iterable[str], dots: int, clear_dots: int, most: int | None = MOST_JUDGED) -> list[Candidate]:
     """Shapes of some families, thinned where they are more than ``most``, if that is a number."""
     shapes: list[Candidate] = []
     for name in families:
@@ -372,7 +370,9 @@ def require_held(rules: Constraints, families: tuple[str, ...], clock: Clock, pr
         progress(f"{asked} dots do not fit; tried {count}", 0, 1)
         found, _ = first_of(count, _TRIED_OF_FEWER)
         low, high, best = (low, count, best) if found is None else (count, high, found)
-    what = f"{asked} dots do not fit: none of the {many} shapes of {', '.join(families)} keeps {', '.join(rules.active)}"
+    what = (
+        f"{asked} dots do not fit: none of the {many} shapes of {', '.join(families)} keeps {', '.join(rules.active)}"
+    )
     if best is None:
         raise JobError("MF123", f"{what}; nor was one of fewer dots found", where="design.fit", cure=EASE)
     what += f"; {low} do, as {best.name}"

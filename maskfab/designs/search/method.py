@@ -54,9 +54,10 @@ from maskfab.designs.model.limits import rings
 from maskfab.designs.model.panel_judgement import MeanPanelError, PanelError
 from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings, SceneStatistics, scene_statistics
 from maskfab.designs.rules.constraints import Constraints
-from maskfab.designs.rules.display_fit import OF_THE_EYE, DieFit, Display, fitting_die
+from maskfab.designs.rules.display_fit import OF_THE_EYE, DieFit, Display
 from maskfab.designs.rules.families import Candidate, kind
 from maskfab.designs.search.annealing import ExpectedPsnr, Objective, Ranked, anneal, nearest
+from maskfab.designs.search.die_look import DieLook
 from maskfab.designs.search.guard import Guard
 from maskfab.designs.search.held import EASE, Start, require_held, start_of
 from maskfab.designs.search.result import (
@@ -271,9 +272,7 @@ def search(
     """
     rules = constraints_of(section, display=display)
     room = _room_of(section, rules, camera)
-    section, rules, start = started(section, rules, display, clock, progress)
-    if start is None and display is not None and begin is None and section.objective == "restored":
-        require_held(rules, section.families, clock, progress)
+    section, rules, start = started(section, rules, display, clock, progress, begun=begin is not None)
     progress("photographs", 0, 1)
     judges = Judges(section, scenes, room, settings, seen)
     expected = judges.expected
@@ -281,14 +280,7 @@ def search(
     panels = judges if section.map is None else replace(judges, leak_scenes=MAP_LEAK_SCENES)
     # Made before the stages have their time, for it takes some.
     panel = None if section.map is None else panels.panel
-    stages = Stages.of(
-        expected,
-        first_shape(section),
-        clock,
-        mapped=section.map is not None,
-        fitted=display is not None,
-        across=0 if display is None else display.across,
-    )
+    stages, look = _stages(section, rules, expected, display, start, clock)
     made_for = camera_facts(camera, settings, seen)
     store = (
         None
@@ -348,7 +340,7 @@ def search(
             alike=chosen.alike,
         )
 
-    chosen, laid, fit = _first_that_fits(listed, lay, display, progress)
+    chosen, laid, fit = _first_that_fits(listed, lay, look, progress)
     state, rules = replace(state, best=chosen.shape), chosen.rules
     facts: Facts = {**made, "shape": state.best.name}
     laid, fit, seeds = _with_seeds(laid, fit)
@@ -390,7 +382,7 @@ def search(
         laid.head_room,
         gap,
         None if laid.outer is None else Opening(_named(section, "_outer"), laid.outer, rules.dot_nm, facts),
-        (*_few_cells(room, section), *notes),
+        (*_few_cells(room, section), *notes, *(() if look is None else look.notes(fit))),
         state.cut or laid.cut,
         shortfall=None if start is None else start.shortfall,
         camera=made_for_line(camera, settings, seen),
@@ -672,11 +664,18 @@ def _room_of(section: SearchSection, rules: Constraints, camera: PhotoCamera) ->
 
 
 def started(
-    section: SearchSection, rules: Constraints, display: Display | None, clock: Clock, progress: Progress
+    section: SearchSection,
+    rules: Constraints,
+    display: Display | None,
+    clock: Clock,
+    progress: Progress,
+    *,
+    begun: bool = False,
 ) -> tuple[SearchSection, Constraints, Start | None]:
     """The section and its rules as the search goes on with them, and the first opening that a display fits.
 
-    That is sought where a map of one opening is designed; elsewhere openings are asked as they come.
+    That is sought where a map of one opening is designed; elsewhere openings are asked as they come, unless none fits
+    of those that a scan would judge. There is no scan where the search has ``begun`` at an opening.
 
     Raises:
         JobError, OpeningError: MF123, MF203, MF204 for rules that contradict each other, and for a display that was
@@ -684,6 +683,8 @@ def started(
     """
     if display is None or not for_any_map(section):
         rules.require_possible()
+        if display is not None and not begun and section.objective == "restored":
+            require_held(rules, section.families, clock, progress)
         return section, rules, None
     start = start_of(rules, section.families, clock, progress)
     if start is None:
@@ -811,7 +812,10 @@ def _by_auc(section: SearchSection, rules: Constraints, room: CellGrid, clock: C
 
 
 def _first_that_fits(
-    listed: Sequence[Listed], lay: Callable[[Listed], Mapped], display: Display | None, progress: Progress
+    listed: Sequence[Listed],
+    lay: Callable[[Listed], Mapped],
+    look: DieLook | None,
+    progress: Progress,
 ) -> tuple[Listed, Mapped, DieFit | None]:
     """The first of a list whose panel holds the display on a die, if one must; only guarded maps may fail to.
 
@@ -821,18 +825,39 @@ def _first_that_fits(
     alike = (replace(one, alike=True) for one in listed if one.guard is not None)
     for chosen in (*listed, *alike):
         laid = lay(chosen)
-        fit = _fit(display, laid, chosen.rules, progress)
+        fit = _fit(look, laid, chosen.rules, progress)
         if chosen.guard is None or fit is None or fit.why is None:
             break
     _require_fit(fit, laid)
     return chosen, laid, fit
 
 
-def _fit(display: Display | None, laid: Mapped, rules: Constraints, progress: Progress) -> DieFit | None:
+def _stages(
+    section: SearchSection,
+    rules: Constraints,
+    expected: ExpectedPsnr,
+    display: Display | None,
+    start: Start | None,
+    clock: Clock,
+) -> tuple[Stages, DieLook | None]:
+    """Clocks of the stages of a design, and the look at a die that ends it, if a display must fit one.
+
+    Raises:
+        JobError: MF150 as :meth:`maskfab.designs.search.result.Stages.of`.
+    """
+    unit = first_shape(section)
+    first = unit if start is None else start.first.unit
+    look = None if display is None else DieLook.of(display, clock, first, rules.dot_nm)
+    die_s = 0.0 if look is None else look.seconds
+    mapped, fitted = section.map is not None, look is not None
+    return Stages.of(expected, unit, clock, mapped=mapped, fitted=fitted, die_s=die_s), look
+
+
+def _fit(look: DieLook | None, laid: Mapped, rules: Constraints, progress: Progress) -> DieFit | None:
     """The display on dies of the panel, if one must fit; that of two openings was found with them."""
-    if display is None or laid.outer is not None:
+    if look is None or laid.outer is not None:
         return laid.fit
-    return fitting_die(display, laid.unit, rules.dot_nm, laid.cells, progress=progress)
+    return look(laid.unit, rules.dot_nm, laid.cells, progress)
 
 
 def _require_fit(fit: DieFit | None, laid: Mapped) -> None:

@@ -79,10 +79,6 @@ _BATCH, _FIRST_MAP, _MAP, _PRICES, _FIT, _BOUNDS = 64, 400, 4500, 400, 1800, 450
 
 # Shares of the time left that a map, and bounds with what is like them, take at most.
 _MOST_MAP, _MOST_BOUNDS, _MOST_DIE = 0.25, 0.4, 0.4
-_PIXEL_S = 4e-3
-"""Of the look at a die, whose display is held against eight seeds: 13 s of 59 x 59 pixels."""
-
-
 _MOST = 8
 
 
@@ -318,7 +314,7 @@ class Stages:
         *,
         mapped: bool = False,
         fitted: bool = False,
-        across: int = 0,
+        die_s: float = 0.0,
     ) -> Stages:
         """Clocks by the time that judging one opening takes.
 
@@ -328,7 +324,7 @@ class Stages:
             clock: of the whole budget.
             mapped: whether a map is designed.
             fitted: whether a display must fit.
-            across: pixels along a side of the die on which it is tried at last.
+            die_s: seconds of the look at a die, as they were measured.
 
         Raises:
             JobError: MF150 for a clock that refuses what it cannot keep.
@@ -346,8 +342,8 @@ class Stages:
         bounds_s = judgement_s * _BOUNDS
         bounded = bounds_s <= _MOST_BOUNDS * left
         # The look at the die goes by its pixels, however fast an opening is judged.
-        die_s = max(0.0, _PIXEL_S * across**2 - judgement_s * _FIT * fitted)
-        after_s = needed_s + min(die_s, _MOST_DIE * left) + bounds_s * bounded
+        beyond_s = max(0.0, die_s - judgement_s * _FIT * fitted)
+        after_s = needed_s + min(beyond_s, _MOST_DIE * left) + bounds_s * bounded
         map_s = min(_MOST_MAP * left, judgement_s * _MAP) * mapped
         return cls(clock.before(after_s + map_s), clock.before(after_s), bounded, bounds_s)
 
