@@ -61,8 +61,9 @@ from maskfab.report.rows.photographs import (
 )
 from maskfab.runs.stages import PendingPhotographs
 
-_DISPLAYS, _MOST_AFTER = 0.12, 0.6
-"""Share of the time for what follows the design beside its photographs, and the largest for all of it."""
+_AFTER, _MOST_AFTER_S, _MEANWHILE = 0.45, 60.0, 0.55
+"""Share of the time, and the most of it, for all that follows the design; share for what the second process does, which
+takes the photographs of the design afterwards."""
 _UNDER_S, _DENSER_S = 60.0, 240.0
 """Least time for a design under limits of the eye, and for one that is denser in the middle."""
 _LIGHTS = 10.0
@@ -157,15 +158,8 @@ def advise(
     with ProcessExecutor() if (os.cpu_count() or 1) > 1 else SerialExecutor() as executor:
         work = _Work(spec, section, before, command, path, images, progress, clock, executor)
         taken = {reference.name: work.photographed(before, reference.name, conditions)}
-        left, after_s, photographs_s = clock.left(), 0.0, 0.0
-        if left is not None:
-            # How long the photographs of the design will take is measured on those of the reference.
-            taken[reference.name].result()
-            photographs_s = taken[reference.name].seconds * (1 + 1 / len(conditions.levels))
-            after_s = min(photographs_s + _DISPLAYS * left, _MOST_AFTER * left)
-            work = replace(work, after_s=after_s)
         left = clock.left()
-        eased = executor.submit(reaches, lambda: (spec, str(path), images, left and max(0.0, left - after_s)))
+        eased = executor.submit(reaches, lambda: (spec, str(path), images, left and _MEANWHILE * left))
         designed, misfit = work.designed()
         job, built = work.built(designed)
         unkept, cost = None, None
@@ -178,6 +172,9 @@ def advise(
                 job, built = work.built(designed)
         plate, name = job.plate(), job.spec.die[-1].name
         houses = executor.submit(compare_shops, lambda: (job.spec, plate, [load_shop(shop) for shop in shop_names()]))
+        # Those of the reference tell how long photographs take, and those of a clear stop take a level more.
+        taken[reference.name].result()
+        photographs_s = taken[reference.name].seconds * (1 + 1 / len(conditions.levels))
         if len(conditions.levels) > 1 and not clock.affords(photographs_s):
             notes += (f"{clock.ender} left no time for photographs in other light than {level:.3g} dB.",)
             conditions = replace(conditions, levels=(level,))
@@ -196,8 +193,7 @@ def advise(
 
 @dataclass(frozen=True, eq=False)
 class _Work:
-    """Everything that the parts of an answer are made from: the job, its [design], the job of the reference alone, and
-    the seconds that what follows the design takes."""
+    """Everything that the parts of an answer are made from: the job, its [design], the job of the reference alone."""
 
     spec: JobSpec
     section: SearchSection
@@ -208,7 +204,6 @@ class _Work:
     progress: Progress
     clock: Clock
     executor: SerialExecutor
-    after_s: float = 0.0
 
     def designed(self) -> tuple[Designed, str | None]:
         """The design; where no display fits, the one without it, and why."""
@@ -232,7 +227,9 @@ class _Work:
 
     def _design(self, **asked: Any) -> Designed:
         spec = self.spec.model_copy(update={"design": self.section.model_copy(update=asked)})
-        where, images, early = str(self.path), self.images, self.clock.before(self.after_s)
+        left = self.clock.left()
+        early = self.clock if left is None else self.clock.before(min(_AFTER * left, _MOST_AFTER_S))
+        where, images = str(self.path), self.images
         return design(spec, self.command, where=where, images=images, progress=self.progress, clock=early)
 
     def built(self, designed: Designed) -> tuple[Job, PlateWithDisplays]:

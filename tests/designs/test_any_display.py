@@ -210,13 +210,13 @@ def test_lines_counted_beside_many_openings_leave_out_none_that_can_be_wired(lin
 
 
 def test_dots_that_do_not_fit_are_refused_before_any_photograph_with_the_most_that_do(tmp_path: Path) -> None:
-    path, stages = job_of(tmp_path, ("lines = 2", "lines = 10")), list[str]()
+    path, stages = job_of(tmp_path, ("lines = 2", "lines = 12")), list[str]()
     with pytest.raises(JobError, match=r"MF123 25 dots do not fit: none of the \d+ shapes of .*; (\d+) do") as refusal:
         design(read(path), "a test", where=str(path), progress=lambda stage, *_: stages.append(stage))
     assert not any(stage.startswith(("photographs", "scan")) for stage in stages)
     most = int(re.search(r"clear_dots = (\d+)", refusal.value.cure)[1])
     # What is told to fit keeps the rules, and the search finds it.
-    fewer = job_of(tmp_path, ("lines = 2", "lines = 10"), ("clear_dots = 25", f"clear_dots = {most}"))
+    fewer = job_of(tmp_path, ("lines = 2", "lines = 12"), ("clear_dots = 25", f"clear_dots = {most}"))
     require_held(constraints_of(section_of(read(fewer), "x"), display=display_of(read(fewer), "x")), ("bars",), Clock())
 
 

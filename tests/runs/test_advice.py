@@ -360,3 +360,13 @@ def test_reasons_come_with_the_limit_and_whose_it_is(answer):
     assert "slow grain" in document["verdict"]
     assert "(default)" in document["verdict"]
     assert "breaks" in document["answers"][2]["sentence"]
+
+
+@pytest.mark.usefixtures("alone")
+def test_photographs_that_there_is_no_time_for_are_left_out_and_that_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr(Clock, "affords", lambda clock, seconds: False)
+    found = mf.advise(write(tmp_path), budget=NO_END).found
+    (level,) = found.photographs.conditions.levels
+    assert level == found.level_db
+    assert all({score.level_db for score in die.scores} == {level} for die in found.photographs.dies.values())
+    assert any("left no time for photographs in other light" in note for note in found.notes)
