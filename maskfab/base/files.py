@@ -237,6 +237,11 @@ def read_state(path: Path) -> dict[str, NDArray[np.generic]]:
         raise SourceError("MF303", what, where=str(path), cure="Delete it and start again") from error
 
 
+def no_file(path: str | Path, shown: str | Path) -> str:
+    """Words on a path, as it is shown, where a file is meant and there is none."""
+    return f"{shown} is a folder, and a file is meant" if os.path.isdir(path) else f"there is no file {shown}"
+
+
 def load_state(path: Path, run: str) -> dict[str, NDArray[np.generic]] | None:
     """The state that :func:`save_state` kept; None if there is no file.
 

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from maskfab.base import __version__
 from maskfab.base.arrays import Singles
 from maskfab.base.errors import JobError, SourceError
-from maskfab.base.files import RUN, read_state, save_state
+from maskfab.base.files import RUN, no_file, read_state, save_state
 from maskfab.base.work import Clock, Progress
 from maskfab.camera.imaging import Blur, Design, Transfer
 from maskfab.camera.protocol import Protocol, evaluate
@@ -434,7 +434,7 @@ class Checkpoint:
             SourceError: MF301 without a file, MF303 for a damaged one, MF304 for one of another kind.
         """
         if not os.path.isfile(path):
-            raise SourceError("MF301", f"there is no file {path}", cure="Train one with maskfab learn")
+            raise SourceError("MF301", no_file(path, path), cure="Train one with maskfab learn")
         state = read_state(path)
         if str(state.pop(RUN, "")) != _KIND:
             what = "the file is no checkpoint of maskfab learn"

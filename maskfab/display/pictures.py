@@ -14,6 +14,7 @@ import numpy as np
 
 from maskfab.base.arrays import Floats, Singles
 from maskfab.base.errors import JobError, SourceError
+from maskfab.base.files import no_file
 from maskfab.mask.formats.tiff import said_by, shown_alike
 from maskfab.optics.colour import light_of_code
 
@@ -52,7 +53,7 @@ def read_picture(path: str | Path) -> Picture:
     path = Path(path)
     where = str(path)
     if not os.path.isfile(path):
-        raise SourceError("MF301", f"there is no file {where}", cure="Give the path of a picture")
+        raise SourceError("MF301", no_file(path, where), cure="Give the path of a picture")
     if path.stat().st_size == 0:
         raise SourceError("MF302", f"{where} is empty", cure="Save or copy the picture again")
     image = _opened(path, where)

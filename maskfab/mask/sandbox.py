@@ -41,6 +41,7 @@ from maskfab.base.errors import (
     SourceError,
     is_lack_of_memory,
 )
+from maskfab.base.files import no_file
 from maskfab.base.plain_data import from_data, to_data
 from maskfab.base.work import Progress, silent
 from maskfab.mask.limits import (
@@ -137,7 +138,7 @@ def _require(held: bool) -> None:
 def missing(path: Path) -> SourceError:
     """MF301 for a file that is not there."""
     cure = "Give the path of an existing file"
-    return SourceError("MF301", f"there is no file {path.name}", where=str(path), cure=cure)
+    return SourceError("MF301", no_file(path, path.name), where=str(path), cure=cure)
 
 
 def damaged(path: Path, what: str) -> SourceError:

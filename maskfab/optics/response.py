@@ -12,6 +12,7 @@ import numpy as np
 
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError, SourceError
+from maskfab.base.files import no_file
 from maskfab.job.values import COLDEST_K, HOTTEST_K
 from maskfab.optics.spectrum import LONGEST_NM, SHORTEST_NM, Band, Curve, check_wavelengths, check_weights
 
@@ -50,7 +51,7 @@ def curves_text(path: Path, where: str, columns: str = _COLUMNS) -> str:
         raise SourceError("MF308", what, where=where, cure="Curves are read from .csv")
     if not os.path.isfile(path):
         cure = "Give the path of an existing .csv, relative to the job file"
-        raise SourceError("MF301", f"there is no file {path}", where=where, cure=cure)
+        raise SourceError("MF301", no_file(path, path), where=where, cure=cure)
     data = path.read_bytes()
     if not data.strip():
         what = f"{path} holds no text"

@@ -10,6 +10,7 @@ import pytest
 from klayout import db
 from small_job import DRAWING, JOB, LOOK, OPENING, Answer, command, listing, look, write_job
 
+import maskfab as mf
 from maskfab.base.errors import CATALOGUE
 from maskfab.mask.opening_file import load_opening
 
@@ -664,3 +665,40 @@ def test_an_opening_is_not_overwritten_without_force(capsys, tmp_path):
     assert command(capsys, "new", target, "--shape", "stripe", "--width-dots", "7", "--force").code == 0
     assert load_opening(target).clear_dots == 7 * 21
     assert listing(tmp_path).keys() == {"o.toml"}
+
+
+@pytest.mark.parametrize("name", ["folder.toml", "folder.png", "folder.gds", "folder.exr"])
+@pytest.mark.parametrize(
+    "words",
+    [["analyse", "IT"], ["edge", "IT"], ["restore", "IT", "--job", "JOB", "--out", "OUT"],
+     ["run", "IT", "--out", "OUT"]],
+    ids=lambda words: words[0],
+)  # fmt: skip
+def test_a_folder_in_place_of_a_file_is_refused_as_such(capsys, tmp_path, words, name):
+    stands = {"JOB": write_job(tmp_path), "OUT": tmp_path / "out", "IT": tmp_path / name}
+    stands["IT"].mkdir()
+    error = command(capsys, *(stands.get(word, word) for word in words), "--json").document["error"]
+    assert error["code"] == "MF301"
+    assert "is a folder" in error["what"] or "is a directory" in error["what"]
+    assert name in error["what"] + error["where"]
+    assert not stands["OUT"].exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [(["run", "JOB", "--out", "IT"], "MF401"), (["simulate", "JOB", "--images", "IT"], "MF301"),
+     (["view", "IT"], "MF403"), (["analyse", "JOB", "--out", "IT"], "MF401")],
+)  # fmt: skip
+def test_a_file_in_place_of_a_folder_is_refused_as_such(capsys, tmp_path, words, code):
+    stands = {"JOB": write_job(tmp_path, ('["530 nm"]', '["610 nm", "530 nm", "470 nm"]')), "IT": tmp_path / "it.txt"}
+    stands["IT"].write_text("no folder", encoding="utf-8")
+    error = command(capsys, *(stands.get(word, word) for word in words), "--json").document["error"]
+    assert (error["code"], "it.txt" in error["what"]) == (code, True), error
+    assert stands["IT"].read_text(encoding="utf-8") == "no folder"
+
+
+def test_a_stop_is_stated_by_its_number_and_its_key_is_explained():
+    assert mf.Camera("9 mm", stop="f/1.8", pixel="2 um").model.stop.diameter_um == 5000
+    answer = mf.explain("camera.stop")
+    assert [key["path"] for key in answer.to_dict()["keys"]][:2] == ["camera.stop.shape", "camera.stop.diameter"]
+    assert '"f/1.8"' in answer.text

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from maskfab.base.arrays import Singles
 from maskfab.base.errors import SourceError
 from maskfab.base.extras import require
+from maskfab.base.files import no_file
 from maskfab.base.provenance import sha256_of_file
 from maskfab.mask.sandbox import PATIENCE_S, read_apart
 
@@ -257,7 +258,7 @@ def read_frame(
 
 def _read(path: Path, where: str) -> Frame:
     if not os.path.isfile(path):
-        raise SourceError("MF301", f"there is no file {path.name}", where=where, cure="Give the path of a frame")
+        raise SourceError("MF301", no_file(path, path.name), where=where, cure="Give the path of a frame")
     if path.stat().st_size == 0:
         raise SourceError("MF302", f"{path.name} holds 0 bytes", where=where, cure="Copy it from the camera again")
     suffix = path.suffix.lower()

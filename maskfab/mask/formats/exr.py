@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from maskfab.base import __version__
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import SourceError
+from maskfab.base.files import no_file
 from maskfab.base.model import Die, DieOptics, Plate, Psf, Quantity
 from maskfab.base.pictures import write_image
 from maskfab.base.units import NM_PER_UM
@@ -62,7 +63,7 @@ def read_channels(path: Path, prefix: str, cure: str) -> Channels:
         SourceError: MF301 if there is no such file, MF303 if it cannot be read.
     """
     if not os.path.isfile(path):
-        raise SourceError("MF301", f"there is no file {path.name}", where=str(path), cure=cure)
+        raise SourceError("MF301", no_file(path, path.name), where=str(path), cure=cure)
     image = oiio.ImageInput.open(str(path))
     if image is None:
         raise damaged(path, said_by(oiio), cure)
