@@ -670,7 +670,7 @@ def test_an_opening_is_not_overwritten_without_force(capsys, tmp_path):
 @pytest.mark.parametrize("name", ["folder.toml", "folder.png", "folder.gds", "folder.exr"])
 @pytest.mark.parametrize(
     "words",
-    [["analyse", "IT"], ["edge", "IT"], ["restore", "IT", "--job", "JOB", "--out", "OUT"],
+    [["analyse", "IT"], ["edge", "IT"], ["restore", "IT", "--job", "JOB", "--die", "PLAIN", "--out", "OUT"],
      ["run", "IT", "--out", "OUT"]],
     ids=lambda words: words[0],
 )  # fmt: skip
@@ -700,5 +700,5 @@ def test_a_file_in_place_of_a_folder_is_refused_as_such(capsys, tmp_path, words,
 def test_a_stop_is_stated_by_its_number_and_its_key_is_explained():
     assert mf.Camera("9 mm", stop="f/1.8", pixel="2 um").model.stop.diameter_um == 5000
     answer = mf.explain("camera.stop")
-    assert [key["path"] for key in answer.to_dict()["keys"]][:2] == ["camera.stop.shape", "camera.stop.diameter"]
+    assert [key["name"] for key in answer.to_dict()["keys"]][:2] == ["shape", "diameter"]
     assert '"f/1.8"' in answer.text
