@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 from maskfab.base.arrays import Labels
 from maskfab.base.cell_size import CellSize
 from maskfab.base.checks import checked_arguments
-from maskfab.base.errors import Faults, JobError, SourceError
+from maskfab.base.errors import AtFault, Faults, JobError, SourceError
 from maskfab.base.model import ORIENTATIONS, Opening, Panel, Scalar, Tiling, frozen
 from maskfab.base.units import NM_PER_MM, NM_PER_UM, to_nm
 from maskfab.job.camera import Stop
@@ -506,6 +506,8 @@ def die_panels(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], *, wh
                 check_map(given, panel, stop, f"die {die.name!r}", where=f"{place}.map")
             panels[die.name] = panel
     faults.refuse()
+    if len(panels) < len(spec.die):
+        raise AtFault
     return panels
 
 

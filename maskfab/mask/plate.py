@@ -14,7 +14,7 @@ import numpy as np
 from klayout import db
 
 from maskfab.base import provenance
-from maskfab.base.errors import Faults, JobError
+from maskfab.base.errors import AtFault, Faults, JobError
 from maskfab.base.model import (
     CLEAR,
     ORIENTATIONS,
@@ -496,12 +496,16 @@ def compose(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], signatur
     heading, section = laid_out(spec, where=where)
     template = None if section.template is None else plate_template(section.template, where=f"{where}: plate.template")
     faults = Faults()
+    blank_nm = writable_nm = 0
     with faults:
         blank_nm, writable_nm = (_side(section, template, key, where) for key in ("blank", "writable"))
         _check_rooms(section, template, len(spec.die), (blank_nm, writable_nm), where)
+    panels: dict[str, Panel] = {}
     with faults:
         panels = die_panels(spec, openings, where=where)
     faults.refuse()
+    if len(panels) < len(spec.die) or not blank_nm:
+        raise AtFault
     pitch_nm = to_nm(section.die_pitch, where=f"{where}: plate.die_pitch", name="die_pitch")
     size_nm = to_nm(section.die_size, where=f"{where}: plate.die_size", name="die_size")
     # Row by row from the top left, the whole grid centred on the plate.

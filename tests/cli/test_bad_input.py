@@ -675,7 +675,8 @@ def test_an_opening_is_not_overwritten_without_force(capsys, tmp_path):
     ids=lambda words: words[0],
 )  # fmt: skip
 def test_a_folder_in_place_of_a_file_is_refused_as_such(capsys, tmp_path, words, name):
-    stands = {"JOB": write_job(tmp_path), "OUT": tmp_path / "out", "IT": tmp_path / name}
+    job = write_job(tmp_path, ('["530 nm"]', '["610 nm", "530 nm", "470 nm"]'))
+    stands = {"JOB": job, "OUT": tmp_path / "out", "IT": tmp_path / name}
     stands["IT"].mkdir()
     error = command(capsys, *(stands.get(word, word) for word in words), "--json").document["error"]
     assert error["code"] == "MF301"
