@@ -146,7 +146,7 @@ def compared_once() -> Iterator[None]:
 
 
 def _remembered(place: str, work: Callable[..., Any], *given: object, **named: object) -> Any:
-    key = place, _digest((given, named))
+    key = place, _digest((given, named, Figure.savefig is _write_words))
     if key not in _KNOWN:
         _KNOWN[key] = work(*given, **named)
     return _KNOWN[key]

@@ -51,19 +51,13 @@ def imported(code: str) -> set[str]:
     return set(done.stdout.splitlines()[-1].split())
 
 
-@pytest.mark.parametrize(
-    "code",
-    [
-        "import maskfab",
-        "import maskfab.cli",
-        "import sys; sys.argv = ['maskfab', '--version']\nfrom maskfab.__main__ import main; main()",
-        "from maskfab.cli import run_command_line; assert run_command_line(['--help']) == 0",
-        "from maskfab.cli.program import VERBS, run_command_line\n"
-        "assert len(VERBS) > 10 and not any(run_command_line([*verb.split(), '--help']) for verb in VERBS)",
-    ],
-    ids=["package", "verbs", "version", "help", "help of every verb"],
-)
-def test_the_doorway_imports_nothing_heavy(code):
+def test_the_doorway_imports_nothing_heavy():
+    code = (
+        "import sys, maskfab.cli\nfrom maskfab.__main__ import main\n"
+        "sys.argv = ['maskfab', '--version']\nmain()\n"
+        "from maskfab.cli.program import VERBS, run_command_line\nassert run_command_line(['--help']) == 0\n"
+        "assert len(VERBS) > 10 and not any(run_command_line([*verb.split(), '--help']) for verb in VERBS)"
+    )
     assert imported(code) & HEAVY == set()
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import os
 import shutil
 import subprocess
 import sys
@@ -16,7 +15,7 @@ from small_job import OPENING, command, write_job
 import maskfab as mf
 from maskfab.cli import old_names
 from maskfab.cli.command import Command, command_of, summary_of
-from maskfab.cli.program import GROUPS, VERBS
+from maskfab.cli.program import GROUPS, VERBS, run_command_line
 
 SHARED = {"--out", "--force", "--json", "--quiet"}
 """Options that mean the same everywhere, and are said once by ``maskfab --help``."""
@@ -158,23 +157,28 @@ def test_public_names_are_listed_once():
     assert set(mf.__all__) <= set(starred)
 
 
-def completed(shell: str, *words: str, **more: str) -> str:
-    """What the program answers a shell that completes ``words``, the last of them half typed."""
-    line = " ".join(("maskfab", *words))
-    asked = {"COMP_WORDS": line, "COMP_CWORD": str(len(words)), "_TYPER_COMPLETE_ARGS": line, **more}
-    environment = {**os.environ, **asked, "_MASKFAB_COMPLETE": f"complete_{shell}"}
-    done = subprocess.run(
-        [sys.executable, "-m", "maskfab"], env=environment, capture_output=True, text=True, check=True
-    )
-    return done.stdout
+@pytest.fixture
+def completed(capsys, monkeypatch):
+    """The program's answer to a shell that completes words, the last of them half typed."""
+
+    def answer(shell: str, *words: str) -> str:
+        line = " ".join(("maskfab", *words))
+        asked = {"COMP_WORDS": line, "COMP_CWORD": str(len(words)), "_TYPER_COMPLETE_ARGS": line}
+        asked |= {"_TYPER_COMPLETE_FISH_ACTION": "get-args", "_MASKFAB_COMPLETE": f"complete_{shell}"}
+        for name, value in asked.items():
+            monkeypatch.setenv(name, value)
+        with pytest.raises(SystemExit, match=r"^0$"):
+            run_command_line([])
+        return capsys.readouterr().out
+
+    return answer
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_a_shell_completes_verbs_and_options(shell):
-    more = {"_TYPER_COMPLETE_FISH_ACTION": "get-args"} if shell == "fish" else {}
-    assert "restore" in completed(shell, "res", **more)
-    assert "compare" in completed(shell, "order", "comp", **more)
-    assert "--budget" in completed(shell, "design", "--bud", **more)
+def test_a_shell_completes_verbs_and_options(completed, shell):
+    assert "restore" in completed(shell, "res")
+    assert "compare" in completed(shell, "order", "comp")
+    assert "--budget" in completed(shell, "design", "--bud")
 
 
 @pytest.mark.parametrize(
@@ -185,10 +189,11 @@ def test_a_shell_completes_verbs_and_options(shell):
         ("fish", ".config/fish/completions/maskfab.fish"),
     ],
 )
-def test_completion_is_installed_for_a_shell(shell, written, tmp_path):
-    environment = {**os.environ, "HOME": str(tmp_path), "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
-    words = [sys.executable, "-m", "maskfab", "--install-completion", shell]
-    subprocess.run(words, env=environment, capture_output=True, check=True)
+def test_completion_is_installed_for_a_shell(monkeypatch, shell, written, tmp_path):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION", "1")
+    with pytest.raises(SystemExit, match=r"^0$"):
+        run_command_line(["--install-completion", shell])
     script = (tmp_path / written).read_text()
     assert "_MASKFAB_COMPLETE" in script
     if shutil.which(shell):

@@ -47,8 +47,8 @@ VERBS = """
 import importlib, json, pkgutil, sys
 import maskfab
 from maskfab.cli.program import run_command_line
-from once import figures_in_words
-with figures_in_words():
+from once import OPTICS, compared_once, figures_in_words, once
+with figures_in_words(), once(*OPTICS), compared_once():
     codes = {" ".join(line): run_command_line(line) for line in json.loads(sys.argv[1])}
 unready = []
 for module in pkgutil.walk_packages(maskfab.__path__, "maskfab."):

@@ -1,4 +1,4 @@
-"""The report on paper: printed by a browser that is installed, equal from equal runs, or refused before any work."""
+"""The report on paper: printed by a browser that is installed, equal when made again, or refused before any work."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from once import FIGURES, once
 from small_job import command, write_job
 
 from maskfab.base.provenance import sha256_of_file
@@ -47,6 +48,7 @@ def test_the_first_browser_of_the_path_prints(browsers):
     assert paper.browser() == str(browsers / "chromium")
 
 
+@pytest.mark.usefixtures("drawn_in_words", "measured_once")
 def test_a_browser_that_prints_nothing_is_told_with_its_last_words(capsys, tmp_path, browsers):
     program(browsers, "google-chrome", "echo no display here >&2; exit 1")
     answer = command(capsys, "run", write_job(tmp_path), "--out", tmp_path / "out", "--pdf", "--quiet")
@@ -56,24 +58,26 @@ def test_a_browser_that_prints_nothing_is_told_with_its_last_words(capsys, tmp_p
     assert [path.name for path in tmp_path.iterdir() if "out" in path.name] == []
 
 
-def test_equal_runs_print_equal_reports_that_verify_and_are_made_again(capsys, tmp_path):
+@pytest.mark.usefixtures("verified_once")
+def test_a_report_is_printed_that_verifies_and_is_printed_again_to_the_last_byte(capsys, tmp_path):
     if not any(map(shutil.which, paper.BROWSERS)):
         pytest.skip("no browser that prints is installed")
-    job = write_job(tmp_path)
-    for name in ("one", "two"):
-        answer = command(capsys, "run", job, "--out", tmp_path / name, "--pdf", "--quiet")
+    out = tmp_path / "out"
+    with once(*FIGURES):
+        answer = command(capsys, "run", write_job(tmp_path), "--out", out, "--pdf", "--quiet")
         assert answer.code == 0, answer.stderr
-    one, two = (tmp_path / name / "report.pdf" for name in ("one", "two"))
-    content = one.read_bytes()
-    assert content == two.read_bytes()
+        again = reproduce(out)
+    assert again.passed
+    assert "report.pdf" in {file.name for file in again.files}
+    printed = out / "report.pdf"
+    content = printed.read_bytes()
     assert content.startswith(b"%PDF-")
     assert len(re.findall(rb"/Type /Page\b", content)) == 4
     assert str(tmp_path).encode() not in content
     assert b"file://" not in content
-    rows = {row["path"]: row for row in json.loads((tmp_path / "one/manifest.json").read_text())["files"]}
-    assert rows["report.pdf"]["sha256"] == sha256_of_file(one)
-    assert all(check.passed for check in verify(tmp_path / "one").checks)
-    assert reproduce(tmp_path / "one").passed
-    one.write_bytes(content + b"%")
-    (changed,) = (check for check in verify(tmp_path / "one").checks if not check.passed)
+    rows = {row["path"]: row for row in json.loads((out / "manifest.json").read_text())["files"]}
+    assert rows["report.pdf"]["sha256"] == sha256_of_file(printed)
+    assert all(check.passed for check in verify(out).checks)
+    printed.write_bytes(content + b"%")
+    (changed,) = (check for check in verify(out).checks if not check.passed)
     assert changed.method == "SHA-256 of report.pdf"
