@@ -6,6 +6,7 @@ import gc
 import multiprocessing
 import os
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,6 +20,7 @@ from small_job import finished, write_job
 
 from maskfab.base.model import CLEAR, OUTLINE, Die, Gauge, Mark, Note, Opening, Panel, Plate, Tiling
 from maskfab.camera import scenes
+from maskfab.camera.inspection import verdict
 from maskfab.designs.model import layouts_bound, limits
 from maskfab.designs.model.statistics import SceneStatistics
 from maskfab.mask import sandbox
@@ -151,6 +153,15 @@ def measured_once() -> Iterator[None]:
 def design_once() -> Iterator[None]:
     """For tests that hold many files against one design."""
     with once(*DESIGN):
+        yield
+
+
+@pytest.fixture(scope="module")
+def costs_of_two_scenes() -> Iterator[None]:
+    """As few photographs as have a spread, of those by which costs of a capture are told."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(verdict, "_SCENES", verdict._SCENES[:2])
+        patch.setattr(verdict, "_scenes", cache(verdict._scenes.__wrapped__))
         yield
 
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -16,23 +14,13 @@ from small_job import command, write_job
 
 import maskfab
 from maskfab.camera.blur import read_psf
-from maskfab.camera.inspection import verdict
 from maskfab.mask.job import load_job
 
-pytestmark = pytest.mark.usefixtures("drawn_in_words")
+pytestmark = pytest.mark.usefixtures("drawn_in_words", "costs_of_two_scenes")
 
 TIMES = (1.0, 8.0, 64.0)
 SENSOR = ("--gain", GAIN, "--read-noise", READ_NOISE, "--black", BLACK, "--window", 64)
 STATED = [word for time in TIMES for word in ("--times", f"{time:g} ms")]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def two_scenes() -> Iterator[None]:
-    """As few photographs as have a spread, of those by which costs are told."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(verdict, "_SCENES", verdict._SCENES[:2])
-        patch.setattr(verdict, "_scenes", cache(verdict._scenes.__wrapped__))
-        yield
 
 
 @pytest.fixture(scope="module")

@@ -70,6 +70,7 @@ def test_a_light_smooths_waves_as_a_gaussian_does(sigma, wave):
     )
 
 
+@pytest.mark.usefixtures("costs_of_two_scenes")
 def test_a_wide_light_is_said_and_a_point_is_not(picture):
     wide, point = (
         measured(merging_of(each, (1.0, 32.0)), {"ONE": DIE}, CAMERA, LIGHT)
