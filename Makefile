@@ -13,13 +13,16 @@ test: CHOSEN := -m "not slow"
 test-all: export HYPOTHESIS_PROFILE := full
 # Types are checked beside the tests, while those are collected; either fails the target.
 # Test modules and the package are compiled once, also for the processes that tests start.
+# To let every assert explain itself takes each worker ten seconds in a fresh clone: those that fail do, in a second run.
 test test-all: export PYTHONDONTWRITEBYTECODE :=
 test test-all: $(VENV)/dev.stamp
 	$(BIN)/ruff format --check maskfab tests examples docs
 	$(BIN)/ruff check maskfab tests examples docs
 	$(BIN)/lint-imports
 	$(BIN)/mypy & types=$$!; \
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile $(CHOSEN); tests=$$?; \
+	export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1; \
+	$(BIN)/pytest -n auto --dist loadfile --assert=plain $(CHOSEN); tests=$$?; \
+	[ $$tests -ne 1 ] || $(BIN)/pytest --last-failed --last-failed-no-failures none $(CHOSEN); \
 	wait $$types && exit $$tests
 
 # What users get from every verb, held against tests/golden/: about ten minutes, a minute, or recorded anew.
