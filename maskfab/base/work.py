@@ -97,10 +97,12 @@ class Clock:
     halt: threading.Event = field(default_factory=threading.Event, repr=False, compare=False)
     now: Callable[[], float] = field(default=time.monotonic, repr=False, compare=False)
     _begun: float = field(default=math.nan, repr=False, compare=False)
+    _given_s: float | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if math.isnan(self._begun):
             object.__setattr__(self, "_begun", self.now())
+            object.__setattr__(self, "_given_s", self.budget_s)
 
     @property
     def spent(self) -> float:
@@ -151,13 +153,15 @@ class Clock:
         Raises:
             JobError: MF150.
         """
-        least = self.spent + seconds
-        if self.refuses and self.budget_s is not None and least > (1 + SLACK) * self.budget_s:
+        least, budget_s, given_s = self.spent + seconds, self.budget_s, self._given_s
+        if self.refuses and budget_s is not None and given_s is not None and least > (1 + SLACK) * budget_s:
+            part = f", and have {budget_s:.3g} s of it" if budget_s < given_s else ""
             raise JobError(
                 "MF150",
-                f"a budget of {self.budget_s:.3g} s is too short: {what} take until {least:.2g} s from the beginning",
+                f"a budget of {given_s:.3g} s is too short: {what} take until {least:.2g} s from the beginning{part}",
                 where=where,
-                cure=f"Give {math.ceil(1.2 * least):d} s or more",
+                # What leaves a share to others has that share of a longer one too.
+                cure=f"Give {math.ceil(1.2 * least * (given_s / budget_s if budget_s > 0 else 1)):d} s or more",
             )
 
 
