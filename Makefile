@@ -11,6 +11,8 @@ plate: $(VENV)/run.stamp
 # What a file's tests share is made once, by the worker that runs the file. Slow sweeps, marked so, are left to test-all, and most examples that are drawn.
 test: CHOSEN := -m "not slow"
 test-all: export HYPOTHESIS_PROFILE := full
+# Among them are the pages of the manual, which is built for that.
+test-all: $(VENV)/docs.stamp
 # Types are checked beside the tests, while those are collected; either fails the target.
 # Test modules and the package are compiled once, also for the processes that tests start.
 # To let every assert explain itself takes each worker ten seconds in a fresh clone: those that fail do, in a second run.

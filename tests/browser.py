@@ -446,6 +446,7 @@ class Firefox(Browser):
         self._rest += more
 
 
+DRAWN = "return new Promise((tell) => requestAnimationFrame(() => requestAnimationFrame(tell)))"
 SHOWN = tuple((size, dark) for size in (DESK, TELEPHONE) for dark in (False, True))
 """Window and scheme in which pages are tried."""
 
@@ -461,6 +462,7 @@ def faults(browser: Browser, page: Path) -> list[str]:
     browser.open(page)
     for size, dark in SHOWN:
         browser.show_as(size, dark=dark)
+        browser.run(DRAWN)  # lest a script of the page has yet to follow the scheme
         wrong, links, judged = browser.run(FAULTS)
         assert judged > 3, "a page without words"
         wrong += [f"leads nowhere: {link}" for link in links if not _leads(page, link)]
