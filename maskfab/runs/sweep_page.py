@@ -155,6 +155,8 @@ def slope_text(effect: Sensitivity) -> str:
 def _values_text(field: Field) -> str:
     ways = "drawn" if field.drawn else "values"
     numbers = [level.number for level in field.levels if level.number is not None]
+    if len({level.stated for level in field.levels}) == 1:
+        return f"{short(numbers[0])} {field.unit}".rstrip() if field.numeric else str(field.levels[0].stated)
     if field.numeric:
         return f"{len(numbers)} {ways}, {short(min(numbers))} to {short(max(numbers))} {field.unit}".rstrip()
     first, last = field.levels[0].stated, field.levels[-1].stated

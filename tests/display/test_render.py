@@ -16,6 +16,7 @@ from maskfab.base.model import Emitters, Plate
 from maskfab.mask.formats.exr import write_exr, write_png
 from maskfab.mask.job import Job
 from maskfab.optics.colour import code_of_light
+from maskfab.report.pages import pictures
 from maskfab.report.pages.pictures import DOCUMENT, FIGURE
 
 
@@ -55,6 +56,21 @@ def test_pictures_and_numbers_come_out_whole(job, tmp_path, capsys):
     assert names == {DOCUMENT, FIGURE} | {
         f"{die}_{target}{kind}" for die in ("PLAIN", "TURNED") for target in targets for kind in kinds
     }
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_words_under_the_pictures_end_within_them(job, tmp_path, capsys, monkeypatch, count):
+    drawn, comparison = [], pictures.comparison
+    monkeypatch.setattr(pictures, "bitmap", lambda figure: drawn.append(figure) or b"")
+    monkeypatch.setattr(pictures, "comparison", lambda panels: comparison(panels[:count]))
+    assert command(capsys, "check", "--look", job, "--out", tmp_path / "seen", "--samples", 7).code == 0
+    (figure,) = drawn
+    (words,) = figure.texts
+    box, whole = words.get_window_extent(), figure.bbox
+    assert box.x1 < whole.x1
+    assert box.y0 > 0
+    lowest = min(text.get_window_extent().y0 for axes in figure.axes for text in axes.texts)
+    assert box.y1 < lowest
 
 
 def test_the_light_of_a_file_is_linear_upright_and_says_its_scale(job, tmp_path, capsys):

@@ -23,6 +23,7 @@ from maskfab.runs import sweep_cases
 from maskfab.runs.store import of_installation
 from maskfab.runs.sweep import made
 from maskfab.runs.sweep_cases import _same_version, map_cases
+from maskfab.runs.sweep_page import _values_text
 from maskfab.runs.sweep_plan import MOST_CASES, planned
 
 STUDY = """
@@ -67,6 +68,11 @@ def swept(tmp_path_factory) -> Sweep:
 def test_shipped_studies_load_and_all_their_cases_are_jobs(path):
     plan = planned(path)
     assert not [case.refused for case in plan.cases if case.refused]
+
+
+def test_a_field_of_one_value_is_told_as_that_value():
+    plan = planned(resources.path("layouts/sweeps") / "gap.toml")
+    assert [_values_text(field) for field in plan.fields] == ["6 values, 0 to 1 mm", "0.5 mm", "draft"]
 
 
 def test_numbers_follow_from_the_fields(swept):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from textwrap import wrap
 from types import MappingProxyType
 from typing import Any
 
@@ -47,9 +48,10 @@ _CELL, _GAP, _CAPTION, _LEFT, _TOP, _FOOT = 2.05, 0.14, 0.36, 0.5, 0.6, 0.42
 _CLOSE_UP_PIXELS, _LEAST_PIXELS = 6, 1.5  # of the finest and of the coarsest panel
 _CLOSE_UP_SAMPLES = 42
 _EXPLAINED = (
-    "ΔE: S-CIELAB difference from even pixels, mean (95th percentile); aligned: after the common shift of all pixels\n"
+    "ΔE: S-CIELAB difference from even pixels, mean (95th percentile); aligned: after the common shift of all pixels "
     "is removed. Fringe: largest difference in a*, b*. Grain: rms luminance contrast below 10 cycles per degree."
 )
+_LETTER, _LINE, _LETTERS = 0.055, 0.14, 112  # inches of a letter and a line of that text, and the longest line
 _MIDDLE, _STRETCH = 0.5, 10.0
 
 
@@ -66,7 +68,8 @@ def comparison(panels: Sequence[SeenPanel]) -> bytes:
     names = tuple(panels[0].views)
     columns, rows = 1 + len(panels), 1 + len(names)
     width = _LEFT + columns * (_CELL + _GAP)
-    height = _TOP + rows * (_CELL + _CAPTION) + _FOOT
+    explained = wrap(_EXPLAINED, min(_LETTERS, int((width - _LEFT - _GAP) / _LETTER)))
+    height = _TOP + rows * (_CELL + _CAPTION) + _FOOT + _LINE * (len(explained) - 2)
     figure = Figure(figsize=(width, height), dpi=130)
     figure.set_facecolor("white")
     windows = {
@@ -111,7 +114,8 @@ def comparison(panels: Sequence[SeenPanel]) -> bytes:
                     said = f"ΔE {view.delta_e:.2f} ({view.delta_e_95:.1f}), aligned {view.delta_e_aligned:.2f}"
                 said += "" if view.jod is None else f"\n{view.jod:.2f} JOD"
                 axes.text(0.5, -0.025, said, transform=axes.transAxes, ha="center", va="top")
-    figure.text(_LEFT / width, 0.12 / height, _EXPLAINED, color=QUIET, fontsize=7, va="bottom", linespacing=1.4)
+    told = "\n".join(explained)
+    figure.text(_LEFT / width, 0.12 / height, told, color=QUIET, fontsize=7, va="bottom", linespacing=1.4)
     return bitmap(figure)
 
 
