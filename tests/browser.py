@@ -81,6 +81,7 @@ const behind = (each) => {
   const style = getComputedStyle(each), own = numbers(style.backgroundColor);
   return own[3] === 1 ? own : over(own, behind(each.parentElement));
 };
+const opacity = (each) => each ? getComputedStyle(each).opacity * opacity(each.parentElement) : 1;
 const light = (colour) => {
   const [r, g, b] = colour.map((each) => {
     const part = each / 255;
@@ -92,10 +93,12 @@ const judged = new Set(), walker = document.createTreeWalker(document.body, Node
 while (walker.nextNode()) {
   const text = walker.currentNode.data.trim(), owner = walker.currentNode.parentElement;
   if (!text || owner.closest("script, style, noscript, template, svg")) continue;
-  const style = getComputedStyle(owner), kind = `${style.color} ${named(owner)} ${named(owner.parentElement)}`;
+  const style = getComputedStyle(owner), seen = opacity(owner);
+  const kind = `${style.color} ${seen} ${named(owner)} ${named(owner.parentElement)}`;
   if (judged.has(kind) || !owner.checkVisibility({ opacityProperty: true, visibilityProperty: true })) continue;
   judged.add(kind);
-  const below = behind(owner), [one, other] = [light(over(numbers(style.color), below)), light(below)];
+  const [r, g, b, a] = numbers(style.color), below = behind(owner);
+  const [one, other] = [light(over([r, g, b, a * seen], below)), light(below)];
   const ratio = (Math.max(one, other) + 0.05) / (Math.min(one, other) + 0.05);
   if (ratio < 4.5) faults.add(`contrast ${ratio.toFixed(2)} of ${named(owner)} "${text.slice(0, 30)}"`);
 }

@@ -156,9 +156,10 @@ class Clock:
         least, budget_s, given_s = self.spent + seconds, self.budget_s, self._given_s
         if self.refuses and budget_s is not None and given_s is not None and least > (1 + SLACK) * budget_s:
             part = f", and have {budget_s:.3g} s of it" if budget_s < given_s else ""
+            until = f"{float(f'{least:.2g}'):g} s from the beginning{part}"
             raise JobError(
                 "MF150",
-                f"a budget of {given_s:.3g} s is too short: {what} take until {least:.2g} s from the beginning{part}",
+                f"a budget of {given_s:.3g} s is too short: {what} take until {until}",
                 where=where,
                 # What leaves a share to others has that share of a longer one too.
                 cure=f"Give {math.ceil(1.2 * least * (given_s / budget_s if budget_s > 0 else 1)):d} s or more",

@@ -75,9 +75,9 @@ def test_a_budget_that_cannot_be_kept_is_refused_with_the_least_that_can() -> No
 def test_what_has_part_of_a_budget_tells_the_whole_that_it_needs():
     hand = Hand()
     with pytest.raises(JobError) as caught:
-        Clock(60.0, refuses=True, now=hand).before(24.0).require(55.0, "openings", "budget")
-    assert "60 s is too short: openings take until 55 s from the beginning, and have 36 s of it" in caught.value.what
-    assert caught.value.cure == "Give 110 s or more"
+        Clock(60.0, refuses=True, now=hand).before(24.0).require(135.0, "openings", "budget")
+    assert "60 s is too short: openings take until 140 s from the beginning, and have 36 s of it" in caught.value.what
+    assert caught.value.cure == "Give 270 s or more"
     with pytest.raises(JobError, match="0 s is too short"):
         Clock(0.0, refuses=True, now=hand).require(1.0, "openings", "budget")
 

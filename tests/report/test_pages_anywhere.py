@@ -17,7 +17,7 @@ from maskfab.runs.verification import verify
 
 LIMITS = ("[plate]", '[limits]\nmin_feature = "9 um"\n\n[plate]')
 BAD = """<!DOCTYPE html><meta charset="utf-8"><body style="margin: 0">
-<p id="pale" style="color: #888">pale words</p><p>more</p><p>words</p><p>still</p>
+<p id="pale" style="color: #888">pale words</p><p style="opacity: .5">faded</p><p>words</p><p>still</p>
 <a href="#nothing">a place</a> <a href="none.html">a file</a> <a href="#pale">there</a>
 <div style="overflow-x: auto"><div style="width: 900px">in its own box</div></div>
 <div style="width: 700px">wide</div>
@@ -32,7 +32,7 @@ def test_what_is_wrong_with_a_page_is_found(browser, tmp_path):
     page.write_text(BAD, encoding="utf-8")
     told = "\n".join(faults(browser, page))
     for part in (
-        'contrast 3.54 of <p #pale> "pale words" (1280, 1280 dark, 390, 390 dark)', '"hidden"',
+        'contrast 3.54 of <p #pale> "pale words" (1280, 1280 dark, 390, 390 dark)', '"hidden"', '"faded"',
         "leads nowhere: #nothing", "leads nowhere: none.html", "wider than the window: <div> (390, 390 dark)",
         "no picture: gone", "https://example.org/far.png", "nothing is not defined",
     ):  # fmt: skip
