@@ -78,7 +78,9 @@ def _environment(place: Path) -> dict[str, str]:
     programs = {"maskfab": f'exec "{sys.executable}" -m maskfab "$@"'}
     browser = shutil.which("chromium") or shutil.which("google-chrome")
     if browser:
-        programs["chromium"] = f'exec "{browser}" --no-sandbox --disable-gpu --hide-scrollbars "$@"'
+        # A page that draws itself is photographed once it has, however busy the machine.
+        flags = "--no-sandbox --disable-gpu --hide-scrollbars --virtual-time-budget=5000"
+        programs["chromium"] = f'exec "{browser}" {flags} "$@"'
     for name, line in programs.items():
         (tools / name).write_text(f"#!/bin/sh\n{line}\n")
         (tools / name).chmod(0o755)
