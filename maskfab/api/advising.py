@@ -80,7 +80,7 @@ def advise(
     job: Annotated[DesignJob | None, "JOB"] = None,
     *,
     answers: Annotated[Mapping[str, str] | Brief | None, "--set KEY=VALUE"] = None,
-    budget: Annotated[str | None, "TIME"] = BUDGET,
+    budget: Annotated[str | None, "TIME"] = None,
     images: str | Path | None = None,
     progress: Progress = silent,
 ) -> Advice:
@@ -96,15 +96,16 @@ def advise(
     Args:
         job: job file (.toml) with [design], [emitters] and [plate]; in Python also a loaded job.
         answers: answer about the display and its camera, in place of a job, such as ``lines``; the rest has defaults.
-        budget: time from the call on, such as ``"60 s"``; more finds better openings, proves bounds and tries more.
+        budget: time from the call on, such as ``"5 min"``; more finds better openings, proves bounds and tries more; by
+            default 60 s, or as long as the first openings and their photographs take where the machine is slow.
         images: folder of photographs to design for; by default synthetic scenes.
         progress: told where the work stands.
 
     Raises:
-        JobError: MF105 for a job without [design], [emitters] or [plate]; MF150 for a budget that the first openings
-            exceed; else as for the job.
+        JobError: MF105 for a job without [design], [emitters] or [plate]; MF150 for a stated budget that the first
+            openings exceed; else as for the job.
     """
-    clock = budget_clock(None if budget is None else parse_time_s(budget, where="budget"))
+    clock = budget_clock(parse_time_s(budget or BUDGET, where="budget"), refuses=budget is not None)
     began, processor = time.monotonic(), time.process_time()
     moves: tuple[str, ...] = ()
     if job is not None:
@@ -117,7 +118,7 @@ def advise(
         made = snapped(answers if isinstance(answers, Brief) else Brief.of(answers or {}))
         spec, path = validate(loads(job_text(made)), where="answers"), Path("answers")
         moves, command = tuple(f"Moved to a common grid: {move}." for move in made.moves), "maskfab advise job.toml"
-    command += "" if budget == BUDGET else f" --budget '{budget}'"
+    command += "" if budget in (None, BUDGET) else f" --budget '{budget}'"
     command += "" if images is None else f" --images {Path(images).as_posix()}"
     with ended_by_interrupt(clock):
         found = advise_spec(

@@ -172,9 +172,9 @@ _COMMAND_BEGUN: ContextVar[float] = ContextVar("command_begun", default=math.nan
 """When the command line was started, where one was: its budget holds the time of its imports, too."""
 
 
-def budget_clock(seconds: float | None) -> Clock:
-    """The clock of a verb's budget, which refuses: from the call on, or from the start of the command that calls."""
-    return Clock(seconds, refuses=True, _begun=_COMMAND_BEGUN.get())
+def budget_clock(seconds: float | None, *, refuses: bool = True) -> Clock:
+    """The clock of a verb's budget: from the call on, or from the start of the command that calls."""
+    return Clock(seconds, refuses=refuses, _begun=_COMMAND_BEGUN.get())
 
 
 @contextmanager
