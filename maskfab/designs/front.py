@@ -600,7 +600,7 @@ class _Sweep:
         return tuple(points), tuple(misfits)
 
     def _seconds(self, judged: JudgedOpening) -> float:
-        """How long an opening takes to lay, its map and its die, with as many at once as there are processors."""
+        """Time to lay an opening, its map and its die, with as many at once as there are processors."""
         begun = time.monotonic()
         self._lay(judged, FIRST_STEPS)
         return (time.monotonic() - begun) / self.workers
