@@ -15,7 +15,7 @@ from maskfab.api.camera import Camera, protocol_f1
 from maskfab.api.lengths import Length, drawing_unit_um, length_text, lengths_as_text
 from maskfab.api.opening import mask_of
 from maskfab.api.panel import Panel
-from maskfab.api.results import Asked, InPython, Result, Told, answers, note_lines
+from maskfab.api.results import Asked, InPython, Result, Told, answers
 from maskfab.base import __version__
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
@@ -33,7 +33,7 @@ from maskfab.optics.metrics import fast_lens
 from maskfab.optics.scene.model_bar import MODEL_BAR
 from maskfab.report.rows import analysis
 from maskfab.report.rows.analysis import Request, described_scene
-from maskfab.report.rows.text import Quantities, table_lines
+from maskfab.report.rows.text import Quantities, note_lines, table_lines
 
 
 class Analysis(Result, analysis.Analysis):

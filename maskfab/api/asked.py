@@ -5,37 +5,30 @@ One way in for all verbs: a job file, a loaded job, a plate, or what Python make
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.base.errors import JobError
+from maskfab.base.model import Opening
+from maskfab.base.units import NM_PER_UM
 from maskfab.job.faults import JobFaults
 from maskfab.job.read import read
 from maskfab.job.sections import AssumedPlate
 from maskfab.mask.job import Further, Job, load_job
 
 if TYPE_CHECKING:
-    from maskfab.api.camera import Camera
+    from maskfab.api.camera import Camera, HasPanel
     from maskfab.api.panel import Panel
     from maskfab.api.plate import Plate
-    from maskfab.base.model import Opening
     from maskfab.camera.frames.frame import Source
     from maskfab.camera.scenes import Folder
     from maskfab.job.sections import JobSpec
-
-
-class HasPanel(Protocol):
-    """A result that lays out an opening, such as a design with its map."""
-
-    @property
-    def panel(self) -> Panel: ...
 
 
 AnyPanel: TypeAlias = "Panel | Opening | HasPanel"
@@ -83,10 +76,11 @@ def job_of(
 
     if isinstance(job, Plate):
         return job.with_sections(sections or {}).job(camera)
-    made = Plate.of(panels_of(job, camera), camera=camera, sections=sections).job()
+    by_die, alone = _panels(job, camera)
+    made = Plate.of(by_die, camera=camera, sections=sections).job()
     assert made.spec.plate is not None
     assumed = AssumedPlate(**vars(made.spec.plate))
-    return replace(made, spec=made.spec.model_copy(update={"plate": assumed}))
+    return replace(made, spec=made.spec.model_copy(update={"plate": assumed}), laid_out=alone)
 
 
 def laid_out(
@@ -158,31 +152,38 @@ def panels_of(stated: object, camera: Camera | None = None) -> dict[str, Panel]:
     Raises:
         JobError: MF105 for what is no panel, and for none.
     """
+    return _panels(stated, camera)[0]
+
+
+def _panels(stated: object, camera: Camera | None) -> tuple[dict[str, Panel], frozenset[str]]:
+    """Panels by the names of their dies, and the names of those that were openings alone."""
     from maskfab.api.plate import named as by_name
 
     if isinstance(stated, Mapping):
-        named = {name: _panel(held, camera, f"job[{name!r}]") for name, held in stated.items()}
+        every = {name: _panel(held, camera, f"job[{name!r}]") for name, held in stated.items()}
+        named, given = every, list(stated.values())
     elif isinstance(stated, Sequence) and not isinstance(stated, str | bytes):
         named = by_name([_panel(held, camera, f"job[{number}]") for number, held in enumerate(stated)])
+        given = list(stated)
     else:
-        named = by_name(_panel(stated, camera, "job"))
+        named, given = by_name(_panel(stated, camera, "job")), [stated]
     if not named:
         raise JobError("MF105", "there is no panel", where="job", cure=f"Give {_TAKEN}")
-    return dict(_apart(named.items()))
+    alone = frozenset(name for name, held in zip(named, given, strict=True) if isinstance(held, Opening))
+    return dict(_apart(named.items())), alone
 
 
 def _panel(stated: object, camera: Camera | None, where: str) -> Panel:
     """A panel as it is, of a result its own, of an opening cells that turn no way over the camera's stop."""
     from maskfab.api.camera import protocol_f1
     from maskfab.api.panel import Panel
-    from maskfab.base.model import Opening
+    from maskfab.mask.panels import lacks_pitch, laid_over
 
     if isinstance(stated, Opening):
-        pitch_um, reach_um = stated.cell_size.pitch_um, (camera or protocol_f1()).model.stop.diameter_um / 2
-        return Panel.tile(stated, size=f"{2 * math.ceil(reach_um / pitch_um) * pitch_um:.15g} um")
+        side_nm = min(laid_over(stated, (camera or protocol_f1()).model.stop).size_nm)
+        return Panel.tile(stated, size=f"{side_nm / NM_PER_UM:.15g} um")
     if isinstance(stated, np.ndarray):
-        what = f"an array of shape {stated.shape} states neither pitch nor tiling"
-        raise JobError("MF105", what, where=where, cure='Lay it out: Panel.tile(array, pitch="168 um", size="4.4 mm")')
+        raise lacks_pitch(stated, where)
     panel = stated if isinstance(stated, Panel) else getattr(stated, "panel", None)
     if not isinstance(panel, Panel):
         raise JobError("MF105", f"{type(stated).__name__} states no job", where=where, cure=f"Give {_TAKEN}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,15 @@ if TYPE_CHECKING:
     from maskfab.optics.lags import LagTable
     from maskfab.optics.pupil import Pupil
     from maskfab.report.figures.sheet import Drawing
+
+    class HasPanel(Protocol):
+        """A result that lays out an opening, such as a design with its map."""
+
+        @property
+        def panel(self) -> Tiled: ...
+
+    # At run time refused here, with all that may be given.
+    LaidOut: TypeAlias = Tiled | model.Opening | HasPanel
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -104,14 +113,14 @@ class Camera:
 
     @overload
     def psf(  # type: ignore[overload-overlap]  # text is a sequence, too
-        self, panel: Tiled, wavelength: Wavelength | None = ..., *, pixels: bool = ...
+        self, panel: LaidOut, wavelength: Wavelength | None = ..., *, pixels: bool = ...
     ) -> Psf: ...
     @overload
-    def psf(self, panel: Tiled, wavelength: Wavelengths, *, pixels: bool = ...) -> tuple[Psf, ...]: ...
+    def psf(self, panel: LaidOut, wavelength: Wavelengths, *, pixels: bool = ...) -> tuple[Psf, ...]: ...
     @checked_arguments
     @one_thread
     def psf(
-        self, panel: Tiled, wavelength: Wavelength | Wavelengths | None = None, *, pixels: bool = False
+        self, panel: LaidOut, wavelength: Wavelength | Wavelengths | None = None, *, pixels: bool = False
     ) -> Psf | tuple[Psf, ...]:
         """Point spread function of the panel as designed, at one wavelength or several.
 
@@ -126,38 +135,40 @@ class Camera:
             [0.29, 0.28]
 
         Args:
-            panel: what the camera looks through; its middle is on the axis.
+            panel: what the camera looks through; its middle is on the axis. An opening alone is laid out periodically
+                over the stop.
             wavelength: any, such as ``"555 nm"`` or 555; of a list or an array of them a tuple is returned. May be left
                 out if the camera has only one.
             pixels: means over sensor pixels instead of intensity at points.
 
         Raises:
-            JobError: MF103, MF104, MF105, MF112 or MF156 for what is no wavelength, MF105 for none of several, MF113
-                for a window that is too wide, MF114 for a panel smaller than the stop.
+            JobError: MF103, MF104, MF105, MF112 or MF156 for what is no wavelength, MF105 for none of several, and for
+                what is no panel, MF113 for a window that is too wide, MF114 for a panel smaller than the stop.
             SourceError: MF309 if nothing is clear in front of the stop.
         """
         from maskfab.optics.psf import pixel_margin, pixel_psf, point_psfs
 
         lines = self.asked_nm(wavelength)
+        laid, note = self._laid_out(panel, "Camera.psf: panel")
         # Samples as close as those of the camera's own wavelengths, so that all can be laid on each other.
         camera = self._of({*lines, *self.wavelengths})
-        check_window(self._of(lines), panel.dot_nm / NM_PER_UM, where="Camera")
+        check_window(self._of(lines), laid.dot_nm / NM_PER_UM, where="Camera")
         margin = pixel_margin(camera) if pixels else 0
         found = {}
-        for psf in point_psfs(self._pupil(panel, lines), camera, margin, lines=tuple(dict.fromkeys(lines))):
+        for psf in point_psfs(self._pupil(laid, lines), camera, margin, lines=tuple(dict.fromkeys(lines))):
             seen = pixel_psf(psf, camera) if pixels else psf
-            found[seen.wavelength_nm] = Psf(seen.values, seen.step_um, seen.wavelength_nm, seen.kind)
+            found[seen.wavelength_nm] = Psf(seen.values, seen.step_um, seen.wavelength_nm, seen.kind, note=note)
         return found[lines[0]] if wavelength is None or is_one(wavelength) else tuple(found[line] for line in lines)
 
     @overload
     def mtf(  # type: ignore[overload-overlap]
-        self, panel: Tiled, wavelength: Wavelength | None = ...
+        self, panel: LaidOut, wavelength: Wavelength | None = ...
     ) -> Mtf: ...
     @overload
-    def mtf(self, panel: Tiled, wavelength: Wavelengths) -> tuple[Mtf, ...]: ...
+    def mtf(self, panel: LaidOut, wavelength: Wavelengths) -> tuple[Mtf, ...]: ...
     @checked_arguments
     @one_thread
-    def mtf(self, panel: Tiled, wavelength: Wavelength | Wavelengths | None = None) -> Mtf | tuple[Mtf, ...]:
+    def mtf(self, panel: LaidOut, wavelength: Wavelength | Wavelengths | None = None) -> Mtf | tuple[Mtf, ...]:
         """Presampled modulation transfer function of the panel as designed; arguments and errors as for :meth:`psf`,
         but for the window, which it does not use."""
         from maskfab.optics.lags import lag_table
@@ -165,12 +176,29 @@ class Camera:
 
         lines = self.asked_nm(wavelength)
         camera = self._of(lines)
-        table = lag_table(self._pupil(panel, lines), longest_lag_um(camera))
+        laid, note = self._laid_out(panel, "Camera.mtf: panel")
+        table = lag_table(self._pupil(laid, lines), longest_lag_um(camera))
         found = {
-            line: Mtf(**vars(presampled_mtf(table, camera, line)), camera=camera, table=table)
+            line: Mtf(**vars(presampled_mtf(table, camera, line)), camera=camera, table=table, note=note)
             for line in dict.fromkeys(lines)
         }
         return found[lines[0]] if wavelength is None or is_one(wavelength) else tuple(found[line] for line in lines)
+
+    def _laid_out(self, stated: object, where: str) -> tuple[Tiled, str]:
+        """The panel that is meant, and a note on what was assumed of it."""
+        from maskfab.mask.job import periodic_note
+        from maskfab.mask.panels import lacks_pitch, laid_over
+
+        if isinstance(stated, model.Opening):
+            laid = laid_over(stated, self.model.stop)
+            return laid, periodic_note(stated.name, min(laid.size_nm) / NM_PER_UM)
+        if isinstance(stated, np.ndarray):
+            raise lacks_pitch(stated, where)
+        panel = stated if isinstance(stated, Tiled) else getattr(stated, "panel", None)
+        if not isinstance(panel, Tiled):
+            cure = 'Give a Panel, such as Panel.tile(opening, size="4.4 mm"), an Opening, or a design with its map'
+            raise JobError("MF105", f"{stated!r:.60} is not a Panel", where=where, cure=cure)
+        return panel, ""
 
     def _pupil(self, panel: Tiled, lines: Sequence[float]) -> Pupil:
         from maskfab.mask.panels import check_cover
@@ -239,11 +267,17 @@ def protocol_f1() -> Camera:
     return Camera("10 mm", stop="4 mm", pixel="2 um", wavelengths=["610 nm", "530 nm", "470 nm"])
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class Psf(model.Psf):
     """A point spread function: intensity per square micrometre of sensor; the whole plane holds 1.
 
     ``samples[i, j]`` lies at ``y_um[i]``, ``x_um[j]``; the optical axis is in the middle.
+
+    Attributes:
+        note: what was assumed of the panel; empty for nothing.
     """
+
+    note: str = ""
 
     @property
     def samples(self) -> NDArray[np.float64]:
@@ -289,7 +323,8 @@ class Psf(model.Psf):
 
     def __repr__(self) -> str:
         count = len(self.values)
-        return f"<Psf at {self.wavelength_nm:g} nm: {count} x {count} {self.kind}s {self.step_um:.4g} um apart>"
+        note = self.note and f"; {self.note}"
+        return f"<Psf at {self.wavelength_nm:g} nm: {count} x {count} {self.kind}s {self.step_um:.4g} um apart{note}>"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -301,10 +336,12 @@ class Mtf(model.Mtf):
     Attributes:
         camera: whose it is.
         table: autocorrelation of the pupil, from which it is taken.
+        note: what was assumed of the panel; empty for nothing.
     """
 
     camera: Lens
     table: LagTable
+    note: str = ""
 
     @property
     def auc(self) -> model.Quantity:
@@ -354,4 +391,5 @@ class Mtf(model.Mtf):
         return self.plot().svg()
 
     def __repr__(self) -> str:
-        return f"<Mtf at {self.wavelength_nm:g} nm: 0 to {self.frequency_cy_per_mm[-1]:g} cy/mm, AUC {self.auc}>"
+        note = self.note and f"; {self.note}"
+        return f"<Mtf at {self.wavelength_nm:g} nm: 0 to {self.frequency_cy_per_mm[-1]:g} cy/mm, AUC {self.auc}{note}>"

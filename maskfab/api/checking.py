@@ -63,7 +63,7 @@ class DisplayCheck(Result):
         digest: of the job.
         reference: die that others are compared with, which may be meant to fail, and is judged only if it is alone.
         unused: keys and tables that the job states and the answer does not depend on.
-        notes: by die, that its seed is none of those that its display is known to fit.
+        notes: by die, that its seed is none of those that its display is known to fit, or that its tiling was assumed.
     """
 
     built: PlateWithDisplays
@@ -361,7 +361,7 @@ def _fit(
         built = displays(loaded, plate, progress, executor=executor)
     gaps = widest_gaps(plate, rules, progress) if largest_gap else {}
     left = unused(loaded.spec, *USES["check"])
-    return DisplayCheck(built, gaps, loaded.digest, loaded.compared_with, left, loaded.seed_notes)
+    return DisplayCheck(built, gaps, loaded.digest, loaded.compared_with, left, loaded.notes)
 
 
 def _rendering(

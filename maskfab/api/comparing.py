@@ -16,6 +16,8 @@ from maskfab.base.folders import check_target, staged, write_mark
 from maskfab.base.work import Progress, silent
 
 if TYPE_CHECKING:
+    from pandas import DataFrame
+
     from maskfab.api.camera import Camera
     from maskfab.base.model import DieOptics
     from maskfab.mask.job import Job
@@ -37,10 +39,12 @@ class Comparison(Result):
     Attributes:
         compared: everything that was found.
         optics: of dies that come from panels, their MTF and numbers, by the names that they are compared under.
+        notes: what was assumed of them.
     """
 
     compared: Compared
     optics: Mapping[str, DieOptics] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def __getitem__(self, die: str) -> Quantities:
         from maskfab.report.rows.text import Quantities
@@ -51,8 +55,8 @@ class Comparison(Result):
         return Quantities(self.optics[die].quantities)
 
     def to_dict(self) -> dict[str, Any]:
-        """Rankings, numbers, what cannot be compared, and where the jobs differ."""
-        return self.compared.to_dict()
+        """Rankings, numbers, what cannot be compared, where the jobs differ, and what was assumed."""
+        return {**self.compared.to_dict(), **({"notes": list(self.notes)} if self.notes else {})}
 
     def rows(self) -> list[dict[str, Any]]:
         """Rows: one for each number of each die."""
@@ -60,14 +64,33 @@ class Comparison(Result):
         return [{"die": die["name"], **row} for die in dies for row in die["quantities"]]
 
     def plot(self) -> Drawing | None:
-        """The MTF of panels in their worst direction, beside each other; of reports light against photographs."""
-        if self.optics:
+        """The MTF in the worst direction where all dies come from panels; else light against photographs, of all."""
+        shown = [self.optics[name] for name in self._names if name in self.optics]
+        if len(shown) == len(self._names):
             from maskfab.report.figures.die import mtf_comparison
 
-            return mtf_comparison(list(self.optics.values()))
+            return mtf_comparison(shown)
         from maskfab.report.pages.compared import trade
 
         return None if self.compared.table.level_db is None else trade(self.compared.document)
+
+    @property
+    def _names(self) -> list[str]:
+        return [die["name"] for die in self.compared.document["dies"]]
+
+    def table(self) -> DataFrame:
+        """The table that is shown, a row for each die, the best first; :meth:`to_dataframe` has every number.
+
+        Gains are means in dB, beside half their interval; numbers that a die has not are missing values.
+
+        Raises:
+            JobError: MF152 without pandas.
+        """
+        from maskfab.report.pages.compared import compare_records
+        from maskfab.report.rows.text import dataframe
+
+        table = dataframe(compare_records(self.compared))
+        return table.set_index("die")
 
     def save(self, out: Annotated[str | Path, "FOLDER"]) -> Path:
         """Write the page into a folder that appears whole, and return its path.
@@ -89,7 +112,13 @@ class Comparison(Result):
     def __str__(self) -> str:
         from maskfab.report.pages.compared import compare_text
 
-        return "\n".join(compare_text(self.compared))
+        return "\n".join([*compare_text(self.compared), *self.notes])
+
+    def _repr_html_(self) -> str:
+        """The picture over the table, and what is said of it."""
+        from maskfab.report.pages.compared import compare_html
+
+        return f"{self._shown()}{compare_html(self.compared, self.notes)}"
 
 
 @checked_arguments
@@ -146,7 +175,9 @@ def compare(
         for report, one in zip(reported[len(read) :], made, strict=True)
         for item in one.optics
     }
-    return Comparison(compare_reports(reported, dies, reference), optics)
+    compared = compare_reports(reported, dies, reference)
+    named = {die["name"].rpartition(":")[2] for die in compared.document["dies"]}
+    return Comparison(compared, optics, tuple(note for _, job in jobs for note in job.assumptions(named)))
 
 
 def _jobs(sources: Sequence[Any], camera: Camera | None, beside: Sequence[FinishedReport]) -> list[tuple[str, Job]]:

@@ -176,9 +176,20 @@ class Opening(model.Opening):
         """The mask, for numpy."""
         return np.array(self.mask, dtype=dtype, copy=copy)
 
+    def __dlpack__(self, **options: Any) -> Any:
+        """The mask, for torch.tensor and other libraries of arrays; a copy, which may be written to."""
+        copy: NDArray[Any] = self.mask.copy()
+        return copy.__dlpack__(**options)
+
+    def __dlpack_device__(self) -> tuple[int, int]:
+        """Memory of the processor."""
+        return self.mask.__dlpack_device__()
+
     @classmethod
     def of_model(cls, opening: model.Opening) -> Self:
-        """An opening of the model with the methods of this class."""
+        """An opening of the vocabulary, which has no pictures and is no array, as one of this class."""
+        if isinstance(opening, cls):
+            return opening
         return cls(opening.name, opening.mask, opening.dot_nm, opening.provenance, opening.emitters)
 
     @property

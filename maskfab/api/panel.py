@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Self
 from numpy.typing import ArrayLike
 
 from maskfab.api.lengths import Length, length_text
-from maskfab.api.opening import mask_of
+from maskfab.api.opening import Opening, mask_of
 from maskfab.base import model
 from maskfab.base.cell_size import CellSize
 from maskfab.base.checks import checked_arguments
@@ -47,12 +47,12 @@ class Panel(model.Panel):
 
     Attributes:
         section: the panel as a [[die]] of a job file states it.
-        held: its openings as they were given; those of the model may be moved or turned.
+        held: its openings as they were given; those that a map moves are drawn moved.
         cells: its map, for the tiling of that name.
     """
 
     section: DieSection
-    held: tuple[model.Opening, ...]
+    held: tuple[Opening, ...]
     cells: CellMap | None = None
 
     @classmethod
@@ -120,7 +120,7 @@ class Panel(model.Panel):
             size = max(rows, columns) * pixel.pitch_um
             if seed is None and (cells.beyond is not None or panel_shape(cells, rows, rows) == (rows, columns)):
                 seed = 0  # nothing that lies beyond the map is drawn
-        held = (unit, *others)
+        held = tuple(Opening.of_model(one) for one in (unit, *others))
         stated = {
             "name": unit.name,
             "label": unit.name,
@@ -135,7 +135,7 @@ class Panel(model.Panel):
         }
         section = parse_section(DieSection, stated, where=_WHERE)
         if section.size is None:
-            raise JobError("MF105", "the key 'size' is missing", where=_WHERE, cure='Add size = "4.4 mm"')
+            raise JobError("MF105", "there is no size", where=_WHERE, cure='Add size = "4.4 mm"')
         check_die(section, _WHERE)
         check_seed(section, _WHERE)
         check_alike(held, f"{_WHERE}: others")

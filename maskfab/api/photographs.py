@@ -66,6 +66,7 @@ class Simulation(Result):
         scenes: that were photographed.
         skipped: files of the folder that are no photographs.
         shown: part of the first scene by die, one shot for each level of light; empty if they were not kept.
+        notes: what was assumed of dies.
     """
 
     table: ScoreTable
@@ -76,6 +77,7 @@ class Simulation(Result):
     scenes: Sequence[Photograph]
     skipped: tuple[str, ...]
     shown: Mapping[str, Sequence[Shot]]
+    notes: tuple[str, ...] = ()
 
     def picture(self) -> bytes:
         """A PNG of the truth and each die, one row for each level of light.
@@ -101,6 +103,7 @@ class Simulation(Result):
             "scenes": [scene.name for scene in self.scenes],
             "skipped": list(self.skipped),
             **self.table.to_dict(self.reference),
+            **({"notes": list(self.notes)} if self.notes else {}),
         }
 
     def rows(self) -> list[dict[str, Any]]:
@@ -129,7 +132,13 @@ class Simulation(Result):
             below.append(f"Skipped, as no photographs: {', '.join(self.skipped)}.")
         below += [f"Not photographed: {name}, {reason}." for name, reason in self.refused.items()]
         return "\n".join(
-            [*self.conditions.lines, *self.table.lines(self.reference), *below, *by_sentence(self.left_out)]
+            [
+                *self.conditions.lines,
+                *self.table.lines(self.reference),
+                *below,
+                *by_sentence(self.left_out),
+                *self.notes,
+            ]
         )
 
     def _repr_png_(self) -> bytes | None:
@@ -237,7 +246,8 @@ def simulate(
     table = ScoreTable(tuple(scores))
     reasons = {name: f"{refusal.code} {refusal.what}" for name, refusal in refused.items()}
     asked = replace(asked, unused=unused(loaded.spec, *uses_of(loaded, protocol)))
-    return Simulation(table, base, asked, assumed, reasons, scenes, source.skipped, shown)
+    notes = loaded.assumptions(wanted)
+    return Simulation(table, base, asked, assumed, reasons, scenes, source.skipped, shown, notes)
 
 
 @answers(simulate)

@@ -215,22 +215,15 @@ def saved_at(asked: Asked) -> Told:
     return saved(asked, **({} if asked.out is None else {"path": str(asked.out)}))
 
 
-def note_lines(notes: Iterable[Quantity]) -> list[str]:
-    """Quantities without a verdict that a user must see."""
-    return [f"NOTE {note.name}{_place(note)} = {f'{note.value} {note.unit}'.rstrip()}: {note.method}" for note in notes]
-
-
 def verdict_lines(checks: Iterable[Quantity], verdicts: Verdicts) -> list[str]:
     """Every failed check, every note, which has no verdict, and the five verdicts."""
+    from maskfab.report.rows.text import note_lines, place_text
+
     lines = []
     for check in checks:
         if check.passed is None:
             lines += note_lines([check])
         elif not check.passed:
-            line = f"{check.name}{_place(check)} = {check.value} {check.unit} (limit {check.limit}): {check.method}"
+            line = f"{check.name}{place_text(check)} = {check.value} {check.unit} (limit {check.limit}): {check.method}"
             lines.append(f"FAIL {line}")
     return [*lines, *verdicts.lines]
-
-
-def _place(quantity: Quantity) -> str:
-    return f" [{quantity.die}]" if quantity.die else ""

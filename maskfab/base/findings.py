@@ -332,7 +332,7 @@ FINDINGS: tuple[Finding, ...] = (
         ),
     ),
     Finding("house", (Need.FILES, Need.HOUSE), rows="shop_*"),
-    Finding("notes", (Need.JOB,), rows="designed_for unused_keys display_seed lens_view"),
+    Finding("notes", (Need.JOB,), rows="designed_for unused_keys display_seed assumed_tiling lens_view"),
     Finding(
         "look",
         (Need.PANEL, Need.DISPLAY),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -38,12 +38,14 @@ class Job:
             several of the one that the spec holds.
         digest: SHA-256 of the resolved spec, as far as it shows in the data.
         where: the file it came from.
+        laid_out: dies of which Python stated an opening alone.
     """
 
     spec: JobSpec
     openings: Mapping[str, tuple[Opening, ...]]
     digest: str
     where: str
+    laid_out: frozenset[str] = frozenset()
 
     def __repr__(self) -> str:
         name = Path(self.where).stem if self.spec.job is None else self.spec.job.name
@@ -72,15 +74,27 @@ class Job:
         return Scene.of(self.spec.scene, self.spec.curves, where=self.where).through(self.blank)
 
     @property
-    def seed_notes(self) -> dict[str, Quantity]:
-        """Notes by die where its map or its opening names the seeds that its display fits, and not this one."""
+    def notes(self) -> dict[str, Quantity]:
+        """Notes by die: an opening alone was tiled periodically; or its map or opening names the seeds that its
+        display fits, and not this one."""
         notes = {}
         for die in self.spec.die:
+            if die.name in self.laid_out:
+                told = periodic_note(die.opening, die.size or (self.spec.plate.die_size if self.spec.plate else None))
+                notes[die.name] = Quantity("assumed_tiling", Tiling.PERIODIC.value, told, die=die.name)
             name, seeds = named_seeds(die, self.spec, self.openings[die.name])
             message = None if seeds is None or die.seed is None else seeds.against(die.seed, name)
             if message is not None:
                 notes[die.name] = Quantity("display_seed", die.seed, message, die=die.name)
         return notes
+
+    def assumptions(self, dies: Collection[str] | None = None) -> tuple[str, ...]:
+        """Sentences on what was assumed of those dies, of some or of all, that Python stated as openings alone."""
+        return tuple(
+            f"{name}: {note.method}."
+            for name, note in self.notes.items()
+            if name in self.laid_out and (dies is None or name in dies)
+        )
 
     @property
     def compared_with(self) -> str | None:
@@ -118,6 +132,13 @@ class Job:
 
 Further: TypeAlias = "Callable[[Job, JobFaults], object]"
 """Refusals of a verb, of a job before any work."""
+
+
+def periodic_note(opening: str, size_um: float | None) -> str:
+    """Tiling of an opening that was given alone, and how to get another."""
+    size = "" if size_um is None else f", size='{size_um:g} um'"
+    way = f"Panel.tile(opening, tiling='random', seed=1{size})"
+    return f"{opening} is tiled periodically, all its pixels alike; {way} turns them"
 
 
 @checked_arguments

@@ -574,6 +574,20 @@ def tiled(die: DieSection, held: tuple[Opening, ...], side_nm: int, given: CellM
     return Panel(opening, dot_nm, size.gutter_nm, chosen, die.tiling, die.seed, others=tuple(others))
 
 
+def laid_over(opening: Opening, stop: Stop) -> Panel:
+    """An opening that was given alone: all its cells alike, an even number of them, over a stop."""
+    size = opening.cell_size
+    cells = 2 * math.ceil(stop.diameter_um * NM_PER_UM / 2 / size.pitch_nm)
+    return Panel(opening, size.dot_nm, size.gutter_nm, np.zeros((cells, cells), np.int8), Tiling.PERIODIC, None)
+
+
+def lacks_pitch(given: NDArray[Any], where: str) -> JobError:
+    """The refusal of an array in place of a panel."""
+    what = f"an array of shape {given.shape} states neither pitch nor tiling"
+    cure = 'Lay it out: Panel.tile(array, pitch="168 um", size="4.4 mm")'
+    return JobError("MF105", what, where=where, cure=cure)
+
+
 def check_cover(panel: Panel, stop: Stop, what: str, *, where: str) -> None:
     """Refuse a panel narrower than the stop behind it, or with nothing clear in front of it (MF114, MF309)."""
     side_um = min(panel.size_nm) / NM_PER_UM

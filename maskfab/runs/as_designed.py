@@ -13,6 +13,7 @@ from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.job.camera import Camera
 from maskfab.job.die import check_lens, check_pupil
+from maskfab.job.sections import AssumedPlate
 from maskfab.mask.job import Job
 from maskfab.mask.panels import check_cover
 from maskfab.mask.plate_rules import judged
@@ -70,7 +71,9 @@ def as_designed(job: Job, name: str, progress: Progress = silent) -> AsDesigned:
     }
     dies = [item.die for item in optics]
     document = designed_document(job.digest, dies, rows, job.camera, photographs_document(taken))
-    return AsDesigned(FinishedReport(name, document, job.spec.dump(), True), tuple(optics))
+    # What Python assumed of a plate of panels is no difference of jobs.
+    stated = None if isinstance(job.spec.plate, AssumedPlate) else job.spec.dump()
+    return AsDesigned(FinishedReport(name, document, stated, True), tuple(optics))
 
 
 def _optics(name: str, panel: Panel, job: Job) -> DieOptics:

@@ -38,7 +38,7 @@ from maskfab.report.rows.bands import Expansion, restored_bands
 from maskfab.report.rows.optics import measure_with_bar, view_rows
 from maskfab.report.rows.photographs import Photographs, Surroundings, photograph_die
 from maskfab.report.rows.scene import SceneOptics
-from maskfab.report.rows.text import Quantities
+from maskfab.report.rows.text import Quantities, note_lines
 from maskfab.report.rows.verdicts import Verdicts
 from maskfab.runs.plate_files import named_shop, process_spread
 
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 UNUSED = "unused_keys"
 LEAST_SEEN = 12
 """Pixels along a side of a die below which no text is shown on it."""
-_NOTES = (UNUSED, "display_seed", "photographs_refused")
+_NOTES = (UNUSED, "display_seed", "photographs_refused", "assumed_tiling")
 TAKEN = "taken from the cache"
 """Stage of a run that an earlier one had made."""
 
@@ -138,7 +138,7 @@ class Result:
         return Quantities((*(row for die in self.report.dies.values() for row in die), *self.report.plate))
 
     def __str__(self) -> str:
-        return f"{self.directory}\n{self._every}"
+        return "\n".join([str(self.directory), str(self._every), *note_lines(self.notes)])
 
     def __repr__(self) -> str:
         return f"<Result in {self.directory}: {', '.join(self.report.dies)}; {'; '.join(self.verdicts.lines)}>"
@@ -204,7 +204,7 @@ class PlateFindings:
             for name in self.changes:
                 of_process = job.spec.written, process_spread(job)
                 of_dies[name] += tuple(restored_bands(self.restored, name, self.changes, *of_process))
-        for notes in (die_data.camera_notes(job), job.seed_notes):
+        for notes in (die_data.camera_notes(job), job.notes):
             for name, note in notes.items():
                 if name in of_dies:
                     of_dies[name] += (note,)

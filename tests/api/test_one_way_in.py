@@ -18,6 +18,7 @@ from maskfab.api import asked
 from maskfab.api.asked import job_of, panels_of
 from maskfab.api.taken import WORDS, taken
 from maskfab.base.errors import InputError, JobError
+from maskfab.base.model import Opening as Bare
 from maskfab.camera.frames.frame import frame_of_array
 from maskfab.job.reference import USES, unused
 from maskfab.report.rows.photographs import Restored
@@ -73,7 +74,8 @@ def test_panels_become_the_job_of_a_plate_of_them(stated: Any, names: list[str])
         (lambda: mf.analyse([TURNED, PLAIN]), "list is no opening and no panel.*compare"),
         (lambda: mf.analyse(TURNED, GREEN, seed=3), "seed is not of a panel"),
         (lambda: mf.analyse(BAR.mask, GREEN), "pitch"),
-        (lambda: CAMERA.psf(BAR, 530), r"not a Panel.*Panel\.tile"),
+        (lambda: CAMERA.psf(3, 530), r"not a Panel.*Panel\.tile"),
+        (lambda: CAMERA.mtf(BAR.mask, 530), r"neither pitch nor tiling.*Panel\.tile"),
         (lambda: mf.Plate.of([TURNED, BAR]), r"not a panel|not a mapping"),
         (lambda: mf.Panel.tile(TURNED, size="1 mm"), r"laid out already.*panel\.held"),
         (lambda: mf.Panel.tile(BAR, size="1 mm", threshold=0.5), "threshold goes with an array"),
@@ -111,6 +113,44 @@ def test_an_opening_alone_is_laid_out_as_its_analysis_lays_it_out() -> None:
     assert turned["auc_radial_min", 530].value == pytest.approx(float(CAMERA.mtf(TURNED, 530).auc), abs=1e-12)
 
 
+PERIODIC = "bar_5x3 is tiled periodically"
+
+
+def test_an_opening_alone_is_seen_periodically_and_the_answer_says_so() -> None:
+    laid = panels_of(BAR, CAMERA)["PANEL"]
+    psf, again = CAMERA.psf(BAR, 530), CAMERA.psf(laid, 530)
+    np.testing.assert_array_equal(psf.samples, again.samples)
+    assert PERIODIC in repr(psf)
+    assert "Panel.tile(opening, tiling='random', seed=1, size='448 um')" in psf.note
+    assert (again.note, CAMERA.mtf(Found(TURNED), 530).note) == ("", "")
+    assert repr(CAMERA.mtf(BAR, 530)).endswith("turns them>")
+    simulated = mf.simulate([BAR, TURNED], CAMERA, levels=[32], pictures=False)
+    assert f"P1: {PERIODIC}" in str(simulated)
+    assert "P2:" not in str(simulated)
+    assert simulated.to_dict()["notes"] == list(simulated.notes)
+    assert PERIODIC not in str(mf.simulate(TURNED, CAMERA, levels=[32], pictures=False))
+    rules = {"emitters": {"colour_gap": "8 um", "min_width": "8 um"}}
+    assert PERIODIC in str(mf.check(BAR, camera=CAMERA, rules=rules))
+    (note,) = job_of({"A": BAR, "B": TURNED}, CAMERA).notes.values()
+    assert (note.name, note.value, note.die) == ("assumed_tiling", "periodic", "A")
+
+
+def test_a_comparison_says_what_it_assumed_and_shows_its_table() -> None:
+    found = mf.compare({"A": BAR, "B": TURNED}, camera=CAMERA)
+    assert f"A: {PERIODIC}" in str(found)
+    assert "B:" not in str(found)
+    table = found.table()
+    assert list(table.index) == ["B", "A"]
+    level = found.to_dict()["levels"][1]["dies"][0]
+    assert table["PSNR (dB)"]["B"] == level["psnr"]
+    assert table["gain over A (dB)"]["B"] == level["gain"]["mean"]
+    assert np.isnan(table["gain over A (dB)"]["A"])
+    shown = found._repr_html_()
+    assert "<pre>" not in shown
+    assert "<th>MTF, worst<br>25 cy/mm</th>" in shown
+    assert max(map(len, str(found).splitlines()[:4])) < 120
+
+
 def test_openings_of_arrays_are_told_apart_though_all_are_called_alike() -> None:
     arrays = np.eye(7), np.eye(7)[::-1], np.eye(7)
     panels = [mf.Panel.tile(array, pitch="56 um", size="560 um") for array in arrays]
@@ -121,6 +161,21 @@ def test_openings_of_arrays_are_told_apart_though_all_are_called_alike() -> None
     for array, panel in zip(arrays, job.panels().values(), strict=True):
         np.testing.assert_array_equal(panel.opening.mask, array)
     assert panels[1].held[0].name == "opening"
+
+
+def test_a_panel_of_an_array_has_an_opening_that_is_a_picture_and_an_array() -> None:
+    torch = pytest.importorskip("torch")
+    panel = mf.Panel.tile(np.eye(7), pitch="56 um", size="560 um", seed=1, others=[Bare("other", BAR.mask, BAR.dot_nm)])
+    for opening in (panel.opening, *panel.others, *panel.held):
+        assert isinstance(opening, mf.Opening)
+        assert opening._repr_svg_().startswith("<svg")
+        assert repr(opening).startswith("<Opening ")
+        np.testing.assert_array_equal(np.asarray(opening), opening.mask)
+        for dots in (torch.tensor(opening), torch.as_tensor(opening)):
+            np.testing.assert_array_equal(dots.numpy(), opening.mask)
+            dots[0, 0] = ~dots[0, 0]  # a copy: the opening stays as it is
+            assert (dots.numpy() != opening.mask).sum() == 1
+    assert panel.opening.pitch_um == 56
 
 
 @pytest.mark.parametrize(

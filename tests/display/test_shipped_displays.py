@@ -155,7 +155,7 @@ def with_seed(tmp_path: Path, stated: str) -> Path:
 
 def test_a_die_without_a_seed_takes_the_first_that_its_map_names(tmp_path: Path) -> None:
     found = load_job(with_seed(tmp_path, ""))
-    assert (found.seeds, found.seed_notes) == ({"GUT8_M150": 1}, {})
+    assert (found.seeds, found.notes) == ({"GUT8_M150": 1}, {})
 
 
 @pytest.mark.parametrize(
@@ -163,7 +163,7 @@ def test_a_die_without_a_seed_takes_the_first_that_its_map_names(tmp_path: Path)
 )
 def test_a_job_with_another_seed_is_told(capsys, tmp_path: Path, seed: int, told: str) -> None:
     own = with_seed(tmp_path, f"seed = {seed}\n")
-    (note,) = load_job(own).seed_notes.values()
+    (note,) = load_job(own).notes.values()
     assert note.passed is None
     assert told in note.method
     assert "fits_gutter_map it fits with 1, 2, 5, 6 and 7, and not with 0, 3 and 4" in note.method

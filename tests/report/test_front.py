@@ -115,7 +115,7 @@ def test_the_table_puts_photographs_first_and_marks_the_group_of_the_best(run):
     assert table.lines[1].gain.text == "reference"
     for page in (html.html_page(document, {}), appendix_page(document, {})):
         text = page[page.index('<table class="dies">') :]
-        assert text.index("Restored<br>PSNR") < text.index("Open<br>ratio")
+        assert text.index("Restored<br>PSNR") < text.index("Open ratio<br>in the stop")
         assert text[: text.index("</table>")].count(' best"') == 1
 
 

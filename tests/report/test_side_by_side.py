@@ -8,7 +8,7 @@ import shutil
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -16,6 +16,7 @@ from browser import faults
 from small_job import command, finished
 
 import maskfab as mf
+from maskfab.api.comparing import Comparison
 from maskfab.base.errors import JobError, OutputError
 from maskfab.base.model import Quantity
 from maskfab.camera.scores import MeanDifference
@@ -111,6 +112,22 @@ def test_other_scenes_light_or_camera_are_left_out_and_said(document):
     assert "auc_radial_min" in dies["one:PLAIN"]
 
 
+def test_the_figure_of_runs_and_panels_shows_every_die_by_its_light_in_the_stop(document):
+    one = report("one", document, PLAIN=[20.0, 21.0], TURNED=[22.0, 23.5])
+    light = {die["name"]: _numbers(die, "stop_open_ratio")[0] for die in one.document["dies"]}
+    mixed = Comparison(compare_reports([one]), {"PLAIN": cast(Any, None)})
+    (axes,) = mixed.plot().figure.axes
+    drawn = {bars.get_label(): bars[0].get_xdata()[0] for bars in axes.containers}
+    assert drawn == {name: pytest.approx(100 * share) for name, share in light.items()}
+    assert axes.get_xlabel() == "open ratio in the stop (%)"
+    assert mixed.compared.table.columns[0] == ("Open ratio", "in the stop")
+    assert len(light) == 2
+
+
+def _numbers(die: Mapping[str, Any], name: str) -> list[float]:
+    return [row["value"] for row in die["quantities"] if row["name"] == name]
+
+
 def test_bands_stand_beside_numbers_and_gains_over_another_die_have_none(document):
     one = report("one", document, PLAIN=[20.0, 21.0], TURNED=[22.0, 23.5])
     level = middle_level(document["photographs"]["levels_db"])
@@ -143,7 +160,7 @@ def test_two_runs_from_files_to_a_page(capsys, browser, small_result, other, tmp
     assert "<script" not in page
     assert faults(browser, tmp_path / "page" / "compare.html") == []
     text = command(capsys, "compare", small_result).stdout
-    assert text.splitlines()[0].startswith("die ")
+    assert text.splitlines()[1].startswith("die ")
     assert {"PLAIN", "TURNED"} <= {line.split()[0] for line in text.splitlines()}
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
 
 from markupsafe import Markup
 from matplotlib.figure import Figure
@@ -272,14 +273,14 @@ def _found(name: str, chosen: Mapping[str, object], where: str) -> str:
 
 @styled
 def trade(document: Record) -> Drawing:
-    """Open ratio against gain over the reference, one mark for each die; a die that none betters in both is filled."""
+    """Open ratio in the stop against gain over the reference, a mark for each die; one that none betters is filled."""
     taken = document["photographs"]
     level, reference = middle_level(taken["levels_db"]), taken["reference"]
     light = {
         die["name"]: 100 * row["value"]
         for die in document["dies"]
         for row in die["quantities"]
-        if row["name"] == "open_ratio"
+        if row["name"] == "stop_open_ratio"
     }
     names = [name for name in scores(taken, level) if name in light]
     figure = Figure(figsize=(8.6, 4.2))
@@ -307,11 +308,12 @@ def trade(document: Record) -> Drawing:
             label=name,
         )
     axes.axhline(0, color=QUIET, linewidth=0.7)
-    axes.set(xlabel="open ratio (%)", ylabel=f"gain over {reference} (dB)")
+    axes.set(xlabel="open ratio in the stop (%)", ylabel=f"gain over {reference} (dB)")
     axes.grid(visible=True, color=QUIET, alpha=0.25, linewidth=0.5)
     axes.tick_params(colors=INK)
     figure.legend(loc="upper left", bbox_to_anchor=(5.75 / 8.6, 3.95 / 4.2), fontsize=7)
-    return Drawing(figure, f"Gain over {reference} at {level:g} dB of light against open ratio, {len(names)} dies")
+    said = f"Gain over {reference} at {level:g} dB of light against open ratio in the stop, {len(names)} dies"
+    return Drawing(figure, said)
 
 
 _MOST_FIELDS = 20
@@ -353,16 +355,39 @@ def verdict(compared: Compared) -> str:
     return f"{ranking}{kept} {leader.limits}"
 
 
-def compare_text(compared: Compared) -> Iterator[str]:
-    """Lines for a terminal."""
+def compare_records(compared: Compared) -> list[Document]:
+    """Lines of the table as plain data, by headings with their units."""
+    table, reference = compared.table, compared.table.reference
+    ranked = [] if table.level_db is None else _ranked(compared.document["photographs"], table.level_db)["dies"]
+    scored = {row["name"]: row for row in ranked}
+    records = []
+    for line in table.lines:
+        record: Document = {"die": line.name}
+        if ranked:
+            row = scored.get(line.name, {})
+            gain = row.get("gain") or {}
+            record |= {"PSNR (dB)": row.get("psnr"), f"gain over {reference} (dB)": gain.get("mean")}
+            record["± (dB)"] = gain.get("half_width")
+        if any(each.display for each in table.lines):
+            record["display"] = line.display
+        for words, cell in zip(table.columns, line.cells, strict=True):
+            record[" ".join(words)] = None if cell is None else _number(cell.text)
+        records.append(record)
+    return records
+
+
+def _number(text: str) -> float | str:
+    """A cell as a number; as it is where it holds more than one."""
+    try:
+        return float(text.replace("−", "-"))
+    except ValueError:
+        return text
+
+
+def _shown(compared: Compared) -> tuple[list[tuple[str, ...]], list[list[str]]]:
+    """Headings, each in lines, and rows of the table; a column that no die fills is left out."""
     table = compared.table
-    heading = [
-        "die",
-        "PSNR dB",
-        f"gain over {table.reference}",
-        "display",
-        *(" ".join(words) for words in table.columns),
-    ]
+    headings = [("die",), ("PSNR", "dB"), (f"gain over {table.reference}", "dB"), ("display",), *table.columns]
     rows = [
         [
             line.name,
@@ -373,7 +398,29 @@ def compare_text(compared: Compared) -> Iterator[str]:
         ]
         for line in table.lines
     ]
-    yield from columns([heading, *rows])
+    kept = [k for k, column in enumerate(zip(*rows, strict=True)) if set(column) - {"-", "–"}]
+    return [headings[k] for k in kept], [[row[k] for k in kept] for row in rows]
+
+
+def compare_html(compared: Compared, notes: Sequence[str] = ()) -> str:
+    """The table and what is said of it, for a notebook."""
+    headings, rows = _shown(compared)
+    head = "".join(f"<th>{'<br>'.join(map(escape, words))}</th>" for words in headings)
+    body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
+    said = "<br>".join(escape(line) for line in (*_said(compared), *notes))
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table><p>{said}</p>"
+
+
+def compare_text(compared: Compared) -> Iterator[str]:
+    """Lines for a terminal: a table whose headings take as many lines as their words do, and what is said of it."""
+    headings, rows = _shown(compared)
+    high = max(map(len, headings))
+    yield from columns([*zip(*(("",) * (high - len(words)) + words for words in headings), strict=True), *rows])
+    yield from _said(compared)
+
+
+def _said(compared: Compared) -> Iterator[str]:
+    """The verdict, what is left out, and where the jobs differ."""
     yield verdict(compared)
     yield from compared.left_out
     names = [report.name for report in compared.reports]
@@ -381,4 +428,4 @@ def compare_text(compared: Compared) -> Iterator[str]:
         values = (f"{name} {'-' if value is None else value}" for name, value in zip(names, field.values, strict=True))
         yield f"{field.field}: {', '.join(values)}"
     if len(compared.differences) > _MOST_FIELDS:
-        yield f"{len(compared.differences) - _MOST_FIELDS} more fields differ: --json or --out lists all"
+        yield f"{len(compared.differences) - _MOST_FIELDS} more fields differ: the page and the JSON list all"

@@ -9,7 +9,7 @@ band over the displays made, where the process has a spread.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, Generic, TypeVar
@@ -276,6 +276,19 @@ def photograph_bands(die: Record, level_db: float | None) -> tuple[str, str]:
     return edges(of_psnr, decimals=2), edges(of_gain, decimals=2, sign=True)
 
 
+OPEN_IN_STOP = ("Open ratio", "in the stop")
+"""Heading of the first column, as no page calls the open ratio of a cell."""
+_FREQUENCY_DIGITS = 3
+
+
+def _few_digits(frequencies: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Frequencies in their order, rounded as far as all can still be told apart, each with its name."""
+    every = sorted(map(float, frequencies))
+    digits = next(n for n in range(_FREQUENCY_DIGITS, 18) if len({f"{one:.{n}g}" for one in every}) == len(every))
+    named = {float(text): f"{WORST}{text}" for text in frequencies}
+    yield from ((short(one, digits), named[one]) for one in every)
+
+
 def _columns(document: Record) -> dict[tuple[str, ...], Callable[[Record], Cell | None]]:
     """Functions that find the cell of a die, by heading."""
     lines = document["camera"]["wavelengths_nm"]
@@ -284,10 +297,10 @@ def _columns(document: Record) -> dict[tuple[str, ...], Callable[[Record], Cell 
     worst = [name for name in names if name.startswith(WORST)]
     at = f"{middle:g} nm"
     return {
-        ("Open", "ratio"): _number("stop_open_ratio"),
+        OPEN_IN_STOP: _number("stop_open_ratio"),
         **{
-            ("MTF, worst", f"{name.removeprefix(WORST)} cy/mm"): _number(name, middle)
-            for name in sorted(worst, key=lambda name: float(name.removeprefix(WORST)))
+            ("MTF, worst", f"{frequency} cy/mm"): _number(name, middle)
+            for frequency, name in _few_digits([name.removeprefix(WORST) for name in worst])
         },
         ("Halo, %", at): _number("halo_energy", middle, scale=100.0, decimals=1),
         ("Emitters, %", "(margin)"): _footprint,

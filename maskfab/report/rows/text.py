@@ -198,6 +198,18 @@ def table_lines(quantities: Iterable[Quantity], *, dies: bool = False) -> list[s
     return columns(_rows(quantities, dies))
 
 
+def note_lines(notes: Iterable[Quantity]) -> list[str]:
+    """Quantities without a verdict that a user must see."""
+    return [
+        f"NOTE {note.name}{place_text(note)} = {f'{note.value} {note.unit}'.rstrip()}: {note.method}" for note in notes
+    ]
+
+
+def place_text(quantity: Quantity) -> str:
+    """The die that a number is of, in brackets; nothing for one of the plate."""
+    return f" [{quantity.die}]" if quantity.die else ""
+
+
 def html_table(quantities: Iterable[Quantity]) -> str:
     """The table with dies as HTML; a method is shown where the pointer rests on a row."""
     quantities = list(quantities)
