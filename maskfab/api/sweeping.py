@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, overload
 import numpy as np
 
 from maskfab.api.asked import AnyJob, job_of, require_form
-from maskfab.api.lengths import length_text
+from maskfab.api.lengths import length_text, wavelength_text
 from maskfab.api.results import Asked, InPython, Result, Told, answers
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
@@ -21,7 +21,7 @@ from maskfab.display.feasibility import plate_of
 from maskfab.job.faults import parse_section
 from maskfab.job.reference import in_words
 from maskfab.job.sections import JobSpec
-from maskfab.job.sweep_file import SweepSpec
+from maskfab.job.sweep_file import SweepSpec, read_value
 from maskfab.job.values import length_keys, sections_of
 from maskfab.mask.job import Job
 from maskfab.runs import sweep as sweeping
@@ -148,6 +148,9 @@ def sweep(
         over: keys of the job and the values of each, as ``{"camera.pixel": ["1 um", "2 um"], "die.gutter": [0, 8]}``,
             every value with every other; ``die.KEY`` is of every die. In place of a list a field as in a study file,
             such as ``{"from": "1 um", "to": "3 um", "count": 5}`` or, with cases, ``{"uniform": ["1 um", "3 um"]}``.
+            Of a key that holds a list, such as ``camera.wavelengths``, values are lists or single items. Numbers, also
+            of arrays, are micrometres, of wavelengths nanometres. Curves of one panel over the wavelength take one
+            call, ``camera.mtf(panel, array)``.
         quantities: wanted, with over, as report.json names them.
         dies: that are looked at, with over; by default all.
         cases: number of draws, with over, where a field is drawn.
@@ -211,16 +214,29 @@ def _field(key: str, values: object) -> dict[str, object]:
     """A field as a study file has it; numbers of a key that is a length are micrometres."""
     table, *inner = key.split(".")
     path = f"die.*.{inner[0]}" if table == "die" and len(inner) == 1 else key
-    if isinstance(values, np.ndarray):
-        values = values.tolist()
+    where = f"sweep: over[{key!r}]"
     section = next(iter(sections_of(JobSpec.model_fields[table])), None) if table in JobSpec.model_fields else None
     is_length = section is not None and bool(inner) and inner[-1] in length_keys(section)
-    as_stated = length_text if is_length else (lambda value: value)
+    of_light = inner[-1:] == ["wavelengths"]
+
+    def stated(value: Any) -> Any:
+        """One value, or a list of them, as a job file has it."""
+        if isinstance(value, np.ndarray | np.generic):
+            value = value.tolist()
+        if isinstance(value, list | tuple):
+            return [stated(item) for item in value]
+        return wavelength_text(value, where) if of_light else length_text(value) if is_length else value
+
     if isinstance(values, Mapping):
-        one = {name: as_stated(value) if name in ("from", "to") else value for name, value in values.items()}
-        return {"key": path, **one}
-    listed = [values] if isinstance(values, str) or not isinstance(values, Sequence) else values
-    return {"key": path, "values": [as_stated(value) for value in listed]}
+        ends = ("from", "to", "uniform")
+        return {"key": path, **{name: stated(value) if name in ends else value for name, value in values.items()}}
+    listed = stated(values)
+    if listed == []:
+        raise JobError("MF160", "no value is stated", where=where, cure='Write {"camera.pixel": ["1 um", "2 um"]}')
+    return {
+        "key": path,
+        "values": [read_value(one, where) for one in (listed if isinstance(listed, list) else [listed])],
+    }
 
 
 @answers(sweep)

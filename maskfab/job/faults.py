@@ -7,10 +7,11 @@ check that reads it ends in silence (:class:`maskfab.base.errors.AtFault`); all 
 from __future__ import annotations
 
 import json
+import math
 import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import fields
 from difflib import get_close_matches
 from functools import cache
@@ -22,6 +23,7 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 from maskfab.base import __version__, resources
 from maskfab.base.errors import AtFault, Faults, InputError, JobError, MaskfabError
+from maskfab.base.units import parse_length_um, parse_pitch_um
 from maskfab.job.camera import stop_ratio
 from maskfab.job.values import PART, AnySection, Section, key_of, sections_of
 
@@ -30,6 +32,22 @@ if TYPE_CHECKING:
     from maskfab.job.sections import JobSpec
 
 Place: TypeAlias = tuple[int | str, ...]
+
+_MEANT_TYPE: Mapping[str, str] = MappingProxyType(
+    {
+        "bool_type": "true or false is meant",
+        "dataclass_exact_type": "a table is meant",
+        "dataclass_type": "a table is meant",
+        "date_type": "a date is meant",
+        "dict_type": "a table is meant",
+        "float_type": "a number is meant",
+        "int_type": "a whole number is meant",
+        "model_type": "a table is meant",
+        "string_type": "text is meant",
+        "tuple_type": "a list is meant",
+    }
+)
+"""Faults of the type of a value, by pydantic's names of them, in words of a job file."""
 
 _UNKNOWN = frozenset({"extra_forbidden", "unexpected_keyword_argument"})
 _OUT_OF_RANGE = frozenset({"greater_than", "greater_than_equal", "less_than", "less_than_equal", "finite_number"})
@@ -232,12 +250,24 @@ def _refusal(place: Place, one: ErrorDetails, kind: type[AnySection], values: ob
     if code in _MISSING:
         return JobError("MF105", f"the key {key!r} is missing", where=at, cure=_addition(place))
     number = "MF104" if code in _OUT_OF_RANGE else "MF105"
-    what = f"{key} = {one['input']!r}: {one['msg'][0].lower()}{one['msg'][1:]}"
+    what = f"{key} = {one['input']!r}: {_meant_of(one)}"
     if isinstance(one["input"], dict) and code == "tuple_type":
         return JobError(number, what, where=at, cure=f"Write [[{key}]] for each of them")
+    if (dots := _in_dots(last, one["input"], values, place)) is not None:
+        return JobError(number, what, where=at, cure=dots)
     example = _example(place)
     such = "" if example is None or number == "MF104" else f", such as {last} = {_toml(example)}"
     return JobError(number, what, where=at, cure=f"Change {key}{such}")
+
+
+def _meant_of(one: ErrorDetails) -> str:
+    """A sort of value that is meant, in words of a job file."""
+    limits = one.get("ctx", {})
+    if one["type"] in ("too_short", "too_long"):
+        limit = limits.get("min_length", limits.get("max_length"))
+        how = "at least" if "min_length" in limits else "at most"
+        return f"{how} {limit} item{'' if limit == 1 else 's'} must be there, not {limits['actual_length']}"
+    return _MEANT_TYPE.get(one["type"], f"{one['msg'][0].lower()}{one['msg'][1:]}")
 
 
 def _addition(place: Place) -> str:
@@ -254,7 +284,7 @@ def _unknown(kind: type[AnySection], values: object, place: Place) -> str:
     table, key, value = _table(kind, values, place[:-1]), str(place[-1]), _value(values, place)
     meant = _meant(kind, values, place)
     if meant is not None:
-        return _renamed(key, meant, value)
+        return _in_dots(str(meant[-1]), value, values, meant) or _renamed(key, meant, value)
     others = [] if table is None or len(place) < 2 else [*_elsewhere(kind, key, str(place[0]))]
     if others:
         return f"Move it to {' or '.join(others)}, or remove it"
@@ -276,6 +306,33 @@ def _renamed(key: str, meant: Place, value: object) -> str:
     elif name == "wavelengths" and not isinstance(value, list):
         value = [value]
     return f"Write {name} = {_toml(value)}"
+
+
+def _in_dots(key: str, value: object, values: object, place: Place) -> str | None:
+    """The line to write where a length stands for a number of dots, in dots of the table about it; None elsewhere."""
+    if not key.endswith("dots") or not isinstance(value, str):
+        return None
+    try:
+        length_um = parse_length_um(value)
+    except InputError:
+        return None
+    for depth in range(len(place) - 1, -1, -1):
+        with suppress(InputError, KeyError, TypeError, ZeroDivisionError):
+            held = cast(Mapping[str, Any], _value(values, place[:depth]))
+            gutter_um = parse_length_um(held.get("gutter", "0 um"), zero_allowed=True)
+            side_um = parse_pitch_um(held["pitch"]) - gutter_um if "dot" not in held else 0.0
+            dot_um = side_um / held["dots"] if side_um else parse_length_um(held["dot"])
+            count, of = length_um / dot_um, f"of {dot_um:g} um"
+            if (near := round(count)) and abs(count - near) < _WHOLE:
+                return f"Write {key} = {near}: it counts dots, here {of}"
+            low = math.floor(count)
+            either = f"{low} or {low + 1}" if low else "1"
+            return f"Write {key} = {either}: it counts dots, and {value} are {count:.3g} {of}"
+    return f"Write {key} as a whole number: it counts dots, and is no length"
+
+
+_WHOLE = 1e-6
+"""Of a number of dots, how far it may lie from a whole one by rounding."""
 
 
 def _unit(place: Place) -> str:

@@ -5,24 +5,42 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
-from pydantic import Field, StrictBool, StrictFloat, StrictInt, StrictStr
+from pydantic import Field
 
 from maskfab.base.errors import JobError
 from maskfab.job.faults import parse_section
 from maskfab.job.read import document
-from maskfab.job.values import Counts, Names, Section, checks
+from maskfab.job.values import Counts, Names, Section, checks, parsed
 
-Value: TypeAlias = StrictBool | StrictInt | StrictFloat | StrictStr
-"""One value of a key, as a job file writes it."""
+Scalar: TypeAlias = bool | int | float | str
+Value: TypeAlias = Scalar | tuple[Scalar, ...]
+"""One value of a key, as a job file writes it; of a key that holds a list, the list or its only item."""
+
+
+def read_value(stated: object, where: str = "") -> Value:
+    """A value of a key from what a file or a caller states.
+
+    Raises:
+        JobError: MF105 for what is none.
+    """
+    if isinstance(stated, list | tuple) and stated and all(isinstance(item, Scalar) for item in stated):
+        return tuple(stated)
+    if isinstance(stated, Scalar):
+        return stated
+    cure = 'Write a number, text such as "2 um", true or false, or a list of these for a key that holds a list'
+    raise JobError("MF105", f"{stated!r:.60} is no value of a key", where=where, cure=cure)
+
+
+_Value = Annotated[Value, parsed(read_value)]
 Family = Literal["bars", "discs", "l_shapes", "crosses", "blobs"]
 
 
 class NormalSection(Section):
     """field.normal: values drawn from a normal distribution."""
 
-    mean: Value
+    mean: _Value
     """Its mean."""
-    sigma: Value
+    sigma: _Value
     """Its standard deviation."""
 
 
@@ -47,15 +65,15 @@ class FieldSection(Section):
     key: Names
     """Key of the job, such as process.cd_bias or die.TOLED_R150.seed, or keys that take the same value; die.* means
     every die of the sweep."""
-    values: Annotated[tuple[Value, ...], Field(min_length=1, strict=False)] | None = None
-    """Values, one after the other."""
-    first: Value | None = Field(default=None, alias="from")
+    values: Annotated[tuple[_Value, ...], Field(min_length=1, strict=False)] | None = None
+    """Values, one after the other; of a key that holds a list, such as camera.wavelengths, lists or single items."""
+    first: _Value | None = Field(default=None, alias="from")
     """First value of a range, with its unit."""
-    last: Value | None = Field(default=None, alias="to")
+    last: _Value | None = Field(default=None, alias="to")
     """Last value of the range, in the same unit."""
     count: int | None = Field(default=None, ge=2)
     """Number of values of the range, evenly spaced."""
-    uniform: Annotated[tuple[Value, Value], Field(strict=False)] | None = None
+    uniform: Annotated[tuple[_Value, _Value], Field(strict=False)] | None = None
     """Ends of an interval from which values are drawn."""
     normal: NormalSection | None = None
     """Normal distribution from which values are drawn."""

@@ -181,7 +181,9 @@ def _of(row: Mapping[str, Any]) -> Of:
 def _sensitivities(series: Series, plan: Plan) -> list[Sensitivity]:
     finite = np.isfinite(series.values)
     values = series.values[finite]
-    whole = float(np.ptp(values)) if values.size else 0.0
+    if values.size < 2:
+        return []
+    whole = float(np.ptp(values))
     axes = [axis(field, [case.levels[i] for case in plan.cases]) for i, field in enumerate(plan.fields)]
     numeric = [i for i, places in enumerate(axes) if places is not None and np.ptp(places[finite]) > 0]
     slopes = _plane(np.array([axes[i][finite] for i in numeric]), values) if numeric else []  # type: ignore[index]

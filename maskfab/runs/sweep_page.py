@@ -159,5 +159,5 @@ def _values_text(field: Field) -> str:
         return f"{short(numbers[0])} {field.unit}".rstrip() if field.numeric else str(field.levels[0].stated)
     if field.numeric:
         return f"{len(numbers)} {ways}, {short(min(numbers))} to {short(max(numbers))} {field.unit}".rstrip()
-    first, last = field.levels[0].stated, field.levels[-1].stated
+    first, last = field.levels[0].shown, field.levels[-1].shown
     return f"{len({level.stated for level in field.levels})} {ways}, {first} to {last}"

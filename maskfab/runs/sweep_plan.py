@@ -11,13 +11,17 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
+from functools import cache
 from itertools import chain, product
 from math import prod
 from pathlib import Path
-from typing import Any, TypeAlias
+from types import UnionType
+from typing import Annotated, Any, TypeAlias, Union, get_args, get_origin
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BeforeValidator
+from pydantic.fields import FieldInfo
 
 from maskfab.base.errors import Faults, JobError
 from maskfab.base.findings import STAGE_OF_QUANTITY, Need
@@ -28,7 +32,7 @@ from maskfab.display.feasibility import plate_of
 from maskfab.job.read import check_windows, validate
 from maskfab.job.reference import USES, covered, keys_of, named, unused
 from maskfab.job.sections import JobSpec
-from maskfab.job.sweep_file import FieldSection, LimitSection, SweepSpec, Value, read_sweep
+from maskfab.job.sweep_file import FieldSection, LimitSection, Scalar, SweepSpec, Value, read_sweep
 from maskfab.job.values import AnySection, sections_of
 from maskfab.mask.job import Job, load_job, resolve
 from maskfab.mask.opening_file import opening_text
@@ -77,6 +81,11 @@ class Level:
     number: float | None = None
     text: str | None = None
 
+    @property
+    def shown(self) -> Scalar:
+        """The value in one cell of a table."""
+        return ", ".join(map(str, self.stated)) if isinstance(self.stated, tuple) else self.stated
+
 
 @dataclass(frozen=True, eq=False)
 class Field:
@@ -110,7 +119,9 @@ class Field:
     def placed(self, document: Document, level: Level) -> Document:
         """The document of a job with this value in place of its own."""
         for path in self.paths:
-            document = _placed(document, path, level.stated)
+            listed = isinstance(level.stated, tuple) or holds_list(path)
+            value = level.stated if isinstance(level.stated, tuple) or not listed else (level.stated,)
+            document = _placed(document, path, list(value) if isinstance(value, tuple) else value)
         if level.text is None:
             return document
         return {**document, "openings": {**document.get("openings", {}), str(level.stated): level.text}}
@@ -194,6 +205,29 @@ def _known(key: str, where: str) -> None:
     raise JobError("MF105", f"{key!r} is a table, not a key", where=where, cure=f"Use a key of it: {listed}")
 
 
+@cache
+def holds_list(path: KeyPath) -> bool:
+    """Whether a key of a job holds a list of any length, which a single item may stand for."""
+    kind: type[AnySection] | None = JobSpec
+    field: FieldInfo | None = None
+    for part in (path[0], path[-1]) if path[0] == "die" else path:
+        if kind is None or part not in kind.model_fields:
+            return False
+        field = kind.model_fields[part]
+        kind = next(sections_of(field), None)
+    return kind is None and field is not None and _is_list(field.annotation, field.metadata)
+
+
+def _is_list(annotation: Any, marks: Sequence[object]) -> bool:
+    """Whether a type, or one that it may be, is a list of any length that no reader makes of something else."""
+    origin, inner = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return _is_list(inner[0], inner[1:])
+    if origin is tuple:
+        return inner[-1:] == (Ellipsis,) and not any(isinstance(mark, BeforeValidator) for mark in marks)
+    return origin in (Union, UnionType) and any(_is_list(kind, ()) for kind in inner)
+
+
 def _inner(kind: type[AnySection] | None, name: str) -> tuple[type[AnySection] | None, bool]:
     """The table that a key of a table holds, None for a value, and whether there is such a key."""
     if kind is None or name not in kind.model_fields:
@@ -244,13 +278,15 @@ def _levels(
 
 
 def _number(value: Value) -> tuple[float | None, str]:
-    """Number and unit of a value; None for what has none."""
+    """Number and unit of a value, of a list those of its only item; None for what has none."""
+    if isinstance(value, tuple):
+        return _number(value[0]) if len(value) == 1 else (None, "")
     if isinstance(value, bool):
         return None, ""
-    if isinstance(value, int | float):
-        return float(value), ""
-    match = _WRITTEN.fullmatch(value)
-    return (None, "") if match is None else (float(match[1]), match[2])
+    if isinstance(value, str):
+        match = _WRITTEN.fullmatch(value)
+        return (None, "") if match is None else (float(match[1]), match[2])
+    return float(value), ""
 
 
 def _ends(first: Value, last: Value, where: str) -> tuple[tuple[float, float], str, bool]:
@@ -271,7 +307,7 @@ def _stated(numbers: NDArray[np.float64], unit: str, *, whole: bool) -> tuple[Le
     """Values as a job file writes them."""
     levels = []
     for number in numbers.tolist():
-        rounded: Value = round(number) if whole else float(f"{number:.12g}") + 0.0
+        rounded: int | float = round(number) if whole else float(f"{number:.12g}") + 0.0
         levels.append(Level(f"{rounded:.12g} {unit}" if unit else rounded, float(rounded)))
     return tuple(levels)
 
@@ -299,7 +335,7 @@ def _shapes(
     return tuple(levels)
 
 
-def _placed(document: Document, path: KeyPath, value: Value) -> Document:
+def _placed(document: Document, path: KeyPath, value: object) -> Document:
     """A copy of a job's document in which one place has another value; tables on the way are made."""
     if path[0] == "die":
         _, name, key = path
@@ -336,9 +372,9 @@ class Case:
     refused: str | None = None
 
     @property
-    def stated(self) -> tuple[Value, ...]:
-        """Values as a job file writes them."""
-        return tuple(level.stated for level in self.levels)
+    def stated(self) -> tuple[Scalar, ...]:
+        """Values as a job file writes them, lists as text."""
+        return tuple(level.shown for level in self.levels)
 
 
 @dataclass(frozen=True, eq=False)

@@ -177,3 +177,64 @@ def test_an_array_that_is_no_opening_is_refused(array: Any, code: str, told: str
         with pytest.raises(InputError, match=told) as refusal:
             mf.Opening.of(array, "16 um", threshold=threshold)
         assert refusal.value.code == code
+
+
+SINGLE = mf.Camera("5 mm", **LOOK, wavelengths="530 nm")
+
+
+@pytest.mark.parametrize(
+    ("values", "shown", "lines"),
+    [
+        (["450 nm", 550], ["450 nm", "550 nm"], [450, 550]),
+        ([["450 nm"], ["550 nm"]], ["450 nm", "550 nm"], [450, 550]),
+        (np.linspace(450, 650, 3), ["450 nm", "550 nm", "650 nm"], [450, 550, 650]),
+        ([np.array([450, 550]), (610,)], ["450 nm, 550 nm", "610 nm"], [450, 550, 610]),
+        ({"from": 450, "to": 550, "count": 2}, ["450 nm", "550 nm"], [450, 550]),
+    ],
+)
+def test_a_sweep_takes_lists_and_arrays_of_wavelengths(values: Any, shown: list[str], lines: list[float]) -> None:
+    swept = mf.sweep(PANEL, SINGLE, over={"camera.wavelengths": values}, quantities=["mtf50"], engine="serial")
+    rows = list(swept.rows())
+    assert list(dict.fromkeys(row["camera.wavelengths"] for row in rows)) == shown
+    assert [row["wavelength_nm"] for row in rows] == lines
+    for row in rows:
+        assert row["value"] == pytest.approx(float(CAMERA.mtf(PANEL, row["wavelength_nm"]).frequency_at(0.5)))
+    assert swept.sensitivities == ()
+
+
+def test_a_sweep_takes_arrays_of_lengths_as_micrometres() -> None:
+    over = {"camera.pixel": np.array([1, 2]), "camera.focal": {"uniform": [5000, np.float64(6000)]}}
+    swept = mf.sweep(PANEL, SINGLE, over=over, cases=2, quantities=["open_ratio"], engine="serial")
+    assert {row["camera.pixel"] for row in swept.rows()} == {"1 um", "2 um"}
+
+
+@pytest.mark.parametrize(
+    ("over", "told"),
+    [
+        ({"camera.wavelengths": [{"line": 1}]}, r"MF105 .*is no value of a key .*over\['camera.wavelengths'\]"),
+        ({"camera.wavelengths": [5]}, r"MF156 a wavelength of 5 nm .*over\['camera.wavelengths'\]"),
+        ({"camera.pixel": []}, r"MF160 no value is stated .*over\['camera.pixel'\]"),
+        ({"camera.wavelengths": [[["450 nm"]]]}, "MF105 .*is no value of a key"),
+    ],
+)
+def test_what_no_sweep_takes_is_refused_in_plain_words(over: Any, told: str) -> None:
+    with pytest.raises(InputError, match=told) as refusal:
+        mf.sweep(PANEL, SINGLE, over=over)
+    assert len(refusal.value.faults) == 1
+    assert not {"tuple", ".bool", "boolean"} & set(str(refusal.value).replace("[", " ").split())
+
+
+@pytest.mark.parametrize(
+    ("key", "length", "told"),
+    [
+        ("min_feature", "24 um", "Write min_feature_dots = 3: it counts dots, here of 8 um"),
+        ("min_feature_dots", "24 um", "Write min_feature_dots = 3: it counts dots, here of 8 um"),
+        ("min_feature_dots", "12 um", "Write min_feature_dots = 1 or 2: it counts dots, and 12 um are 1.5 of 8 um"),
+    ],
+)
+def test_a_length_for_a_number_of_dots_is_told_in_dots(key: str, length: str, told: str) -> None:
+    with pytest.raises(JobError) as refusal:
+        mf.design(dots=21, pitch="168 um", clear_dots=100, rules={key: length}, budget="3 s")
+    assert refusal.value.cure == told
+    with pytest.raises(JobError, match="Write min_feature_dots as a whole number"):
+        mf.design(dots=21, clear_dots=100, rules={key: length}, budget="3 s")
