@@ -173,7 +173,7 @@ class Plate:
             **self.sections,
             **{key: held for key, held in texts.items() if held},
         }
-        return resolve(validate(document, where=where), Path(where))
+        return replace(resolve(validate(document, where=where), Path(where)), camera_assumed=camera is None)
 
     def _die(self, name: str, panel: Panel) -> dict[str, Any]:
         stated = _plain(panel.section) | {"name": name, "label": self.labels.get(name, panel.held[0].name)}

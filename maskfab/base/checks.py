@@ -12,10 +12,13 @@ from __future__ import annotations
 import builtins
 import inspect
 import math
+import re
 import sys
 import types
-from collections.abc import Callable, Collection, Mapping, Sequence
-from functools import cache, wraps
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import cache, partial, wraps
 from numbers import Integral, Real
 from os import PathLike
 from pathlib import Path
@@ -24,7 +27,7 @@ from typing import Annotated, Any, Literal, ParamSpec, TypeVar, Union, get_args,
 import numpy as np
 
 from maskfab.base.arrays import Labels, Mask
-from maskfab.base.errors import JobError, OpeningError
+from maskfab.base.errors import JobError, MaskfabError, OpeningError
 from maskfab.base.work import notebook_line
 
 _LARGEST = sys.float_info.max
@@ -170,8 +173,7 @@ def checked_arguments(function: Callable[Given, Result]) -> Callable[Given, Resu
         stated = inspect.signature(checked)
         return stated, {name: _evaluated(parameter.annotation, names) for name, parameter in stated.parameters.items()}
 
-    @wraps(function)
-    def checked(*args: Given.args, **kwargs: Given.kwargs) -> Result:
+    def found(*args: Given.args, **kwargs: Given.kwargs) -> Result:
         stated, hints = expected()
         try:
             bound = stated.bind(*args, **kwargs)
@@ -197,6 +199,18 @@ def checked_arguments(function: Callable[Given, Result]) -> Callable[Given, Resu
         finally:
             line.end()
 
+    @wraps(function)
+    def checked(*args: Given.args, **kwargs: Given.kwargs) -> Result:
+        if _OPTIONS_KEPT.get():
+            return found(*args, **kwargs)
+        try:
+            with options_kept():
+                return found(*args, **kwargs)
+        except MaskfabError as error:
+            parameters = expected()[0].parameters
+            error.reword(lambda text: _OPTION.sub(partial(_argument, parameters), text))
+            raise
+
     if any(str(kind).startswith("Unpack[") for kind in function.__annotations__.values()):
         checked.__signature__ = _spelled_out(function)  # type: ignore[attr-defined]
     return checked
@@ -213,6 +227,55 @@ def _spelled_out(function: Callable[..., object]) -> inspect.Signature:
         for name, kind in get_type_hints(held).items():
             keys.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind))
     return stated.replace(parameters=keys)
+
+
+_OPTIONS_KEPT: ContextVar[bool] = ContextVar("options_kept", default=False)
+
+
+@contextmanager
+def options_kept() -> Iterator[None]:
+    """Keep options of the command line in refusals, which name arguments of the outermost call from Python instead."""
+    before = _OPTIONS_KEPT.set(True)
+    try:
+        yield
+    finally:
+        _OPTIONS_KEPT.reset(before)
+
+
+_OPTION = re.compile(
+    r"(?P<command>(?:maskfab|dask|pip) [a-z][^.;,:]*)|(?P<all>(?P<first>(?<![\w-])--(?P<name>[a-z][a-z-]*))"
+    r"(?: (?P<value>'[^']*'|\"[^\"]*\"|\d[\w.]*|[A-Z]{2,}|[a-z]+://[\w.:]+|[a-z]+))?"
+    r"(?: (?P=first) (?P<more>'[^']*'|\"[^\"]*\"))?)"
+)
+"""A command, which stays as it is; or an option, with what follows it as a value, and once more with another."""
+_QUOTES = "'\""
+_PLACES = ("out", "path", "place", "directory")
+"""Arguments that say where results go."""
+
+
+def _argument(parameters: Mapping[str, inspect.Parameter], found: re.Match[str]) -> str:
+    """The argument of a function in place of an option; an option of another function stays as it is."""
+    if found["command"]:
+        return found[0]
+    option = found["name"]
+    word = option.replace("-", "_")
+    named = (word, f"{word}s", *(_PLACES if option == "out" else ()))
+    name = next((other for other in named if other in parameters), None)
+    name = name or next((n for n, held in parameters.items() if f"--{option} " in str(held.annotation)), None)
+    name = name or ({"out": "out", "force": "force"}.get(option))
+    if name is None:
+        return found[0]
+    hint = str(parameters[name].annotation) if name in parameters else "bool" * (name == "force")
+    rest = found["all"].removeprefix(found["first"])
+    if "bool" in hint:
+        return f"{name}=True{rest}"
+    value = found["value"]
+    if not value or (value.isalpha() and value.islower() and not re.search(rf"\b{value}\b", hint)):
+        return (f"{name}=..." if name in _PLACES and found.string != found[0] else name) + rest
+    values = [f'"{held.strip(_QUOTES)}"' for held in (value, found["more"]) if held]
+    if value[0].isdigit():
+        values = [value]
+    return f"{name}=[{', '.join(values)}]" if "Sequence" in hint else f"{name}={values[0]}"
 
 
 def _require(value: object, hint: Any, where: str) -> None:

@@ -200,6 +200,10 @@ class MaskfabError(Exception):
         """All that is wrong, each as an error of its own; of most errors the error itself."""
         return (self,)
 
+    def reword(self, word: Callable[[str], str]) -> None:
+        """Put what it says in the words of another caller; an error keeps its traceback."""
+        MaskfabError.__init__(self, self.code, word(self.what), where=word(self.where), cure=word(self.cure))
+
     def to_dict(self) -> dict[str, object]:
         """Plain data: code, what, where and cure, and those of every fault."""
         facts = [{"code": e.code, "what": e.what, "where": e.where, "cure": e.cure} for e in (self, *self.faults)]
@@ -251,6 +255,12 @@ class ManyFaultsError(JobError):
         super().__init__("MF153", f"{len(faults)} faults", where=where, cure="Write what each of them says")
         self._faults = tuple(faults)
         self.args = ("\n".join([str(self), *(f"  {fault}" for fault in faults)]),)
+
+    def reword(self, word: Callable[[str], str]) -> None:
+        """Put every fault in the words of another caller."""
+        for fault in self._faults:
+            fault.reword(word)
+        ManyFaultsError.__init__(self, self._faults)
 
     @property
     def faults(self) -> tuple[MaskfabError, ...]:

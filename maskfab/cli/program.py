@@ -15,6 +15,7 @@ from typing import Annotated, Any
 import typer
 
 import maskfab
+from maskfab.base.checks import options_kept
 from maskfab.base.errors import InputError, InternalError, JobError, MaskfabError, is_lack_of_memory
 from maskfab.cli import old_names
 from maskfab.cli.command import JSON, QUIET, Command, command_of, summary_of, tables
@@ -182,7 +183,7 @@ def _act(command: Command, context: typer.Context, typed: dict[str, Any]) -> Non
     from maskfab.api.results import Asked, answer
 
     as_json, quiet = typed.pop("as_json"), typed.pop("quiet", True)
-    with _named_as_options(command):
+    with _named_as_options(command), options_kept():
         stated: dict[str, Any] = {}
         for parameter in command.parameters:
             value = typed.get(parameter.name)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -39,6 +40,7 @@ class Job:
         digest: SHA-256 of the resolved spec, as far as it shows in the data.
         where: the file it came from.
         laid_out: dies of which Python stated an opening alone.
+        camera_assumed: whether Python stated no camera, and that of protocol F1 stands for it.
     """
 
     spec: JobSpec
@@ -46,6 +48,7 @@ class Job:
     digest: str
     where: str
     laid_out: frozenset[str] = frozenset()
+    camera_assumed: bool = False
 
     def __repr__(self) -> str:
         name = Path(self.where).stem if self.spec.job is None else self.spec.job.name
@@ -121,13 +124,26 @@ class Job:
 
     def panels(self) -> dict[str, Panel]:
         """The panel of every die, by its name; see :func:`maskfab.mask.panels.die_panels` for what is refused."""
-        return die_panels(self.spec, self.openings, where=self.where)
+        with self._camera_asked_for():
+            return die_panels(self.spec, self.openings, where=self.where)
 
     def plate(self) -> Plate:
         """The job laid out; see :func:`maskfab.mask.plate.compose` for what is refused."""
         from maskfab.mask.plate import compose
 
-        return compose(self.spec, self.openings, self.signature, where=self.where)
+        with self._camera_asked_for():
+            return compose(self.spec, self.openings, self.signature, where=self.where)
+
+    @contextmanager
+    def _camera_asked_for(self) -> Iterator[None]:
+        """Ask for the camera where only the stop of one that was assumed is too wide."""
+        try:
+            yield
+        except JobError as refusal:
+            if not self.camera_assumed or refusal.code != "MF114":
+                raise
+            cure = 'Give the camera that looks through it, camera=Camera("5.6 mm", ...), to the plate or to the call'
+            raise JobError(refusal.code, refusal.what, where=refusal.where, cure=cure) from None
 
 
 Further: TypeAlias = "Callable[[Job, JobFaults], object]"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,8 @@ import torch
 from small_job import write_job
 
 import maskfab as mf
-from maskfab.base.errors import InputError, JobError
+from maskfab.base.checks import checked_arguments, options_kept
+from maskfab.base.errors import InputError, JobError, ManyFaultsError
 
 BAD: dict[str, Any] = {
     "None": None, "nan": math.nan, "inf": math.inf, "zero": 0, "negative": -1, "tiny": 1e-300, "huge": 1e300,
@@ -185,3 +186,62 @@ def test_what_a_user_would_expect_of_the_door_works(tmp_path: Path) -> None:
         mf.compare([tmp_path / "a", tmp_path / "b"])
     assert str(one.value) == str(listed.value)
     assert one.value.code == "MF403"
+
+
+SMALL = mf.Panel.tile(mf.Opening.bar(dots=7, size=(5, 3), pitch="56 um"), size="560 um")
+NEAR = mf.Camera("5 mm", stop="400 um", pixel="2 um", window="64 um")
+
+
+@pytest.mark.parametrize(
+    ("call", "where", "cure"),
+    [
+        (lambda: mf.Plate.of(A=SMALL).write("no/a.gds", NEAR), "", "Give path=... a path in a writable folder"),
+        (lambda: mf.sweep(SMALL, NEAR, "full", over={"camera.pixel": [1, 2]}), "", "Give out=... a new or empty"),
+        (lambda: mf.view("full", "full/a.html"), "out", "Give out=... a path beside the directory"),
+        (lambda: mf.analyse("dots.npy", NEAR), "dot", 'Add dot="8 um"'),
+        (lambda: mf.simulate(SMALL, NEAR, restore="learned"), "restore", 'give it with checkpoints=["FILE"]'),
+        (lambda: mf.sweep(SMALL, NEAR, over={"camera.pixel": [1]}, engine="dask"), "engine", 'engine="serial"'),
+        (lambda: mf.order.compare(mf.Plate.of(A=SMALL)), "", "Give the camera that looks through it"),
+        (
+            lambda: mf.check(SMALL, rules={"emitters": {"min_width": "8 um", "colour_gap": "8 um"}}),
+            "",
+            "Give the camera that looks through",
+        ),
+    ],
+)
+def test_refusals_name_arguments_in_python(call, where, cure, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "other").write_text("")
+    np.save("dots.npy", np.eye(7))
+    with pytest.raises(mf.MaskfabError) as refusal:
+        call()
+    assert cure in refusal.value.cure
+    assert where in refusal.value.where
+    assert "--" not in str(refusal.value)
+    assert str(refusal.value).endswith(refusal.value.cure)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("such as --times '1 ms' --times '4 ms', in order", 'such as times=["1 ms", "4 ms"], in order'),
+        ("such as --white 65535", "such as white=65535"),
+        ("Run maskfab order pack JOB --shop X --dry-run", "Run maskfab order pack JOB --shop X --dry-run"),
+        ("Add --force to replace it", "Add force=True to replace it"),
+        ("Restore it, or add --bin for less", "Restore it, or add --bin for less"),
+        ("two faults -- one here", "two faults -- one here"),
+    ],
+)
+def test_options_become_arguments_of_the_function_that_has_them(text, told):
+    @checked_arguments
+    def taken(times: Sequence[str] = (), white: float | None = None) -> None:
+        raise ManyFaultsError([JobError("MF105", text, where="--white", cure=text), JobError("MF104", "b")])
+
+    with pytest.raises(ManyFaultsError) as refusal:
+        taken()
+    first = refusal.value.faults[0]
+    assert (first.what, first.where, first.cure) == (told, "white", told)
+    assert told in str(refusal.value)
+    with pytest.raises(ManyFaultsError, match="--white"), options_kept():
+        taken()

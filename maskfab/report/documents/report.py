@@ -473,7 +473,7 @@ def read_reports(paths: list[Path]) -> tuple[FinishedReport, ...]:
         if earlier is not None:
             what = f"report {number + 1}, {report.name}, is the same as report {earlier + 1}, {reports[earlier].name}"
             cure = "Name each report once; two dies of one report are compared by naming it alone"
-            raise JobError("MF105", what, where="REPORT", cure=cure)
+            raise JobError("MF105", what, where="reports", cure=cure)
     return named_apart(reports)
 
 

@@ -102,7 +102,7 @@ def compare_reports(
         chosen = {name: place for name, place in chosen.items() if name in wanted}
     if len(chosen) < 2:
         cure = "Name two dies, or two reports"
-        raise JobError("MF105", "there is nothing to compare with", where="--die" if dies else "REPORT", cure=cure)
+        raise JobError("MF105", "there is nothing to compare with", where="--die" if dies else "reports", cure=cure)
     stated = None if reference is None else _found(reference, chosen, "--reference")
     merged = []
     for name, (report, die) in chosen.items():
