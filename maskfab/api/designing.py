@@ -45,6 +45,7 @@ from maskfab.designs.front import (
     sweep,
 )
 from maskfab.designs.front_designs import FrontDesign, designs
+from maskfab.designs.model.statistics import F1_SETTINGS
 from maskfab.designs.rules.display_fit import DieFit
 from maskfab.designs.search.result import Designed
 from maskfab.job.read import read, validate
@@ -107,7 +108,12 @@ class Design(Result):
 
     @property
     def psnr(self) -> dict[float, float]:
-        """Expected PSNR of restored photographs in dB, by the light: the signal-to-noise ratio of white in dB."""
+        """Expected PSNR of restored photographs in dB, by the light: the signal-to-noise ratio of white in dB.
+
+        For ranking openings of one design alone. By protocol F1 code values are taken for light and scored, and the die
+        is one that is tiled anew for every photograph. :func:`maskfab.simulate` and :func:`maskfab.compare` photograph
+        linear light and score it as sRGB: some decibels apart, so hold no number of one against one of the other.
+        """
         return dict(zip(self.found.levels, self.found.psnr, strict=True))
 
     @property
@@ -182,7 +188,8 @@ class Design(Result):
 
     def __repr__(self) -> str:
         scores = ", ".join(f"{value:.2f} dB at {level:g} dB" for level, value in self.psnr.items())
-        return f"<Design {self.found.opening.name}: {self.found.shape}; restored {scores}>"
+        by = "protocol F1, which is not compare's" if F1_SETTINGS.line in self.found.camera else "its own light"
+        return f"<Design {self.found.opening.name}: {self.found.shape}; expected by {by}: {scores}>"
 
 
 def is_folder(target: Path) -> bool:

@@ -232,7 +232,7 @@ def _field(key: str, values: object) -> dict[str, object]:
         return {"key": path, **{name: stated(value) if name in ends else value for name, value in values.items()}}
     listed = stated(values)
     if listed == []:
-        raise JobError("MF160", "no value is stated", where=where, cure='Write {"camera.pixel": ["1 um", "2 um"]}')
+        raise JobError("MF105", "no value is stated", where=where, cure='Write {"camera.pixel": ["1 um", "2 um"]}')
     return {
         "key": path,
         "values": [read_value(one, where) for one in (listed if isinstance(listed, list) else [listed])],

@@ -15,7 +15,6 @@ from typing import Annotated, Any
 import typer
 
 import maskfab
-from maskfab.base.checks import options_kept
 from maskfab.base.errors import InputError, InternalError, JobError, MaskfabError, is_lack_of_memory
 from maskfab.cli import old_names
 from maskfab.cli.command import JSON, QUIET, Command, command_of, summary_of, tables
@@ -181,6 +180,7 @@ def _act(command: Command, context: typer.Context, typed: dict[str, Any]) -> Non
     from importlib import import_module
 
     from maskfab.api.results import Asked, answer
+    from maskfab.base.checks import options_kept
 
     as_json, quiet = typed.pop("as_json"), typed.pop("quiet", True)
     with _named_as_options(command), options_kept():

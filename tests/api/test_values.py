@@ -13,7 +13,9 @@ import pytest
 import maskfab as mf
 from maskfab.api.lengths import USUAL, length_text, wavelength_text
 from maskfab.base.errors import InputError, JobError
+from maskfab.base.model import Quantity
 from maskfab.base.units import UM_PER_UNIT, parse_length_um
+from maskfab.report.rows.text import Quantities
 
 BAR = mf.Opening.bar(dots=7, size=(5, 3), pitch="56 um")
 PANEL = mf.Panel.tile(BAR, "random", seed=1, size="560 um")
@@ -213,7 +215,7 @@ def test_a_sweep_takes_arrays_of_lengths_as_micrometres() -> None:
     [
         ({"camera.wavelengths": [{"line": 1}]}, r"MF105 .*is no value of a key .*over\['camera.wavelengths'\]"),
         ({"camera.wavelengths": [5]}, r"MF156 a wavelength of 5 nm .*over\['camera.wavelengths'\]"),
-        ({"camera.pixel": []}, r"MF160 no value is stated .*over\['camera.pixel'\]"),
+        ({"camera.pixel": []}, r"MF105 no value is stated .*over\['camera.pixel'\]"),
         ({"camera.wavelengths": [[["450 nm"]]]}, "MF105 .*is no value of a key"),
     ],
 )
@@ -238,3 +240,14 @@ def test_a_length_for_a_number_of_dots_is_told_in_dots(key: str, length: str, to
     assert refusal.value.cure == told
     with pytest.raises(JobError, match="Write min_feature_dots as a whole number"):
         mf.design(dots=21, clear_dots=100, rules={key: length}, budget="3 s")
+
+
+def test_printed_numbers_say_their_level_and_their_file() -> None:
+    rows = [Quantity("restored_psnr", level, "mean", die="A", level_db=level) for level in (24.0, 32.0)]
+    rows += [Quantity("judged_die", 0, f"{name}: corners", 0, True, die="A") for name in ("P.gds", "P_R12.dxf")]
+    rows += [Quantity("readback_xor_area", 0.0, "P.gds, read", 0.0, True, die="A")]
+    lines = str(Quantities(rows)).splitlines()[1:6]
+    for line, place in zip(lines, ("24 dB", "32 dB", "P.gds", "P_R12.dxf", ""), strict=True):
+        assert place in line
+    assert "P.gds" not in lines[4]
+    assert "P_R12.dxf" in Quantities(rows)._repr_html_()

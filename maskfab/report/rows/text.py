@@ -7,6 +7,8 @@ name and wavelength, and are a table, a dictionary or a DataFrame.
 from __future__ import annotations
 
 import math
+import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any, overload
@@ -235,8 +237,15 @@ def dataframe(rows: Sequence[Mapping[str, Any]] | Mapping[Any, Any]) -> DataFram
 
 
 def _rows(quantities: Iterable[Quantity], dies: bool) -> list[tuple[str, ...]]:
+    """Cells under their headings; numbers that are alike but for their file have its name."""
+    every = list(quantities)
     shown = [name for name in _COLUMNS if dies or name != "die"]
-    return [tuple(shown), *(tuple(_COLUMNS[name](quantity) for name in shown) for quantity in quantities)]
+    rows = [{name: _COLUMNS[name](quantity) for name in shown} for quantity in every]
+    alike = Counter((row["quantity"], row["at"], quantity.die) for row, quantity in zip(rows, every, strict=True))
+    for row, quantity in zip(rows, every, strict=True):
+        if alike[row["quantity"], row["at"], quantity.die] > 1 and (file := _FILE.search(quantity.method)):
+            row["at"] = " ".join(filter(None, (row["at"], file[0])))
+    return [tuple(shown), *(tuple(row.values()) for row in rows)]
 
 
 def _value(quantity: Quantity) -> str:
@@ -261,11 +270,15 @@ def _plain(text: str) -> str:
     return f"{mantissa}e{int(exponent.translate(_PLAIN)):+03d}" if exponent else mantissa
 
 
+_FILE = re.compile(r"[\w-]+\.[a-z][a-z0-9]{2}\b")
+"""Name of a mask file in the method of a number."""
 _COLUMNS: Mapping[str, Callable[[Quantity], str]] = {
     # A detail of the unit is told by the unit.
     "quantity": lambda q: f"{q.name} ({q.detail})" if q.detail and q.detail in q.symbol else q.name,
     "die": lambda q: q.die or "",
-    "line": lambda q: "" if q.wavelength_nm is None else f"{q.wavelength_nm:g} nm",
+    "at": lambda q: ", ".join(
+        f"{value:g} {unit}" for value, unit in ((q.wavelength_nm, "nm"), (q.level_db, "dB")) if value is not None
+    ),
     "value": lambda q: f"{'≤ ' if q.at_most else ''}{_value(q)}",
     "error": _error,
     "unit": lambda q: q.unit,
