@@ -91,7 +91,8 @@ class Plate:
         """Put panels on a plate, row by row, in the order in which they are given.
 
         Args:
-            dies: panels by name, in a list, or one, named as :func:`named` does it; or each as a keyword of its own.
+            dies: panels by name; or in a list, named after their openings, or P1, P2 and so on where two have one name;
+                or one, called PANEL. Or each as a keyword of its own.
             template: blank and marks: 4in, 5in, 6in or 7in; 5in if there is no blank either.
             blank: side of the blank.
             writable: side of the square in its middle that may be written.

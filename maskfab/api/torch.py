@@ -34,7 +34,7 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 import numpy as np
 
 from maskfab.api.camera import Camera
-from maskfab.api.lengths import Length, Wavelength, length_text
+from maskfab.api.lengths import Length, Wavelength, is_one, length_text
 from maskfab.api.panel import Panel
 from maskfab.base import model
 from maskfab.base.checks import checked_arguments
@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     import torch
     from torch import Tensor
 
+    from maskfab.api.lengths import Wavelengths  # at run time refused here, line by line
     from maskfab.designs.descent.losses import ExpectedError
     from maskfab.designs.descent.panel_optics import Modulation, PointImage
     from maskfab.designs.model.expected_psnr import Surrogate
@@ -73,7 +74,7 @@ class LayoutKeys(TypedDict, total=False):
 def psf(
     dots: Tensor,
     camera: Camera,
-    wavelength: Wavelength | None = None,
+    wavelength: Wavelength | Wavelengths | None = None,
     *,
     pixels: bool = False,
     **layout: Unpack[LayoutKeys],
@@ -83,18 +84,19 @@ def psf(
     Args:
         dots: tensor [..., n, n].
         camera: that looks through the panel.
-        wavelength: one of the camera's or any other; may be left out if the camera has only one.
+        wavelength: one of the camera's or any other, or several; may be left out if the camera has only one.
         like: panel whose dots, gutters and orientations are taken.
         pitch: of a pixel, gutter included, where there is no ``like``.
         tiling: how pixels are turned, or a map, as :meth:`maskfab.Panel.tile` takes it; so the next three.
         seed: of a random tiling.
-        size: side of the square that is filled.
+        size: side of the square that is filled; :func:`restored_error` asks for an even number of pixels along it, so
+            leave it out, or take twice a number of pitches.
         gutter: opaque space round every pixel.
         pixels: means over sensor pixels instead of intensity at points.
 
     Returns:
-        Tensor [..., samples, samples], per square micrometre of sensor, whose whole plane holds 1; the axis is in the
-        middle, rows go up. It is that of :meth:`maskfab.Camera.psf` within 1e-10 of the peak in float64, 1e-6 in
+        Tensor [..., samples, samples], of several wavelengths [..., wavelengths, samples, samples], per square
+        micrometre of sensor, whose whole plane holds 1; the axis is in the middle, rows go up. It is that of :meth:`maskfab.Camera.psf` within 1e-10 of the peak in float64, 1e-6 in
         float32.
 
     Raises:
@@ -104,17 +106,17 @@ def psf(
             that is too wide, MF114 for a panel smaller than the stop; MF152 without torch.
     """
     laid = _layout(dots, camera, **layout)
-    (line,) = camera.asked_nm(wavelength)
+    lines = camera.asked_nm(wavelength)
     # Samples lie as close as those of the camera's own wavelengths.
-    lens = replace(camera.model, wavelengths_nm=tuple(dict.fromkeys((line, *camera.model.wavelengths_nm))))
-    return _image(laid, lens, line, pixels, dots.dtype, dots.device)(dots)
+    lens = replace(camera.model, wavelengths_nm=tuple(dict.fromkeys((*lines, *camera.model.wavelengths_nm))))
+    return _of_lines(wavelength, [_image(laid, lens, line, pixels, dots.dtype, dots.device)(dots) for line in lines])
 
 
 @checked_arguments
 def mtf(
     dots: Tensor,
     camera: Camera,
-    wavelength: Wavelength | None = None,
+    wavelength: Wavelength | Wavelengths | None = None,
     **layout: Unpack[LayoutKeys],
 ) -> Tensor:
     """Presampled modulation transfer function, optics and sensor pixel, as :meth:`maskfab.Camera.mtf` has it.
@@ -122,16 +124,18 @@ def mtf(
     Arguments and errors are those of :func:`psf`, but for the window, which it does not use.
 
     Returns:
-        Tensor [..., 147, 293]: rows at vertical frequencies from 0 to half a cycle per pixel, columns at horizontal
-        ones from minus to plus that; opposite frequencies are alike. Steps are those of
+        Tensor [..., 147, 293], of several wavelengths [..., wavelengths, 147, 293]: rows at vertical frequencies from 0
+        to half a cycle per pixel, columns at horizontal ones from minus to plus that; opposite frequencies are alike.
+        Steps are those of
         ``camera.mtf(panel).frequency_cy_per_mm``, so that ``mtf[0, 146:]`` is the cut ``"horizontal"`` and
         ``mtf[:, 146]`` the cut ``"vertical"``. Dots that the stop cuts count with their mean transmission. That is
         within the uncertainty of :meth:`maskfab.Camera.mtf`: 1e-4 for 8 um dots behind a stop of 4 mm, where the cuts
         differ by 7e-5.
     """
     laid = _layout(dots, camera, **layout)
-    (line,) = camera.asked_nm(wavelength)
-    return _modulation(laid, replace(camera.model, wavelengths_nm=(line,)), line, dots.dtype, dots.device)(dots)
+    lenses = [replace(camera.model, wavelengths_nm=(line,)) for line in camera.asked_nm(wavelength)]
+    found = [_modulation(laid, lens, *lens.wavelengths_nm, dots.dtype, dots.device)(dots) for lens in lenses]
+    return _of_lines(wavelength, found)
 
 
 @checked_arguments
@@ -179,6 +183,13 @@ def restored_error(
     return -10 * torch.log10(found) + added
 
 
+def _of_lines(wavelength: object, found: list[Tensor]) -> Tensor:
+    """The tensor of one wavelength as it is, those of several on an axis of their own."""
+    import torch
+
+    return found[0] if wavelength is None or is_one(wavelength) else torch.stack(found, -3)
+
+
 def _where(argument: str) -> str:
     return f"maskfab.torch: {argument}"
 
@@ -198,7 +209,7 @@ def _require_dots(dots: Any) -> None:
     import torch
 
     if not isinstance(dots, torch.Tensor):
-        cure = "Give torch.from_numpy(array).double()"
+        cure = "Give torch.tensor(array).double()"
         raise _refused(f"dots are of the type {type(dots).__name__}, not a tensor", cure)
     if dots.dtype not in (torch.float32, torch.float64):
         raise _refused(f"dots are of {dots.dtype}; gradients need float32 or float64", "Give dots.double()")

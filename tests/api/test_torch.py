@@ -293,3 +293,21 @@ def test_on_a_gpu_it_is_what_it_is_on_the_processor() -> None:
         here, there = (function(where, camera, **layout) for where in (dots, dots.cuda()))
         assert there.device.type == "cuda"
         torch.testing.assert_close(there.cpu(), here)
+
+
+def test_several_wavelengths_stand_on_an_axis_as_the_camera_tells_them() -> None:
+    camera = mf.Camera("5 mm", stop="400 um", pixel="2 um", window="64 um")
+    panel = mf.Panel.tile(binary(7), "random", seed=1, pitch="56 um", size="560 um")
+    lines = ["450 nm", 550]
+    dots = torch.tensor(panel.opening).double()
+    both = torch.stack([dots, dots.flip(-1)])
+    found = mf.torch.psf(both, camera, lines, like=panel)
+    images = camera.psf(panel, lines)
+    assert found.shape == (2, 2, *images[0].samples.shape)
+    for image, psf in zip(images, found[0], strict=True):
+        np.testing.assert_allclose(psf, image.samples, atol=1e-10 * image.samples.max())
+        np.testing.assert_array_equal(mf.torch.psf(dots, camera, [image.wavelength_nm], like=panel).shape[:1], [1])
+    curves = mf.torch.mtf(dots, camera, np.array([450.0, 550.0]), like=panel)
+    assert curves.shape == (2, 147, 293)
+    for line, curve in zip((450, 550), curves, strict=True):
+        torch.testing.assert_close(curve, mf.torch.mtf(dots, camera, line, like=panel))
