@@ -96,8 +96,8 @@ def psf(
 
     Returns:
         Tensor [..., samples, samples], of several wavelengths [..., wavelengths, samples, samples], per square
-        micrometre of sensor, whose whole plane holds 1; the axis is in the middle, rows go up. It is that of :meth:`maskfab.Camera.psf` within 1e-10 of the peak in float64, 1e-6 in
-        float32.
+        micrometre of sensor, whose whole plane holds 1; the axis is in the middle, rows go up. It is that of
+        :meth:`maskfab.Camera.psf` within 1e-10 of the peak in float64, 1e-6 in float32.
 
     Raises:
         JobError: MF159 for dots that are no such tensor, or a panel that has more than one opening, wires or hexagonal
