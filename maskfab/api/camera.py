@@ -186,8 +186,7 @@ class Camera:
 
     def _laid_out(self, stated: object, where: str) -> tuple[Tiled, str]:
         """The panel that is meant, and a note on what was assumed of it."""
-        from maskfab.mask.job import periodic_note
-        from maskfab.mask.panels import lacks_pitch, laid_over
+        from maskfab.mask.panels import lacks_pitch, laid_over, periodic_note
 
         if isinstance(stated, model.Opening):
             laid = laid_over(stated, self.model.stop)

@@ -83,7 +83,9 @@ class Job:
         notes = {}
         for die in self.spec.die:
             if die.name in self.laid_out:
-                told = periodic_note(die.opening, die.size or (self.spec.plate.die_size if self.spec.plate else None))
+                told = panels.periodic_note(
+                    die.opening, die.size or (self.spec.plate.die_size if self.spec.plate else None)
+                )
                 notes[die.name] = Quantity("assumed_tiling", Tiling.PERIODIC.value, told, die=die.name)
             name, seeds = named_seeds(die, self.spec, self.openings[die.name])
             message = None if seeds is None or die.seed is None else seeds.against(die.seed, name)
@@ -148,13 +150,6 @@ class Job:
 
 Further: TypeAlias = "Callable[[Job, JobFaults], object]"
 """Refusals of a verb, of a job before any work."""
-
-
-def periodic_note(opening: str, size_um: float | None) -> str:
-    """Tiling of an opening that was given alone, and how to get another."""
-    size = "" if size_um is None else f", size='{size_um:g} um'"
-    way = f"Panel.tile(opening, tiling='random', seed=1{size})"
-    return f"{opening} is tiled periodically, all its pixels alike; {way} turns them"
 
 
 @checked_arguments

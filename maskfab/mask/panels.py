@@ -581,6 +581,13 @@ def laid_over(opening: Opening, stop: Stop) -> Panel:
     return Panel(opening, size.dot_nm, size.gutter_nm, np.zeros((cells, cells), np.int8), Tiling.PERIODIC, None)
 
 
+def periodic_note(opening: str, size_um: float | None) -> str:
+    """Tiling of an opening that was given alone, and how to get another."""
+    size = "" if size_um is None else f", size='{size_um:g} um'"
+    way = f"Panel.tile(opening, tiling='random', seed=1{size})"
+    return f"{opening} is tiled periodically, all its pixels alike; {way} turns them"
+
+
 def lacks_pitch(given: NDArray[Any], where: str) -> JobError:
     """The refusal of an array in place of a panel."""
     what = f"an array of shape {given.shape} states neither pitch nor tiling"

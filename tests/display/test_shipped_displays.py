@@ -134,7 +134,7 @@ def test_nothing_round_a_map_that_was_designed_to_fit_is_drawn_from_a_seed(name:
 
 @pytest.mark.parametrize("path", DISPLAYS, ids=lambda path: path.stem)
 def test_shipped_jobs_take_seeds_that_their_maps_name(path: Path) -> None:
-    assert job(path).seed_notes == {}
+    assert job(path).notes == {}
 
 
 def with_seed(tmp_path: Path, stated: str) -> Path:
