@@ -17,7 +17,6 @@ from maskfab.api.results import Asked, InPython, Result, Told, answers
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
 from maskfab.base.work import Progress, silent
-from maskfab.display.feasibility import plate_of
 from maskfab.job.faults import parse_section
 from maskfab.job.reference import in_words
 from maskfab.job.sections import JobSpec
@@ -27,7 +26,7 @@ from maskfab.mask.job import Job
 from maskfab.runs import sweep as sweeping
 from maskfab.runs.sweep import rows_of, sweep_document, write_sweep
 from maskfab.runs.sweep_numbers import Sensitivity, Swept, Yield
-from maskfab.runs.sweep_plan import Plan, planned, planned_of, require_quantities
+from maskfab.runs.sweep_plan import Plan, faults_of_plate, planned, planned_of, require_quantities
 
 if TYPE_CHECKING:
     from maskfab.api.camera import Camera
@@ -181,7 +180,7 @@ def sweep(
     if over is None:
         plan = planned(Path(str(study)))
     else:
-        plan = _planned(job_of(study, camera, further=plate_of), over, tuple(quantities), dies, cases, seed)
+        plan = _planned(job_of(study, camera, further=faults_of_plate), over, tuple(quantities), dies, cases, seed)
         if engine == "processes" and len(plan.cases) < _FEW and set(quantities) <= set(USUAL_QUANTITIES):
             engine = "serial"  # found in less time than processes take to start
     with nullcontext(out) if out is not None else TemporaryDirectory(prefix="maskfab-") as folder:

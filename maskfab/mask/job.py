@@ -206,10 +206,15 @@ def _job(stated: JobSpec, path: Path, faults: JobFaults) -> Job:
         spec = spec.model_copy(update={"die": _drawn(stated, openings, drawings, path, faults)})
         spec = _with_maps(spec, path, faults)
         spec = _with_seeds(spec, openings, path, faults)
+    lit = None
     with faults:
-        spec = _with_curves(spec, path)
+        lit = _with_curves(spec, path)
+    # Curves at fault leave nothing of a scene's light to judge; a house at fault, nothing of files.
+    spec = lit or spec.model_copy(update={"scene": None, "curves": {}})
+    sold = None
     with faults:
-        spec = _with_shop(spec, path)
+        sold = _with_shop(spec, path)
+    spec = sold or spec.model_copy(update={"export": None, "shops": {}})
     if faults:
         return Job(spec, openings, "", str(path))
     return Job(spec, _moved(spec, openings, path), provenance.job_hash(spec.drawn()), str(path))

@@ -28,7 +28,7 @@ from maskfab.base.findings import STAGE_OF_QUANTITY, Need
 from maskfab.base.model import Opening
 from maskfab.base.units import to_nm
 from maskfab.designs.rules.families import FAMILIES
-from maskfab.display.feasibility import plate_of
+from maskfab.job.faults import JobFaults
 from maskfab.job.read import check_windows, validate
 from maskfab.job.reference import USES, covered, keys_of, named, unused
 from maskfab.job.sections import JobSpec
@@ -437,10 +437,18 @@ def planned(study: Path) -> Plan:
     with faults:
         require_quantities(spec, str(study))
     with faults:
-        loaded = load_job(path, plate_of)
+        loaded = load_job(path, faults_of_plate)
     faults.refuse()
     assert loaded is not None
     return planned_of(spec, loaded, path, str(study))
+
+
+def faults_of_plate(job: Job, faults: JobFaults) -> None:
+    """Tell what :func:`maskfab.display.feasibility.plate_of` refuses with the faults of a job's file."""
+    # Laying out takes longer to import than a sweep that is kept to read, and a job without faults is not asked.
+    from maskfab.display.feasibility import plate_of
+
+    plate_of(job, faults)
 
 
 def require_quantities(spec: SweepSpec, where: str) -> None:

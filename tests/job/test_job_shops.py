@@ -128,7 +128,7 @@ BAD = {
 
 @pytest.mark.parametrize("kind", BAD)
 @pytest.mark.parametrize("verb", [("run",), ("package", "--shop", "pog")])
-def test_a_bad_profile_is_refused_before_any_work(capsys, tmp_path, monkeypatch, kind, verb):
+def test_a_bad_profile_is_refused_before_anything_is_drawn(capsys, tmp_path, monkeypatch, kind, verb):
     content, code = BAD[kind]
     job = job_with(tmp_path)
     path = tmp_path / "houses" / "mine.toml"
@@ -141,7 +141,8 @@ def test_a_bad_profile_is_refused_before_any_work(capsys, tmp_path, monkeypatch,
     def begun(*_: object, **__: object) -> None:
         raise AssertionError("work has begun")
 
-    monkeypatch.setattr("maskfab.mask.plate.compose", begun)
+    monkeypatch.setattr("maskfab.mask.houses.files.PlateFiles", begun)
+    monkeypatch.setattr("maskfab.runs.pipeline.draw_files", begun)
     before = listing(tmp_path)
     answer = command(capsys, verb[0], job, *verb[1:], "--out", tmp_path / "out", "--json", "--quiet")
     assert (answer.code, answer.document["error"]["code"]) == (2, code)
