@@ -78,7 +78,7 @@ class Drawn(Result):
         dots, dot_um, across = self.opening.dots, self.opening.dot_nm / NM_PER_UM, self.pixels_across
         pixel_um = self.opening.pitch_um / across
         held = f" for {across} x {across} pixels of {pixel_um:g} um, {UM_PER_INCH / pixel_um:.0f} dpi" * (across > 1)
-        drawn = f"{self.path}: {dots} dots{held}; in the job: "
+        drawn = f"{self.path}: {dots} dots, {self.opening.open_ratio:.1%} clear{held}; in the job: "
         return f'{drawn}dot = "{dot_um:g} um", pitch = "{self.opening.pitch_um:.10g} um"'
 
 
