@@ -147,6 +147,7 @@ def check_grid(
     key: str,
     dots_given: bool,
     widest_nm: float = math.inf,
+    also: Sequence[str] = (),
     where: str,
 ) -> None:
     """Refuse lengths of a pixel and its emitters that share no grid of at most 128 cells, all of them at once.
@@ -160,6 +161,7 @@ def check_grid(
         key: of the table that states pitch and dots.
         dots_given: whether the dots are those of a file, which no other number can take the place of.
         widest_nm: widest dots that may be.
+        also: other places that state the same pitch.
         where: place of the table, for errors.
 
     Raises:
@@ -190,8 +192,9 @@ def check_grid(
         else [Grid(dots, made.dot_nm, made.pitch_nm, gutter_nm, (*rules_nm,))]
     )
     near += [] if dots_given else [nearest_grid(round(pitch_nm), rules_nm, gutter_nm=gutter_nm, widest_nm=widest_nm)]
-    lines = [_lines(found, rules_um, key, gutter_nm) for found in dict.fromkeys(near) if found is not None]
+    lines = dict.fromkeys(_lines(found, rules_um, key, gutter_nm) for found in near if found is not None)
     cure = f"These work together: {', or '.join(lines)}" if lines else "Use other dots: none near these share a grid"
+    cure += f"; the same pitch stands in {' and '.join(also)}" if also else ""
     raise JobError(code, what, where=f"{where}{place}", cure=cure)
 
 

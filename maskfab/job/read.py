@@ -154,6 +154,7 @@ def check_design_grid(spec: JobSpec, where: str) -> None:
         key="design",
         dots_given=False,
         widest_nm=widest_nm,
+        also=[f"[[die]] {die.name}" for die in spec.die if die.pitch == design.pitch],
         where=f"{where}: ",
     )
 

@@ -21,14 +21,14 @@ from maskfab.base.processes import ArgumentsFactory, Found, SerialExecutor, Task
 from maskfab.base.work import silent
 from maskfab.camera.die_transfer import MOST_ACROSS, too_fine
 from maskfab.display.feasibility import displays
+from maskfab.job.faults import JobFaults
 from maskfab.mask.houses.files import PlateFiles
 from maskfab.mask.job import Job
 from maskfab.report.documents.die import measured_beside
 from maskfab.report.pages.front import shown_count
 from maskfab.report.rows.optics import layout_as_seen, plate_as_seen
-from maskfab.report.rows.photographs import Conditions
 from maskfab.runs import pipeline
-from maskfab.runs.plate_files import check_packages, check_pictures, check_processes, draw_files
+from maskfab.runs.plate_files import draw_files
 from maskfab.runs.recall import kind_of, origin_of
 from maskfab.runs.stages import (
     begin_photographs,
@@ -140,15 +140,14 @@ def dry_run(job: Job, out: Path, *, force: bool = False, cache: Store | None = N
     Raises:
         InputError: for what it would refuse before its work; a display that cannot be is found by the work itself.
     """
-    job.check_window()
     check_target(out, force=force)
-    check_packages(job)
     if cache is not None and cache.has(pipeline.origin_of_run(job, measured_beside(job))):
         return Forecast((), 1, "for files of a usual size", True)
-    plate = drawn = job.plate()
-    check_processes(job, plate)
-    check_pictures(job, plate)
-    Conditions.of(job, "camera")
+    faults = JobFaults.of_spec(job.spec)
+    plate = drawn = pipeline.plate_to_make(job, faults)
+    faults.refuse()
+    assert plate is not None
+    assert drawn is not None
     pace = Pace.of(() if cache is None else cache.entries())
     executor = _ForecastExecutor(cache, pace)
     with suppress(_NotKeptError):

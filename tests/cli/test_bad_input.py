@@ -71,7 +71,7 @@ JOBS = {
     "negative gutter": (PITCH, PITCH + '\ngutter = "-1 um"', "MF104", "die[0].gutter", ["'-1 um'", "at least 0"]),
     "negative density": ('pitch = "56 um"', 'pitch = "-300 dpi"', "MF104", "die[0].pitch", ["'-300 dpi'"]),
     "no columns": ("columns = 2", "columns = 0", "MF104", "plate.columns", ["= 0", "greater than or equal to 1"]),
-    "half a column": ("columns = 2", "columns = 1.5", "MF105", "plate.columns", ["= 1.5", "integer"]),
+    "half a column": ("columns = 2", "columns = 1.5", "MF105", "plate.columns", ["= 1.5", "whole number"]),
     "negative seed": ("seed = 3", "seed = -3", "MF104", "die[1].seed", ["= -3"]),
     "no seed": ("seed = 3", "", "MF111", "die[1].seed", ["'TURNED'", "random", "seed = 1"]),
     "no such tiling": ('tiling = "random"', 'tiling = "spiral"', "MF105", "die[1].tiling", ["'spiral'", "'paper4'"]),

@@ -184,6 +184,23 @@ def test_lengths_that_a_refusal_names_work_together(pitch, dots):
         assert abs(found["pitch"] / pitch - 1) < 0.05
 
 
+def test_a_pitch_off_its_grid_is_told_with_all_that_state_it_each_way_once():
+    with pytest.raises(JobError) as caught:
+        check_grid(
+            141.1111111,
+            24,
+            None,
+            0,
+            {},
+            key="design",
+            dots_given=True,
+            also=["[[die]] AS_IS", "[[die]] MADE"],
+            where="",
+        )
+    assert caught.value.cure.count('pitch = "141.12 um"') == 1
+    assert caught.value.cure.endswith("; the same pitch stands in [[die]] AS_IS and [[die]] MADE")
+
+
 def test_lengths_that_share_a_grid_are_the_nearest_to_themselves():
     found = nearest_grid(168_000, (4000, 8000, 8000))
     assert (found.pitch_nm, found.rules_nm) == (168_000, (4000, 8000, 8000))

@@ -381,6 +381,11 @@ def test_what_is_refused_of_a_display_says_what_to_write(capsys, tmp_path, asked
     assert re.search(told, shown.stderr)
 
 
+def test_a_shape_makes_the_folders_above_its_file(capsys, tmp_path):
+    assert command(capsys, "new", tmp_path / "a/b/drawn.toml", "--shape", "rgb-stripe").code == 0
+    assert opening_file.load_opening(tmp_path / "a/b/drawn.toml").clear_dots
+
+
 def test_a_cell_of_several_pixels_says_so(capsys, tmp_path):
     shown = command(capsys, "new", tmp_path / "drawn.toml", "--shape", "pentile-diamond", "--pitch", "200 dpi")
     assert "for 2 x 2 pixels of 63.5 um, 400 dpi" in shown.stdout

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import tracemalloc
 from dataclasses import replace
 from math import inf
@@ -169,3 +170,12 @@ def test_dies_too_fine_for_photographs_are_told_before_the_run(made, monkeypatch
     (stage,) = (s for s in dry_run(load_job(made[0] / "job.toml"), tmp_path / "out").stages if s.name == "photographs")
     assert stage.seconds == 0.0
     assert stage.note.startswith("none of ")
+
+
+def test_what_a_run_refuses_of_a_display_is_refused_of_its_forecast(made, capsys, tmp_path):
+    job = tmp_path / "job.toml"
+    shutil.copytree(made[0], tmp_path, dirs_exist_ok=True, ignore=shutil.ignore_patterns("out", "cache"))
+    rules = '[emitters]\ngap_to_opening = "4.001 um"\ncolour_gap = "8 um"\nmin_width = "8 um"\n\n[plate]'
+    job.write_text(job.read_text().replace("[plate]", rules, 1))
+    told = [command(capsys, "run", job, "--out", tmp_path / "new", "--json", *more) for more in ((), ("--dry-run",))]
+    assert [answer.document["error"]["code"] for answer in told] == ["MF118", "MF118"]
