@@ -35,6 +35,7 @@ from maskfab.camera.inspection.edge_mtf import (
 )
 from maskfab.camera.inspection.edge_regions import NARROWEST_PX, Region
 from maskfab.camera.inspection.verdict import Measured, Promise, light_of, measured, seen_light
+from maskfab.camera.sensor import counted
 from maskfab.job.camera import Sensor
 from maskfab.job.reference import USES, Keys, in_words, unused
 from maskfab.mask.houses.profiles import shop_of
@@ -131,8 +132,9 @@ def measure(
         camera: of a plate or of panels; by default the plate's, or that of protocol F1.
         die: die that it may be; by default all of the job.
         times: exposure, such as ``"4 ms"``, in the order of the files; by default as the files state them.
-        gain: electrons for each count; by default told from pair.
-        read_noise: read noise in electrons; by default told from pair.
+        gain: electrons for each count, not the analog gain; by default told from pair, else by [sensor]'s bits and
+            gain, or base_iso and the file's ISO: full_well over the analog gain is white above black.
+        read_noise: read noise in electrons; by default told likewise.
         pair: frame of two or more equal ones with light, from which gain and read noise are told.
         dark: frame without light.
         flat: frame of even light.
@@ -159,7 +161,7 @@ def measure(
     written = loaded.spec.written
     promise = Promise(0.0 if written is None else written.cd_bias_um, shop_of(loaded.spec, loaded.where))
     sensor = loaded.spec.sensor or Sensor()
-    if not pair:
+    if not pair and not sensor.known_gain:
         _noise(gain, read_noise, None)
 
     def read(
@@ -173,7 +175,9 @@ def measure(
     gained = None if not pair else photon_transfer(read(pair, "pair"), darks if len(darks) > 1 else ())
     side = min(window, *frames[0].shape) // 2 * 2
     middle = window_middle(light_place(frames, side), frames[0], side)
-    electrons_per_count, read_noise_e = _noise(gain, read_noise, gained)
+    by_sensor = counted(loaded.spec.sensor, frames[0])
+    known = by_sensor if gained is None else (gained.electrons_per_count, gained.read_noise_e)
+    electrons_per_count, read_noise_e = _noise(gain, read_noise, known)
     merging = merged(
         [frame.cropped(middle, side) for frame in frames],
         electrons_per_count=electrons_per_count,
@@ -195,35 +199,42 @@ def measure(
         sensor=sensor,
         progress=progress,
     )
-    return Measurement(measurement, loaded.digest, _notes(loaded, line_nm, gained))
+    return Measurement(measurement, loaded.digest, _notes(loaded, line_nm, gained, by_sensor))
 
 
 answers(measure)(saved_at)
 
 
-def _noise(gain: float | None, read_noise: float | None, stated: Gain | None) -> tuple[float, float]:
-    """Electrons for each count, and the read noise in electrons: as stated, else as a pair of frames told.
+def _noise(gain: float | None, read_noise: float | None, known: tuple[float, float] | None) -> tuple[float, float]:
+    """Electrons for each count, and the read noise in electrons: as stated, else as a pair of frames or a sensor told.
 
     Raises:
         JobError: MF105 if neither does.
     """
-    if stated is not None:
-        gain = stated.electrons_per_count if gain is None else gain
-        read_noise = stated.read_noise_e if read_noise is None else read_noise
+    if known is not None:
+        gain = known[0] if gain is None else gain
+        read_noise = known[1] if read_noise is None else read_noise
     if gain is None or read_noise is None:
         cure = "Give gain and read_noise in electrons, or a pair of equal frames that they are told from"
         raise JobError("MF105", "nothing states the sensor's gain and read noise", where="gain", cure=cure)
     return gain, read_noise
 
 
-def _notes(job: Job, line_nm: float | None, gain: Gain | None) -> tuple[str, ...]:
-    """Sentences on what was assumed, what was told from a pair, and what of the job was not used."""
+def _notes(
+    job: Job, line_nm: float | None, gain: Gain | None, by_sensor: tuple[float, float] | None
+) -> tuple[str, ...]:
+    """Sentences on what was assumed, what was told from a pair or a sensor, and what of the job was not used."""
     notes = [f"Assumed: the job's camera, a light that is a point, and {light_words(job, line_nm)}."]
     if gain is not None:
         notes.append(
             f"Told from the pair by photon transfer: {gain.electrons_per_count:.3f} ± {gain.error:.3f} electrons for "
             f"each count, read noise {gain.read_noise_e:.2f} ± {gain.read_noise_error_e:.2f} electrons (one standard "
             "error); what is stated counts instead."
+        )
+    elif by_sensor is not None:
+        notes.append(
+            f"By [sensor], full well over analog gain: {by_sensor[0]:.3f} electrons for each count, read noise "
+            f"{by_sensor[1]:.2f} electrons; what is stated counts instead."
         )
     notes += unused_notes(job, "measure", line_nm)
     if job.spec.scene is not None:

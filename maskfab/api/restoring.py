@@ -92,7 +92,8 @@ def restore(
         black: counts of no light; by default what the file states.
         white: counts of a full pixel; by default what the file states.
         mosaic: mosaic that a picture in grey holds: rggb, bggr, grbg or gbrg.
-        gain: electrons per count; by default the noise is estimated from the photograph.
+        gain: electrons per count, not the analog gain; by default full_well over the analog gain is white above black,
+            where [sensor] has bits and a gain, or a base_iso; else the noise is estimated from the photograph.
         read_noise: read noise in electrons, goes with the gain.
         stops: stops to brighten the pictures by.
         chart: table (.csv) of a colour chart's patches in the first photograph, by which the colours of all are made.
@@ -121,7 +122,8 @@ def restore(
         raise JobError("MF105", what, where="photos", cure="Give one or more, each with a name of its own")
     names = (restore,) if isinstance(restore, str) else tuple(restore)
     restorers = named([name for name in names if name != AUTO])
-    stated = Stated(black, white, mosaic, gain, read_noise)
+    sensor = None if job is None else job_of(job, camera).spec.sensor
+    stated = Stated(black, white, mosaic, gain, read_noise, sensor)
     if register and len(paths) == 1:
         what = "there is one photograph"
         raise JobError("MF105", what, where="register", cure="Give two or more photographs of one scene")
@@ -298,7 +300,9 @@ def _of_dies(
     _require_pixel(pixel_um, loaded.camera.pixel_um, "the job")
     conditions = Conditions.of(loaded, "camera")
     of_scene = () if loaded.scene is None else USES["simulate a scene"]
-    rest = in_words(unused(loaded.spec, *USES["restore"], *of_scene))
+    sensor = loaded.spec.sensor
+    of_sensor = () if sensor is None or not sensor.known_gain else USES["restore by its sensor"]
+    rest = in_words(unused(loaded.spec, *USES["restore"], *of_scene, *of_sensor))
     blurs = {}
     for name in dict.fromkeys(asked):
         design, left_out = conditions.design(name, panels[name], Surroundings.of(loaded))

@@ -85,6 +85,7 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF162": "Two cases of a sweep are one and the same.",
         "MF163": "A number of a case is not finite.",
         "MF164": "A scheduler does not answer, or its workers run another version of maskfab.",
+        "MF185": "The ISO speed that a file says it was taken at contradicts the sensor of the job.",
         "MF201": "The rows of an opening's grid differ in length or number.",
         "MF202": "An opening has values other than clear and opaque.",
         "MF203": "An opening has no clear dot.",

@@ -46,7 +46,9 @@ from maskfab.camera.record import BinnedBlur, Noise, Record, Restorer, binned, i
 from maskfab.camera.restorers.choice import Chosen, restored
 from maskfab.camera.restorers.wiener import Wiener
 from maskfab.camera.scenes import opaque
+from maskfab.camera.sensor import counted
 from maskfab.display.pictures import read_picture
+from maskfab.job.camera import Sensor
 from maskfab.mask.formats.exr import Fact
 from maskfab.optics.colour import LUMINANCE, delta_e_1976, lab_of_linear_srgb, light_of_code, linear_srgb_of_lab_d50
 from maskfab.optics.response import curves_text, numeric_table
@@ -133,6 +135,7 @@ class Stated:
         mosaic: ``rggb bggr grbg gbrg`` of a picture that holds a mosaic in grey.
         electrons_per_count: gain.
         read_noise_e: in electrons; goes with the gain.
+        sensor: of the job; where it has a converter, and its gain is known, it tells both.
     """
 
     black: float | None = None
@@ -140,6 +143,7 @@ class Stated:
     mosaic: str | None = None
     electrons_per_count: float | None = None
     read_noise_e: float | None = None
+    sensor: Sensor | None = None
 
     def __post_init__(self) -> None:
         if (self.electrons_per_count is None) != (self.read_noise_e is None):
@@ -217,7 +221,7 @@ def _of_frame(frame: Frame, stated: Stated, path: Path, *, cells: bool) -> Photo
     ceiling = 1.0 if np.isfinite(frame.white) else np.inf
     _check_light(units, ceiling, str(path))
     planes = [lattice.of(units).astype(np.float32) for lattice in lattices]
-    noise, how = _noise(stated, planes, ceiling, white - float(np.mean(frame.black)))
+    noise, how = _noise(stated, frame, planes, ceiling, white - float(np.mean(frame.black)))
     factors = frame.balance or _ALIKE
     red_factor, green_factor, blue_factor = (factor / min(factors) for factor in factors)
     balance = red_factor, green_factor, blue_factor
@@ -274,7 +278,14 @@ def _of_picture(path: Path, stated: Stated, why: str) -> Photo:
     return Photo(path.stem, sha256_of_file(path), record, _ALIKE, np.eye(3), (*sentences, *cut))
 
 
-def _noise(stated: Stated, planes: Sequence[Singles], ceiling: float, counts: float) -> tuple[Noise, list[str]]:
+def _noise(
+    stated: Stated, frame: Frame, planes: Sequence[Singles], ceiling: float, counts: float
+) -> tuple[Noise, list[str]]:
+    by_sensor = counted(stated.sensor, frame)
+    if by_sensor is not None and stated.electrons_per_count is None:
+        gain, read = by_sensor
+        noise = Noise(gain * counts, read, gain)
+        return noise, [f"noise by [sensor]: {noise.electrons:.3g} electrons of white, read noise of {read:.2g}"]
     if stated.electrons_per_count is None or stated.read_noise_e is None:
         noise = estimated_noise(planes, ceiling)
         return noise, [_estimated(noise)]

@@ -121,12 +121,16 @@ class Protocol:
         return design.blurred(scene.light if self.linear else scene.values, scene.margin)
 
     def record(self, seen: Singles, design: Design, scene: Photograph, level_db: float) -> Record:
-        """Light of a scene as ``seen``, in noise of its own: the same for every design at a level."""
-        light, taken = self.exposure(level_db), []
-        for cut in self.brackets or (1.0,):
+        """Light of a scene as ``seen``, in noise of its own: the same for every design at a level.
+
+        Brackets share the gain at which white of the longest fits, or the shorter would hold no highlights either.
+        """
+        light, cuts, taken = self.exposure(level_db), self.brackets or (1.0,), []
+        white = light.behind(design.transmission)
+        gain = self.sensor.gain_for(white / min(cuts))
+        for cut in cuts:
             seed = 1000 * scene.number + round(light.electrons / cut)
-            electrons = light.behind(design.transmission) / cut
-            taken.append(record_light(self.sensor, seen, electrons, seed, smooth=self.smooth))
+            taken.append(record_light(self.sensor, seen, white / cut, seed, smooth=self.smooth, gain=gain))
         return taken[0] if len(taken) == 1 else merged(taken)
 
     def photograph(self, design: Design, scene: Photograph, level_db: float) -> Record:

@@ -1,13 +1,16 @@
 """A picture as a sensor records it, and the light that falls on it, as a job states it.
 
-    y = min(Poisson(g · light) + σ N, full well) / g
+    y = min(Poisson(L · light) + σ N + b N_row, full well / g) / L
 
-with g the electrons of white, σ the read noise and N normal; a converter then rounds to its codes. Under a mosaic each
-pixel records one colour, and the two that it lacks are interpolated from its neighbours, which correlates the noise
-that a restorer takes for white.
+with L the electrons of white, g the analog gain, σ the read noise at that gain, b the banding and N normal; a converter
+then rounds to its codes. See :mod:`maskfab.job.camera` for the gain, which one photograph's exposures share. Banding is
+one number for each row, in all colours, as rows are read one after the other. Under a mosaic each pixel records one
+colour, and the two that it lacks are interpolated from its neighbours. Both correlate the noise that a restorer takes
+for white.
 
 Electrons of white behind a panel are stated as such, as a signal-to-noise ratio, or as a scene. White of L electrons
-has the signal-to-noise ratio L / sqrt(L + σ²), σ the read noise. Levels are told in decibels of it behind the published
+has the signal-to-noise ratio L / sqrt(L + σ²), σ the read noise before the amplifier: what a converter adds comes on
+top, so a level is the same light at every gain. Levels are told in decibels of it behind the published
 display, which lets 0.2072 of the stop's light through; a design that lets through more gets more. Electrons of a scene
 are those of :func:`maskfab.job.camera.white_electrons`.
 """
@@ -23,15 +26,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.base.errors import JobError
+from maskfab.camera.frames.frame import Frame
 from maskfab.camera.record import Noise, Record, interpolated, sampled
-from maskfab.job.camera import REFERENCE_TRANSMISSION, Camera, Sensor, white_electrons
+from maskfab.job.camera import REFERENCE_TRANSMISSION, USUAL_MAX_GAIN, Camera, Sensor, white_electrons
 from maskfab.job.sections import ExposureSection
 
 LEVELS = (24, 32, 40)
 
 
 def record_light(
-    sensor: Sensor, light: NDArray[np.float32], electrons: float, seed: int, *, smooth: bool = False
+    sensor: Sensor,
+    light: NDArray[np.float32],
+    electrons: float,
+    seed: int,
+    *,
+    smooth: bool = False,
+    gain: float | None = None,
 ) -> Record:
     """Light in units of white, as a sensor records it.
 
@@ -42,6 +52,7 @@ def record_light(
         smooth: count electrons by a normal distribution of Poisson's mean and variance. A little more light then
             gives the same noise a little larger; Poisson's draws would be others from the first pixel that counts
             one more.
+        gain: analog gain; None for that of the sensor in this light.
 
     Raises:
         JobError: MF104 for electrons that are not positive and finite; MF140 for a mosaic on odd sides.
@@ -49,6 +60,7 @@ def record_light(
     if not (np.isfinite(electrons) and electrons > 0):
         what = f"{electrons:g} electrons of white are not above 0"
         raise JobError("MF104", what, cure="Give the scene more light")
+    sensor = sensor.amplified(sensor.gain_for(electrons) if gain is None else gain)
     draw = np.random.default_rng(seed)
     seen = light if sensor.mosaic == "none" else sampled(light)
     counted = np.empty(seen.shape, dtype=np.float32)
@@ -58,6 +70,8 @@ def record_light(
         counted[lines] = mean + np.sqrt(mean) * draw.standard_normal(mean.size) if smooth else draw.poisson(mean)
     for lines in np.ndindex(seen.shape[:-1]):
         counted[lines] += np.float32(sensor.read_noise) * draw.standard_normal(seen.shape[-1], dtype=np.float32)
+    if sensor.banding:
+        counted += np.float32(sensor.banding) * draw.standard_normal((seen.shape[-2], 1), dtype=np.float32)
     full = np.float32(sensor.full_well)
     np.minimum(counted, full, out=counted)
     if sensor.bits is not None:
@@ -69,7 +83,8 @@ def record_light(
     values = counted if sensor.mosaic == "none" else interpolated(counted)
     # As it was rounded for the pixels, or none would be found clipped.
     ceiling = float(full / np.float32(electrons))
-    return Record(values, Noise(electrons, sensor.read_noise, sensor.step), ceiling, sensor.mosaic != "none")
+    dark = math.sqrt(sensor.early_variance) if sensor.banding else sensor.read_noise
+    return Record(values, Noise(electrons, dark, sensor.step), ceiling, sensor.mosaic != "none")
 
 
 _MOST_DB = 300.0
@@ -119,7 +134,7 @@ class Exposure:
             JobError: MF141 as :meth:`at`.
         """
         stated = f"{electrons:g} electrons of white"
-        return cls._of(electrons, sensor, stated, lambda: f"white = {sensor.full_well:g} or less")
+        return cls._of(electrons, sensor, stated, lambda: f"white = {sensor.ceiling:g} or less")
 
     @classmethod
     def of_scene(
@@ -132,7 +147,7 @@ class Exposure:
         """
         electrons = white_electrons(luminance, time_s, efficiency, focal_ratio, pixel_um)
         stated = f"white of {luminance:g} cd/m2 for {time_s:g} s at a quantum efficiency of {efficiency:g}"
-        return cls._of(electrons, sensor, stated, lambda: _held_time(time_s * sensor.full_well / electrons))
+        return cls._of(electrons, sensor, stated, lambda: _held_time(time_s * sensor.ceiling / electrons))
 
     @classmethod
     def _of(cls, electrons: float, sensor: Sensor, stated: str, holds: Callable[[], str]) -> Exposure:
@@ -143,21 +158,24 @@ class Exposure:
         return exposure
 
     def check(self, sensor: Sensor, holds: Callable[[], str]) -> None:
-        """Refuse white that overflows a full well behind the published display.
+        """Refuse white that overflows a full well, or a stated gain, behind the published display.
 
         Args:
-            sensor: of the full well.
+            sensor: of the full well and the gain.
             holds: says what it does hold, as it is stated.
 
         Raises:
             JobError: MF141.
         """
-        if self.electrons > sensor.full_well:
+        if self.electrons > sensor.ceiling:
+            gain = sensor.stated_gain or 1.0
+            limit = f"the largest code at a gain of {gain:g}" if gain > 1 else "the full well"
             what = (
-                f"{self.stated}: white is {self.electrons:.6g} electrons behind the published display, and the full "
-                f"well is {sensor.full_well:g}"
+                f"{self.stated}: white is {self.electrons:.6g} electrons behind the published display, and {limit} is "
+                f"{sensor.ceiling:g}"
             )
-            cure = f"Use {holds()}; or a full well of {math.ceil(self.electrons)} electrons or more"
+            well = f"a full well of {math.ceil(self.electrons * gain)} electrons or more"
+            cure = f"Use {holds()}; or {'less gain, or ' if gain > 1 else ''}{well}"
             raise JobError("MF141", what, where="exposure", cure=cure)
 
     def behind(self, transmission: float) -> float:
@@ -179,7 +197,7 @@ def _held_level(sensor: Sensor) -> str:
 
 def _held_levels(sensor: Sensor) -> tuple[float, ...]:
     """Protocol F1's levels that a full well holds, and the most that it does."""
-    most = math.floor(10 * _level_db(sensor.full_well, sensor)) / 10
+    most = math.floor(10 * _level_db(sensor.ceiling, sensor)) / 10
     return (*(level for level in LEVELS if level < most), most)
 
 
@@ -212,7 +230,7 @@ def stated_light(section: ExposureSection | None, sensor: Sensor, camera: Camera
         held = _held_levels(sensor)
         if held[-1] >= LEVELS[-1]:
             return LEVELS, in_decibels(LEVELS)
-        return held, f"{in_decibels(held)}, the most that a full well of {sensor.full_well:g} electrons holds"
+        return held, f"{in_decibels(held)}, the most that a full well of {sensor.ceiling:g} electrons holds"
     if section.snr is not None:
         return section.snr, in_decibels(section.snr)
     if section.white is not None:
@@ -243,4 +261,69 @@ def told(sensor: Sensor) -> str:
     """A sensor in words."""
     converter = "" if sensor.bits is None else f", {sensor.bits} bits, black level {sensor.black_level}"
     mosaic = "" if sensor.mosaic == "none" else f", mosaic {sensor.mosaic}"
-    return f"full well {sensor.full_well:g} electrons, read noise {sensor.read_noise:g} electrons{converter}{mosaic}"
+    late = f", {sensor.converter_noise:g} after the amplifier" if sensor.converter_noise else ""
+    rows = f", banding {sensor.banding:g} electrons" if sensor.banding else ""
+    iso = "" if sensor.iso is None else f" (ISO {sensor.iso:g})"
+    gain = "" if sensor.stated_gain is None else f", analog gain {sensor.stated_gain:g}{iso}"
+    return (
+        f"full well {sensor.full_well:g} electrons, read noise {sensor.read_noise:g} electrons"
+        f"{late}{rows}{converter}{mosaic}{gain}"
+    )
+
+
+def picked_gains(sensor: Sensor, levels: Sequence[float]) -> list[float]:
+    """Analog gains that levels of light pick behind the published display; none where it is stated, or idle."""
+    if sensor.stated_gain is not None or not sensor.amplifies:
+        return []
+    return [float(sensor.gain_for(Exposure.at(level, sensor).electrons)) for level in levels]
+
+
+def told_gains(sensor: Sensor, levels: Sequence[float]) -> str:
+    """Those gains in words; empty where there are none."""
+    if not (gains := picked_gains(sensor, levels)):
+        return ""
+    listed = ", ".join(f"{gain:.3g} at {level:g} dB" for gain, level in zip(gains, levels, strict=True))
+    most = sensor.max_gain or USUAL_MAX_GAIN
+    return (
+        f"analog gain: picked so that white fits the converter, at most {most:g}: {listed} behind the published "
+        "display, less behind a die that passes more light"
+    )
+
+
+_ISO_ALIKE = 0.05
+"""Share by which ISO speeds may differ that say the same: cameras round theirs to thirds of a stop."""
+
+
+def counted(sensor: Sensor | None, frame: Frame) -> tuple[float, float] | None:
+    """Electrons for each count of a frame, and the noise of a pixel in the dark in electrons, where [sensor] tells.
+
+    A full well over the analog gain is white above black, in counts of the file, whatever it scales them by:
+
+        electrons for each count = full well / g / (white - black)
+
+    Args:
+        sensor: with a converter, and a gain or the ISO of base gain; None where the job states none.
+        frame: as it was read; its ISO, if it has one, over base_iso is the gain where none is stated.
+
+    Returns:
+        None without a converter, a gain, or counts of white.
+
+    Raises:
+        JobError: MF185 for an ISO that is not the one stated, or below that of base gain.
+    """
+    if sensor is None:
+        return None
+    stated, iso, base = sensor.stated_gain, frame.sensitivity, sensor.base_iso
+    asked = sensor.iso if stated is None or base is None else stated * base
+    if iso is not None and asked is not None and abs(iso / asked - 1) > _ISO_ALIKE:
+        what = f"{frame.name} says that it was taken at ISO {iso:g}, and [sensor] states ISO {asked:g}"
+        cure = f"State iso = {iso:g} with base_iso, or give a frame of ISO {asked:g}"
+        raise JobError("MF185", what, where="sensor.iso", cure=cure)
+    if iso is not None and base is not None and iso < (1 - _ISO_ALIKE) * base:
+        what = f"{frame.name} says that it was taken at ISO {iso:g}, below the base_iso of {base:g} of [sensor]"
+        raise JobError("MF185", what, where="sensor.base_iso", cure=f"State base_iso = {iso:g} or less")
+    gain = max(iso / base, 1.0) if stated is None and iso is not None and base is not None else stated
+    if gain is None or sensor.bits is None or not math.isfinite(frame.white):
+        return None
+    taken = sensor.amplified(gain)
+    return taken.full_well / (frame.white - float(np.mean(frame.black))), math.sqrt(taken.early_variance)

@@ -89,6 +89,7 @@ def notes_of(
     else:
         light, idle = "Openings are compared by the job's camera, sensor and light", []
         uses += USES["design by its own light"]
+        uses += ("sensor.full_well",) if settings.protocol.sensor.amplifies else ()
     uses += () if seen is None else USES["design for a scene"]
     idle += unused(spec, *uses)
     notes = [f"{light}; not used of the job: {', '.join(idle)}."] if idle else []

@@ -1,9 +1,13 @@
 """The camera of a job, which the optics take as it is: lens, stop, lines and sensor.
 
-    y = min(Poisson(g · light) + σ N, full well) / g
+    y = min(Poisson(L · light) + σ N, full well / g) / L,        σ² = σ₁² + (σ₂ / g)²
 
-is the picture that a sensor records, with g the electrons of white, σ the read noise and N normal; a converter then
-rounds to its codes. :mod:`maskfab.camera.sensor` takes pictures by it.
+is the picture that a sensor records, with L the electrons of white, g the analog gain over base gain and N normal. σ₁
+is the noise before the amplifier and σ₂ that after it, in electrons at base gain. Divided by the gain it counts less
+the more is amplified (S. W. Hasinoff, F. Durand, W. T. Freeman, Noise-optimal capture for high dynamic range
+photography, CVPR 2010, section 3; the noise model of DNG that Android's test suite fits to sensors has the same two
+terms, C ISO² + D). A converter then rounds to its codes, the largest of which is a full well at base gain alone.
+:mod:`maskfab.camera.sensor` takes pictures by it.
 """
 
 from __future__ import annotations
@@ -313,13 +317,25 @@ class Sensor(Stated):
     full_well: Annotated[float, Field(gt=0, le=1e9, allow_inf_nan=False)] = 15506.0
     """Most electrons that a pixel holds."""
     read_noise: Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)] = 4.87
-    """Standard deviation of the read noise, electrons."""
+    """Standard deviation of the read noise before the amplifier, electrons."""
     bits: Annotated[int, Field(ge=1, le=32)] | None = None
-    """Bits of the converter, whose largest code is a full well; without it nothing is rounded."""
+    """Bits of the converter, whose largest code is a full well at base gain; without it nothing is rounded."""
     black_level: Annotated[int, Field(ge=0)] = 0
     """Code of no light."""
     mosaic: Literal["none", "rggb"] = "none"
     """All colours at every pixel, or one of red, green, green and blue."""
+    gain: Annotated[float, Field(ge=1, le=1e6, allow_inf_nan=False)] | None = None
+    """Analog gain over base gain; left out, [exposure] picks the largest at which white fits the converter."""
+    iso: Annotated[float, Field(gt=0, le=1e9, allow_inf_nan=False)] | None = None
+    """ISO speed in place of the gain; needs base_iso."""
+    base_iso: Annotated[float, Field(gt=0, le=1e9, allow_inf_nan=False)] | None = None
+    """ISO speed of base gain, by which the ISO of a file is a gain."""
+    max_gain: Annotated[float, Field(ge=1, le=1e6, allow_inf_nan=False)] | None = None
+    """Largest analog gain that is picked; 16 if left out."""
+    converter_noise: Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)] | None = None
+    """Standard deviation of the noise after the amplifier, in electrons at base gain; none if left out."""
+    banding: Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)] | None = None
+    """Standard deviation of what all pixels of a row have in common, electrons; none if left out."""
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.full_well) and self.full_well > 0):
@@ -343,11 +359,100 @@ class Sensor(Stated):
                 "black_level",
                 "Give 1 to 32 bits, and a black level below their largest code",
             )
+        self._check_gain()
+
+    def _check_gain(self) -> None:
+        for key in ("gain", "iso", "base_iso", "max_gain", "converter_noise", "banding"):
+            value, least = getattr(self, key), 1.0 if "gain" in key else 0.0
+            if value is not None and not (np.isfinite(value) and value >= least and (value > 0 or "iso" not in key)):
+                raise _refused(
+                    f"{key} of {value:g}", key, "Give a gain of 1 or more, an ISO above 0, noise of 0 or more"
+                )
+        if self.iso is not None and (self.base_iso is None or self.gain is not None):
+            which = "both a gain and an ISO" if self.gain is not None else "an ISO without that of base gain"
+            raise _refused(which, "iso", "Give gain alone, or iso with base_iso")
+        gain = self.stated_gain or 1.0
+        if not 1 <= gain <= (self.max_gain or math.inf):
+            what = f"a gain of {gain:g} with a max_gain of {self.max_gain or math.inf:g}"
+            raise _refused(what, "gain", "Give an ISO of base_iso or more, and a gain of max_gain or less")
+        if not self._dark_noise(gain) < self.ceiling:
+            what = (
+                f"a noise in the dark of {self._dark_noise(gain):g} electrons with {self.ceiling:g} at the largest code"
+            )
+            raise _refused(what, "gain", "Give less noise, or less gain")
 
     @property
     def step(self) -> float:
-        """Electrons of one code; 0 without a converter."""
+        """Electrons of one code at base gain; 0 without a converter."""
         return 0.0 if self.bits is None else self.full_well / (2**self.bits - 1 - self.black_level)
+
+    @property
+    def stated_gain(self) -> float | None:
+        """Analog gain over base gain, as gain or ISO state it."""
+        return self.gain if self.iso is None or self.base_iso is None else self.iso / self.base_iso
+
+    @property
+    def known_gain(self) -> bool:
+        """Whether the gain of a file is stated, or follows from its ISO."""
+        return self.stated_gain is not None or self.base_iso is not None
+
+    @property
+    def ceiling(self) -> float:
+        """Most electrons that are recorded: a full well, or at a stated gain its share."""
+        return self.full_well / (self.stated_gain or 1.0)
+
+    @property
+    def amplifies(self) -> bool:
+        """Whether its gain counts: something after the amplifier adds noise, or a gain is stated."""
+        return self.bits is not None or bool(self.converter_noise) or self.stated_gain is not None
+
+    @property
+    def early_variance(self) -> float:
+        """Variance of what is added before the amplifier, rows and pixels, in electrons²."""
+        return self.read_noise**2 + (self.banding or 0.0) ** 2
+
+    @property
+    def late_variance(self) -> float:
+        """Variance of what is added after the amplifier, rounding included, in electrons² at base gain."""
+        return (self.converter_noise or 0.0) ** 2 + self.step**2 / 12
+
+    def _dark_noise(self, gain: float) -> float:
+        return math.sqrt(self.early_variance + ((self.converter_noise or 0.0) / gain) ** 2)
+
+    def gain_for(self, electrons: Any) -> Any:
+        """Analog gain of a photograph: as stated, or the largest at which white fits the converter.
+
+        As a phone does it, white and three standard deviations of its noise stay below the largest code, and the gain
+        is at most max_gain. It is 1 where nothing after the amplifier adds noise, or where white fills the well.
+
+        Args:
+            electrons: of white; a number, or an array or tensor of them.
+        """
+        if self.stated_gain is not None or not self.amplifies:
+            return self.stated_gain or 1.0
+        fits = self.full_well / (electrons + 3 * (electrons + self._dark_noise(1.0) ** 2) ** 0.5)
+        most = self.max_gain or USUAL_MAX_GAIN
+        return fits.clip(1.0, most) if hasattr(fits, "clip") else min(max(fits, 1.0), most)
+
+    def amplified(self, gain: float) -> Sensor:
+        """A sensor that at base gain records what this one does at another."""
+        noise = self.read_noise
+        if self.converter_noise:
+            noise = math.hypot(noise, self.converter_noise / gain)
+        return Sensor(
+            self.full_well / gain, noise, self.bits, self.black_level, self.mosaic, gain=1.0, banding=self.banding
+        )
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Keys and values; of gain and what goes with it those that are stated."""
+        values = vars(self)
+        return {key: values[key] for key in values if values[key] is not None or key in _ALWAYS}
+
+
+_ALWAYS = ("full_well", "read_noise", "bits", "black_level", "mosaic")
+USUAL_MAX_GAIN = 16.0
+"""Between those of phones' sensors by their Linux drivers: 10.7 of Sony's IMX219, 22.3 of the IMX477."""
 
 
 def _refused(what: str, key: str, cure: str) -> JobError:

@@ -51,7 +51,8 @@ _FIT: Keys = ("emitters", "circuits", "looks", *_of("wires", "line space clearan
 _PLACES = _of("scene", "accuracy depth focus field gap aberrations")
 _LIGHT = _of("scene", "spectrum illuminant")
 _OPTICS: Keys = (*_PLACES, *_LIGHT, *_of("scene", "distortion saturation"))
-_SENSOR = _of("sensor", "full_well read_noise bits black_level mosaic")
+_GAIN = _of("sensor", "gain iso base_iso max_gain converter_noise banding")
+_SENSOR = (*_of("sensor", "full_well read_noise bits black_level mosaic"), *_GAIN)
 _PHOTOGRAPHS: Keys = (*_DIES, *_LENS, *_SENSOR, "exposure")
 _EDGES: Keys = (*_of("process", "corner_radius cd_bias roughness"), "order.bias")
 _STANDS: Keys = ("plate.glass.chrome", *_of("order", "parity chrome"))
@@ -81,6 +82,7 @@ USES: Mapping[str, Keys] = MappingProxyType({
     "simulate a scene": (*_PLACES, *_LIGHT, "plate.glass", "camera.window"),
     "simulate --protocol": _DIES,
     "restore": (*_DIES, *_LENS, *_STANDS),
+    "restore by its sensor": _SENSOR,
     "study": (*_DIES, "study"),
     "study of optics": _CAMERA,
     "self bench": (*_LAYOUT, *_CAMERA),
@@ -91,7 +93,7 @@ USES: Mapping[str, Keys] = MappingProxyType({
     "measure without --line": _LIGHT,
     "measure without a die": ("camera.pixel",),
     "design": ("design", *_LENS),
-    "design by its own light": (*_of("sensor", "read_noise bits black_level"),
+    "design by its own light": (*_of("sensor", "read_noise bits black_level"), *_GAIN,
                                 *_of("exposure", "snr white luminance time quantum_efficiency")),
     "design for a scene": (*_PLACES, "plate.glass"),
     "design that fits": (*_FIT, "plate.die_size"),

@@ -315,7 +315,7 @@ def _conditions(job: Job) -> tuple[Conditions, float]:
         return asked, level
     stated, levels = asked.protocol.exposure(level).electrons, [level]
     for electrons in (stated / _LIGHTS, stated * _LIGHTS):
-        if electrons <= sensor.full_well and (other := Exposure.of_white(electrons, sensor).level_db) > 0:
+        if electrons <= sensor.ceiling and (other := Exposure.of_white(electrons, sensor).level_db) > 0:
             levels.append(other)
     return replace(asked, levels=tuple(sorted(levels))), level
 

@@ -19,7 +19,7 @@ from maskfab.job.camera import PHOTONS_PER_LUX_SECOND_UM2, Sensor
 FLAT = np.full((3, 200, 200), 0.3, dtype=np.float32)
 
 
-@pytest.mark.parametrize("sensor", [Sensor(), Sensor(bits=10, black_level=64), Sensor(read_noise=0.0)])
+@pytest.mark.parametrize("sensor", [Sensor(), Sensor(bits=10, black_level=64, gain=1.0), Sensor(read_noise=0.0)])
 def test_noise_has_the_mean_and_variance_that_the_record_states(sensor):
     electrons = Exposure.at(32, sensor).behind(0.2072)
     found = record_light(sensor, FLAT, electrons, 5)
@@ -45,7 +45,7 @@ def test_noise_follows_its_seed_and_stops_at_the_full_well():
 
 def test_a_converter_has_its_codes_and_cuts_the_dark_only_below_its_black_level():
     dark = np.zeros((3, 100, 100), dtype=np.float32)
-    shallow, deep = Sensor(bits=12), Sensor(bits=12, black_level=256)
+    shallow, deep = Sensor(bits=12, gain=1.0), Sensor(bits=12, black_level=256, gain=1.0)
     assert record_light(shallow, dark, 1000.0, 3).values.min() == 0
     found = record_light(deep, dark, 1000.0, 3)
     assert found.values.min() < 0
@@ -84,6 +84,15 @@ def test_a_mosaic_on_odd_sides_is_refused():
         {"black_level": 4},
         {"bits": 8, "black_level": 255},
         {"bits": 0},
+        {"gain": 0.5},
+        {"iso": 400.0},
+        {"iso": 400.0, "base_iso": 100.0, "gain": 4.0},
+        {"iso": 50.0, "base_iso": 100.0},
+        {"gain": 8.0, "max_gain": 4.0},
+        {"gain": 4000.0},
+        {"converter_noise": -1.0},
+        {"banding": 2e4},
+        {"base_iso": 0.0},
     ],
 )
 def test_sensors_that_cannot_be_are_refused(stated):

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from once import leaves
@@ -15,7 +16,7 @@ from maskfab.camera.lens import F1, PhotoCamera, lattice, lay
 from maskfab.camera.protocol import F1 as PROTOCOL_F1
 from maskfab.camera.protocol import Protocol, evaluate
 from maskfab.camera.scenes import Folder, Photograph
-from maskfab.camera.sensor import LEVELS, Exposure
+from maskfab.camera.sensor import LEVELS, Exposure, record_light
 from maskfab.designs.design import capture_settings, check_possible, design, notes_of
 from maskfab.designs.model.expected_psnr import interior, surrogate
 from maskfab.designs.model.panel_error import pupil_error
@@ -117,8 +118,22 @@ def test_a_pixels_variance_is_that_of_counts(white, read, shot):
 
 
 def test_a_converter_rounds_into_the_read_noise():
-    sensor = Sensor(full_well=1023.0, read_noise=3.0, bits=10)
-    assert CaptureSettings(Protocol("camera", sensor), (20.0,)).read_noise == pytest.approx((9 + 1 / 12) ** 0.5)
+    sensor = Sensor(full_well=1023.0, read_noise=3.0, bits=10, gain=1.0)
+    assert CaptureSettings(Protocol("camera", sensor), (20.0,)).read_noise(100.0) == pytest.approx((9 + 1 / 12) ** 0.5)
+
+
+@settings(max_examples=30, deadline=None)
+@given(white=st.floats(20, 15_000), late=st.floats(0, 60), bits=st.sampled_from([None, 8, 10]))
+def test_openings_are_compared_at_the_gain_that_their_photographs_pick(white, late, bits):
+    """One number for design and photographs, of numbers, arrays and tensors alike."""
+    sensor = Sensor(bits=bits, converter_noise=late)
+    own = CaptureSettings(Protocol("camera", sensor), (20.0,))
+    taken = record_light(sensor, np.full((3, 2, 2), 0.5, np.float32), white, 1).noise
+    expected = taken.floor**0.5 * taken.electrons
+    assert own.read_noise(white) == pytest.approx(expected, rel=1e-6)
+    for many in (np.array([white]), torch.tensor([white], dtype=torch.float64)):
+        found = own.read_noise(many)
+        assert float(found if isinstance(found, float) else found[0]) == pytest.approx(expected, rel=1e-6)
 
 
 def test_a_longer_focal_length_restores_less_behind_the_same_stop():

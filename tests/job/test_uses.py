@@ -136,12 +136,13 @@ OTHERS = {
     "scene.distortion": '{ ratio = 0.02, height = "2 mm" }', "scene.spectrum": '"lines"',
     "scene.illuminant": '"3000 K"',
     "sensor.full_well": "5000.0", "sensor.read_noise": "10.0", "sensor.bits": "8", "sensor.black_level": "200",
-    "sensor.mosaic": '"rggb"',
+    "sensor.mosaic": '"rggb"', "sensor.gain": "2.0", "sensor.iso": None, "sensor.base_iso": "100.0",
+    "sensor.max_gain": "2.0", "sensor.converter_noise": "9.0", "sensor.banding": "2.0",
     "process.corner_radius": '"1 um"', "process.cd_bias": '"0.4 um"', "process.roughness.sigma": '"60 nm"',
     "process.roughness.correlation": '"400 nm"', "process.spread.bias": '"0.2 um"', "process.spread.radius": '"0.3 um"',
     "process.spread.centre": '"5 um"',
 }  # fmt: skip
-"""Another value of every key of four tables; None for sizes of stops of other shapes."""
+"""Another value of every key of four tables; None for sizes of stops of other shapes, and an ISO alone."""
 
 
 def job(folder: Path, key: str = "", value: str | None = None) -> Path:

@@ -364,7 +364,7 @@ def _coded(estimate: Surrogate, scenes: Sequence[tuple[Floats, float]]) -> Surro
         best, white = int(mean.argmin()), estimate.noise.white(level, share)
         decibels = []
         for light, scale in scenes:
-            own = light / white + (estimate.noise.settings.read_noise / white) ** 2
+            own = light / white + (estimate.noise.settings.read_noise(white) / white) ** 2
             rest = errors.bias[best] * light**2 / np.mean(light**2) + errors.leak[best]
             variance = errors.noise[best] * own + rest / scale**2
             coded = code_of_light(light)

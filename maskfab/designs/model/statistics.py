@@ -26,7 +26,7 @@ from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError
 from maskfab.camera.protocol import F1, Protocol
 from maskfab.camera.scenes import Bundled, Photograph, bundled
-from maskfab.camera.sensor import ELECTRONS, LEVELS, told
+from maskfab.camera.sensor import ELECTRONS, LEVELS, told, told_gains
 from maskfab.job.camera import REFERENCE_TRANSMISSION, Sensor
 
 if TYPE_CHECKING:
@@ -66,13 +66,18 @@ class CaptureSettings:
             return MappingProxyType({float(level): float(count) for level, count in ELECTRONS.items()})
         return MappingProxyType({level: self.protocol.exposure(level).electrons for level in self.levels})
 
-    @cached_property
-    def read_noise(self) -> float:
-        """Standard deviation of what a pixel adds to its light, rounding by the converter included, in electrons."""
+    def read_noise(self, white: Value) -> Value | float:
+        """Standard deviation of what a pixel adds to its light, rounding by the converter included, in electrons.
+
+        Args:
+            white: electrons of white, by which a gain is picked that is not stated.
+        """
         sensor = self.protocol.sensor
-        if not sensor.step:
+        if not (sensor.late_variance or sensor.banding):
             return sensor.read_noise
-        return float((sensor.read_noise**2 + sensor.step**2 / 12) ** 0.5)
+        gain: Value = sensor.gain_for(white)
+        noise: Value = (sensor.early_variance + sensor.late_variance / gain**2) ** 0.5
+        return noise
 
     def require(self, levels: Sequence[float]) -> None:
         """Refuse levels whose light is not known.
@@ -89,7 +94,8 @@ class CaptureSettings:
         """In words."""
         light = "linear light, scored as sRGB" if self.protocol.linear else "code values taken for light"
         levels = "/".join(f"{level:g}" for level in self.levels)
-        return f"protocol {self.protocol.name}: {told(self.protocol.sensor)}; {levels} dB; {light}"
+        parts = (f"{levels} dB", light, told_gains(self.protocol.sensor, self.levels))
+        return "; ".join((f"protocol {self.protocol.name}: {told(self.protocol.sensor)}", *filter(None, parts)))
 
 
 F1_SETTINGS = CaptureSettings()
@@ -117,7 +123,7 @@ class PixelNoise:
 
     def of_white(self, white: Value) -> Value:
         """σ² of a pixel with so many electrons of white, white is 1."""
-        return self.shot / white + self.flat * (self.settings.read_noise / white) ** 2
+        return self.shot / white + self.flat * (self.settings.read_noise(white) / white) ** 2
 
     def variance(self, level: float, open_share: float) -> float:
         """σ² of a pixel at a level of light behind a panel of this open share, white is 1."""

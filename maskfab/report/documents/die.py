@@ -26,7 +26,7 @@ from maskfab.camera.lens import F1, camera_line
 from maskfab.designs.rules.rule import priced_rule
 from maskfab.mask import panels
 from maskfab.mask.job import Job
-from maskfab.report.documents.shape import DieName, Document, Part, Text, written
+from maskfab.report.documents.shape import DieName, Document, Part, Text, optional, written
 from maskfab.report.rows.photographs import Photographs, Restored
 from maskfab.report.rows.text import USEFUL_DB
 
@@ -221,6 +221,12 @@ class _Sensor(Part):
     bits: int | None
     black_level: int
     mosaic: Literal["none", "rggb"]
+    gain: float | None = optional("analog gain over base gain; stated, as all that follow")
+    iso: float | None = optional()
+    base_iso: float | None = optional()
+    max_gain: float | None = optional()
+    converter_noise: float | None = optional()
+    banding: float | None = optional()
 
 
 class PhotographsPart(Part):
@@ -233,6 +239,7 @@ class PhotographsPart(Part):
     brackets: list[float] = written()
     linear: bool = written()
     levels_db: Annotated[list[float], Field(min_length=1)]
+    gains: list[float] | None = optional("analog gains that the levels pick behind the published display")
     scene: dict[str, Any] = written()
     unused: list[str] = written()
     told: list[str] = written()

@@ -7,7 +7,7 @@ against the conditions that they were learned under.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -29,7 +29,7 @@ from maskfab.camera.record import Restorer
 from maskfab.camera.restorers import named
 from maskfab.camera.scenes import Photograph
 from maskfab.camera.scores import CONFIDENCE, Crop, Gain, Score, ScoreTable, Shot, truth_of
-from maskfab.camera.sensor import LEVELS, in_decibels, stated_light
+from maskfab.camera.sensor import LEVELS, in_decibels, picked_gains, stated_light, told_gains
 from maskfab.camera.sensor import told as sensor_told
 from maskfab.job.camera import Camera, Sensor
 from maskfab.job.process import MaskBlank
@@ -193,6 +193,7 @@ class Conditions:
             f"protocol {self.protocol.name}: {camera_line(self.camera)}",
             f"sensor: {sensor_told(self.protocol.sensor)}",
             f"light: {self.stated}; {scenes}",
+            *([gains] if (gains := told_gains(self.protocol.sensor, self.levels)) else []),
             *self._published,
             *([f"scene: {', '.join(f'{key} {value}' for key, value in self.scene.items())}"] if self.scene else []),
             *([f"not used of the job: {', '.join(self.unused)}"] if self.unused else []),
@@ -213,10 +214,11 @@ class Conditions:
         return {
             "protocol": self.protocol.name,
             "camera": camera_line(self.camera),
-            "sensor": asdict(self.protocol.sensor),
+            "sensor": self.protocol.sensor.facts,
             "light": self.stated,
             "linear": self.protocol.linear,
             "levels_db": list(self.levels),
+            **({"gains": gains} if (gains := picked_gains(self.protocol.sensor, self.levels)) else {}),
             "brackets": list(self.protocol.brackets),
             "scene": dict(self.scene),
             "unused": list(self.unused),
@@ -443,7 +445,7 @@ def trade_of(job: Job, asked: Conditions, design: Design, images: tuple[str, ...
     light = "linear light" if asked.protocol.linear else "code values taken for light"
     if asked.protocol.brackets:
         light += f", brackets of {', '.join(f'{cut:g}' for cut in asked.protocol.brackets)}"
-    sensor = ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in asdict(asked.protocol.sensor).items())
+    sensor = ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in asked.protocol.sensor.facts.items())
     return Trade(
         job.where,
         job.digest,
