@@ -172,10 +172,10 @@ def measure(
 
     progress("captures", 0, 1)
     frames, darks, flats = read(captures, "capture", stated), read(dark, "dark"), read(flat, "flat")
+    by_sensor = counted(loaded.spec.sensor, frames[0])
     gained = None if not pair else photon_transfer(read(pair, "pair"), darks if len(darks) > 1 else ())
     side = min(window, *frames[0].shape) // 2 * 2
     middle = window_middle(light_place(frames, side), frames[0], side)
-    by_sensor = counted(loaded.spec.sensor, frames[0])
     known = by_sensor if gained is None else (gained.electrons_per_count, gained.read_noise_e)
     electrons_per_count, read_noise_e = _noise(gain, read_noise, known)
     merging = merged(

@@ -116,6 +116,16 @@ def test_bad_requests_are_refused(captured, capsys, more, code):
     assert code in said.stderr
 
 
+def test_the_jobs_sensor_tells_electrons_of_a_count(captured, tmp_path):
+    """A full well over an analog gain of 4 and the counts from black to white."""
+    well = 4 * GAIN * (65535 - BLACK)
+    sensor = f"[sensor]\nfull_well = {well}\nread_noise = {READ_NOISE}\nbits = 16\ngain = 4\n\n[plate]"
+    job, times = write_job(tmp_path, ("[plate]", sensor)), [f"{time:g} ms" for time in TIMES]
+    found = maskfab.measure(captured[1], job, times=times, black=BLACK, window=64, die=["TURNED"])
+    assert f"By [sensor], full well over analog gain: {GAIN:.3f} electrons for each count" in found.notes[1]
+    assert found["captured_misfit"].value == pytest.approx(1, abs=0.2)
+
+
 def test_a_sensor_must_be_stated(captured, capsys):
     job, frames = captured
     said = command(capsys, "measure", frames[0], "--job", job, "--quiet")

@@ -93,6 +93,8 @@ def test_light_and_sensor_of_the_job_change_its_photographs(
     assert dark["level_db"] < 25
     assert dark["psnr"] < plain["psnr"] - 0.5
     assert told[1]["sensor"]["bits"] == 5
+    assert told[1]["analog_gains"] == pytest.approx([15506 / (1608 + 3 * (1608 + 4.87**2) ** 0.5)], rel=1e-3)
+    assert "analog_gains" not in told[0]
 
 
 def test_conditions_tell_the_scene_and_what_a_protocol_leaves_of_a_job(tmp_path: Path) -> None:

@@ -205,3 +205,13 @@ def test_the_document_is_as_its_schema_says(found):
     Draft202012Validator(PhotographsPart.schema_document()).validate(document)
     assert document["scenes"] == [scene.name for scene in small_scenes()]
     assert leaves(1).name in document["scenes"]
+
+
+def test_gains_that_light_picks_are_told_and_in_the_schema(found, tmp_path):
+    asked = Conditions.of(job_of(tmp_path, LIGHT + "[sensor]\nbits = 10\nmax_gain = 8\nbanding = 0.5\n"), "camera")
+    document = photographs_document(replace(found, conditions=asked))
+    Draft202012Validator(PhotographsPart.schema_document()).validate(document)
+    assert document["analog_gains"] == pytest.approx([8, 1.50], rel=2e-3)
+    assert (document["sensor"]["max_gain"], document["sensor"]["banding"]) == (8, 0.5)
+    assert any(line.startswith("analog gain: picked") and "8 at 24 dB" in line for line in document["told"])
+    assert "analog_gains" not in photographs_document(found)

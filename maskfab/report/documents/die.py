@@ -239,7 +239,7 @@ class PhotographsPart(Part):
     brackets: list[float] = written()
     linear: bool = written()
     levels_db: Annotated[list[float], Field(min_length=1)]
-    gains: list[float] | None = optional("analog gains that the levels pick behind the published display")
+    analog_gains: list[float] | None = optional("those that the levels pick behind the published display")
     scene: dict[str, Any] = written()
     unused: list[str] = written()
     told: list[str] = written()

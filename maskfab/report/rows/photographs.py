@@ -218,7 +218,7 @@ class Conditions:
             "light": self.stated,
             "linear": self.protocol.linear,
             "levels_db": list(self.levels),
-            **({"gains": gains} if (gains := picked_gains(self.protocol.sensor, self.levels)) else {}),
+            **({"analog_gains": gains} if (gains := picked_gains(self.protocol.sensor, self.levels)) else {}),
             "brackets": list(self.protocol.brackets),
             "scene": dict(self.scene),
             "unused": list(self.unused),
