@@ -172,7 +172,7 @@ def measure(
 
     progress("captures", 0, 1)
     frames, darks, flats = read(captures, "capture", stated), read(dark, "dark"), read(flat, "flat")
-    by_sensor = counted(loaded.spec.sensor, frames[0])
+    by_sensor = counted(loaded.spec.sensor, next((frame for frame in frames if frame.sensitivity), frames[0]))
     gained = None if not pair else photon_transfer(read(pair, "pair"), darks if len(darks) > 1 else ())
     side = min(window, *frames[0].shape) // 2 * 2
     middle = window_middle(light_place(frames, side), frames[0], side)

@@ -46,7 +46,7 @@ from maskfab.camera.record import BinnedBlur, Noise, Record, Restorer, binned, i
 from maskfab.camera.restorers.choice import Chosen, restored
 from maskfab.camera.restorers.wiener import Wiener
 from maskfab.camera.scenes import opaque
-from maskfab.camera.sensor import counted
+from maskfab.camera.sensor import counted, gain_of_file
 from maskfab.display.pictures import read_picture
 from maskfab.job.camera import Sensor
 from maskfab.mask.formats.exr import Fact
@@ -259,6 +259,8 @@ def _of_picture(path: Path, stated: Stated, why: str) -> Photo:
             cure = "Give the camera's RAW file, or linear TIFF or PNG of 16 bits, or state nothing"
             raise JobError("MF105", f"{why}, so it has no counts of which {key} could be stated", where=key, cure=cure)
     picture = read_picture(path)
+    if stated.sensor is not None:
+        gain_of_file(stated.sensor, path.name, picture.sensitivity)
     _check_size(picture.values.shape[:2], str(path))
     colours = opaque(picture.values, path)
     if colours.shape[2] != 3:

@@ -294,6 +294,33 @@ _ISO_ALIKE = 0.05
 """Share by which ISO speeds may differ that say the same: cameras round theirs to thirds of a stop."""
 
 
+def gain_of_file(sensor: Sensor, name: str, iso: float | None) -> float | None:
+    """Analog gain that a file was taken at: as [sensor] states it, or the file's ISO over that of base gain.
+
+    Args:
+        sensor: of the job.
+        name: of the file.
+        iso: that the file states; None where it states none.
+
+    Returns:
+        None where neither tells.
+
+    Raises:
+        JobError: MF185 for an ISO that is not the one stated, or below that of base gain.
+    """
+    stated, base = sensor.stated_gain, sensor.base_iso
+    if iso is None or base is None:
+        return stated
+    if stated is not None and abs(iso / (stated * base) - 1) > _ISO_ALIKE:
+        what = f"{name} says that it was taken at ISO {iso:g}, and [sensor] states ISO {stated * base:g}"
+        cure = f"State iso = {iso:g}, or give a picture of ISO {stated * base:g}"
+        raise JobError("MF185", what, where="sensor.iso", cure=cure)
+    if iso < (1 - _ISO_ALIKE) * base:
+        what = f"{name} says that it was taken at ISO {iso:g}, below the base_iso of {base:g} of [sensor]"
+        raise JobError("MF185", what, where="sensor.base_iso", cure=f"State base_iso = {iso:g} or less")
+    return max(iso / base, 1.0) if stated is None else stated
+
+
 def counted(sensor: Sensor | None, frame: Frame) -> tuple[float, float] | None:
     """Electrons for each count of a frame, and the noise of a pixel in the dark in electrons, where [sensor] tells.
 
@@ -302,28 +329,17 @@ def counted(sensor: Sensor | None, frame: Frame) -> tuple[float, float] | None:
         electrons for each count = full well / g / (white - black)
 
     Args:
-        sensor: with a converter, and a gain or the ISO of base gain; None where the job states none.
-        frame: as it was read; its ISO, if it has one, over base_iso is the gain where none is stated.
+        sensor: with a converter; None where the job states none.
+        frame: as it was read.
 
     Returns:
         None without a converter, a gain, or counts of white.
 
     Raises:
-        JobError: MF185 for an ISO that is not the one stated, or below that of base gain.
+        JobError: MF185 as :func:`gain_of_file`.
     """
-    if sensor is None:
-        return None
-    stated, iso, base = sensor.stated_gain, frame.sensitivity, sensor.base_iso
-    asked = sensor.iso if stated is None or base is None else stated * base
-    if iso is not None and asked is not None and abs(iso / asked - 1) > _ISO_ALIKE:
-        what = f"{frame.name} says that it was taken at ISO {iso:g}, and [sensor] states ISO {asked:g}"
-        cure = f"State iso = {iso:g} with base_iso, or give a frame of ISO {asked:g}"
-        raise JobError("MF185", what, where="sensor.iso", cure=cure)
-    if iso is not None and base is not None and iso < (1 - _ISO_ALIKE) * base:
-        what = f"{frame.name} says that it was taken at ISO {iso:g}, below the base_iso of {base:g} of [sensor]"
-        raise JobError("MF185", what, where="sensor.base_iso", cure=f"State base_iso = {iso:g} or less")
-    gain = max(iso / base, 1.0) if stated is None and iso is not None and base is not None else stated
-    if gain is None or sensor.bits is None or not math.isfinite(frame.white):
+    gain = None if sensor is None else gain_of_file(sensor, frame.name, frame.sensitivity)
+    if sensor is None or gain is None or sensor.bits is None or not math.isfinite(frame.white):
         return None
     taken = sensor.amplified(gain)
     return taken.full_well / (frame.white - float(np.mean(frame.black))), math.sqrt(taken.early_variance)

@@ -34,12 +34,14 @@ class Picture:
         coded: whether the colours are sRGB code values (integers of any depth) rather than linear light (floats).
         associated: whether the colours are already multiplied by alpha.
         where: the file.
+        sensitivity: ISO speed of its EXIF; None where it has none.
     """
 
     values: Singles
     coded: bool
     associated: bool
     where: str
+    sensitivity: float | None = None
 
 
 def read_picture(path: str | Path) -> Picture:
@@ -101,7 +103,8 @@ def _of_image(image: Any, where: str) -> Picture:
         raise SourceError("MF303", f"{where} is damaged: {_first_line(problem)}", cure="Save or copy the picture again")
     values = np.asarray(pixels, dtype=np.float32).reshape(spec.height, spec.width, spec.nchannels)
     associated = not spec.get_int_attribute("oiio:UnassociatedAlpha")
-    return Picture(values[:, :, channels], str(spec.format) not in _FLOATS, associated, where)
+    iso = float(spec.get_int_attribute("Exif:PhotographicSensitivity")) or None
+    return Picture(values[:, :, channels], str(spec.format) not in _FLOATS, associated, where, iso)
 
 
 _FLOATS = ("half", "float", "double")

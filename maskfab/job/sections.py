@@ -458,7 +458,7 @@ class ExposureSection(Section):
     the highest lowered to what the sensor's full well holds.
 
     Levels and electrons are those behind the published display, which passes 20.72 % of the stop's light: behind every
-    die there are as many more as it lets through.
+    die there are as many more as it lets through. A gain that [sensor] leaves out follows from them.
     """
 
     snr: Annotated[tuple[float, ...], Field(min_length=1, max_length=16, strict=False)] | None = None

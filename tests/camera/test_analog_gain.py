@@ -206,6 +206,21 @@ def test_isos_of_a_third_of_a_stop_are_one_however_they_are_rounded():
     assert counted(Sensor(bits=10, iso=125, base_iso=100), frame(126)) is not None
 
 
+def test_a_coded_pictures_iso_is_held_against_the_sensor(tmp_path):
+    import OpenImageIO as oiio
+
+    path = tmp_path / "leaf.jpg"
+    spec = oiio.ImageSpec(144, 144, 3, "uint8")
+    spec.attribute("Exif:PhotographicSensitivity", 800)
+    image = oiio.ImageOutput.create(str(path))
+    image.open(str(path), spec)
+    image.write_image(np.random.default_rng(1).integers(40, 200, (144, 144, 3)).astype(np.uint8))
+    image.close()
+    assert read_photo(path, Stated(sensor=Sensor(iso=800, base_iso=100))).record.values.shape == (3, 144, 144)
+    with pytest.raises(JobError, match=r"MF185.*leaf.jpg.*ISO 800.*ISO 100"):
+        read_photo(path, Stated(sensor=Sensor(iso=100, base_iso=100)))
+
+
 def test_a_photographs_iso_is_read_and_its_noise_is_the_sensors(tmp_path):
     draw = np.random.default_rng(1)
     counts = (64 + draw.integers(200, 600, (128, 128))).astype(np.uint16)
