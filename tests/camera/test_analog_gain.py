@@ -207,7 +207,7 @@ def test_isos_of_a_third_of_a_stop_are_one_however_they_are_rounded():
 
 
 def test_a_coded_pictures_iso_is_held_against_the_sensor(tmp_path):
-    import OpenImageIO as oiio
+    import OpenImageIO as oiio  # noqa: N813 - its customary name
 
     path = tmp_path / "leaf.jpg"
     spec = oiio.ImageSpec(144, 144, 3, "uint8")
