@@ -21,7 +21,7 @@ from maskfab.base.model import Panel
 from maskfab.camera.frames.frame import Frame
 
 Floats = NDArray[np.float64]
-_STRIP_UM, _NODES = 2.0, 5
+_STRIP_UM, _NODES = 0.5, 5
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from small_job import finished, write_job
 
 from maskfab.base.model import CLEAR, OUTLINE, Die, Gauge, Mark, Note, Opening, Panel, Plate, Tiling
 from maskfab.camera import scenes
-from maskfab.camera.inspection import verdict
+from maskfab.camera.inspection import costs
 from maskfab.designs.model import layouts_bound, limits
 from maskfab.designs.model.statistics import SceneStatistics
 from maskfab.mask import sandbox
@@ -160,8 +160,8 @@ def design_once() -> Iterator[None]:
 def costs_of_two_scenes() -> Iterator[None]:
     """As few photographs as have a spread, of those by which costs of a capture are told."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(verdict, "_SCENES", verdict._SCENES[:2])
-        patch.setattr(verdict, "_scenes", cache(verdict._scenes.__wrapped__))
+        patch.setattr(costs, "_SCENES", costs._SCENES[:2])
+        patch.setattr(costs, "_scenes", cache(costs._scenes.__wrapped__))
         yield
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -34,13 +34,15 @@ from maskfab.camera.inspection.edge_mtf import (
     read_mtf,
 )
 from maskfab.camera.inspection.edge_regions import NARROWEST_PX, Region
-from maskfab.camera.inspection.verdict import Measured, Promise, light_of, measured, seen_light
+from maskfab.camera.inspection.measurement import Measured, light_of, measured, seen_light
+from maskfab.camera.inspection.verdict import Answer, Promise, Verdict
 from maskfab.camera.sensor import counted
 from maskfab.job.camera import Sensor
 from maskfab.job.reference import USES, Keys, in_words, unused
 from maskfab.mask.houses.profiles import shop_of
 from maskfab.mask.job import Job
 from maskfab.report.pages.measured import (
+    IF_IT_HELD,
     capture_document,
     captured_drawing,
     edge_document,
@@ -74,8 +76,18 @@ class Measurement(FolderResult):
     notes: tuple[str, ...] = ()
 
     @property
+    def verdict(self) -> Verdict:
+        """ACCEPT, REJECT or CANNOT TELL, why, and what to do next."""
+        return self.found.verdict
+
+    @property
+    def passed(self) -> bool:
+        """Whether the die is accepted."""
+        return self.verdict.answer is Answer.ACCEPT
+
+    @property
     def numbers(self) -> Quantities:
-        """Every reported number."""
+        """Every number that was found; of a die that nothing can be told of, none of the die."""
         return Quantities(self.found.quantities)
 
     def __getitem__(self, key: str) -> Quantity:
@@ -95,7 +107,11 @@ class Measurement(FolderResult):
         return captured_drawing(self.found)
 
     def __str__(self) -> str:
-        return "\n".join([*self.found.verdict, str(self.numbers), *(f"note: {note}" for note in self.notes)])
+        found = self.found
+        lines = [found.verdict.line, found.verdict.next_step, *found.sentences, str(self.numbers)]
+        if found.if_sentences:
+            lines += [IF_IT_HELD, *found.if_sentences, str(Quantities(found.if_numbers))]
+        return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
 
 
 @checked_arguments
@@ -119,7 +135,10 @@ def measure(
     mosaic: str | None = None,
     progress: Progress = silent,
 ) -> Measurement:
-    """Tell which die a camera saw, how it stands and how it was written, from exposures of a point light.
+    """Tell whether a die is as drawn, from exposures of a point light: ACCEPT, REJECT or CANNOT TELL, and why.
+
+    Which die it is, how it stands and how it was written is told where the frames are explained; the exit code is 0 of
+    ACCEPT alone.
 
     Examples:
         $ maskfab measure 1ms.dng 4ms.dng 16ms.dng --job layouts/upc12.toml --gain 1.3 --read-noise 4.9 -o build/led
@@ -159,7 +178,14 @@ def measure(
     stated = None if times is None else [parse_time_s(time, where="times") for time in times]
     line_nm = None if line is None else wavelength_nm(line, "line")
     written = loaded.spec.written
-    promise = Promise(0.0 if written is None else written.cd_bias_um, shop_of(loaded.spec, loaded.where))
+    ordered = None if loaded.spec.order is None else loaded.spec.order.cd
+    promise = Promise(
+        0.0 if written is None else written.cd_bias_um,
+        shop_of(loaded.spec, loaded.where),
+        None if ordered is None else ordered.tolerance,
+    )
+    # Waves are those of the line that is stated.
+    seen_by = loaded.camera if line_nm is None else replace(loaded.camera, wavelengths_nm=(line_nm,))
     sensor = loaded.spec.sensor or Sensor()
     if not pair and not sensor.known_gain:
         _noise(gain, read_noise, None)
@@ -192,8 +218,9 @@ def measure(
     measurement = measured(
         merging,
         {name: panels[name] for name in wanted},
-        loaded.camera,
+        seen_by,
         light,
+        others=panels,
         seen_mirrored=sees_mirrored(loaded),
         promise=promise,
         sensor=sensor,

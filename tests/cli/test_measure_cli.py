@@ -40,22 +40,27 @@ def captured(tmp_path_factory):
 def test_a_stack_tells_the_die_its_stand_and_its_width(captured, capsys, chromium, firefox, tmp_path):
     job, frames = captured
     out = tmp_path / "out"
-    told = command(capsys, "measure", *frames, "--job", job, *SENSOR, *STATED, "-o", out, "--json", "--quiet").document
+    said = command(capsys, "measure", *frames, "--job", job, *SENSOR, *STATED, "-o", out, "--json", "--quiet")
+    told = said.document
+    assert said.code == 1
     assert told.get("die") == "TURNED", told
     assert told["stands"] == "mirrored"
     assert told["turn_the_plate_over"] is True
-    assert told["verdict"][0] == "This is die TURNED, mirrored: turn the plate over."
-    assert told["verdict"][-1].endswith("--stands mirrored.")
-    bias = next(each for each in told["quantities"] if each["name"] == "captured_cd_bias")
+    assert (told["verdict"]["answer"], told["verdict"]["cause"]) == ("CANNOT TELL", "wrong setting")
+    assert told["verdict"]["next_step"].startswith("Turn the plate over, or give frames that were not flipped")
+    assert told["sentences"][0] == "This is die TURNED, mirrored: turn the plate over."
+    assert told["sentences"][-1].endswith("--stands mirrored.")
+    # What stands only if the plate is turned over is no finding.
+    names = {"captured_cd_bias", "captured_term", "captured_cost"}
+    assert not names & {each["name"] for each in told["quantities"]}
+    bias = next(each for each in told["if"]["quantities"] if each["name"] == "captured_cd_bias")
     assert abs(bias["value"] - 0.4) < 2 * bias["uncertainty"] < 0.4
-    costs = [each for each in told["quantities"] if each["name"] == "captured_cost"]
-    assert {"ΔPSNR(way round)", "ΔPSNR(all together)"} <= {each["symbol"] for each in costs}
-    assert all(each["uncertainty"] is not None for each in costs)
-    assert "names no mask house" in told["verdict"][2]
+    assert bias["passed"] is None
     assert [each["name"] for each in told["frames"]] == [path.name for path in frames]
     assert {**json.loads((out / "measure.json").read_text()), "path": str(out)} == told
     page = (out / "measure.html").read_text()
-    assert told["verdict"][0] in page
+    assert f"CANNOT TELL: {told['verdict']['reason']}" in page
+    assert page.index("What to do next") < page.index("Numbers") < page.index("Appendix") < page.index("CD +0.")
     assert "<script" not in page
     assert [fault for browser in (chromium, firefox) for fault in faults(browser, out / "measure.html")] == []
     blur = read_psf([out / "fitted_psf.exr"])
@@ -74,19 +79,21 @@ def test_python_measures_as_the_command_does(captured):
     found = maskfab.measure(
         frames, job, times=times, gain=GAIN, read_noise=READ_NOISE, black=BLACK, window=64, die=["TURNED"]
     )
-    assert found["captured_cd_bias"].uncertainty is not None
+    assert found.verdict.answer == "CANNOT TELL"
     assert found["captured_misfit"].value == pytest.approx(1, abs=0.2)
     assert 0 < found["captured_outside"].value < 1
     assert "530 nm" in found.notes[0]
-    assert str(found).startswith("This is die TURNED")
+    assert str(found).startswith("CANNOT TELL: die TURNED stands mirrored")
+    assert not found.passed
 
 
 def test_the_house_of_the_job_and_what_is_not_fitted_are_named(captured, tmp_path):
     stated = '[process]\ncorner_radius = "0.5 um"\n\n[export]\nshop = "topro_chrome"\n\n[plate]\noptical_density = 3'
     edit = ("[plate]", stated)
     times = [f"{time:g} ms" for time in TIMES]
+    upright = [tifffile.imread(path)[:, ::-1] for path in captured[1]]
     found = maskfab.measure(
-        captured[1], write_job(tmp_path, edit), times=times, gain=GAIN, read_noise=READ_NOISE, black=BLACK, window=64,
+        upright, write_job(tmp_path, edit), times=times, gain=GAIN, read_noise=READ_NOISE, black=BLACK, window=64,
         die=["TURNED"],
     )  # fmt: skip
     *_, unused, fitted = found.notes
@@ -95,7 +102,10 @@ def test_the_house_of_the_job_and_what_is_not_fitted_are_named(captured, tmp_pat
     assert fitted == "The die is fitted with sharp corners, smooth edges and no leak."
     assert found["captured_cd_bias"].limit == 0.1
     assert found["captured_cd_bias"].passed is False
-    assert "beyond the ±0.1 um" in found.found.verdict[2]
+    assert found.verdict.answer == "REJECT"
+    assert "beyond the ±0.1 um" in found.verdict.line
+    assert "captured_cost" in found.numbers.names
+    assert any("photograph restored as if the die were as drawn" in each for each in found.found.sentences)
 
 
 @pytest.mark.parametrize(

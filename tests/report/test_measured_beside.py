@@ -30,7 +30,14 @@ def told(job, **other) -> dict:
         "captured": curve(np.where(RINGS < 100, least, 0.5 * least)), "expected": curve(least),
         "low": curve(0.9 * least), "high": curve(1.1 * least),
     }  # fmt: skip
-    found = {"job_hash": job.digest, "die": "TURNED", "verdict": [f"Found. {MARKUP}"], "mtf": [band], "hypotheses": {}}
+    found = {
+        "job_hash": job.digest,
+        "die": "TURNED",
+        "verdict": {"answer": "ACCEPT", "reason": f"Found. {MARKUP}"},
+        "sentences": [],
+        "mtf": [band],
+        "hypotheses": {},
+    }
     return found | other
 
 

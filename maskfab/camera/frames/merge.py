@@ -256,6 +256,14 @@ class Plane:
         """Variance of what was measured if ``light`` [rows, columns] is the truth, as of a model."""
         return np.asarray(self.shot * np.maximum(light, 0.0) + self.floor + (self.relative * light) ** 2)
 
+    def rescaled(self, scales: Floats) -> Plane:
+        """The same exposures merged with other times, [frames]; what was not valid stays so."""
+        light = _light(self.exposed, scales, self.share)
+        valid = self.valid & light.seen
+        plane = replace(self, shot=light.shot, floor=light.floor, valid=valid, scales=scales)
+        sigma = np.where(valid, np.sqrt(plane.variance(light.electrons_per_s)), np.inf)
+        return replace(plane, electrons_per_s=np.where(valid, light.electrons_per_s, 0.0), sigma=sigma)
+
 
 @dataclass(frozen=True)
 class Used:
@@ -414,15 +422,42 @@ def _merged(
     lattice: Lattice, exposed: Exposed, scales: Floats, response: _Response | None, name: str
 ) -> tuple[Plane, dict[str, Mask]]:
     """One colour, and marks [rows, columns] of what is to be doubted of it, by the names of :class:`Merged`."""
-    y, usable = exposed.electrons, exposed.usable.astype(np.float64)
     nowhere = np.zeros_like(exposed.hot)
     share, relative, dust, blind = response or (
-        np.ones(y.shape[1:]),
-        np.broadcast_to(0.0, y.shape[1:]),
+        np.ones(nowhere.shape),
+        np.broadcast_to(0.0, nowhere.shape),
         nowhere,
         nowhere,
     )
     share = np.maximum(share, 1e-3 * float(share.max()))  # pixels below are blind
+    light = _light(exposed, scales, share)
+    x, seen = light.electrons_per_s, light.seen
+    a = scales[:, None, None] * share
+    c = np.broadcast_to(exposed.dark[:, None, None], exposed.electrons.shape)
+    disagreeing = _disagreeing(exposed.electrons, a, c, exposed.usable, x)
+    valid = seen & ~disagreeing & ~blind & ~exposed.hot
+    where = lattice.colour, lattice.first, lattice.step
+    plane = Plane(*where, x, x, valid, light.shot, light.floor, share, relative, exposed, scales)
+    sigma = np.where(valid, np.sqrt(plane.variance(x)), np.inf)
+    plane = replace(plane, electrons_per_s=np.where(valid, x, 0.0), sigma=sigma)
+    _check_one_light(plane, seen, disagreeing, x, name)
+    full = ~exposed.usable.any(axis=0) & ~exposed.hot
+    lonely = alone(plane.electrons_per_s, sigma, valid)
+    return plane, {"hot": exposed.hot, "disagreeing": disagreeing, "full": full, "dust": dust, "alone": lonely}
+
+
+@dataclass(frozen=True, eq=False)
+class _Light:
+    """Light of one colour, [rows, columns], the parts of its variance, and whether any exposure tells it."""
+
+    electrons_per_s: Floats
+    shot: Floats
+    floor: Floats
+    seen: Mask
+
+
+def _light(exposed: Exposed, scales: Floats, share: Floats) -> _Light:
+    y, usable = exposed.electrons, exposed.usable.astype(np.float64)
     a = scales[:, None, None] * share
     c = np.broadcast_to(exposed.dark[:, None, None], y.shape)
     w = usable
@@ -431,18 +466,8 @@ def _merged(
         w = usable * a / (a * np.maximum(x, 0.0) + c)
         total = (w * a).sum(axis=0)
         x = _quotient((w * y).sum(axis=0), total)
-    seen = total > 0
     shot, floor = _quotient((w**2 * a).sum(axis=0), total**2), _quotient((w**2 * c).sum(axis=0), total**2)
-    disagreeing = _disagreeing(y, a, c, exposed.usable, x)
-    valid = seen & ~disagreeing & ~blind & ~exposed.hot
-    where = lattice.colour, lattice.first, lattice.step
-    plane = Plane(*where, x, x, valid, shot, floor, share, relative, exposed, scales)
-    sigma = np.where(valid, np.sqrt(plane.variance(x)), np.inf)
-    plane = replace(plane, electrons_per_s=np.where(valid, x, 0.0), sigma=sigma)
-    _check_one_light(plane, seen, disagreeing, x, name)
-    full = ~exposed.usable.any(axis=0) & ~exposed.hot
-    lonely = alone(plane.electrons_per_s, sigma, valid)
-    return plane, {"hot": exposed.hot, "disagreeing": disagreeing, "full": full, "dust": dust, "alone": lonely}
+    return _Light(x, shot, floor, np.asarray(total > 0))
 
 
 def _quotient(one: Floats, other: Floats) -> Floats:

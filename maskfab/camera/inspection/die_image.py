@@ -305,8 +305,27 @@ GEOMETRY = ("x_um", "y_um", "turn_rad", "scale")
 BIAS = "bias_um"
 _SHIFT_PX, _TURN, _SCALE = 0.02, 1e-3, 1e-4
 """Steps by which the picture is moved, turned and stretched for its slopes."""
+_KEPT = 2
+"""Settings whose slopes are kept: that of the first light, and that of another lamp."""
 _SPARE_PX = 4
 """Pixels by which a light may be found off the middle of the window, and the window stretched."""
+
+
+LAMP = ("lamp_x_um", "lamp_y_um", "lamp_share")
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """Another light behind the same die.
+
+    Attributes:
+        x_um, y_um: its place on the sensor from that of the first light, y upwards.
+        share: its power over that of the first light.
+    """
+
+    x_um: float
+    y_um: float
+    share: float
 
 
 @dataclass(frozen=True)
@@ -320,6 +339,7 @@ class Setting:
             less 1.
         bias_um: by which clear features are wider than drawn.
         terms: the lens's errors, pairs of Noll's number and waves at the camera's first line.
+        lamp: another light in the picture, or None.
     """
 
     x_um: float = 0.0
@@ -328,21 +348,25 @@ class Setting:
     scale: float = 0.0
     bias_um: float = 0.0
     terms: tuple[tuple[int, float], ...] = ()
+    lamp: Lamp | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of all that is not known, in the order of :attr:`values`."""
-        return (*GEOMETRY, BIAS, *(f"z{term}" for term, _ in self.terms))
+        return (*GEOMETRY, BIAS, *(LAMP if self.lamp else ()), *(f"z{term}" for term, _ in self.terms))
 
     @property
     def values(self) -> Floats:
-        return np.array([self.x_um, self.y_um, self.turn_rad, self.scale, self.bias_um, *(w for _, w in self.terms)])
+        lamp = () if self.lamp is None else (self.lamp.x_um, self.lamp.y_um, self.lamp.share)
+        stand = self.x_um, self.y_um, self.turn_rad, self.scale, self.bias_um
+        return np.array([*stand, *lamp, *(waves for _, waves in self.terms)])
 
     def at(self, values: Floats) -> Setting:
         """This setting with other values."""
-        stand = dict(zip((*GEOMETRY, BIAS), map(float, values), strict=False))
-        terms = zip((term for term, _ in self.terms), map(float, values[len(stand) :]), strict=True)
-        return Setting(**stand, terms=tuple(terms))
+        rest = list(map(float, values))
+        stand = {name: rest.pop(0) for name in (*GEOMETRY, BIAS)}
+        lamp = self.lamp and Lamp(*(rest.pop(0) for _ in LAMP))
+        return Setting(**stand, terms=tuple(zip((term for term, _ in self.terms), rest, strict=True)), lamp=lamp)
 
 
 @dataclass(frozen=True, eq=False)
@@ -383,10 +407,17 @@ class DieImage:
     light_um: float = 0.0
     _lens: dict[tuple[int, tuple[tuple[int, float], ...]], list[LensField]] = field(default_factory=dict, repr=False)
     _last: dict[tuple[object, ...], list[Floats]] = field(default_factory=dict, repr=False)
+    _sloping: dict[tuple[float, Setting], dict[str, list[Floats]]] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(
-        cls, panel: Panel, way_round: int, camera: Camera, light: Mapping[str, Spectrum], pixels: Sequence[Pixels]
+        cls,
+        panel: Panel,
+        way_round: int,
+        camera: Camera,
+        light: Mapping[str, Spectrum],
+        pixels: Sequence[Pixels],
+        off_um: float = 0.0,
     ) -> DieImage:
         """The image of a die.
 
@@ -397,15 +428,15 @@ class DieImage:
             camera: its lens and its pixel.
             light: what each colour of pixels sees of a point light.
             pixels: for which pictures are made.
+            off_um: how far from their origin along an axis another lamp may lie.
         """
         openings = panel_aperture(panel, camera.stop.diameter_um / 2)
         x, y = (openings.x, openings.y) if way_round % 2 == 0 else (openings.y, openings.x)
         held = Aperture(x, y, orient(openings.transmission, way_round), orient(openings.variance, way_round))
         step = 1 / (2 * camera.stop.diameter_um * OVERSAMPLING)
         shortest = min(float(lines.wavelengths_nm.min()) for lines in light.values()) * UM_PER_NM
-        half = (
-            max(abs(axis).max() for pixel in pixels for axis in (pixel.x_um, pixel.y_um)) + _SPARE_PX * camera.pixel_um
-        )
+        half = off_um + _SPARE_PX * camera.pixel_um
+        half += max(abs(axis).max() for pixel in pixels for axis in (pixel.x_um, pixel.y_um))
         count = math.ceil(half / (shortest * camera.focal_um) / step) + MARGIN
         die = DieField.of(cut(held, camera.stop), camera.stop, step * np.arange(count + 1))
         few = {colour: gathered(lines, camera, half) for colour, lines in light.items()}
@@ -422,29 +453,72 @@ class DieImage:
 
     def pictures(self, setting: Setting) -> list[Floats]:
         """Share of the light that every pixel takes, [rows, columns] for each grid of pixels."""
+        pictures = self._first(setting)
+        if setting.lamp is None:
+            return pictures
+        others = self._first(_lit_by(setting, setting.lamp))
+        return [one + setting.lamp.share * other for one, other in zip(pictures, others, strict=True)]
+
+    def _first(self, setting: Setting) -> list[Floats]:
+        """Pictures of the first light alone."""
         (pictures,) = self._taken(setting, [self._intensities(setting)], self.light)
         return pictures
 
     def slopes(self, setting: Setting) -> list[list[Floats]]:
         """Changes of pictures with everything that a setting names, in its order; of as few lines as show them."""
-        behind = self._behind(setting)
-        here = [node.field(setting.bias_um) for node in behind]
+        first = self._slopes(setting)
+        if setting.lamp is None:
+            return first
+        at, share = _lit_by(setting, setting.lamp), setting.lamp.share
+        other = self._slopes(at)
+        both = [[one + share * two for one, two in zip(*pair, strict=True)] for pair in zip(first, other, strict=True)]
+        moved = [[share * picture for picture in slope] for slope in other[:2]]
+        return [*both[: len(GEOMETRY) + 1], *moved, self._first(at), *both[len(GEOMETRY) + 1 :]]
+
+    def _slopes(self, setting: Setting) -> list[list[Floats]]:
+        """Those of the first light alone; what was asked at a setting is kept for who asks for more terms there."""
+        terms = tuple(term for term in setting.terms if term[1])
+        key = self.light_um, replace(setting, terms=terms, lamp=None)
+        if key not in self._sloping:
+            for old in list(self._sloping)[: 1 - _KEPT]:
+                del self._sloping[old]
+            self._sloping[key] = {}
+        known = self._sloping[key]
+        asked = [term for term, _ in setting.terms if f"z{term}" not in known]
+        if asked or not known:
+            behind = self._behind(setting)
+            here = [node.field(setting.bias_um) for node in behind]
+            if not known:
+                known.update(self._stand_slopes(setting, behind, here))
+            by_terms = [
+                self._changed(
+                    setting,
+                    here,
+                    [
+                        self._waves(float(line)) * node.by_term(term)
+                        for line, node in zip(self._nodes(setting), behind, strict=True)
+                    ],
+                )
+                for term in asked
+            ]
+            if asked:
+                named = (f"z{term}" for term in asked)
+                known.update(zip(named, self._taken(setting, by_terms, self._few), strict=True))
+        return [known[name] for name in replace(setting, lamp=None).names]
+
+    def _stand_slopes(
+        self, setting: Setting, behind: Sequence[LensField], here: Sequence[Complexes]
+    ) -> dict[str, list[Floats]]:
+        """Changes with place, turn, scale and bias."""
         flat = [self._intensity(amplitude) for amplitude in here]
         seen = [turned(picture, setting.turn_rad) for picture in flat]
         left, right = ([turned(picture, setting.turn_rad + sign * _TURN) for picture in flat] for sign in (1, -1))
-        changes = [[(a - b) / (2 * _TURN) for a, b in zip(left, right, strict=True)]]
-        changes.append(self._changed(setting, here, [node.by_bias(setting.bias_um) for node in behind]))
-        for term, _ in setting.terms:
-            by_term = [
-                self._waves(float(line)) * node.by_term(term)
-                for line, node in zip(self._nodes(setting), behind, strict=True)
-            ]
-            changes.append(self._changed(setting, here, by_term))
-        turn, bias, *terms = self._taken(setting, changes, self._few)
+        by_turn = [(a - b) / (2 * _TURN) for a, b in zip(left, right, strict=True)]
+        by_bias = self._changed(setting, here, [node.by_bias(setting.bias_um) for node in behind])
+        turn, bias = self._taken(setting, [by_turn, by_bias], self._few)
         shift = _SHIFT_PX * self.camera.pixel_um
-        steps = (("x_um", shift), ("y_um", shift), ("scale", _SCALE))
-        across, up, scale = (self._moved(setting, seen, key, step) for key, step in steps)
-        return [across, up, turn, scale, bias, *terms]
+        steps = {"x_um": shift, "y_um": shift, "scale": _SCALE}
+        return {"turn_rad": turn, BIAS: bias} | {key: self._moved(setting, seen, key, by) for key, by in steps.items()}
 
     @cached_property
     def _three(self) -> Floats:
@@ -529,6 +603,11 @@ class DieImage:
             for offset, weight in zip(offsets, weights, strict=True)
         )
         return np.asarray(sum(parts))
+
+
+def _lit_by(setting: Setting, lamp: Lamp) -> Setting:
+    """A setting whose first light stands where another lamp does."""
+    return replace(setting, x_um=setting.x_um + lamp.x_um, y_um=setting.y_um + lamp.y_um)
 
 
 def gathered(lines: Spectrum, camera: Camera, reach_um: float) -> Spectrum:

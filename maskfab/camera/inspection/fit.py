@@ -74,6 +74,19 @@ class Taken:
         sigma = np.where(self.valid, np.sqrt(self.plane.variance(light)), np.inf)
         return replace(self, sigma=np.asarray(sigma))
 
+    def without(self, left_out: Mask) -> Taken:
+        """This signal without some pixels."""
+        valid = self.valid & ~left_out
+        plane = self.plane and replace(self.plane, valid=valid)
+        return replace(self, valid=valid, sigma=np.where(valid, self.sigma, np.inf), plane=plane)
+
+    def rescaled(self, gains: Floats) -> Taken:
+        """This signal of exposures whose times, [frames], are longer by factors."""
+        if self.plane is None:
+            return self
+        plane = self.plane.rescaled(self.plane.scales * gains)
+        return replace(self, light=plane.electrons_per_s, sigma=plane.sigma, valid=plane.valid, plane=plane)
+
     def within(self, half_um: float) -> Taken:
         """The pixels that lie no farther than so from the middle along both axes."""
         columns, rows = (abs(axis) <= half_um for axis in (self.pixels.x_um, self.pixels.y_um))
@@ -409,24 +422,69 @@ def with_frames(image: DieImage, taken: Sequence[Taken], fit: Fit) -> Fit:
         taken: what was fitted, merged of exposures.
         fit: the fit.
     """
-    planes = [capture.plane for capture in taken if capture.plane is not None]
-    if len(planes) < len(taken) or len(planes[0].scales) < LEAST_FRAMES:
-        return fit
-    frames = _frames(taken, planes, image.slopes(fit.setting), image.pictures(fit.setting), fit)
+    frames = [frame for frame in _frames(image, taken, fit) if frame.information.any()]
     if len(frames) < LEAST_FRAMES:
         return fit
     size = fit.setting.values.size
     return replace(fit, between=_between(frames, fit.inflation)[:size, :size])
 
 
-def _frames(
-    taken: Sequence[Taken],
-    planes: Sequence[Plane],
-    slopes: Sequence[Sequence[Floats]],
-    pictures: Sequence[Floats],
-    fit: Fit,
-) -> list[NormalEquations]:
-    """Every exposure that tells anything."""
+@dataclass(frozen=True, eq=False)
+class Gains:
+    """Light of each exposure over what its time says, told together with the setting.
+
+    Attributes:
+        step: [values] by which the setting moves.
+        covariance: [values, values] of the setting, these gains not being known.
+        factors: [frames] 1 where light and time agree, and of what tells nothing; of the most light, 1 in the mean.
+        errors: [frames] one standard error of each, for the noise alone.
+    """
+
+    step: Floats
+    covariance: Floats
+    factors: Floats
+    errors: Floats
+
+
+def frame_gains(image: DieImage, taken: Sequence[Taken], fit: Fit) -> Gains | None:
+    """A gain for each exposure, fitted beside all else by one step; None of a single one.
+
+    Along the direction in which a frame's own light grows nothing is asked of it: its information is that of the rest.
+
+    Args:
+        image: of the die.
+        taken: what was fitted, merged of exposures.
+        fit: the fit.
+    """
+    frames, size, colours = _frames(image, taken, fit), fit.setting.values.size, colours_of(taken)
+    along = np.zeros(size + 2 * len(colours))
+    along[size:] = [value for colour in colours for value in (fit.light[colour], fit.beneath[colour])]
+    told = [frame.information @ along for frame in frames]
+    bends = [float(along @ each) for each in told]
+    if sum(bend > 0 for bend in bends) < 2:
+        return None
+    gradient, information = np.zeros(along.size), np.zeros((along.size, along.size))
+    for frame, each, bend in zip(frames, told, bends, strict=True):
+        if bend > 0:
+            gradient += frame.gradient - each * float(along @ frame.gradient) / bend
+            information += frame.information - np.outer(each, each) / bend
+    unit = 1 / np.sqrt(np.diag(sum(frame.information for frame in frames)))
+    covariance = unit[:, None] * np.linalg.pinv(unit[:, None] * information * unit, 1e-12, hermitian=True) * unit
+    step = covariance @ gradient
+    factors, errors = np.ones(len(frames)), np.full(len(frames), np.inf)
+    for place, (frame, each, bend) in enumerate(zip(frames, told, bends, strict=True)):
+        if bend > 0:
+            factors[place] += float(along @ frame.gradient - each @ step) / bend
+            errors[place] = math.sqrt(1 / bend + float(each @ covariance @ each) / bend**2)
+    return Gains(step[:size], covariance[:size, :size], factors / factors[int(np.argmax(bends))], errors)
+
+
+def _frames(image: DieImage, taken: Sequence[Taken], fit: Fit) -> list[NormalEquations]:
+    """Every exposure's equations for values and for light and background of each colour; none of what is no stack."""
+    planes = [capture.plane for capture in taken if capture.plane is not None]
+    if len(planes) < len(taken):
+        return []
+    slopes, pictures = image.slopes(fit.setting), image.pictures(fit.setting)
     colours, size = colours_of(taken), fit.setting.values.size
     total = size + 2 * len(colours)
     gradients, informations = (np.zeros((len(planes[0].scales), total, *rest)) for rest in ((), (total,)))
@@ -444,8 +502,7 @@ def _frames(
             columns = every[clear] * (weight * per_light)[:, None]
             gradients[place][own] += columns.T @ (weight * (exposed.electrons[place][clear] - expected))
             informations[place][np.ix_(own, own)] += columns.T @ columns
-    equations = zip(gradients, informations, strict=True)
-    return [NormalEquations(*pair) for pair in equations if pair[1].any()]
+    return [NormalEquations(*pair) for pair in zip(gradients, informations, strict=True)]
 
 
 def _between(frames: Sequence[NormalEquations], inflation: float) -> Floats:

@@ -334,10 +334,19 @@ class _Band(Part):
         return self
 
 
+_Sentence = Annotated[str, Field(max_length=2000)]
+
+
+class _Verdict(Part):
+    answer: Literal["ACCEPT", "REJECT", "CANNOT TELL"]
+    reason: _Sentence
+
+
 class _Measured(Part):
     job_hash: str
     die: str | None
-    verdict: list[Annotated[str, Field(max_length=2000)]]
+    verdict: _Verdict
+    sentences: list[_Sentence]
     mtf: list[_Band]
 
 
@@ -349,7 +358,7 @@ class Beside:
         content: of its file.
         job_hash: of the job that it was made for.
         die: that it is of; None if that could not be told.
-        verdict: sentences on it.
+        verdict: sentences on it, the answer first.
         rows: by colour and frequency, the MTF in its worst direction as captured and as expected.
     """
 
@@ -398,7 +407,8 @@ def measured_beside(job: Job) -> Beside | None:
         cure = "Measure the plate again with maskfab measure, or move the file out of the job's folder"
         raise SourceError("MF303", what, where=str(path), cure=cure) from error
     rows = [row for band in measured.mtf for row in _rows(band, job.spec.frequencies_cy_per_mm)]
-    return Beside(content, measured.job_hash, measured.die, tuple(measured.verdict), tuple(rows))
+    said = f"{measured.verdict.answer}: {measured.verdict.reason}", *measured.sentences
+    return Beside(content, measured.job_hash, measured.die, said, tuple(rows))
 
 
 def _rows(band: _Band, frequencies_cy_per_mm: tuple[float, ...]) -> list[Document]:

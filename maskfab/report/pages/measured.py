@@ -1,7 +1,8 @@
 """The result of a measurement as a page and a document: a die's capture beside what is expected, or MTFs across edges.
 
-A capture is shown on the scale of what is expected, with its MTF, the verdict and the numbers; the merged capture and
-its standard deviation are files beside it. Edges have one field each: the MTF with its band, beside what was designed.
+A capture's page goes in the order of a day in the laboratory: the verdict, the picture with what was found in it, what
+to do next, the numbers, and an appendix; the merged capture and its standard deviation are files beside it. Edges have
+one field each: the MTF with its band, beside what was designed.
 """
 
 from __future__ import annotations
@@ -20,14 +21,17 @@ from numpy.typing import NDArray
 from maskfab.base import __version__
 from maskfab.base.arrays import Floats
 from maskfab.base.folders import Place, staged, write_mark
-from maskfab.base.quantities import registered
+from maskfab.base.model import Quantity
+from maskfab.base.quantities import Entry, registered
 from maskfab.camera.frames.frame import PIXELS_OF
 from maskfab.camera.frames.merge import write_merged
+from maskfab.camera.inspection.costs import COST_METHOD, disagreement
 from maskfab.camera.inspection.edge_mtf import DesignedMtf, MeasuredEdge, MeasuredEdges, MtfCurve, edge_verdict
 from maskfab.camera.inspection.fit import MtfBand
 from maskfab.camera.inspection.identity import CERTAIN
+from maskfab.camera.inspection.measurement import Measured, write_fitted_psf
 from maskfab.camera.inspection.slanted_edge import EdgeMtf
-from maskfab.camera.inspection.verdict import COST_METHOD, Measured, cause, stands, write_fitted_psf
+from maskfab.camera.inspection.verdict import Answer, stands
 from maskfab.report.documents.die import DOCUMENT
 from maskfab.report.documents.shape import Document, Record, document_text
 from maskfab.report.figures.die import OKABE_ITO
@@ -35,11 +39,14 @@ from maskfab.report.figures.sheet import INK, QUIET, Drawing, place, styled
 from maskfab.report.pages.template import page_template, style
 from maskfab.report.rows.text import Quantities, quantity_document, short
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION, CAPTURE_SCHEMA_VERSION = 1, 2
+IF_IT_HELD = "If the model held, which it does not by as much as stated above:"
+"""Heads what a fit says where nothing can be told."""
 PAGE = "measure.html"
 _SIDE, _LEFT, _TOP, _GAP, _FOOT, _BAR = 2.35, 0.7, 0.3, 0.25, 0.45, 0.7
 _DECADES = 5
 _MOST_SIGMA = 4.0
+_FOUND = "#00B4D8"
 _COLOURS = {"R": "#D55E00", "G": "#009E73", "B": "#0072B2", "-": INK}
 
 
@@ -75,10 +82,35 @@ def captured_drawing(measured: Measured) -> Drawing:
             residual, cmap="PuOr", vmin=-_MOST_SIGMA, vmax=_MOST_SIGMA, extent=ends, interpolation="none"
         )
         _named(axes, "difference, in standard deviations" if row == 0 else "", 2, row, len(chosen))
+        _draw_found(figure.axes[-3], measured, k)
+        _draw_found(axes, measured, k)
         bar = place(figure, (_LEFT + 3 * (_SIDE + _GAP) - _GAP + 0.08, bottom, 0.1, _SIDE))
         figure.colorbar(drawn, cax=bar)
-    words = f"captured, expected and their difference, {len(chosen)} colours"
+    words = ", ".join([f"captured, expected and their difference, {len(chosen)} colours", *_found(measured)])
     return Drawing(figure, words)
+
+
+def _found(measured: Measured) -> list[str]:
+    """Names of what is marked in the picture."""
+    there = {"a second lamp": _lamp_um(measured), "dust": measured.explained.dusty}
+    return [name for name, found in there.items() if found]
+
+
+def _lamp_um(measured: Measured) -> tuple[float, float] | None:
+    """Place of a second lamp on the sensor."""
+    setting = measured.fit.setting
+    lamp = setting.lamp
+    return None if lamp is None else (setting.x_um + lamp.x_um, setting.y_um + lamp.y_um)
+
+
+def _draw_found(axes: Axes, measured: Measured, k: int) -> None:
+    """A ring about a second lamp, and a line about dust."""
+    lamp, dust, pixels = _lamp_um(measured), measured.explained.dust[k], measured.taken[k].pixels
+    if lamp is not None:
+        axes.plot(*lamp, "o", markersize=16, markerfacecolor="none", markeredgecolor=_FOUND, markeredgewidth=1.4)
+        axes.annotate("lamp", lamp, (0, 10), textcoords="offset points", ha="center", color=_FOUND, fontsize=7)
+    if dust.any():
+        axes.contour(pixels.x_um, pixels.y_um, dust.astype(float), levels=[0.5], colors=[_FOUND], linewidths=1.0)
 
 
 @styled
@@ -154,12 +186,18 @@ def capture_page(measured: Measured, document: Record, notes: Sequence[str]) -> 
         version=document["maskfab_version"],
         digest=document["job_hash"],
         verdict=measured.verdict,
+        held=measured.verdict.answer is not Answer.CANNOT_TELL,
+        sentences=measured.sentences,
+        if_it_held=IF_IT_HELD,
+        if_sentences=measured.if_sentences,
         captured=Markup(captured_drawing(measured).img()),
+        found=" and ".join(_found(measured)),
         mtf=Markup(capture_mtf_drawing(measured).img()),
-        rows=[
-            (quantity, registered(quantity.name)) for quantity in measured.quantities if quantity.name not in _PRICES
-        ],
-        costs=[(cause(cost.of), cost) for cost in measured.costs],
+        rows=_rows(measured.quantities),
+        if_rows=_rows(measured.if_numbers),
+        zero=_zero_words(measured.quantities),
+        if_zero=_zero_words(measured.if_numbers),
+        costs=[(disagreement(cost.of), cost) for cost in measured.costs],
         cost_method=COST_METHOD,
         rivals=document["hypotheses"],
         frames=document["frames"],
@@ -168,22 +206,60 @@ def capture_page(measured: Measured, document: Record, notes: Sequence[str]) -> 
     )
 
 
+_TERM = "captured_term"
+
+
+def _rows(quantities: Sequence[Quantity]) -> list[tuple[Quantity, Entry]]:
+    """Numbers of a table with their meanings, without the lens's terms that cannot be told from zero."""
+    shown = [each for each in quantities if each.name not in _PRICES and each not in _zero(quantities)]
+    return [(each, registered(each.name)) for each in shown]
+
+
+def _zero(quantities: Sequence[Quantity]) -> list[Quantity]:
+    """Terms of the lens that cannot be told from zero."""
+    terms = [each for each in quantities if each.name == _TERM]
+    return [each for each in terms if abs(float(each.value or 0.0)) <= (each.uncertainty or 0.0)]
+
+
+def _zero_words(quantities: Sequence[Quantity]) -> str:
+    """One line for all of those; empty without any."""
+    terms = _zero(quantities)
+    if not terms:
+        return ""
+    most = max(each.uncertainty or 0.0 for each in terms)
+    named = "; ".join(str(each.detail) for each in terms)
+    return f"Cannot be told from zero, within ±{short(most)} waves: Zernike {named}."
+
+
 LIGHT, SIGMA, FITTED = "captured.exr", "captured_sigma.exr", "fitted_psf.exr"
 _SHOWN = 12
 
 
 def capture_document(measured: Measured, job_hash: str, notes: Sequence[str]) -> dict[str, Any]:
     """Everything that was measured; what measure.json and ``--json`` say."""
-    best, fit = measured.identified.best, measured.fit
+    best, fit, verdict, lamp = measured.identified.best, measured.fit, measured.verdict, measured.fit.setting.lamp
     return {
-        "schema_version": SCHEMA_VERSION,
+        "schema_version": CAPTURE_SCHEMA_VERSION,
         "maskfab_version": __version__,
         "job_hash": job_hash,
-        "verdict": list(measured.verdict),
+        "verdict": {
+            "answer": verdict.answer.value,
+            "reason": verdict.reason,
+            "cause": verdict.cause,
+            "factor": verdict.factor,
+            "next_step": verdict.next_step,
+        },
+        "sentences": list(measured.sentences),
         "die": best.die if measured.identified.certain else None,
         "stands": stands(best) if measured.identified.certain else None,
         "turn_the_plate_over": measured.mirrored if measured.identified.certain else None,
         "quantities": Quantities(measured.quantities).to_dict(),
+        "if": {
+            "sentences": list(measured.if_sentences),
+            "quantities": Quantities(measured.if_numbers).to_dict(),
+        },
+        "lamp": lamp and {"x_um": lamp.x_um, "y_um": lamp.y_um, "share": lamp.share},
+        "dust_px": measured.explained.dusty,
         "light": {
             colour: {"electrons_per_s": value, "beneath_electrons_per_s": fit.beneath[colour]}
             for colour, value in fit.light.items()
@@ -218,10 +294,10 @@ def capture_document(measured: Measured, job_hash: str, notes: Sequence[str]) ->
                 "name": capture.name,
                 "sha256": capture.sha256,
                 "exposure_s": capture.exposure_s,
-                "drift": capture.drift.taken_out,
+                "drift": drift,
                 "full": capture.full,
             }
-            for capture in measured.merged.used
+            for capture, drift in zip(measured.merged.used, measured.drifts, strict=True)
         ],
         "pixels_left_out": {
             name: len(getattr(measured.merged, name)) for name in ("hot", "disagreeing", "full", "dust")

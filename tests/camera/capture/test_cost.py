@@ -10,8 +10,9 @@ from camera.capture.captured_dies import phased_picture
 from optics_cases import camera, noise, panel
 
 from maskfab.camera.blur import MeasuredBlur
+from maskfab.camera.inspection.costs import ALL, ORIENTATION, costs
 from maskfab.camera.inspection.die_image import DieImage, Pixels, Setting
-from maskfab.camera.inspection.verdict import ALL, ORIENTATION, Promise, costs
+from maskfab.camera.inspection.verdict import Promise
 from maskfab.camera.protocol import STRENGTHS, Protocol
 from maskfab.camera.restorers.wiener import Wiener
 from maskfab.camera.scenes import NARROW, SMALLEST, dead_leaves
@@ -85,20 +86,27 @@ def test_slits_that_stand_otherwise_are_lost_only_to_who_does_not_know():
 
 
 @pytest.mark.parametrize(
-    ("shop", "bias", "half", "kept", "told"),
+    ("shop", "bias", "half", "kept", "words"),
     [
-        (None, 0.4, 0.1, None, "names no mask house"),
-        ("pog", 0.4, 0.1, None, "publishes no CD tolerance"),
-        ("photoplotstore", 0.3, 0.1, True, "That is within the ±0.5 um"),
-        ("photoplotstore", -0.45, 0.1, None, "cannot be told"),
-        ("photoplotstore", -0.7, 0.1, False, "That is beyond the ±0.5 um"),
-        ("topro_chrome", 0.3, 0.1, False, "beyond the ±0.1 um"),
+        (None, 0.4, 0.1, False, "names no mask house"),
+        (None, 0.08, 0.1, True, "that the job states"),
+        ("pog", 0.4, 0.1, False, "publishes no CD tolerance"),
+        ("photoplotstore", 0.3, 0.1, True, "the ±0.5 um that"),
+        ("photoplotstore", -0.45, 0.1, None, "the ±0.5 um that"),
+        ("photoplotstore", -0.7, 0.1, False, "promises of features of 8 um"),
+        ("topro_chrome", 0.3, 0.1, False, "the ±0.1 um"),
     ],
 )
-def test_an_interval_is_held_against_what_the_house_promises(shop, bias, half, kept, told):
+def test_an_interval_is_held_against_what_the_house_promises(shop, bias, half, kept, words):
     promise = Promise(0.0, None if shop is None else load_shop(shop))
     assert promise.kept(8.0, bias, half) is kept
-    assert told in promise.account(8.0, bias, half)
+    assert words in promise.words(8.0)
+
+
+def test_what_is_ordered_comes_before_what_is_promised():
+    promise = Promise(0.0, load_shop("photoplotstore"), 0.2)
+    assert promise.kept(8.0, 0.3, 0.05) is False
+    assert promise.words(8.0) == "the ±0.2 um that the job orders"
 
 
 def test_wider_features_are_promised_less():

@@ -23,7 +23,7 @@ from maskfab.camera.inspection.die_image import (
 )
 from maskfab.camera.inspection.fit import brightest, fitted, taken_of, with_frames, with_terms
 from maskfab.camera.inspection.identity import WAYS_ROUND, Hypothesis, identified
-from maskfab.camera.inspection.verdict import measured
+from maskfab.camera.inspection.measurement import measured
 from maskfab.optics.phase import Wavefront, phased, window_frequency
 from maskfab.optics.psf import point_psf
 from maskfab.optics.spectrum import line_spectrum

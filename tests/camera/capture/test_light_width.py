@@ -14,7 +14,7 @@ from maskfab.camera.frames.merge import merged
 from maskfab.camera.inspection.die_image import OVERSAMPLING, DieImage, Setting, gaussian_nodes
 from maskfab.camera.inspection.fit import brightest, expecting, fitted, taken_of
 from maskfab.camera.inspection.identity import FWHM, with_width_and_terms
-from maskfab.camera.inspection.verdict import measured
+from maskfab.camera.inspection.measurement import measured
 from maskfab.optics.spectrum import line_spectrum
 
 CAMERA = camera(diameter_um=800.0, window_um=128.0)
@@ -76,6 +76,6 @@ def test_a_wide_light_is_said_and_a_point_is_not(picture):
         measured(merging_of(each, (1.0, 32.0)), {"ONE": DIE}, CAMERA, LIGHT)
         for each in (ndimage.gaussian_filter(picture, 0.8), picture)
     )
-    assert any("The light is no point" in each for each in wide.verdict)
+    assert any("The light is no point" in each for each in wide.sentences)
     assert [each.unit for each in wide.quantities if each.name == "captured_light_width"] == ["um"]
-    assert not any("no point" in each for each in point.verdict)
+    assert not any("no point" in each for each in point.sentences)

@@ -1,0 +1,281 @@
+"""Causes of what a fit leaves: looked for one after another, made good where that can be, and named where it cannot.
+
+Another lamp makes the die's own picture at another place. Where residuals r of variance σ² are like the picture m moved
+by s, chi² falls by
+
+    (Σ r(x) m(x - s) / σ²)² / Σ m(x - s)² / σ²,
+
+both sums convolutions; the best place is where its fit starts. Dust shades pixels, alike in all exposures, so that they
+come out dark beyond any noise, a few together. A light that drifts gives each exposure a gain, fitted beside all else.
+A fit explains its frames if chi² per pixel is that of noise, and if no row or column of pixels is off as a whole.
+
+Notes:
+    Noise is known no better than gain and read noise are: chi² may be off by :data:`_NOISE_KNOWN`.
+    Dust near the peak cannot be told from a lens that is wrong, and is not looked for there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+from scipy import ndimage, signal
+
+from maskfab.base.arrays import Floats, Mask
+from maskfab.base.work import Progress, silent
+from maskfab.camera.frames.stack import SIGMA_OF_MAD
+from maskfab.camera.inspection.die_image import DieImage, Lamp, Pixels, Setting
+from maskfab.camera.inspection.fit import (
+    FIRST_TERMS,
+    Fit,
+    Taken,
+    expecting,
+    fitted,
+    frame_gains,
+    gain_of_terms,
+    with_frames,
+)
+from maskfab.camera.inspection.identity import with_width_and_terms
+
+
+class Cause(StrEnum):
+    """Reason for which frames tell nothing of a die."""
+
+    LAMP = "second lamp"
+    DUST = "dust"
+    DRIFT = "drift"
+    SATURATION = "saturation"
+    DIE = "wrong die"
+    SETTING = "wrong setting"
+    NOISE = "wrong noise"
+    BANDING = "rows or columns"
+    INTERVAL = "interval holds the limit"
+    UNKNOWN = "not in the model"
+
+
+_LIKELY = 5.0
+"""Standard deviations by which a measure of noise may be off by chance."""
+_NOISE_KNOWN = 0.03
+_LEAST_NOISE = 0.8
+"""Chi² per pixel below which the noise is another than gain and read noise say."""
+_LAMP_GAIN = 40.0
+"""Fall of chi², over the noise that is left, from which a lamp is looked at; the best of 1e5 places has 25."""
+_LAMP_SHARE = 0.02
+"""Of what is left over, that a lamp must explain at least."""
+_NEAREST_PX = 3
+_BEYOND_PX = 8
+_DARK = 6.0
+"""Standard deviations by which dust is darker than the fit, of those that residuals have."""
+_MOST_DUST = 0.02
+_CORE = 0.1
+"""Of the peak, from which nothing is taken for dust."""
+_MOST_BANDED = 2.0
+"""Chi² per pixel up to which rows that are off are the sensor's, and not the picture's of something else."""
+_MOST_OF_IT = 0.5
+"""Share of what is left over that lies at some pixels where their fault is the cause."""
+
+
+@dataclass(frozen=True, eq=False)
+class Explained:
+    """Frames as far as they could be explained.
+
+    Attributes:
+        image: of the die, in light as wide as residuals ask for.
+        taken: what was fitted, without dust, merged with the gains that were found.
+        fit: of it.
+        width: full width of the light at half maximum and its standard error, um; None of a point.
+        dust: pixels of every grid that were left out.
+        factor: root of chi² per pixel.
+        most: the most that noise allows it.
+        cause: of what is left; None where the fit explains the frames.
+    """
+
+    image: DieImage
+    taken: tuple[Taken, ...]
+    fit: Fit
+    width: tuple[float, float] | None
+    dust: tuple[Mask, ...]
+    factor: float
+    most: float
+    cause: Cause | None
+
+    @property
+    def dusty(self) -> int:
+        """Pixels that were left out as dust."""
+        return sum(int(mask.sum()) for mask in self.dust)
+
+
+def explained(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progress = silent) -> Explained:
+    """The best explanation of frames by a die, its lens, a light of some width, another lamp, dust and drift.
+
+    Args:
+        image: of the die, in light of a point.
+        taken: what the camera took.
+        fit: of it, with few terms, that the search begins with.
+        progress: told after every step of a fit.
+    """
+    dust = tuple(np.zeros(capture.valid.shape, dtype=np.bool_) for capture in taken)
+    taken, width = tuple(taken), None
+    for turn in range(2):
+        image, taken, fit, found = _with_lamp(image, taken, fit, progress)
+        dark = _dark(taken, fit)
+        if any(mask.any() for mask in dark):
+            dust = tuple(one | other for one, other in zip(dust, dark, strict=True))
+            taken = tuple(capture.without(mask) for capture, mask in zip(taken, dark, strict=True))
+            fit, found = fitted(image, taken, _fresh(fit.setting), progress), True
+        if turn and not found:
+            break
+        taken = expecting(image, taken, fit.setting)
+        image, fit, width = with_width_and_terms(image, taken, fitted(image, taken, fit.setting, progress), progress)
+    taken, fit = _with_gains(image, taken, fit, progress)
+    factor, most = math.sqrt(fit.chi2 / fit.freedom), math.sqrt(_most(fit))
+    return Explained(image, taken, with_frames(image, taken, fit), width, dust, factor, most, _left(taken, fit))
+
+
+def _fresh(setting: Setting) -> Setting:
+    """A setting that knows of places alone: what it made of the rest may be the doing of what is now left out."""
+    return Setting(setting.x_um, setting.y_um, terms=tuple((term, 0.0) for term in FIRST_TERMS), lamp=setting.lamp)
+
+
+def _with_lamp(
+    image: DieImage, taken: tuple[Taken, ...], fit: Fit, progress: Progress
+) -> tuple[DieImage, tuple[Taken, ...], Fit, bool]:
+    """The fit with another lamp, if one explains more than the lens's errors together; and whether it does."""
+    if fit.setting.lamp is not None:
+        return image, taken, fit, False
+    lamp, gain = _lamp(image, taken, fit)
+    noise, left_over = max(1.0, fit.chi2 / fit.freedom), fit.chi2 - fit.freedom
+    if lamp is None or gain < max(_LAMP_GAIN * noise, _LAMP_SHARE * left_over):
+        return image, taken, fit, False
+    if gain < gain_of_terms(image, taken, fit):
+        return image, taken, fit, False
+    off_um = max(abs(lamp.x_um), abs(lamp.y_um)) + _NEAREST_PX * image.camera.pixel_um
+    wide = DieImage.of(image.panel, image.way_round, image.camera, image.light, image.pixels, off_um)
+    wide = replace(wide, light_um=image.light_um)
+    with_lamp = fitted(wide, taken, replace(_fresh(fit.setting), lamp=lamp), progress)
+    if with_lamp.chi2 > fit.chi2 - _LAMP_GAIN or not _is_lamp(with_lamp, off_um):
+        return image, taken, fit, False
+    taken = expecting(wide, taken, with_lamp.setting)
+    return wide, taken, fitted(wide, taken, with_lamp.setting, progress), True
+
+
+def _is_lamp(fit: Fit, off_um: float) -> bool:
+    """Whether a lamp has light, less than the first, and has stayed where it can be pictured."""
+    lamp = fit.setting.lamp
+    return lamp is not None and 0 < lamp.share < 1 and max(abs(lamp.x_um), abs(lamp.y_um)) <= off_um
+
+
+def _lamp(image: DieImage, taken: Sequence[Taken], fit: Fit) -> tuple[Lamp | None, float]:
+    """The place and power of another lamp to about a pixel, and the fall of chi² that it brings."""
+    shape = taken[0].valid.shape
+    if any(capture.valid.shape != shape for capture in taken):
+        return None, 0.0
+    steps = [abs(float(capture.pixels.x_um[1] - capture.pixels.x_um[0])) for capture in taken]
+    beyond = [math.ceil(_BEYOND_PX * image.camera.pixel_um / step) for step in steps]
+    wide = [_widened(capture.pixels, more) for capture, more in zip(taken, beyond, strict=True)]
+    pictures = image.on(wide).pictures(replace(fit.setting, lamp=None))
+    alike, power = np.zeros(()), np.zeros(())
+    for k, capture in enumerate(taken):
+        light = fit.light[capture.pixels.colour]
+        weights = np.where(capture.valid, capture.sigma**-2.0, 0.0)
+        rest = np.where(capture.valid, capture.light - fit.predicted[k], 0.0) * weights
+        # Moved pictures are those of the window's pixels, so both sums are correlations.
+        alike = alike + light * signal.fftconvolve(pictures[k], rest[::-1, ::-1], mode="valid")
+        power = power + light**2 * signal.fftconvolve(pictures[k] ** 2, weights[::-1, ::-1], mode="valid")
+    gain = np.where((alike > 0) & (power > 0), alike**2 / np.maximum(power, 1e-300), 0.0)
+    middle = [(side - 1) // 2 for side in gain.shape]
+    rows, columns = (np.arange(side) - at for side, at in zip(gain.shape, middle, strict=True))
+    gain[np.hypot(rows[:, None], columns) * steps[0] < _NEAREST_PX * image.camera.pixel_um] = 0
+    row, column = np.unravel_index(int(gain.argmax()), gain.shape)
+    # The picture at an index is that moved the other way; rows run downwards.
+    x_um, y_um = -steps[0] * float(columns[column]), steps[0] * float(rows[row])
+    return Lamp(x_um, y_um, float(alike[row, column] / power[row, column])), float(gain[row, column])
+
+
+def _widened(pixels: Pixels, beyond: int) -> Pixels:
+    """A grid of pixels that goes on to either side by its own length and some more."""
+
+    def longer(axis: Floats) -> Floats:
+        more = axis.size // 2 + beyond
+        return np.asarray(axis[0] + (axis[1] - axis[0]) * np.arange(-more, axis.size + more))
+
+    return Pixels(pixels.colour, longer(pixels.x_um), longer(pixels.y_um))
+
+
+def _dark(taken: Sequence[Taken], fit: Fit, core: float = _CORE) -> tuple[Mask, ...]:
+    """Pixels that are darker than the fit beyond any noise, with their neighbours; none if they are too many.
+
+    Args:
+        taken: what was fitted.
+        fit: the fit.
+        core: share of the peak from which light is left alone.
+    """
+    masks = []
+    for capture, residual, predicted in zip(taken, fit.residuals, fit.predicted, strict=True):
+        seen = residual[capture.valid]
+        spread = max(1.0, SIGMA_OF_MAD * float(np.median(abs(seen - np.median(seen)))))
+        open_to = capture.valid & (predicted < core * predicted.max())
+        dark = open_to & (residual < -_DARK * spread)
+        masks.append(np.asarray(ndimage.binary_dilation(dark, np.ones((3, 3))) & open_to))
+    share = sum(int(mask.sum()) for mask in masks) / sum(int(capture.valid.sum()) for capture in taken)
+    return tuple(masks) if share <= _MOST_DUST else tuple(np.zeros_like(mask) for mask in masks)
+
+
+def _with_gains(
+    image: DieImage, taken: tuple[Taken, ...], fit: Fit, progress: Progress
+) -> tuple[tuple[Taken, ...], Fit]:
+    """Frames merged again by gains that the fit tells, and the fit whose errors know of theirs."""
+    first = frame_gains(image, taken, fit)
+    if first is None:
+        return taken, fit
+    taken = tuple(capture.rescaled(first.factors) for capture in taken)
+    setting = fit.setting.at(fit.setting.values + first.step)
+    taken = expecting(image, taken, setting)
+    fit = fitted(image, taken, setting, progress)
+    last = frame_gains(image, taken, fit)
+    if last is not None:
+        fit = replace(fit, covariance=last.covariance)
+    return taken, fit
+
+
+def _most(fit: Fit) -> float:
+    """The most that chi² per pixel is where noise alone is left."""
+    return 1 + _NOISE_KNOWN + _LIKELY * math.sqrt(2 / fit.freedom)
+
+
+def _left(taken: Sequence[Taken], fit: Fit) -> Cause | None:
+    """Cause of what a fit leaves, None where it is noise."""
+    misfit = fit.chi2 / fit.freedom
+    if misfit > _most(fit):
+        # Beside the peak a lens that is wrong may look like dust, so such pixels are not left out.
+        if holds_most(fit, _dark(taken, fit, math.inf)):
+            return Cause.DUST
+        if fit.setting.lamp is not None:
+            return Cause.LAMP
+        return Cause.BANDING if _banded(taken, fit) and misfit < _MOST_BANDED else Cause.UNKNOWN
+    if _banded(taken, fit):
+        return Cause.BANDING
+    return Cause.NOISE if misfit < _LEAST_NOISE else None
+
+
+def holds_most(fit: Fit, masks: Sequence[Mask]) -> bool:
+    """Whether most of what a fit leaves over lies at some pixels of its grids."""
+    parts = zip(fit.residuals, masks, strict=True)
+    over = sum(float(np.sum(residual[mask] ** 2) - mask.sum()) for residual, mask in parts)
+    return over > _MOST_OF_IT * (fit.chi2 - fit.freedom) > 0
+
+
+def _banded(taken: Sequence[Taken], fit: Fit) -> bool:
+    """Whether rows or columns of pixels are off as a whole, by more than noise lets them."""
+    for axis in (0, 1):
+        sums = [residual.sum(axis=axis) for residual in fit.residuals]
+        counts = [capture.valid.sum(axis=axis) for capture in taken]
+        total, count = np.concatenate(sums), np.concatenate(counts)
+        held = count > 0
+        mean = float(np.mean(total[held] ** 2 / count[held]))
+        if mean > max(1.0, fit.chi2 / fit.freedom) * (1 + _LIKELY * math.sqrt(2 / held.sum())):
+            return True
+    return False
