@@ -1,24 +1,30 @@
 """The table of what a measured capture claims, and how often it is right, measured here and now: ``make bench``.
 
 Captures come of another path than the fit's: polygons as a writer makes them, or a phase on exact dots. One argument,
-the draws of each row, 5 by default; 50 takes an hour.
+the draws of each row, 5 by default; 50 takes an hour. Verdicts are drawn by the simulator, faults and all, behind a
+small stop.
 """
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from camera.capture.captured_dies import BLACK, GAIN, READ_NOISE, exposed, phased_picture, polygon_picture
+from capture_simulator import Dots, Optics, Stack, picture
+from capture_simulator import Sensor as Simulated
 from numpy.typing import NDArray
+from optics_cases import camera, noise, panel
 
 from maskfab.base.model import Panel
 from maskfab.camera.frames.frame import Frame
 from maskfab.camera.frames.merge import merged
+from maskfab.camera.inspection.causes import Cause
 from maskfab.camera.inspection.die_image import DieImage, Setting
 from maskfab.camera.inspection.fit import (
     FIRST_TERMS,
@@ -32,6 +38,8 @@ from maskfab.camera.inspection.fit import (
     with_terms,
 )
 from maskfab.camera.inspection.identity import Hypothesis, Identified, identified
+from maskfab.camera.inspection.measurement import measured
+from maskfab.camera.inspection.verdict import Answer, Promise
 from maskfab.job.camera import Camera
 from maskfab.mask.job import load_job
 from maskfab.optics.spectrum import Spectrum, line_spectrum
@@ -214,6 +222,119 @@ def story(found: Identified) -> str:
     return f"{found.best.die}/{found.best.way_round}, then {', '.join(nearest)}"
 
 
+TOLERANCE_UM = 0.15
+SMALL: Camera = camera(diameter_um=800.0, window_um=128.0)
+DIES = {name: panel(noise(8, 0.45, seed), cells=14, seed=5) for name, seed in (("ONE", 3), ("OTHER", 4))}
+SIDE = 64
+SEEN = Optics(800.0, SMALL.focal_um, SMALL.pixel_um, SIDE, {530.0: 1.0})
+KINDS = ("clean", "dust", "drift", "lamp", "bloom", "band", "dust lamp", "drift lamp", "dust drift")
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """One faulty capture: frames, and the values that the fit should find.
+
+    Attributes:
+        frames: as the camera hands them over.
+        truth: by names of a setting's values, place from the frame's middle; those of the lamp too if there is one.
+    """
+
+    frames: Sequence[Frame]
+    truth: Mapping[str, float]
+
+
+def drawn(kind: str, number: int) -> Drawn:
+    """A capture of die ONE, its CD bias and defocus drawn, with faults of some kinds of drawn size and place."""
+    random = np.random.default_rng([sum(map(ord, kind)), number])
+    bias, waves = random.normal(0, 0.12), random.normal(0, 0.03)
+    die, optics = Dots.of(DIES["ONE"]).grown(bias), replace(SEEN, terms={4: waves})
+    light, faults = picture(die, optics), kind.split()
+    truth = {"x_um": 0.0, "y_um": 0.0, "turn_rad": 0.0, "scale": 0.0, "bias_um": bias, "z4": waves}
+    dust, drift, sensor = np.ones((SIDE, SIDE)), np.ones(4), Simulated()
+    if "lamp" in faults:
+        far, angle = random.uniform(10, 58), random.uniform(0, 2 * np.pi)
+        at = float(far * np.cos(angle)), float(far * np.sin(angle))
+        share = 0.02 if number % 2 else random.uniform(0.003, 0.05)
+        light = light + share * picture(die, optics, at)
+        truth |= {"lamp_x_um": at[0], "lamp_y_um": at[1], "lamp_share": share}
+    if "dust" in faults:
+        for _ in range(random.integers(1, 5)):
+            (row, column), size = random.integers(0, SIDE - 4, 2), random.integers(1, 6)
+            dust[row : row + size, column : column + size] *= random.uniform(0.4, 0.9)
+    if "drift" in faults:
+        drift = 1 + random.normal(0, 0.03, 4)
+    if "bloom" in faults:
+        well = random.uniform(1.5e4, 8e4)
+        sensor = Simulated(full_well_e=well, white=float(np.rint((well - 5 * READ_NOISE) / GAIN + BLACK)))
+    if "band" in faults:
+        sensor = Simulated(banding_e=random.uniform(0.5, 8))
+    stack = Stack(light, dust=dust, drift=tuple(drift.tolist()), sensor=sensor)
+    return Drawn(stack.frames(number + 1000), truth)
+
+
+@dataclass
+class Verdicts:
+    """Verdicts on draws of one kind.
+
+    Attributes:
+        kind: of the faults.
+        answers: how often each was given, with its cause.
+        wrong: draws accepted or rejected against the truth.
+        covered: by value, whether 95 % intervals of what was told hold the truth.
+        lamps: power of every lamp told, over its own.
+        missed: lamps that were not told where the frames were held to be explained.
+        seconds: of processor time for a draw.
+    """
+
+    kind: str
+    answers: Counter[str]
+    wrong: list[int]
+    covered: dict[str, list[bool]]
+    lamps: list[float]
+    missed: int
+    seconds: float
+
+    def __str__(self) -> str:
+        answers = ", ".join(f"{count} {answer}" for answer, count in sorted(self.answers.items()))
+        held = ", ".join(f"{name} {np.mean(each):.0%}" for name, each in self.covered.items())
+        told = len(next(iter(self.covered.values()), []))
+        lamps = f"; lamps off by {max(abs(each - 1) for each in self.lamps):.1%} at most" if self.lamps else ""
+        missed = f", {self.missed} missed" if self.missed else ""
+        first = f"{self.kind}: {answers}; wrong {self.wrong or 'none'}{lamps}{missed}; {self.seconds:.1f} s each"
+        return f"{first}\n  covered, of {told}: {held}"
+
+
+def verdicts(kind: str, draws: int, first: int = 0) -> Verdicts:
+    """Verdicts on captures of one kind, against what was drawn."""
+    answers, wrong, lamps, missed = Counter[str](), list[int](), list[float](), 0
+    covered: dict[str, list[bool]] = {}
+    start = time.process_time()
+    for number in range(first, first + draws):
+        case = drawn(kind, number)
+        merging = merged(case.frames, electrons_per_count=GAIN, read_noise_e=READ_NOISE)
+        found = measured(merging, DIES, SMALL, LIGHT, promise=Promise(ordered_um=TOLERANCE_UM), priced=False)
+        answer, cause = found.verdict.answer, found.verdict.cause
+        answers[f"{answer} ({cause})" if cause else answer] += 1
+        inside = abs(case.truth["bias_um"]) < TOLERANCE_UM
+        if answer is not Answer.CANNOT_TELL and (answer is Answer.ACCEPT) != inside:
+            wrong.append(number)
+        if answer is Answer.CANNOT_TELL and cause != Cause.INTERVAL:
+            continue
+        row, column = brightest(merging.planes)
+        middle = (SIDE - 1) / 2
+        values = dict(zip(found.fit.setting.names, found.fit.setting.values.tolist(), strict=True))
+        values["x_um"] += SMALL.pixel_um * (column - middle)
+        values["y_um"] -= SMALL.pixel_um * (row - middle)
+        for name, truth in case.truth.items():
+            if name in values:
+                held = abs(values[name] - truth) <= 1.96 * found.fit.errors[name]
+                covered.setdefault(name, []).append(held)
+        if "lamp_share" in case.truth:
+            missed += "lamp_share" not in values
+            lamps += [values["lamp_share"] / case.truth["lamp_share"]] if "lamp_share" in values else []
+    return Verdicts(kind, answers, wrong, covered, lamps, missed, (time.process_time() - start) / draws)
+
+
 def main(draws: int) -> None:
     for times, name in ((STACK, "stack of five"), (SINGLE, "one frame")):
         print(row(f"polygons, {name}", written(times, draws)), flush=True)
@@ -224,6 +345,8 @@ def main(draws: int) -> None:
     for kind in ("drift", "lamp", "dust"):
         print(row(f"{kind}, stack of five", disturbed(kind, draws)), flush=True)
     print(row("31 lines, stack of five", spread(STACK, draws)), flush=True)
+    for kind in KINDS:
+        print(f"verdict, {verdicts(kind, 8 * draws)}", flush=True)
 
 
 if __name__ == "__main__":

@@ -189,6 +189,10 @@ Source: TypeAlias = Path | Frame
 """A file, or a frame in memory, of which nothing is stated yet."""
 
 
+OF_BYTES, LEVELS_OF_BYTES = 257, 16
+"""Step of 8 bits stretched to 16, and how many of its levels prove it."""
+
+
 def frame_of_array(given: ArrayLike, name: str) -> Frame:
     """A frame of counts in memory, or of light: linear, row 0 the top.
 
@@ -198,7 +202,8 @@ def frame_of_array(given: ArrayLike, name: str) -> Frame:
         name: what it is called.
 
     Raises:
-        SourceError: MF330 for 8 bits, which are codes of a display; MF331 for another shape, or none; MF333 for what is
+        SourceError: MF330 for 8 bits, stretched ones too, which are codes of a display; MF331 for another shape, or
+            none; MF333 for what is
             no number, or not finite.
     """
     values = np.asarray(given)
@@ -210,6 +215,9 @@ def frame_of_array(given: ArrayLike, name: str) -> Frame:
         what = f"an array of {values.dtype} holds codes of a picture, not light"
         cure = "Give linear light, as uint16 or as float, or the path of the picture"
         raise SourceError("MF330", what, where=name, cure=cure)
+    if values.dtype == np.uint16 and not (values % OF_BYTES).any() and len(np.unique(values)) > LEVELS_OF_BYTES:
+        what = f"an array of uint16 holds 8 bits as 16: all its values are multiples of {OF_BYTES}"
+        raise SourceError("MF330", what, where=name, cure="Give linear light with the steps of the camera's converter")
     if values.dtype.kind not in "uif" or not np.isfinite(values).all():
         what = f"an array of {values.dtype}" if values.dtype.kind not in "uif" else "an array with values not finite"
         raise SourceError("MF333", f"{what} is no frame", where=name, cure="Give finite real numbers")

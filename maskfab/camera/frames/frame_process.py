@@ -20,7 +20,7 @@ import numpy as np
 
 from maskfab.base.arrays import Singles
 from maskfab.base.errors import SourceError
-from maskfab.camera.frames.frame import PICTURES, PLANE_COLOURS, Colour, Frame, Pattern
+from maskfab.camera.frames.frame import LEVELS_OF_BYTES, OF_BYTES, PICTURES, PLANE_COLOURS, Colour, Frame, Pattern
 from maskfab.mask.formats.tiff import said_by, shown_alike
 from maskfab.mask.limits import limit_share
 from maskfab.mask.sandbox import answer_message, error_message
@@ -33,8 +33,6 @@ _SECONDS, _BYTES_PER_SECOND = 30, 2_000_000
 _LOSSY = {"jpeg", "jpg", "webp", "b44", "b44a", "dwaa", "dwab", "pxr24"}
 _CODED_CHUNKS = {b"sRGB": "sRGB code values", b"iCCP": "a colour profile", b"cICP": "code values of a display"}
 _LINEAR_GAMMA = 100_000
-_OF_BYTES = 257
-_LEVELS = 16
 _CURE = "Save the frame as the camera's RAW, or as linear TIFF or PNG of 16 bits or EXR without loss"
 
 
@@ -141,8 +139,12 @@ def _of_picture(path: Path, shown: Path) -> Frame:
     if pixels is None or problem:
         raise _damaged(path, problem)
     values = np.asarray(pixels).reshape(spec.height, spec.width, spec.nchannels)
-    if whole and not (values % _OF_BYTES).any() and len(np.unique(values[:: max(1, len(values) // 64)])) > _LEVELS:
-        raise _coded(path, f"holds 8 bits as 16: all its values are multiples of {_OF_BYTES}")
+    if (
+        whole
+        and not (values % OF_BYTES).any()
+        and len(np.unique(values[:: max(1, len(values) // 64)])) > LEVELS_OF_BYTES
+    ):
+        raise _coded(path, f"holds 8 bits as 16: all its values are multiples of {OF_BYTES}")
     if not np.isfinite(values).all():
         raise _damaged(path, "it has values that are not finite")
     planes = values.transpose(2, 0, 1).astype(np.float32)

@@ -511,6 +511,27 @@ def _check_light(planes: Sequence[Plane], name: str) -> None:
         raise SourceError("MF334", what, where=name, cure="Expose longer, or state the true black level")
 
 
+_HIDDEN = 0.1
+"""Share of the brightest light that is left beside full pixels where the peak is among them; a stuck one is alone."""
+
+
+def check_centre(merged: Merged) -> None:
+    """Refuse a light whose centre is full in every exposure: a fit would tell its peak by its foot.
+
+    Raises:
+        SourceError: MF334 with how many pixels are full.
+    """
+    for plane in merged.planes:
+        full = ~plane.exposed.usable.any(axis=0) & ~plane.exposed.hot
+        beside = ndimage.binary_dilation(full, iterations=2) & plane.valid
+        light = plane.electrons_per_s
+        if beside.any() and light[beside].max() >= _HIDDEN * light.max() > 0:
+            name = min(merged.used, key=lambda used: used.exposure_s or 0.0).name
+            what = f"{int(full.sum())} pixels at the centre of the light are full in all {len(merged.used)} frames"
+            cure = f"Add an exposure four times shorter than {name}, or state the true white level"
+            raise SourceError("MF334", what, where=name, cure=cure)
+
+
 def write_merged(merged: Merged, light: Path, sigma: Path) -> None:
     """Write two files of float32, [rows, columns] of the frames: one channel ``Y`` (a mosaic stays one), or R, G and B.
 

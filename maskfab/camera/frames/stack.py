@@ -29,6 +29,11 @@ from maskfab.base.errors import SourceError
 from maskfab.camera.frames.frame import Frame, same_sensor
 
 _PILED_UP = 8
+_PLATEAU = 0.01
+"""Share of their height within which pixels of a plateau lie: that of a full well is as noisy as reading is."""
+_FLOOR_SHARE, _GROWS, _APART = 0.2, 0.1, 3.0
+"""Part of the darkest pixels that is a floor, share of the growth of light below which it is none, and times apart."""
+_LEAST_FLOOR_COUNTS = 16.0
 _WELL_ABOVE_BLACK = 100
 _SHORTEST, _LONGEST = 1e-7, 1e5
 
@@ -40,13 +45,14 @@ def check_stack(frames: Sequence[Frame]) -> None:
 
     Raises:
         SourceError: MF331 of unlike sensors, MF332 times missing, all equal or of no camera, MF333 pixels that are full
-            below the white level, MF334 without frames.
+            below the white level, or a black level that is not taken off, MF334 without frames.
     """
     if not frames:
         raise SourceError("MF334", "there are no frames", cure="Give one or more")
     same_sensor(frames)
     if len(frames) > 1:
         _check_times(frames)
+        _check_black(frames)
     _check_white(frames)
 
 
@@ -70,18 +76,38 @@ def _check_white(frames: Sequence[Frame]) -> None:
     """Two exposures that end at one count, below white, are full there: of light they would end at two."""
     seen: dict[float, str] = {}
     for frame in frames:
-        top = float(frame.counts.max())
-        piled = np.count_nonzero(frame.counts == np.float32(top)) >= _PILED_UP
-        if not (max(frame.black) + _WELL_ABOVE_BLACK < top < frame.white and piled):
+        top, black = float(frame.counts.max()), max(frame.black)
+        piled = np.count_nonzero(frame.counts >= top - _PLATEAU * (top - black)) >= _PILED_UP
+        if not (black + _WELL_ABOVE_BLACK < top < frame.white and piled):
             continue
-        if top in seen:
+        before = next((name for other, name in seen.items() if abs(other - top) <= _PLATEAU * (top - black)), None)
+        if before is not None:
             what = (
-                f"{seen[top]} and {frame.name} both end at {top:g} counts, which many pixels have, below the white "
+                f"{before} and {frame.name} both end at {top:g} counts, near which many pixels lie, below the white "
                 f"level of {frame.white:g}"
             )
-            cure = f"State the true white level, such as --white {top:g}"
+            cure = f"State the true white level, such as --white {math.floor((1 - _PLATEAU) * top):g}"
             raise SourceError("MF333", what, where=frame.name, cure=cure)
         seen[top] = frame.name
+
+
+def _check_black(frames: Sequence[Frame]) -> None:
+    """Floors that are alike in times that are not are no light: of light they would grow with the time."""
+    timed = sorted((frame for frame in frames if frame.exposure_s), key=lambda frame: frame.exposure_s or 0.0)
+    if len(timed) < 2 or (timed[-1].exposure_s or 0.0) < _APART * (timed[0].exposure_s or 1.0):
+        return
+    short, long = (float(np.quantile(frame.counts, _FLOOR_SHARE)) - max(frame.black) for frame in (timed[0], timed[-1]))
+    ratio = (timed[-1].exposure_s or 0.0) / (timed[0].exposure_s or 1.0)
+    if long + max(timed[-1].black) >= timed[-1].white:
+        return
+    if short > _LEAST_FLOOR_COUNTS and abs(long / short - 1) < _GROWS * (ratio - 1):
+        level = max(timed[0].black) + (ratio * short - long) / (ratio - 1)
+        what = (
+            f"the darkest pixels of {timed[0].name} and {timed[-1].name} have {short:.0f} and {long:.0f} counts above "
+            f"black, although the times are {timed[0].exposure_s:g} s and {timed[-1].exposure_s:g} s"
+        )
+        cure = f"State the black level, such as --black {level:.0f}"
+        raise SourceError("MF333", what, where=timed[0].name, cure=cure)
 
 
 _AROUND = np.array([[1.0, 1.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 1.0]])

@@ -256,9 +256,30 @@ def _left(taken: Sequence[Taken], fit: Fit) -> Cause | None:
         if fit.setting.lamp is not None:
             return Cause.LAMP
         return Cause.BANDING if _banded(taken, fit) and misfit < _MOST_BANDED else Cause.UNKNOWN
+    if _unlike_frames(taken, fit):
+        return Cause.DRIFT
     if _banded(taken, fit):
         return Cause.BANDING
     return Cause.NOISE if misfit < _LEAST_NOISE else None
+
+
+def _unlike_frames(taken: Sequence[Taken], fit: Fit) -> bool:
+    """Whether any exposure is another picture than all of them together, in which the longest counts most."""
+    planes = [capture.plane for capture in taken if capture.plane is not None]
+    if len(planes) < len(taken) or len(planes[0].scales) < 2:
+        return False
+    for place, scale in enumerate(planes[0].scales.tolist()):
+        chi2, count = 0.0, 0
+        for capture, plane, predicted in zip(taken, planes, fit.predicted, strict=True):
+            clear = capture.valid & plane.exposed.usable[place]
+            expected = scale * plane.share[clear] * predicted[clear]
+            off = plane.exposed.electrons[place][clear] - expected
+            chi2 += float(np.sum(off**2 / (np.maximum(expected, 0.0) + plane.exposed.dark[place])))
+            count += int(clear.sum())
+        # Of few electrons squares scatter more than those of normal noise.
+        if count and chi2 / count > max(1.0, fit.chi2 / fit.freedom) + _NOISE_KNOWN + _LIKELY * math.sqrt(3 / count):
+            return True
+    return False
 
 
 def holds_most(fit: Fit, masks: Sequence[Mask]) -> bool:

@@ -139,7 +139,7 @@ def colours_of(taken: Sequence[Taken]) -> tuple[str, ...]:
     return tuple(sorted({capture.pixels.colour for capture in taken}))
 
 
-_MOST_STEPS = 30
+_MOST_STEPS = 15
 _SETTLED = 0.02
 """Share of its standard error by which no value moves any more in a fit that is done."""
 _CURVED = 5.0

@@ -21,7 +21,7 @@ from maskfab.base.model import Panel, Quantity
 from maskfab.base.units import UM_PER_NM
 from maskfab.base.work import Progress, silent
 from maskfab.camera.blur import HOLDS
-from maskfab.camera.frames.merge import Merged
+from maskfab.camera.frames.merge import Merged, check_centre
 from maskfab.camera.inspection.causes import Cause, Explained, explained, holds_most
 from maskfab.camera.inspection.costs import COST_METHOD, TERM_NAMES, Cost, costs, disagreement
 from maskfab.camera.inspection.die_image import BIAS, LAMP, DieImage, Pixels, Setting
@@ -111,6 +111,7 @@ def measured(
     promise: Promise = _NOTHING,
     others: Mapping[str, Panel] | None = None,
     sensor: Sensor = F1_SENSOR,
+    priced: bool = True,
     seed: int = 0,
     progress: Progress = silent,
 ) -> Measured:
@@ -125,16 +126,21 @@ def measured(
         promise: how wide the job and its mask house say that features are.
         others: further dies of the plate, one of which it may be where none of the first explains the frames.
         sensor: that takes the photographs by which disagreements are priced.
+        priced: whether what is not as drawn is priced by photographs.
         seed: of the noise that bands are drawn with.
         progress: told where the work stands.
 
     Raises:
-        SourceError: MF339 if nothing in the picture is like any of the dies.
+        SourceError: MF334 if the light's centre is full in every exposure; MF339 if nothing in the picture is like any
+            of the dies.
     """
+    check_centre(merged)
     taken = taken_of(merged, camera.pixel_um, brightest(merged.planes))
     identity = identified(panels, camera, light, taken, progress)
     best = identity.best
-    _check_like(identity.fit.setting, best.die, panels[best.die])
+    if _unlike(identity.fit.setting, panels[best.die]):
+        there = _other_die(best.die, panels, others or {}, camera, light, taken, progress)
+        raise _none(identity.fit.setting, best.die, panels[best.die], there)
     image = DieImage.of(panels[best.die], best.way_round, camera, light, [capture.pixels for capture in taken])
     # Noise of the light that is expected: that of what was measured favours what came out dark.
     taken = expecting(image, taken, identity.fit.setting)
@@ -153,7 +159,7 @@ def measured(
     verdict = judged_die(identity, told, promise, cause=cause, mirrored=mirrored, width_um=width_um)
     findings = verdict.answer is not Answer.CANNOT_TELL
     prices: list[Cost] = []
-    if findings:
+    if findings and priced:
         values = dict(zip(fit.setting.names, fit.setting.values.tolist(), strict=True))
         seen = [
             name for name, error in fit.errors.items() if name not in LAMP and abs(values[name]) > NORMAL_95 * error
@@ -184,6 +190,9 @@ def measured(
 
 _SPILT_PX = 3
 _OFF_SCALE = 2e-3
+_MOST_DISAGREEING = 0.01
+"""Share of pixels at which exposures may disagree, as hits and hot pixels make them."""
+_TOP, _PILED_UP = 0.97, 4
 
 
 def _drifts(merged: Merged, taken: Sequence[Taken]) -> tuple[float, ...]:
@@ -203,20 +212,44 @@ def _cause(
     progress: Progress,
 ) -> Cause | None:
     """The cause of what an explanation leaves; more of them than the fit itself knows."""
+    if len(merged.disagreeing) > _MOST_DISAGREEING * math.prod(merged.shape):
+        return Cause.DRIFT
     if told.cause is not Cause.UNKNOWN:
         return told.cause
     fit, camera = told.fit, told.image.camera
-    rest = {name: panel for name, panel in others.items() if name not in panels}
-    if rest:
-        rivals = {best.die: panels[best.die], **rest}
-        again = identified(rivals, camera, told.image.light, told.taken, progress)
-        if again.best.die != best.die and again.certain:
-            return Cause.DIE
+    if _other_die(best.die, panels, others, camera, told.image.light, told.taken, progress):
+        return Cause.DIE
     spilt = _spilt(merged, told.taken)
-    if holds_most(fit, spilt):
+    if holds_most(fit, spilt) or _flat_topped(told):
         return Cause.SATURATION
     scale = abs(fit.setting.scale)
     return Cause.SETTING if scale > max(_OFF_SCALE, SURE * fit.errors["scale"]) else Cause.UNKNOWN
+
+
+def _flat_topped(told: Explained) -> bool:
+    """Whether the brightest pixels are alike, and far below what the fit expects: full below the stated white."""
+    for capture, predicted, residual in zip(told.taken, told.fit.predicted, told.fit.residuals, strict=True):
+        top = capture.valid & (capture.light > _TOP * capture.light.max())
+        if top.sum() >= _PILED_UP and (residual[top] < -SURE).mean() >= 0.5 and predicted.max() > capture.light.max():
+            return True
+    return False
+
+
+def _other_die(
+    die: str,
+    panels: Mapping[str, Panel],
+    others: Mapping[str, Panel],
+    camera: Camera,
+    light: Mapping[str, Spectrum],
+    taken: Sequence[Taken],
+    progress: Progress,
+) -> str | None:
+    """Another die of the plate that explains the frames far better than the one that was asked for."""
+    rest = {name: panel for name, panel in others.items() if name not in panels}
+    if not rest:
+        return None
+    found = identified({die: panels[die], **rest}, camera, light, taken, progress)
+    return found.best.die if found.certain and found.best.die != die else None
 
 
 def _spilt(merged: Merged, taken: Sequence[Taken]) -> list[Mask]:
@@ -239,16 +272,19 @@ def _priced(best: Hypothesis, prices: Sequence[Cost]) -> Iterator[Quantity]:
             yield Quantity(name, lost.mean, f"{COST_METHOD}; {against}", lost.half_width, die=best.die, detail=detail)
 
 
-def _check_like(setting: Setting, die: str, panel: Panel) -> None:
-    """Refuse a fit that had to bend the die beyond what a writer or a camera does."""
-    dot_um = panel.dot_nm * UM_PER_NM
-    if abs(setting.bias_um) >= dot_um or abs(setting.scale) >= _STRETCHED:
-        what = (
-            f"the light is like none of the dies: the nearest, {die}, would have features {setting.bias_um:+.1f} um "
-            f"wider than drawn, its dots being {dot_um:g} um, and a picture {setting.scale:+.0%} larger"
-        )
-        cure = "Check the camera and the light of the job, and that this is a point light behind its plate"
-        raise SourceError("MF339", what, cure=cure)
+def _unlike(setting: Setting, panel: Panel) -> bool:
+    """Whether a fit had to bend the die beyond what a writer or a camera does."""
+    return abs(setting.bias_um) >= panel.dot_nm * UM_PER_NM or abs(setting.scale) >= _STRETCHED
+
+
+def _none(setting: Setting, die: str, panel: Panel, there: str | None) -> SourceError:
+    """Refusal of a light that is like none of the dies, with the one of the plate that it is like."""
+    what = (
+        f"the light is like none of the dies: the nearest, {die}, would have features {setting.bias_um:+.1f} um "
+        f"wider than drawn, its dots being {panel.dot_nm * UM_PER_NM:g} um, and a picture {setting.scale:+.0%} larger"
+    )
+    cure = "Check the camera and the light of the job, and that this is a point light behind its plate"
+    return SourceError("MF339", what, cure=cure if there is None else f"This is die {there}: name it (--die {there})")
 
 
 def light_of(

@@ -25,6 +25,10 @@ SURE = 3.2905
 """Standard errors to either side that hold 99.9 % of a normal number."""
 
 
+_VAGUE = 0.05
+"""Of a feature's width, beyond which an interval that holds what was drawn says nothing of it."""
+
+
 @dataclass(frozen=True)
 class Promise:
     """Of the job and of the house that it names.
@@ -53,7 +57,7 @@ class Promise:
     def kept(self, width_um: float, bias_um: float, half_um: float) -> bool | None:
         """Whether a bias with its interval lies within the tolerance; None where it may lie on either side.
 
-        Without a tolerance that is whether the bias is the one that the job states, within the interval.
+        Without a tolerance that is whether the bias is what the job states, within an interval that is not vague.
 
         Args:
             width_um: of the narrowest features, for which a promise is strictest.
@@ -62,7 +66,7 @@ class Promise:
         """
         most = self.tolerance_um(width_um)
         if most is None:
-            return abs(bias_um - self.bias_um) <= half_um
+            return None if half_um > _VAGUE * width_um else abs(bias_um - self.bias_um) <= half_um
         if abs(abs(bias_um) - most) < half_um:
             return None
         return abs(bias_um) < most
@@ -136,6 +140,12 @@ _LOOKS = {
 }
 
 
+_WITHIN_NOISE = {
+    Cause.BANDING: "rows or columns of pixels are off as a whole",
+    Cause.DRIFT: "exposures disagree at more pixels than hits and hot pixels explain",
+}
+
+
 def judged_die(
     found: Identified, told: Explained, promise: Promise, *, cause: Cause | None, mirrored: bool, width_um: float
 ) -> Verdict:
@@ -155,10 +165,8 @@ def judged_die(
 
     best, fit = found.best, told.fit
     if cause is not None:
-        if told.factor < told.most:
-            reason = f"the noise is not that of this sensor ({told.factor:.2f} of it)"
-            reason = "rows or columns are off as a whole" if cause is Cause.BANDING else reason
-        else:
+        reason = _WITHIN_NOISE.get(cause, f"residuals are {told.factor:.2f} times the noise")
+        if told.factor > told.most:
             reason = f"the model leaves {told.factor:.2f} times the noise, where {told.most:.2f} is the most"
         return untold(cause, f"{reason}; it looks like {_LOOKS[cause]}.", _NEXT[cause])
     if not found.certain:
@@ -177,7 +185,7 @@ def judged_die(
     if kept is None:
         return untold(
             Cause.INTERVAL,
-            f"the interval of the CD of die {best.die} holds the limit of {words}.",
+            f"the interval of the CD of die {best.die} is too wide to hold it against {words}.",
             _NEXT[Cause.INTERVAL],
         )
     number = f"CD {bias:+.3f} ± {half:.3f} um (99.9 %)"
@@ -221,7 +229,7 @@ def seen_sentences(found: Identified, told: Explained, *, mirrored: bool, drift:
     if lamp is not None:
         half = 100 * NORMAL_95 * told.fit.errors["lamp_share"]
         sentences.append(
-            f"A second lamp of {100 * lamp.share:.3g} ± {half:.2g} % of the light stands {lamp.x_um:+.1f} um to the "
+            f"A second lamp of {_by_error(100 * lamp.share, half)} % of the light stands {lamp.x_um:+.1f} um to the "
             f"right and {lamp.y_um:+.1f} um up on the sensor; the fit allows for it."
         )
     if told.dusty:
