@@ -72,11 +72,11 @@ class Promise:
         return abs(bias_um) < most
 
     def words(self, width_um: float) -> str:
-        """The tolerance, or that there is none, in words."""
+        """The tolerance, or what the job says where nobody states one, in words."""
         most = self.tolerance_um(width_um)
         if most is None:
             why = "the job names no mask house" if self.shop is None else f"{self.shop.title} publishes no CD tolerance"
-            return f"the {self.bias_um:+.3f} um that the job states ({why})"
+            return f"the error of this capture; the job states {self.bias_um:+.3f} um, and {why}"
         if self.ordered_um is not None:
             return f"the ±{most:g} um that the job orders"
         assert self.shop is not None
@@ -190,13 +190,13 @@ def judged_die(
         )
     number = f"CD {bias:+.3f} ± {half:.3f} um (99.9 %)"
     if kept:
-        reason = f"die {best.die} is as drawn within {words}: {number}."
+        reason = f"die {best.die} is as drawn, {number}, within {words}."
         return Verdict(Answer.ACCEPT, reason, None, told.factor, "Nothing has to be done.")
-    by = abs(bias) - (promise.tolerance_um(width_um) or 0.0)
-    beyond = f"{by:.3f} um beyond {words}" if promise.tolerance_um(width_um) is not None else f"not {words}"
-    reason = f"die {best.die} is not as drawn: {number}, {beyond}."
+    most = promise.tolerance_um(width_um)
+    by = abs(bias - promise.bias_um) if most is None else abs(bias) - most
+    reason = f"die {best.die} is not as drawn: {number}, {by:.3f} um beyond {words}."
     again = "Hold the plate against the order; restore with fitted_psf.exr meanwhile."
-    if promise.tolerance_um(width_um) is None:
+    if most is None:
         again = "State the tolerance that is allowed ([order.cd] tolerance), or restore with fitted_psf.exr."
     return Verdict(Answer.REJECT, reason, None, told.factor, again)
 
@@ -229,7 +229,7 @@ def seen_sentences(found: Identified, told: Explained, *, mirrored: bool, drift:
     if lamp is not None:
         half = 100 * NORMAL_95 * told.fit.errors["lamp_share"]
         sentences.append(
-            f"A second lamp of {_by_error(100 * lamp.share, half)} % of the light stands {lamp.x_um:+.1f} um to the "
+            f"A second lamp of {_by_error(100 * lamp.share, half)[1:]} % of the light stands {lamp.x_um:+.1f} um to the "
             f"right and {lamp.y_um:+.1f} um up on the sensor; the fit allows for it."
         )
     if told.dusty:

@@ -89,8 +89,8 @@ def test_slits_that_stand_otherwise_are_lost_only_to_who_does_not_know():
     ("shop", "bias", "half", "kept", "words"),
     [
         (None, 0.4, 0.1, False, "names no mask house"),
-        (None, 0.08, 0.1, True, "that the job states"),
-        (None, 0.08, 0.5, None, "that the job states"),
+        (None, 0.08, 0.1, True, "the job states"),
+        (None, 0.08, 0.5, None, "the job states"),
         ("pog", 0.4, 0.1, False, "publishes no CD tolerance"),
         ("photoplotstore", 0.3, 0.1, True, "the ±0.5 um that"),
         ("photoplotstore", -0.45, 0.1, None, "the ±0.5 um that"),
