@@ -69,7 +69,7 @@ _NEAREST_PX = 3
 _BEYOND_PX = 8
 _DARK = 6.0
 """Standard deviations by which dust is darker than the fit, of those that residuals have."""
-_MOST_DUST = 0.02
+_MOST_DUST = 0.08
 _CORE = 0.1
 """Of the peak, from which nothing is taken for dust."""
 _MOST_BANDED = 2.0
