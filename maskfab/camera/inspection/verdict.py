@@ -229,8 +229,8 @@ def seen_sentences(found: Identified, told: Explained, *, mirrored: bool, drift:
     if lamp is not None:
         half = 100 * NORMAL_95 * told.fit.errors["lamp_share"]
         sentences.append(
-            f"A second lamp of {_by_error(100 * lamp.share, half)[1:]} % of the light stands {lamp.x_um:+.1f} um to the "
-            f"right and {lamp.y_um:+.1f} um up on the sensor; the fit allows for it."
+            f"A second lamp of {_by_error(100 * lamp.share, half)[1:]} % of the light stands {lamp.x_um:+.1f} um to "
+            f"the right and {lamp.y_um:+.1f} um up on the sensor; the fit allows for it."
         )
     if told.dusty:
         sentences.append(f"{told.dusty} pixels are shaded alike in all exposures, as by dust, and were left out.")
