@@ -48,7 +48,7 @@ class Dots:
         return cls(x, y, clear[: y.size - 1, : x.size - 1])
 
     def within(self, half_um: float) -> Dots:
-        """Those nearer to the axis than so."""
+        """Dots nearer to the axis than so."""
         kept = [np.flatnonzero((axis[1:] > -half_um) & (axis[:-1] < half_um)) for axis in (self.x_um, self.y_um)]
         (left, right), (low, high) = ((held[0], held[-1] + 1) for held in kept)
         return Dots(self.x_um[left : right + 1], self.y_um[low : high + 1], self.clear[low:high, left:right])

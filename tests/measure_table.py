@@ -171,24 +171,6 @@ def spread(times: tuple[float, ...], draws: int) -> Iterator[tuple[Fit, Setting]
         yield fit_of(PANELS["FITS_M150"], exposed(picture, times, PEAK_E, draw), truth, light), truth
 
 
-def disturbed(kind: str, draws: int) -> Iterator[tuple[Fit, Setting]]:
-    """Five frames whose light drifts, or with another lamp of a fiftieth, or with dust: told by chi², or made good."""
-    truth = replace(STARTED, bias_um=0.1, turn_rad=0.001)
-    picture = polygon_picture(PANELS["FITS_M150"], CAMERA, {530.0: 1.0}, bias_um=0.1, turn_rad=0.001)
-    drift = (1.0, 1.03, 0.97, 1.02, 0.99) if kind == "drift" else (1.0,) * 5
-    if kind == "lamp":
-        picture = picture + 0.02 * np.roll(picture, (25, -31), (0, 1))
-    if kind == "dust":
-        picture[60:64, 80:84] *= 0.6
-    for draw in range(draws):
-        frames = exposed(picture, STACK, PEAK_E, draw)
-        moved = [
-            replace(each, counts=((each.counts - BLACK) * factor + BLACK).astype(np.float32))
-            for each, factor in zip(frames, drift, strict=True)
-        ]
-        yield fit_of(PANELS["FITS_M150"], moved, truth), truth
-
-
 def stood(picture: Floats, way: int) -> Floats:
     """A picture of a die as drawn, as one that stands otherwise makes it; 180 degrees change nothing in focus."""
     turned = np.rot90(picture) if way % 2 else picture
@@ -342,8 +324,6 @@ def main(draws: int) -> None:
         print(f"die and way round, {name}: {told(times, draws)}", flush=True)
         print(row(f".02 waves of Z5 to Z11, {name}", untold(times, draws, tuple(range(5, 12)))), flush=True)
         print(row(f".02 waves of Z12 to Z15, {name}", untold(times, draws, tuple(range(12, 16)))), flush=True)
-    for kind in ("drift", "lamp", "dust"):
-        print(row(f"{kind}, stack of five", disturbed(kind, draws)), flush=True)
     print(row("31 lines, stack of five", spread(STACK, draws)), flush=True)
     for kind in KINDS:
         print(f"verdict, {verdicts(kind, 8 * draws)}", flush=True)

@@ -257,7 +257,7 @@ class Plane:
         return np.asarray(self.shot * np.maximum(light, 0.0) + self.floor + (self.relative * light) ** 2)
 
     def rescaled(self, scales: Floats) -> Plane:
-        """The same exposures merged with other times, [frames]; what was not valid stays so."""
+        """Plane of these exposures merged with other times, [frames]; what was not valid stays so."""
         light = _light(self.exposed, scales, self.share)
         valid = self.valid & light.seen
         plane = replace(self, shot=light.shot, floor=light.floor, valid=valid, scales=scales)

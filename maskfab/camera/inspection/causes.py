@@ -64,14 +64,14 @@ _LEAST_NOISE = 0.8
 _LAMP_GAIN = 40.0
 """Fall of chi², over the noise that is left, from which a lamp is looked at; the best of 1e5 places has 25."""
 _LAMP_SHARE = 0.02
-"""Of what is left over, that a lamp must explain at least."""
+"""Share of what is left over, that a lamp must explain at least."""
 _NEAREST_PX = 3
 _BEYOND_PX = 8
 _DARK = 6.0
 """Standard deviations by which dust is darker than the fit, of those that residuals have."""
 _MOST_DUST = 0.08
 _CORE = 0.1
-"""Of the peak, from which nothing is taken for dust."""
+"""Share of the peak, from which nothing is taken for dust."""
 _MOST_BANDED = 2.0
 """Chi² per pixel up to which rows that are off are the sensor's, and not the picture's of something else."""
 _MOST_OF_IT = 0.5

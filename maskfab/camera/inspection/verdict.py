@@ -26,7 +26,7 @@ SURE = 3.2905
 
 
 _VAGUE = 0.05
-"""Of a feature's width, beyond which an interval that holds what was drawn says nothing of it."""
+"""Share of a feature's width, beyond which an interval that holds what was drawn says nothing of it."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Promise:
 
 
 class Answer(StrEnum):
-    """Of a measurement."""
+    """Answers of a measurement."""
 
     ACCEPT = "ACCEPT"
     REJECT = "REJECT"
