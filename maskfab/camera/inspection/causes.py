@@ -36,6 +36,7 @@ from maskfab.camera.inspection.fit import (
     fitted,
     frame_gains,
     gain_of_terms,
+    judged,
     with_frames,
 )
 from maskfab.camera.inspection.identity import with_width_and_terms
@@ -161,7 +162,7 @@ def _with_lamp(
     if with_lamp.chi2 > fit.chi2 - _LAMP_GAIN or not _is_lamp(with_lamp, off_um):
         return image, taken, fit, False
     taken = expecting(wide, taken, with_lamp.setting)
-    return wide, taken, fitted(wide, taken, with_lamp.setting, progress), True
+    return wide, taken, judged(taken, wide.pictures(with_lamp.setting), with_lamp.setting), True
 
 
 def _is_lamp(fit: Fit, off_um: float) -> bool:
