@@ -110,7 +110,7 @@ def costs(image: DieImage, setting: Setting, seen: Sequence[str], drawn_way_roun
         middle = float(_SIDE // 2)
         return _Seen(name, MeasuredBlur(whole, (middle, middle), ()), share)
 
-    level_db = min(LEVEL_DB, Exposure.of_white(_FULL * sensor.full_well, sensor).level_db)
+    level_db = min(LEVEL_DB, Exposure.of_white(_FULL * sensor.ceiling, sensor).level_db)
 
     def scores(die: _Seen, restored_by: _Seen, strengths: Sequence[tuple[float, ...]]) -> list[Score]:
         """Score of every scene, restored by the blur of another die at the best of some strengths."""
