@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -104,8 +105,8 @@ def restore(
         JobError: MF105 for an unknown die, stand or restorer, both a job and a PSF or neither, photographs of one name,
             or one photograph to register; MF104 for stops or a pixel that cannot be; MF121, MF142 for photographs that
             are too small or too large; else as :func:`maskfab.camera.die_transfer.die_transfer`.
-        SourceError: MF351 for a PSF that is wider than a photograph, MF352 of another pixel, MF354 for photographs that
-            do not show one scene, MF355 for a chart that cannot tell colours; as
+        SourceError: MF351 for a PSF most of whose light is wider than a photograph, MF352 of another pixel, MF354 for
+            photographs that do not show one scene, MF355 for a chart that cannot tell colours; as
             :func:`maskfab.camera.blur.read_psf`,
             :func:`maskfab.camera.photo.read_patches` and
             :func:`maskfab.camera.photo.read_photo`.
@@ -129,23 +130,23 @@ def restore(
         raise JobError("MF105", what, where="register", cure="Give two or more photographs of one scene")
     patches = None if chart is None else read_patches(Path(chart))
     undone = blurs_of(len(paths), job=job, die=die, camera=camera, psf=psf, pixel=pixel, stands=stands)
-    if not bin and any(isinstance(blur, MeasuredBlur) and blur.of_cells for blur, _ in undone):
+    if not bin and any(isinstance(blur, MeasuredBlur) and blur.of_cells for blur, *_ in undone):
         what = "the PSF was captured with a mosaic, which tells it for cells of 2 x 2 pixels alone"
         raise SourceError("MF353", what, where="psf", cure="Add --bin (bin=True), or give the PSF of the job's die")
     results: list[RestoredPhoto] = []
     colours: ChartMatrix | None = None
-    for done, (path, (blur, said)) in enumerate(zip(paths, undone, strict=True)):
+    for done, (path, (blur, said, rivals)) in enumerate(zip(paths, undone, strict=True)):
         progress("photographs", done, len(paths))
         of_cells = isinstance(blur, MeasuredBlur) and blur.of_cells
         photo = read_photo(path, stated, cells=of_cells)
-        record, won, sentences = restored_light(
-            photo, blur, restorers, chosen=AUTO in names, epsilon=epsilon, bin=bin and not of_cells
+        record, won, explained, sentences = restored_light(
+            photo, blur, restorers, chosen=AUTO in names, epsilon=epsilon, bin=bin and not of_cells, rivals=rivals
         )
         if patches is not None and colours is None:
             neutral = balanced(photo, won.picture)
             colours = chart_matrix(patches, neutral, record, photo.balance, 2 if bin else 1)
         light = replace(photo, told=sentences)
-        results.append(RestoredPhoto.of(light, record, won, said, colours, stops))
+        results.append(RestoredPhoto.of(light, record, won, explained, said, colours, stops))
     progress("photographs", len(paths), len(paths))
     first, *others = results
     onto = [
@@ -227,6 +228,7 @@ class Restoration(FolderResult):
                 f"{photo.name}: {columns} x {rows}, restored by {photo.restorer}, epsilon {photo.epsilon:.3g}; "
                 f"{100 * photo.clipped:.2g} % full"
             )
+            lines += [f"  {sentence}" for sentence in photo.explained.sentences]
             lines += [f"  blur: {sentence}" for sentence in photo.blur]
             lines += [f"  {sentence}" for sentence in photo.told]
         if self.chart is not None:
@@ -235,6 +237,8 @@ class Restoration(FolderResult):
 
 
 _PIXEL_TOLERANCE = 1e-3
+Undone = tuple[Blur, tuple[str, ...], Mapping[str, Callable[[], Blur]]]
+"""A blur, sentences on it, and makers of those of the job's other dies."""
 
 
 def blurs_of(
@@ -246,8 +250,8 @@ def blurs_of(
     psf: str | Path | Sequence[str | Path] | None,
     pixel: Length | None,
     stands: str | None,
-) -> tuple[tuple[Blur, tuple[str, ...]], ...]:
-    """The blur of each of so many photographs, of pictures whose first row is the top, and sentences on it.
+) -> tuple[Undone, ...]:
+    """The blur of each of so many photographs, of pictures whose first row is the top, sentences on it, and rivals.
 
     Args:
         photos: how many there are.
@@ -275,7 +279,7 @@ def blurs_of(
         blurs = read_psfs(files, photos)
         for blur in blurs:
             _require_pixel(pixel_um, blur.pixel_um, "the PSF")
-        return tuple((blur, blur.told) for blur in blurs)
+        return tuple((blur, blur.told, {}) for blur in blurs)
     assert job is not None
     return _of_dies(job, die, camera, photos, pixel_um, stands)
 
@@ -287,7 +291,7 @@ def _of_dies(
     photos: int,
     pixel_um: float | None,
     stands: str | None,
-) -> tuple[tuple[Blur, tuple[str, ...]], ...]:
+) -> tuple[Undone, ...]:
     loaded = job_of(job, camera)
     panels = loaded.panels()
     asked = dies_of(die, panels) if die is None or isinstance(die, str) else tuple(die)
@@ -303,12 +307,17 @@ def _of_dies(
     sensor = loaded.spec.sensor
     of_sensor = () if sensor is None or not sensor.known_gain else USES["restore by its sensor"]
     rest = in_words(unused(loaded.spec, *USES["restore"], *of_scene, *of_sensor))
-    blurs = {}
-    for name in dict.fromkeys(asked):
+
+    @cache
+    def made(name: str) -> tuple[Blur, tuple[str, ...]]:
         design, left_out = conditions.design(name, panels[name], Surroundings.of(loaded))
         said = f"die {name} as designed, {stand_words(way)}, pixels of {loaded.camera.pixel_um:g} um"
-        blurs[name] = StandingBlur(design, way), (said, *left_out, *rest)
-    return tuple(blurs[name] for name in (asked if len(asked) == photos else asked * photos))
+        return StandingBlur(design, way), (said, *left_out, *rest)
+
+    def rivals(own: str) -> dict[str, Callable[[], Blur]]:
+        return {name: partial(lambda other: made(other)[0], name) for name in panels if name != own}
+
+    return tuple((*made(name), rivals(name)) for name in (asked if len(asked) == photos else asked * photos))
 
 
 def _require_pixel(stated_um: float | None, known_um: float | None, whose: str) -> None:

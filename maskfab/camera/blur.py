@@ -19,7 +19,7 @@ Notes:
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -46,6 +46,8 @@ _BRIGHT = 0.1
 """Of the peak: pixels whose centroid is the centre."""
 _FILTER_REACH = 64
 _COLOURS = 3
+_MOST_CUT = 0.5
+"""Share of the light that a cropped PSF keeps, at least."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +76,34 @@ class MeasuredBlur:
             transfer.flags.writeable = False
             self._kept[shape] = transfer
         return self._kept[shape]
+
+    def within(self, rows: int, columns: int) -> tuple[MeasuredBlur, tuple[str, ...]]:
+        """The blur as far as it fits a photograph, the centre kept, and a sentence on the light that this leaves out.
+
+        Raises:
+            SourceError: MF351 if half of a colour's light is left out.
+        """
+        sides = self.kernels.shape[1:]
+        if sides[0] <= rows and sides[1] <= columns:
+            return self, ()
+        cut, centre = [], []
+        for side, most, middle in zip(sides, (rows, columns), self.centre, strict=True):
+            first = min(max(0, round(middle - (most - 1) / 2)), max(0, side - most))
+            cut.append(slice(first, first + most))
+            centre.append(middle - first)
+        kernels = self.kernels[:, cut[0], cut[1]]
+        kept = kernels.sum(axis=(1, 2), keepdims=True)
+        if kept.min() < _MOST_CUT:
+            what = (
+                f"the PSF has {sides[1]} x {sides[0]} pixels, and {100 * float(kept.min()):.0f} % of its light within "
+                f"the photograph's {columns} x {rows}"
+            )
+            raise SourceError("MF351", what, where="psf", cure="Give a larger photograph")
+        said = (
+            f"the PSF has {sides[1]} x {sides[0]} pixels, and the photograph {columns} x {rows}: it is cropped to "
+            f"that, and {100 * max(0.0, 1 - float(kept.mean())):.2g} % of its light is left out, which is not undone"
+        )
+        return replace(self, kernels=kernels / kept, centre=(centre[0], centre[1])), (said,)
 
     def _transfer(self, shape: tuple[int, int]) -> NDArray[np.complex64]:
         sides = self.kernels.shape[1:]

@@ -27,9 +27,11 @@ Notes:
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -40,8 +42,10 @@ from maskfab.base.arrays import Floats, Mask, Singles
 from maskfab.base.errors import JobError, SourceError
 from maskfab.base.provenance import sha256_of_file
 from maskfab.camera.blur import MeasuredBlur
+from maskfab.camera.explained import Explained, explain
 from maskfab.camera.frames.frame import Frame, Source, letters, read_frame
 from maskfab.camera.imaging import LARGE, Blur
+from maskfab.camera.noise_spectrum import WhitenedBlur, noise_of, whitened
 from maskfab.camera.record import BinnedBlur, Noise, Record, Restorer, binned, interpolated, of_cells
 from maskfab.camera.restorers.choice import Chosen, restored
 from maskfab.camera.restorers.wiener import Wiener
@@ -534,8 +538,11 @@ def restored_light(
     chosen: bool,
     epsilon: float | None,
     bin: bool,
-) -> tuple[Record, Chosen, tuple[str, ...]]:
-    """The record of a photograph that was restored, what the chosen restorer made of it, and sentences on both.
+    rivals: Mapping[str, Callable[[], Blur]] = MappingProxyType({}),
+) -> tuple[Record, Chosen, Explained, tuple[str, ...]]:
+    """The record of a photograph, what the chosen restorer made of it, whether the blur explains it, and sentences.
+
+    A strength that is given undoes the blur as it is said to be; else only what the record bears out.
 
     Args:
         photo: as it was read.
@@ -544,20 +551,18 @@ def restored_light(
         chosen: whether the best is asked for, so that Wiener alone restores a large photograph.
         epsilon: strength of the prior; None for what each record speaks for.
         bin: restore means over 2 x 2 pixels.
+        rivals: makers of other blurs by name, of which one may explain the photograph better.
 
     Raises:
         JobError: MF142 for a photograph too large for the restorers that are named.
-        SourceError: MF351 for a blur that is wider than the photograph.
     """
-    if isinstance(blur, MeasuredBlur):
-        (high, wide), (rows, columns) = blur.kernels.shape[1:], photo.record.values.shape[1:]
-        if high > rows or wide > columns:
-            what = f"the PSF has {wide} x {high} pixels, and the photograph {columns} x {rows}"
-            cure = "Crop the PSF's capture closer about the light, or give a larger photograph"
-            raise SourceError("MF351", what, where=photo.name, cure=cure)
     record, seen, sentences = photo.record, blur, photo.told
+    if isinstance(blur, MeasuredBlur):
+        seen, lost = blur.within(*record.values.shape[1:])
+        sentences = (*sentences, *lost)
     if bin:
-        record, seen, sentences = binned(record), BinnedBlur(blur), (*sentences, "means over 2 x 2 pixels")
+        record, seen, sentences = binned(record), BinnedBlur(seen), (*sentences, "means over 2 x 2 pixels")
+        rivals = {name: partial(_binned, made) for name, made in rivals.items()}
     if record.values[0].size > LARGE:
         if not chosen and [restorer.name for restorer in restorers] != [Wiener().name]:
             what = (
@@ -568,7 +573,17 @@ def restored_light(
             raise JobError("MF142", what, where=photo.name, cure=cure)
         restorers = (Wiener(),)
         sentences = (*sentences, f"of more than {LARGE / 1e6:g} million pixels, so restored by wiener")
-    return record, restored(record, seen, restorers, epsilon), sentences
+    noise, processed = noise_of(record)
+    found = explain(record, seen, noise, rivals)
+    sentences = (*sentences, *processed)
+    if epsilon is not None:
+        return record, restored(record, seen, restorers, epsilon), found, sentences
+    even, blurred = whitened(record, found.noise), WhitenedBlur(found.blur, found.noise)
+    return record, restored(even, blurred, restorers, least=found.strength), found, sentences
+
+
+def _binned(made: Callable[[], Blur]) -> Blur:
+    return BinnedBlur(made())
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -587,6 +602,8 @@ class RestoredPhoto:
         read_noise: in electrons.
         clipped: share of its values that were full.
         told: sentences on how it was read.
+        before: the picture that the record is, as it was taken.
+        explained: what the record says of the PSF.
     """
 
     name: str
@@ -600,6 +617,8 @@ class RestoredPhoto:
     read_noise: float
     clipped: float
     told: tuple[str, ...]
+    before: Singles
+    explained: Explained
 
     @classmethod
     def of(
@@ -607,6 +626,7 @@ class RestoredPhoto:
         photo: Photo,
         record: Record,
         won: Chosen,
+        explained: Explained,
         blur: tuple[str, ...],
         colours: ChartMatrix | None,
         stops: float,
@@ -617,6 +637,7 @@ class RestoredPhoto:
             photo: as it was read, with the sentences on how it was restored.
             record: that was restored.
             won: by the restorer that was chosen, in units of each colour's own white.
+            explained: what the record says of the blur.
             blur: sentences on it.
             colours: by a chart; None for those of the photograph.
             stops: to brighten the picture by.
@@ -639,6 +660,8 @@ class RestoredPhoto:
             float(noise.variance(dark)[0]) ** 0.5 * noise.electrons,
             float(photo.record.clipped.mean()),
             sentences,
+            developed(photo, record.values, stops),
+            explained,
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -655,6 +678,7 @@ class RestoredPhoto:
             "electrons_of_white": self.electrons,
             "read_noise_e": self.read_noise,
             "clipped": self.clipped,
+            "explained": self.explained.to_dict(),
             "told": list(self.told),
         }
 

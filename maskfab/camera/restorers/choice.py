@@ -339,7 +339,9 @@ GRID = tuple(float(each) for each in np.geomspace(1e-5, 1e2, 15))
 _BESIDE = (0.5, 1.0, 2.0)
 
 
-def restored(record: Record, blur: Blur, restorers: Sequence[Restorer], epsilon: float | None = None) -> Chosen:
+def restored(
+    record: Record, blur: Blur, restorers: Sequence[Restorer], epsilon: float | None = None, least: float = 0.0
+) -> Chosen:
     """A record restored by the best of several restorers at the best of several strengths.
 
     Args:
@@ -347,6 +349,7 @@ def restored(record: Record, blur: Blur, restorers: Sequence[Restorer], epsilon:
         blur: that it was taken through.
         restorers: with names of their own.
         epsilon: strength of all; None for the one that the record speaks for.
+        least: of the strengths to begin from, as a blur that may be another than is said leaves no smaller one.
 
     Raises:
         JobError: MF105 without restorers, or for two of one name.
@@ -354,6 +357,7 @@ def restored(record: Record, blur: Blur, restorers: Sequence[Restorer], epsilon:
     if epsilon is not None:
         return Choice(restorers, coded=True).restore(record, blur, {restorer.name: epsilon for restorer in restorers})
     first = Wiener()
-    epsilon = Choice((first,), steps=GRID, coded=True).restore(record, blur, {first.name: 1.0}).epsilon
+    steps = (*(step for step in GRID if step > least), *((least,) if least > 0 else ()))
+    epsilon = Choice((first,), steps=steps, coded=True).restore(record, blur, {first.name: 1.0}).epsilon
     strengths = {restorer.name: epsilon for restorer in restorers}
     return Choice(restorers, steps=_BESIDE, coded=True).restore(record, blur, strengths)

@@ -1,0 +1,164 @@
+"""Noise of a record by frequency: whether a camera or a coder has smoothed or sharpened it, and a record that is not.
+
+Of a sensor's noise every frequency holds as much. After a filter, a tone curve and a coder that is so no longer, and
+who takes it for white sharpens what is left of it. Squares of 32 pixels with the least power below a tenth of a cycle
+per pixel hold hardly any light that varies, and tell the spectrum of the noise beyond,
+
+    N(f) = N(0) exp(b (2 f)² + c (2 f)⁴)        (as M. Lebrun, M. Colom, J.-M. Morel, Image Processing On Line 5, 1,
+                                                 2015, take calm blocks for noise that depends on frequency).
+
+Where that is not level, record and blur are filtered by W = √(N(0) / N(f)), and the noise is white again: a restored
+picture is what it was, whoever restores it.
+
+Notes:
+    A mosaic's interpolation correlates noise too. That follows from its filters, and restorers allow for it.
+    Where all of a photograph is as rough as its noise, it is taken for noisier than it is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+
+from maskfab.base.arrays import Floats, Singles
+from maskfab.camera.imaging import Blur, Margin, Transfer
+from maskfab.camera.record import Record
+
+_BLOCK, _CALM, _FEWEST = 32, 0.05, 8
+_COARSE, _FINE, _FARTHEST = 0.1, 0.2, 0.7
+"""Cycles per pixel below which light tells calm blocks, and between which noise is fitted."""
+_LEVEL, _OFF = 2.0, 1.5
+"""Ratio of powers from which noise is not white, and of levels from which it is not as stated."""
+_MOST = 4.0
+_WIDTH = 64
+
+
+def tapered_power(squares: Singles) -> Floats:
+    """Periodogram of squares [n, side, side] under Hann's window, per pixel, [n, side, side / 2 + 1]."""
+    side = squares.shape[1]
+    along = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(side) / side)
+    taper = along[:, None] * along
+    level = (squares * taper).sum(axis=(1, 2), keepdims=True) / taper.sum()
+    power = np.square(abs(scipy.fft.rfft2((squares - level) * taper, axes=(1, 2), workers=1)))
+    return np.asarray(power / np.square(taper).sum())
+
+
+@dataclass(frozen=True)
+class NoiseSpectrum:
+    """Noise of a colour by frequency.
+
+    Attributes:
+        level: N(0), a variance.
+        bend: b and c.
+    """
+
+    level: float
+    bend: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def white(self) -> bool:
+        """Whether every frequency holds as much."""
+        return self.bend == (0.0, 0.0)
+
+    def on(self, f: Floats) -> Floats:
+        """N at frequencies in cycles per pixel."""
+        square = np.square(2 * np.minimum(f, _FARTHEST))
+        return np.asarray(self.level * np.exp(self.bend[0] * square + self.bend[1] * square**2))
+
+    @property
+    def ratio(self) -> float:
+        """The largest over the least N up to half a cycle per pixel."""
+        power = self.on(np.linspace(0, 0.5, 26))
+        return float(power.max() / power.min())
+
+
+def noise_of(record: Record) -> tuple[tuple[NoiseSpectrum, ...], tuple[str, ...]]:
+    """Noise of every colour, and sentences where it is not as the record says.
+
+    Args:
+        record: of at least 128 pixels along a side.
+    """
+    variance = record.noise.variance(np.maximum(record.values, 0))
+    means = variance.mean(axis=(1, 2), dtype=np.float64).tolist()
+    white = tuple(NoiseSpectrum(mean) for mean in means)
+    if record.interpolated:
+        return white, ()
+    found = [_calm(*colour) for colour in zip(record.values, variance, strict=True)]
+    ratio = float(np.exp(np.mean([math.log(one.ratio) for one in found])))
+    if ratio > _LEVEL:
+        said = (
+            f"its noise was smoothed or sharpened: power by frequency differs by a factor of {ratio:.2g}; record and "
+            "PSF are filtered so that it is even"
+        )
+        bent = tuple(NoiseSpectrum(mean * one.level, one.bend) for mean, one in zip(means, found, strict=True))
+        return bent, (said,)
+    # As far as it is white, its mean over all frequencies that were fitted is its level.
+    levels = [float(one.on(np.linspace(_FINE, 0.5, 16)).mean()) for one in found]
+    level = float(np.exp(np.mean(np.log(levels))))
+    if not 1 / _OFF < level < _OFF:
+        said = f"its calmest parts have {level:.2g} times the noise that was stated or estimated: that is taken"
+        return tuple(NoiseSpectrum(mean * one) for mean, one in zip(means, levels, strict=True)), (said,)
+    return white, ()
+
+
+def _calm(plane: Singles, variance: Singles) -> NoiseSpectrum:
+    """Noise of one colour [rows, columns] in units of its variance, by its calmest blocks."""
+    blocks, expected = (_cut(values) for values in (plane, variance))
+    light, expected = blocks.mean(axis=(1, 2)), expected.mean(axis=(1, 2))
+    lit = light >= np.quantile(light, 0.1)
+    power = tapered_power(blocks[lit]) / np.maximum(expected[lit], 1e-14)[:, None, None]
+    f = np.hypot(scipy.fft.fftfreq(_BLOCK)[:, None], scipy.fft.rfftfreq(_BLOCK))
+    order = np.argsort(power[:, f < _COARSE].mean(axis=1))
+    calm = power[order[: max(_FEWEST, int(_CALM * len(order)))]].mean(axis=0)
+    far = (f > _FINE) & (f < _FARTHEST)
+    square = np.square(2 * f[far])
+    table = np.stack([np.ones_like(square), square, square**2], axis=1)
+    level, *bend = np.linalg.lstsq(table, np.log(np.maximum(calm[far], 1e-9)), rcond=None)[0].tolist()
+    return NoiseSpectrum(math.exp(level), (bend[0], bend[1]))
+
+
+def _cut(plane: Singles) -> Floats:
+    rows, columns = (side // _BLOCK * _BLOCK for side in plane.shape)
+    blocks = plane[:rows, :columns].reshape(rows // _BLOCK, _BLOCK, columns // _BLOCK, _BLOCK)
+    return np.asarray(blocks.transpose(0, 2, 1, 3).reshape(-1, _BLOCK, _BLOCK), dtype=np.float64)
+
+
+def _whitening(noise: Sequence[NoiseSpectrum], shape: tuple[int, int]) -> Singles:
+    """W at the frequencies of ``rfft2``, [3, rows, half]."""
+    f = np.hypot(scipy.fft.fftfreq(shape[0])[:, None], scipy.fft.rfftfreq(shape[1]))
+    factors = [np.clip(np.sqrt(one.level / one.on(f)), 1 / _MOST, _MOST) for one in noise]
+    return np.stack(factors).astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class WhitenedBlur:
+    """Blur of a record whose noise was made white.
+
+    Attributes:
+        blur: of the record as it was.
+        noise: of it.
+    """
+
+    blur: Blur
+    noise: tuple[NoiseSpectrum, ...]
+
+    def on(self, shape: tuple[int, int]) -> Transfer:
+        """See :class:`maskfab.camera.imaging.Blur`."""
+        return np.asarray(self.blur.on(shape) * _whitening(self.noise, shape))
+
+
+def whitened(record: Record, noise: Sequence[NoiseSpectrum]) -> Record:
+    """The record with noise that every frequency holds as much of, of the level that was told."""
+    before = record.noise.variance(np.maximum(record.values, 0)).mean(axis=(1, 2), dtype=np.float64)
+    factor = float(np.exp(np.mean(np.log([one.level / mean for one, mean in zip(noise, before, strict=True)]))))
+    values = record.values
+    if not all(one.white for one in noise):
+        _, rows, columns = values.shape
+        margin = Margin((rows + 2 * _WIDTH, columns + 2 * _WIDTH), _WIDTH)
+        even = margin.blurred(margin.mirrored(values), _whitening(noise, margin.shape))
+        values = np.where(record.clipped, values, np.minimum(even, np.nextafter(np.float32(record.ceiling), -np.inf)))
+    return replace(record, values=np.ascontiguousarray(values, dtype=np.float32), noise=record.noise.times(factor))
