@@ -28,7 +28,7 @@ H itself where the record explains all of it, and a milder one elsewhere.
 
 Notes:
     What is smooth in |H|² cannot be told from the scene's own softness: defocus, a wider pixel, a smudge on the glass.
-    If the panel is not explained, how deep its halo is follows from the straightest P alone.
+    If the panel is not explained, how deep its halo is follows from how straight log P is over log f alone.
     Where the record has more power locally than is explained, it passes more than H says; where less, it passes less.
     G shrinks at both, for of what is not explained too much is undone, or noise.
 """
@@ -38,7 +38,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from types import MappingProxyType
 from typing import Any, cast
 
@@ -55,7 +55,7 @@ from maskfab.camera.restorers.wiener import PRIOR_CY_PER_PX
 
 LARGEST = 512
 """Pixels along a side of what is looked at, from the record's middle."""
-SCALE, TURN = 0.05, math.radians(3)
+SCALE, TURN = 0.06, math.radians(4)
 """Bounds of what is fitted: of scale to either side of 1, and of the angle."""
 EXPLAINED, UNSURE, FOREIGN = "explained", "cannot tell", "not this display"
 
@@ -70,7 +70,7 @@ _SHARES = (0.1, 0.25, 0.5, 0.75, 0.92)
 _POINTS, _LOW_POINTS = 12000, 6000
 _SEARCHED = 0.15
 """Cycles per pixel up to which settings are searched for: beyond, the steps would miss them."""
-_STEPS_SCALE, _STEPS_TURN = 17, 9
+_STEPS_SCALE, _STEPS_TURN = 19, 11
 _DECOYS = tuple((scale, math.radians(turn)) for turn in (-43, -31, -22, -13, 13, 22, 31, 43) for scale in (0.93, 1.07))
 _FEWEST = 200
 _SEEN = 0.22
@@ -81,7 +81,7 @@ _LEAST, _RIVAL = 10.0, 1.1
 """Log-likelihood from which it is evidence, and the factor by which another die has more."""
 _EXCESS, _NEARLY = 1.5, 3.0
 """Factor of the expected gain above which there is more structure than the PSF makes, and a gain that is none."""
-_LEAST_SHARE = 0.25
+_LEAST_SHARE, _ALMOST_ALL = 0.25, 0.9
 _ABOVE = 1.4
 """Times P, local power from which the filter shrinks."""
 _OF_LEVEL, _OF_BEND = (0.2,), (0.3, 0.3, 0.3)
@@ -172,7 +172,7 @@ def _penalty(values: Floats, stiff: float) -> tuple[float, Floats]:
 
 
 def _fitted(
-    plane: _Plane, power: Floats, noise: Floats, spread: Sequence[float], stiff: float, depth: Floats | None = None
+    plane: _Plane, power: Floats, noise: Floats, spread: Sequence[float], stiff: float
 ) -> tuple[Floats, Floats, float]:
     """Values of the smooth spectrum that are likeliest, log factors of the noise, and log-likelihood below 0.
 
@@ -182,14 +182,12 @@ def _fitted(
         noise: as it is expected in every bin.
         spread: of the log of its level, and of its change along f² and f⁴.
         stiff: weight of second differences over the knots.
-        depth: factor of the smooth spectrum in every bin; None for 1.
     """
     basis, squares = plane.basis, plane.squares[:, : len(spread)]
     known, size = np.array(spread), plane.basis.shape[1]
-    factor = np.ones_like(power) if depth is None else depth
 
     def cost(values: Floats) -> tuple[float, Floats]:
-        smooth, dark = factor * np.exp(basis @ values[:size]), noise * np.exp(squares @ values[size:])
+        smooth, dark = np.exp(basis @ values[:size]), noise * np.exp(squares @ values[size:])
         total = smooth + dark
         change = plane.counts * (1 / total - power / total**2)
         penalty, slope = _penalty(values[:size], stiff)
@@ -201,7 +199,7 @@ def _fitted(
     stiffness = np.zeros((len(_BEND) + 8, size))
     stiffness[: len(_BEND), :_RADIAL] = stiff**0.5 * _BEND
     stiffness[len(_BEND) :, _RADIAL:] = _ROUND**0.5 * np.eye(8)
-    above = np.log(np.maximum(power - noise, 0.05 * power) / factor)
+    above = np.log(np.maximum(power - noise, 0.05 * power))
     start, *_ = np.linalg.lstsq(
         np.concatenate([basis * weight[:, None], stiffness]),
         np.concatenate([above * weight, np.zeros(len(stiffness))]),
@@ -398,21 +396,33 @@ class _Comparison:
         )
         return Setting(*setting(found.x), -float(found.fun))
 
+    @cached_property
+    def bends(self) -> Floats:
+        """How odd a scene's spectrum would be, were the halo as deep as each of :data:`_DEPTHS`: half a chi squared.
+
+        A natural spectrum is about straight over log f: its slope changes by a half or so from octave to octave.
+        """
+        plane, odd = self.seen.plane, np.zeros(len(_DEPTHS))
+        knots = 0.1 * np.exp(_KNOTS)
+        seen = self.seen.signal.mean(axis=0) > _SEEN
+        most = float(np.max(plane.f[seen], initial=0.0))
+        counts = (knots >= 2 / plane.side) & (knots <= max(1.5 * most, float(knots[3])))
+        for values, smooth in zip(self.seen.smooth, self.shape.smooth_power, strict=True):
+            through = np.minimum(np.exp(smooth[:_RADIAL] / 2), 1)
+            for k, depth in enumerate(_DEPTHS):
+                scene = values[:_RADIAL] - 2 * np.log(1 - depth * (1 - through))
+                odd[k] += np.square(np.diff(scene[counts], 2) / _BENT).sum() / 2
+        return odd / len(self.seen.smooth)
+
+    @property
     def depth(self) -> float:
-        """How much of the smooth blur's halo the record shows, 0 to 1, if its scene's spectrum is nearly straight."""
-        plane, tried = self.seen.plane, np.linspace(0, 1, 6)
-        costs = np.zeros(len(tried))
-        for values, noise, power in zip(self.shape.smooth, self.seen.noise, self.seen.power, strict=True):
-            smooth = np.minimum(plane.smooth(values), 1)
-            dark = plane.means(noise.on(plane.f))
-            for k, depth in enumerate(tried):
-                through = plane.means(np.square(1 - depth * (1 - smooth)))
-                costs[k] += _fitted(plane, power, dark, (1e-3,), _STRAIGHT, through)[2]
-        return float(tried[int(np.argmin(costs))])
+        """How much of the halo the record shows at least, 0 to 1, by a scene's spectrum that is about straight."""
+        return float(_DEPTHS[int(np.argmax(self.bends < self.bends.min() + 2))])
 
 
-_STRAIGHT = 2000.0
-"""Weight of second differences of a scene's spectrum without a panel."""
+_DEPTHS = np.linspace(0, 1, 6)
+_BENT, _ODD = 0.35, 40.0
+"""Standard deviation of the change of slope, times an octave, and half a chi squared from which a spectrum is odd."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -585,7 +595,7 @@ def explain(
     mine = _Comparison(seen, _Shape.of(blur, seen.plane))
     at, low = _places(seen)
     setting, share, expected, chance, verdict = Setting(), 0.0, 0.0, (0.0, 0.0), UNSURE
-    plain = True
+    odd, excess = float(mine.bends[-1]) > _ODD, False
     if len(low) >= _FEWEST:
         setting, drawn = mine.best(low, at), Setting(1.0, 0.0, mine.gain(at, 1.0, 0.0))
         if setting.gain < drawn.gain + _NEARLY:
@@ -594,14 +604,14 @@ def explain(
         chance = float(np.mean(by_chance)), float(np.std(by_chance))
         expected, share = mine.expected(at), mine.share(at, setting)
         clear = setting.gain > max(_LEAST, chance[0] + _CLEAR * chance[1])
-        plain = setting.gain < max(_EXCESS * expected, expected + _LEAST)
-        if clear and plain and share**2 >= _LEAST_SHARE:
+        excess = setting.gain > max(_EXCESS * expected, expected + _LEAST)
+        if clear and not odd and not excess and share**2 >= _LEAST_SHARE:
             verdict = EXPLAINED
-        elif expected > 2 * _LEAST and share**2 < _LEAST_SHARE:
+        elif expected > 2 * _LEAST and (share**2 < _LEAST_SHARE or (odd and not (clear and share > _ALMOST_ALL))):
             verdict = FOREIGN
     rival = None if verdict == FOREIGN else _rival(record, blur, noise, rivals)
     verdict = verdict if rival is None else FOREIGN
-    depth = 1.0 if verdict != FOREIGN and plain else mine.depth()
+    depth = mine.depth if verdict == FOREIGN or odd or excess else 1.0
     undone = ExplainedBlur(blur, setting, share, depth, mine.shape, seen, _local(mine, setting, share))
     return Explained(verdict, setting, share, depth, expected, chance, rival, undone, seen.noise)
 

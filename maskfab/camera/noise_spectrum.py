@@ -1,7 +1,7 @@
 """Noise of a record by frequency: whether a camera or a coder has smoothed or sharpened it, and a record that is not.
 
 Of a sensor's noise every frequency holds as much. After a filter, a tone curve and a coder that is so no longer, and
-who takes it for white sharpens what is left of it. Squares of 32 pixels with the least power below a tenth of a cycle
+who takes it for white sharpens what is left of it. Squares of 16 pixels with the least power below 0.15 cycles
 per pixel hold hardly any light that varies, and tell the spectrum of the noise beyond,
 
     N(f) = N(0) exp(b (2 f)² + c (2 f)⁴)        (as M. Lebrun, M. Colom, J.-M. Morel, Image Processing On Line 5, 1,
@@ -28,8 +28,8 @@ from maskfab.base.arrays import Floats, Singles
 from maskfab.camera.imaging import Blur, Margin, Transfer
 from maskfab.camera.record import Record
 
-_BLOCK, _CALM, _FEWEST = 32, 0.05, 8
-_COARSE, _FINE, _FARTHEST = 0.1, 0.2, 0.7
+_BLOCK, _CALM, _FEWEST = 16, 0.03, 16
+_COARSE, _FINE, _FARTHEST = 0.15, 0.24, 0.7
 """Cycles per pixel below which light tells calm blocks, and between which noise is fitted."""
 _LEVEL, _OFF = 2.0, 1.5
 """Ratio of powers from which noise is not white, and of levels from which it is not as stated."""

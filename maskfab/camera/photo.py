@@ -578,6 +578,8 @@ def restored_light(
     sentences = (*sentences, *processed)
     if epsilon is not None:
         return record, restored(record, seen, restorers, epsilon), found, sentences
+    if found.depth == 0:
+        return record, Chosen("none", 0.0, np.clip(record.values, 0, 1), {}, {}), found, sentences
     even, blurred = whitened(record, found.noise), WhitenedBlur(found.blur, found.noise)
     return record, restored(even, blurred, restorers, least=found.strength), found, sentences
 
