@@ -69,7 +69,7 @@ _SHARES = (0.1, 0.25, 0.5, 0.75, 0.92)
 """Shares r² at which settings are compared."""
 _POINTS, _LOW_POINTS = 12000, 6000
 _SEARCHED = 0.15
-"""Cycles per pixel up to which settings are searched for: beyond, the steps would miss them."""
+"""Cycles per pixel of the largest square up to which settings are searched for: beyond, the steps would miss them."""
 _STEPS_SCALE, _STEPS_TURN = 19, 11
 _DECOYS = tuple((scale, math.radians(turn)) for turn in (-43, -31, -22, -13, 13, 22, 31, 43) for scale in (0.93, 1.07))
 _FEWEST = 200
@@ -417,6 +417,8 @@ class _Comparison:
     @property
     def depth(self) -> float:
         """How much of the halo the record shows at least, 0 to 1, by a scene's spectrum that is about straight."""
+        if self.bends.min() > _ODD:
+            return 0.0
         return float(_DEPTHS[int(np.argmax(self.bends < self.bends.min() + 2))])
 
 
@@ -607,7 +609,9 @@ def explain(
         excess = setting.gain > max(_EXCESS * expected, expected + _LEAST)
         if clear and not odd and not excess and share**2 >= _LEAST_SHARE:
             verdict = EXPLAINED
-        elif expected > 2 * _LEAST and (share**2 < _LEAST_SHARE or (odd and not (clear and share > _ALMOST_ALL))):
+        elif (odd and (excess or not clear or share < _ALMOST_ALL)) or (
+            expected > 2 * _LEAST and share**2 < _LEAST_SHARE
+        ):
             verdict = FOREIGN
     rival = None if verdict == FOREIGN else _rival(record, blur, noise, rivals)
     verdict = verdict if rival is None else FOREIGN
@@ -626,7 +630,7 @@ def _middle(record: Record, most: int) -> Singles:
 def _places(seen: _Seen) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Some of the frequencies that count, and of these some low ones."""
     at = np.random.default_rng(0).permutation(seen.counts)[:_POINTS]
-    return at, at[seen.plane.f[at] < _SEARCHED][:_LOW_POINTS]
+    return at, at[seen.plane.f[at] < _SEARCHED * LARGEST / seen.plane.side][:_LOW_POINTS]
 
 
 def _rival(
