@@ -41,6 +41,7 @@ from maskfab.camera.restorers import named
 from maskfab.job.reference import USES, in_words, unused
 from maskfab.mask.formats.exr import write_exr, write_png
 from maskfab.optics.colour import code_of_light
+from maskfab.report.pages.restored import PAGE, restored_page
 from maskfab.report.rows.photographs import Conditions, Surroundings
 
 
@@ -192,7 +193,7 @@ class Restoration(FolderResult):
         }
 
     def _write(self, place: Annotated[Place, "FOLDER!"]) -> list[Path]:
-        """``NAME.png`` (8-bit sRGB) and ``NAME.exr`` (linear sRGB, half) of each, and ``restore.json``.
+        """``NAME.png`` (8-bit sRGB) and ``NAME.exr`` (linear sRGB, half) of each, the document and the page.
 
         Pictures that were brought onto the first are ``NAME_on_FIRST.png`` and ``.exr``.
         """
@@ -206,9 +207,16 @@ class Restoration(FolderResult):
                 write_exr(light, folder / f"{name}.exr", facts)
             document = json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False)
             (folder / DOCUMENT).write_text(document + "\n", encoding="utf-8")
+            (folder / PAGE).write_text(self._page(), encoding="utf-8")
             write_mark(folder, None)
             names = sorted(file.name for file in folder.iterdir())
         return [place.asked / name for name in names]
+
+    def _page(self) -> str:
+        chart, left_out = ("", ()) if self.chart is None else (str(self.chart), self.chart.left_out)
+        pictures = [(photo.before, photo.picture) for photo in self.photos]
+        onto = [(str(photo), photo.picture) for photo in self.brought]
+        return restored_page(self.to_dict(), pictures, onto, chart, left_out)
 
     def _shown(self) -> str:
         """Every photograph, the larger ones by some of their pixels."""

@@ -79,8 +79,9 @@ _CLEAR = 3.0
 """Standard deviations over chance from which a structure is seen."""
 _LEAST, _RIVAL = 10.0, 1.1
 """Log-likelihood from which it is evidence, and the factor by which another die has more."""
-_EXCESS, _NEARLY = 1.5, 3.0
-"""Factor of the expected gain above which there is more structure than the PSF makes, and a gain that is none."""
+_EXCESS, _HARDLY, _NEARLY = 1.5, 0.05, 3.0
+"""Factors of the expected gain above which a record has more structure than the PSF makes, and below which it has next
+to none; and a gain that is none."""
 _LEAST_SHARE, _ALMOST_ALL = 0.25, 0.9
 _ABOVE = 1.4
 """Times P, local power from which the filter shrinks."""
@@ -423,8 +424,8 @@ class _Comparison:
 
 
 _DEPTHS = np.linspace(0, 1, 6)
-_BENT, _ODD = 0.35, 40.0
-"""Standard deviation of the change of slope, times an octave, and half a chi squared from which a spectrum is odd."""
+_BENT, _ODD, _VERY_ODD = 0.35, 40.0, 80.0
+"""Standard deviation of the change of slope, times an octave, and half chi squared from which a spectrum is odd."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -458,6 +459,7 @@ class Explained:
         return {
             "verdict": self.verdict,
             "told": list(self.sentences),
+            "next": list(self.advice),
             "scale": self.setting.scale,
             "turn_deg": math.degrees(self.setting.turn),
             "gain": self.setting.gain,
@@ -482,26 +484,52 @@ class Explained:
     @property
     def sentences(self) -> tuple[str, ...]:
         """The verdict in words."""
-        setting = self.setting
-        found = (
-            f"{100 * self.share**2:.0f} % of the PSF's structure is seen in the record, at scale {setting.scale:.3f} "
-            f"and turn {math.degrees(setting.turn):+.2f} degrees"
-        )
+        setting, undone = self.setting, self._undone
         evidence = f"log-likelihood {setting.gain:.0f}, by chance {self.chance[0]:.0f} ± {self.chance[1]:.0f}"
         if self.verdict == EXPLAINED:
-            return (f"The PSF explains the record: {found} ({evidence}).",)
+            return (
+                f"The PSF explains the photograph: {100 * self.share**2:.0f} % of its structure is seen, at "
+                f"{1 / setting.scale:.3f} of its size and a turn of {math.degrees(setting.turn):+.2f} degrees "
+                f"({evidence}).",
+            )
+        if self.verdict == UNSURE:
+            return (f"Cannot tell whether the PSF explains the photograph ({evidence}). {undone}",)
+        why = "the photograph does not show what the PSF would make of it"
+        if self.rival is not None:
+            why = f"die {self.rival[0]} explains the photograph better"
+        return (f"Not this display: {why} ({evidence}). {undone}",)
+
+    @property
+    def _undone(self) -> str:
+        if self.depth == 0:
+            return "The picture is returned as it was taken."
+        halo, structure = 100 * self.depth, 100 * self.share**2
+        return f"The filter is mild: {halo:.0f} % of the halo and {structure:.0f} % of the structure."
+
+    @property
+    def advice(self) -> tuple[str, ...]:
+        """Steps that a lab takes next."""
+        again = "Undo the PSF as it is, whatever the photograph says: --epsilon 0.1, or more where waves are left."
+        if self.verdict == EXPLAINED:
+            off = abs(self.setting.scale - 1) > _FAR_SCALE or abs(self.setting.turn) > _FAR_TURN
+            steps = ["State the pixel, the focal length and the turn that were fitted."] if off else []
+            return (
+                *steps,
+                "Capture a point light through the die (maskfab measure): its PSF tells lens and focus too.",
+            )
         if self.verdict == UNSURE:
             return (
-                f"Cannot tell whether the PSF explains the record: it would show by {self.expected:.0f} at most "
-                f"({evidence}). Only what smooth spectra allow is undone.",
+                "Photograph something with detail all over, in more light, and keep the RAW file.",
+                "Or capture a point light through the die, and restore by its PSF (--psf).",
+                again,
             )
-        tried = (
-            f"Tried: scale 1 ± {SCALE:g}, turn ± {math.degrees(TURN):.0f} degrees. The filter is mild: "
-            f"{100 * self.depth:.0f} % of the halo and {100 * self.share**2:.0f} % of the structure are undone."
+        other = [] if self.rival is None else [f"Try --die {self.rival[0]}."]
+        return (
+            *other,
+            "Check the die, the way that it stands (--stands), the camera's pixel and focal length, and the focus.",
+            f"Tried were sizes within {100 * SCALE:.0f} % and turns up to {math.degrees(TURN):.0f} degrees.",
+            again,
         )
-        if self.rival is not None:
-            return (f"Not this display: die {self.rival[0]} explains the record better ({evidence}). {tried}",)
-        return (f"Not this display: the record does not show the PSF's structure ({evidence}). {tried}",)
 
 
 @dataclass(frozen=True, eq=False)
@@ -607,10 +635,13 @@ def explain(
         expected, share = mine.expected(at), mine.share(at, setting)
         clear = setting.gain > max(_LEAST, chance[0] + _CLEAR * chance[1])
         excess = setting.gain > max(_EXCESS * expected, expected + _LEAST)
+        # A structure that is seen nearly whole speaks for a PSF although the scene is no usual one.
+        if clear and not excess and share > _ALMOST_ALL and mine.bends[-1] < mine.bends.min() + _LEAST:
+            odd = float(mine.bends[-1]) > _VERY_ODD
         if clear and not odd and not excess and share**2 >= _LEAST_SHARE:
             verdict = EXPLAINED
         elif (odd and (excess or not clear or share < _ALMOST_ALL)) or (
-            expected > 2 * _LEAST and share**2 < _LEAST_SHARE
+            expected > 2 * _LEAST and share**2 < _LEAST_SHARE and setting.gain < _HARDLY * expected
         ):
             verdict = FOREIGN
     rival = None if verdict == FOREIGN else _rival(record, blur, noise, rivals)
@@ -665,5 +696,6 @@ def _local(mine: _Comparison, setting: Setting, share: float) -> Singles:
 
 _TRUST = 0.1
 """Of all power, the signal below which what is local tells nothing."""
+_FAR_SCALE, _FAR_TURN = 0.01, math.radians(0.5)
 _LOCAL = 3.0
 """Frequencies of the square over which power is taken as local, a standard deviation."""
