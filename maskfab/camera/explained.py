@@ -79,6 +79,8 @@ _CLEAR = 3.0
 """Standard deviations over chance from which a structure is seen."""
 _LEAST, _RIVAL = 10.0, 1.1
 """Log-likelihood from which it is evidence, and the factor by which another die has more."""
+_DROWNED = 0.3
+"""Factor of the expected gain above which any structure is seen by chance."""
 _EXCESS, _HARDLY, _NEARLY = 1.5, 0.05, 3.0
 """Factors of the expected gain above which a record has more structure than the PSF makes, and below which it has next
 to none; and a gain that is none."""
@@ -244,6 +246,11 @@ def _warped(grid: NDArray[Any], y: Floats, x: Floats, scale: float, turn: float)
     return at(grid.real) + 1j * np.where(negative, -1, 1) * at(grid.imag)
 
 
+def _turned(cos: Floats, sin: Floats, turn: float) -> tuple[Floats, Floats]:
+    """Directions as :func:`_warped` turns frequencies."""
+    return math.cos(turn) * cos - math.sin(turn) * sin, math.cos(turn) * sin + math.sin(turn) * cos
+
+
 @dataclass(frozen=True, eq=False)
 class _Shape:
     """A blur's transfer and its smooth parts, as a square of some pixels sees them."""
@@ -348,14 +355,13 @@ class _Comparison:
         """|H|² over its smooth part, less 1."""
         plane = self.seen.plane
         power = _warped(self.shape.power, plane.y[at], plane.x[at], scale, turn)
-        relative = power / self._smooth_power(at)
+        relative = power / self._smooth_power(at, scale, turn)
         return np.asarray(relative / relative.mean(axis=1, keepdims=True) - 1)
 
-    def _smooth_power(self, at: NDArray[np.int64]) -> Floats:
+    def _smooth_power(self, at: NDArray[np.int64], scale: float, turn: float) -> Floats:
         plane = self.seen.plane
-        return np.stack(
-            [_smooth(plane.f[at], plane.cos[at], plane.sin[at], values) for values in self.shape.smooth_power]
-        )
+        cos, sin = _turned(plane.cos[at], plane.sin[at], turn)
+        return np.stack([_smooth(scale * plane.f[at], cos, sin, values) for values in self.shape.smooth_power])
 
     def expected(self, at: NDArray[np.int64]) -> float:
         """Gain that a record of this very blur would have, on the average."""
@@ -589,8 +595,9 @@ class ExplainedBlur:
         f = np.hypot(y, x)
         least = np.maximum(f, 1e-9)
         cos, sin, f = np.where(f > 0, x / least, 1.0), y / least, np.maximum(f, 2.5 / self.seen.plane.side)
-        power = _smooth(f, cos, sin, self.shape.smooth_power[colour])
-        smooth = np.minimum(_smooth(f, cos, sin, self.shape.smooth[colour]), np.sqrt(power))
+        drawn = self.setting.scale * f, *_turned(cos, sin, self.setting.turn)
+        power = _smooth(*drawn, self.shape.smooth_power[colour])
+        smooth = np.minimum(_smooth(*drawn, self.shape.smooth[colour]), np.sqrt(power))
         ratio = self.seen.noise[colour].on(f) * power / _smooth(f, cos, sin, self.seen.smooth[colour])
         known = smooth + self.share * (transfer - smooth)
         unknown = (1 - self.share**2) * np.maximum(power - smooth**2, 0)
@@ -638,7 +645,10 @@ def explain(
         # A structure that is seen nearly whole speaks for a PSF although the scene is no usual one.
         if clear and not excess and share > _ALMOST_ALL and mine.bends[-1] < mine.bends.min() + _LEAST:
             odd = float(mine.bends[-1]) > _VERY_ODD
-        if clear and not odd and not excess and share**2 >= _LEAST_SHARE:
+        if chance[0] > max(_LEAST, _DROWNED * expected):
+            # The scene has as much structure of its own, as a chart has: nothing speaks against what is said.
+            odd = excess = False
+        elif clear and not odd and not excess and share**2 >= _LEAST_SHARE:
             verdict = EXPLAINED
         elif (odd and (excess or not clear or share < _ALMOST_ALL)) or (
             expected > 2 * _LEAST and share**2 < _LEAST_SHARE and setting.gain < _HARDLY * expected

@@ -76,11 +76,12 @@ class NoiseSpectrum:
         return float(power.max() / power.min())
 
 
-def noise_of(record: Record) -> tuple[tuple[NoiseSpectrum, ...], tuple[str, ...]]:
+def noise_of(record: Record, *, stated: bool = False) -> tuple[tuple[NoiseSpectrum, ...], tuple[str, ...]]:
     """Noise of every colour, and sentences where it is not as the record says.
 
     Args:
         record: of at least 128 pixels along a side.
+        stated: whether its noise was stated: then calm blocks may hold light, as long as their finest detail does not.
     """
     variance = record.noise.variance(np.maximum(record.values, 0))
     means = variance.mean(axis=(1, 2), dtype=np.float64).tolist()
@@ -89,6 +90,9 @@ def noise_of(record: Record) -> tuple[tuple[NoiseSpectrum, ...], tuple[str, ...]
         return white, ()
     found = [_calm(*colour) for colour in zip(record.values, variance, strict=True)]
     ratio = float(np.exp(np.mean([math.log(one.ratio) for one in found])))
+    finest = float(np.exp(np.mean([math.log(one.on(np.linspace(0.45, _FARTHEST, 8)).mean()) for one in found])))
+    if stated and 1 / _OFF < finest < _OFF:
+        return white, ()
     if ratio > _LEVEL:
         said = (
             f"its noise was smoothed or sharpened: power by frequency differs by a factor of {ratio:.2g}; record and "

@@ -172,6 +172,7 @@ class Photo:
         balance: by which they are multiplied for a neutral white, the least of them 1.
         matrix: [3, 3] from balanced colours to linear sRGB.
         told: sentences on how it was read.
+        noise_stated: whether its noise was, and not estimated.
     """
 
     name: str
@@ -180,6 +181,7 @@ class Photo:
     balance: tuple[float, float, float]
     matrix: Floats
     told: tuple[str, ...]
+    noise_stated: bool = False
 
 
 def read_photo(path: Source, stated: Stated, *, cells: bool = False) -> Photo:
@@ -253,7 +255,8 @@ def _of_frame(frame: Frame, stated: Stated, path: Path, *, cells: bool) -> Photo
         how.append("the file has no balance: its colours stay as they are")
     if frame.colour_matrix is None:
         how.append("the file has no colour matrix: its colours are taken for sRGB")
-    return Photo(path.stem, frame.sha256, record, balance, matrix, (*sentences, *how, *cut))
+    known = stated.electrons_per_count is not None
+    return Photo(path.stem, frame.sha256, record, balance, matrix, (*sentences, *how, *cut), known)
 
 
 def _of_picture(path: Path, stated: Stated, why: str) -> Photo:
@@ -573,7 +576,7 @@ def restored_light(
             raise JobError("MF142", what, where=photo.name, cure=cure)
         restorers = (Wiener(),)
         sentences = (*sentences, f"of more than {LARGE / 1e6:g} million pixels, so restored by wiener")
-    noise, processed = noise_of(record)
+    noise, processed = noise_of(record, stated=photo.noise_stated)
     found = explain(record, seen, noise, rivals)
     sentences = (*sentences, *processed)
     if epsilon is not None:
