@@ -79,8 +79,8 @@ _CLEAR = 3.0
 """Standard deviations over chance from which a structure is seen."""
 _LEAST, _RIVAL = 10.0, 1.1
 """Log-likelihood from which it is evidence, and the factor by which another die has more."""
-_DROWNED = 0.3
-"""Factor of the expected gain above which any structure is seen by chance."""
+_DROWNED, _DROWNED_TIMES = 0.3, 30.0
+"""Factor of the expected gain above which any structure is seen by chance, and of the strength that it pretends."""
 _EXCESS, _HARDLY, _NEARLY = 1.5, 0.05, 3.0
 """Factors of the expected gain above which a record has more structure than the PSF makes, and below which it has next
 to none; and a gain that is none."""
@@ -485,7 +485,8 @@ class Explained:
             equal = light * dark / np.square(light + dark)
             ratio = np.log(dark / light * plane.smooth(power)) - 2 * np.log(plane.f / PRIOR_CY_PER_PX)
             total, weight = total + float(equal @ ratio), weight + float(equal.sum())
-        return math.exp(total / weight)
+        # A scene's own structure looks like noise to a smooth spectrum.
+        return math.exp(total / weight) / (_DROWNED_TIMES if self.share == 1 else 1)
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -632,7 +633,7 @@ def explain(
     mine = _Comparison(seen, _Shape.of(blur, seen.plane))
     at, low = _places(seen)
     setting, share, expected, chance, verdict = Setting(), 0.0, 0.0, (0.0, 0.0), UNSURE
-    odd, excess = float(mine.bends[-1]) > _ODD, False
+    odd, excess, drowned = float(mine.bends[-1]) > _ODD, False, False
     if len(low) >= _FEWEST:
         setting, drawn = mine.best(low, at), Setting(1.0, 0.0, mine.gain(at, 1.0, 0.0))
         if setting.gain < drawn.gain + _NEARLY:
@@ -648,6 +649,7 @@ def explain(
         if chance[0] > max(_LEAST, _DROWNED * expected):
             # The scene has as much structure of its own, as a chart has: nothing speaks against what is said.
             odd = excess = False
+            setting, share, drowned = Setting(1.0, 0.0, drawn.gain), 1.0, True
         elif clear and not odd and not excess and share**2 >= _LEAST_SHARE:
             verdict = EXPLAINED
         elif (odd and (excess or not clear or share < _ALMOST_ALL)) or (
@@ -657,7 +659,10 @@ def explain(
     rival = None if verdict == FOREIGN else _rival(record, blur, noise, rivals)
     verdict = verdict if rival is None else FOREIGN
     depth = mine.depth if verdict == FOREIGN or odd or excess else 1.0
-    undone = ExplainedBlur(blur, setting, share, depth, mine.shape, seen, _local(mine, setting, share))
+    local = _local(mine, setting, share)
+    if drowned and verdict != FOREIGN:
+        local = np.ones_like(local)
+    undone = ExplainedBlur(blur, setting, share, depth, mine.shape, seen, local)
     return Explained(verdict, setting, share, depth, expected, chance, rival, undone, seen.noise)
 
 
