@@ -57,6 +57,7 @@ def restore(
     psf: str | Path | Sequence[str | Path] | None = None,
     restore: str | Sequence[str] = AUTO,
     epsilon: float | None = None,
+    blind: bool = False,
     bin: bool = False,
     pixel: Length | None = None,
     black: float | None = None,
@@ -74,6 +75,7 @@ def restore(
     Examples:
         $ maskfab restore photo.dng --job job.toml --die TOLED_R150 --out restored
         $ maskfab restore *.dng --psf light.exr --gain 1.7 --read-noise 4.9 --bin --out restored
+        $ maskfab restore photo.jpg --job job.toml --blind --out restored
         $ maskfab restore photo.jpg --psf red.exr --psf green.exr --psf blue.exr --restore wiener --out restored
 
     Args:
@@ -89,6 +91,7 @@ def restore(
             as many captures as photographs, one for each.
         restore: restorer: wiener, dct+wiener, gradient, dct+gradient or tv; of several the best, by default of all.
         epsilon: strength of the restorer's prior; by default what each record speaks for.
+        blind: undo of the PSF only what each photograph bears out, for a die or a camera that may be another.
         bin: restore means over 2 x 2 pixels.
         pixel: side of the photographs' pixels, held against that of the PSF's file or of the job.
         black: counts of no light; by default what the file states.
@@ -116,6 +119,9 @@ def restore(
     if epsilon is not None and not 0 < epsilon < np.inf:
         what = f"a strength of {epsilon:g} is not above 0"
         raise JobError("MF104", what, where="epsilon", cure="Give a number such as 0.03")
+    if blind and epsilon is not None:
+        what = "a strength is stated, and blind the photograph tells it"
+        raise JobError("MF105", what, where="epsilon", cure="Leave epsilon out, or blind")
     paths = sources(photos, "photo")
     stems = [Path(path.name).stem for path in paths]
     if not stems or len(set(stems)) < len(stems):
@@ -141,8 +147,9 @@ def restore(
         of_cells = isinstance(blur, MeasuredBlur) and blur.of_cells
         photo = read_photo(path, stated, cells=of_cells)
         record, won, explained, sentences = restored_light(
-            photo, blur, restorers, chosen=AUTO in names, epsilon=epsilon, bin=bin and not of_cells, rivals=rivals
-        )
+            photo, blur, restorers, chosen=AUTO in names, epsilon=epsilon, bin=bin and not of_cells, blind=blind,
+            rivals=rivals,
+        )  # fmt: skip
         if patches is not None and colours is None:
             neutral = balanced(photo, won.picture)
             colours = chart_matrix(patches, neutral, record, photo.balance, 2 if bin else 1)

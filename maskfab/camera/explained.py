@@ -405,7 +405,7 @@ class _Comparison:
 
     @cached_property
     def bends(self) -> Floats:
-        """How odd a scene's spectrum would be, were the halo as deep as each of :data:`_DEPTHS`: half a chi squared.
+        """Oddness of a scene's spectrum, were the halo as deep as each of :data:`_DEPTHS`: half a chi squared.
 
         A natural spectrum is about straight over log f: its slope changes by a half or so from octave to octave.
         """
@@ -423,7 +423,7 @@ class _Comparison:
 
     @property
     def depth(self) -> float:
-        """How much of the halo the record shows at least, 0 to 1, by a scene's spectrum that is about straight."""
+        """Least share of the halo that the record shows, by a scene's spectrum that is about straight."""
         if self.bends.min() > _ODD:
             return 0.0
         return float(_DEPTHS[int(np.argmax(self.bends < self.bends.min() + 2))])
@@ -436,7 +436,7 @@ _BENT, _ODD, _VERY_ODD = 0.35, 40.0, 80.0
 
 @dataclass(frozen=True, eq=False)
 class Explained:
-    """What a record says of a blur.
+    """Findings of a record on a blur.
 
     Attributes:
         verdict: :data:`EXPLAINED`, :data:`UNSURE` or :data:`FOREIGN`.
@@ -448,6 +448,7 @@ class Explained:
         rival: name and gain of another blur that explains it better, if one does.
         blur: that may be undone.
         noise: of every colour.
+        trusted: whether the blur was undone as it is said to be, whatever the record says.
     """
 
     verdict: str
@@ -459,11 +460,13 @@ class Explained:
     rival: tuple[str, float] | None
     blur: ExplainedBlur
     noise: tuple[NoiseSpectrum, ...]
+    trusted: bool = False
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers for a document."""
         return {
             "verdict": self.verdict,
+            "trusted": self.trusted,
             "told": list(self.sentences),
             "next": list(self.advice),
             "scale": self.setting.scale,
@@ -504,10 +507,12 @@ class Explained:
         why = "the photograph does not show what the PSF would make of it"
         if self.rival is not None:
             why = f"die {self.rival[0]} explains the photograph better"
-        return (f"Not this display: {why} ({evidence}). {undone}",)
+        return (f"Not this display, as far as the photograph tells: {why} ({evidence}). {undone}",)
 
     @property
     def _undone(self) -> str:
+        if self.trusted:
+            return "The PSF was undone as it is said to be."
         if self.depth == 0:
             return "The picture is returned as it was taken."
         halo, structure = 100 * self.depth, 100 * self.share**2
@@ -516,7 +521,12 @@ class Explained:
     @property
     def advice(self) -> tuple[str, ...]:
         """Steps that a lab takes next."""
-        again = "Undo the PSF as it is, whatever the photograph says: --epsilon 0.1, or more where waves are left."
+        again = (
+            "Where the picture is covered with waves: --blind undoes only what the photograph bears out; or give a "
+            "strength, --epsilon 0.1 or more."
+            if self.trusted
+            else "Undo the PSF as it is said to be, whatever the photograph says: leave --blind out."
+        )
         if self.verdict == EXPLAINED:
             off = abs(self.setting.scale - 1) > _FAR_SCALE or abs(self.setting.turn) > _FAR_TURN
             steps = ["State the pixel, the focal length and the turn that were fitted."] if off else []

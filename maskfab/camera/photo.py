@@ -541,11 +541,12 @@ def restored_light(
     chosen: bool,
     epsilon: float | None,
     bin: bool,
+    blind: bool = False,
     rivals: Mapping[str, Callable[[], Blur]] = MappingProxyType({}),
 ) -> tuple[Record, Chosen, Explained, tuple[str, ...]]:
     """The record of a photograph, what the chosen restorer made of it, whether the blur explains it, and sentences.
 
-    A strength that is given undoes the blur as it is said to be; else only what the record bears out.
+    The blur is undone as it is said to be; blind, only what the record bears out.
 
     Args:
         photo: as it was read.
@@ -554,7 +555,8 @@ def restored_light(
         chosen: whether the best is asked for, so that Wiener alone restores a large photograph.
         epsilon: strength of the prior; None for what each record speaks for.
         bin: restore means over 2 x 2 pixels.
-        rivals: makers of other blurs by name, of which one may explain the photograph better.
+        blind: undo of the blur only what the record bears out, at the strength that goes with that.
+        rivals: makers of other blurs by name, of which one may explain the photograph better; looked at blind.
 
     Raises:
         JobError: MF142 for a photograph too large for the restorers that are named.
@@ -577,10 +579,10 @@ def restored_light(
         restorers = (Wiener(),)
         sentences = (*sentences, f"of more than {LARGE / 1e6:g} million pixels, so restored by wiener")
     noise, processed = noise_of(record, stated=photo.noise_stated)
-    found = explain(record, seen, noise, rivals)
+    found = explain(record, seen, noise, rivals if blind else {})
     sentences = (*sentences, *processed)
-    if epsilon is not None:
-        return record, restored(record, seen, restorers, epsilon), found, sentences
+    if not blind:
+        return record, restored(record, seen, restorers, epsilon), replace(found, trusted=True), sentences
     if found.depth == 0:
         return record, Chosen("none", 0.0, np.clip(record.values, 0, 1), {}, {}), found, sentences
     even, blurred = whitened(record, found.noise), WhitenedBlur(found.blur, found.noise)
