@@ -238,7 +238,7 @@ def test_the_command_names_the_die_of_every_row(capsys, gds, tmp_path):
     job = write_job(tmp_path)
     shown = command(capsys, "verify", gds, "--against", job, "--quiet")
     lines = [line.split() for line in shown.stdout.splitlines()]
-    assert lines[1][:3] == ["quantity", "die", "line"]
+    assert lines[1][:3] == ["quantity", "die", "at"]
     for row in ("corner_touches", "stop_open_ratio"):
         assert [line[1] for line in lines if line[0] == row] == ["PLAIN", "TURNED"]
     document = command(capsys, "verify", gds, "--against", job, "--quiet", "--json").document
