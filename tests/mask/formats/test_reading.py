@@ -230,13 +230,15 @@ def two_tops():
 
 
 def test_the_only_top_cell_needs_no_name(small_plate):
-    assert find_cell(plate_layout(small_plate)).name == "SMALL_PLATE"
+    layout = plate_layout(small_plate)  # a cell does not keep its layout
+    assert find_cell(layout).name == "SMALL_PLATE"
 
 
 def test_two_top_cells_need_a_name():
     with pytest.raises(SourceError, match=r"MF305 .*ONE, TWO"):
         find_cell(two_tops())
-    assert find_cell(two_tops(), "TWO").name == "TWO"
+    layout = two_tops()
+    assert find_cell(layout, "TWO").name == "TWO"
 
 
 def test_a_cell_that_is_not_there_is_refused_with_those_that_are():
