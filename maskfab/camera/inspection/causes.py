@@ -22,7 +22,8 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
-from scipy import ndimage, signal
+import scipy
+from scipy import ndimage
 
 from maskfab.base.arrays import Floats, Mask
 from maskfab.base.work import Progress, silent
@@ -186,8 +187,8 @@ def _lamp(image: DieImage, taken: Sequence[Taken], fit: Fit) -> tuple[Lamp | Non
         weights = np.where(capture.valid, capture.sigma**-2.0, 0.0)
         rest = np.where(capture.valid, capture.light - fit.predicted[k], 0.0) * weights
         # Moved pictures are those of the window's pixels, so both sums are correlations.
-        alike = alike + light * signal.fftconvolve(pictures[k], rest[::-1, ::-1], mode="valid")
-        power = power + light**2 * signal.fftconvolve(pictures[k] ** 2, weights[::-1, ::-1], mode="valid")
+        alike = alike + light * _correlated(pictures[k], rest)
+        power = power + light**2 * _correlated(pictures[k] ** 2, weights)
     gain = np.where((alike > 0) & (power > 0), alike**2 / np.maximum(power, 1e-300), 0.0)
     middle = [(side - 1) // 2 for side in gain.shape]
     rows, columns = (np.arange(side) - at for side, at in zip(gain.shape, middle, strict=True))
@@ -196,6 +197,14 @@ def _lamp(image: DieImage, taken: Sequence[Taken], fit: Fit) -> tuple[Lamp | Non
     # The picture at an index is that moved the other way; rows run downwards.
     x_um, y_um = -steps[0] * float(columns[column]), steps[0] * float(rows[row])
     return Lamp(x_um, y_um, float(alike[row, column] / power[row, column])), float(gain[row, column])
+
+
+def _correlated(picture: Floats, weights: Floats) -> Floats:
+    """Sums of weights over a larger picture, for every place that holds all of them."""
+    size = tuple(scipy.fft.next_fast_len(side, real=True) for side in picture.shape)
+    product = scipy.fft.rfft2(picture, size) * np.conj(scipy.fft.rfft2(weights, size))
+    rows, columns = (whole - part + 1 for whole, part in zip(picture.shape, weights.shape, strict=True))
+    return np.asarray(scipy.fft.irfft2(product, size)[:rows, :columns])
 
 
 def _widened(pixels: Pixels, beyond: int) -> Pixels:
