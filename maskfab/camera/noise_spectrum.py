@@ -94,10 +94,7 @@ def noise_of(record: Record, *, stated: bool = False) -> tuple[tuple[NoiseSpectr
     if stated and 1 / _OFF < finest < _OFF:
         return white, ()
     if ratio > _LEVEL:
-        said = (
-            f"its noise was smoothed or sharpened: power by frequency differs by a factor of {ratio:.2g}; record and "
-            "PSF are filtered so that it is even"
-        )
+        said = f"its noise was smoothed or sharpened: power by frequency differs by a factor of {ratio:.2g}"
         bent = tuple(NoiseSpectrum(mean * one.level, one.bend) for mean, one in zip(means, found, strict=True))
         return bent, (said,)
     # As far as it is white, its mean over all frequencies that were fitted is its level.

@@ -586,6 +586,7 @@ def restored_light(
     if found.depth == 0:
         return record, Chosen("none", 0.0, np.clip(record.values, 0, 1), {}, {}), found, sentences
     even, blurred = whitened(record, found.noise), WhitenedBlur(found.blur, found.noise)
+    sentences = (*sentences, "record and PSF were filtered so that noise is white")
     return record, restored(even, blurred, restorers, least=found.strength), found, sentences
 
 
