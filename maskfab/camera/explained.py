@@ -325,7 +325,7 @@ class _Seen:
 
 
 @dataclass(frozen=True)
-class Setting:
+class Fitted:
     """A blur beside its design.
 
     Attributes:
@@ -368,7 +368,7 @@ class _Comparison:
         factor = 1 + self.seen.signal[:, at] * 0.92 * self.structure(at, 1.0, 0.0)
         return float((factor - 1 - np.log(factor)).sum())
 
-    def share(self, at: NDArray[np.int64], setting: Setting) -> float:
+    def share(self, at: NDArray[np.int64], setting: Fitted) -> float:
         """r, the likeliest share of the structure."""
         structure = self.structure(at, setting.scale, setting.turn)
         found = optimize.minimize_scalar(
@@ -378,7 +378,7 @@ class _Comparison:
         )
         return math.sqrt(float(found.x))
 
-    def best(self, low: NDArray[np.int64], at: NDArray[np.int64]) -> Setting:
+    def best(self, low: NDArray[np.int64], at: NDArray[np.int64]) -> Fitted:
         """The likeliest scale and angle within bounds, by some low frequencies first."""
         tried = [
             (self.gain(low, scale, turn), scale, turn)
@@ -401,7 +401,7 @@ class _Comparison:
             method="Nelder-Mead",
             options={"initial_simplex": simplex, "maxfev": 30, "xatol": 0.02, "fatol": 0.5},
         )
-        return Setting(*setting(found.x), -float(found.fun))
+        return Fitted(*setting(found.x), -float(found.fun))
 
     @cached_property
     def bends(self) -> Floats:
@@ -452,7 +452,7 @@ class Explained:
     """
 
     verdict: str
-    setting: Setting
+    setting: Fitted
     share: float
     depth: float
     expected: float
@@ -564,7 +564,7 @@ class ExplainedBlur:
     """
 
     blur: Blur
-    setting: Setting
+    setting: Fitted
     share: float
     depth: float
     shape: _Shape
@@ -642,10 +642,10 @@ def explain(
     seen = _Seen.of(_middle(record, LARGEST), noise)
     mine = _Comparison(seen, _Shape.of(blur, seen.plane))
     at, low = _places(seen)
-    setting, share, expected, chance, verdict = Setting(), 0.0, 0.0, (0.0, 0.0), UNSURE
+    setting, share, expected, chance, verdict = Fitted(), 0.0, 0.0, (0.0, 0.0), UNSURE
     odd, excess, drowned = float(mine.bends[-1]) > _ODD, False, False
     if len(low) >= _FEWEST:
-        setting, drawn = mine.best(low, at), Setting(1.0, 0.0, mine.gain(at, 1.0, 0.0))
+        setting, drawn = mine.best(low, at), Fitted(1.0, 0.0, mine.gain(at, 1.0, 0.0))
         if setting.gain < drawn.gain + _NEARLY:
             setting = drawn
         by_chance = [mine.gain(at, scale, turn) for scale, turn in _DECOYS]
@@ -659,7 +659,7 @@ def explain(
         if chance[0] > max(_LEAST, _DROWNED * expected):
             # The scene has as much structure of its own, as a chart has: nothing speaks against what is said.
             odd = excess = False
-            setting, share, drowned = Setting(1.0, 0.0, drawn.gain), 1.0, True
+            setting, share, drowned = Fitted(1.0, 0.0, drawn.gain), 1.0, True
         elif clear and not odd and not excess and share**2 >= _LEAST_SHARE:
             verdict = EXPLAINED
         elif (odd and (excess or not clear or share < _ALMOST_ALL)) or (
@@ -705,7 +705,7 @@ def _rival(
     return (best, gains[best] - own) if gains[best] > max(_RIVAL * own, own + _LEAST) else None
 
 
-def _local(mine: _Comparison, setting: Setting, share: float) -> Singles:
+def _local(mine: _Comparison, setting: Fitted, share: float) -> Singles:
     """Local power of the signal over what the blur explains of it, [3, side, half]."""
     plane, side = mine.seen.plane, mine.seen.plane.side
     signal = mine.seen.signal

@@ -20,6 +20,7 @@ from maskfab.camera.explained import EXPLAINED, FOREIGN, explain
 from maskfab.camera.noise_spectrum import noise_of, whitened
 from maskfab.camera.photo import Photo, Stated, estimated_noise, read_photo, restored_light
 from maskfab.camera.record import Noise, Record
+from maskfab.camera.restorers.choice import restored
 from maskfab.camera.restorers.wiener import Wiener
 from maskfab.camera.scenes import dead_leaves
 from maskfab.optics.colour import light_of_code
@@ -173,6 +174,19 @@ def test_a_wrong_die_is_told_and_the_right_one_is_not_refused():
     # Another die of the job is named where it explains more.
     beaten = explain(seen, designed("stripes"), noise, {"bars": lambda: designed("bars")})
     assert (beaten.verdict, beaten.rival and beaten.rival[0]) == (FOREIGN, "bars")
+
+
+def test_a_psf_is_undone_as_it_is_said_to_be_and_doubt_is_told_unless_asked_blind():
+    """Behind another die: the same picture as by the restorer alone, and a verdict that says so."""
+    record, _ = taken(2, spread("bars"), 20000.0, 1)
+    photo = Photo("p", "", Record(record, Noise(20000.0, READ_E)), (1.0, 1.0, 1.0), np.eye(3), (), noise_stated=True)
+    wrong = designed("scattered")
+    _, won, found, _ = restored_light(photo, wrong, (Wiener(),), chosen=False, epsilon=0.01, bin=False)
+    np.testing.assert_array_equal(won.picture, restored(photo.record, wrong, (Wiener(),), 0.01).picture)
+    assert found.verdict == FOREIGN
+    assert found.trusted
+    assert "undone as it is said to be" in found.sentences[0]
+    assert any("--blind" in step for step in found.advice)
 
 
 @pytest.mark.parametrize("setting", [{"scale": 1.03}, {"turn": 2.0}])

@@ -170,6 +170,17 @@ def test_a_reference_that_is_alone_is_judged():
     assert found.lines[3] == "LOOKS: BROKEN: 0 of 1 keep them: ΔE of even white; limits of the job"
 
 
+def test_a_broken_default_is_called_so_among_limits_that_the_job_states():
+    shown = answer(Verdict.FITS, looks=False)
+    (broken,) = shown.judged.looks
+    both = (broken, replace(broken, name="grain", stated=True))
+    shown.judged = replace(shown.judged, looks=both)
+    found = Verdicts.of([], {"A": shown}, 1)
+    assert found.lines[3] == (
+        f"LOOKS: BROKEN: 0 of 1 keep them: {both[0].title} (a default), {both[1].title}; limits of the job"
+    )
+
+
 def test_files_can_be_ordered_where_a_house_was_asked():
     passed = replace(_check("polygons"), passed=True)
     assert Verdicts.of([passed], {}, 1).lines[0].startswith("FILES: PASS, files check; no mask house chosen")

@@ -81,7 +81,7 @@ _MOST_OF_IT = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Explained:
+class Explanation:
     """Frames as far as they could be explained.
 
     Attributes:
@@ -110,7 +110,7 @@ class Explained:
         return sum(int(mask.sum()) for mask in self.dust)
 
 
-def explained(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progress = silent) -> Explained:
+def explained(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progress = silent) -> Explanation:
     """The best explanation of frames by a die, its lens, a light of some width, another lamp, dust and drift.
 
     Args:
@@ -136,7 +136,7 @@ def explained(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progr
         image, fit, width = with_width_and_terms(image, taken, fitted(image, taken, fit.setting, progress), progress)
     taken, fit = _with_gains(image, taken, fit, progress)
     factor, most = math.sqrt(fit.chi2 / fit.freedom), math.sqrt(_most(fit))
-    return Explained(image, taken, with_frames(image, taken, fit), width, dust, factor, most, _left(taken, fit))
+    return Explanation(image, taken, with_frames(image, taken, fit), width, dust, factor, most, _left(taken, fit))
 
 
 def _fresh(setting: Setting) -> Setting:

@@ -22,7 +22,7 @@ from maskfab.base.units import UM_PER_NM
 from maskfab.base.work import Progress, silent
 from maskfab.camera.blur import HOLDS
 from maskfab.camera.frames.merge import Merged, check_centre
-from maskfab.camera.inspection.causes import Cause, Explained, explained, holds_most
+from maskfab.camera.inspection.causes import Cause, Explanation, explained, holds_most
 from maskfab.camera.inspection.costs import COST_METHOD, TERM_NAMES, Cost, costs, disagreement
 from maskfab.camera.inspection.die_image import BIAS, LAMP, DieImage, Pixels, Setting
 from maskfab.camera.inspection.edge_mtf import Light
@@ -88,7 +88,7 @@ class Measured:
     bands: tuple[MtfBand, ...]
     costs: tuple[Cost, ...]
     verdict: Verdict
-    explained: Explained
+    explained: Explanation
     quantities: tuple[Quantity, ...]
     sentences: tuple[str, ...]
     if_numbers: tuple[Quantity, ...]
@@ -205,7 +205,7 @@ def _drifts(merged: Merged, taken: Sequence[Taken]) -> tuple[float, ...]:
 
 def _cause(
     merged: Merged,
-    told: Explained,
+    told: Explanation,
     best: Hypothesis,
     panels: Mapping[str, Panel],
     others: Mapping[str, Panel],
@@ -226,7 +226,7 @@ def _cause(
     return Cause.SETTING if scale > max(_OFF_SCALE, SURE * fit.errors["scale"]) else Cause.UNKNOWN
 
 
-def _flat_topped(told: Explained) -> bool:
+def _flat_topped(told: Explanation) -> bool:
     """Whether the brightest pixels are alike, and far below what the fit expects: full below the stated white."""
     for capture, predicted, residual in zip(told.taken, told.fit.predicted, told.fit.residuals, strict=True):
         top = capture.valid & (capture.light > _TOP * capture.light.max())
@@ -371,7 +371,7 @@ def _quantities(best: Hypothesis, fit: Fit, promise: Promise, width_um: float, *
         yield Quantity("captured_term", waves, method[name], half[name], die=die, detail=detail)
 
 
-def _seen_quantities(best: Hypothesis, told: Explained, outside: Mapping[str, float]) -> Iterator[Quantity]:
+def _seen_quantities(best: Hypothesis, told: Explanation, outside: Mapping[str, float]) -> Iterator[Quantity]:
     """Numbers of what the frames hold beside the die."""
     fit, die = told.fit, best.die
     lamp = fit.setting.lamp

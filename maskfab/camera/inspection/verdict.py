@@ -13,7 +13,7 @@ from enum import StrEnum
 
 from maskfab.base.units import decimals_of
 from maskfab.camera.blur import STANDS, stand_words
-from maskfab.camera.inspection.causes import Cause, Explained
+from maskfab.camera.inspection.causes import Cause, Explanation
 from maskfab.camera.inspection.costs import ALL, TERM_NAMES, Cost, disagreement
 from maskfab.camera.inspection.die_image import BIAS
 from maskfab.camera.inspection.fit import Fit
@@ -147,7 +147,7 @@ _WITHIN_NOISE = {
 
 
 def judged_die(
-    found: Identified, told: Explained, promise: Promise, *, cause: Cause | None, mirrored: bool, width_um: float
+    found: Identified, told: Explanation, promise: Promise, *, cause: Cause | None, mirrored: bool, width_um: float
 ) -> Verdict:
     """The verdict on a die.
 
@@ -210,7 +210,7 @@ _WORTH_SAYING = 0.01
 """Drift that is told in words; less is seldom proven."""
 
 
-def seen_sentences(found: Identified, told: Explained, *, mirrored: bool, drift: float) -> tuple[str, ...]:
+def seen_sentences(found: Identified, told: Explanation, *, mirrored: bool, drift: float) -> tuple[str, ...]:
     """Sentences on what was found in the frames beside the die, whatever the verdict.
 
     Args:
@@ -254,7 +254,7 @@ def seen_sentences(found: Identified, told: Explained, *, mirrored: bool, drift:
     return tuple(sentences)
 
 
-def finding_sentences(told: Explained, costs: Sequence[Cost], promise: Promise, line_nm: float) -> tuple[str, ...]:
+def finding_sentences(told: Explanation, costs: Sequence[Cost], promise: Promise, line_nm: float) -> tuple[str, ...]:
     """Sentences on width, photographs, lens and scale: findings where the frames are explained.
 
     Args:
