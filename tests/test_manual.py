@@ -22,7 +22,7 @@ TEXTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *PAGES]
 GALLERY = runpy.run_path(str(DOCS / "gallery.py"))
 ENTRIES = GALLERY["entries"]()
 NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
-QUICK_NOTEBOOKS = {"first_psf", "forty_lines"}
+QUICK_NOTEBOOKS = {"first_psf"}
 MOST_BYTES = 3_000_000
 
 
