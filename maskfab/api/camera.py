@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, overload
 
 import numpy as np
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from maskfab.api.lengths import Wavelengths  # at run time refused here, line by line
     from maskfab.optics.lags import LagTable
+    from maskfab.optics.psf import ReadyPupil
     from maskfab.optics.pupil import Pupil
     from maskfab.report.figures.sheet import Drawing
 
@@ -146,7 +147,7 @@ class Camera:
                 what is no panel, MF113 for a window that is too wide, MF114 for a panel smaller than the stop.
             SourceError: MF309 if nothing is clear in front of the stop.
         """
-        from maskfab.optics.psf import pixel_margin, pixel_psf, point_psfs
+        from maskfab.optics.psf import pixel_margin, pixel_psf
 
         lines = self.asked_nm(wavelength)
         laid, note = self._laid_out(panel, "Camera.psf: panel")
@@ -155,7 +156,7 @@ class Camera:
         check_window(self._of(lines), laid.dot_nm / NM_PER_UM, where="Camera")
         margin = pixel_margin(camera) if pixels else 0
         found = {}
-        for psf in point_psfs(self._pupil(laid, lines), camera, margin, lines=tuple(dict.fromkeys(lines))):
+        for psf in _ready(laid, camera, margin, tuple(dict.fromkeys(lines))).psfs():
             seen = pixel_psf(psf, camera) if pixels else psf
             found[seen.wavelength_nm] = Psf(seen.values, seen.step_um, seen.wavelength_nm, seen.kind, note=note)
         return found[lines[0]] if wavelength is None or is_one(wavelength) else tuple(found[line] for line in lines)
@@ -177,7 +178,7 @@ class Camera:
         lines = self.asked_nm(wavelength)
         camera = self._of(lines)
         laid, note = self._laid_out(panel, "Camera.mtf: panel")
-        table = lag_table(self._pupil(laid, lines), longest_lag_um(camera))
+        table = lag_table(_pupil(laid, camera), longest_lag_um(camera))
         found = {
             line: Mtf(**vars(presampled_mtf(table, camera, line)), camera=camera, table=table, note=note)
             for line in dict.fromkeys(lines)
@@ -199,16 +200,6 @@ class Camera:
             raise JobError("MF105", f"{stated!r:.60} is not a Panel", where=where, cure=cure)
         return panel, ""
 
-    def _pupil(self, panel: Tiled, lines: Sequence[float]) -> Pupil:
-        from maskfab.mask.panels import check_cover
-        from maskfab.optics.pupil import cut, panel_aperture
-
-        camera = self._of(lines)
-        check_lens(camera, where="Camera: stop")
-        check_pupil(camera, panel.dot_nm / NM_PER_UM, where="Camera")
-        check_cover(panel, camera.stop, "the panel", where="Camera: stop")
-        return cut(panel_aperture(panel, camera.stop.diameter_um / 2), camera.stop)
-
     def _of(self, lines: Iterable[float]) -> Lens:
         """The camera with these wavelengths, each once."""
         return replace(self.model, wavelengths_nm=tuple(dict.fromkeys(lines)))
@@ -228,6 +219,33 @@ class Camera:
         from maskfab.camera.lens import camera_line
 
         return f"<Camera: {camera_line(self.model)}>"
+
+
+_KEPT, _MOST_KEPT = 4, 1_000_000
+"""Pupils that are kept made ready, and intervals of the largest of them, which takes 30 MB."""
+
+
+@lru_cache(maxsize=_KEPT)
+def _kept(panel: Tiled, camera: Lens, margin: int, lines: tuple[float, ...]) -> ReadyPupil:
+    from maskfab.optics.psf import ReadyPupil
+
+    return ReadyPupil.of(_pupil(panel, camera), camera, margin, lines)
+
+
+def _ready(panel: Tiled, camera: Lens, margin: int, lines: tuple[float, ...]) -> ReadyPupil:
+    """A panel behind the stop, made ready for lines of a camera; kept for the next call unless it is large."""
+    intervals = min(camera.stop.diameter_um / (panel.dot_nm / NM_PER_UM), max(panel.size_nm) / panel.dot_nm) ** 2
+    return (_kept if intervals <= _MOST_KEPT else _kept.__wrapped__)(panel, camera, margin, lines)
+
+
+def _pupil(panel: Tiled, camera: Lens) -> Pupil:
+    from maskfab.mask.panels import check_cover
+    from maskfab.optics.pupil import cut, panel_aperture
+
+    check_lens(camera, where="Camera: stop")
+    check_pupil(camera, panel.dot_nm / NM_PER_UM, where="Camera")
+    check_cover(panel, camera.stop, "the panel", where="Camera: stop")
+    return cut(panel_aperture(panel, camera.stop.diameter_um / 2), camera.stop)
 
 
 def _stop(stated: Length | Mapping[str, object]) -> object:

@@ -27,7 +27,7 @@ from maskfab.optics.field.methods import prepare_cells
 from maskfab.optics.field.polygons import boundary
 from maskfab.optics.lags import lag_table
 from maskfab.optics.mtf import aliased_mtf
-from maskfab.optics.psf import image_scale_um2, point_psf, point_psfs, point_step_um
+from maskfab.optics.psf import ReadyPupil, image_scale_um2, point_psf, point_step_um
 from maskfab.optics.pupil import Aperture, Pupil, cut, panel_aperture
 from maskfab.optics.restoration import noise_gain, sensor_square, wiener_response, worst_wiener
 from maskfab.optics.spectrum import line_spectrum
@@ -145,9 +145,8 @@ def airy(diameter_um: float, *wavelengths_nm: float) -> float:
     camera = example_camera(diameter_um, wavelengths=wavelengths_nm)
     cells = 2 * int(np.ceil(diameter_um / 80))
     worst = 0.0
-    for psf in point_psfs(
-        example_pupil(example_panel(np.ones((5, 5), dtype=np.bool_), cells=cells), camera.stop), camera
-    ):
+    pupil = example_pupil(example_panel(np.ones((5, 5), dtype=np.bool_), cells=cells), camera.stop)
+    for psf in ReadyPupil.of(pupil, camera).psfs():
         scale = image_scale_um2(camera, psf.wavelength_nm)
         axis = point_step_um(camera) * (np.arange(len(psf.values), dtype=np.float64) - len(psf.values) // 2)
         argument = np.pi * diameter_um * np.hypot(axis[:, None], axis) / scale

@@ -53,7 +53,7 @@ from maskfab.base.model import Psf, frozen
 from maskfab.base.units import UM_PER_NM
 from maskfab.job.camera import Camera, Stop
 from maskfab.optics.field.matrix import ParityField
-from maskfab.optics.field.methods import FieldTask, admissible, field
+from maskfab.optics.field.methods import FieldTask, Prepared, admissible, field
 from maskfab.optics.pupil import Aperture, Pupil, cut
 from maskfab.optics.stop import clear_field, inside
 
@@ -213,31 +213,50 @@ def point_psf(pupil: Pupil, camera: Camera, wavelength_nm: float, margin: int = 
     return _point_psf(field(pupil, frequency, frequency), pupil, camera, wavelength_nm)
 
 
-def point_psfs(
-    pupil: Pupil, camera: Camera, margin: int = 0, leak: Leak | None = None, lines: Sequence[float] | None = None
-) -> list[Psf]:
-    """PSFs at every wavelength of the camera, the pupil made ready once, by the cheapest path that takes it.
+@dataclass(frozen=True, eq=False)
+class ReadyPupil:
+    """A pupil made ready for some lines of a camera, by the cheapest path that takes them all.
 
-    With a leak the pupil is that of the openings of a binary mask, and the film's light is added. Of ``lines``, some of
-    the camera's, these alone are found, at the samples of all.
+    Attributes:
+        pupil: with a leak that of the openings of a binary mask, to which the film's light is added.
+        camera: whose samples all lines share.
+        lines: some of the camera's wavelengths.
+        frequencies: of every line, from the axis to the window's edge and the margin beyond it.
+        prepared: the pupil on that path.
     """
-    lines = camera.wavelengths_nm if lines is None else lines
-    frequencies = [_frequencies(camera, wavelength, margin) for wavelength in lines]
-    widest = max(frequencies, key=lambda frequency: float(frequency[-1]))
-    tasks = [FieldTask.of(pupil, frequency, frequency) for frequency in frequencies]
-    # A step that suits a transform at one wavelength does not at another.
-    path = next(
-        path
-        for path in admissible(FieldTask.of(pupil, widest, widest))
-        if all(path.refusal(task) is None for task in tasks)
-    )
-    prepared = path.prepare(pupil, float(widest[-1]), float(widest[-1]), "double")
-    return [
-        _point_psf(prepared.field(frequency, frequency), pupil, camera, wavelength)
-        if leak is None
-        else _leaking_psf(prepared.field(frequency, frequency), pupil, camera, wavelength, frequency, leak)
-        for frequency, wavelength in zip(frequencies, lines, strict=True)
-    ]
+
+    pupil: Pupil
+    camera: Camera
+    lines: Sequence[float]
+    frequencies: Sequence[Floats]
+    prepared: Prepared
+
+    @classmethod
+    def of(cls, pupil: Pupil, camera: Camera, margin: int = 0, lines: Sequence[float] | None = None) -> ReadyPupil:
+        """Make a pupil ready for ``margin`` points beyond the camera's window, and for all its lines if None."""
+        lines = camera.wavelengths_nm if lines is None else lines
+        frequencies = [_frequencies(camera, wavelength, margin) for wavelength in lines]
+        widest = max(frequencies, key=lambda frequency: float(frequency[-1]))
+        tasks = [FieldTask.of(pupil, frequency, frequency) for frequency in frequencies]
+        # A step that suits a transform at one wavelength does not at another.
+        path = next(
+            path
+            for path in admissible(FieldTask.of(pupil, widest, widest))
+            if all(path.refusal(task) is None for task in tasks)
+        )
+        prepared = path.prepare(pupil, float(widest[-1]), float(widest[-1]), "double")
+        return cls(pupil, camera, lines, frequencies, prepared)
+
+    def psfs(self, leak: Leak | None = None) -> list[Psf]:
+        """PSFs at every line."""
+        return [
+            _point_psf(self.prepared.field(frequency, frequency), self.pupil, self.camera, wavelength)
+            if leak is None
+            else _leaking_psf(
+                self.prepared.field(frequency, frequency), self.pupil, self.camera, wavelength, frequency, leak
+            )
+            for frequency, wavelength in zip(self.frequencies, self.lines, strict=True)
+        ]
 
 
 def _frequencies(camera: Camera, wavelength_nm: float, margin: int) -> Floats:

@@ -15,6 +15,7 @@ from maskfab.api.lengths import USUAL, length_text, wavelength_text
 from maskfab.base.errors import InputError, JobError
 from maskfab.base.model import Quantity
 from maskfab.base.units import UM_PER_UNIT, parse_length_um
+from maskfab.optics.pupil import cut
 from maskfab.report.rows.text import Quantities
 
 BAR = mf.Opening.bar(dots=7, size=(5, 3), pitch="56 um")
@@ -48,6 +49,24 @@ def test_a_shorter_wavelength_than_the_cameras_gets_closer_samples() -> None:
     assert near.step_um == announced.step_um < far.step_um
     np.testing.assert_array_equal(near, announced)
     assert [psf.step_um for psf in camera.psf(PANEL, np.array([400, 470]), pixels=True)] == [2.4, 2.4]
+
+
+def test_a_panel_is_made_ready_once_and_no_answer_is_anothers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Called again, in any order, every panel behind every lens gives the bytes of its first call."""
+    cuts = []
+    monkeypatch.setattr("maskfab.optics.pupil.cut", lambda *given, real=cut: cuts.append(given) or real(*given))
+    panels = [mf.Panel.tile(BAR, "random", seed=seed, size="560 um") for seed in (3, 4)]
+    cameras = [mf.Camera("5 mm", **look) for look in (LOOK, LOOK | {"stop": "300 um"})]
+    asked = [(camera, panel) for camera in cameras for panel in panels]
+    first = [camera.psf(panel, 530).samples for camera, panel in asked]
+    again = [camera.psf(panel, 530).samples for camera, panel in reversed(asked)]
+    assert len(cuts) == len(asked)
+    for one, other in zip(first, reversed(again), strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert len({values.tobytes() for values in first}) == len(asked)
+    monkeypatch.setattr("maskfab.api.camera._MOST_KEPT", 100)
+    np.testing.assert_array_equal(cameras[0].psf(panels[0], 530), first[0])
+    assert len(cuts) == len(asked) + 1
 
 
 @pytest.mark.parametrize(

@@ -57,3 +57,13 @@ def test_a_program_that_calls_us_keeps_its_own_threads_and_lends_us_one(plain: l
     assert after == before
     assert within
     assert all(max(found) == 1 for found in within)
+
+
+def test_a_library_that_is_loaded_between_two_calls_is_limited_too(plain: list[int]) -> None:
+    code = (
+        "import json, numpy\nfrom maskfab.base.work import one_thread\nfrom threadpoolctl import threadpool_info\n"
+        f"told = one_thread(lambda: print({COUNTS}))\ntold()\nimport scipy.linalg\ntold()"
+    )
+    alone, both = counts(code)
+    assert len(both) > len(alone)
+    assert max(both) == 1

@@ -18,7 +18,7 @@ from maskfab.optics.energy import colour_distance
 from maskfab.optics.lags import axis_lags, lag_table
 from maskfab.optics.metrics import colour_quantities
 from maskfab.optics.mtf import EdgeSpread, edge_colour_difference, edge_in_window, edge_spread, longest_lag_um
-from maskfab.optics.psf import cutoff, pixel_margin, pixel_psf, point_psfs
+from maskfab.optics.psf import ReadyPupil, cutoff, pixel_margin, pixel_psf
 from maskfab.optics.pupil import Pupil
 
 LINES = (470.0, 530.0, 610.0)
@@ -32,7 +32,7 @@ def edges_of(source: Pupil, setting: Camera) -> list[EdgeSpread]:
 
 
 def pixels_of(source: Pupil, setting: Camera) -> list[Psf]:
-    return [pixel_psf(points, setting) for points in point_psfs(source, setting, pixel_margin(setting))]
+    return [pixel_psf(points, setting) for points in ReadyPupil.of(source, setting, pixel_margin(setting)).psfs()]
 
 
 def test_the_edge_of_a_clear_square_stop() -> None:

@@ -17,7 +17,7 @@ from maskfab.cli.program import run_command_line
 from maskfab.job.camera import Camera, Stop
 from maskfab.job.process import UNSTATED, MaskBlank
 from maskfab.optics.lags import lag_table
-from maskfab.optics.psf import Leak, point_psf, point_psfs
+from maskfab.optics.psf import Leak, ReadyPupil, point_psf
 from maskfab.optics.pupil import Aperture, cut, panel_aperture
 from maskfab.optics.scene.model_bar import model_bar
 from maskfab.report.rows.optics import lit_pupils, measure
@@ -65,7 +65,7 @@ def test_a_real_leak_is_that_of_an_aperture_that_passes_it(stop, blank):
     camera = replace(CAMERA, stop=stop)
     leak = Leak.of(blank, stop)
     plain = openings()
-    (found,) = point_psfs(cut(plain, stop), camera, leak=leak)
+    (found,) = ReadyPupil.of(cut(plain, stop), camera).psfs(leak)
     expected = point_psf(cut(leaking(plain, leak.amplitude.real), stop), camera, 530.0)
     np.testing.assert_allclose(found.values, expected.values, atol=1e-10 * expected.values.max())
     table = lit_pupils(cut(plain, stop), leak.pupils(plain), leak, camera).table
@@ -76,7 +76,7 @@ def test_a_real_leak_is_that_of_an_aperture_that_passes_it(stop, blank):
 
 def test_a_leak_of_any_phase_is_the_sum_over_dots():
     leak = Leak.of(BETWEEN, CAMERA.stop)
-    (found,) = point_psfs(cut(openings(), CAMERA.stop), CAMERA, leak=leak)
+    (found,) = ReadyPupil.of(cut(openings(), CAMERA.stop), CAMERA).psfs(leak)
     clear = point_psf(cut(openings(), CAMERA.stop), CAMERA, 530.0)
     middle = found.values.shape[0] // 2
     scale = 5.3e-1 * CAMERA.focal_um
@@ -96,7 +96,7 @@ def test_a_leak_of_any_phase_is_the_sum_over_dots():
 
 def test_opposite_phases_mirror_the_picture():
     one, other = (
-        point_psfs(cut(openings(), CAMERA.stop), CAMERA, leak=Leak.of(MaskBlank(1.0, phase), CAMERA.stop))[0].values
+        ReadyPupil.of(cut(openings(), CAMERA.stop), CAMERA).psfs(Leak.of(MaskBlank(1.0, phase), CAMERA.stop))[0].values
         for phase in (0.3, -0.3)
     )
     np.testing.assert_allclose(one, other[::-1, ::-1], atol=1e-12 * one.max())

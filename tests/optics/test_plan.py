@@ -23,7 +23,7 @@ from maskfab.optics import psf
 from maskfab.optics.field.methods import PATHS, PRUNED, admissible
 from maskfab.optics.gap import gap_psf, shifted_psf
 from maskfab.optics.metrics import relative_difference
-from maskfab.optics.psf import image_scale_um2, odd_samples, point_psf, point_psfs, point_step_um
+from maskfab.optics.psf import ReadyPupil, image_scale_um2, odd_samples, point_psf, point_step_um
 from maskfab.optics.pupil import Pupil, panel_aperture
 from maskfab.optics.scene import omissions
 from maskfab.optics.scene.omissions import PLACES, grey
@@ -179,7 +179,7 @@ def test_several_lines_take_a_path_that_suits_all_of_them(monkeypatch: pytest.Mo
     assert [PRUNED.accepts(source, u, u) for u in steps] == [True, False]
     expected = [point_psf(source, setting, line) for line in setting.wavelengths_nm]
     monkeypatch.setattr(psf, "admissible", lambda task: sorted(admissible(task), key=lambda path: path is not PRUNED))
-    for found, known in zip(point_psfs(source, setting), expected, strict=True):
+    for found, known in zip(ReadyPupil.of(source, setting).psfs(), expected, strict=True):
         assert relative_difference(found, known) < 1e-10
 
 

@@ -17,7 +17,7 @@ from maskfab.job.process import Process
 from maskfab.mask.job import load_job
 from maskfab.mask.writer import Reading
 from maskfab.optics.mtf import area_under_radial_min
-from maskfab.optics.psf import point_psfs
+from maskfab.optics.psf import ReadyPupil
 from maskfab.optics.pupil import cut, panel_aperture
 from maskfab.report.rows.as_written import fused_optics, measure_written
 from maskfab.report.rows.bands import Band, ProcessSpread, _inner, band_quantities, bands
@@ -100,7 +100,9 @@ def test_the_psf_of_a_bar_changes_as_the_integral_over_its_edges_says():
 def test_a_tenth_of_a_micrometre_changes_the_psf_by_what_the_manual_says(plate, name, change):
     job = load_job(LAYOUTS / f"{plate}.toml")
     (seen,) = (each for each in job.plate().dies if each.name == name)
-    like = point_psfs(cut(panel_aperture(seen.panel), job.camera.stop), replace(job.camera, wavelengths_nm=(530.0,)))[0]
+    like = ReadyPupil.of(
+        cut(panel_aperture(seen.panel), job.camera.stop), replace(job.camera, wavelengths_nm=(530.0,))
+    ).psfs()[0]
     psfs = [fused_optics(seen, job.camera, Process(0.0, bias), like).psf.values for bias in (0.0, 0.1)]
     drawn, written = (each / each.max() for each in psfs)
     assert np.linalg.norm(written - drawn) / np.linalg.norm(drawn) == pytest.approx(change, rel=0.04)

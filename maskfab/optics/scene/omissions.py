@@ -45,7 +45,7 @@ from maskfab.optics.phase import (
     noll_degrees,
     scale_error,
 )
-from maskfab.optics.psf import point_psfs
+from maskfab.optics.psf import ReadyPupil
 from maskfab.optics.pupil import Aperture, Pupil, panel_aperture
 from maskfab.optics.scene.scene import DistortedWindow, Scene
 from maskfab.optics.spectrum import band_errors
@@ -157,7 +157,7 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene) -> Estima
     """
     ends = wavelength_range_nm(camera, scene)
     sampled = replace(camera, wavelengths_nm=tuple(dict.fromkeys(ends)))
-    pilots = point_psfs(pupil, sampled)
+    pilots = ReadyPupil.of(pupil, sampled).psfs()
     # Only what is weighed against speckle needs the mean over layouts, which costs several PSFs.
     asks = scene.gap_um or scene.aberrations or not scene.nearest_um == scene.farthest_um == scene.focus_um
     means = [_mean(panel, sampled, pilot) for pilot in pilots] if asks else []
@@ -329,5 +329,5 @@ def _rim(pupil: Pupil, pilots: list[Psf], camera: Camera) -> Estimate:
         return Estimate(0.0, "the stop cuts no dot")
     plain = grey(pupil)
     own = max(path.error["double"] for path in PATHS)
-    worst = max(map(relative_difference, point_psfs(plain, camera), pilots)) + own
+    worst = max(map(relative_difference, ReadyPupil.of(plain, camera).psfs(), pilots)) + own
     return Estimate(RIM_SAFETY * worst, "grey rim's PSF against the exact one, at the ends of the spectrum", RIM_SAFETY)

@@ -45,7 +45,7 @@ from maskfab.mask.writer import (
 from maskfab.optics import metrics
 from maskfab.optics.lags import lag_table
 from maskfab.optics.mtf import area_under_radial_min, longest_lag_um, presampled_mtf
-from maskfab.optics.psf import EdgeLengths, image_scale_um2, point_psfs, rough_psf, scattered_um2
+from maskfab.optics.psf import EdgeLengths, ReadyPupil, image_scale_um2, rough_psf, scattered_um2
 from maskfab.optics.pupil import Aperture, Lattice, Pupil, covered_aperture, cut, panel_aperture
 from maskfab.optics.stop import inside
 from maskfab.optics.stop_edges import edges_in_stop, stop_region, whole_or_away
@@ -355,7 +355,7 @@ def _image(
 
 
 def _drawn_psf(pupil: Pupil, camera: Camera) -> Psf:
-    (psf,) = point_psfs(pupil, replace(camera, wavelengths_nm=(middle_nm(camera),)))
+    (psf,) = ReadyPupil.of(pupil, replace(camera, wavelengths_nm=(middle_nm(camera),))).psfs()
     return psf
 
 

@@ -30,10 +30,10 @@ from maskfab.optics.lags import AxisLags, LagTable, axis_lags, lag_table
 from maskfab.optics.mtf import edge_spread, longest_lag_um, presampled_mtf
 from maskfab.optics.psf import (
     Leak,
+    ReadyPupil,
     image_scale_um2,
     pixel_margin,
     pixel_psf,
-    point_psfs,
     point_step_um,
     psf_norm_um6,
     within,
@@ -187,9 +187,9 @@ def measure_pupils(
     margin = pixel_margin(camera)
     lines = camera.wavelengths_nm
     progress("optics", 0, len(lines))
-    read_psfs = point_psfs(read, camera, margin, leak)
+    read_psfs = ReadyPupil.of(read, camera, margin).psfs(leak)
     matrix = read if design is None else design
-    matrix_psfs = read_psfs if matrix is read else point_psfs(matrix, camera, margin, leak)
+    matrix_psfs = read_psfs if matrix is read else ReadyPupil.of(matrix, camera, margin).psfs(leak)
     psfs: list[Psf] = []
     mtfs: list[Mtf] = []
     quantities: list[Quantity] = []
