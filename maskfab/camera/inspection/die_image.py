@@ -99,11 +99,12 @@ def _sheared(picture: Floats, slope: float, *, rows: bool = True) -> Floats:
     values = picture if rows else picture.T
     count = values.shape[1]
     size = scipy.fft.next_fast_len(count + 2 * MARGIN, real=True)
-    height = np.arange(values.shape[0]) - values.shape[0] // 2
-    waves = np.fft.rfftfreq(size)
-    moved = scipy.fft.irfft(
-        scipy.fft.rfft(values, size, axis=1) * np.exp(-2j * np.pi * slope * height[:, None] * waves), size, axis=1
-    )[:, :count]
+    height, by = values.shape[0], math.isqrt(values.shape[0]) + 1
+    step = -2j * np.pi * slope * np.fft.rfftfreq(size)
+    # Exponentials of every by-th row times those of the rows between: of each they would take most of the time.
+    far = np.exp(np.arange(0, height, by)[:, None] * step - height // 2 * step)
+    phase = (far[:, None] * np.exp(np.arange(by)[:, None] * step)).reshape(-1, step.size)[:height]
+    moved = scipy.fft.irfft(scipy.fft.rfft(values, size, axis=1) * phase, size, axis=1)[:, :count]
     return moved if rows else moved.T  # type: ignore[no-any-return]
 
 
@@ -113,15 +114,11 @@ DEFOCUS = 4
 _RIM_DEGREE = 2
 
 
-_Waves = tuple[Floats, Floats]
-"""Cosines and sines of one axis, [places, frequencies] each, for frequencies from 0 up."""
-
-
-def _waves(places_um: Floats, frequencies: Floats, width_um: float = 0.0) -> _Waves:
-    """Waves of places as wide as they are told, in cycles per micrometre; 0 for lines."""
+def _waves(places_um: Floats, frequencies: Floats, width_um: float = 0.0) -> Floats:
+    """Cosines of places for frequencies from 0 up, then sines: [places, 2 frequencies], of a width or of lines (0)."""
     phase = 2 * np.pi * places_um[:, None] * frequencies
     weight = width_um * np.sinc(frequencies * width_um) if width_um else 1.0
-    return np.cos(phase) * weight, np.sin(phase) * weight
+    return np.concatenate([np.cos(phase) * weight, np.sin(phase) * weight], axis=1)
 
 
 _Rim = tuple[Floats, Floats, Complexes, Complexes]
@@ -169,7 +166,10 @@ class DieField:
     _edges_x: Floats
     _edges_y: Floats
     _radius_um: float
-    _waves: tuple[_Waves, _Waves, _Waves, _Waves]
+    _along_x: Floats
+    _along_y: Floats
+    _lines_x: Floats
+    _lines_y: Floats
 
     @classmethod
     def of(cls, pupil: Pupil, stop: Stop, frequencies: Floats) -> DieField:
@@ -178,10 +178,10 @@ class DieField:
         edges_x, edges_y = pupil.x.edges_um(), pupil.y.edges_um()
         x, y = (edges_x[1:] + edges_x[:-1]) / 2, (edges_y[1:] + edges_y[:-1]) / 2
         wide_x, wide_y = pupil.x.dot_um, pupil.y.dot_um
-        along = _waves(x, frequencies, wide_x), _waves(y, frequencies, wide_y)
-        waves = (*along, _waves(edges_x, frequencies), _waves(edges_y, frequencies))
+        waves = _waves(x, frequencies, wide_x), _waves(y, frequencies, wide_y)
+        lines = _waves(edges_x, frequencies), _waves(edges_y, frequencies)
         rim, radius = _rim(pupil, x, y, frequencies), stop.diameter_um / 2
-        return cls(pupil.energy_um2, frequencies, dots, rim, x, y, edges_x, edges_y, radius, waves)
+        return cls(pupil.energy_um2, frequencies, dots, rim, x, y, edges_x, edges_y, radius, *waves, *lines)
 
     @cached_property
     def _outline(self) -> tuple[Floats, Floats, Floats]:
@@ -206,36 +206,35 @@ class DieField:
         path = sum(waves * zernike(term, across, up) for term, waves in terms if waves)
         return np.asarray(np.exp(2j * np.pi * path))
 
-    def of_dots(self, terms: _Terms) -> Complexes:
-        """Field of clear features as they are drawn, [2 n - 1, 2 n - 1]."""
+    def rim(self, terms: _Terms) -> Complexes:
+        """Field of what the mean over cut dots leaves out, [2 n - 1, 2 n - 1]."""
         x, y, along_x, along_y = self._rim
-        field = self._sum(self._phasor(self._x, self._y[:, None], terms))
         cut = along_y * self._phasor(x, y, terms)[:, None]
-        field += np.einsum("pkv,pku->vu", cut, along_x, optimize=True)
-        return field
+        size = along_x.shape[2]
+        return np.asarray(cut.reshape(-1, size).T @ along_x.reshape(-1, size))
 
-    def of_slope(self, term: int, terms: _Terms) -> Complexes:
-        """Change of what dots make with one of the lens's errors, per wave; that of cut dots' rest is left out."""
-        slope = zernike(term, self._x / self._radius_um, self._y[:, None] / self._radius_um)
-        return self._sum(2j * np.pi * slope * self._phasor(self._x, self._y[:, None], terms))
+    def rows_of_dots(self, terms: _Terms, of: int | None = None) -> Complexes | Floats:
+        """Waves along x of every row of clear features as drawn, [rows, 2 n]; or their change with an error, a wave."""
+        values = self._dots * self._phasor(self._x, self._y[:, None], terms)
+        if of is not None:
+            values = 2j * np.pi * zernike(of, self._x / self._radius_um, self._y[:, None] / self._radius_um) * values
+        return _along(values, self._along_x)
 
-    def _sum(self, phasor: Complexes | Floats) -> Complexes:
-        along_x, along_y, _, _ = self._waves
-        return _transform(self._dots * phasor, along_x, along_y)
+    def rows_of_outlines(self, terms: _Terms) -> tuple[Complexes | Floats, Complexes | Floats, Complexes | Floats]:
+        """Waves along x of upright edges, of level ones, and of corners, each as high as nothing."""
+        (upright, level, corners), x, y = self._outline, self._x, self._y[:, None]
+        edges_x, edges_y = self._edges_x, self._edges_y[:, None]
+        return (
+            _along(upright * self._phasor(edges_x, y, terms), self._lines_x),
+            _along(level * self._phasor(x, edges_y, terms), self._along_x),
+            _along(corners * self._phasor(edges_x, edges_y, terms), self._lines_x),
+        )
 
-    def of_edges(self, terms: _Terms) -> Complexes:
-        """Field of lines along the edges between clear and closed, [2 n - 1, 2 n - 1]."""
-        along_x, along_y, lines_x, lines_y = self._waves
-        upright, level, _ = self._outline
-        field = _transform(upright * self._phasor(self._edges_x, self._y[:, None], terms), lines_x, along_y)
-        field += _transform(level * self._phasor(self._x, self._edges_y[:, None], terms), along_x, lines_y)
-        return field
-
-    def of_corners(self, terms: _Terms) -> Complexes:
-        """Field of points at the corners, [2 n - 1, 2 n - 1]."""
-        _, _, lines_x, lines_y = self._waves
-        _, _, corners = self._outline
-        return _transform(corners * self._phasor(self._edges_x, self._edges_y[:, None], terms), lines_x, lines_y)
+    def field(self, rows: Complexes | Floats, lines: Complexes | Floats | None = None) -> Complexes:
+        """Field [2 n - 1, 2 n - 1] of waves along x of every row of dots, and of every line between two rows."""
+        if lines is None:
+            return _crossed(self._along_y, rows)
+        return _crossed(np.concatenate([self._along_y, self._lines_y]), np.concatenate([rows, lines]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,52 +250,55 @@ class LensField:
     terms: _Terms
 
     @cached_property
-    def _dots(self) -> Complexes:
-        return self.die.of_dots(self.terms)
+    def _rim(self) -> Complexes:
+        return self.die.rim(self.terms)
 
     @cached_property
-    def _edges(self) -> Complexes:
-        return self.die.of_edges(self.terms)
+    def _dots(self) -> Complexes | Floats:
+        return self.die.rows_of_dots(self.terms)
 
     @cached_property
-    def _corners(self) -> Complexes:
-        return self.die.of_corners(self.terms)
+    def _outlines(self) -> tuple[Complexes | Floats, Complexes | Floats, Complexes | Floats]:
+        return self.die.rows_of_outlines(self.terms)
 
     def field(self, bias_um: float) -> Complexes:
         """[2 n - 1, 2 n - 1] for clear features so much wider than drawn."""
         if not bias_um:
-            return self._dots
-        return self._dots + bias_um / 2 * self._edges + bias_um**2 / 4 * self._corners
+            return self.die.field(self._dots) + self._rim
+        upright, level, corners = self._outlines
+        half = bias_um / 2
+        return self.die.field(self._dots + half * upright, half * level + half**2 * corners) + self._rim
 
     def by_bias(self, bias_um: float) -> Complexes:
         """Change of the field with the width of clear features, per micrometre."""
-        return self._edges / 2 + bias_um / 2 * self._corners
+        upright, level, corners = self._outlines
+        return self.die.field(upright / 2, level / 2 + bias_um / 2 * corners)
 
     def by_term(self, term: int) -> Complexes:
-        """Change of the field with one of the lens's errors, per wave; that of edges' own is left out."""
-        return self.die.of_slope(term, self.terms)
+        """Change of the field with one of the lens's errors, per wave; that of edges and of cut dots' rest left out."""
+        return self.die.field(self.die.rows_of_dots(self.terms, term))
 
 
-def _transform(values: Complexes | Floats, along_x: _Waves, along_y: _Waves) -> Complexes:
-    """Σ values exp(-2πi (ux + vy)) on the symmetric grid of frequencies."""
-    field = _real_transform(np.asarray(values.real), along_x, along_y)
+def _along(values: Complexes | Floats, waves: Floats) -> Complexes | Floats:
+    """Products of values, real or complex, with waves along their second axis."""
     if np.iscomplexobj(values):
-        field += 1j * _real_transform(np.asarray(values.imag), along_x, along_y)
-    return field
+        return np.asarray(values.real @ waves + 1j * (values.imag @ waves))
+    return np.asarray(values @ waves)
 
 
-def _real_transform(values: Floats, along_x: _Waves, along_y: _Waves) -> Complexes:
-    even, odd = (values @ wave for wave in along_x)
-    cosine, sine = (wave.T for wave in along_y)
+def _crossed(waves: Floats, rows: Complexes | Floats) -> Complexes:
+    """Σ values exp(-2πi (ux + vy)) on the symmetric grid, of waves along y and of values that are waves along x."""
+    count = waves.shape[1] // 2
+    both = _along(rows.T, waves).T
+    (even_even, even_odd), (odd_even, odd_odd) = (np.split(half, 2, axis=1) for half in np.split(both, 2))
+    field = np.empty((2 * count - 1, 2 * count - 1), dtype=np.complex128)
+    up, down = slice(count - 1, None), slice(count - 1, None, -1)
     # Sums with cosines (even) and sines (odd) along y, then x, tell the field of all signs.
-    even_even, even_odd, odd_even, odd_odd = cosine @ even, cosine @ odd, sine @ even, sine @ odd
-    quarters = {
-        (sign_y, sign_x): even_even - sign_x * sign_y * odd_odd - 1j * (sign_x * even_odd + sign_y * odd_even)
-        for sign_y in (1, -1)
-        for sign_x in (1, -1)
-    }
-    rows = [np.concatenate([quarters[sign, -1][:, :0:-1], quarters[sign, 1]], axis=1) for sign in (-1, 1)]
-    return np.concatenate([rows[0][:0:-1], rows[1]])
+    alike, odd = even_even - odd_odd, 1j * (even_odd + odd_even)
+    field[up, up], field[down, down] = alike - odd, alike + odd
+    alike, odd = even_even + odd_odd, 1j * (even_odd - odd_even)
+    field[up, down], field[down, up] = alike + odd, alike - odd
+    return field
 
 
 _SPECKLES_APART = 0.8
