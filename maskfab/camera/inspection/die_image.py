@@ -24,6 +24,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 import scipy
@@ -211,7 +212,7 @@ class DieField:
         x, y, along_x, along_y = self._rim
         cut = along_y * self._phasor(x, y, terms)[:, None]
         size = along_x.shape[2]
-        return np.asarray(cut.reshape(-1, size).T @ along_x.reshape(-1, size))
+        return np.asarray(cut.reshape(-1, size).T @ along_x.reshape(-1, size), dtype=np.complex128)
 
     def rows_of_dots(self, terms: _Terms, of: int | None = None) -> Complexes | Floats:
         """Waves along x of every row of clear features as drawn, [rows, 2 n]; or their change with an error, a wave."""
@@ -282,8 +283,8 @@ class LensField:
 def _along(values: Complexes | Floats, waves: Floats) -> Complexes | Floats:
     """Products of values, real or complex, with waves along their second axis."""
     if np.iscomplexobj(values):
-        return np.asarray(values.real @ waves + 1j * (values.imag @ waves))
-    return np.asarray(values @ waves)
+        return np.asarray(values.real @ waves + 1j * (values.imag @ waves), dtype=np.complex128)
+    return np.asarray(values @ waves, dtype=np.float64)
 
 
 def _crossed(waves: Floats, rows: Complexes | Floats) -> Complexes:
@@ -307,8 +308,6 @@ GEOMETRY = ("x_um", "y_um", "turn_rad", "scale")
 BIAS = "bias_um"
 _SHIFT_PX, _TURN, _SCALE = 0.02, 1e-3, 1e-4
 """Steps by which the picture is moved, turned and stretched for its slopes."""
-_KEPT = 2
-"""Settings whose slopes are kept: that of the first light, and that of another lamp."""
 _SPARE_PX = 4
 """Pixels by which a light may be found off the middle of the window, and the window stretched."""
 
@@ -408,6 +407,7 @@ class DieImage:
     _few: Mapping[str, Spectrum]
     light_um: float = 0.0
     _lens: dict[tuple[int, tuple[tuple[int, float], ...]], list[LensField]] = field(default_factory=dict, repr=False)
+    _amplitude: dict[tuple[object, ...], list[Complexes]] = field(default_factory=dict, repr=False)
     _last: dict[tuple[object, ...], list[Floats]] = field(default_factory=dict, repr=False)
     _sloping: dict[tuple[float, Setting], dict[str, list[Floats]]] = field(default_factory=dict, repr=False)
 
@@ -455,72 +455,44 @@ class DieImage:
 
     def pictures(self, setting: Setting) -> list[Floats]:
         """Share of the light that every pixel takes, [rows, columns] for each grid of pixels."""
-        pictures = self._first(setting)
-        if setting.lamp is None:
-            return pictures
-        others = self._first(_lit_by(setting, setting.lamp))
-        return [one + setting.lamp.share * other for one, other in zip(pictures, others, strict=True)]
-
-    def _first(self, setting: Setting) -> list[Floats]:
-        """Pictures of the first light alone."""
-        (pictures,) = self._taken(setting, [self._intensities(setting)], self.light)
-        return pictures
+        return self._taken(setting, [self._intensities(setting)], self.light)[0]
 
     def slopes(self, setting: Setting) -> list[list[Floats]]:
-        """Changes of pictures with everything that a setting names, in its order; of as few lines as show them."""
-        first = self._slopes(setting)
-        if setting.lamp is None:
-            return first
-        at, share = _lit_by(setting, setting.lamp), setting.lamp.share
-        other = self._slopes(at)
-        both = [[one + share * two for one, two in zip(*pair, strict=True)] for pair in zip(first, other, strict=True)]
-        moved = [[share * picture for picture in slope] for slope in other[:2]]
-        return [*both[: len(GEOMETRY) + 1], *moved, self._first(at), *both[len(GEOMETRY) + 1 :]]
+        """Changes of pictures with everything that a setting names, in its order; of as few lines as show them.
 
-    def _slopes(self, setting: Setting) -> list[list[Floats]]:
-        """Those of the first light alone; what was asked at a setting is kept for who asks for more terms there."""
-        terms = tuple(term for term in setting.terms if term[1])
-        key = self.light_um, replace(setting, terms=terms, lamp=None)
+        What was asked last is kept for who asks for more terms at the same setting.
+        """
+        key = self.light_um, replace(setting, terms=tuple(term for term in setting.terms if term[1]))
         if key not in self._sloping:
-            for old in list(self._sloping)[: 1 - _KEPT]:
-                del self._sloping[old]
-            self._sloping[key] = {}
+            self._sloping.clear()
+            self._sloping[key] = self._stand_slopes(setting)
         known = self._sloping[key]
         asked = [term for term, _ in setting.terms if f"z{term}" not in known]
-        if asked or not known:
-            behind = self._behind(setting)
-            here = [node.field(setting.bias_um) for node in behind]
-            if not known:
-                known.update(self._stand_slopes(setting, behind, here))
-            by_terms = [
-                self._changed(
-                    setting,
-                    here,
-                    [
-                        self._waves(float(line)) * node.by_term(term)
-                        for line, node in zip(self._nodes(setting), behind, strict=True)
-                    ],
-                )
-                for term in asked
-            ]
-            if asked:
-                named = (f"z{term}" for term in asked)
-                known.update(zip(named, self._taken(setting, by_terms, self._few), strict=True))
-        return [known[name] for name in replace(setting, lamp=None).names]
+        if asked:
+            waves, behind = [self._waves(float(line)) for line in self._nodes(setting)], self._behind(setting)
+            by_terms = [self._changed(setting, [node.by_term(term) for node in behind], waves) for term in asked]
+            named = (f"z{term}" for term in asked)
+            known.update(zip(named, self._taken(setting, by_terms, self._few), strict=True))
+        return [known[name] for name in setting.names]
 
-    def _stand_slopes(
-        self, setting: Setting, behind: Sequence[LensField], here: Sequence[Complexes]
-    ) -> dict[str, list[Floats]]:
-        """Changes with place, turn, scale and bias."""
-        flat = [self._intensity(amplitude) for amplitude in here]
-        seen = [turned(picture, setting.turn_rad) for picture in flat]
+    def _stand_slopes(self, setting: Setting) -> dict[str, list[Floats]]:
+        """Changes with place, turn, scale, bias, and with another lamp."""
+        here, flat = self._intensities(setting), [self._intensity(field) for field in self._fields(setting)]
         left, right = ([turned(picture, setting.turn_rad + sign * _TURN) for picture in flat] for sign in (1, -1))
         by_turn = [(a - b) / (2 * _TURN) for a, b in zip(left, right, strict=True)]
-        by_bias = self._changed(setting, here, [node.by_bias(setting.bias_um) for node in behind])
+        by_bias = self._changed(setting, [node.by_bias(setting.bias_um) for node in self._behind(setting)])
         turn, bias = self._taken(setting, [by_turn, by_bias], self._few)
         shift = _SHIFT_PX * self.camera.pixel_um
         steps = {"x_um": shift, "y_um": shift, "scale": _SCALE}
-        return {"turn_rad": turn, BIAS: bias} | {key: self._moved(setting, seen, key, by) for key, by in steps.items()}
+        slopes = {"turn_rad": turn, BIAS: bias}
+        slopes |= {key: self._moved(setting, here, key, step) for key, step in steps.items()}
+        if setting.lamp is not None:
+            x_um, y_um, share = setting.lamp.x_um, setting.lamp.y_um, setting.lamp.share
+            there = replace(setting, x_um=setting.x_um + x_um, y_um=setting.y_um + y_um, lamp=None)
+            for key in ("x_um", "y_um"):
+                slopes[f"lamp_{key}"] = [share * slope for slope in self._moved(there, here, key, shift)]
+            slopes["lamp_share"] = self.pictures(there)
+        return slopes
 
     @cached_property
     def _three(self) -> Floats:
@@ -550,22 +522,35 @@ class DieImage:
             ]
         return self._lens[key]
 
+    def _fields(self, setting: Setting) -> list[Complexes]:
+        """Field at each node."""
+        key = setting.bias_um, setting.terms
+        if key not in self._amplitude:
+            self._amplitude.clear()
+            self._amplitude[key] = [node.field(setting.bias_um) for node in self._behind(setting)]
+        return self._amplitude[key]
+
     def _intensities(self, setting: Setting) -> list[Floats]:
+        """Intensity at each node, turned."""
         # A picture that is only moved or stretched is of the same light.
         key = setting.turn_rad, setting.bias_um, setting.terms
         if key not in self._last:
             self._last.clear()
-            self._last[key] = [
-                turned(self._intensity(node.field(setting.bias_um)), setting.turn_rad) for node in self._behind(setting)
-            ]
+            self._last[key] = [turned(self._intensity(field), setting.turn_rad) for field in self._fields(setting)]
         return self._last[key]
 
     def _intensity(self, field: Complexes) -> Floats:
         return np.asarray((field.real**2 + field.imag**2) / self._field.energy_um2)
 
-    def _changed(self, setting: Setting, here: Sequence[Complexes], by: Sequence[Complexes]) -> list[Floats]:
-        """Change of the intensity at each line with that of the field."""
-        flat = (2 * (a.real * b.real + a.imag * b.imag) / self._field.energy_um2 for a, b in zip(here, by, strict=True))
+    def _changed(
+        self, setting: Setting, by: Sequence[Complexes], factors: Sequence[float] | None = None
+    ) -> list[Floats]:
+        """Change of the intensity at each node with that of the field, times a factor of the node."""
+        factors = factors or [1.0] * len(by)
+        flat = (
+            2 * factor / self._field.energy_um2 * (here.real * change.real + here.imag * change.imag)
+            for here, change, factor in zip(self._fields(setting), by, factors, strict=True)
+        )
         return [turned(picture, setting.turn_rad) for picture in flat]
 
     def _moved(self, setting: Setting, seen: list[Floats], key: str, step: float) -> list[Floats]:
@@ -578,8 +563,9 @@ class DieImage:
     def _taken(
         self, setting: Setting, given: Sequence[list[Floats]], light: Mapping[str, Spectrum]
     ) -> list[list[Floats]]:
-        """Pixels of several intensities, each told at the nodes; [given][grid of pixels]."""
-        nodes = self._nodes(setting)
+        """Pixels of several intensities, each told at the nodes, in the light of all lamps; [given][grid of pixels]."""
+        nodes, lamp = self._nodes(setting), setting.lamp
+        lights = [(0.0, 0.0, 1.0), *([(lamp.x_um, lamp.y_um, lamp.share)] if lamp else ())]
         taken = [[np.zeros((pixel.y_um.size, pixel.x_um.size)) for pixel in self.pixels] for _ in given]
         samples = given[0][0].shape[0]
         for colour, lines in light.items():
@@ -588,11 +574,11 @@ class DieImage:
                 at_line = [_between(nodes, intensities, float(line)) for intensities in given]
                 stretch = (1 + setting.scale) / (line * UM_PER_NM * self.camera.focal_um)
                 width = self.camera.pixel_um * stretch / self._step
-                for k in mine:
-                    grid = self.pixels[k]
-                    across = self._means(samples, grid.x_um - setting.x_um, stretch / self._step, width)
-                    up = self._means(samples, grid.y_um - setting.y_um, stretch / self._step, width)
-                    factor = weight * (self.camera.pixel_um * stretch) ** 2
+                for k, (right_um, up_um, share) in product(mine, lights):
+                    x_um = self.pixels[k].x_um - setting.x_um - right_um
+                    y_um = self.pixels[k].y_um - setting.y_um - up_um
+                    across, up = (self._means(samples, um, stretch / self._step, width) for um in (x_um, y_um))
+                    factor = share * weight * (self.camera.pixel_um * stretch) ** 2
                     for total, intensity in zip(taken, at_line, strict=True):
                         total[k] += factor * (up @ intensity @ across.T)
         return taken
@@ -605,11 +591,6 @@ class DieImage:
             for offset, weight in zip(offsets, weights, strict=True)
         )
         return np.asarray(sum(parts))
-
-
-def _lit_by(setting: Setting, lamp: Lamp) -> Setting:
-    """A setting whose first light stands where another lamp does."""
-    return replace(setting, x_um=setting.x_um + lamp.x_um, y_um=setting.y_um + lamp.y_um)
 
 
 def gathered(lines: Spectrum, camera: Camera, reach_um: float) -> Spectrum:
