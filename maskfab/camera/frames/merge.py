@@ -18,7 +18,7 @@ given one of them it is not.
 
 Notes:
     Of readings within noise of white those below count, so light there is told too dark, by up to 0.4 standard
-    deviations of the longer exposure.
+    deviations of the longer exposure, until a model tells which they are (:meth:`Plane.expecting`).
     Dark frames tell hot pixels and the level of the dark. They are not taken off pixel by pixel, which would add
     their noise.
     Pixels that stand alone among their neighbours may be dust, hot, or a fine peak; they stay.
@@ -213,6 +213,8 @@ def _ratio(colours: Sequence[Exposed], times_s: Sequence[float], longer: int, sh
 Places = NDArray[np.int64]
 
 _ROUNDS = 3
+_BELOW = 4.0
+"""Standard deviations by which light must stay below full for its readings to be all there."""
 _DISAGREES = 6.0
 _LEVERAGE = 0.98
 _SEEN, _BRIGHT, _MOST_DISAGREEING, _ENOUGH = 6.0, 20.0, 0.2, 50
@@ -255,6 +257,18 @@ class Plane:
     def variance(self, light: Floats) -> Floats:
         """Variance of what was measured if ``light`` [rows, columns] is the truth, as of a model."""
         return np.asarray(self.shot * np.maximum(light, 0.0) + self.floor + (self.relative * light) ** 2)
+
+    def expecting(self, light: Floats) -> Plane:
+        """Plane without readings that this light, [rows, columns], brings within noise of full.
+
+        Of those the ones that came out dark alone would count, and tell the light too dark.
+        """
+        electrons = self.scales[:, None, None] * self.share * np.maximum(light, 0.0)
+        noise = np.sqrt(electrons + self.exposed.dark[:, None, None])
+        usable = self.exposed.usable & (electrons + _BELOW * noise < self.exposed.full[:, None, None])
+        if (usable == self.exposed.usable).all():
+            return self
+        return replace(self, exposed=replace(self.exposed, usable=usable)).rescaled(self.scales)
 
     def rescaled(self, scales: Floats) -> Plane:
         """Plane of these exposures merged with other times, [frames]; what was not valid stays so."""

@@ -136,7 +136,9 @@ def explained(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progr
         image, fit, width = with_width_and_terms(image, taken, fitted(image, taken, fit.setting, progress), progress)
     taken, fit = _with_gains(image, taken, fit, progress)
     factor, most = math.sqrt(fit.chi2 / fit.freedom), math.sqrt(_most(fit))
-    return Explanation(image, taken, with_frames(image, taken, fit), width, dust, factor, most, _left(taken, fit))
+    return Explanation(
+        image, taken, with_frames(image, taken, fit), width, dust, factor, most, _left(image, taken, fit)
+    )
 
 
 def _fresh(setting: Setting) -> Setting:
@@ -261,16 +263,18 @@ def _most(fit: Fit) -> float:
     return 1 + _NOISE_KNOWN + _LIKELY * math.sqrt(2 / fit.freedom)
 
 
-def _left(taken: Sequence[Taken], fit: Fit) -> Cause | None:
+def _left(image: DieImage, taken: Sequence[Taken], fit: Fit) -> Cause | None:
     """Cause of what a fit leaves, None where it is noise."""
     misfit = fit.chi2 / fit.freedom
     if misfit > _most(fit):
         # Beside the peak a lens that is wrong may look like dust, so such pixels are not left out.
         if holds_most(fit, _dark(taken, fit, math.inf)):
             return Cause.DUST
-        if fit.setting.lamp is not None:
-            return Cause.LAMP
-        return Cause.BANDING if _banded(taken, fit) and misfit < _MOST_BANDED else Cause.UNKNOWN
+        if _banded(taken, fit) and misfit < _MOST_BANDED:
+            return Cause.BANDING
+        # What is left of a picture of another kind is like the die's own, moved, for a small part only.
+        like_another = _lamp(image, taken, fit)[1] > _MOST_OF_IT * (fit.chi2 - fit.freedom)
+        return Cause.LAMP if like_another else Cause.UNKNOWN
     if _unlike_frames(taken, fit):
         return Cause.DRIFT
     if _banded(taken, fit):

@@ -68,11 +68,15 @@ class Taken:
     plane: Plane | None = None
 
     def expecting(self, light: Floats) -> Taken:
-        """This signal with the noise of a model's light: that of what was measured favours what came out dark."""
+        """This signal with the noise of a model's light, and what that leaves clear of full.
+
+        Noise of what was measured favours what came out dark, and so does what was measured of full pixels.
+        """
         if self.plane is None:
             return self
-        sigma = np.where(self.valid, np.sqrt(self.plane.variance(light)), np.inf)
-        return replace(self, sigma=np.asarray(sigma))
+        plane = self.plane.expecting(light)
+        sigma = np.where(plane.valid, np.sqrt(plane.variance(light)), np.inf)
+        return replace(self._merged(plane), sigma=np.asarray(sigma))
 
     def without(self, left_out: Mask) -> Taken:
         """This signal without some pixels."""
@@ -84,7 +88,9 @@ class Taken:
         """This signal of exposures whose times, [frames], are longer by factors."""
         if self.plane is None:
             return self
-        plane = self.plane.rescaled(self.plane.scales * gains)
+        return self._merged(self.plane.rescaled(self.plane.scales * gains))
+
+    def _merged(self, plane: Plane) -> Taken:
         return replace(self, light=plane.electrons_per_s, sigma=plane.sigma, valid=plane.valid, plane=plane)
 
     def within(self, half_um: float) -> Taken:

@@ -366,7 +366,7 @@ def _quantities(best: Hypothesis, fit: Fit, promise: Promise, width_um: float, *
     yield Quantity("captured_turn", *degrees, die=die)
     yield Quantity("captured_scale", setting.scale, method["scale"], half["scale"], die=die)
     for term, waves in setting.terms:
-        detail = f"{term}, {TERM_NAMES.get(term, 'Zernike')}"
+        detail = f"{term}, {TERM_NAMES[term]}" if term in TERM_NAMES else str(term)
         name = f"z{term}"
         yield Quantity("captured_term", waves, method[name], half[name], die=die, detail=detail)
 
@@ -389,7 +389,7 @@ def _seen_quantities(best: Hypothesis, told: Explanation, outside: Mapping[str, 
         yield Quantity("captured_light_width", told.width[0], method, NORMAL_95 * told.width[1], die=die)
     how = "1 less the sum of the fitted die's picture over all pixels of the window, the light in its middle"
     for colour, share in outside.items():
-        yield Quantity("captured_outside", share, how, die=die, detail=colour)
+        yield Quantity("captured_outside", share, how, die=die, detail="all" if colour == "-" else colour)
     how = "squared residuals over variance, mean over pixels"
     yield Quantity("captured_misfit", fit.chi2 / fit.freedom, how, die=die)
 

@@ -128,7 +128,7 @@ _NEXT = {
     Cause.UNKNOWN: "Look at the difference picture, check camera and light of the job, and take the stack again.",
 }
 _LOOKS = {
-    Cause.LAMP: "another light, which one lamp behind the same die does not explain",
+    Cause.LAMP: "one more light behind the same die",
     Cause.DUST: "dust on the sensor",
     Cause.DRIFT: "a light that changes between exposures",
     Cause.SATURATION: "pixels beside full ones that took their charge",
@@ -136,7 +136,7 @@ _LOOKS = {
     Cause.SETTING: "another camera, wavelength or distance than the job states",
     Cause.NOISE: "another gain, read noise or black level, or frames that were processed",
     Cause.BANDING: "rows or columns of the sensor with offsets of their own",
-    Cause.UNKNOWN: "none of: another lamp, dust, drift, saturation, another die",
+    Cause.UNKNOWN: "nothing that was looked for: another lamp, dust, drift, full pixels, another die of the job",
 }
 
 
@@ -266,13 +266,18 @@ def finding_sentences(told: Explanation, costs: Sequence[Cost], promise: Promise
     fit = told.fit
     bias, half = fit.setting.bias_um, NORMAL_95 * fit.errors[BIAS]
     off = bias - promise.bias_um
-    seen = f"off by {off:+.3f} um." if abs(off) > half else "no difference is seen."
+    seen = "no difference is seen."
+    if abs(off) > half:
+        within = "" if abs(off) > SURE * fit.errors[BIAS] else ", within its error of 99.9 %"
+        seen = f"off by {off:+.3f} um{within}."
+    scale, scale_half = fit.setting.scale, NORMAL_95 * fit.errors["scale"]
+    scaled = "one die does not tell which of them is off" if abs(scale) > scale_half else "no difference is seen"
     return (
         f"CD {bias:+.3f} ± {half:.3f} um (95 %), where the job states {promise.bias_um:+.3f} um: {seen}",
         *_cost_sentences(costs),
         _lens_sentence(fit, line_nm),
-        "Scale is that of pitch x pixel / (wavelength x focal length): one die tells "
-        f"{fit.setting.scale:+.2e}, and not which of them is off.",
+        "Scale, that of pitch x pixel / (wavelength x focal length), less 1: "
+        f"{scale:+.1e} ± {scale_half:.1e}; {scaled}.",
     )
 
 
@@ -302,11 +307,11 @@ def _lens_sentence(fit: Fit, line_nm: float) -> str:
         for term, waves in fit.setting.terms
         if abs(waves) > half[term]
     ]
-    sought = f"of {len(half)} Zernike terms" if len(half) > 1 else "of defocus"
-    told = ", ".join(seen) if seen else "none can be told from zero"
+    if not seen:
+        return "Lens: no error can be told from zero, defocus being sought and all that the residuals ask for."
     rest = len(half) - len(seen)
-    left = f"; {rest} cannot be told from zero" if seen and rest else ""
-    return f"Lens, in waves of {line_nm:g} nm, {sought}: {told}{left}."
+    left = f"; {rest} more cannot be told from zero" if rest else ""
+    return f"Lens, in waves of {line_nm:g} nm: {', '.join(seen)}{left}."
 
 
 def _by_error(value: float, error: float) -> str:

@@ -43,7 +43,7 @@ SCHEMA_VERSION, CAPTURE_SCHEMA_VERSION = 1, 2
 IF_IT_HELD = "If the model held, which it does not by as much as stated above:"
 """Heads what a fit says where nothing can be told."""
 PAGE = "measure.html"
-_SIDE, _LEFT, _TOP, _GAP, _FOOT, _BAR = 2.35, 0.7, 0.3, 0.25, 0.45, 0.7
+_SIDE, _LEFT, _TOP, _GAP, _FOOT, _BAR = 2.35, 0.7, 0.3, 0.25, 0.22, 0.7
 _DECADES = 5
 _MOST_SIGMA = 4.0
 _FOUND = "#00B4D8"
@@ -192,6 +192,7 @@ def capture_page(measured: Measured, document: Record, notes: Sequence[str]) -> 
         if_sentences=measured.if_sentences,
         captured=Markup(captured_drawing(measured).img()),
         found=" and ".join(_found(measured)),
+        dusty=measured.explained.dusty,
         mtf=Markup(capture_mtf_drawing(measured).img()),
         rows=_rows(measured.quantities),
         if_rows=_rows(measured.if_numbers),
