@@ -36,7 +36,7 @@ from maskfab.report.rows import bands, photographs
 from maskfab.runs.store import VARIABLE
 
 # The same examples in every run: a red test is the fault of a change. HYPOTHESIS_PROFILE=explore looks for new ones.
-settings.register_profile("fixed", max_examples=30, derandomize=True, deadline=None)
+settings.register_profile("fixed", max_examples=15, derandomize=True, deadline=None)
 settings.register_profile("full", max_examples=100, derandomize=True, deadline=None)
 settings.register_profile("explore", max_examples=500, deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its customary name
 import pytest
+from once import leaves
 from small_job import finished, write_job
 
 import maskfab as mf
@@ -116,7 +117,8 @@ def test_an_opening_alone_is_laid_out_as_its_analysis_lays_it_out() -> None:
 PERIODIC = "bar_5x3 is tiled periodically"
 
 
-def test_an_opening_alone_is_seen_periodically_and_the_answer_says_so() -> None:
+def test_an_opening_alone_is_seen_periodically_and_the_answer_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("maskfab.camera.scenes.bundled", lambda count=4: (leaves(1, 704, 768),))
     laid = panels_of(BAR, CAMERA)["PANEL"]
     psf, again = CAMERA.psf(BAR, 530), CAMERA.psf(laid, 530)
     np.testing.assert_array_equal(psf.samples, again.samples)

@@ -199,7 +199,7 @@ def test_a_periodic_display_asks_for_no_map() -> None:
 @pytest.mark.parametrize("lines", [2, 7])
 def test_lines_counted_beside_many_openings_leave_out_none_that_can_be_wired(lines: int) -> None:
     """Every kind of panel, by its own exact answer."""
-    shapes = [*islice(bars(11, 25), 0, None, 3), *islice(l_shapes(11, 25), 0, None, 40)]
+    shapes = [*islice(bars(11, 25), 0, None, 6), *islice(l_shapes(11, 25), 0, None, 80)]
     units = np.stack([shape.unit for shape in shapes])
     for held in kinds_of_panel(rules_of(asked_display(lines=lines)), crooked=False):
         display = held["emitters"]

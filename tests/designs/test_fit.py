@@ -44,6 +44,7 @@ def test_the_rule_is_the_check_itself_and_the_quick_one_is_no_laxer(tmp_path: Pa
     assert len(set(verdicts)) == 2
 
 
+@pytest.mark.slow
 def test_what_is_designed_for_a_display_fits_in_the_job_that_holds_it(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("maskfab.camera.scenes.bundled", lambda count=4: (leaves(1),))
     path = job_of(tmp_path, more=DISPLAY)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 from once import leaves
+from sweeps import in_turns, sweep
 
 from maskfab.base.errors import InputError
 from maskfab.base.model import Opening, Panel, Tiling
@@ -314,8 +315,9 @@ def test_more_refusals(known: Surrogate) -> None:
     assert caught.value.code == "MF104"
 
 
-@pytest.mark.parametrize("wavelengths", [(530.0,), tuple(np.linspace(400, 700, 31))])
-@pytest.mark.parametrize("diameter", [40.0, 400.0])
+@pytest.mark.parametrize(
+    ("diameter", "wavelengths"), sweep(in_turns((400.0, 40.0), [(530.0,), tuple(np.linspace(400, 700, 31))]), 2)
+)
 def test_one_line_or_many_and_a_stop_within_one_cell(wavelengths: tuple[float, ...], diameter: float) -> None:
     cells = CELLS[:1, :1] if diameter < 56 else CELLS
     camera = Camera(1000.0, Stop("circle", diameter), wavelengths, 2.0, 256.0)

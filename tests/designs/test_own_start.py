@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from sweeps import sweep
 
 import maskfab as mf
 from maskfab.base.errors import InputError
@@ -84,12 +85,15 @@ def test_starts_that_cannot_be_are_refused(start: Any, more: dict[str, Any], tol
 
 @pytest.mark.parametrize(
     ("rules", "least"),
-    [
-        ({"min_feature_dots": 3}, 90),
-        ({"min_feature_dots": 2, "min_space_dots": 2, "kissing": "cell"}, 95),
-        ({"min_feature_dots": 3, "rim_dots": 1}, 85),
-        ({"symmetry": "rot180"}, 60),
-    ],
+    sweep(
+        [
+            ({"symmetry": "rot180"}, 60),
+            ({"min_feature_dots": 3, "rim_dots": 1}, 85),
+            ({"min_feature_dots": 3}, 90),
+            ({"min_feature_dots": 2, "min_space_dots": 2, "kissing": "cell"}, 95),
+        ],
+        2,
+    ),
 )
 def test_an_opening_that_nearly_keeps_the_rules_is_mended(rules: dict[str, Any], least: int) -> None:
     """Two blocks at the cell's edge with ragged sides: no compact shape has as much in common with them."""

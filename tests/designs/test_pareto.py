@@ -128,7 +128,7 @@ def test_the_footprint_is_the_one_that_rules_of_a_design_judge() -> None:
             assert rules.allows(candidate.unit) is kept
 
 
-@pytest.mark.parametrize("shown", [SHOWN, EVEN], ids=["random", "periodic"])
+@pytest.mark.parametrize("shown", [pytest.param(SHOWN, marks=pytest.mark.slow), EVEN], ids=["random", "periodic"])
 def test_curves_are_exact_among_all_shapes(scenes: tuple[Photograph, ...], shown: Display) -> None:
     lines = LINES if shown is SHOWN else (0,)
     of = section(tiling=shown.tiling.value)

@@ -270,6 +270,7 @@ def test_a_broken_limit_of_the_job_fails_the_check_of_all_but_the_reference(caps
     assert "LOOKS: BROKEN: 0 of 1 keep them: ΔE of even white; limits of the job\n" in alone.stdout
 
 
+@pytest.mark.usefixtures("drawn_in_words", "read_here")
 def test_a_run_tells_five_verdicts_and_fails_by_stated_limits_alone(capsys, tmp_path):
     done = command(capsys, "run", job(tmp_path, "[lives]\npower = 0.01\n"), "--out", tmp_path / "out", "--quiet")
     assert done.code == 1
@@ -290,6 +291,7 @@ def test_a_run_tells_five_verdicts_and_fails_by_stated_limits_alone(capsys, tmp_
     assert "reported" not in verified.stderr
 
 
+@pytest.mark.usefixtures("drawn_in_words", "read_here")
 def test_limits_of_a_job_without_emitters_are_named_as_not_used(capsys, tmp_path):
     path = write_job(tmp_path, ("[plate]", "[looks]\ndelta_e = 1.0\n\n[lives]\nlife = 0.5\n\n[plate]"))
     done = command(capsys, "run", path, "--out", tmp_path / "out", "--quiet")

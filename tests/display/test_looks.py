@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sweeps import examples, in_turns, sweep
 
 from maskfab.base.errors import JobError
 from maskfab.base.model import Emitters, Tiling, orient
@@ -136,8 +137,7 @@ def test_a_reference_shows_text_as_well(telephone):
 # The reference display.
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
-@pytest.mark.parametrize("ratio", [(1, 1, 1), (1, 1, 2), (2, 1, 1.5)])
+@pytest.mark.parametrize(("layout", "ratio"), sweep(in_turns(LAYOUTS, [(1, 1, 1), (1, 1, 2), (2, 1, 1.5)]), 3))
 def test_a_reference_keeps_the_rules_and_the_ratio(layout, ratio):
     """Measured on cells of a micrometre, across the sides of pixels: gaps between colours, and areas."""
     pitch_um, gap_um = 168, 8
@@ -168,7 +168,7 @@ def test_a_reference_keeps_the_rules_and_the_ratio(layout, ratio):
 RATIO = st.tuples(*[st.floats(0.3, 3)] * 3)
 
 
-@settings(max_examples=60, deadline=None)
+@examples(100)
 @given(
     layout=st.sampled_from(LAYOUTS),
     pitch=st.integers(20_000, 200_000),

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from small_job import finished, write_job
+from sweeps import sweep
 
 from maskfab.base.errors import JobError, OutputError
 from maskfab.base.model import CLEAR
@@ -37,7 +38,7 @@ def corners(layout):
     return np.array(found)
 
 
-@pytest.mark.parametrize("grid_nm", [5, 10])
+@pytest.mark.parametrize("grid_nm", sweep([5, 10], 1))
 def test_every_vertex_of_every_file_lies_on_the_grid(tmp_path, grid_nm):
     formats = '["gdsii", "dxf_r12", "dxf_r2010", "cif"]'
     out = finished(tmp_path, of_grid(f"{grid_nm} nm", formats, '[order]\nchrome = "down"\n\n'))

@@ -155,6 +155,7 @@ def test_a_spread_that_closes_dots_is_refused_before_any_work(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("drawn_in_words", "read_here")
 def test_a_report_has_the_bands_of_every_die(tmp_path):
     spread = ("[[die]]", '[process]\nspread = { bias = "0.1 um", radius = "0.2 um" }\n\n[[die]]')
     found = run(write_job(tmp_path, spread), tmp_path / "out")

@@ -103,7 +103,8 @@ def four_small_scenes():
         patch.setattr(photographs, "drawn_scenes", lambda **_: tuple(leaves(seed, 704, 768) for seed in range(1, 5)))
         patch.setattr(advice.os, "cpu_count", lambda: 1)
         patch.setattr(advice, "_DENSER_S", 3600.0)
-        patch.setattr(held, "_TRIED", held._TRIED_OF_FEWER)
+        for tried in ("_TRIED", "_TRIED_OF_FEWER"):
+            patch.setattr(held, tried, 8)
         yield
 
 

@@ -18,6 +18,7 @@ from klayout import db
 from once import figures_in_words
 from shared_tasks import printed
 from small_job import command, write_job
+from sweeps import sweep
 
 from maskfab.base.folders import TIMES
 from maskfab.base.plain_data import to_data
@@ -70,7 +71,7 @@ def refused(store: Store) -> str:
     return str(again.account.refused)
 
 
-@pytest.mark.parametrize("what", ["measure_with_bar", "photograph_die"])
+@pytest.mark.parametrize("what", sweep(["photograph_die", "measure_with_bar"], 1))
 def test_findings_of_two_dies_exchanged_are_found_again(made, tmp_path, what):
     store = copied(made, tmp_path)
     entries = [entry.path for entry in store.entries() if entry.what.endswith(what)]

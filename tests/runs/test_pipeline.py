@@ -54,6 +54,7 @@ def quantities(report: dict, name: str) -> list[dict]:
 # --- the same again --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_run_repeated_gives_the_same_bytes(capsys, tmp_path):
     """Elsewhere, and from nothing but the job that the first run kept; figures are drawn as they are, each time."""
     out, alone, again = tmp_path / "out", tmp_path / "job.json", tmp_path / "again"
@@ -463,15 +464,17 @@ write_files(job, draw_files(job, job.plate()), folder, silent)
 """
 
 
+LOCALEDEF = shutil.which("localedef") if Path("/usr/share/i18n/locales/tr_TR").exists() else None
+
+
 @pytest.fixture(scope="module")
-def turkish(tmp_path_factory):
-    """Surroundings of a process with Turkish letters and decimal commas, where their locale can be compiled."""
+def turkish(tmp_path_factory, elsewhere):
+    """Those elsewhere, with Turkish letters and decimal commas, where their locale can be compiled."""
     folder = tmp_path_factory.mktemp("locales")
-    localedef = shutil.which("localedef")
-    if not localedef or not Path("/usr/share/i18n/locales/tr_TR").exists():
+    if not LOCALEDEF:
         pytest.skip("no localedef with the source of tr_TR to compile the Turkish locale from")
-    subprocess.run([localedef, "-i", "tr_TR", "-f", "UTF-8", folder / "tr_TR.UTF-8"], check=True, timeout=60)
-    return {"LOCPATH": str(folder), "LC_ALL": "tr_TR.UTF-8"}
+    subprocess.run([LOCALEDEF, "-i", "tr_TR", "-f", "UTF-8", folder / "tr_TR.UTF-8"], check=True, timeout=60)
+    return {**elsewhere, "LOCPATH": str(folder), "LC_ALL": "tr_TR.UTF-8"}
 
 
 @pytest.fixture(scope="module")
@@ -485,7 +488,7 @@ def elsewhere():
     ("surroundings", "formats"),
     [
         pytest.param("turkish", LAYOUTS, id="turkish"),
-        pytest.param("elsewhere", LAYOUTS, id="elsewhere"),
+        pytest.param("elsewhere", LAYOUTS, id="elsewhere", marks=[pytest.mark.slow] * bool(LOCALEDEF)),
         pytest.param("turkish", EVERY_FORMAT, id="turkish, every format", marks=pytest.mark.slow),
         pytest.param("elsewhere", EVERY_FORMAT, id="elsewhere, every format", marks=pytest.mark.slow),
     ],

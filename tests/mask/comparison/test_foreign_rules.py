@@ -318,7 +318,7 @@ def test_few_bytes_that_draw_very_many_shapes_are_answered_soon(job, tmp_path, m
 
 def test_too_many_shapes_before_a_stop_are_not_measured_and_that_is_said(job, tmp_path, monkeypatch):
     monkeypatch.setattr(foreign, "MOST_SEEN_ALONE", 50)
-    rows = held(job, arrayed(tmp_path / "x.gds", db.Box(0, 0, 1000, 1000), 20_000, 100))
+    rows = held(job, arrayed(tmp_path / "x.gds", db.Box(0, 0, 1000, 1000), 30_000, 70))
     assert rows["optics"].passed is False
     assert "more than 50 shapes" in rows["optics"].method
     assert "mtf50" not in rows

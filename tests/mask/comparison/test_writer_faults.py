@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from klayout import db
 from small_job import command, write_job
+from sweeps import sweep
 
 from maskfab.base.model import CLEAR, Plate, Quantity
 from maskfab.base.work import silent
@@ -83,7 +84,7 @@ def written(job: Job, plate: Plate, folder: Path, ending: str) -> tuple[Quantity
 
 
 @pytest.mark.usefixtures("read_here")
-@pytest.mark.parametrize("by_nm", [5000, 1])
+@pytest.mark.parametrize("by_nm", sweep([1, 5000], 1))
 def test_all_that_the_writer_moves_fails_and_is_named(whole, tmp_path, monkeypatch, by_nm):
     """Title, fiducial, label, one cell of the data matrix, one letter, two dies."""
     assert not failed(written(*whole, tmp_path, ".gds"))

@@ -21,7 +21,7 @@ def played(tmp_path, chosen_of):
 
 @traced
 def test_killed_at_a_system_call_nothing_is_lost_and_the_next_start_leaves_nothing(tmp_path):
-    assert played(tmp_path, lambda total: [*range(0, total, 83), *range(total, total + 15)]) == []
+    assert played(tmp_path, lambda total: [*range(0, total, 167), *range(total, total + 15)]) == []
 
 
 @traced

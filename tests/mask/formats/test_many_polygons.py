@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from klayout import db
 from small_job import write_job
+from sweeps import sweep
 
 from maskfab.base.errors import SourceError
 from maskfab.base.model import CLEAR
@@ -128,7 +129,7 @@ def test_a_verdict_on_very_many_polygons_takes_what_a_million_can_afford(tmp_pat
     assert took_mb - idle_mb < 300 / MEGABYTE * more
 
 
-@pytest.mark.parametrize("suffix", WRITERS)
+@pytest.mark.parametrize("suffix", sweep(WRITERS, 1))
 def test_every_polygon_is_read_and_time_grows_no_faster_than_their_number(tmp_path, suffix):
     seconds = {}
     for count in (4_000, 24_000):

@@ -62,7 +62,7 @@ def biased(folder, bias_um: float = 0.4, *edits, order: str = "", export: str = 
     ("tone", "chrome", "bias_um", "edits"),
     [
         ("clear", "up", 0.4, ()),
-        ("dark", "down", -0.6, (TEMPLATE,)),
+        pytest.param("dark", "down", -0.6, (TEMPLATE,), marks=pytest.mark.slow),
         pytest.param("dark", "up", 0.2, (TEMPLATE,), marks=pytest.mark.slow),
     ],
 )

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from klayout import db
+from sweeps import sweep
 
 from maskfab.mask.judge.dies import Boundary
 from maskfab.mask.judge.marks import ADVANCE, HEIGHT, area_steps2, drawing, points
@@ -53,7 +54,7 @@ def test_font_and_judge_agree_on_every_letter(letter):
     assert area(polygons) == ink_steps2(letter) * STEP_NM**2
 
 
-@pytest.mark.parametrize("letter", LETTERS)
+@pytest.mark.parametrize("letter", sweep(LETTERS[::3] + LETTERS[1::3] + LETTERS[2::3], len(LETTERS) // 3))
 def test_every_other_letter_is_another(letter):
     polygons = drawn(letter)
     told = {other for other in LETTERS.upper() if difference(polygons, other) > 0}

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from asked_jobs import GUTTER, JOBS, RANDOM, asked_job
 from klayout import db
+from sweeps import in_turns, sweep
 
 from maskfab.base.model import CLEAR, Die, Mark
 from maskfab.base.work import silent
@@ -250,8 +251,7 @@ def test_what_is_drawn_wrongly_fails_though_the_design_agrees(fault, job, plate,
     assert "readback_xor_area" not in failed
 
 
-@pytest.mark.parametrize("format_", ["gds", "oas", "dxf"])
-@pytest.mark.parametrize("what", ["cell", "mark"])
+@pytest.mark.parametrize(("what", "format_"), sweep(in_turns(("cell", "mark"), ("gds", "oas", "dxf")), 3))
 def test_files_are_judged_without_the_comparison_of_polygons(format_, what, job, plate, monkeypatch, tmp_path):
     monkeypatch.setattr(roundtrip, "_xor", lambda *args: db.Region())
     monkeypatch.setattr(roundtrip, "_compare_dots", lambda *args: None)
@@ -269,6 +269,7 @@ def test_files_are_judged_without_the_comparison_of_polygons(format_, what, job,
     }
 
 
+@pytest.mark.usefixtures("drawn_in_words")
 def test_a_run_rests_on_the_second_opinion(monkeypatch, tmp_path):
     job = asked_job(dies=(RANDOM,), plate=PLAIN, more='[export]\nformats = ["oasis"]\n')
     true = type(job).plate

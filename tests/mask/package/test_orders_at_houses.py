@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from sweeps import sweep
 
 import maskfab as mf
 from maskfab.base import resources
@@ -51,7 +50,8 @@ PECULIAR = {
 }
 
 
-@pytest.mark.parametrize("kind", sweep(PECULIAR, 1))
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", PECULIAR)
 def test_a_house_that_takes_a_small_order_gets_a_package_that_verifies(kind, tmp_path):
     bids, broken = broken_promises(small(kind, tmp_path), tmp_path, PECULIAR[kind])
     assert broken == []

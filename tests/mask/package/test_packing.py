@@ -291,6 +291,7 @@ def test_verify_tells_a_changed_package(capsys, packed, tmp_path):
 
 
 @pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="limits are those of a copy")
+@pytest.mark.slow
 @pytest.mark.usefixtures("within_limits")
 def test_masks_of_a_package_are_compared_within_limits(packed, tmp_path, monkeypatch):
     monkeypatch.setattr(sandbox, "SECONDS", 0)  # for so few bytes one is added
