@@ -17,7 +17,19 @@ import numpy as np
 import pytest
 from browser import Browser, Chromium, Firefox
 from hypothesis import settings
-from once import BOUNDS, DESIGN, OPTICS, compared_once, dimmed, figures_in_words, leaves, once, small_scenes, statistics
+from once import (
+    BOUNDS,
+    DESIGN,
+    OPTICS,
+    RULES,
+    compared_once,
+    dimmed,
+    figures_in_words,
+    leaves,
+    once,
+    small_scenes,
+    statistics,
+)
 from small_job import finished, write_job
 
 from maskfab.base.model import CLEAR, OUTLINE, Die, Gauge, Mark, Note, Opening, Panel, Plate, Tiling
@@ -169,6 +181,13 @@ def verified_once() -> Iterator[None]:
 def measured_once() -> Iterator[None]:
     """For tests that are about something else than the optics of a die."""
     with once(*OPTICS):
+        yield
+
+
+@pytest.fixture
+def ruled_once() -> Iterator[None]:
+    """For tests that pack, or verify, one plate many times."""
+    with once(*RULES):
         yield
 
 

@@ -259,9 +259,20 @@ def test_a_display_that_fits_nothing_is_an_answer(tmp_path):
     assert job_files(found.found.job)["job.toml"].count("fit = true") == 0
 
 
+@pytest.mark.parametrize("searched", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.usefixtures("alone")
-def test_a_limit_that_nothing_keeps_is_named_with_the_best_design_without_it(tmp_path, monkeypatch):
+def test_a_limit_that_nothing_keeps_is_named_with_the_best_design_without_it(tmp_path, monkeypatch, searched):
+    """Whether a search finds that out, which takes most of the time, or is told to have."""
     monkeypatch.setattr(advice, "_UNDER_S", 0.1)
+    look = advice.design
+
+    def refusing(spec, *given, **named):
+        if spec.design.rules.delta_e is not None:
+            raise JobError("MF123", "25 dots do not fit", where="job", cure="none")
+        return look(spec, *given, **named)
+
+    if not searched:
+        monkeypatch.setattr(advice, "design", refusing)
     path = write(tmp_path, ("[pareto]", "[looks]\ndelta_e = 0.001\n\n[pareto]"))
     # Seconds of this process alone, and a clock that refuses nothing, however busy the machine.
     clock = Clock(4.0, now=time.process_time)
