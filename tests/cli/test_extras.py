@@ -70,7 +70,7 @@ def test_the_verbs_of_the_core_work_without_the_heavy_packages(tmp_path):
     job = write_job(tmp_path)
     three_colours = write_job(tmp_path / "three", ('["530 nm"]', '["610 nm", "530 nm", "470 nm"]'))
     images.mkdir()
-    write_png(leaves(1, 352, 384).values, images / "leaves.png", white=1.0)
+    write_png(leaves(1, 704, 768).values, images / "leaves.png", white=1.0)
     plate, package = tmp_path / "plate", tmp_path / "plate.zip"
     lines = (
         ("analyse", tmp_path / "ring.toml", *LOOK),

@@ -8,7 +8,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from once import figures_in_words
+from once import FIGURES, once
 from small_job import command, write_job
 
 from maskfab.base.provenance import sha256_of_file
@@ -63,7 +63,7 @@ def test_a_report_is_printed_that_verifies_and_is_printed_again_to_the_last_byte
     if not any(map(shutil.which, paper.BROWSERS)):
         pytest.skip("no browser that prints is installed")
     out = tmp_path / "out"
-    with figures_in_words():
+    with once(*FIGURES):
         answer = command(capsys, "run", write_job(tmp_path), "--out", out, "--pdf", "--quiet")
         assert answer.code == 0, answer.stderr
         again = reproduce(out)
