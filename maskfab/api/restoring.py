@@ -22,15 +22,13 @@ from maskfab.base.errors import JobError, SourceError
 from maskfab.base.folders import Place, staged, write_mark
 from maskfab.base.units import parse_length_um
 from maskfab.base.work import Progress, one_thread, silent
-from maskfab.camera.blur import MeasuredBlur, StandingBlur, read_psfs, stand_words
+from maskfab.camera.blur import MeasuredBlur, StandingBlur, WholeBlur, read_psfs, stand_words
+from maskfab.camera.chart import ChartMatrix, chart_matrix, read_patches
 from maskfab.camera.imaging import Blur
 from maskfab.camera.photo import (
-    ChartMatrix,
     RestoredPhoto,
     Stated,
     balanced,
-    chart_matrix,
-    read_patches,
     read_photo,
     require_stops,
     restored_light,
@@ -87,8 +85,8 @@ def restore(
         stands: how the dies stood before the camera: drawn, turned (by 90 degrees), mirrored or mirrored-turned; by
             default what the job says, mirrored if the plate's chrome is away from the lens.
         camera: of a plate or of panels; by default the plate's, or that of protocol F1.
-        psf: in place of job and die: an EXR of a point light's capture, or one or three that ``maskfab run`` wrote; or
-            as many captures as photographs, one for each.
+        psf: EXR of a point light's capture, or one or three that ``maskfab run`` wrote, or as many captures as
+            photographs, one for each; beyond its pixels light is that of job and die, if these are given.
         restore: restorer: wiener, dct+wiener, gradient, dct+gradient or tv; of several the best, by default of all.
         epsilon: strength of the restorer's prior; by default what each record speaks for.
         blind: undo of the PSF only what each photograph bears out, for a die or a camera that may be another.
@@ -106,14 +104,13 @@ def restore(
         progress: told where the work stands.
 
     Raises:
-        JobError: MF105 for an unknown die, stand or restorer, both a job and a PSF or neither, photographs of one name,
+        JobError: MF105 for an unknown die, stand or restorer, neither a job nor a PSF, photographs of one name,
             or one photograph to register; MF104 for stops or a pixel that cannot be; MF121, MF142 for photographs that
             are too small or too large; else as :func:`maskfab.camera.die_transfer.die_transfer`.
         SourceError: MF351 for a PSF most of whose light is wider than a photograph, MF352 of another pixel, MF354 for
-            photographs that do not show one scene, MF355 for a chart that cannot tell colours; as
-            :func:`maskfab.camera.blur.read_psf`,
-            :func:`maskfab.camera.photo.read_patches` and
-            :func:`maskfab.camera.photo.read_photo`.
+            photographs that do not show one scene, MF355 for a chart that cannot tell colours, MF356 for
+            one in another order; as :func:`maskfab.camera.blur.read_psf`,
+            :func:`maskfab.camera.chart.read_patches` and :func:`maskfab.camera.photo.read_photo`.
     """
     require_stops(stops)
     if epsilon is not None and not 0 < epsilon < np.inf:
@@ -275,28 +272,36 @@ def blurs_of(
         psf: of all, in one file or three; or one file for each photograph.
 
     Raises:
-        JobError: MF105 for both a job and a PSF or neither, another number of dies, or what goes with a job beside a
-            PSF; else as :func:`maskfab.camera.die_transfer.die_transfer`.
-        SourceError: MF352 of another pixel; as :func:`maskfab.camera.blur.read_psf`.
+        JobError: MF105 for neither a job nor a PSF, another number of dies, or what goes with a job without one; else
+            as :func:`maskfab.camera.die_transfer.die_transfer`.
+        SourceError: MF352 of another pixel, MF353 for a PSF of a mosaic's cells with a job; as
+            :func:`maskfab.camera.blur.read_psf`.
     """
-    if (job is None) == (psf is None):
-        what = (
-            "the blur is that of a job's die or of a PSF, and " + ("neither" if job is None else "both") + " is given"
-        )
-        raise JobError("MF105", what, where="psf", cure="Give a job and a die, or the EXR file of a PSF")
     pixel_um = None if pixel is None else parse_length_um(length_text(pixel, "pixel"), where="pixel")
-    if psf is not None:
+    if job is None:
         for key, value in (("die", die), ("camera", camera), ("stands", stands)):
             if value is not None:
-                what = f"{key} goes with a job, and a PSF is given"
-                raise JobError("MF105", what, where=key, cure=f"Remove {key}, or the PSF")
-        files = [Path(psf)] if isinstance(psf, str | Path) else [Path(file) for file in psf]
-        blurs = read_psfs(files, photos)
-        for blur in blurs:
-            _require_pixel(pixel_um, blur.pixel_um, "the PSF")
-        return tuple((blur, blur.told, {}) for blur in blurs)
-    assert job is not None
-    return _of_dies(job, die, camera, photos, pixel_um, stands)
+                what = f"{key} goes with a job, and none is given"
+                raise JobError("MF105", what, where=key, cure=f"Give the job, or remove {key}")
+    if psf is None:
+        if job is None:
+            what = "the blur is that of a job's die or of a PSF, and neither is given"
+            raise JobError("MF105", what, where="psf", cure="Give a job and a die, or the EXR file of a PSF")
+        return _of_dies(job, die, camera, photos, pixel_um, stands)
+    files = [Path(psf)] if isinstance(psf, str | Path) else [Path(file) for file in psf]
+    blurs = read_psfs(files, photos)
+    if job is not None:
+        pixel_um = job_of(job, camera).camera.pixel_um if pixel_um is None else pixel_um
+    for blur in blurs:
+        _require_pixel(pixel_um, blur.pixel_um, "the PSF")
+    if job is None:
+        return tuple((blur, (*blur.told, blur.lack), {}) for blur in blurs)
+    if any(blur.of_cells for blur in blurs):
+        what = "the PSF was captured with a mosaic, which tells it for cells, and the job's die for pixels"
+        raise SourceError("MF353", what, where="psf", cure="Give fitted_psf.exr of maskfab measure, or no job")
+    made = _of_dies(job, die, camera, photos, pixel_um, stands)
+    wholes = [WholeBlur.of(blur, design) for blur, (design, *_) in zip(blurs, made, strict=True)]
+    return tuple((whole, (*whole.told, *said), rivals) for whole, (_, said, rivals) in zip(wholes, made, strict=True))
 
 
 def _of_dies(

@@ -135,6 +135,7 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF353": "A photograph or a point spread function has a number of colours, or of files, that does not fit.",
         "MF354": "Photographs that are to be compared do not show one scene.",
         "MF355": "The patches of a colour chart cannot tell a camera's colours.",
+        "MF356": "The patches of a colour chart lie in another order than its table states.",
         "MF401": "The output directory cannot be written.",
         "MF402": "The output directory is not empty.",
         "MF403": "The directory is not the result of a finished maskfab run.",

@@ -57,9 +57,10 @@ class MeasuredBlur:
     Attributes:
         kernels: [3, rows, columns] light of pixels, each colour's sum 1, row 0 the uppermost.
         centre: row and column of the point's image, of all colours.
-        told: sentences on where it comes from and what it lacks.
+        told: sentences on where it comes from.
         pixel_um: side of a pixel; None where no file tells.
         of_cells: whether its pixels are cells of a mosaic, 2 x 2 pixels of the sensor.
+        outside: share of the light beyond its pixels, the most of any colour; None of a capture, which tells none.
     """
 
     kernels: Floats
@@ -67,7 +68,14 @@ class MeasuredBlur:
     told: tuple[str, ...]
     pixel_um: float | None = None
     of_cells: bool = False
+    outside: float | None = None
     _kept: dict[tuple[int, int], Transfer] = field(default_factory=dict, init=False, repr=False)
+
+    @property
+    def lack(self) -> str:
+        """A sentence on the light that it does not undo."""
+        share = "light" if self.outside is None else f"{100 * self.outside:.2g} % of the light"
+        return f"{share} beyond its pixels is not undone; with the job of its die (--job) it is, as designed"
 
     def on(self, shape: tuple[int, int]) -> Transfer:
         """See :class:`maskfab.camera.imaging.Blur`; complex64."""
@@ -182,11 +190,8 @@ def _of_design(files: Sequence[Channels], paths: Sequence[Path]) -> MeasuredBlur
     kernels = np.stack([m.values[k : k + side, k : k + side] for m, k in zip(means, surplus, strict=True)])
     outside = 1 - kernels.sum(axis=(1, 2)) * pixels[0] ** 2
     colours = ", ".join(f"{nm:g}" for nm, *_ in lines)
-    sentences = [
-        f"PSF of {colours} nm as designed, {side} x {side} pixels of {pixels[0]:g} um; "
-        f"{100 * max(outside.max(), 0):.2g} % of the light falls outside, and is not undone"
-    ]
-    return _made(kernels, ((side - 1) / 2, (side - 1) / 2), sentences, pixels[0])
+    sentences = [f"PSF of {colours} nm as designed, {side} x {side} pixels of {pixels[0]:g} um"]
+    return _made(kernels, ((side - 1) / 2, (side - 1) / 2), sentences, pixels[0], outside=outside)
 
 
 def _pixels(channels: Channels, path: Path) -> Psf:
@@ -214,11 +219,9 @@ def _of_fit(channels: Channels, path: Path) -> MeasuredBlur:
     kernels = channels.values[order]
     outside = 1 - kernels.sum(axis=(1, 2))
     rows, columns = kernels.shape[1:]
-    sentences = [
-        f"PSF of die {channels.facts['die']} as fitted to a capture, {columns} x {rows} pixels; "
-        f"{100 * max(float(outside.max()), 0):.2g} % of the light falls outside, and is not undone"
-    ]
-    return _made(kernels, ((rows - 1) / 2, (columns - 1) / 2), sentences, float(channels.facts["sensor_pixel_um"]))
+    sentences = [f"PSF of die {channels.facts['die']} as fitted to a capture, {columns} x {rows} pixels"]
+    pixel_um = float(channels.facts["sensor_pixel_um"])
+    return _made(kernels, ((rows - 1) / 2, (columns - 1) / 2), sentences, pixel_um, outside=outside)
 
 
 def _of_capture(channels: Channels, path: Path) -> MeasuredBlur:
@@ -249,15 +252,19 @@ def _of_capture(channels: Channels, path: Path) -> MeasuredBlur:
 
 
 def _above_ground(plane: Floats, path: Path) -> tuple[Floats, float]:
-    edge = max(1, round(_BORDER * min(plane.shape)))
-    inner = np.zeros(plane.shape, dtype=np.bool_)
-    inner[edge:-edge, edge:-edge] = True
-    ground = float(np.median(plane[~inner])) if not inner.all() else 0.0
+    ground = _border_median(plane)
     light = plane - ground
     if not light.sum() > 0:
         what = f"{path.name} holds no light above its background of {ground:.4g}"
         raise SourceError("MF334", what, where=str(path), cure="Give the capture of a point light")
     return light, ground
+
+
+def _border_median(plane: Floats) -> float:
+    edge = max(1, round(_BORDER * min(plane.shape)))
+    inner = np.zeros(plane.shape, dtype=np.bool_)
+    inner[edge:-edge, edge:-edge] = True
+    return float(np.median(plane[~inner])) if not inner.all() else 0.0
 
 
 def _made(
@@ -267,11 +274,61 @@ def _made(
     pixel_um: float | None = None,
     *,
     of_cells: bool = False,
+    outside: Floats | None = None,
 ) -> MeasuredBlur:
     whole = np.broadcast_to(kernels, (_COLOURS, *kernels.shape[1:])) if len(kernels) == 1 else kernels
     if len(kernels) == 1:
         told = [*told, "one colour is taken for all three"]
-    return MeasuredBlur(whole / whole.sum(axis=(1, 2), keepdims=True), centre, tuple(told), pixel_um, of_cells)
+    beyond = None if outside is None else max(float(outside.max()), 0.0)
+    return MeasuredBlur(whole / whole.sum(axis=(1, 2), keepdims=True), centre, tuple(told), pixel_um, of_cells, beyond)
+
+
+@dataclass(frozen=True, eq=False)
+class WholeBlur:
+    """Blur by a measured point spread function within its window, and by a design's light beyond.
+
+    With D the design's transfer, d its light within the window and m as much light as measured,
+
+        H = D + sum over the window of (m - d) exp(-2πi ν r).
+
+    A capture's background was taken off, and with it halo as faint: m has as much of it as d at the window's border.
+
+    Attributes:
+        design: as pictures show it.
+        change: m - d.
+        told: sentences on it.
+
+    Notes:
+        Whether the design's halo is turned and scaled as the measured one changes a restored photograph by 0.01 dB:
+        what counts is how much light lies how far out.
+    """
+
+    design: Blur
+    change: MeasuredBlur
+    told: tuple[str, ...]
+
+    @classmethod
+    def of(cls, measured: MeasuredBlur, design: Blur) -> WholeBlur:
+        """A measured blur with the light of a design about it."""
+        rows, columns = measured.kernels.shape[1:]
+        # So far away does light begin to fold back onto the window that next to none is left.
+        shape = scipy.fft.next_fast_len(2 * rows, real=True), scipy.fft.next_fast_len(2 * columns, real=True)
+        y, x = np.asarray(scipy.fft.fftfreq(shape[0]))[:, None], np.asarray(scipy.fft.rfftfreq(shape[1]))
+        moved = design.on(shape) * np.exp(-2j * np.pi * (y * measured.centre[0] + x * measured.centre[1]))
+        spread = scipy.fft.irfft2(moved, shape, axes=(1, 2), workers=1)
+        inner = np.asarray(spread[:, :rows, :columns], dtype=np.float64)
+        share = inner.sum(axis=(1, 2), keepdims=True)
+        faint = np.zeros((_COLOURS, 1, 1))
+        if measured.outside is None:
+            faint[:, 0, 0] = [max(0.0, _border_median(plane)) for plane in inner]
+        light = (share - rows * columns * faint) * measured.kernels + faint
+        beyond = 1 - float(share.min())
+        said = f"the light beyond the window of {columns} x {rows} pixels is the design's: {100 * beyond:.2g} %"
+        return cls(design, replace(measured, kernels=light - inner), (*measured.told, said))
+
+    def on(self, shape: tuple[int, int]) -> Transfer:
+        """See :class:`maskfab.camera.imaging.Blur`; complex64."""
+        return np.asarray(self.design.on(shape) + self.change.on(shape))
 
 
 STANDS: Mapping[str, int] = MappingProxyType({"drawn": 0, "turned": 1, "mirrored": 4, "mirrored-turned": 5})

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from maskfab.base.errors import MaskfabError
-from maskfab.camera.photo import chart_matrix, read_patches
+from maskfab.camera.chart import chart_matrix, read_patches
 from maskfab.camera.record import Noise, Record
 from maskfab.optics.colour import lab_of_linear_srgb, linear_srgb_of_lab_d50
 
@@ -115,6 +115,25 @@ def test_lightness_against_d50_is_about_that_against_d65(rgb):
 def test_a_chart_that_tells_no_colours_is_refused(tmp_path, code, change):
     with pytest.raises(MaskfabError, match=code):
         fitted(tmp_path, change(placed(colours())), *painted(colours()))
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    ("order", "words"),
+    [
+        ([0, 1, 3, 2, *range(4, 24)], "patches 3, 4 look exchanged"),
+        (list(range(23, -1, -1)), "stands upside down"),
+        ([row * ACROSS + ACROSS - 1 - column for row in range(4) for column in range(ACROSS)], "is mirrored"),
+    ],
+    ids=["swapped", "upside_down", "mirrored"],
+)
+def test_a_chart_that_is_read_in_another_order_is_refused(tmp_path, order, words, seed):
+    true = colours(seed=seed)
+    with pytest.raises(MaskfabError, match=f"MF356.*{words}"):
+        fitted(tmp_path, placed(true[order]), *painted(true, 0.01))
+    # A camera whose colours no matrix gives rightly is no chart in another order.
+    bent, record = painted(true**1.15 * np.random.default_rng(seed).normal(1, 0.05, true.shape), 0.01)
+    assert fitted(tmp_path, placed(true), bent, record).delta_e.mean() > 2
 
 
 def test_names_of_columns_are_checked(tmp_path):
