@@ -162,7 +162,7 @@ def _made(kind: type[AnySection], values: object, lost: list[Place], faults: Fau
         if not inner:
             stated = key in values
             held[key] = (
-                _reader(kind, key).validate_python(values[key])
+                _reader(kind, key).validate_python(values[key])  # type: ignore[arg-type]  # classes have a hash
                 if stated
                 else field.get_default(call_default_factory=True)
             )
@@ -183,8 +183,8 @@ def _made(kind: type[AnySection], values: object, lost: list[Place], faults: Fau
 
 
 @cache
-def _reader(kind: type[AnySection], key: str) -> TypeAdapter[Any]:
-    """What reads one value of a table; to make it takes a hundred times as long as to read by it."""
+def _reader(kind: type[Any], key: str) -> TypeAdapter[Any]:
+    """Reader of one value of a table; to make it takes a hundred times as long as to read by it."""
     return TypeAdapter(kind.model_fields[key].rebuild_annotation())
 
 
