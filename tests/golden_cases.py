@@ -326,7 +326,7 @@ _CASES = (
     Case("simulate/no_photographs", "simulate layouts/toled_against_ours.toml --images layouts", LAYOUTS),
     Case(
         "learn/minutes",
-        "learn layouts/toled_against_ours.toml --die TOLED --images photographs --level 32 --minutes 3 -o "
+        "learn layouts/toled_against_ours.toml --die TOLED --images photographs --level 32 --minutes 8 -o "
         "toled.npz --device cpu",
         PHOTOGRAPHS,
         slow=True,

@@ -406,8 +406,8 @@ def learn(
 
     Raises:
         JobError: MF105 for a die or device that is not there, or minutes that are none; MF150 for fewer minutes than
-            setting up and a step take; MF148 for a checkpoint of another die, camera, sensor or light; MF152 without
-            torch; as :func:`maskfab.api.photographs.simulate` for the others.
+            setting up and 120 steps take here; MF148 for a checkpoint of another die, camera, sensor or light; MF152
+            without torch; as :func:`maskfab.api.photographs.simulate` for the others.
         SourceError: MF301 without photographs in the folder; MF303, MF304 for a file that is no checkpoint.
         OutputError: MF401 where ``out`` cannot be written.
     """

@@ -222,8 +222,8 @@ class Training:
                 mean.lerp_(now, share)
         return float(loss.item())
 
-    def _patches(self) -> tuple[Singles, Singles, Singles]:
-        """Planes that are shown, the truth, and the weight of every pixel, each [patches, planes, rows, columns]."""
+    def get_ready(self) -> range:
+        """Make the lessons of the next step, which takes longer than a step; their numbers."""
         newest = self.course.first + self.step // self.course.fresh
         numbers = range(max(0, newest - self.course.known), newest)
         for number in [each for each in self._known if each not in numbers]:
@@ -234,6 +234,11 @@ class Training:
                 before = code_of_light(light_of(lesson.shown[:COLOURS]))
                 error = np.square(before - lesson.true).mean(dtype=np.float64)
                 self._known[number] = lesson, float(error)
+        return numbers
+
+    def _patches(self) -> tuple[Singles, Singles, Singles]:
+        """Planes that are shown, the truth, and the weight of every pixel, each [patches, planes, rows, columns]."""
+        numbers = self.get_ready()
         draw = np.random.default_rng([self.course.seed, self.step])
         cut = [self._patch(draw, *self._known[int(draw.choice(numbers))]) for _ in range(self.course.patches)]
         shown, true, weight = (np.stack(stack) for stack in zip(*cut, strict=True))
@@ -492,6 +497,8 @@ LOOKS = 10
 """Times that a run judges and keeps what it has."""
 
 SET_UP = "the scenes that training is judged by"
+FEWEST = 120
+"""Steps that gain a tenth of a decibel over total variation behind a periodic display; fewer are not worth training."""
 
 
 @dataclass
@@ -508,6 +515,7 @@ class Run:
         history: as of :class:`maskfab.camera.learning.Checkpoint`.
         clock: of the budget, from the beginning of the command's work.
         earlier_s: seconds that it took before.
+        fewest: steps in all that are worth their time; fewer are refused by a clock that refuses.
     """
 
     path: Path
@@ -519,6 +527,7 @@ class Run:
     history: list[Mapping[str, float]] = field(default_factory=list)
     clock: Clock = field(default_factory=Clock)
     earlier_s: float = 0.0
+    fewest: int = FEWEST
 
     @classmethod
     def of(
@@ -564,18 +573,22 @@ class Run:
         """Train as long as the budget, one step at least; the last look, which takes as long as one before, is in it.
 
         Raises:
-            JobError: MF150 for a clock that refuses what it cannot keep, if the first step and look show it.
+            JobError: MF150 for a clock that refuses, if the first step shows that it holds fewer than are useful.
             OutputError: MF401 if the checkpoint cannot be written.
         """
         seconds = math.inf if self.clock.budget_s is None else self.clock.budget_s
         losses, looks, step, look = list[float](), 0, 0.0, 0.0
+        self.training.get_ready()
         while True:
             begun = self.clock.spent
             losses.append(self.training.advance())
             spent = self.clock.spent
             step = max(step, spent - begun)
             if not look:
-                self.clock.require(0.0, f"{SET_UP}, and a step", "minutes")
+                wanting = max(0, self.fewest - self.training.step)
+                held = 1 + max(0, int((min(seconds, 1e9) - spent) / step))
+                what = f"{SET_UP}, and {self.fewest} steps of {step:.2g} s, of which it holds {held},"
+                self.clock.require(wanting * step, what, "minutes")
             over = spent + step + look >= seconds
             # The first look tells how long the last one takes.
             if over or not look or spent / seconds >= (looks + 1) / LOOKS:

@@ -115,15 +115,20 @@ class Lessons:
     def __init__(self, hand: Hand, step_s: float) -> None:
         self.hand, self.step_s, self.step = hand, step_s, 0
 
+    def get_ready(self) -> None:
+        """Lessons are part of what was set up."""
+
     def advance(self) -> float:
         self.hand.spend(self.step_s)
         self.step += 1
         return 1.0
 
 
-@given(st.floats(1.0, 1000.0), st.floats(0, 1.3), st.floats(1e-3, 0.5), st.floats(1e-3, 0.3))
+@given(
+    st.floats(1.0, 1000.0), st.floats(0, 1.3), st.floats(1e-3, 0.5), st.floats(1e-3, 0.3), st.sampled_from([1, 3, 90])
+)
 def test_a_training_keeps_its_minutes_within_a_fifth_or_is_refused(
-    budget_s: float, set_up: float, step: float, look: float
+    budget_s: float, set_up: float, step: float, look: float, fewest: int
 ) -> None:
     """Set-up, steps and looks as shares of the budget; steps and looks take as long each time."""
     hand = Hand()
@@ -131,7 +136,7 @@ def test_a_training_keeps_its_minutes_within_a_fifth_or_is_refused(
     hand.spend(set_up * budget_s)
     lessons: Any = Lessons(hand, step * budget_s)
     nothing: Any = None
-    run = Run(Path("none"), nothing, nothing, lessons, nothing, (), clock=clock)
+    run = Run(Path("none"), nothing, nothing, lessons, nothing, (), clock=clock, fewest=fewest)
 
     def kept(loss: float) -> str:
         hand.spend(look * budget_s)
@@ -141,8 +146,10 @@ def test_a_training_keeps_its_minutes_within_a_fifth_or_is_refused(
     run._kept = kept  # type: ignore[method-assign, assignment]
     try:
         run.trained(lambda *_: None)
-    except JobError:
-        assert set_up + step > 1.2 - 1e-9
+    except JobError as refusal:
+        assert set_up + fewest * step > 1.2 - 1e-9
+        what = refusal.what
+        assert f"and {fewest} steps of" in what
         assert not run.history
         return
     least = set_up + step + look

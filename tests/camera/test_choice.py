@@ -14,7 +14,7 @@ from once import leaves
 from maskfab.base.errors import JobError
 from maskfab.camera.imaging import Margin
 from maskfab.camera.record import Noise, Record, Restorer
-from maskfab.camera.restorers.choice import Choice, Judge, expected_errors
+from maskfab.camera.restorers.choice import COUNTED, Choice, Judge, expected_errors, mixed
 from maskfab.camera.restorers.dct import Dct
 from maskfab.camera.restorers.wiener import Wiener
 from maskfab.camera.scores import psnr
@@ -127,7 +127,33 @@ def test_of_many_strengths_the_one_chosen_is_nearly_the_best(true, electrons):
     ]
     assert psnr(chosen.picture, true) > max(scores) - 0.2
     assert max(scores) - min(scores) > 5
-    np.testing.assert_array_equal(chosen.picture, prepared[chosen.name != "wiener"](chosen.epsilon))
+    assert max(chosen.shares, key=chosen.shares.get) == chosen.name
+    assert sum(chosen.shares.values()) == pytest.approx(1)
+
+
+@pytest.mark.parametrize(("light", "coded"), [(0.3, False), (0.3, True), (0.05, True)])
+def test_two_that_err_apart_are_mixed_and_the_mean_is_better_than_either(light, coded):
+    """Noise of their own on either side of the truth; where light is coded, so is the mean."""
+    whole = np.full((3, 128, 192), light, dtype=np.float32)
+    one, other = (whole * (1 + np.float32(0.2) * np.random.default_rng(k).standard_normal(whole.shape)) for k in (5, 6))
+    restorers = [Known("one", one.astype(np.float32)), Known("other", other.astype(np.float32))]
+    record = Record(whole + np.sqrt(NOISE.variance(whole)) * draws(whole.shape), NOISE)
+    found = Choice(restorers, width=WIDTH, coded=coded).restore(record, Halo(0.0, sharp=0.0), {"one": 0, "other": 0})
+    assert found.shares["one"] == pytest.approx(0.5, abs=0.15)
+    scored = code_of_light if coded else np.asarray
+    wanted = found.shares["one"] * scored(one) + found.shares["other"] * scored(other)
+    np.testing.assert_allclose(scored(found.picture), wanted, atol=1e-4)
+    assert psnr(scored(found.picture), scored(whole)) > psnr(scored(one), scored(whole)) + 2
+
+
+def test_shares_are_those_of_the_least_error_of_a_mean_and_of_two_restorers():
+    """Errors of 1 and 1.2 whose difference has the mean square 1; a third is the first at another strength."""
+    a, b = (Known(name, np.zeros((3, 1, 1))) for name in "ab")
+    apart = np.array([[0, 1, 2], [1, 0, 1], [2, 1, 0]], dtype=float)
+    tried = [(a, 1.0), (b, 1.0), (a, 2.0)]
+    shares = mixed(np.array([1.0, 1.2, 1.1]), apart / COUNTED, tried)
+    assert shares == {0: pytest.approx(0.6), 1: pytest.approx(0.4)}
+    assert mixed(np.array([1.0, 9.0, 9.0]), apart, tried) == {0: 1.0}
 
 
 def test_the_criterion_is_the_mean_squared_error_less_a_number_that_is_the_same_for_all(true):

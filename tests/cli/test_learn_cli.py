@@ -174,7 +174,7 @@ SMALL = Course(widths=(8, 12), patch=(32, 64), first=1, known=1)
 
 
 @pytest.mark.slow
-def test_two_minutes_of_training_are_worth_more_than_a_tenth_of_a_decibel(tmp_path: Path) -> None:
+def test_the_fewest_steps_that_are_taught_are_worth_more_than_a_tenth_of_a_decibel(tmp_path: Path) -> None:
     job = load_job(JOB)
     asked = Conditions.of(job, "camera", [32])
     design, _ = asked.design("TOLED", job.panels()["TOLED"], Surroundings.of(job))
@@ -190,7 +190,7 @@ def test_two_minutes_of_training_are_worth_more_than_a_tenth_of_a_decibel(tmp_pa
         clock=Clock(),
         progress=silent,
     )
-    for _ in range(120):
+    for _ in range(learning.FEWEST):
         run.training.advance()
     gains = run.gains()
     assert gains["gain"] > 0.1

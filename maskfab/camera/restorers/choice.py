@@ -1,4 +1,4 @@
-"""The restorer that suits a photograph, and its strength, chosen by the record alone: no truth is known.
+"""The restorers that suit a photograph, and their strengths, chosen by the record alone: no truth is known.
 
 A record is parted in two: one part is shown to restorers, the other judges their pictures of it. The noise of both is
 independent, given w of the record's own noise distribution:
@@ -24,7 +24,9 @@ is the same for all. With differences D
 
     e = b + V Dᵀ (D (V + C) Dᵀ)⁻¹ D (t - s),        V = (b / 5)² on the diagonal,
 
-is the mean of both by their precisions. The smallest wins, and restores the whole record.
+is the mean of both by their precisions. Of two pictures whose mean square apart is d, the mean with shares s and 1 - s
+has the error s e₁ + (1 - s) e₂ - s (1 - s) d (Krogh, Vedelsby, NIPS 7, 231, 1995). The least of all pairs of restorers
+restores the whole record, or one restorer alone where no mean is better. A mean also hedges where the errors are wrong.
 
 Where light is coded before it is shown, errors are those of codes. What the record tells weighs every pixel by the
 square of the code's slope at the mean of all x̂, of which y₂ knows nothing: an error in the dark shows, and is scored,
@@ -36,17 +38,11 @@ tried at it and beside it, for one ε is about right for all.
 Notes:
     Behind a panel, much of a restored picture's error comes from light that its edges hide, and a filter that explains
     the record as if there were none looks best where it is worst. So the restorers see an inner part of which the
-    record knows the surroundings. Light that reaches it from beyond these is taken for its own: of a dark scene at
-    40 dB behind a random panel, it turns differences of a tenth of the error.
+    record knows the surroundings, and p solves for the light beyond these, as small gradients do.
     G is a Wiener filter whose ε is the noise's variance. Frequencies that the panel does not pass are not judged.
     Pixels that a full well cut off are not judged, but their halo is, of which the record has too little: with a tenth
     of them, an error of the mean level counts a tenth too much or too little. Full wells are not imagined.
     The noise of an interpolated mosaic is taken for independent where its covariance is computed.
-    Three photographs behind three dies at 24, 32 and 40 dB, regret in dB of the score against the best restorer's: by
-    the record alone 0.10 in the mean and 1.11 at worst, by the imagined record alone 0.09 and 0.93, by both 0.03 and
-    0.58. With the true error of what is looked at it is 0.02 and 0.58: the rest is at the edges. In what is looked at,
-    over a hundred draws of the noise, it falls from 0.06 to 0.01 in the mean; in nine cases of three other scenes there
-    is none either way. Scatters of 0.1 to 0.3 are alike.
 """
 
 from __future__ import annotations
@@ -54,7 +50,7 @@ from __future__ import annotations
 import itertools
 import operator
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,8 +60,9 @@ from maskfab.base.errors import JobError
 from maskfab.camera.imaging import MARGIN, Blur, Margin, Transfer
 from maskfab.camera.record import Record, Restorer, interpolated, sampled
 from maskfab.camera.restorers.dct import denoised
-from maskfab.camera.restorers.wiener import Wiener, prior, restore, wiener
-from maskfab.optics.colour import code_of_light
+from maskfab.camera.restorers.least_squares import Smooth, on_sensor
+from maskfab.camera.restorers.wiener import Wiener, prior, wiener
+from maskfab.optics.colour import code_of_light, light_of_code
 
 Weight = Singles | np.float32
 
@@ -107,13 +104,14 @@ class Judge:
     def of(cls, record: Record, blur: Blur, draw: np.random.Generator, width: int) -> Judge:
         """Part a record; ``width`` are the pixels by which it is mirrored beyond its edges."""
         margin, left = _frame(record.values.shape, width)
-        transfer, inverse_prior = blur.on(margin.shape), prior(margin.shape)
         calm = denoised(record)
         variance = record.noise.variance(calm)
         noise = _drawn(draw, variance, mosaic=record.interpolated)
-        pilot = restore(margin.mirrored(calm), wiener(transfer, inverse_prior, _PILOT), margin)
-        inverse = wiener(transfer, inverse_prior, float(variance.mean()))
-        rest = record.values - noise / np.float32(_PARTING) - margin.blurred(margin.mirrored(pilot), transfer)
+        problem = Smooth.of(replace(record, values=np.where(record.clipped, record.values, calm)), blur, width)
+        scene, transfer = problem.solve(_PILOT), problem.seen.transfer
+        pilot = on_sensor(margin, scene)
+        inverse = wiener(transfer, problem.prior, float(variance.mean()))
+        rest = record.values - noise / np.float32(_PARTING) - margin.blurred(scene, transfer)
         evidence = margin.blurred(margin.mirrored(rest), inverse)
         below = np.nextafter(np.float32(record.ceiling), np.float32(0))
         first = np.where(record.clipped, record.values, np.minimum(record.values + np.float32(_PARTING) * noise, below))
@@ -149,7 +147,7 @@ class Judge:
 
     def turned(self, picture: Singles) -> Singles:
         """p with a picture of what is shown in its place: the middle square, at most 512 pixels wide, transposed."""
-        scene = self.pilot.copy()
+        scene = np.clip(self.pilot, 0, 1)
         _inner(scene, self.left)[:] = picture
         rows, columns = scene.shape[1:]
         side = min(rows, columns, _IMAGINED)
@@ -214,13 +212,14 @@ class Chosen:
     """A restored photograph.
 
     Attributes:
-        name: of the restorer that won.
+        name: of the restorer that has the largest share.
         epsilon: its strength.
         picture: float32 [3, rows, columns] within 0 to 1.
         criteria: for every restorer, at the best of its strengths, the mean squared error where it was judged, of
             light or of code values, white is 1, less the same unknown number for all; empty where there was nothing to
             choose.
-        expected: the same of the whole error, by the record and the imagined one, by which the restorer won.
+        expected: the same of the whole error, by the record and the imagined one, from which shares follow.
+        shares: of the picture, for every restorer that has one.
     """
 
     name: str
@@ -228,6 +227,7 @@ class Chosen:
     picture: Singles
     criteria: Mapping[str, float]
     expected: Mapping[str, float]
+    shares: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -264,15 +264,24 @@ class Choice:
             what = f"restorers {', '.join(names) or 'none'} with strengths for {', '.join(epsilons) or 'none'}"
             raise JobError("MF105", what, where="restorers", cure="Name each restorer once, with a strength")
         tried = [(restorer, step * epsilons[restorer.name]) for restorer in self.restorers for step in self.steps]
-        best, criteria, expected = 0, dict[str, float](), dict[str, float]()
+        shares, criteria, expected = {0: 1.0}, dict[str, float](), dict[str, float]()
         if len(tried) > 1:
-            by_halves, errors = self._judged(_middle(record), blur, tried)
-            best, criteria, expected = int(np.argmin(errors)), _least(tried, by_halves), _least(tried, errors)
-        winner, epsilon = tried[best]
-        return Chosen(winner.name, epsilon, winner.prepare(record, blur)(epsilon), criteria, expected)
+            by_halves, errors, apart = self._judged(_middle(record), blur, tried)
+            shares, criteria, expected = mixed(errors, apart, tried), _least(tried, by_halves), _least(tried, errors)
+        pictures = {each: tried[each][0].prepare(record, blur)(tried[each][1]) for each in shares}
+        first = max(shares, key=shares.__getitem__)
+        picture = pictures[first]
+        if len(shares) > 1:
+            scored = sum(np.float32(share) * self._scored(pictures[each]) for each, share in shares.items())
+            picture = light_of_code(np.asarray(scored)) if self.coded else np.asarray(scored)
+        (winner, epsilon), named = tried[first], {tried[each][0].name: share for each, share in shares.items()}
+        return Chosen(winner.name, epsilon, picture, criteria, expected, named)
 
-    def _judged(self, record: Record, blur: Blur, tried: Sequence[Tried]) -> tuple[Floats, Floats]:
-        """Error of each that is tried, as the record tells it and as it is expected to be."""
+    def _scored(self, picture: Singles) -> Singles:
+        return code_of_light(picture) if self.coded else picture
+
+    def _judged(self, record: Record, blur: Blur, tried: Sequence[Tried]) -> tuple[Floats, Floats, Floats]:
+        """Errors of all that are tried, as the record tells them and as expected, and mean squares between pictures."""
         draw = np.random.default_rng(self.seed)
         judge = Judge.of(record, blur, draw, self.width)
         pictures = _restored(judge.shown, blur, tried)
@@ -280,14 +289,16 @@ class Choice:
         seen = [judge.seen(picture) for picture in pictures]
         by_halves = np.array([judge.error(passed, weight) for passed in seen])
         noise = judge.covariance(seen, weight)
+        scored = np.array([self._scored(picture).ravel() for picture in pictures])
+        apart = np.array([np.square(scored - each).mean(axis=1, dtype=np.float64) for each in scored])
         mean = np.asarray(sum(pictures) / np.float32(len(pictures)))
         # Of an imagined record errors are known, and what of them is passed.
         judge = Judge.imagined(judge.turned(mean), record, blur, draw, self.width)
         pictures = _restored(judge.shown, blur, tried)
-        weight, coded = self._weight(pictures), code_of_light if self.coded else np.asarray
-        imagined = [np.square(coded(picture) - coded(judge.known)).mean(dtype=np.float64) for picture in pictures]
+        weight, known = self._weight(pictures), self._scored(judge.known)
+        imagined = [np.square(self._scored(picture) - known).mean(dtype=np.float64) for picture in pictures]
         passed = [judge.error(judge.seen(picture), weight) for picture in pictures]
-        return by_halves, expected_errors(by_halves, noise, np.array(imagined), np.array(passed))
+        return by_halves, expected_errors(by_halves, noise, np.array(imagined), np.array(passed)), apart
 
     def _weight(self, pictures: Sequence[Singles]) -> Weight:
         """Weight of squared errors: of codes the square of their slope at the mean of all pictures, within 0 to 1."""
@@ -296,6 +307,31 @@ class Choice:
         mean = np.asarray(sum(pictures) / np.float32(len(pictures)), dtype=np.float32)
         low, high = np.maximum(mean - np.float32(_STEP), 0), np.minimum(mean + np.float32(_STEP), 1)
         return np.asarray(np.square((code_of_light(high) - code_of_light(low)) / (high - low)))
+
+
+COUNTED = 0.7
+"""Of what pictures of a part are apart: those of the whole record, whose surroundings are farther off, are less so."""
+
+
+def mixed(errors: Floats, apart: Floats, tried: Sequence[Tried]) -> dict[int, float]:
+    """Shares of the one picture, or of the two by different restorers, of which the mean's error is least.
+
+    Args:
+        errors: of each that is tried, [n].
+        apart: mean squares of the differences between their pictures, [n, n].
+        tried: all of them.
+    """
+    first = int(np.argmin(errors))
+    least, shares = float(errors[first]), {first: 1.0}
+    for one, other in itertools.combinations(range(len(tried)), 2):
+        square = COUNTED * float(apart[one, other])
+        if square <= abs(errors[one] - errors[other]) or tried[one][0] is tried[other][0]:
+            continue  # the better one alone is best, or nearly all that they differ in is strength
+        share = 0.5 + float(errors[other] - errors[one]) / (2 * square)
+        error = share * errors[one] + (1 - share) * errors[other] - share * (1 - share) * square
+        if error < least:
+            least, shares = float(error), {one: share, other: 1 - share}
+    return shares
 
 
 def _restored(record: Record, blur: Blur, tried: Sequence[Tried]) -> list[Singles]:

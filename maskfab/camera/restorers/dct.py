@@ -152,12 +152,24 @@ def denoised(record: Record, threshold: float = THRESHOLD) -> Singles:
     if min(rows, columns) < WINDOW:
         what = f"the record has {columns} x {rows} pixels, fewer than {WINDOW} along a side"
         raise JobError("MF121", what, cure=f"Give a record of {WINDOW} x {WINDOW} pixels or more")
-    stable = np.tensordot(_OPPONENT, stabilised(record.values, record.noise), axes=1)
     white = np.ones((3, WINDOW, WINDOW), dtype=np.float32)
-    for colour, variance in zip(stable, mosaic_noise() if record.interpolated else white, strict=True):
-        guess = _mean_of_windows(colour, None, variance, threshold)
-        colour[:] = _mean_of_windows(colour, guess, variance, threshold)
-    return unbiased(np.tensordot(_OPPONENT.T, stable, axes=1), record.noise)
+    stable = stabilised(record.values, record.noise)
+    return unbiased(smoothed(stable, mosaic_noise() if record.interpolated else white, threshold), record.noise)
+
+
+def smoothed(picture: Singles, variance: Singles, threshold: float = THRESHOLD) -> Singles:
+    """A picture [3, rows, columns] with less noise.
+
+    Args:
+        picture: red, green and blue, of 8 pixels or more along a side; the noise is as strong everywhere.
+        variance: of every coefficient of a window in brightness and two opponent colours, [3, 8, 8].
+        threshold: of the first pass, in standard deviations.
+    """
+    opponents = np.tensordot(_OPPONENT, picture, axes=1)
+    for colour, expected in zip(opponents, variance, strict=True):
+        guess = _mean_of_windows(colour, None, expected, threshold)
+        colour[:] = _mean_of_windows(colour, guess, expected, threshold)
+    return np.tensordot(_OPPONENT.T, opponents, axes=1)
 
 
 @cache

@@ -174,6 +174,11 @@ def on_sensor(margin: Margin, spectrum: Spectrum) -> Singles:
     return margin.blurred(spectrum, np.ones(1, dtype=np.float32))
 
 
+def on_frame(margin: Margin, spectrum: Spectrum) -> Singles:
+    """The whole picture [colours, rows, columns] of a spectrum."""
+    return np.asarray(scipy.fft.irfft2(spectrum, s=margin.shape, axes=(1, 2), workers=1))
+
+
 def spread(margin: Margin, light: Singles) -> Spectrum:
     """``rfft2`` of a frame that is dark outside the sensor."""
     width = margin.width
@@ -254,7 +259,8 @@ class Smooth:
         return scene
 
 
-_START = 0.01
+START = 0.01
+"""ε of small gradients, from whose answer others start."""
 _WEAKEST = 1e-6
 """ε for less than that, for the constraint d = ∇x must pull a little."""
 _SHARE = 0.5
@@ -279,7 +285,7 @@ class TotalVariation:
     def prepare(self, record: Record, blur: Blur) -> Callable[[float], Singles]:
         """See :class:`maskfab.camera.record.Restorer`."""
         problem = Smooth.of(record, blur, self.width)
-        start = problem.solve(_START)
+        start = problem.solve(START)
         shown = np.minimum(record.values, 1)  # of merged exposures highlights have most of the noise
         noise = math.sqrt(float(record.noise.variance(shown).mean(dtype=np.float64)))
 
@@ -307,15 +313,11 @@ def _few_edges(problem: Smooth, scene: Spectrum, penalty: float, stiffness: floa
     """
     seen, clipped = problem.seen, problem.clipped
     margin, transfer = seen.margin, seen.transfer
-    rows, columns = margin.shape
-    y, x = scipy.fft.fftfreq(rows)[:, None], scipy.fft.rfftfreq(columns)
+    y, x = scipy.fft.fftfreq(margin.shape[0])[:, None], scipy.fft.rfftfreq(margin.shape[1])
     square = 4 * (np.sin(np.pi * y) ** 2 + np.sin(np.pi * x) ** 2)
     inverse, stiff = seen.inverse((stiffness * square).astype(np.float32)), np.float32(stiffness)
 
-    def on_frame(spectrum: Spectrum) -> Singles:
-        return np.asarray(scipy.fft.irfft2(spectrum, s=margin.shape, axes=(1, 2), workers=1))
-
-    picture, light = on_frame(scene), seen.light(scene)
+    picture, light = on_frame(margin, scene), seen.light(scene)
     down, across = np.zeros_like(picture), np.zeros_like(picture)
     owed = np.zeros_like(light)
     for _ in range(_TV_MOST_STEPS):
@@ -329,7 +331,7 @@ def _few_edges(problem: Smooth, scene: Spectrum, penalty: float, stiffness: floa
         owed -= nearest
         wide = scene * transfer + spread(margin, nearest - owed - light)  # beyond the sensor z is H x
         scene = (wide * transfer.conj() + slope * stiff) * inverse
-        picture, light = on_frame(scene), seen.light(scene)
+        picture, light = on_frame(margin, scene), seen.light(scene)
         if float(np.square(margin.sensor(picture) - before).mean(dtype=np.float64)) < still**2:
             break
     return margin.sensor(picture)
