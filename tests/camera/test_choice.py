@@ -196,6 +196,21 @@ def test_what_explains_the_record_by_a_wrong_edge_does_not_win(true):
     assert psnr(chosen.picture, true) > max(scores) - 0.2
 
 
+def test_bright_light_from_beyond_the_sensor_speaks_for_no_picture():
+    """A dim scene in bright surroundings, whose halo reaches the part that is judged: too bright is as wrong as dim."""
+    blur, noise = Halo(share=0.6), Noise(1e4, 4.87)
+    scene = np.full((3, 256, 320), 0.9, dtype=np.float32)
+    light = MARGIN.sensor(scene)
+    light[:] = 0.1 * MARGIN.sensor(leaves(1, 256, 320).values)
+    seen = np.maximum(MARGIN.blurred(scipy.fft.rfft2(scene), blur.on(MARGIN.shape)), 0)
+    record = Record(seen + np.sqrt(noise.variance(seen)) * draws(seen.shape), noise)
+    judge = Judge.of(record, blur, np.random.default_rng(0), WIDTH)
+    inner = light[:, judge.left : -judge.left, judge.left : -judge.left]
+    bright, true, dim = (judge.error(judge.seen(inner + np.float32(off)), np.float32(1)) for off in (0.02, 0, -0.02))
+    assert bright - true == pytest.approx(0.02**2, rel=0.18)
+    assert dim - true == pytest.approx(0.02**2, rel=0.18)
+
+
 @pytest.mark.parametrize("change", [hallucinated, softened])
 def test_what_invents_detail_or_takes_it_away_loses_to_what_does_not(true, change):
     """Less noise where the record speaks makes up for nothing that is wrong where it is silent."""
