@@ -273,10 +273,10 @@ class ScoreTable:
         return {(score.design, score.level_db, score.restorer, score.scene): score for score in self.scores}
 
     def regret(self, chosen: Score) -> float:
-        """Decibels by which the best restorer of the same photograph is better than the one that was chosen."""
+        """Decibels by which the best restorer of the same photograph is better than what was chosen, if below 0 worse."""
         case = chosen.design, chosen.level_db, chosen.scene
-        others = [score.psnr for score in self.scores if (score.design, score.level_db, score.scene) == case]
-        return max(others) - chosen.psnr
+        own = [score for score in self.scores if (score.design, score.level_db, score.scene) == case]
+        return max(score.psnr for score in own if not score.chosen) - chosen.psnr
 
     def winners(self, scores: Sequence[Score]) -> str:
         """The restorer of scores of one case; where each was chosen, how often, and by how much others were better."""

@@ -309,7 +309,7 @@ class Choice:
         return np.asarray(np.square((code_of_light(high) - code_of_light(low)) / (high - low)))
 
 
-COUNTED = 0.7
+COUNTED = 0.5
 """Of what pictures of a part are apart: those of the whole record, whose surroundings are farther off, are less so."""
 
 
