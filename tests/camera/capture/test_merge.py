@@ -111,6 +111,22 @@ def test_no_drift_is_told_where_light_lies_about_a_full_pixel():
     assert abs(np.mean(off)) < 3.5 / np.sqrt(20)
 
 
+def test_readings_that_a_model_brings_near_full_favour_no_dark_pixels():
+    full = (WHITE - BLACK) * GAIN
+    draw = np.random.default_rng(2)
+    near = draw.random((128, 128)) < 0.05
+    light = np.where(near, 0.998, 0.01) * full / 0.1
+    found = merged(stack(draw, light, (0.025, 0.1)), **SENSOR)
+    off = []
+    for plane in found.planes:
+        own = (slice(plane.first[0], None, plane.step), slice(plane.first[1], None, plane.step))
+        for one in (plane, plane.expecting(light[own])):
+            told = near[own] & one.valid
+            off.append(((one.electrons_per_s - light[own]) / one.sigma)[told].mean() * np.sqrt(told.sum()))
+    assert np.mean(off[::2]) < -3
+    assert abs(np.mean(off[1::2])) < 2
+
+
 def test_full_pixels_and_their_neighbours_are_left_out_whatever_their_colour():
     found = merged(stack(np.random.default_rng(2))[2:], **SENSOR)
     top = LIGHT * TIMES[2] > 1.05 * (WHITE - BLACK) * GAIN

@@ -127,6 +127,15 @@ def test_full_pixels_and_what_they_spill_over_are_left_out(light):
     assert holds(found, "captured_cd_bias", BIAS_UM)
 
 
+def test_a_die_that_the_job_does_not_have_is_not_taken_for_another_lamp():
+    """Of its picture a lamp explained a little, and the verdict spoke of lights."""
+    cells = (mf.Opening.bar(dots=7, size=size, pitch="56 um") for size in ((5, 3), (3, 3)))
+    right, wrong = (mf.Panel.tile(cell, "random", seed=1 + 8 * k, size="1.12 mm") for k, cell in enumerate(cells))
+    seen = merged(Stack(picture(Dots.of(wrong), OPTICS)).frames(1), electrons_per_count=1.3, read_noise_e=4.87)
+    found = measured(seen, {"BAR": right}, CAMERA, LIGHT, priced=False)
+    assert (found.verdict.answer, found.verdict.cause) == (Answer.CANNOT_TELL, Cause.UNKNOWN)
+
+
 def test_rows_with_offsets_are_told_nothing_of(light):
     found = told(Stack(light, sensor=Sensor(banding_e=6.0)))
     assert (found.verdict.answer, found.verdict.cause) == (Answer.CANNOT_TELL, Cause.BANDING)
