@@ -164,7 +164,7 @@ def test_rough_edges_scatter_by_their_length(written, rough):
 def test_the_mtf_of_rough_edges_is_the_mean_overlap(written, rough):
     """Edges that are off by chance on both copies of the openings: a mean over moves of twice their variance."""
     region = whole(written.die, PROCESS, Reading.FUSED) & db.Region(db.Box(-200_000, -200_000, 200_000, 200_000))
-    nodes, weights = np.polynomial.hermite_e.hermegauss(4)
+    nodes, weights = np.polynomial.hermite_e.hermegauss(6)
     moves = [
         (round(1000 * np.sqrt(2) * ROUGH.sigma_um * u), round(1000 * np.sqrt(2) * ROUGH.sigma_um * v), a * b)
         for u, a in zip(nodes, weights / weights.sum(), strict=True)
