@@ -23,4 +23,4 @@ def in_turns(few: Iterable[Any], many: Iterable[Any]) -> list[tuple[Any, Any]]:
 
 def examples(full: int) -> settings:
     """As many drawn examples in ``make test-all``; in every run that share of them which its profile draws of 100."""
-    return settings(max_examples=full * settings.default.max_examples // 100)
+    return settings(max_examples=max(1, full * settings.default.max_examples // 100))
