@@ -21,7 +21,6 @@ from once import (
     BOUNDS,
     DESIGN,
     OPTICS,
-    RULES,
     compared_once,
     dimmed,
     figures_in_words,
@@ -181,13 +180,6 @@ def verified_once() -> Iterator[None]:
 def measured_once() -> Iterator[None]:
     """For tests that are about something else than the optics of a die."""
     with once(*OPTICS):
-        yield
-
-
-@pytest.fixture
-def ruled_once() -> Iterator[None]:
-    """For tests that pack, or verify, one plate many times."""
-    with once(*RULES):
         yield
 
 

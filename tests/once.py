@@ -40,7 +40,6 @@ FIGURES = (
 )
 OPTICS = ("maskfab.report.rows.optics.measure", "maskfab.report.rows.optics.bar_of_panel")
 BOUNDS = ("maskfab.designs.search.result.bounds",)
-RULES = ("maskfab.mask.package.pack.check_package",)
 DESIGN = (
     "maskfab.mask.comparison.faults._of_plate",
     "maskfab.report.rows.foreign.measure",

@@ -31,7 +31,7 @@ from maskfab.mask.job import load_job
 from maskfab.mask.package.pack import pack
 from maskfab.runs.plate_files import draw_files
 
-pytestmark = pytest.mark.usefixtures("figures_as_they_are", "read_here", "ruled_once")
+pytestmark = pytest.mark.usefixtures("figures_as_they_are", "read_here")
 
 MARKUP = {
     "script": "<script>alert(1)</script>",

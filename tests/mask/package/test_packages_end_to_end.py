@@ -25,7 +25,7 @@ from maskfab.mask.houses.profiles import load_shop, shop_names
 from maskfab.mask.job import load_job
 from maskfab.mask.package.pack import pack, verify_package
 
-pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here", "ruled_once")
+pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
 FRAME = """\
 .......

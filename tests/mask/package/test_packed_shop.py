@@ -18,7 +18,7 @@ from maskfab.mask.houses.profiles import load_shop
 from maskfab.mask.job import load_job
 from maskfab.mask.package.pack import pack
 
-pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here", "ruled_once")
+pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
 OWN = """\
 title = "A house"

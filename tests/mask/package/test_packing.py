@@ -25,7 +25,7 @@ from maskfab.mask.package.pack import pack, verify_package
 
 LAYOUTS = Path(__file__).parents[3] / "layouts"
 
-pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here", "ruled_once")
+pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
 
 def test_equal_jobs_make_equal_packages_that_prove_themselves(tmp_path):
