@@ -273,7 +273,7 @@ class ScoreTable:
         return {(score.design, score.level_db, score.restorer, score.scene): score for score in self.scores}
 
     def regret(self, chosen: Score) -> float:
-        """Decibels by which the best restorer of the same photograph is better than what was chosen, if below 0 worse."""
+        """Decibels by which the photograph's best restorer is better than what was chosen; worse where below 0."""
         case = chosen.design, chosen.level_db, chosen.scene
         own = [score for score in self.scores if (score.design, score.level_db, score.scene) == case]
         return max(score.psnr for score in own if not score.chosen) - chosen.psnr
