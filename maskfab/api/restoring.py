@@ -55,7 +55,7 @@ def restore(
     psf: str | Path | Sequence[str | Path] | None = None,
     restore: str | Sequence[str] = AUTO,
     epsilon: float | None = None,
-    blind: bool = False,
+    trust: bool = False,
     bin: bool = False,
     pixel: Length | None = None,
     black: float | None = None,
@@ -73,7 +73,7 @@ def restore(
     Examples:
         $ maskfab restore photo.dng --job job.toml --die TOLED_R150 --out restored
         $ maskfab restore *.dng --psf light.exr --gain 1.7 --read-noise 4.9 --bin --out restored
-        $ maskfab restore photo.jpg --job job.toml --blind --out restored
+        $ maskfab restore photo.dng --job job.toml --trust --out restored
         $ maskfab restore photo.jpg --psf red.exr --psf green.exr --psf blue.exr --restore wiener --out restored
 
     Args:
@@ -89,7 +89,7 @@ def restore(
             photographs, one for each; beyond its pixels light is that of job and die, if these are given.
         restore: restorer: wiener, dct+wiener, gradient, dct+gradient or tv; of several the best, by default of all.
         epsilon: strength of the restorer's prior; by default what each record speaks for.
-        blind: undo of the PSF only what each photograph bears out, for a die or a camera that may be another.
+        trust: undo the PSF as it is said to be, even if a photograph speaks against it; a given strength does too.
         bin: restore means over 2 x 2 pixels.
         pixel: side of the photographs' pixels, held against that of the PSF's file or of the job.
         black: counts of no light; by default what the file states.
@@ -116,9 +116,6 @@ def restore(
     if epsilon is not None and not 0 < epsilon < np.inf:
         what = f"a strength of {epsilon:g} is not above 0"
         raise JobError("MF104", what, where="epsilon", cure="Give a number such as 0.03")
-    if blind and epsilon is not None:
-        what = "a strength is stated, and blind the photograph tells it"
-        raise JobError("MF105", what, where="epsilon", cure="Leave epsilon out, or blind")
     paths = sources(photos, "photo")
     stems = [Path(path.name).stem for path in paths]
     if not stems or len(set(stems)) < len(stems):
@@ -144,7 +141,7 @@ def restore(
         of_cells = isinstance(blur, MeasuredBlur) and blur.of_cells
         photo = read_photo(path, stated, cells=of_cells)
         record, won, explained, sentences = restored_light(
-            photo, blur, restorers, chosen=AUTO in names, epsilon=epsilon, bin=bin and not of_cells, blind=blind,
+            photo, blur, restorers, chosen=AUTO in names, epsilon=epsilon, bin=bin and not of_cells, trust=trust,
             rivals=rivals,
         )  # fmt: skip
         if patches is not None and colours is None:
@@ -236,11 +233,11 @@ class Restoration(FolderResult):
         lines = []
         for photo in self.photos:
             _, rows, columns = photo.picture.shape
-            lines.append(
-                f"{photo.name}: {columns} x {rows}, restored by {photo.restorer}, epsilon {photo.epsilon:.3g}; "
-                f"{100 * photo.clipped:.2g} % full"
-            )
-            lines += [f"  {sentence}" for sentence in photo.explained.sentences]
+            by = "as it was taken"
+            if photo.epsilon > 0:
+                by = f"restored by {photo.restorer}, epsilon {photo.epsilon:.3g}"
+            lines.append(f"{photo.name}: {photo.explained.sentence}")
+            lines.append(f"  {columns} x {rows}, {by}; {100 * photo.clipped:.2g} % full")
             lines += [f"  blur: {sentence}" for sentence in photo.blur]
             lines += [f"  {sentence}" for sentence in photo.told]
         if self.chart is not None:

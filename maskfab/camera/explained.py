@@ -1,4 +1,14 @@
-"""Whether a blur explains a record, by the record alone, and the blur that may be undone without harm.
+"""Whether a blur explains a record, by the record alone, and whether it may be undone without harm.
+
+Light is never below 0. Who undoes a halo that is not there takes from what is dark beside what is bright, light that
+it does not have. So of a picture x̂ that a Wiener filter restores from a record y,
+
+    q = (sum of min(x̂, 0)² less what noise does) / sum of (x̂ - y)²
+
+is the share of the change that is wrong for certain, however the scene looks. Behind the right panel it is next to 0.
+Noise alone makes at most half of its variance in x̂. (That light is not negative is what blind deconvolution has long
+gone by: G. R. Ayers, J. C. Dainty, Opt. Lett. 13, 547, 1988.) Where a scene has nothing dark, q says nothing. It can be
+told: x̂ itself is undone once more as if it were a record, and must then show what a wrong blur does.
 
 A scene's power spectrum P is smooth: it falls as a power of f, alike in all directions but for a few lowest harmonics
 (Field, J. Opt. Soc. Am. A 4, 2379, 1987). A panel's |H|² is not, so that a record shows the panel's structure,
@@ -11,36 +21,21 @@ with N of the noise. P and N are fitted to the record's periodogram I by Whittle
 
 once with |H|² and once with its smooth part m alone. The difference is what the record says of the panel. As it is
 compared for many scales and angles, the panel's fit is found; at angles that no camera has, the same says how large it
-gets by chance. What is not explained stays unknown. With M the smooth part of H, r the share of the structure that the
-record shows and V the power of the rest,
-
-    S = (|M + r (H - M)|² + (1 - r²) V) P + N,        V = m - M²,
-
-tells r. The linear filter of the least expected error behind a blur that is known in part is then
-
-    G = H̄* / (|H̄|² + (1 - r²) V + N / P),        H̄ = M + r (H - M)        (D. Slepian, J. Opt. Soc. Am. 57, 918, 1967).
-
-Restorers know no such thing. They are given the blur that leads them to G by the Wiener filter,
-
-    1 / G = B + N / (P B):
-
-H itself where the record explains all of it, and a milder one elsewhere.
+gets by chance. P, which stands in the record, tells the strength of the filter too.
 
 Notes:
-    What is smooth in |H|² cannot be told from the scene's own softness: defocus, a wider pixel, a smudge on the glass.
-    If the panel is not explained, how deep its halo is follows from how straight log P is over log f alone.
-    Where the record has more power locally than is explained, it passes more than H says; where less, it passes less.
-    G shrinks at both, for of what is not explained too much is undone, or noise.
+    A blur that is wrong and does no harm that light below 0 would tell is undone: another die with as much halo.
+    Defocus, a wider pixel and a soft scene look alike and are not told apart.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from types import MappingProxyType
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import scipy
@@ -48,10 +43,10 @@ from numpy.typing import NDArray
 from scipy import ndimage, optimize
 
 from maskfab.base.arrays import Floats, Singles
-from maskfab.camera.imaging import Blur, Transfer
-from maskfab.camera.noise_spectrum import NoiseSpectrum, tapered_power
+from maskfab.camera.imaging import Blur, Margin, Transfer
+from maskfab.camera.noise_spectrum import NoiseSpectrum, WhitenedBlur, tapered_power, whitened
 from maskfab.camera.record import Record
-from maskfab.camera.restorers.wiener import PRIOR_CY_PER_PX
+from maskfab.camera.restorers.wiener import PRIOR_CY_PER_PX, prior, wiener
 
 LARGEST = 512
 """Pixels along a side of what is looked at, from the record's middle."""
@@ -79,14 +74,15 @@ _CLEAR = 3.0
 """Standard deviations over chance from which a structure is seen."""
 _LEAST, _RIVAL = 10.0, 1.1
 """Log-likelihood from which it is evidence, and the factor by which another die has more."""
-_DROWNED, _DROWNED_TIMES = 0.3, 30.0
-"""Factor of the expected gain above which any structure is seen by chance, and of the strength that it pretends."""
-_EXCESS, _HARDLY, _NEARLY = 1.5, 0.05, 3.0
-"""Factors of the expected gain above which a record has more structure than the PSF makes, and below which it has next
-to none; and a gain that is none."""
-_LEAST_SHARE, _ALMOST_ALL = 0.25, 0.9
-_ABOVE = 1.4
-"""Times P, local power from which the filter shrinks."""
+_LEAST_SHARE, _PLAIN = 0.25, 100.0
+"""Share of a structure from which it is seen, and expected log-likelihood from which it would have to be."""
+_WRONG, _STILL_WRONG = 0.015, 0.04
+"""Shares of a change, as light below 0, from which it is wrong: where no structure is seen, and where it is."""
+_FAR_SCALES, _FAR_GAIN, _FAR_CLEAR, _MILD = np.geomspace(0.15, 2.0, 60), 100.0, 10.0, 0.2
+"""Scales of a camera that was guessed; log-likelihood, and standard deviations over chance, from which one is taken; and
+the least ε then, for little of the structure is known."""
+_ROOM = 128
+"""Pixels by which a square is mirrored beyond its edges."""
 _OF_LEVEL, _OF_BEND = (0.2,), (0.3, 0.3, 0.3)
 """Standard deviations of the logarithms of noise: its level, and its change along f² and f⁴."""
 _TAPER = np.array([0.032, 0.25, 0.72, 1, 0.72, 0.25, 0.032])
@@ -253,11 +249,10 @@ def _turned(cos: Floats, sin: Floats, turn: float) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True, eq=False)
 class _Shape:
-    """A blur's transfer and its smooth parts, as a square of some pixels sees them."""
+    """A blur's transfer and the smooth part of its power, as a square of some pixels sees them."""
 
     transfer: Transfer
     power: Floats
-    smooth_power: tuple[Floats, ...]
     smooth: tuple[Floats, ...]
 
     @classmethod
@@ -265,13 +260,7 @@ class _Shape:
         transfer = blur.on((2 * plane.side, 2 * plane.side))
         power = _fine_power(transfer)
         at = _warped(power, plane.y, plane.x, 1.0, 0.0)
-        real = _warped(np.ascontiguousarray(transfer.real), plane.y, plane.x, 1.0, 0.0)
-        return cls(
-            transfer,
-            power,
-            tuple(_smoothed(plane, one) for one in at),
-            tuple(_smoothed(plane, np.maximum(one, 0)) for one in real),
-        )
+        return cls(transfer, power, tuple(_smoothed(plane, one) for one in at))
 
 
 def _likelihood(seen: Floats, signal: Floats, structure: Floats) -> float:
@@ -338,6 +327,11 @@ class Fitted:
     turn: float = 0.0
     gain: float = 0.0
 
+    @property
+    def as_drawn(self) -> bool:
+        """Whether the blur lies as it was designed."""
+        return self.scale == 1 and self.turn == 0
+
 
 @dataclass(frozen=True, eq=False)
 class _Comparison:
@@ -361,7 +355,7 @@ class _Comparison:
     def _smooth_power(self, at: NDArray[np.int64], scale: float, turn: float) -> Floats:
         plane = self.seen.plane
         cos, sin = _turned(plane.cos[at], plane.sin[at], turn)
-        return np.stack([_smooth(scale * plane.f[at], cos, sin, values) for values in self.shape.smooth_power])
+        return np.stack([_smooth(scale * plane.f[at], cos, sin, values) for values in self.shape.smooth])
 
     def expected(self, at: NDArray[np.int64]) -> float:
         """Gain that a record of this very blur would have, on the average."""
@@ -369,14 +363,14 @@ class _Comparison:
         return float((factor - 1 - np.log(factor)).sum())
 
     def share(self, at: NDArray[np.int64], setting: Fitted) -> float:
-        """r, the likeliest share of the structure."""
+        """Likeliest share of the structure, of power."""
         structure = self.structure(at, setting.scale, setting.turn)
         found = optimize.minimize_scalar(
             lambda share: -_likelihood(self.seen.seen[:, at], self.seen.signal[:, at], share * structure),
             bounds=(0.0, 0.98),
             method="bounded",
         )
-        return math.sqrt(float(found.x))
+        return float(found.x)
 
     def best(self, low: NDArray[np.int64], at: NDArray[np.int64]) -> Fitted:
         """The likeliest scale and angle within bounds, by some low frequencies first."""
@@ -403,35 +397,24 @@ class _Comparison:
         )
         return Fitted(*setting(found.x), -float(found.fun))
 
-    @cached_property
-    def bends(self) -> Floats:
-        """Oddness of a scene's spectrum, were the halo as deep as each of :data:`_DEPTHS`: half a chi squared.
+    def far(self, low: NDArray[np.int64], at: NDArray[np.int64]) -> Fitted:
+        """The likeliest of scales that a guessed camera may be off by; none at the ends of what is tried."""
+        gains = [self.gain(low, float(scale), 0.0) for scale in _FAR_SCALES]
+        best = int(np.argmax(gains[1:-1])) + 1
+        if gains[best] < max(gains[0], gains[-1]):
+            return Fitted()
+        scale = float(_FAR_SCALES[best])
+        return Fitted(scale, 0.0, self.gain(at, scale, 0.0))
 
-        A natural spectrum is about straight over log f: its slope changes by a half or so from octave to octave.
-        """
-        plane, odd = self.seen.plane, np.zeros(len(_DEPTHS))
-        knots = 0.1 * np.exp(_KNOTS)
-        seen = self.seen.signal.mean(axis=0) > _SEEN
-        most = float(np.max(plane.f[seen], initial=0.0))
-        counts = (knots >= 2 / plane.side) & (knots <= max(1.5 * most, float(knots[3])))
-        for values, smooth in zip(self.seen.smooth, self.shape.smooth_power, strict=True):
-            through = np.minimum(np.exp(smooth[:_RADIAL] / 2), 1)
-            for k, depth in enumerate(_DEPTHS):
-                scene = values[:_RADIAL] - 2 * np.log(1 - depth * (1 - through))
-                odd[k] += np.square(np.diff(scene[counts], 2) / _BENT).sum() / 2
-        return odd / len(self.seen.smooth)
-
-    @property
-    def depth(self) -> float:
-        """Least share of the halo that the record shows, by a scene's spectrum that is about straight."""
-        if self.bends.min() > _ODD:
-            return 0.0
-        return float(_DEPTHS[int(np.argmax(self.bends < self.bends.min() + 2))])
-
-
-_DEPTHS = np.linspace(0, 1, 6)
-_BENT, _ODD, _VERY_ODD = 0.35, 40.0, 80.0
-"""Standard deviation of the change of slope, times an octave, and half chi squared from which a spectrum is odd."""
+    def strength(self) -> float:
+        """ε of the 1/f² prior that goes with the record's own spectrum, where light and noise are about equal."""
+        seen, plane, total, weight = self.seen, self.seen.plane, 0.0, 0.0
+        for noise, smooth, power in zip(seen.noise, seen.smooth, self.shape.smooth, strict=True):
+            light, dark = plane.smooth(smooth), noise.on(plane.f)
+            equal = light * dark / np.square(light + dark)
+            ratio = np.log(dark / light * plane.smooth(power)) - 2 * np.log(plane.f / PRIOR_CY_PER_PX)
+            total, weight = total + float(equal @ ratio), weight + float(equal.sum())
+        return math.exp(total / weight)
 
 
 @dataclass(frozen=True, eq=False)
@@ -439,14 +422,15 @@ class Explained:
     """Findings of a record on a blur.
 
     Attributes:
-        verdict: :data:`EXPLAINED`, :data:`UNSURE` or :data:`FOREIGN`.
+        verdict: :data:`EXPLAINED`, :data:`UNSURE` or :data:`FOREIGN`; then the record stays as it is.
         setting: of the blur.
-        share: r, of its structure that the record shows.
-        depth: of its halo, 1 as designed.
+        share: of its structure that the record shows, of power.
         expected: gain of log-likelihood that a record of this blur would have.
         chance: mean and standard deviation of the gain at angles that no camera has.
-        rival: name and gain of another blur that explains it better, if one does.
+        wrong: q, and what it would be if the blur were none, see the head of this file.
+        rival: name and gain of another blur that explains the record better, if one does.
         blur: that may be undone.
+        strength: ε that goes with the record's own spectrum.
         noise: of every colour.
         trusted: whether the blur was undone as it is said to be, whatever the record says.
     """
@@ -454,11 +438,12 @@ class Explained:
     verdict: str
     setting: Fitted
     share: float
-    depth: float
     expected: float
     chance: tuple[float, float]
+    wrong: tuple[float, float]
     rival: tuple[str, float] | None
-    blur: ExplainedBlur
+    blur: Blur
+    strength: float
     noise: tuple[NoiseSpectrum, ...]
     trusted: bool = False
 
@@ -467,7 +452,7 @@ class Explained:
         return {
             "verdict": self.verdict,
             "trusted": self.trusted,
-            "told": list(self.sentences),
+            "told": [self.sentence],
             "next": list(self.advice),
             "scale": self.setting.scale,
             "turn_deg": math.degrees(self.setting.turn),
@@ -475,154 +460,91 @@ class Explained:
             "gain_expected": self.expected,
             "gain_by_chance": list(self.chance),
             "share": self.share,
-            "depth": self.depth,
+            "light_below_0": self.wrong[0],
+            "light_below_0_without_display": self.wrong[1],
             "rival": None if self.rival is None else {"die": self.rival[0], "gain": self.rival[1]},
         }
 
     @property
-    def strength(self) -> float:
-        """ε of the 1/f² prior that goes with the record's own spectrum, where light and noise are about equal."""
-        seen, plane, total, weight = self.blur.seen, self.blur.seen.plane, 0.0, 0.0
-        for noise, smooth, power in zip(seen.noise, seen.smooth, self.blur.shape.smooth_power, strict=True):
-            light, dark = plane.smooth(smooth), noise.on(plane.f)
-            equal = light * dark / np.square(light + dark)
-            ratio = np.log(dark / light * plane.smooth(power)) - 2 * np.log(plane.f / PRIOR_CY_PER_PX)
-            total, weight = total + float(equal @ ratio), weight + float(equal.sum())
-        # A scene's own structure looks like noise to a smooth spectrum.
-        return math.exp(total / weight) / (_DROWNED_TIMES if self.share == 1 else 1)
-
-    @property
-    def sentences(self) -> tuple[str, ...]:
+    def sentence(self) -> str:
         """The verdict in words."""
-        setting, undone = self.setting, self._undone
+        setting = self.setting
         evidence = f"log-likelihood {setting.gain:.0f}, by chance {self.chance[0]:.0f} ± {self.chance[1]:.0f}"
         if self.verdict == EXPLAINED:
             return (
-                f"The PSF explains the photograph: {100 * self.share**2:.0f} % of its structure is seen, at "
-                f"{1 / setting.scale:.3f} of its size and a turn of {math.degrees(setting.turn):+.2f} degrees "
-                f"({evidence}).",
+                f"The PSF explains the photograph: {100 * self.share:.0f} % of its structure is seen, at "
+                f"{setting.scale:.3f} of its size and a turn of {math.degrees(setting.turn):+.2f} degrees "
+                f"({evidence})."
             )
         if self.verdict == UNSURE:
-            return (f"Cannot tell whether the PSF explains the photograph ({evidence}). {undone}",)
-        why = "the photograph does not show what the PSF would make of it"
-        if self.rival is not None:
-            why = f"die {self.rival[0]} explains the photograph better"
-        return (f"Not this display, as far as the photograph tells: {why} ({evidence}). {undone}",)
-
-    @property
-    def _undone(self) -> str:
-        if self.trusted:
-            return "The PSF was undone as it is said to be."
-        if self.depth == 0:
-            return "The picture is returned as it was taken."
-        halo, structure = 100 * self.depth, 100 * self.share**2
-        return f"The filter is mild: {halo:.0f} % of the halo and {structure:.0f} % of the structure."
+            undone = "as it is said to be" if self.trusted else "for nothing speaks against it"
+            return f"Cannot tell whether the PSF explains the photograph ({evidence}). It was undone, {undone}."
+        undone = "The PSF was undone as it is said to be." if self.trusted else "The picture stays as it was taken."
+        why = f"the structure that the PSF makes is not there ({evidence})"
+        if self.wrong[0] > _WRONG:
+            why = f"of what undoing the PSF changes, {100 * self.wrong[0]:.1f} % would be light below 0"
+        return f"Not this display, as far as the photograph tells: {why}. {undone}"
 
     @property
     def advice(self) -> tuple[str, ...]:
         """Steps that a lab takes next."""
-        again = (
-            "Where the picture is covered with waves: --blind undoes only what the photograph bears out; or give a "
-            "strength, --epsilon 0.1 or more."
-            if self.trusted
-            else "Undo the PSF as it is said to be, whatever the photograph says: leave --blind out."
-        )
+        off = abs(self.setting.scale - 1) > _FAR_SCALE or abs(self.setting.turn) > _FAR_TURN
+        steps = ["State the pixel, the focal length and the turn that were fitted."] if off else []
+        if abs(self.setting.scale - 1) > SCALE:
+            steps = [f"It fits at {self.setting.scale:.2f} of its size: check pixel and focal length."]
         if self.verdict == EXPLAINED:
-            off = abs(self.setting.scale - 1) > _FAR_SCALE or abs(self.setting.turn) > _FAR_TURN
-            steps = ["State the pixel, the focal length and the turn that were fitted."] if off else []
             return (
                 *steps,
                 "Capture a point light through the die (maskfab measure): its PSF tells lens and focus too.",
             )
+        again = (
+            "Where the picture is covered with waves: leave --trust out, or give a strength, --epsilon 0.1 or more."
+            if self.trusted
+            else "Undo the PSF as it is said to be, whatever the photograph says: --trust."
+        )
         if self.verdict == UNSURE:
             return (
+                *(steps if abs(self.setting.scale - 1) > SCALE else ()),
                 "Photograph something with detail all over, in more light, and keep the RAW file.",
                 "Or capture a point light through the die, and restore by its PSF (--psf).",
                 again,
             )
-        other = [] if self.rival is None else [f"Try --die {self.rival[0]}."]
         return (
-            *other,
+            *([] if self.rival is None else [f"Try --die {self.rival[0]}: it explains the photograph better."]),
             "Check the die, the way that it stands (--stands), the camera's pixel and focal length, and the focus.",
-            f"Tried were sizes within {100 * SCALE:.0f} % and turns up to {math.degrees(TURN):.0f} degrees.",
             again,
         )
 
 
 @dataclass(frozen=True, eq=False)
-class ExplainedBlur:
-    """The blur that leads restorers to the filter of the least expected error, see the head of this file.
+class FittedBlur:
+    """A blur at another scale and angle.
 
     Attributes:
-        blur: as designed or measured.
-        setting: of it, as fitted.
-        share: r.
-        depth: of the halo.
-        shape: its smooth parts.
-        seen: the record's spectrum.
-        local: power of the signal over what the blur explains of it, [3, side, half].
+        transfer: on frequencies half as far apart as those of the square that it was fitted to.
+        setting: as fitted.
     """
 
-    blur: Blur
+    transfer: Transfer
     setting: Fitted
-    share: float
-    depth: float
-    shape: _Shape
-    seen: _Seen
-    local: Singles
     _kept: dict[tuple[int, int], Transfer] = field(default_factory=dict, init=False, repr=False)
 
     def on(self, shape: tuple[int, int]) -> Transfer:
         """See :class:`maskfab.camera.imaging.Blur`."""
         if shape not in self._kept:
-            transfer = self._transfer(shape)
-            transfer.flags.writeable = False
+            rows, columns = shape
+            odd = np.iscomplexobj(self.transfer)
+            found = np.empty((3, rows, columns // 2 + 1), dtype=np.complex64 if odd else np.float32)
+            fy, fx = np.asarray(scipy.fft.fftfreq(rows)), np.asarray(scipy.fft.rfftfreq(columns))[None]
+            strip = max(1, 2_000_000 // fx.size)
+            for first in range(0, rows, strip):
+                part = slice(first, first + strip)
+                y, x = np.broadcast_arrays(fy[part, None], fx)
+                found[:, part] = _warped(self.transfer, y, x, self.setting.scale, self.setting.turn)
+            found.flags.writeable = False
             self._kept.clear()
-            self._kept[shape] = transfer
+            self._kept[shape] = found
         return self._kept[shape]
-
-    def _transfer(self, shape: tuple[int, int]) -> Transfer:
-        rows, columns = shape
-        exact = self.setting.scale == 1 and self.setting.turn == 0
-        drawn = self.blur.on(shape) if exact else self.shape.transfer
-        found = np.empty((3, rows, columns // 2 + 1), dtype=np.complex64 if np.iscomplexobj(drawn) else np.float32)
-        fy, fx = np.asarray(scipy.fft.fftfreq(rows)), np.asarray(scipy.fft.rfftfreq(columns))[None]
-        strip = max(1, 2_000_000 // fx.size)
-        for first in range(0, rows, strip):
-            part = slice(first, first + strip)
-            y, x = np.broadcast_arrays(fy[part, None], fx)
-            for colour in range(3):
-                one = slice(colour, colour + 1)
-                here = (
-                    drawn[colour, part]
-                    if exact
-                    else _warped(drawn[one], y, x, self.setting.scale, self.setting.turn)[0]
-                )
-                found[colour, part] = self._milder(here, colour, y, x)
-        found[:, 0, 0] = 1
-        return cast(Transfer, found)
-
-    def _milder(self, transfer: NDArray[Any], colour: int, y: Floats, x: Floats) -> NDArray[Any]:
-        f = np.hypot(y, x)
-        least = np.maximum(f, 1e-9)
-        cos, sin, f = np.where(f > 0, x / least, 1.0), y / least, np.maximum(f, 2.5 / self.seen.plane.side)
-        drawn = self.setting.scale * f, *_turned(cos, sin, self.setting.turn)
-        power = _smooth(*drawn, self.shape.smooth_power[colour])
-        smooth = np.minimum(_smooth(*drawn, self.shape.smooth[colour]), np.sqrt(power))
-        ratio = self.seen.noise[colour].on(f) * power / _smooth(f, cos, sin, self.seen.smooth[colour])
-        known = smooth + self.share * (transfer - smooth)
-        unknown = (1 - self.share**2) * np.maximum(power - smooth**2, 0)
-        if self.depth < 1:
-            known = 1 - self.depth * (1 - known)
-        whole = np.square(abs(known)) + unknown
-        side = self.seen.plane.side
-        places = np.stack([y % 1 * side, x * side])
-        local = ndimage.map_coordinates(self.local[colour], places, order=1, mode="grid-wrap")
-        ratio = ratio / np.minimum(local, 1)
-        inverse = (whole + ratio) * np.sqrt(np.maximum(local / _ABOVE, 1)) / np.maximum(abs(known), 1e-6)
-        root = np.sqrt(np.maximum(inverse**2 - 4 * ratio, 0))
-        size = np.where(whole >= ratio, inverse + root, inverse - root) / 2
-        return np.asarray(np.minimum(size, 1) * known / np.maximum(abs(known), 1e-6))
 
 
 def explain(
@@ -637,50 +559,68 @@ def explain(
         record: of at least 128 pixels along a side.
         blur: that it is said to have been taken through.
         noise: of every colour, as :func:`maskfab.camera.noise_spectrum.noise_of` tells it.
-        rivals: makers of other blurs by name, of which one may explain it better; tried where this one might.
+        rivals: makers of other blurs by name, of which one may explain it better; tried where this one does not.
     """
-    seen = _Seen.of(_middle(record, LARGEST), noise)
+    square = _middle(record, LARGEST)
+    seen = _Seen.of(square.values, noise)
     mine = _Comparison(seen, _Shape.of(blur, seen.plane))
     at, low = _places(seen)
-    setting, share, expected, chance, verdict = Fitted(), 0.0, 0.0, (0.0, 0.0), UNSURE
-    odd, excess, drowned = float(mine.bends[-1]) > _ODD, False, False
+    even, strength = whitened(square, seen.noise), mine.strength()
+    tried, share, expected, chance, clear = [Fitted()], 0.0, 0.0, (0.0, 0.0), False
     if len(low) >= _FEWEST:
-        setting, drawn = mine.best(low, at), Fitted(1.0, 0.0, mine.gain(at, 1.0, 0.0))
-        if setting.gain < drawn.gain + _NEARLY:
-            setting = drawn
         by_chance = [mine.gain(at, scale, turn) for scale, turn in _DECOYS]
         chance = float(np.mean(by_chance)), float(np.std(by_chance))
-        expected, share = mine.expected(at), mine.share(at, setting)
+        drawn, best = Fitted(1.0, 0.0, mine.gain(at, 1.0, 0.0)), mine.best(low, at)
+        # A scene has structure of its own, which lies better somewhere by as much as chance has it.
+        tried = [drawn, best] if best.gain > drawn.gain + _CLEAR else [drawn]
+        tried = [best] if best.gain > drawn.gain + _CLEAR * (1 + chance[1]) else tried
+    blurs = [blur if one.as_drawn else FittedBlur(mine.shape.transfer, one) for one in tried]
+    wrongs = [_wrong(even, WhitenedBlur(undone, seen.noise), strength) for undone in blurs]
+    wrong, setting, undone = min(zip(wrongs, tried, blurs, strict=True), key=lambda one: one[0][0])
+    if len(low) >= _FEWEST:
         clear = setting.gain > max(_LEAST, chance[0] + _CLEAR * chance[1])
-        excess = setting.gain > max(_EXCESS * expected, expected + _LEAST)
-        # A structure that is seen nearly whole speaks for a PSF although the scene is no usual one.
-        if clear and not excess and share > _ALMOST_ALL and mine.bends[-1] < mine.bends.min() + _LEAST:
-            odd = float(mine.bends[-1]) > _VERY_ODD
-        if chance[0] > max(_LEAST, _DROWNED * expected):
-            # The scene has as much structure of its own, as a chart has: nothing speaks against what is said.
-            odd = excess = False
-            setting, share, drowned = Fitted(1.0, 0.0, drawn.gain), 1.0, True
-        elif clear and not odd and not excess and share**2 >= _LEAST_SHARE:
-            verdict = EXPLAINED
-        elif (odd and (excess or not clear or share < _ALMOST_ALL)) or (
-            expected > 2 * _LEAST and share**2 < _LEAST_SHARE and setting.gain < _HARDLY * expected
-        ):
-            verdict = FOREIGN
-    rival = None if verdict == FOREIGN else _rival(record, blur, noise, rivals)
-    verdict = verdict if rival is None else FOREIGN
-    depth = mine.depth if verdict == FOREIGN or odd or excess else 1.0
-    local = _local(mine, setting, share)
-    if drowned and verdict != FOREIGN:
-        local = np.ones_like(local)
-    undone = ExplainedBlur(blur, setting, share, depth, mine.shape, seen, local)
-    return Explained(verdict, setting, share, depth, expected, chance, rival, undone, seen.noise)
+        expected, share = mine.expected(at), mine.share(at, setting)
+    if wrong[0] > _WRONG and len(low) >= _FEWEST:
+        far = mine.far(low, at)
+        if far.gain > max(_FAR_GAIN, chance[0] + _FAR_CLEAR * chance[1]):
+            blur_far = FittedBlur(mine.shape.transfer, far)
+            wrong_far = _wrong(even, WhitenedBlur(blur_far, seen.noise), strength)
+            if wrong_far[0] == 0:
+                setting, undone, wrong, strength = far, blur_far, wrong_far, max(strength, _MILD)
+                clear, share, expected = True, mine.share(at, far), 0.0
+    seen_clearly, missing = clear and share >= _LEAST_SHARE, expected > _PLAIN and share < _LEAST_SHARE
+    verdict = EXPLAINED if seen_clearly else UNSURE
+    if wrong[0] > (_STILL_WRONG if seen_clearly else _WRONG) or (missing and wrong[1] < _WRONG):
+        verdict = FOREIGN
+    rival = _rival(record, blur, noise, rivals) if verdict == FOREIGN else None
+    return Explained(verdict, setting, share, expected, chance, wrong, rival, undone, strength, seen.noise)
 
 
-def _middle(record: Record, most: int) -> Singles:
+def _wrong(square: Record, blur: Blur, strength: float) -> tuple[float, float]:
+    """q of a record, and of the picture that is restored from it."""
+    side = square.values.shape[1]
+    margin = Margin((side + 2 * _ROOM, side + 2 * _ROOM), _ROOM)
+    inverse = wiener(blur.on(margin.shape), prior(margin.shape), strength)
+    inner = (slice(None), *(slice(side // 4, -(side // 4)),) * 2)
+    variance = square.variance.mean(axis=(1, 2), dtype=np.float64)
+    noise = float((np.square(abs(inverse)).mean(axis=(1, 2), dtype=np.float64) * variance).mean())
+
+    def share(seen: Singles) -> tuple[float, Singles]:
+        picture = margin.blurred(margin.mirrored(seen), inverse)
+        # At the edges light that came from beyond them is missing.
+        below = float(np.square(np.minimum(picture, 0)[inner]).mean(dtype=np.float64)) - noise / 2
+        change = float(np.square((picture - seen)[inner]).mean(dtype=np.float64))
+        return max(below, 0.0) / max(change, 1e-30), picture
+
+    first, picture = share(square.values)
+    return first, share(np.maximum(picture, 0))[0]
+
+
+def _middle(record: Record, most: int) -> Record:
     """A square from the record's middle."""
     side = min(*record.values.shape[1:], most) // 2 * 2
     top, left = ((whole - side) // 2 for whole in record.values.shape[1:])
-    return record.values[:, top : top + side, left : left + side]
+    return replace(record, values=record.values[:, top : top + side, left : left + side])
 
 
 def _places(seen: _Seen) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -695,7 +635,7 @@ def _rival(
     """Name and gain, over that of a blur, of the one that explains a smaller square of the record best and better."""
     if not rivals:
         return None
-    seen = _Seen.of(_middle(record, LARGEST // 2), noise)
+    seen = _Seen.of(_middle(record, LARGEST // 2).values, noise)
     at, low = _places(seen)
     if len(low) < _FEWEST:
         return None
@@ -705,22 +645,4 @@ def _rival(
     return (best, gains[best] - own) if gains[best] > max(_RIVAL * own, own + _LEAST) else None
 
 
-def _local(mine: _Comparison, setting: Fitted, share: float) -> Singles:
-    """Local power of the signal over what the blur explains of it, [3, side, half]."""
-    plane, side = mine.seen.plane, mine.seen.plane.side
-    signal = mine.seen.signal
-    told = signal * (1 + share**2 * mine.structure(np.arange(plane.f.size), setting.scale, setting.turn))
-    parts = []
-    for values in (mine.seen.seen - (1 - signal), told):
-        found = np.zeros((3, side, side // 2 + 1))
-        found[:, plane.use] = values
-        parts.append(ndimage.gaussian_filter(found, (0, _LOCAL, _LOCAL), mode=("nearest", "wrap", "nearest")))
-    seen, explained = parts
-    return np.asarray(np.clip((seen + _TRUST) / (explained + _TRUST), 0.02, 50), dtype=np.float32)
-
-
-_TRUST = 0.1
-"""Of all power, the signal below which what is local tells nothing."""
 _FAR_SCALE, _FAR_TURN = 0.01, math.radians(0.5)
-_LOCAL = 3.0
-"""Frequencies of the square over which power is taken as local, a standard deviation."""

@@ -35,7 +35,7 @@ from maskfab.base.errors import JobError, SourceError
 from maskfab.base.provenance import sha256_of_file
 from maskfab.camera.blur import MeasuredBlur
 from maskfab.camera.chart import ChartMatrix
-from maskfab.camera.explained import Explained, explain
+from maskfab.camera.explained import EXPLAINED, FOREIGN, Explained, explain
 from maskfab.camera.frames.frame import Frame, Source, letters, read_frame
 from maskfab.camera.imaging import LARGE, Blur
 from maskfab.camera.noise_spectrum import WhitenedBlur, noise_of, whitened
@@ -372,22 +372,22 @@ def restored_light(
     chosen: bool,
     epsilon: float | None,
     bin: bool,
-    blind: bool = False,
+    trust: bool = False,
     rivals: Mapping[str, Callable[[], Blur]] = MappingProxyType({}),
 ) -> tuple[Record, Chosen, Explained, tuple[str, ...]]:
     """The record of a photograph, what the chosen restorer made of it, whether the blur explains it, and sentences.
 
-    The blur is undone as it is said to be; blind, only what the record bears out.
+    Where the record speaks against the blur it stays as it is; trusted, the blur is undone as it is said to be.
 
     Args:
         photo: as it was read.
         blur: that is undone.
         restorers: of which the best is taken.
         chosen: whether the best is asked for, so that Wiener alone restores a large photograph.
-        epsilon: strength of the prior; None for what each record speaks for.
+        epsilon: strength of the prior, with which the blur is trusted; None for what each record speaks for.
         bin: restore means over 2 x 2 pixels.
-        blind: undo of the blur only what the record bears out, at the strength that goes with that.
-        rivals: makers of other blurs by name, of which one may explain the photograph better; looked at blind.
+        trust: undo the blur as it is said to be, whatever the record says.
+        rivals: makers of other blurs by name, of which one may explain the photograph better; looked at unless trusted.
 
     Raises:
         JobError: MF142 for a photograph too large for the restorers that are named.
@@ -410,15 +410,16 @@ def restored_light(
         restorers = (Wiener(),)
         sentences = (*sentences, f"of more than {LARGE / 1e6:g} million pixels, so restored by wiener")
     noise, processed = noise_of(record, stated=photo.noise_stated)
-    found = explain(record, seen, noise, rivals if blind else {})
+    trust = trust or epsilon is not None
+    found = explain(record, seen, noise, {} if trust else rivals)
     sentences = (*sentences, *processed)
-    if not blind:
+    if trust:
         return record, restored(record, seen, restorers, epsilon), replace(found, trusted=True), sentences
-    if found.depth == 0:
+    if found.verdict == FOREIGN:
         return record, Chosen("none", 0.0, np.clip(record.values, 0, 1), {}, {}), found, sentences
     even, blurred = whitened(record, found.noise), WhitenedBlur(found.blur, found.noise)
-    sentences = (*sentences, "record and PSF were filtered so that noise is white")
-    return record, restored(even, blurred, restorers, least=found.strength), found, sentences
+    known = found.verdict == EXPLAINED
+    return record, restored(even, blurred, restorers, least=found.strength, known=known), found, sentences
 
 
 def _binned(made: Callable[[], Blur]) -> Blur:

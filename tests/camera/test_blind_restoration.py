@@ -140,7 +140,7 @@ def case(number, tmp_path):
 def gained(number, tmp_path):
     """Decibels of the restored picture above the record, the verdict, and what is wrong."""
     photo, blur, record, light, words = case(number, tmp_path)
-    _, won, found, _ = restored_light(photo, blur, (Wiener(),), chosen=False, epsilon=None, bin=False, blind=True)
+    _, won, found, _ = restored_light(photo, blur, (Wiener(),), chosen=False, epsilon=None, bin=False)
     return psnr(won.picture, light) - psnr(record, light), found.verdict, words
 
 
@@ -178,17 +178,40 @@ def test_a_wrong_die_is_told_and_the_right_one_is_not_refused():
     assert (beaten.verdict, beaten.rival and beaten.rival[0]) == (FOREIGN, "bars")
 
 
-def test_a_psf_is_undone_as_it_is_said_to_be_and_doubt_is_told_unless_asked_blind():
+@pytest.mark.parametrize("asked", [{"trust": True, "epsilon": None}, {"epsilon": 0.01}])
+def test_a_psf_is_undone_as_it_is_said_to_be_if_trusted_or_a_strength_is_given(asked):
     """Behind another die: the same picture as by the restorer alone, and a verdict that says so."""
     record, _ = taken(2, spread("bars"), 20000.0, 1)
     photo = Photo("p", "", Record(record, Noise(20000.0, READ_E)), (1.0, 1.0, 1.0), np.eye(3), (), noise_stated=True)
     wrong = designed("scattered")
-    _, won, found, _ = restored_light(photo, wrong, (Wiener(),), chosen=False, epsilon=0.01, bin=False)
-    np.testing.assert_array_equal(won.picture, restored(photo.record, wrong, (Wiener(),), 0.01).picture)
+    _, won, found, _ = restored_light(photo, wrong, (Wiener(),), chosen=False, bin=False, **asked)
+    alone = restored(photo.record, wrong, (Wiener(),), asked["epsilon"])
+    np.testing.assert_array_equal(won.picture, alone.picture)
     assert found.verdict == FOREIGN
     assert found.trusted
-    assert "undone as it is said to be" in found.sentences[0]
-    assert any("--blind" in step for step in found.advice)
+    assert "undone as it is said to be" in found.sentence
+    assert any("--trust" in step for step in found.advice)
+
+
+def test_a_photograph_without_a_display_stays_as_it_was_taken():
+    """While the PSF was trusted this lost 14 dB; light below 0 tells it, whatever the scene's spectrum."""
+    record, light = taken(3, np.pad(np.ones((3, 1, 1)), ((0, 0), (96, 96), (96, 96))), 3000.0, 5)
+    photo = Photo("p", "", Record(record, Noise(3000.0, READ_E)), (1.0, 1.0, 1.0), np.eye(3), (), noise_stated=True)
+    _, won, found, _ = restored_light(photo, designed("bars"), (Wiener(),), chosen=False, epsilon=None, bin=False)
+    assert found.verdict == FOREIGN
+    assert found.wrong[0] > 0.05
+    assert psnr(won.picture, light) >= psnr(record, light) - 0.1
+
+
+def test_behind_the_right_die_nothing_is_given_away():
+    record, light = taken(2, spread("bars"), 3000.0, 6)
+    photo = Photo("p", "", Record(record, Noise(3000.0, READ_E)), (1.0, 1.0, 1.0), np.eye(3), (), noise_stated=True)
+    safe, trusting = (
+        restored_light(photo, designed("bars"), (Wiener(),), chosen=False, epsilon=None, bin=False, trust=trust)[1]
+        for trust in (False, True)
+    )
+    assert psnr(safe.picture, light) > psnr(record, light) + 3
+    assert psnr(safe.picture, light) > psnr(trusting.picture, light) - 0.5
 
 
 @pytest.mark.parametrize("setting", [{"scale": 1.03}, {"turn": 2.0}])

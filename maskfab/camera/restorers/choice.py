@@ -384,7 +384,13 @@ _BESIDE = (0.5, 1.0, 2.0)
 
 
 def restored(
-    record: Record, blur: Blur, restorers: Sequence[Restorer], epsilon: float | None = None, least: float = 0.0
+    record: Record,
+    blur: Blur,
+    restorers: Sequence[Restorer],
+    epsilon: float | None = None,
+    least: float = 0.0,
+    *,
+    known: bool = False,
 ) -> Chosen:
     """A record restored by the best of several restorers at the best of several strengths.
 
@@ -394,14 +400,17 @@ def restored(
         restorers: with names of their own.
         epsilon: strength of all; None for the one that the record speaks for.
         least: of the strengths to begin from, as a blur that may be another than is said leaves no smaller one.
+        known: whether that is about the strength, so that none is looked for.
 
     Raises:
         JobError: MF105 without restorers, or for two of one name.
     """
     if epsilon is not None:
         return Choice(restorers, coded=True).restore(record, blur, {restorer.name: epsilon for restorer in restorers})
-    first = Wiener()
-    steps = (*(step for step in GRID if step > least), *((least,) if least > 0 else ()))
-    epsilon = Choice((first,), steps=steps, coded=True).restore(record, blur, {first.name: 1.0}).epsilon
+    epsilon = least
+    if not known:
+        first = Wiener()
+        steps = (*(step for step in GRID if step > least), *((least,) if least > 0 else ()))
+        epsilon = Choice((first,), steps=steps, coded=True).restore(record, blur, {first.name: 1.0}).epsilon
     strengths = {restorer.name: epsilon for restorer in restorers}
     return Choice(restorers, steps=_BESIDE, coded=True).restore(record, blur, strengths)

@@ -184,7 +184,6 @@ def test_an_srgb_picture_is_taken_for_one_and_files_are_written(capsys, tmp_path
         ("MF334", {"light": 1.0}),
         ("MF104", {"stops": 99.0}),
         ("MF104", {"epsilon": -1.0}),
-        ("MF105", {"epsilon": 0.1, "blind": True}),
         ("MF121", {"side": 64}),
     ],
 )
