@@ -74,12 +74,13 @@ _CLEAR = 3.0
 """Standard deviations over chance from which a structure is seen."""
 _LEAST, _RIVAL = 10.0, 1.1
 """Log-likelihood from which it is evidence, and the factor by which another die has more."""
-_LEAST_SHARE, _PLAIN = 0.25, 100.0
-"""Share of a structure from which it is seen, and expected log-likelihood from which it would have to be."""
-_WRONG, _STILL_WRONG = 0.015, 0.04
-"""Shares of a change, as light below 0, from which it is wrong: where no structure is seen, and where it is."""
+_LEAST_SHARE, _PLAIN, _OBVIOUS = 0.25, 100.0, 1000.0
+"""Share of a structure from which it is seen; expected log-likelihoods from which it ought to be, and must be."""
+_DOUBTFUL, _WRONG, _STILL_WRONG, _DOUBT = 0.005, 0.015, 0.04, 16.0
+"""Shares of a change, as light below 0, from which ε is so many times as large, from which a blur is wrong where no
+structure is seen, and from which it is wrong where one is."""
 _FAR_SCALES, _FAR_GAIN, _FAR_CLEAR, _MILD = np.geomspace(0.15, 2.0, 60), 100.0, 10.0, 0.2
-"""Scales of a camera that was guessed; log-likelihood, and standard deviations over chance, from which one is taken; and
+"""Scales of a camera that was guessed; log-likelihood and standard deviations over chance, from which one is taken; and
 the least ε then, for little of the structure is known."""
 _ROOM = 128
 """Pixels by which a square is mirrored beyond its edges."""
@@ -588,10 +589,13 @@ def explain(
             if wrong_far[0] == 0:
                 setting, undone, wrong, strength = far, blur_far, wrong_far, max(strength, _MILD)
                 clear, share, expected = True, mine.share(at, far), 0.0
-    seen_clearly, missing = clear and share >= _LEAST_SHARE, expected > _PLAIN and share < _LEAST_SHARE
+    seen_clearly, missing = clear and share >= _LEAST_SHARE, share < _LEAST_SHARE and expected > _PLAIN
     verdict = EXPLAINED if seen_clearly else UNSURE
-    if wrong[0] > (_STILL_WRONG if seen_clearly else _WRONG) or (missing and wrong[1] < _WRONG):
+    missing_surely = missing and (wrong[1] < _WRONG or expected > _OBVIOUS)
+    if missing_surely or wrong[0] > (_STILL_WRONG if seen_clearly else _WRONG):
         verdict = FOREIGN
+    elif missing or wrong[0] > _DOUBTFUL:
+        strength *= _DOUBT
     rival = _rival(record, blur, noise, rivals) if verdict == FOREIGN else None
     return Explained(verdict, setting, share, expected, chance, wrong, rival, undone, strength, seen.noise)
 
