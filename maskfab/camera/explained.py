@@ -581,7 +581,7 @@ def explain(
     if len(low) >= _FEWEST:
         clear = setting.gain > max(_LEAST, chance[0] + _CLEAR * chance[1])
         expected, share = mine.expected(at), mine.share(at, setting)
-    if wrong[0] > _WRONG and len(low) >= _FEWEST:
+    if wrong[0] > _WRONG or (share < _LEAST_SHARE and expected > _PLAIN):
         far = mine.far(low, at)
         if far.gain > max(_FAR_GAIN, chance[0] + _FAR_CLEAR * chance[1]):
             blur_far = FittedBlur(mine.shape.transfer, far)
