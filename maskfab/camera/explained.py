@@ -535,7 +535,8 @@ class FittedBlur:
         if shape not in self._kept:
             rows, columns = shape
             odd = np.iscomplexobj(self.transfer)
-            found = np.empty((3, rows, columns // 2 + 1), dtype=np.complex64 if odd else np.float32)
+            empty: Any = np.empty((3, rows, columns // 2 + 1), dtype=np.complex64 if odd else np.float32)
+            found: Transfer = empty
             fy, fx = np.asarray(scipy.fft.fftfreq(rows)), np.asarray(scipy.fft.rfftfreq(columns))[None]
             strip = max(1, 2_000_000 // fx.size)
             for first in range(0, rows, strip):
