@@ -76,6 +76,8 @@ _LEAST, _RIVAL = 10.0, 1.1
 """Log-likelihood from which it is evidence, and the factor by which another die has more."""
 _LEAST_SHARE, _PLAIN, _OBVIOUS = 0.25, 100.0, 1000.0
 """Share of a structure from which it is seen; expected log-likelihoods from which it ought to be, and must be."""
+_DROWNED = 30.0
+"""Times by which a scene with structure of its own pretends more strength."""
 _DOUBTFUL, _WRONG, _STILL_WRONG, _DOUBT = 0.005, 0.015, 0.04, 16.0
 """Shares of a change, as light below 0, from which ε is so many times as large, from which a blur is wrong where no
 structure is seen, and from which it is wrong where one is."""
@@ -597,6 +599,11 @@ def explain(
         verdict = FOREIGN
     elif missing or wrong[0] > _DOUBTFUL:
         strength *= _DOUBT
+    elif verdict == UNSURE and setting.as_drawn:
+        # A scene's own structure, as a chart has, looks like noise to a smooth spectrum.
+        weaker = strength / _DROWNED
+        if _wrong(even, WhitenedBlur(undone, seen.noise), weaker)[0] == 0:
+            strength = weaker
     rival = _rival(record, blur, noise, rivals) if verdict == FOREIGN else None
     return Explained(verdict, setting, share, expected, chance, wrong, rival, undone, strength, seen.noise)
 
