@@ -417,8 +417,9 @@ def restored_light(
         return record, restored(record, seen, restorers, epsilon), replace(found, trusted=True), sentences
     if found.verdict == FOREIGN:
         return record, Chosen("none", 0.0, np.clip(record.values, 0, 1), {}, {}), found, sentences
-    even, blurred = whitened(record, found.noise), WhitenedBlur(found.blur, found.noise)
     known = found.verdict == EXPLAINED
+    told = found.noise if known else noise
+    even, blurred = whitened(record, told), WhitenedBlur(found.blur, told)
     return record, restored(even, blurred, restorers, least=found.strength, known=known), found, sentences
 
 
