@@ -480,7 +480,8 @@ class Explained:
                 f"({evidence})."
             )
         if self.verdict == UNSURE:
-            undone = "as it is said to be" if self.trusted else "for nothing speaks against it"
+            size = f"at {setting.scale:.2f} of its size, where" if abs(setting.scale - 1) > SCALE else "for"
+            undone = "as it is said to be" if self.trusted else f"{size} nothing speaks against it"
             return f"Cannot tell whether the PSF explains the photograph ({evidence}). It was undone, {undone}."
         undone = "The PSF was undone as it is said to be." if self.trusted else "The picture stays as it was taken."
         why = f"the structure that the PSF makes is not there ({evidence})"
