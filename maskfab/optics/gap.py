@@ -493,7 +493,8 @@ class AmplitudeLags:
             table: Table = _from_power(_amplitude_power(dots, sizes))
             table *= np.float32(scale)
         else:
-            table = (scale * correlated(np.asarray(dots, dtype=np.float64), sizes)).astype(np.float32)
+            rows = np.asarray(dots, dtype=np.float64).reshape(-1, *dots.shape[2:])
+            table = (scale * correlated(rows.__getitem__, dots.shape[:2], sizes, sizes)[0]).astype(np.float32)
         table = table.reshape(sizes[0] * sizes[1], sizes[2] * sizes[3])
         table[0, 0] = 1
         return cls(x, y, ((sizes[0], sizes[1]), (sizes[2], sizes[3])), table)

@@ -18,7 +18,9 @@ linear for whole dots, a sum of triangles one dot to either side, so its transfo
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import itertools
+import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -40,7 +42,8 @@ _NEAR_DOTS = 3
 _FEW_PAIRS, _FEW_NEAR_PAIRS = 50_000, 25_000
 # Lags at which the coarse error is measured.
 _NEAR_SAMPLES, _FEWEST_SAMPLES, _MOST_SAMPLES = 4, 64, 128
-_ROWS_AT_A_TIME, _COLUMNS_AT_A_TIME = 128, 16
+# So much stays in the processor's cache, and so many values along x are held at once.
+_ROWS_AT_A_TIME, _COLUMNS_AT_A_TIME, _MOST_HELD = 32, 16, 12_000_000
 _SINGLE = 1e-5
 # Above it a transform is faster than counting pairs.
 _MOST_PAIRS = 8_000_000
@@ -52,13 +55,13 @@ class LagTable:
 
     Attributes:
         x, y: the pupil's lattices.
-        values: float64 [cells y, dots y, cells x, dots x] in square micrometres, negative lags wrapped round, of mean
-            transmissions but for lag 0.
+        values: float64 [cells y, dots y, cells x, dots x] in square micrometres, of mean transmissions but for lag 0;
+            lags up to the reach and few others, negative ones wrapped round.
         reach_um: largest lag along either axis for which the table is good.
         energy_um2: the value at lag 0.
         errors: bound of the error of C(s) / C(0), near lag 0 and beyond.
         rims: what the shapes of cut dots change, of every part of the amplitude; none where ``errors`` count it.
-        spread_um2: what lag 0 was given over the means', of no volume: it belongs to lags about 0 that make up for it.
+        sum_um2: of the means over all lags, within reach or not.
     """
 
     x: Lattice
@@ -68,7 +71,7 @@ class LagTable:
     energy_um2: float
     errors: tuple[float, float]
     rims: tuple[RimLags, ...] = ()
-    spread_um2: float = 0.0
+    sum_um2: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", frozen(self.values))
@@ -192,11 +195,8 @@ class LagTable:
 
     @property
     def volume_um2(self) -> float:
-        """Integral of C(s) / C(0) over all lags: the clear area, if the mask is binary.
-
-        A sum over all lags does not care that those beyond the reach are folded onto each other.
-        """
-        return float((self.values.sum() - self.spread_um2) * self.x.dot_um * self.y.dot_um / self.energy_um2)
+        """Integral of C(s) / C(0) over all lags: the clear area, if the mask is binary."""
+        return self.sum_um2 * self.x.dot_um * self.y.dot_um / self.energy_um2
 
 
 def lag_table(pupil: Pupil, reach_um: float = np.inf) -> LagTable:
@@ -207,11 +207,16 @@ def lag_table(pupil: Pupil, reach_um: float = np.inf) -> LagTable:
         reach_um: the largest lag along either axis that will be asked for; a shorter reach is a smaller transform.
     """
     dot_area = pupil.x.dot_um * pupil.y.dot_um
-    blocks = dot_blocks(pupil.x, pupil.y, pupil.mean_transmission)
-    values = correlated(blocks, lag_sizes(pupil.x, pupil.y, reach_um))
+    rows, columns = pupil.y.dot_index().ravel(), pupil.x.dot_index().ravel()
+    across = columns if pupil.x.has_gutter else slice(None)
+
+    def grey(part: slice) -> Floats:
+        return pupil.grey_rows(rows[part])[:, across].reshape(-1, *_periods(pupil.x))
+
+    sizes = lag_sizes(pupil.x, pupil.y, reach_um)
+    values, total = correlated(grey, _periods(pupil.y), sizes, _held(pupil.x, pupil.y, reach_um, sizes))
     values *= dot_area
-    spread = float(pupil.variance.sum()) * dot_area
-    values[0, 0, 0, 0] += spread
+    values[0, 0, 0, 0] += (float(pupil.whole_variance.sum()) + float(pupil.rim_variance.sum())) * dot_area
     energy = float(values[0, 0, 0, 0])
     values.flags.writeable = False
     rim = rim_lags(pupil, reach_um)
@@ -219,7 +224,7 @@ def lag_table(pupil: Pupil, reach_um: float = np.inf) -> LagTable:
     # Areas are told to some last places of the stop's.
     rounding = 1e-15 + 4 * np.finfo(np.float64).eps * pupil.rim_row.size * pupil.stop.area_um2 / max(energy, 1e-300)
     errors = unknown[0] + rounding, unknown[1] + rounding
-    return LagTable(pupil.x, pupil.y, values, reach_um, energy, errors, () if rim is None else (rim,), spread)
+    return LagTable(pupil.x, pupil.y, values, reach_um, energy, errors, () if rim is None else (rim,), total * dot_area)
 
 
 def lag_sizes(x: Lattice, y: Lattice, reach_um: float) -> list[int]:
@@ -229,6 +234,12 @@ def lag_sizes(x: Lattice, y: Lattice, reach_um: float) -> list[int]:
         scipy.fft.next_fast_len(min(2 * n - 1, n + extra), real=True) if n > 1 else 1
         for n, extra in zip(counts, (*_extra(y, reach_um), *_extra(x, reach_um)), strict=True)
     ]
+
+
+def _held(x: Lattice, y: Lattice, reach_um: float, sizes: list[int]) -> list[int]:
+    """How many lags of cells and dots a table holds: those within reach, of either sign."""
+    extra = (*_extra(y, reach_um), *_extra(x, reach_um))
+    return [min(2 * most + 1, size) for most, size in zip(extra, sizes, strict=True)]
 
 
 def shape_errors(pupil: Pupil, energy_um2: float, *, cut_dots: bool) -> tuple[float, float]:
@@ -271,7 +282,8 @@ def _largest_overlap(variance: Floats) -> float:
     deviation, padded = np.empty(variance.shape, dtype=np.float32), [sizes[0], 1, 1, sizes[1]]
     np.sqrt(variance, out=deviation, casting="same_kind")
     largest = 0.0
-    for rows, lags in _lags(_power(deviation[:, None, None, :], padded), padded):
+    power, _ = _power(lambda part: deviation[part, None, :], (height, 1), padded, padded[0])
+    for rows, lags in _lags(power, padded):
         if rows.start == 0:
             lags[0, 0, 0, 0] = 0.0
         largest = max(largest, float(lags.max()))
@@ -290,47 +302,88 @@ def _periods(lattice: Lattice) -> tuple[int, int]:
     return (lattice.cells, lattice.dots) if lattice.has_gutter else (lattice.cells * lattice.dots, 1)
 
 
-def correlated(blocks: Floats, sizes: list[int]) -> Floats:
-    """Autocorrelation of [a, b, c, d] values by transforms of the given sizes, negative lags wrapped round."""
-    power = _power(blocks, sizes)
-    values = np.empty(sizes, dtype=blocks.dtype)
-    for rows, lags in _lags(power, sizes):
-        values[rows] = lags
-    opposite = np.ix_(*(-np.arange(size) % size for size in sizes[1:]))
-    for row in range(len(power), sizes[0]):
-        values[row] = values[sizes[0] - row][opposite]
-    return values
+def correlated(
+    rows: Callable[[slice], Reals], shape: tuple[int, ...], sizes: list[int], held: list[int]
+) -> tuple[Floats, float]:
+    """Autocorrelation of values on dots by transforms of given sizes.
 
+    Args:
+        rows: gives [n, cells x, dots x] values of n rows of dots, those of one cell after those of another.
+        shape: number of cells and dots along y.
+        sizes: of the transforms along cells y, dots y, cells x and dots x.
+        held: how many lags are wanted of each, the longest of them unfolded.
 
-def _power(blocks: Reals, sizes: list[int]) -> NDArray[np.complexfloating[Any]]:
-    """Autocorrelation along y, from lag 0 on, of transforms along x; opposite lags and frequencies are alike.
-
-    What is transformed along y is squared and transformed back a few columns at a time, never held in full.
+    Returns:
+        Values [held], negative lags wrapped round, and their sum over all lags, held or not.
     """
-    spectrum = scipy.fft.rfftn(blocks, *_along_x(sizes))
-    columns = spectrum.reshape(*blocks.shape[:2], -1)
-    power = np.empty((sizes[0] // 2 + 1, sizes[1], columns.shape[2]), dtype=columns.dtype)
-    axes = [0, 1] if sizes[1] > 1 else [0]
-    for start in range(0, columns.shape[2], _COLUMNS_AT_A_TIME):
-        part = slice(start, start + _COLUMNS_AT_A_TIME)
-        field = scipy.fft.fftn(columns[:, :, part], [sizes[axis] for axis in axes], axes=axes)
-        squares = field.real**2
-        squares += field.imag**2
-        # Squares are real, so half of the lags tell the others.
-        power[:, :, part] = scipy.fft.rfftn(squares, axes=axes[::-1], norm="forward").conj()
-    return power.reshape(*power.shape[:2], *spectrum.shape[2:])
+    power, total = _power(rows, shape, sizes, held[0])
+    values = np.empty(held)
+    # Lags from 0 on, and those before it, which are at the end.
+    parts = [[slice((n + 1) // 2), slice(-(n // 2), None)] if n > 1 else [slice(None)] for n in held[1:]]
+    for part, lags in _lags(power, sizes):
+        for chosen in itertools.product(*parts):
+            values[(part, *chosen)] = lags[(slice(None), *chosen)]
+    opposite = np.ix_(*(-np.arange(count) % count for count in held[1:]))
+    for row in range(power.shape[1], held[0]):
+        values[row] = values[held[0] - row][opposite]
+    return values, total
+
+
+def _power(
+    rows: Callable[[slice], Reals], shape: tuple[int, ...], sizes: list[int], held: int
+) -> tuple[NDArray[np.complexfloating[Any]], float]:
+    """Autocorrelation along y of transforms along x, and its sum over all lags; opposite lags are alike.
+
+    What is transformed along y is squared and transformed back a few columns at a time, never held in full. Of more
+    values along x than are held at once all rows are transformed again.
+
+    Returns:
+        The autocorrelation [columns / few, lags from 0 on, dots y, few], the last few columns filled up.
+    """
+    cells, dots = shape
+    lengths, axes = _along_x(sizes)
+    few, kind = _COLUMNS_AT_A_TIME, np.result_type(rows(slice(1)).dtype, np.complex64)
+    blocks = -(-math.prod(lengths[:-1]) * (lengths[-1] // 2 + 1) // few)
+    power = np.empty((blocks, held // 2 + 1, sizes[1], few), dtype=kind)
+    most = max(_MOST_HELD // (cells * dots * few), 1)
+    along_y, total = [0, 1] if sizes[1] > 1 else [0], 0.0
+    for first in range(0, blocks, most):
+        spectrum = np.empty((min(most, blocks - first), cells * dots, few), dtype=kind)
+        for start in range(0, cells * dots, _ROWS_AT_A_TIME):
+            part = slice(start, min(start + _ROWS_AT_A_TIME, cells * dots))
+            waves = scipy.fft.rfftn(rows(part), lengths, axes).reshape(part.stop - start, -1)
+            filled = np.pad(waves, [(0, 0), (0, blocks * few - waves.shape[1])])
+            spectrum[:, part] = filled.reshape(len(waves), blocks, few)[:, first : first + most].swapaxes(0, 1)
+        for block, columns in enumerate(spectrum, first):
+            field = np.zeros((*sizes[:2], few), dtype=kind)
+            field[:cells, :dots] = columns.reshape(cells, dots, few)
+            field = scipy.fft.fftn(field, axes=along_y, overwrite_x=True)
+            squares = field.real**2
+            squares += field.imag**2
+            if block == 0:
+                total = float(squares[0, 0, 0])
+            # Squares are real, so half of the lags tell the others.
+            lags = scipy.fft.rfftn(squares, axes=along_y[::-1], norm="forward")
+            np.conj(lags[: power.shape[1]], out=power[block])
+    return power, total
 
 
 def _lags(power: NDArray[np.complexfloating[Any]], sizes: list[int]) -> Iterator[tuple[slice, Floats]]:
-    """The autocorrelation at lags along x, a few rows at a time."""
-    for start in range(0, len(power), _ROWS_AT_A_TIME):
-        rows = slice(start, min(start + _ROWS_AT_A_TIME, len(power)))
-        yield rows, scipy.fft.irfftn(power[rows], *_along_x(sizes))
+    """The autocorrelation at lags along x, [n, dots y, cells x, dots x] a few rows at a time."""
+    lengths, axes = _along_x(sizes)
+    shape = [*sizes[2:]]
+    shape[axes[-1]] = lengths[-1] // 2 + 1
+    few = max(1, _ROWS_AT_A_TIME // sizes[1])
+    for start in range(0, power.shape[1], few):
+        rows = slice(start, min(start + few, power.shape[1]))
+        waves = np.moveaxis(power[:, rows], 0, 2).reshape(rows.stop - start, sizes[1], -1)
+        waves = waves[..., : math.prod(shape)].reshape(*waves.shape[:2], *shape)
+        yield rows, scipy.fft.irfftn(waves, lengths, axes)
 
 
 def _along_x(sizes: list[int]) -> tuple[list[int], list[int]]:
-    """Sizes and axes of transforms over the last two of four axes, without those of a single value."""
-    axes = [k for k in (2, 3) if sizes[k] > 1] or [3]
+    """Sizes and axes of transforms over the last two axes, without those of a single value."""
+    axes = [k for k in (-2, -1) if sizes[k] > 1] or [-1]
     return [sizes[k] for k in axes], axes
 
 

@@ -148,7 +148,7 @@ class Leak:
             energy_um2=float(energy),
             errors=(near, beyond),
             rims=tuple(rim for table in tables for rim in table.rims),
-            spread_um2=sum(table.spread_um2 for table in tables),
+            sum_um2=sum(table.sum_um2 for table in tables),
         )
 
     def _imaginary_um2(self, openings: Pupil, reach_um: float) -> float:

@@ -337,7 +337,7 @@ class Pupil:
         x, y: lattices whose edges bound the intervals.
         whole: float64 [ny, nx] transmission of the intervals that the stop leaves whole; 0 elsewhere.
         whole_variance: float64 [ny, nx] its variance within each of them.
-        rim_row, rim_column: intp [k] intervals that the stop cuts and that transmit.
+        rim_row, rim_column: intp [k] intervals that the stop cuts and that transmit, row by row.
         rim_moments: float64 [k, orders, orders]; ``[i, q, p]`` is the mean over interval i of
             transmission x P_q(eta) x P_p(xi) inside the stop, xi and eta in [-1, 1].
         rim_transmission: float64 [k], amplitude of the cut intervals.
@@ -370,19 +370,32 @@ class Pupil:
     @property
     def mean_transmission(self) -> Floats:
         """Amplitude averaged over each interval, float64 [ny, nx]: the grey-rim picture of the pupil; read-only."""
-        grey = self.whole.copy()
-        grey[self.rim_row, self.rim_column] = self.rim_moments[:, 0, 0]
+        grey = self.grey_rows(np.arange(len(self.whole)))
         grey.flags.writeable = False
+        return grey
+
+    def grey_rows(self, rows: Indices) -> Floats:
+        """Some rows of the mean transmission, ascending, [n, nx]."""
+        grey = self.whole[rows].astype(np.float64, copy=False)
+        first, last = np.searchsorted(self.rim_row, [rows[0], rows[-1] + 1])
+        place = np.searchsorted(rows, self.rim_row[first:last])
+        held = rows[place] == self.rim_row[first:last]
+        grey[place[held], self.rim_column[first:last][held]] = self.rim_moments[first:last, 0, 0][held]
         return grey
 
     @property
     def variance(self) -> Floats:
         """Variance of the amplitude within each interval, float64 [ny, nx], left out of the grey rim; read-only."""
-        share = self.rim_moments[:, 0, 0] / self.rim_transmission
         spread = self.whole_variance.copy()
-        spread[self.rim_row, self.rim_column] = self.rim_transmission**2 * np.clip(share * (1 - share), 0, None)
+        spread[self.rim_row, self.rim_column] = self.rim_variance
         spread.flags.writeable = False
         return spread
+
+    @property
+    def rim_variance(self) -> Floats:
+        """Variance of the amplitude within each cut interval, [k]."""
+        share = self.rim_moments[:, 0, 0] / self.rim_transmission
+        return np.asarray(self.rim_transmission**2 * np.clip(share * (1 - share), 0, None))
 
     @cached_property
     def field_integral_um2(self) -> float:
@@ -463,8 +476,9 @@ def _middle(stop: Stop) -> Stop:
 
 def _within(values: Floats, first: Indices, last: Indices) -> Floats:
     """The values in columns first to last - 1 of every row, zero elsewhere; read-only."""
-    column, start, stop = (number.astype(np.int32) for number in (np.arange(values.shape[1]), first, last))
-    clipped = np.where((column >= start[:, None]) & (column < stop[:, None]), values, 0.0)
+    clipped = np.zeros(values.shape)
+    for j in np.flatnonzero(first < last):
+        clipped[j, first[j] : last[j]] = values[j, first[j] : last[j]]
     clipped.flags.writeable = False
     return clipped
 

@@ -34,8 +34,8 @@ from maskfab.base.model import frozen
 from maskfab.job.camera import Stop
 from maskfab.optics.pupil import Lattice, Pupil
 
-# So many rectangles stay in the fastest cache.
-_AT_A_TIME = 4_096
+# So many rectangles stay in the fastest cache, and so many rows of dots in the next one.
+_AT_A_TIME, _ROWS_AT_A_TIME = 4_096, 16
 
 
 def apart(stop: Stop, lag_x_um: Floats, lag_y_um: Floats) -> Mask:
@@ -499,18 +499,20 @@ def rim_lags(pupil: Pupil, reach_um: float) -> RimLags | None:
         min(int(min(reach_um / lattice.dot_um, size)) + 2 * lattice.period + 2, size + 1)
         for lattice, size in zip((pupil.y, pupil.x), pupil.whole.shape, strict=True)
     )
-    binary = bool(((pupil.whole == 0) | (pupil.whole == 1)).all())
-    whole = np.pad(pupil.whole.astype(np.uint8) if binary else pupil.whole, 1)
-    # Beyond a gutter dots of another cell do not count, so then any clear one makes a difference.
-    first = np.zeros((), whole.dtype) if pupil.x.has_gutter or pupil.y.has_gutter else whole[:-1, :-1]
     rows, columns = pupil.whole.shape
+    bits = _bits(pupil.whole)
+    binary, whole = bits is not None, np.pad(pupil.whole, 1) if bits is None else bits
     kind = np.zeros((rows + 2 * margin_y, columns + 2 * margin_x), dtype=np.uint8)
-    about = kind[margin_y - 1 : margin_y + rows, margin_x - 1 : margin_x + columns]
-    for bit, (j, i) in enumerate(_QUARTERS, _FIRST_CLEAR_BIT):
-        other = whole[j : rows + 1 + j, i : columns + 1 + i]
-        about |= (first != other).view(np.uint8) * np.uint8(_UNLIKE)
-        if binary:
-            about |= other.astype(np.uint8) << np.uint8(bit)
+    for start in range(0, rows + 1, _ROWS_AT_A_TIME):
+        some = whole[start : start + _ROWS_AT_A_TIME + 1]
+        about = kind[margin_y - 1 + start :, margin_x - 1 : margin_x + columns][: len(some) - 1]
+        # Beyond a gutter dots of another cell do not count, so then any clear one makes a difference.
+        first = np.zeros((), whole.dtype) if pupil.x.has_gutter or pupil.y.has_gutter else some[:-1, :-1]
+        for bit, (j, i) in enumerate(_QUARTERS, _FIRST_CLEAR_BIT):
+            other = some[j : len(some) - 1 + j, i : columns + 1 + i]
+            about |= (first != other).view(np.uint8) * np.uint8(_UNLIKE)
+            if binary:
+                about |= other.astype(np.uint8, copy=False) << np.uint8(bit)
     for j, i in _QUARTERS:
         kind[dots.row + margin_y - j, dots.column + margin_x - i] |= _NEAR_CUT
     kind[dots.row + margin_y, dots.column + margin_x] |= _CUT
@@ -518,6 +520,18 @@ def rim_lags(pupil: Pupil, reach_um: float) -> RimLags | None:
     spread = float((dots.mean * (dots.transmission - dots.mean)).sum()) * pupil.x.dot_um * pupil.y.dot_um
     grey = None if binary else whole.astype(np.float64, copy=False)
     return RimLags(pupil.x, pupil.y, dots, kind, grey, (margin_y, margin_x), spread)
+
+
+def _bits(whole: Floats) -> NDArray[np.uint8] | None:
+    """Ones where dots are clear, in a margin of one zero, [ny + 2, nx + 2]; None if some are neither clear nor dark."""
+    bits = np.zeros((whole.shape[0] + 2, whole.shape[1] + 2), dtype=np.uint8)
+    for start in range(0, len(whole), _ROWS_AT_A_TIME):
+        some = whole[start : start + _ROWS_AT_A_TIME]
+        clear = some == 1
+        if np.count_nonzero(clear) != np.count_nonzero(some != 0):
+            return None
+        bits[start + 1 : start + 1 + len(some), 1:-1] = clear
+    return bits
 
 
 def _sifted(

@@ -416,12 +416,12 @@ def _cell_correlation(cells: _RandomCells) -> Floats:
 
 
 def _add_cell_lags(values: Floats, correlation: Floats, lattice: Lattice) -> None:
-    """Add lags shorter than a cell to a table of lags, [cells y, dots y, cells x, dots x], both wrapped round."""
+    """Add lags shorter than a cell, wrapped round, to a table of lags that holds them or some of them."""
     lags = np.arange(-(lattice.dots - 1), lattice.dots)
     source = correlation[np.ix_(lags % correlation.shape[0], lags % correlation.shape[1])]
     if lattice.has_gutter:
         values[0, :, 0, :][np.ix_(lags % values.shape[1], lags % values.shape[3])] += source
         return
-    # A table cut short at its reach folds longer lags onto shorter ones, so several may meet in one place.
-    place = (lags % values.shape[0])[:, None], (lags % values.shape[2])
-    np.add.at(values[:, 0, :, 0], place, source)
+    held_y, held_x = (lags[2 * abs(lags) < size] for size in (values.shape[0], values.shape[2]))
+    held = np.ix_(held_y + lattice.dots - 1, held_x + lattice.dots - 1)
+    values[:, 0, :, 0][np.ix_(held_y, held_x)] += source[held]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from optics_cases import noise, panel, pupil
 from scipy import fft
 
 from maskfab.job.camera import Stop
+from maskfab.optics import lags
 from maskfab.optics.lags import lag_table
 
 
@@ -25,6 +27,25 @@ def test_lags_of_either_sign_are_those_of_one_transform(dots: int, cells: int, g
     power = abs(fft.fftn(blocks, table.values.shape)) ** 2
     expected = fft.ifftn(power).real * source.x.dot_um**2
     np.testing.assert_allclose(table.values, expected, atol=1e-13 * expected.max())
+
+
+@pytest.mark.parametrize("gutter_nm", [0, 2000])
+def test_a_table_takes_memory_for_the_lags_that_are_asked_for(gutter_nm, monkeypatch):
+    source = pupil(panel(noise(20, 0.6, 3), gutter_nm=gutter_nm, cells=40, seed=1), Stop("circle", 6000.0))
+    whole, reach = lag_table(source), 300.0
+    tracemalloc.start()
+    short = lag_table(source, reach)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    count = 2 * (np.ceil(reach / (source.x.pitch_um if gutter_nm else source.x.dot_um)) + 2) + 1
+    assert short.values.size <= (count * (40 if gutter_nm else 1)) ** 2
+    # Transforms along x and a few copies of what they are of; lags beyond reach would be four times as much.
+    assert peak < (8 if gutter_nm else 3) * source.whole.nbytes
+    x, y = np.random.default_rng(1).uniform(-reach, reach, (2, 300))
+    assert abs(short.otf(x, y) - whole.otf(x, y)).max() < 1e-15
+    assert short.volume_um2 == pytest.approx(whole.volume_um2, rel=1e-13)
+    monkeypatch.setattr(lags, "_MOST_HELD", 20_000)
+    np.testing.assert_array_equal(lag_table(source, reach).values, short.values)
 
 
 WIDE = """
