@@ -56,6 +56,14 @@ _FIRST_OF_RING, _MOST_PAIRS = 1, 200_000
 _RINGS_ABOUT, _RADII_PER_RING, _DIRECTIONS_PER_DOT = 2, 3, 2
 _FEWEST_DIRECTIONS, _FEW_DIRECTIONS, _MOST_DIRECTIONS = 16, 64, 1024
 
+# About a crossing: how often what may hold it is halved, until it is so many parts, or errs by little more than the
+# crossing itself; how many radii that makes at most; and how often directions are exact, in so many pairs of them and
+# cut dots, and in no fewer directions, near lag 0 at radii that are so many dots apart, and beyond.
+_HALVINGS, _PARTS, _LITTLE_MORE, _MOST_BETWEEN, _MOST_EXACT = 9, 8, 1.3, 60, 6
+_EXACT_PAIRS, _FEWEST_EXACT, _EXACT_APART = 50_000, 32, (1 / 8, 1 / 2)
+# A mean of so many samples errs by three of its standard deviations at most.
+_SIGMAS = 3
+
 
 def presampled_mtf(table: LagTable, camera: Camera, wavelength_nm: float, levels: Sequence[float] = LEVELS) -> Mtf:
     """MTF from 0 to half a cycle per pixel along four directions, and its radial mean, minimum and maximum.
@@ -264,15 +272,23 @@ def _falls(view: _View, rings: _Rings, step: float, levels: Sequence[float]) -> 
             means.append(_directional_mean(view, step, rings_of_level))
     if not means:
         means.append(_directional_mean(view, step, np.zeros(1, dtype=np.intp)))
-    frequency, mean, error = np.concatenate(means, axis=1)
-    return RadialMean(UM_PER_MM * frequency, mean, error)
+    told = np.concatenate(means, axis=1)
+    for level in levels:
+        told = _halved(told, level / 100, step, _Closely(view, []))
+    radii, mean, _, _, _ = told
+    return RadialMean(UM_PER_MM * radii, mean, _margin(told))
+
+
+def _directions(view: _View, lag_um: float) -> int:
+    """How many directions tell the mean of a ring of lags."""
+    wanted = _DIRECTIONS_PER_DOT * math.pi * lag_um / view.table.x.dot_um
+    return 1 << math.ceil(math.log2(min(max(wanted, _FEWEST_DIRECTIONS), _MOST_DIRECTIONS)))
 
 
 def _directional_mean(view: _View, step: float, rings: Indices) -> Floats:
-    """Radii from rings to the next ones, the mean over directions at each, and its error, [3, n]."""
-    lag = view.scale_um2 * step * float(rings[-1] + 1)
-    wanted = _DIRECTIONS_PER_DOT * math.pi * lag / view.table.x.dot_um
-    count = 2 ** math.ceil(math.log2(min(max(wanted, _FEWEST_DIRECTIONS), _MOST_DIRECTIONS)))
+    """Radii from rings to the next ones, the mean over directions, what is known of it, the error of that, and the
+    bend of a line to the next radius, [5, n]."""
+    count = _directions(view, view.scale_um2 * step * float(rings[-1] + 1))
     # The curve bends where lags are short, and there directions are few.
     parts = _RADII_PER_RING if count > _FEW_DIRECTIONS else 2 * _RADII_PER_RING
     places = (rings[:, None] + np.arange(parts) / parts).ravel()
@@ -286,7 +302,121 @@ def _directional_mean(view: _View, step: float, rings: Indices) -> Floats:
     # A straight line is off by no more than this where a curve is convex or has one kink.
     bend = abs(np.diff(mean, 2)) / 2
     bend = np.pad(bend, 1, mode="edge") if bend.size else np.zeros(mean.size)
-    return np.stack([radii, mean, quadrature + errors.mean(axis=1) + bend])
+    return np.stack([radii, mean, mean, quadrature + errors.mean(axis=1), bend])
+
+
+def _margin(told: Floats) -> Floats:
+    _, mean, known, error, bend = told
+    return np.asarray(abs(known - mean) + error + bend)
+
+
+@dataclass(frozen=True, eq=False)
+class _Closely:
+    """The mean over directions closer than it is told: by four times as many of them, some of them exact.
+
+    Attributes:
+        view: of the MTF.
+        exact: radii at which directions were exact, what that changes of the mean, its error, and how much of it is new
+            a dot farther.
+    """
+
+    view: _View
+    exact: list[tuple[float, float, float, float]]
+
+    def __call__(self, radii: Floats) -> Floats:
+        """The mean at radii [n], and a bound of its error, [2, n]."""
+        return np.array([self.at(float(radius)) for radius in radii]).T
+
+    def at(self, radius: float) -> tuple[float, float]:
+        """The same at one radius."""
+        view, table = self.view, self.view.table
+        lag = view.scale_um2 * radius
+        count = 4 * _directions(view, lag)
+        angle = np.pi * np.arange(count) / count
+        x, y = radius * np.cos(angle), radius * np.sin(angle)
+        values = abs(table.coarse_otf(view.scale_um2 * x, view.scale_um2 * y)) * view.pixel(x, y)
+        known, half, quarter = (float(values[::every].mean()) for every in (1, 2, 4))
+        beyond = int(lag >= table.near_um)
+        # Each of these errs by a quarter of the one before, or less; either difference may be small by chance.
+        error = table.errors[beyond] + max(abs(known - half), abs(half - quarter) / 2)
+        if not table.rims:
+            return known, error
+        dot = table.x.dot_um / view.scale_um2
+        nearest = min(self.exact, key=lambda place: abs(place[0] - radius), default=(math.inf, 0.0, 0.0, 0.0))
+        if abs(nearest[0] - radius) > _EXACT_APART[beyond] * dot and len(self.exact) < _MOST_EXACT:
+            some = slice(None, None, max(1, count // max(_FEWEST_EXACT, _EXACT_PAIRS // table.cut_dots)))
+            changes = view.exact(x[some], y[some]) - values[some]
+            change = float(changes.mean())
+            # Neighbours differ by as much as the mean of directions between them may.
+            deviation = math.sqrt(float(np.mean((changes - np.roll(changes, 1)) ** 2)) / 2)
+            # Near lag 0 all directions err alike.
+            alone = min(changes.size, count / (4 * _DIRECTIONS_PER_DOT)) if beyond else 1
+            new = abs(change) + _SIGMAS * float(changes.std()) / math.sqrt(alone)
+            nearest = radius, change, _SIGMAS * deviation / math.sqrt(changes.size), new
+            self.exact.append(nearest)
+        there, change, spread, new = nearest
+        return known + change, error + spread + new * 2 * min(abs(there - radius) / dot, 1.0)
+
+
+def _halved(told: Floats, level: float, step: float, closely: _Closely) -> Floats:
+    """A curve known closer, at more radii, about its first fall below a level.
+
+    Args:
+        told: radii, what is told of the curve, what is known of it, the error of that, and of a line between, [5, n].
+        level: modulation.
+        step: from ring to ring; where radii are farther apart nothing is asked.
+        closely: how it is known closer.
+
+    Returns:
+        The same of more radii. What is told between is on the line that was told: only the error shrinks.
+    """
+    radius = first_below(told[0], told[1], level)
+    parts = _open_parts(told, level, step)
+    if radius is None or not 0 < parts.size <= _MOST_BETWEEN:
+        return told
+    closely.at(radius)
+    about = np.unique(np.clip(parts[:, None] + np.arange(-1, 3), 0, told.shape[1] - 1))
+    told = told.copy()
+    told[2:4, about] = closely(told[0, about])
+    most = told.shape[1] + _MOST_BETWEEN
+    told = _between(told, np.array([radius]), closely)
+    for _ in range(_HALVINGS):
+        parts = _open_parts(told, level, step)
+        width, margin = told[0, parts + 1] - told[0, parts], _margin(told)
+        least = margin[np.searchsorted(told[0], radius)]
+        larger = np.maximum(margin[parts], margin[parts + 1])
+        bends = np.maximum(told[4, parts], told[4, parts + 1]) > least / 4
+        parts = parts[(width > width.sum() / _PARTS) & (bends | (larger > _LITTLE_MORE * least))]
+        if not parts.size or told.shape[1] + parts.size > most:
+            break
+        told = _between(told, (told[0, parts] + told[0, parts + 1]) / 2, closely)
+    return told
+
+
+def _between(told: Floats, radii: Floats, closely: _Closely) -> Floats:
+    """The curve told at more radii."""
+    mean, line = (np.interp(radii, told[0], curve) for curve in told[1:3])
+    known, error = closely(radii)
+    more = np.stack([radii, mean, known, error, abs(known - line)])
+    told = np.insert(told, np.searchsorted(told[0], radii), more, axis=1)
+    places = np.searchsorted(told[0], radii)
+    # An old radius with a new one on either side bends anew.
+    old = places[:-1][np.diff(places) == 2] + 1
+    told[4, old] = abs(told[2, old] - np.interp(told[0, old], radii, known))
+    return told
+
+
+def _open_parts(told: Floats, level: float, step: float) -> Indices:
+    """Before which radius the curve must have fallen, and after which it may: the parts between, from their starts."""
+    radii, mean = told[:2]
+    margin = _margin(told)
+    fallen = np.flatnonzero(mean + margin < level)
+    end = int(fallen[0]) if fallen.size else radii.size - 1
+    may = mean - margin < level
+    may[end:] = False
+    starts = np.arange(end)
+    opened = may[:end] | may[1 : end + 1] | (starts == end - 1)
+    return np.asarray(starts[opened & (np.diff(radii[: end + 1]) < 1.01 * step)])
 
 
 def worst_directions(mtf: Mtf, frequencies_cy_per_mm: Sequence[float], die: str | None) -> list[Quantity]:
