@@ -1,9 +1,10 @@
-"""Tasks that a second process can import, for tests of processes."""
+"""Tasks that another process can import, for tests of processes."""
 
 from __future__ import annotations
 
 import os
 import time
+from pathlib import Path
 
 
 def after(seconds: float, value: int) -> int:
@@ -12,10 +13,12 @@ def after(seconds: float, value: int) -> int:
     return value
 
 
-def sooner_in(process: int) -> int:
-    """The process that does it: at once in the one given, in any other after ten minutes."""
-    if os.getpid() != process:
-        time.sleep(600)
+def written_down(place: Path, free: Path) -> int:
+    """The process that does it, which first writes its number down and waits until it is free."""
+    place.with_suffix(".aside").write_text(str(os.getpid()))
+    place.with_suffix(".aside").replace(place)
+    while not free.exists():
+        time.sleep(0.01)
     return os.getpid()
 
 

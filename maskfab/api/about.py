@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import platform
 import re
 import tempfile
@@ -21,6 +20,7 @@ from maskfab.base import resources as error_codes
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import CATALOGUE, InternalError, JobError
 from maskfab.base.extras import EXTRAS
+from maskfab.base.machine import cores, memory_bytes
 from maskfab.base.work import Progress, silent
 
 if TYPE_CHECKING:
@@ -180,7 +180,6 @@ def _parts(*parts: tuple[str, str]) -> str:
 _FORMATS = ("gds", "oas", "dxf")
 _LIMIT = 1e-9
 _CAMERA = {"pixel": "2 um", "wavelengths": "530 nm", "window": "128 um"}
-_CONTAINER_LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
 
 
 @dataclass(frozen=True, repr=False)
@@ -282,32 +281,15 @@ def _facts() -> Iterator[tuple[str, str]]:
 
     yield from provenance.versions().items()
     yield "system", f"{platform.system()} {platform.machine()}"
-    yield "processors", str(os.cpu_count() or 1)
+    yield "processors", str(cores())
     pools = [f"{pool['internal_api']} {pool['num_threads']}" for pool in threadpool_info()]
     yield "threads", ", ".join(pools) or "no numerical library is loaded"
-    yield "memory", _memory()
+    yield "memory", f"{memory:.1f} GB" if math.isfinite(memory := memory_bytes() / 1e9) else "unknown"
     store = Store.of_user()
     yield "cache", f"off; {VARIABLE} names a folder" if store is None else str(store.folder)
     for name, extra in EXTRAS.items():
         missing = f"not installed: {', '.join(extra.missing)}; pip install 'maskfab[{name}]'"
         yield f"maskfab[{name}]", f"{extra.use}: {missing if extra.missing else 'installed'}"
-
-
-def _memory() -> str:
-    """Memory of the machine, or of the container where that allows less."""
-    try:
-        total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (ValueError, OSError, AttributeError):
-        return "unknown"
-    limits = [int(text) for path in _CONTAINER_LIMITS if (text := _text(path)).isdigit()]
-    return f"{min([total, *limits]) / 1e9:.1f} GB"
-
-
-def _text(path: str) -> str:
-    try:
-        return Path(path).read_text(encoding="ascii").strip()
-    except OSError:
-        return ""
 
 
 _UNITS = {"kB": 1e3, "MB": 1e6, "GB": 1e9}

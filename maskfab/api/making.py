@@ -21,6 +21,7 @@ from maskfab.base.folders import check_file, write_text
 from maskfab.base.model import Quantity
 from maskfab.base.units import NM_PER_UM, parse_length_um
 from maskfab.base.work import Progress, silent
+from maskfab.base.workers import Workers
 from maskfab.job.reference import USES, in_words, unused
 from maskfab.mask.formats.picture import IMAGE_SUFFIXES
 from maskfab.mask.formats.table import LAYOUT_SUFFIXES
@@ -37,7 +38,7 @@ from maskfab.runs import pipeline, verification
 from maskfab.runs.forecast import Forecast
 from maskfab.runs.forecast import dry_run as forecast_run
 from maskfab.runs.result import Result as Run
-from maskfab.runs.store import Store
+from maskfab.runs.store import Store, of_installation
 from maskfab.runs.verification import Reproduction, reproduce
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ if TYPE_CHECKING:
 def run(
     job: Plate | AnyPanel | Mapping[str, AnyPanel] | list[AnyPanel], camera: Camera | None = None,
     out: str | Path = ..., *, force: bool = ..., pdf: bool = ...,
-    progress: Progress = ..., cache: bool = ...
+    progress: Progress = ..., cache: bool = ..., workers: int | None = ..., scheduler: str | None = ...
 ) -> Run: ...  # fmt: skip
 @overload
 def run(
@@ -60,6 +61,8 @@ def run(
     pdf: bool = ...,
     progress: Progress = ...,
     cache: bool = ...,
+    workers: int | None = ...,
+    scheduler: str | None = ...,
 ) -> Run: ...
 @overload
 def run(
@@ -70,11 +73,13 @@ def run(
     pdf: bool = ...,
     progress: Progress = ...,
     cache: bool = ...,
+    workers: int | None = ...,
+    scheduler: str | None = ...,
 ) -> Run: ...
 @overload
 def run(
     job: AnyJob, camera: Camera | str | Path | None = ..., out: str | Path | None = ..., *, dry_run: Literal[True],
-    force: bool = ..., progress: Progress = ..., cache: bool = ...
+    force: bool = ..., progress: Progress = ..., cache: bool = ..., workers: int | None = ...
 ) -> Forecast: ...  # fmt: skip
 @checked_arguments
 def run(
@@ -86,6 +91,8 @@ def run(
     dry_run: bool = False,
     force: bool = False,
     pdf: bool = False,
+    scheduler: Annotated[str | None, "ADDRESS"] = None,
+    workers: Annotated[int | None, "1..1024"] = None,
     progress: Progress = silent,
 ) -> Run | Forecast:
     """Make a plate: write the mask files, read them back, measure them, check them against [export] shop, report.
@@ -103,6 +110,8 @@ def run(
         dry_run: tell stages, what of them is kept, time and memory; write nothing.
         force: replace an earlier result there.
         pdf: print the report, too: report.pdf, by Chromium, Chrome or Edge.
+        scheduler: address of a Dask scheduler whose workers share the work, such as tcp://127.0.0.1:8786.
+        workers: processes; by default as many as processors and memory bear. The files are the same.
         progress: told where the work stands.
 
     Returns:
@@ -117,11 +126,11 @@ def run(
         raise JobError("MF105", "there is no output directory", where="run: out", cure='Add out="build/demo"')
     if isinstance(camera, str | Path):
         raise JobError("MF105", f"{camera!r} is not a camera", where="run: camera", cure="Make one: Camera(...)")
-    store = Store.of_user() if cache else None
-    if dry_run:
-        return forecast_run(job_of(job, camera, further=pipeline.plate_to_make), Path(out), force=force, cache=store)
+    store, crew = Store.of_user() if cache else None, Workers(workers, scheduler, of_installation)
     made = job_of(job, camera, further=pipeline.plate_to_make)
-    return pipeline.run(made, out, force=force, progress=progress, cache=store, pdf=pdf)
+    if dry_run:
+        return forecast_run(made, Path(out), force=force, cache=store, workers=crew)
+    return pipeline.run(made, out, force=force, progress=progress, cache=store, pdf=pdf, workers=crew)
 
 
 @answers(run)

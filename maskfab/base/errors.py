@@ -136,6 +136,7 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF354": "Photographs that are to be compared do not show one scene.",
         "MF355": "The patches of a colour chart cannot tell a camera's colours.",
         "MF356": "The patches of a colour chart lie in another order than its table states.",
+        "MF367": "Processes that worked at a task were killed from outside, one after the other.",
         "MF401": "The output directory cannot be written.",
         "MF402": "The output directory is not empty.",
         "MF403": "The directory is not the result of a finished maskfab run.",

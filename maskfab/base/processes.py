@@ -1,13 +1,13 @@
-"""Tasks that this process shares with a second one, or several, so that all processors are kept busy.
+"""Tasks that this process shares with others, so that all processors are kept busy.
 
-    with ProcessExecutor() as executor:
-        photographs = executor.submit(restore_photographs, lambda: (plate, camera))
+    with ProcessExecutor(others=3) as executor:
+        photographs = executor.submit(Call(restore_photographs, lambda: (plate, camera)))
         ...
         restored = photographs.result()
 
 Most of the work holds the interpreter, so that threads would only take turns. A task is a function of a module; it, its
 arguments and what it finds are pickled. What it finds depends on its arguments alone, so that which process did it does
-not show. The second process reads tasks from stdin and answers on stdout until there are no more.
+not show. Another process reads tasks from stdin and answers on stdout until there are no more.
 
 The allocator of Linux keeps what large arrays and many small objects leave behind, in pieces that the next stage of a
 run cannot use, so that a plate of many dies grows with every one of them; :func:`release_memory` gives them back.
@@ -18,6 +18,7 @@ from __future__ import annotations
 import copyreg
 import ctypes
 import io
+import math
 import os
 import pickle
 import signal
@@ -26,16 +27,18 @@ import sys
 import tempfile
 import time
 import traceback
-from collections import deque
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
-from queue import SimpleQueue
+from dataclasses import dataclass
+from heapq import heappop, heappush
+from itertools import count
 from threading import Condition, Thread
 from types import MappingProxyType, TracebackType
-from typing import Any, Generic, Literal, TypeAlias, TypeVar
+from typing import Any, BinaryIO, Generic, Literal, TypeAlias, TypeVar
 
-from maskfab.base.errors import InternalError
-from maskfab.base.work import settle
+from maskfab.base.errors import InputError, InternalError
+from maskfab.base.work import THREADS, settle
 
 
 def pickled(content: object) -> bytes:
@@ -92,75 +95,95 @@ _FROM_OUTSIDE = frozenset(
 )
 """Signals that end a process from outside: a user, a batch system, or one that is short of memory."""
 _ENDS_WITHIN_S = 10.0
+_TOLD_EVERY_S = 0.05
 
-_Kind: TypeAlias = Literal["kept", "raised", "found"]
+_Kind: TypeAlias = Literal["raised", "found"]
+
+
+@dataclass(frozen=True, eq=False)
+class Call(Generic[Found]):
+    """What a task does.
+
+    Attributes:
+        function: of a module.
+        given: makes its arguments.
+        seconds: that it is expected to take; None where nobody knows.
+        bytes: of memory that it holds at its most, if that is much.
+        then: gets what is found as soon as it is, in this process, by any of its threads.
+    """
+
+    function: Callable[..., Found]
+    given: ArgumentsFactory
+    seconds: float | None = None
+    bytes: float = 0.0
+    then: Callable[[Found], None] | None = None
 
 
 class Task(Generic[Found]):
     """Something to be found, by whichever process begins it.
 
     Attributes:
+        call: what it does.
+        begun, ended: whether it has.
+        here: whether no other process can do it.
         seconds: that it took, once it is found.
+        span: when it began and ended, by :func:`time.monotonic` of this process.
     """
 
-    def __init__(
-        self, function: Callable[..., Found], given: ArgumentsFactory, begin: Callable[[Task[Any]], bool]
-    ) -> None:
-        self._function, self._given, self._begin = function, given, begin
-        self._news: SimpleQueue[tuple[_Kind, Any]] = SimpleQueue()
-        self._outcome: tuple[_Kind, Any] | None = None
-        self.ended = False
-        self.seconds = 0.0
+    def __init__(self, call: Call[Found], executor: SerialExecutor) -> None:
+        self.call, self._executor = call, executor
+        self.begun = self.ended = self.here = False
+        self.seconds, self.span = 0.0, (math.nan, math.nan)
+        self._outcome: tuple[_Kind, Any] = "raised", InternalError("MF901", "a task was asked before its end")
 
-    def attempt(self) -> None:
-        """Do it here, unless it has begun."""
-        if self._begin(self):
-            self._work()
+    @property
+    def rank(self) -> float:
+        """Place in the order of handing out: the longest first, and before them those of which nobody knows."""
+        return -math.inf if self.call.seconds is None else -self.call.seconds
 
     def message(self) -> bytes:
-        """The task for the second process.
+        """The task for another process.
 
         Raises:
             TypeError: for arguments that no other process can be given.
         """
-        return pickled((self._function, self._given()))
+        return pickled((self.call.function, self.call.given()))
 
-    def tell(self, kind: _Kind, content: Any) -> None:
-        """Take what the second process says of it."""
-        self.ended = kind != "kept"
-        self._news.put((kind, content))
+    def begin(self) -> None:
+        """Nobody else may begin it from now on."""
+        self.begun, self.span = True, (time.monotonic(), math.nan)
+
+    def work(self) -> None:
+        """Do it here."""
+        start = time.perf_counter()
+        try:
+            self.end("found", self.call.function(*self.call.given()), time.perf_counter() - start)
+        except Exception as error:
+            self.end("raised", error, time.perf_counter() - start)
+        release_memory()
+
+    def end(self, kind: _Kind, content: Any, seconds: float = 0.0) -> None:
+        """Take what became of it."""
+        if kind == "found" and self.call.then is not None:
+            try:
+                self.call.then(content)
+            except Exception as error:
+                kind, content = "raised", error
+        self._outcome, self.seconds, self.span = (kind, content), seconds, (self.span[0], time.monotonic())
+        self.begun = self.ended = True
 
     def result(self) -> Found:
         """The finding, once the task has ended.
 
         Raises:
-            Exception: whatever the task raises; InternalError MF901 if it ends the second process. Where somebody else
-                does, it is done here.
+            Exception: whatever the task raises; InternalError MF901 if it ends the process that does it; InputError
+                MF367 if somebody else ends that process, and the next one that it is given to.
         """
-        self.attempt()
-        if self._outcome is None:
-            kind, content = self._news.get()
-            if kind == "kept":
-                self._work()
-            elif kind == "found":
-                finding, self.seconds = content
-                self._outcome = kind, finding
-            else:
-                self._outcome = kind, content
-        assert self._outcome is not None
+        self._executor.finish([self])
         kind, content = self._outcome
         if kind == "raised":
             raise content
         return content  # type: ignore[no-any-return]
-
-    def _work(self) -> None:
-        start = time.perf_counter()
-        try:
-            self._outcome = "found", self._function(*self._given())
-        except Exception as error:
-            self._outcome = "raised", error
-        self.ended, self.seconds = True, time.perf_counter() - start
-        release_memory()
 
 
 class SerialExecutor(AbstractContextManager["SerialExecutor"]):
@@ -180,69 +203,62 @@ class SerialExecutor(AbstractContextManager["SerialExecutor"]):
         """Do one thing now and in this process, and return its finding."""
         return function(*given)
 
-    def submit(self, function: Callable[..., Found], given: ArgumentsFactory) -> Task[Found]:
-        """A task that may begin at once.
+    def submit(self, call: Call[Found]) -> Task[Found]:
+        """A task that may begin at once."""
+        return Task(call, self)
+
+    def finish(self, tasks: Sequence[Task[Any]], done: Callable[[int], None] = lambda _: None) -> None:
+        """Return when tasks have ended, however they did.
 
         Args:
-            function: of a module.
-            given: its arguments.
+            tasks: of this executor.
+            done: told how many have ended.
         """
-        return self._offered(Task(function, given, self._begin))
+        for number, task in enumerate(tasks, start=1):
+            if not task.ended:
+                task.begin()
+                task.work()
+            done(number)
 
-    def run_all(
-        self,
-        calls: Sequence[tuple[Callable[..., Found], ArgumentsFactory]],
-        done: Callable[[int], None] = lambda _: None,
-    ) -> list[Task[Found]]:
+    def run_all(self, calls: Sequence[Call[Found]], done: Callable[[int], None] = lambda _: None) -> list[Task[Found]]:
         """Tasks that have ended, in the order of the calls.
 
         Args:
-            calls: functions of modules, and their arguments.
+            calls: what they do.
             done: told how many have ended.
 
         Raises:
             Exception: that of the first that fails, in their order.
         """
-        tasks = [self._offered(Task(function, given, self._begin)) for function, given in calls]
-        # The second process begins with the first, this one with the last: they meet where little is left.
-        for task in reversed(tasks):
-            task.attempt()
-            done(sum(task.ended for task in tasks))
+        tasks = [self.submit(call) for call in calls]
+        self.finish(tasks, done)
         for task in tasks:
             task.result()
-            done(sum(task.ended for task in tasks))
         return tasks
-
-    def _offered(self, task: Task[Found]) -> Task[Found]:
-        return task
-
-    def _begin(self, task: Task[Any]) -> bool:
-        """Whether a task has not begun; now it has."""
-        return not task.ended
 
 
 class ProcessExecutor(SerialExecutor):
-    """This process and a second one, or several, which begin what is submitted while this one goes on.
+    """This process and others, which begin what is submitted while this one goes on, the longest task first.
+
+    Others are started when there is something for them to do. One that somebody kills is replaced, and does its task
+    again; where that is killed, too, the task fails. This process does tasks while it waits for one.
 
     Args:
         others: processes besides this one.
+        memory: bytes that tasks may hold together, as far as they say; one may hold more.
     """
 
-    def __init__(self, others: int = 1) -> None:
-        self._others = others
+    def __init__(self, others: int = 1, memory: float = math.inf) -> None:
+        self._others, self._memory = others, memory
 
     def __enter__(self) -> ProcessExecutor:
-        self._waiting: deque[Task[Any]] = deque()
-        self._changed = Condition()
-        self._closed = False
-        with ExitStack() as stack:
-            self._processes = [stack.enter_context(_Other()) for _ in range(self._others)]
-            for other in self._processes:
-                thread = Thread(target=self._lend, args=(other,), daemon=True)
-                thread.start()
-                stack.callback(thread.join)
-                stack.callback(other.kill)
-            self._left = stack.pop_all()
+        self._waiting: list[tuple[float, int, Task[Any]]] = []
+        self._changed, self._numbers = Condition(), count()
+        self._closed, self._held = False, 0.0
+        self._running: set[Other] = set()
+        self._threads = [Thread(target=self._lend, daemon=True) for _ in range(self._others)]
+        for thread in self._threads:
+            thread.start()
         return self
 
     def __exit__(
@@ -252,77 +268,205 @@ class ProcessExecutor(SerialExecutor):
             self._closed = True
             self._waiting.clear()
             self._changed.notify_all()
-        for other in self._processes:
-            other.kill()
-        self._left.close()
+            for other in self._running:
+                other.kill()
+        for thread in self._threads:
+            thread.join()
 
-    def _offered(self, task: Task[Found]) -> Task[Found]:
+    def submit(self, call: Call[Found]) -> Task[Found]:
+        """A task that may begin at once."""
+        task = Task(call, self)
         with self._changed:
-            self._waiting.append(task)
+            heappush(self._waiting, (task.rank, next(self._numbers), task))
             self._changed.notify()
         return task
 
-    def _begin(self, task: Task[Any]) -> bool:
-        with self._changed, suppress(ValueError):
-            self._waiting.remove(task)
-            return True
-        return False
+    def finish(self, tasks: Sequence[Task[Any]], done: Callable[[int], None] = lambda _: None) -> None:
+        """Do tasks that have not begun, and while others do the rest, further ones that are submitted, the shortest
+        first: whoever waits for these goes on the sooner."""
+        told = time.monotonic()
 
-    def _lend(self, other: _Other) -> None:
-        """Hand tasks to another process, one after the other."""
-        while True:
+        def tell() -> None:
+            nonlocal told
+            if time.monotonic() > told + _TOLD_EVERY_S:
+                told = time.monotonic()
+                done(sum(task.ended for task in tasks))
+
+        for task in sorted(tasks, key=lambda task: task.rank):
             with self._changed:
-                self._changed.wait_for(lambda: self._waiting or self._closed)
-                if self._closed:
-                    return
-                task = self._waiting.popleft()
+                self._changed.wait_for(lambda task=task: task.begun or self._fits(task))  # type: ignore[misc]
+                mine = not task.begun
+                if mine:
+                    self._begin(task)
+            if mine:
+                self._work(task)
+                tell()
+        for wanted in tasks:
+            while not wanted.ended:
+                with self._changed:
+                    found = self._beside(wanted)
+                    if found is not None:
+                        self._begin(found)
+                    elif not wanted.ended:
+                        self._changed.wait()
+                if found is not None:
+                    self._work(found)
+                tell()
+        done(len(tasks))
+
+    def _beside(self, wanted: Task[Any]) -> Task[Any] | None:
+        """What this process does while a task is done elsewhere; not what may take any time."""
+        if wanted.here:
+            return wanted
+        waiting = (task for *_, task in self._waiting if not task.begun and task.call.seconds is not None)
+        return min(filter(self._fits, waiting), key=lambda task: -task.rank, default=None)
+
+    def _fits(self, task: Task[Any]) -> bool:
+        return self._held == 0 or self._held + task.call.bytes <= self._memory
+
+    def _begin(self, task: Task[Any]) -> None:
+        task.begin()
+        task.here = False
+        self._held += task.call.bytes
+
+    def _work(self, task: Task[Any]) -> None:
+        try:
+            task.work()
+        finally:
+            self._free(task)
+
+    def _free(self, task: Task[Any], *, here: bool = False) -> None:
+        """Tell that a task has ended, or waits for this process."""
+        with self._changed:
+            task.here = here
+            self._held -= task.call.bytes
+            self._changed.notify_all()
+
+    def _lend(self) -> None:
+        """Hand tasks to another process, one after the other."""
+        other: Other | None = None
+        while (task := self._next()) is not None:
             try:
                 message = task.message()
             except TypeError:
-                task.tell("kept", None)
+                self._free(task, here=True)
                 continue
             except Exception as error:
-                task.tell("raised", error)
-                continue
+                task.end("raised", error)
+            else:
+                other = self._answered(task, message, other)
+            self._free(task)
+        if other is not None:
+            other.close()
+
+    def _answered(self, task: Task[Any], message: bytes, other: Other | None) -> Other | None:
+        """The process that has ended a task and lives on: the one that is given, or another one."""
+        for again in (False, True):
             try:
-                task.tell(*other.answer(message))
-            except (OSError, EOFError, pickle.UnpicklingError):
-                if other.was_killed():
-                    task.tell("kept", None)
-                else:
-                    task.tell("raised", InternalError("MF901", f"another process ended with {other.last_words()}"))
-                return
+                other = other or self._started()
+                task.end(*other.answer(message))
+                return other
+            except (OSError, EOFError, pickle.UnpicklingError) as error:
+                if other is None or self._closed:
+                    task.end("raised", error)
+                    return other
+                lost, other = other, None
+                self._running.discard(lost)
+                killed, words = lost.was_killed(), lost.last_words()
+                lost.close()
             except Exception as error:
-                task.tell("raised", error)
+                task.end("raised", error)
+                return other
+            if not killed:
+                # What a task does to one process it would do to the next.
+                task.end("raised", InternalError("MF901", f"another process ended with {words}"))
+                return None
+            if again:
+                cure = "Give it fewer --workers, or more memory: a system that is short of it kills processes"
+                task.end("raised", InputError("MF367", "two processes that began a task were killed", cure=cure))
+        return None
+
+    def _started(self) -> Other:
+        other = self._other()
+        with self._changed:
+            self._running.add(other)
+            if self._closed:
+                other.kill()
+        return other
+
+    def _other(self) -> Other:
+        """Another process, just started."""
+        return LocalProcess()
+
+    def _next(self) -> Task[Any] | None:
+        """The longest task that waits and fits, once there is one; None once there will be none."""
+        with self._changed:
+            while not self._closed:
+                passed, found = [], None
+                while self._waiting and found is None:
+                    *_, task = entry = heappop(self._waiting)
+                    if not task.begun and self._fits(task):
+                        found = task
+                    elif not task.begun:
+                        passed.append(entry)
+                for entry in passed:
+                    heappush(self._waiting, entry)
+                if found is not None:
+                    self._begin(found)
+                    return found
+                self._changed.wait()
+        return None
 
 
-class _Other(AbstractContextManager["_Other"]):
+class Other(ABC):
     """Another process, which answers one message after the other."""
 
-    def __enter__(self) -> _Other:
+    @abstractmethod
+    def answer(self, message: bytes) -> tuple[_Kind, Any, float]:
+        """What became of a task, and the seconds that it took.
+
+        Raises:
+            OSError, EOFError: if the process has ended.
+        """
+
+    @abstractmethod
+    def kill(self) -> None:
+        """End it now, by any thread."""
+
+    def close(self) -> None:
+        """Leave nothing behind."""
+        self.kill()
+
+    def was_killed(self) -> bool:
+        """Whether somebody else ended it, once it does not answer."""
+        return True
+
+    def last_words(self) -> str:
+        """The last line of what it printed."""
+        return "nothing"
+
+
+class LocalProcess(Other):
+    """A process of this machine, with one thread in every numerical library."""
+
+    def __init__(self) -> None:
         with ExitStack() as stack:
             self._said = stack.enter_context(tempfile.TemporaryFile())
             command = [sys.executable, "-P", "-c", f"from {__name__} import work; work()"]
-            pipe = subprocess.PIPE
-            self._process = stack.enter_context(subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self._said))
+            pipe, alone = subprocess.PIPE, {**os.environ, **dict.fromkeys(THREADS, "1")}
+            self._process = stack.enter_context(
+                subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self._said, env=alone)
+            )
             stack.callback(self._process.kill)
             self._left = stack.pop_all()
-        return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
         self._left.close()
 
     def kill(self) -> None:
         self._process.kill()
 
-    def answer(self, message: bytes) -> tuple[_Kind, Any]:
-        """Its news of a task.
-
-        Raises:
-            OSError, EOFError: if it has ended.
-        """
+    def answer(self, message: bytes) -> tuple[_Kind, Any, float]:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         try:
@@ -335,42 +479,39 @@ class _Other(AbstractContextManager["_Other"]):
         return pickle.load(self._process.stdout)  # type: ignore[no-any-return]
 
     def was_killed(self) -> bool:
-        """Whether somebody else ended it, once it does not answer; what a task does to it, it would do here, too."""
         try:
             return -self._process.wait(_ENDS_WITHIN_S) in _FROM_OUTSIDE
         except subprocess.TimeoutExpired:
             return False
 
     def last_words(self) -> str:
-        """The last line of what it printed."""
         self._said.seek(0)
         lines = self._said.read().decode(errors="replace").strip().splitlines()
         return lines[-1] if lines else "nothing"
 
 
 def work() -> None:
-    """The life of the second process."""
+    """The life of another process."""
     settle()
     # An interrupt is the affair of who waits, who ends this process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # What is printed on the way must not get among the answers.
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-
-    def say(kind: _Kind, content: object) -> None:
-        answers.write(pickled((kind, content)))
-        answers.flush()
-
     with suppress(EOFError):
         while True:
-            function, given = pickle.load(sys.stdin.buffer)
-            start = time.perf_counter()
-            try:
-                finding = function(*given)
-            except Exception as error:
-                error.add_note(traceback.format_exc())
-                say("raised", error)
-            else:
-                say("found", (finding, time.perf_counter() - start))
-                del finding
+            answers.write(answer(sys.stdin.buffer))
+            answers.flush()
             release_memory()
+
+
+def answer(message: BinaryIO) -> bytes:
+    """What becomes of a task that another process wrote, as it reads it."""
+    function, given = pickle.load(message)
+    start = time.perf_counter()
+    try:
+        finding = function(*given)
+    except Exception as error:
+        error.add_note(traceback.format_exc())
+        return pickled(("raised", error, time.perf_counter() - start))
+    return pickled(("found", finding, time.perf_counter() - start))

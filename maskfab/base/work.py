@@ -225,7 +225,8 @@ def _libraries(imported: int) -> ThreadpoolController:
     return ThreadpoolController()
 
 
-_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Variables of the environment that limit the threads of numerical libraries."""
 _OBJECTS = 10_000
 """Made before the youngest are looked through: polygons and drawings are many, and hardly ever form cycles."""
 
@@ -233,7 +234,7 @@ _OBJECTS = 10_000
 def settle() -> None:
     """Limit every numerical library that is not loaded yet to one thread, unless the environment says otherwise, look
     for unreachable objects seldom, and count the command's time from here, less what its processor has spent."""
-    for name in _VARIABLES:
+    for name in THREADS:
         os.environ.setdefault(name, "1")
     gc.set_threshold(_OBJECTS)
     _COMMAND_BEGUN.set(time.monotonic() - time.process_time())

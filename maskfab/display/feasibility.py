@@ -14,7 +14,7 @@ import numpy as np
 from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, WIRES, Die, Emitters, Mark, Panel, Plate, Tiling, refined
-from maskfab.base.processes import ArgumentsFactory, SerialExecutor
+from maskfab.base.processes import ArgumentsFactory, Call, SerialExecutor
 from maskfab.base.units import to_nm
 from maskfab.base.work import Progress, silent
 from maskfab.display.circuit_boxes import BoxKind, BoxRules, check_boxes
@@ -459,7 +459,7 @@ def populate(
     distinct = list(dict.fromkeys(keys))
     # What was found of emitters is kept where limits of life change, which they do not depend on.
     placing = replace(rules, eye=replace(rules.eye, lives=LivesSection(), stated=False))
-    calls = [(feasibility, _arguments(panels[key], placing)) for key in distinct]
+    calls = [Call(feasibility, _arguments(panels[key], placing)) for key in distinct]
     progress("emitters", 0, len(calls))
     tasks = (executor or SerialExecutor()).run_all(calls, lambda done: progress("emitters", done, len(calls)))
     by_key = {key: task.result() for key, task in zip(distinct, tasks, strict=True)}
@@ -496,7 +496,7 @@ def _looked_at(
         return lambda: (seen, rules.eye, rules.emitters, rules.light, maps.get(name))
 
     progress("looks", 0, len(lit))
-    calls = [(judgement, given(name)) for name in lit]
+    calls = [Call(judgement, given(name)) for name in lit]
     tasks = executor.run_all(calls, lambda done: progress("looks", done, len(calls)))
     judged = {name: task.result() for name, task in zip(lit, tasks, strict=True)}
     displays = {name: replace(answer, judged=judged.get(name)) for name, answer in built.displays.items()}

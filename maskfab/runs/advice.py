@@ -10,7 +10,6 @@ of the job that is written has the same gain.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,9 +20,10 @@ import numpy as np
 from maskfab.base.errors import JobError
 from maskfab.base.extras import require
 from maskfab.base.model import Opening, Panel, Tiling
-from maskfab.base.processes import ProcessExecutor, SerialExecutor, Task
+from maskfab.base.processes import Call, SerialExecutor, Task
 from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import Clock, Progress, silent
+from maskfab.base.workers import EVERY_CORE
 from maskfab.camera.imaging import Design
 from maskfab.camera.lens import PhotoCamera, lattice
 from maskfab.camera.protocol import evaluate
@@ -61,6 +61,8 @@ from maskfab.report.rows.photographs import (
 )
 from maskfab.runs.stages import PendingPhotographs
 
+_TASKS = 3
+"""Tasks at a time: the design, what is looked for meanwhile, and photographs."""
 _AFTER, _MOST_AFTER_S, _MEANWHILE = 0.45, 60.0, 0.55
 """Share of the time, and the most of it, for all that follows the design; share for what the second process does, which
 takes the photographs of the design afterwards."""
@@ -155,11 +157,11 @@ def advise(
     asked, held = (job.emitters.required if job.emitters else 0.0 for job in (stated, spec))
     if held > asked:
         notes += (f"Each colour covers {held:.1%} of the pixel, not {asked:.1%}, so that it keeps its limit of life.",)
-    with ProcessExecutor() if (os.cpu_count() or 1) > 1 else SerialExecutor() as executor:
+    with EVERY_CORE.executor(_TASKS) as executor:
         work = _Work(spec, section, before, command, path, images, progress, clock, executor)
         taken = {reference.name: work.photographed(before, reference.name, conditions)}
         left = clock.left()
-        eased = executor.submit(reaches, lambda: (spec, str(path), images, left and _MEANWHILE * left))
+        eased = executor.submit(Call(reaches, lambda: (spec, str(path), images, left and _MEANWHILE * left)))
         designed, misfit = work.designed()
         job, built = work.built(designed)
         unkept, cost = None, None
@@ -171,7 +173,9 @@ def advise(
                 cost = laid_db(first) - laid_db(designed)
                 job, built = work.built(designed)
         plate, name = job.plate(), job.spec.die[-1].name
-        houses = executor.submit(compare_shops, lambda: (job.spec, plate, [load_shop(shop) for shop in shop_names()]))
+        houses = executor.submit(
+            Call(compare_shops, lambda: (job.spec, plate, [load_shop(shop) for shop in shop_names()]))
+        )
         # Those of the reference tell how long photographs take, and those of a clear stop take a level more.
         taken[reference.name].result()
         photographs_s = taken[reference.name].seconds * (1 + 1 / len(conditions.levels))
@@ -273,7 +277,7 @@ class _Work:
     def photographed(self, job: Job, name: str, conditions: Conditions) -> Task[Restored]:
         """Photographs through a die, as a run takes them."""
         panel = next(die.panel for die in plate_as_seen(job, job.plate()).dies if die.name == name)
-        return self.executor.submit(photograph_die, lambda: (conditions, Surroundings.of(job), name, panel, True))
+        return self.executor.submit(Call(photograph_die, lambda: (conditions, Surroundings.of(job), name, panel, True)))
 
     def judges(self, spec: JobSpec) -> Judges:
         """Judges of openings of a job by its photographs."""

@@ -17,8 +17,9 @@ from klayout import db
 from maskfab.base.findings import expected, task_bytes, words
 from maskfab.base.folders import check_target
 from maskfab.base.model import Plate
-from maskfab.base.processes import ArgumentsFactory, Found, SerialExecutor, Task
+from maskfab.base.processes import Call, Found, SerialExecutor, Task
 from maskfab.base.work import silent
+from maskfab.base.workers import EVERY_CORE, Workers
 from maskfab.camera.die_transfer import MOST_ACROSS, too_fine
 from maskfab.display.feasibility import displays
 from maskfab.job.faults import JobFaults
@@ -32,12 +33,12 @@ from maskfab.runs.plate_files import draw_files
 from maskfab.runs.recall import kind_of, origin_of
 from maskfab.runs.stages import (
     begin_photographs,
-    executor_of,
     expand_photographs,
     measure_dies,
     measure_process,
     measure_scenes,
     plan_scenes,
+    tasks_at_once,
 )
 from maskfab.runs.store import Entry, KeptFinding, Store
 
@@ -49,6 +50,10 @@ HELD = 400e6
 """Bytes of a process that has imported what it needs."""
 SCENES_S = 2.0
 """Seconds of each process that takes photographs, for drawing their scenes."""
+_CORES = (4, 16, 64)
+"""Numbers of cores that a forecast is told for."""
+_AFTER_PHOTOGRAPHS = ("tolerance", "figures")
+"""Stages that wait for photographs, which are taken beside all others."""
 _PROBED = 512
 _TIMES = 3
 
@@ -66,6 +71,8 @@ class Stage:
         kept: of these, findings of earlier runs; None where that is not known before the run.
         seconds: of a processor that the rest takes.
         bytes: of memory, of the process that holds most, with all that it holds besides.
+        longest_s: seconds of its longest task, before which the next stage cannot begin.
+        each_s: seconds that each process that takes part spends besides its tasks, counted in the others.
         note: why it is not known; empty otherwise.
     """
 
@@ -74,6 +81,8 @@ class Stage:
     kept: int | None
     seconds: float
     bytes: float
+    longest_s: float
+    each_s: float = 0.0
     note: str = ""
 
 
@@ -86,12 +95,14 @@ class Forecast:
         processes: that share the work.
         source: of the numbers, in words.
         whole: whether the run is kept whole.
+        tasks: at a time at most, beyond which no further core would have anything to do.
     """
 
     stages: tuple[Stage, ...]
     processes: int
     source: str
     whole: bool
+    tasks: int = 1
 
     @property
     def seconds(self) -> float:
@@ -101,8 +112,29 @@ class Forecast:
     @property
     def wall_s(self) -> float:
         """Until the run has ended, if its processors have nothing else to do."""
-        shared = sum(stage.seconds for stage in self.stages)
-        return STARTED_S + shared / self.processes
+        return self.on(self.processes)
+
+    @property
+    def chain_s(self) -> float:
+        """Seconds of the longest chain of tasks that wait for one another: what no number of processors shortens."""
+        longest = {stage.name: stage.longest_s for stage in self.stages}
+        before, aside = longest.pop("layout", 0.0), longest.pop("photographs", 0.0)
+        after = sum(longest.pop(name, 0.0) for name in _AFTER_PHOTOGRAPHS)
+        return before + max(aside, sum(longest.values())) + after
+
+    def on(self, cores: int) -> float:
+        """Seconds until the run has ended on so many cores.
+
+        No core is idle while a task waits, so that the chain is worked on wherever not all cores are busy: Graham's
+        bound (SIAM J. Appl. Math. 17, 416, 1969, equation 1).
+        """
+        shared = min(cores, self.tasks)
+        more = sum(
+            stage.each_s * (min(shared, stage.tasks) - min(self.processes, stage.tasks)) for stage in self.stages
+        )
+        work_s = sum(stage.seconds for stage in self.stages) + more
+        chain_s = min(self.chain_s, work_s)
+        return STARTED_S + chain_s + (work_s - chain_s) / shared
 
     @property
     def bytes(self) -> float:
@@ -111,10 +143,11 @@ class Forecast:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data; seconds are those of a processor, but for ``wall_s``."""
-        total = {"seconds": self.seconds, "wall_s": self.wall_s, "bytes": self.bytes}
+        total = {"seconds": self.seconds, "wall_s": self.wall_s, "bytes": self.bytes, "chain_s": self.chain_s}
         return {
             "whole": self.whole, "processes": self.processes, "source": self.source,
             "stages": [asdict(stage) for stage in self.stages], "total": total,
+            "on_cores": {str(cores): self.on(cores) for cores in _CORES},
         }  # fmt: skip
 
     def __str__(self) -> str:
@@ -128,13 +161,18 @@ class Forecast:
             lines = ["The run is kept whole: its files are copied from the cache."]
         number = "one process" if self.processes == 1 else f"{self.processes} processes"
         lines.append(f"about {self.wall_s:.1f} s in {number}; seconds of a processor, {self.source}")
+        if not self.whole:
+            more = ", ".join(f"on {cores} cores {self.on(cores):.1f} s" for cores in _CORES)
+            lines.append(f"about {more}; the longest chain of tasks takes {self.chain_s:.1f} s")
         return "\n".join(lines)
 
     def __repr__(self) -> str:
         return str(self)
 
 
-def dry_run(job: Job, out: Path, *, force: bool = False, cache: Store | None = None) -> Forecast:
+def dry_run(
+    job: Job, out: Path, *, force: bool = False, cache: Store | None = None, workers: Workers = EVERY_CORE
+) -> Forecast:
     """Tell what :func:`maskfab.runs.pipeline.run` would do; arguments as there.
 
     Raises:
@@ -155,10 +193,11 @@ def dry_run(job: Job, out: Path, *, force: bool = False, cache: Store | None = N
     laid = executor.stage("displays")
     begin_photographs(job, drawn, executor)
     photographs = executor.stage("photographs")
-    processes = 1 if type(executor_of(job)) is SerialExecutor else 2
+    processes = workers.at_once(tasks_at_once(job))
     if photographs.kept != photographs.tasks:
-        scenes_s = SCENES_S * pace.of_all * min(processes, photographs.tasks)
-        photographs = replace(photographs, seconds=photographs.seconds + scenes_s)
+        each_s = SCENES_S * pace.of_all
+        seconds, longest_s = photographs.seconds + each_s * min(processes, photographs.tasks), photographs.longest_s
+        photographs = replace(photographs, seconds=seconds, longest_s=longest_s + each_s, each_s=each_s)
     refused = [die.name for die in drawn.dies if too_fine(die.panel, job.camera.stop)]
     if refused:
         seconds = photographs.seconds * (1 - len(refused) / len(drawn.dies))
@@ -205,14 +244,19 @@ def dry_run(job: Job, out: Path, *, force: bool = False, cache: Store | None = N
         optics,
         scenes,
         tolerance,
-        replace(_own("figures", drawings, 0.25 + 0.3 * drawings, pace), kept=None, note=_AFTER_OPTICS),
+        replace(
+            _own("figures", drawings, 0.25 + 0.3 * drawings, pace),
+            kept=None,
+            longest_s=0.55 * pace.of_all,
+            note=_AFTER_OPTICS,
+        ),
     )
-    return Forecast(tuple(stage for stage in stages if stage.tasks), processes, pace.source, False)
+    return Forecast(tuple(stage for stage in stages if stage.tasks), processes, pace.source, False, tasks_at_once(job))
 
 
 def _own(name: str, tasks: int, seconds: float, pace: Pace, held: float = 0.0) -> Stage:
     """A stage of the run itself, which keeps nothing of it."""
-    return Stage(name, tasks, 0, seconds * pace.of_all, HELD + held)
+    return Stage(name, tasks, 0, seconds * pace.of_all, HELD + held, seconds * pace.of_all)
 
 
 def _figures(job: Job, plate: Plate) -> int:
@@ -244,22 +288,18 @@ class _ForecastExecutor(SerialExecutor):
             raise _NotKeptError
         return cast(Found, entry[0])
 
-    def submit(self, function: Callable[..., Found], given: ArgumentsFactory) -> Task[Found]:
+    def submit(self, call: Call[Found]) -> Task[Found]:
         """A task that nobody may ask for its finding."""
-        self._look(function, given())
-        return Task(function, given, lambda _: False)
+        self._look(call.function, call.given())
+        return Task(call, self)
 
-    def run_all(
-        self,
-        calls: Sequence[tuple[Callable[..., Found], ArgumentsFactory]],
-        done: Callable[[int], None] = lambda _: None,
-    ) -> list[Task[Found]]:
+    def run_all(self, calls: Sequence[Call[Found]], done: Callable[[int], None] = lambda _: None) -> list[Task[Found]]:
         """Tasks whose findings are all kept.
 
         Raises:
             _NotKeptError: if one is not.
         """
-        entries = [self._look(function, given()) for function, given in calls]
+        entries = [self._look(call.function, call.given()) for call in calls]
         if any(entry is None for entry in entries):
             raise _NotKeptError
         return [_done(entry[0]) for entry in entries if entry is not None]
@@ -268,8 +308,9 @@ class _ForecastExecutor(SerialExecutor):
         """Everything that was asked since the last stage."""
         seen, self._seen = self._seen, []
         count = sum(is_kept for is_kept, _, _ in seen)
-        seconds = sum(took for is_kept, took, _ in seen if not is_kept)
-        return Stage(name, len(seen), count, seconds, max((held for _, _, held in seen), default=0.0) + HELD)
+        took = [took for is_kept, took, _ in seen if not is_kept]
+        held = max((held for _, _, held in seen), default=0.0) + HELD
+        return Stage(name, len(seen), count, sum(took), held, max(took, default=0.0))
 
     def _look(self, function: Callable[..., Any], given: tuple[Any, ...]) -> Any:
         value = None
@@ -284,7 +325,7 @@ class _ForecastExecutor(SerialExecutor):
 
 def _done(finding: Found) -> Task[Found]:
     """A task whose finding is known."""
-    return Task(lambda: finding, tuple, lambda task: not task.ended)
+    return Task(Call(lambda: finding, tuple), SerialExecutor())
 
 
 # What this machine takes for it.

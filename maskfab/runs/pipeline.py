@@ -13,6 +13,7 @@ from maskfab.base.folders import OVERVIEW, TIMES, Account, check_target, staged,
 from maskfab.base.model import Plate, Quantity, Report
 from maskfab.base.processes import SerialExecutor
 from maskfab.base.work import Progress, one_thread, silent
+from maskfab.base.workers import EVERY_CORE, Workers
 from maskfab.display.feasibility import displays, plate_of
 from maskfab.job.faults import JobFaults
 from maskfab.mask.formats.exr import check_psf_file
@@ -59,6 +60,7 @@ def run(
     progress: Progress = silent,
     cache: Store | None = None,
     pdf: bool = False,
+    workers: Workers = EVERY_CORE,
 ) -> Result:
     """Make a plate: lay the job out, write its mask files, read them back, measure them, and report.
 
@@ -70,6 +72,7 @@ def run(
         cache: what earlier runs have found, and where this one keeps what it finds; None for a run that finds
             everything itself. The files are the same to the last bit.
         pdf: print the report, too.
+        workers: who shares the work; the files do not show it.
 
     Raises:
         InputError: for bad input, before anything is written.
@@ -81,11 +84,11 @@ def run(
     if pdf:
         aside = _then_print(aside, browser(), progress)
     if cache is None or not cache.has(origin_of_run(job, measured)):
-        made = _make(job, aside, progress, cache, measured)
+        made = _make(job, aside, progress, cache, measured, workers)
     else:
         with aside as folder:
-            taken = _taken(job, folder, cache, measured, progress)
-            made = taken or _make(job, nullcontext(folder), progress, cache, measured)
+            taken = _taken(job, folder, cache, measured, progress, workers)
+            made = taken or _make(job, nullcontext(folder), progress, cache, measured, workers)
     return Result(place.asked, made.report, made.verdicts, None if cache is None else made.taken, made.accounts)
 
 
@@ -127,18 +130,19 @@ def _make(
     progress: Progress,
     cache: Store | None,
     measured: Beside | None,
+    workers: Workers,
 ) -> _Made:
     """Every stage, in order; the directory is entered when all is known that could be refused."""
     seconds: dict[str, float] = {}
-    with executor_of(job, cache) as executor:
+    with executor_of(job, cache, workers) as executor:
         stage = partial(_stage, seconds=seconds, executor=executor, progress=progress)
         with stage("layout", of="displays"):
             faults = JobFaults.of_spec(job.spec)
             plate = plate_to_make(job, faults)
             faults.refuse()
             assert plate is not None
-            built = displays(job, plate, progress, executor=executor)
             photographs = begin_photographs(job, plate, executor)
+            built = displays(job, plate, progress, executor=executor)
             plate = built.plate
             seen = plate_as_seen(job, plate)
         with stage("draw"):
@@ -204,7 +208,9 @@ def origin_of_run(job: Job, measured: Beside | None) -> Origin:
     return Origin("run", (of_installation(), *map(fingerprint, given)))
 
 
-def _taken(job: Job, folder: Path, cache: Store, measured: Beside | None, progress: Progress) -> _Made | None:
+def _taken(
+    job: Job, folder: Path, cache: Store, measured: Beside | None, progress: Progress, workers: Workers
+) -> _Made | None:
     """The result of an earlier run, whose files are now in the folder and were read back from there; None if they are
     lost, damaged, or not what they were."""
     seconds: dict[str, float] = {}
@@ -213,7 +219,7 @@ def _taken(job: Job, folder: Path, cache: Store, measured: Beside | None, progre
         entry = give_result(cache, origin, folder, _Made)
     if entry is None:
         return None
-    with _timed("read back", seconds), executor_of(job, cache) as executor:
+    with _timed("read back", seconds), executor_of(job, cache, workers) as executor:
         # What is handed out is judged as it lies there, whoever wrote it.
         plate = displays(job, executor=executor).plate
         back = read_own(draw_files(job, plate), folder, progress)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import typing
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from types import TracebackType
 from typing import Any, Generic, TypeAlias
@@ -14,7 +14,7 @@ from maskfab.base import __version__
 from maskfab.base.findings import words
 from maskfab.base.folders import Account
 from maskfab.base.model import Die
-from maskfab.base.processes import ArgumentsFactory, Found, SerialExecutor, Task
+from maskfab.base.processes import Call, Found, SerialExecutor, Task
 from maskfab.runs.store import KeptFinding, Origin, Refused, Store, fingerprint, of_installation
 
 Expected: TypeAlias = Callable[[Callable[..., Any], tuple[Any, ...]], float | None]
@@ -65,21 +65,15 @@ class CachingExecutor(SerialExecutor):
         """Return the finding of a function of a module, now and here."""
         return self._unwrap(self._recall(function, *given))
 
-    def submit(self, function: Callable[..., Found], given: ArgumentsFactory) -> Task[Found]:
+    def submit(self, call: Call[Found]) -> Task[Found]:
         """A task that may begin at once."""
-        return _Unwrapped(self._executor.submit(partial(self._recall, function), given), self._unwrap)
+        function, then = partial(self._recall, call.function), call.then
+        found = None if then is None else lambda recalled: then(recalled.found)
+        return _Unwrapped(self._executor.submit(replace(call, function=function, then=found)), self._unwrap)  # type: ignore[arg-type]
 
-    def run_all(
-        self,
-        calls: Sequence[tuple[Callable[..., Found], ArgumentsFactory]],
-        done: Callable[[int], None] = lambda _: None,
-    ) -> list[Task[Found]]:
-        """Tasks that have ended, in the order of the calls."""
-        tasks = self._executor.run_all([(partial(self._recall, function), given) for function, given in calls], done)
-        unwrapped = [_Unwrapped(task, self._unwrap) for task in tasks]
-        for task in unwrapped:
-            task.result()
-        return list(unwrapped)
+    def finish(self, tasks: Sequence[Task[Any]], done: Callable[[int], None] = lambda _: None) -> None:
+        """Return when tasks have ended, however they did."""
+        self._executor.finish([task.task for task in tasks if isinstance(task, _Unwrapped)], done)
 
     def _unwrap(self, recalled: Recalled[Found]) -> Found:
         self._accounts.append(recalled.account)
@@ -90,15 +84,15 @@ class _Unwrapped(Task[Found]):
     """A task of the executor, of whose finding it is told once whether it was kept."""
 
     def __init__(self, task: Task[Recalled[Found]], unwrap: Callable[[Recalled[Found]], Found]) -> None:
-        self._task, self._unwrap = task, unwrap
+        self.task, self._unwrap = task, unwrap
         self._found: list[Found] = []
         self.seconds = 0.0
 
     def result(self) -> Found:
         """The finding, once the task has ended; raises as :meth:`Task.result`."""
         if not self._found:
-            self._found.append(self._unwrap(self._task.result()))
-            self.seconds = self._task.seconds
+            self._found.append(self._unwrap(self.task.result()))
+            self.seconds = self.task.seconds
         return self._found[0]
 
 

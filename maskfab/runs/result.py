@@ -12,7 +12,7 @@ from maskfab.base.errors import UnknownNameError
 from maskfab.base.findings import expected
 from maskfab.base.folders import APPENDIX, NUMBERS, OVERVIEW, PAGE, REPORT, TIMES, VIEW, Account
 from maskfab.base.model import Die, DieOptics, Plate, Quantity, Report, WrittenFile
-from maskfab.base.processes import SerialExecutor
+from maskfab.base.processes import Call, SerialExecutor
 from maskfab.base.work import Progress, silent
 from maskfab.display.feasibility import PlateWithDisplays, display_rules
 from maskfab.job.reference import USES, unused
@@ -305,7 +305,7 @@ def draw_pictures(
     # The die whose radial-minimum MTF is highest on average over the wavelengths.
     shown = max(findings.optics, key=lambda item: sum(area_under_radial_min(mtf) for mtf in item.mtfs))
     best = front.best(document)
-    overview = executor.submit(die_figures.overview, lambda: (findings.plate, document, shown))
+    overview = executor.submit(Call(die_figures.overview, lambda: (findings.plate, document, shown)))
     stressed = () if isinstance(best, str) else best.shown
     optics = [item for item in findings.optics if item.die.name in drawn]
     pictures = die_figures.pictures(findings.plate, optics, document, more, executor, stressed)

@@ -1,25 +1,19 @@
-"""The stages of a run that find something about every die, each by an executor that may know it already.
-
-Dies that are plain to hand over are found by all processes; those that need an open layout, by threads.
-"""
+"""The stages of a run that find something about every die, each by an executor that may know it already."""
 
 from __future__ import annotations
 
-import os
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 from klayout import db
 
-from maskfab.base.findings import expected
-from maskfab.base.model import Die, DieOptics, Plate
-from maskfab.base.processes import ArgumentsFactory, Found, ProcessExecutor, SerialExecutor, Task, release_memory
+from maskfab.base.findings import expected, task_bytes
+from maskfab.base.model import Die, DieOptics, Plate, Quantity
+from maskfab.base.processes import ArgumentsFactory, Call, Found, SerialExecutor, Task
 from maskfab.base.work import Progress
+from maskfab.base.workers import EVERY_CORE, Workers
 from maskfab.job.camera import Camera
 from maskfab.job.process import UNSTATED, MaskBlank
 from maskfab.mask.job import Job
@@ -31,27 +25,31 @@ from maskfab.report.rows.as_written import Written, measure_written
 from maskfab.report.rows.bands import Expansion, band_quantities, restored_expansion
 from maskfab.report.rows.optics import measure_with_bar, plate_as_seen, reach_box, read_openings
 from maskfab.report.rows.photographs import Conditions, Photographs, Restored, Surroundings, photograph_die
-from maskfab.report.rows.scene import SceneOptics, measure_scene, peak_bytes, scene_plan, scene_reach_um
+from maskfab.report.rows.scene import SceneOptics, measure_scene, scene_plan, scene_reach_um
 from maskfab.runs.plate_files import process_spread
 from maskfab.runs.recall import CachingExecutor
 from maskfab.runs.store import Store
 
-_SCENE_BYTES = 6e9
-"""As much memory as the scenes of dies that are measured at once may take."""
 MIN_DIES_TO_FORK = 4
 """Dies that take longer than starting a process that shares them."""
 
 
-def executor_of(job: Job, cache: Store | None = None) -> SerialExecutor:
-    """Who makes a plate: two processes where there are two processors, and dies enough to be worth starting one.
+def executor_of(job: Job, cache: Store | None = None, workers: Workers = EVERY_CORE) -> SerialExecutor:
+    """Who makes a plate: this process alone where its dies are too few to be worth starting another.
 
     Args:
         job: asks for it.
         cache: what they need not find, and where they keep what they find.
+        workers: as many as may share it.
     """
-    shared = (os.cpu_count() or 1) > 1 and len(job.spec.die) >= MIN_DIES_TO_FORK
-    executor = ProcessExecutor() if shared else SerialExecutor()
+    executor = workers.executor(tasks_at_once(job))
     return executor if cache is None else CachingExecutor(executor, cache, expected)
+
+
+def tasks_at_once(job: Job) -> int:
+    """Tasks of a plate that are worth a process: a die is photographed while another one is measured."""
+    dies = len(job.spec.die)
+    return 1 if dies < MIN_DIES_TO_FORK else 2 * dies
 
 
 @contextmanager
@@ -79,10 +77,11 @@ def measure_dies(
     is added to ``seconds``.
     """
 
-    def given(die: Die) -> tuple[Any, ...]:
-        return _mask(die), camera, clear_shapes(layout, light_box(die, camera.stop)), blank
+    def call(die: Die) -> Call[DieOptics]:
+        known, box = (_mask(die), camera), light_box(die, camera.stop)
+        return _call(measure_with_bar, lambda: (*known, clear_shapes(layout, box), blank), known)
 
-    optics = _by_tasks("optics", measure_with_bar, plate.dies, given, progress, seconds, executor)
+    optics = _by_tasks("optics", call, plate.dies, progress, seconds, executor)
     return [replace(item, die=_mask(die)) for die, item in zip(plate.dies, optics, strict=True)]
 
 
@@ -103,28 +102,35 @@ def expand_photographs(
         return {}
     conditions, around = Conditions.of(job, "camera"), Surroundings.of(job)
 
-    def given(die: Die) -> tuple[Any, ...]:
-        return conditions, around, _mask(die), process, spread, job.where
+    def call(die: Die) -> Call[Expansion | str]:
+        given = conditions, around, _mask(die), process, spread, job.where
+        return _call(restored_expansion, lambda: given, given)
 
-    changes = _by_tasks("tolerance", restored_expansion, plate.dies, given, progress, seconds, executor)
+    changes = _by_tasks("tolerance", call, plate.dies, progress, seconds, executor)
     return {die.name: change for die, change in zip(plate.dies, changes, strict=True)}
+
+
+def _call(function: Callable[..., Found], given: ArgumentsFactory, known: tuple[Any, ...]) -> Call[Found]:
+    """A call whose time and memory follow from those of its arguments that are known before it begins."""
+    return Call(function, given, expected(function, known), task_bytes(function, known))
 
 
 def _by_tasks(
     stage: str,
-    function: Callable[..., Found],
+    call: Callable[[Die], Call[Found]],
     dies: Sequence[Die],
-    given: Callable[[Die], tuple[Any, ...]],
     progress: Progress,
     seconds: dict[str, float] | None,
     executor: SerialExecutor | None,
 ) -> list[Found]:
-    """Findings of a function about every die, by whichever process, and the time that each took."""
+    """Findings about every die, by whichever process, and the time that each took."""
     progress(stage, 0, len(dies))
-    calls = [(function, partial(given, die)) for die in dies]
+    calls = [call(die) for die in dies]
     tasks = (executor or SerialExecutor()).run_all(calls, lambda done: progress(stage, done, len(dies)))
     if seconds is not None:
-        seconds |= {f"{stage} {die.name}": round(task.seconds, 3) for die, task in zip(dies, tasks, strict=True)}
+        for die, task in zip(dies, tasks, strict=True):
+            key = f"{stage} {die.name}"
+            seconds[key] = round(seconds.get(key, 0.0) + task.seconds, 3)
     return [task.result() for task in tasks]
 
 
@@ -165,14 +171,13 @@ def begin_photographs(job: Job, plate: Plate, executor: SerialExecutor) -> Pendi
     """
     conditions, around, shown = Conditions.of(job, "camera"), Surroundings.of(job), die_data.stated(job)
 
-    def given(die: Die) -> ArgumentsFactory:
-        return lambda: (conditions, around, die.name, die.panel, die.name in shown)
+    def call(die: Die) -> Call[Restored]:
+        given = conditions, around, die.name, die.panel, die.name in shown
+        return _call(photograph_die, lambda: given, given)
 
     dies = plate_as_seen(job, plate).dies
     reference = None if job.spec.report is None else job.spec.report.reference
-    return PendingPhotographs(
-        conditions, {die.name: executor.submit(photograph_die, given(die)) for die in dies}, reference, executor
-    )
+    return PendingPhotographs(conditions, {die.name: executor.submit(call(die)) for die in dies}, reference, executor)
 
 
 def plan_scenes(job: Job, plate: Plate, progress: Progress) -> dict[str, Plan]:
@@ -185,11 +190,12 @@ def plan_scenes(job: Job, plate: Plate, progress: Progress) -> dict[str, Plan]:
     if scene is None or section is None:
         return {}
 
-    def one(die: Die) -> Plan:
-        return scene_plan(_mask(die), job.camera, scene, section.accuracy, job.where)
-
-    plans = _each(plate.dies, one, "plan", progress, None, os.cpu_count() or 1)
-    return {die.name: plan for die, plan in zip(plate.dies, plans, strict=True)}
+    plans = {}
+    for done, die in enumerate(plate.dies):
+        progress("plan", done, len(plate.dies))
+        plans[die.name] = scene_plan(_mask(die), job.camera, scene, section.accuracy, job.where)
+    progress("plan", len(plans), len(plate.dies))
+    return plans
 
 
 def measure_scenes(
@@ -205,17 +211,18 @@ def measure_scenes(
     scene, camera = job.scene, job.camera
     if scene is None:
         return []
-    reach, run = scene_reach_um(camera, scene), (executor or SerialExecutor()).run
+    reach = scene_reach_um(camera, scene)
 
-    def one(die: Die) -> SceneOptics:
-        shapes = clear_shapes(layout, reach_box(die, reach))
-        mask = _mask(die)
-        openings = read_openings(mask, shapes, reach)
-        return run(measure_scene, mask, camera, scene, openings, plans[die.name], job.blank)
+    def call(die: Die) -> Call[SceneOptics]:
+        mask, plan = _mask(die), plans[die.name]
 
-    peak = max((peak_bytes(die, camera, scene, plans[die.name]) for die in plate.dies), default=0.0)
-    workers = int(min(os.cpu_count() or 1, max(1, _SCENE_BYTES // max(peak, 1.0))))
-    return _each(plate.dies, one, "scene", progress, seconds, workers)
+        def given() -> tuple[Any, ...]:
+            openings = read_openings(mask, clear_shapes(layout, reach_box(die, reach)), reach)
+            return mask, camera, scene, openings, plan, job.blank
+
+        return _call(measure_scene, given, (mask, camera, scene, None, plan))
+
+    return _by_tasks("scene", call, plate.dies, progress, seconds, executor)
 
 
 def measure_process(
@@ -230,49 +237,28 @@ def measure_process(
     Raises:
         JobError: MF104, MF127 or MF115 for a process that does not go with a die.
     """
-    process, run = job.spec.written, (executor or SerialExecutor()).run
+    process = job.spec.written
     if process is None:
         return {}
+    spread, dies = process_spread(job), plate.dies
 
-    spread = process_spread(job)
+    def write(die: Die) -> Call[Written]:
+        given = _mask(die), job.camera, process, job.where
+        return _call(measure_written, lambda: given, given)
 
-    def one(die: Die) -> Written:
-        written = run(measure_written, _mask(die), job.camera, process, job.where)
-        bands = run(band_quantities, written, job.camera, spread, job.spec.frequencies_cy_per_mm, job.where)
-        return replace(written, quantities=(*written.quantities, *bands))
+    written = dict(zip(dies, _by_tasks("process", write, dies, progress, seconds, executor), strict=True))
 
-    # One after another: a die takes up to a gigabyte.
-    results = _each(plate.dies, one, "process", progress, seconds, 1)
-    return {die.name: written for die, written in zip(plate.dies, results, strict=True)}
+    def band(die: Die) -> Call[tuple[Quantity, ...]]:
+        given = written[die], job.camera, spread, job.spec.frequencies_cy_per_mm, job.where
+        return _call(band_quantities, lambda: given, given)
+
+    bands = _by_tasks("process", band, dies, progress, seconds, executor)
+    return {
+        die.name: replace(written[die], quantities=(*written[die].quantities, *more))
+        for die, more in zip(dies, bands, strict=True)
+    }
 
 
 def _mask(die: Die) -> Die:
     """The die as it is on the plate, whose chrome knows no wires."""
     return replace(die, panel=replace(die.panel, tracks=()))
-
-
-def _each(
-    dies: Sequence[Die],
-    one: Callable[[Die], Found],
-    stage: str,
-    progress: Progress,
-    seconds: dict[str, float] | None,
-    workers: int,
-) -> list[Found]:
-    """A result for every die, some dies at once, and the time that each took."""
-    progress(stage, 0, len(dies))
-    results: list[Found] = []
-
-    def timed(die: Die) -> Found:
-        start = time.perf_counter()
-        result = one(die)
-        if seconds is not None:
-            seconds[f"{stage} {die.name}"] = round(time.perf_counter() - start, 3)
-        return result
-
-    with ThreadPoolExecutor(workers) as pool:
-        for result in pool.map(timed, dies):
-            results.append(result)
-            release_memory()
-            progress(stage, len(results), len(dies))
-    return results

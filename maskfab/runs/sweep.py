@@ -56,7 +56,7 @@ def made(
         plan: that was checked.
         out: the folder.
         progress: told where the work stands.
-        engine, scheduler, workers: as for :func:`maskfab.runs.sweep_cases.map_cases`.
+        engine, scheduler, workers: as for :func:`maskfab.runs.sweep_cases.workers_of`.
 
     Raises:
         OutputError: MF401, MF402 for a folder that cannot be used; else as for the engine.
@@ -71,11 +71,12 @@ def made(
             records[case.key] = earlier
     missing = list({case.key: case for case in plan.cases if case.key not in records}.values())
     if missing:
-        from maskfab.runs.sweep_cases import map_cases  # which loads optics and photographs: a second, often
+        from maskfab.runs.sweep_cases import (
+            map_cases,
+            workers_of,
+        )  # which loads optics and photographs: a second, often
 
-        found_now = map_cases(
-            missing, plan.quantities, folder, progress, engine=engine, scheduler=scheduler, workers=workers
-        )
+        found_now = map_cases(missing, plan.quantities, folder, progress, workers_of(engine, scheduler, workers))
         records |= {record["key"]: record for record in found_now}
     else:
         make_folder(folder)

@@ -6,9 +6,6 @@ A case is plain data, the same whoever finds it: this process, several, or a Das
 from __future__ import annotations
 
 import math
-import os
-import time
-from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
@@ -16,11 +13,11 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
 from maskfab.base.errors import InputError, JobError, OutputError
-from maskfab.base.extras import require
 from maskfab.base.findings import STAGE_OF_QUANTITY, function_of
 from maskfab.base.model import ORIENTATIONS, Die, Opening, Panel, Quantity, Tiling
-from maskfab.base.processes import ProcessExecutor, SerialExecutor
+from maskfab.base.processes import Call
 from maskfab.base.work import Progress, one_thread
+from maskfab.base.workers import Workers
 from maskfab.camera import scenes as scene_sets
 from maskfab.camera.lens import PhotoCamera, lattice
 from maskfab.designs.model.expected_psnr import Surrogate, surrogate_of
@@ -289,23 +286,6 @@ def find(key: str, document: Mapping[str, Any], quantities: tuple[str, ...]) -> 
     return {"key": key, "failed": None, "rows": rows}
 
 
-@one_thread
-def find_by_one_thread(
-    cases: Sequence[tuple[str, Mapping[str, Any]]], quantities: tuple[str, ...]
-) -> tuple[list[Record], float]:
-    """:func:`find` for some cases in a process that others have set up, which may use more threads; and its seconds."""
-    start = time.perf_counter()
-    records = [find(key, document, quantities) for key, document in cases]
-    return records, time.perf_counter() - start
-
-
-def find_and_keep(folder: Path, key: str, document: Mapping[str, Any], quantities: tuple[str, ...]) -> Record:
-    """:func:`find`, and keep it as soon as it is found."""
-    record = find(key, document, quantities)
-    keep(folder, record)
-    return record
-
-
 def _row(quantity: Quantity) -> dict[str, Any]:
     """A number as data.
 
@@ -330,26 +310,25 @@ def _row(quantity: Quantity) -> dict[str, Any]:
 
 Engine: TypeAlias = Literal["processes", "serial", "dask"]
 ENGINES: tuple[str, ...] = get_args(Engine)
-_ANSWERS_WITHIN_S = 10
 _TOLD = 200
 """Times at most that progress is told: it counts all cases."""
-_AT_ONCE = 4
-"""Tasks that wait at each worker of a cluster, so that none is idle while the next is on its way."""
-_TASK_S = 0.2
-"""Work of a cluster's task: it costs some 20 ms to hand out, and all its cases are lost with its worker."""
-_MOST_IN_TASK = 100
+
+
+def workers_of(engine: Engine, scheduler: str | None, workers: int | None) -> Workers:
+    """Who finds cases, as a sweep's caller states it.
+
+    Raises:
+        JobError: MF105 for engines and addresses that do not go together; MF152 for a cluster without dask.
+    """
+    if (engine == "dask") != (scheduler is not None) or engine not in ENGINES:
+        cure = "Use --engine serial or processes, or --engine dask with --scheduler tcp://HOST:8786"
+        raise JobError("MF105", f"the engine {engine!r} with the scheduler {scheduler!r}", where="--engine", cure=cure)
+    return Workers(1 if engine == "serial" else None if scheduler else workers, scheduler, of_installation)
 
 
 @one_thread
 def map_cases(
-    cases: Sequence[Case],
-    quantities: tuple[str, ...],
-    folder: Path,
-    progress: Progress,
-    *,
-    engine: Engine = "processes",
-    scheduler: str | None = None,
-    workers: int | None = None,
+    cases: Sequence[Case], quantities: tuple[str, ...], folder: Path, progress: Progress, workers: Workers
 ) -> list[Record]:
     """Find cases, each kept in its file as soon as it is found.
 
@@ -358,46 +337,31 @@ def map_cases(
         quantities: that are wanted.
         folder: of the files; made once nothing can be refused any more.
         progress: told how many are found.
-        engine: who finds them.
-        scheduler: address of a Dask scheduler, of that engine alone.
-        workers: processes, this one included; by default as many as there are processors.
+        workers: who find them.
 
     Returns:
         Records in the order of the cases; one whose worker failed says so and has no file, so that it is tried again.
 
     Raises:
-        JobError: MF105 for engines and addresses that do not go together; MF152 for a cluster without dask; MF164 for a
-            scheduler that does not answer, or workers that run another version.
+        JobError: MF164 for a scheduler that does not answer, or workers that run another version.
         OutputError: MF401 where files cannot be written.
     """
-    if (engine == "dask") != (scheduler is not None) or engine not in ENGINES:
-        cure = "Use --engine serial or processes, or --engine dask with --scheduler tcp://HOST:8786"
-        raise JobError("MF105", f"the engine {engine!r} with the scheduler {scheduler!r}", where="--engine", cure=cure)
-    if scheduler is not None:
-        require("cluster", what="a cluster", where="--engine", otherwise="use --engine processes")
-        return _by_cluster(cases, quantities, folder, progress, scheduler)
-    make_folder(folder)
-    others = 0 if engine == "serial" else min(workers or os.cpu_count() or 1, len(cases)) - 1
-    return _by_processes(cases, quantities, folder, progress, others)
-
-
-def _by_processes(
-    cases: Sequence[Case], quantities: tuple[str, ...], folder: Path, progress: Progress, others: int
-) -> list[Record]:
-    progress("cases", 0, len(cases))
     records: list[Record] = []
-    reported = 0
-    with ProcessExecutor(others) if others > 0 else SerialExecutor() as executor:
-        tasks = [
-            executor.submit(partial(find_and_keep, folder), lambda case=case: (case.key, case.document, quantities))  # type: ignore[misc]
-            for case in cases
-        ]
-        # The others begin with the first, this process with the last: they meet where little is left.
-        for done, task in enumerate(reversed(tasks)):
-            task.attempt()
-            if done % max(1, len(cases) // _TOLD) == 0 and (ended := sum(one.ended for one in tasks)) > reported:
-                progress("cases", ended, len(cases))
-                reported = ended
+    every = max(1, len(cases) // _TOLD)
+    told = -1
+
+    def tell(ended: int) -> None:
+        nonlocal told
+        if ended // every > told // every or ended == len(cases):
+            told = ended
+            progress("cases", ended, len(cases))
+
+    with workers.executor(len(cases)) as executor:
+        make_folder(folder)
+        tell(0)
+        given = [(case.key, case.document, quantities) for case in cases]
+        tasks = [executor.submit(Call(find, partial(tuple, own), then=partial(keep, folder))) for own in given]
+        executor.finish(tasks, tell)
         for case, task in zip(cases, tasks, strict=True):
             try:
                 records.append(task.result())
@@ -405,92 +369,10 @@ def _by_processes(
                 raise
             except Exception as error:
                 records.append(_failed(case, error))
-    progress("cases", len(cases), len(cases))
     return records
-
-
-def _by_cluster(
-    cases: Sequence[Case], quantities: tuple[str, ...], folder: Path, progress: Progress, scheduler: str
-) -> list[Record]:
-    import distributed
-
-    with _client(distributed, scheduler) as client:
-        _same_version(client, scheduler)
-        make_folder(folder)
-        record_of: dict[str, Record] = {}
-        waiting, many = deque(cases), 1
-        tasks: dict[str, tuple[Case, ...]] = {}
-
-        def begin(some: tuple[Case, ...]) -> Any:
-            given = tuple((case.key, case.document) for case in some)
-            future = client.submit(find_by_one_thread, given, quantities, pure=False)
-            tasks[future.key] = some
-            return future
-
-        def take() -> tuple[Case, ...]:
-            return tuple(waiting.popleft() for _ in range(min(many, len(waiting))))
-
-        progress("cases", 0, len(cases))
-        first = [begin(some) for _ in range(_AT_ONCE * len(client.nthreads())) if (some := take())]
-        running = distributed.as_completed(first, loop=client.loop)
-        for future in running:
-            some = tasks.pop(future.key)
-            try:
-                records, seconds = future.result()
-            except Exception as error:
-                if len(some) > 1:  # which of them it was shows when each is alone
-                    running.update([begin((case,)) for case in some])
-                    continue
-                records = [_failed(some[0], error)]
-            else:
-                many = max(1, min(_MOST_IN_TASK, int(len(some) * _TASK_S / seconds)))
-                for record in records:
-                    keep(folder, record)
-            record_of |= {record["key"]: record for record in records}
-            future.release()
-            if more := take():
-                running.add(begin(more))
-            progress("cases", len(record_of), len(cases))
-    return [record_of[case.key] for case in cases]
 
 
 def _failed(case: Case, error: Exception) -> Record:
     """Record of a case that no worker finished."""
     lines = str(error).strip().splitlines() or [""]
     return {"key": case.key, "failed": f"{type(error).__name__}: {lines[0]}", "rows": []}
-
-
-def _client(distributed: Any, scheduler: str) -> Any:
-    """A client of a scheduler that answers.
-
-    Raises:
-        JobError: MF164.
-    """
-    try:
-        return distributed.Client(scheduler, timeout=_ANSWERS_WITHIN_S, set_as_default=False)
-    except (OSError, ValueError, TimeoutError) as error:
-        what = f"no scheduler answers at {scheduler} within {_ANSWERS_WITHIN_S} s"
-        cure = "Start it with dask scheduler, and give the address that it prints, such as tcp://127.0.0.1:8786"
-        raise JobError("MF164", what, where="--scheduler", cure=cure) from error
-
-
-def _same_version(client: Any, scheduler: str) -> None:
-    """Refuse workers that would find other numbers.
-
-    Raises:
-        JobError: MF164 without workers, or if one has other code or other versions of libraries.
-    """
-    cure = "Install the same maskfab and the same libraries there, and start the workers again"
-    try:
-        versions = client.run(of_installation, on_error="return")
-    except Exception as error:
-        what = f"workers of {scheduler} do not answer: {error}"
-        raise JobError("MF164", what, where="--scheduler", cure=cure) from error
-    if not versions:
-        cure = f"Start some: dask worker {scheduler} --nthreads 1"
-        raise JobError("MF164", f"the scheduler {scheduler} has no workers", where="--scheduler", cure=cure)
-    own = of_installation()
-    for address, version in versions.items():
-        if version != own:
-            fault = f"fails with {version!r}" if isinstance(version, Exception) else "runs another maskfab or libraries"
-            raise JobError("MF164", f"the worker {address} {fault}", where="--scheduler", cure=cure)

@@ -161,7 +161,7 @@ def verify(directory: str | Path, progress: Progress = silent) -> Verified:
             except InputError as error:
                 refused.append((psf.name, error))
                 checks.append(_failed("readable", f"{psf.name}: {error}"))
-        scenes = measure_scenes(job, lit, plan_scenes(job, lit, progress), layout, progress)
+        scenes = measure_scenes(job, lit, plan_scenes(job, lit, progress), layout, progress, None, executor)
         for measured in (
             *(die_quantities(item, read, job) for item in optics),
             *(scene.quantities for scene in scenes),
@@ -181,8 +181,11 @@ def verify(directory: str | Path, progress: Progress = silent) -> Verified:
                 checks.append(_failed("readable", f"{MEASURED}: {error}"))
         if not (blind or refused) and all(trip.xor_area_um2 == 0 for trip in trips):
             # Of files that differ from the design the numbers differ as well; what differs is told above.
-            process = measure_process(job, lit, progress), expand_photographs(job, lit, progress, None, executor)
-            findings = PlateFindings(job, built, read, optics, scenes, photographs.result(progress), *process, beside)
+            process = measure_process(job, lit, progress, None, executor)
+            changes = expand_photographs(job, lit, progress, None, executor)
+            findings = PlateFindings(
+                job, built, read, optics, scenes, photographs.result(progress), process, changes, beside
+            )
             checks += _made_again(folder, manifest, findings, executor)
     return Verified.of(checks, built, job.compared_with)
 

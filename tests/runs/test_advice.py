@@ -15,6 +15,7 @@ from once import leaves
 
 import maskfab as mf
 from maskfab.api import advising
+from maskfab.base import workers
 from maskfab.base.errors import JobError, OutputError
 from maskfab.base.work import Clock
 from maskfab.cli.program import run_command_line
@@ -101,7 +102,7 @@ def four_small_scenes():
     """As many scenes as a run takes, a sixth as large, and few openings tried, by this process, which alone knows."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(photographs, "drawn_scenes", lambda **_: tuple(leaves(seed, 704, 768) for seed in range(1, 5)))
-        patch.setattr(advice.os, "cpu_count", lambda: 1)
+        patch.setattr(workers, "cores", lambda: 1)
         patch.setattr(advice, "_DENSER_S", 3600.0)
         for tried in ("_TRIED", "_TRIED_OF_FEWER"):
             patch.setattr(held, tried, 8)
@@ -221,7 +222,7 @@ def test_words_for_a_terminal_say_what_the_page_says(answer):
         assert f"{each['question']}: {each['sentence']}" in text
 
 
-ONE_PROCESSOR = "import os; os.cpu_count = lambda: 1\n"
+ONE_PROCESSOR = "import os; os.sched_getaffinity = lambda _: {0}\n"
 COMMAND = "import sys; from maskfab.cli.program import run_command_line; sys.exit(run_command_line(sys.argv[1:]))"
 
 

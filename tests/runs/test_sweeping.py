@@ -18,11 +18,12 @@ import maskfab as mf
 from maskfab.api.sweeping import Sweep
 from maskfab.base import resources
 from maskfab.base.errors import JobError, MissingPackageError, OutputError
-from maskfab.base.processes import ProcessExecutor
+from maskfab.base.processes import LocalProcess
+from maskfab.base.workers import Workers, check_version
 from maskfab.runs import sweep_cases
 from maskfab.runs.store import of_installation
 from maskfab.runs.sweep import made
-from maskfab.runs.sweep_cases import _same_version, map_cases
+from maskfab.runs.sweep_cases import map_cases
 from maskfab.runs.sweep_page import _values_text
 from maskfab.runs.sweep_plan import MOST_CASES, planned
 
@@ -160,17 +161,20 @@ def test_processes_find_what_one_finds(swept, tmp_path):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_no_case_is_lost_with_a_worker_that_somebody_kills(swept, tmp_path, monkeypatch):
-    class Killed(ProcessExecutor):
-        """Its other process is killed before it has answered anything."""
+    class Killed(LocalProcess):
+        """The first one is killed before it has answered anything."""
 
-        def __enter__(self) -> ProcessExecutor:
-            super().__enter__()
-            for other in self._processes:
-                other.kill()
-            return self
+        started = 0
 
-    monkeypatch.setattr("maskfab.runs.sweep_cases.ProcessExecutor", Killed)
+        def __init__(self) -> None:
+            super().__init__()
+            Killed.started += 1
+            if Killed.started == 1:
+                self.kill()
+
+    monkeypatch.setattr("maskfab.base.processes.LocalProcess", Killed)
     again = mf.sweep(swept.found.plan.where, tmp_path / "out", workers=2)
+    assert Killed.started == 2
     assert again.found.failed == ()
     assert (tmp_path / "out/sweep.json").read_bytes() == (swept.directory / "sweep.json").read_bytes()
 
@@ -183,27 +187,6 @@ def test_a_cluster_finds_what_one_finds(swept, tmp_path):
         study = swept.found.plan.where
         mf.sweep(study, tmp_path / "out", engine="dask", scheduler=cluster.scheduler_address)
     assert (tmp_path / "out/sweep.json").read_bytes() == (swept.directory / "sweep.json").read_bytes()
-
-
-def test_a_case_that_breaks_a_task_of_several_fails_alone(tmp_path, monkeypatch):
-    distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed (extra cluster)")
-    real = sweep_cases.measured
-
-    def measured(job, wanted):
-        if job.spec.written.cd_bias_um > 0:
-            raise RuntimeError("broken")
-        return real(job, wanted)
-
-    monkeypatch.setattr(sweep_cases, "measured", measured)
-    monkeypatch.setattr("maskfab.runs.sweep_cases._AT_ONCE", 1)
-    monkeypatch.setattr("maskfab.runs.sweep_cases._TASK_S", 60)
-    study = write_study(tmp_path, ('"open_ratio", "written_open_ratio_fused", "written_min_feature"', '"open_ratio"'))
-    with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
-    ) as cluster:
-        found = mf.sweep(study, tmp_path / "out", engine="dask", scheduler=cluster.scheduler_address)
-    assert [why for _, why in found.found.failed] == ["RuntimeError: broken"] * 2
-    assert len(list((tmp_path / "out/cases").rglob("*.json"))) == 4
 
 
 def test_what_was_found_is_not_found_again(tmp_path):
@@ -230,7 +213,7 @@ def test_an_interrupted_sweep_keeps_what_it_has(tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        map_cases(plan.cases, plan.quantities, tmp_path / "cases", interrupt, engine="serial")
+        map_cases(plan.cases, plan.quantities, tmp_path / "cases", interrupt, Workers(1))
     assert told == [0, 1, 2, 3]
     assert len(list((tmp_path / "cases").rglob("*.json"))) == 3
 
@@ -315,7 +298,7 @@ def test_places_and_engines_that_cannot_be_used(tmp_path):
 
 def test_a_scheduler_that_does_not_answer_is_refused_before_any_case(tmp_path, monkeypatch):
     pytest.importorskip("distributed", reason="dask.distributed is not installed (extra cluster)")
-    monkeypatch.setattr("maskfab.runs.sweep_cases._ANSWERS_WITHIN_S", 0.5)
+    monkeypatch.setattr("maskfab.base.workers._ANSWERS_WITHIN_S", 0.5)
     with pytest.raises(JobError, match="MF164"):
         made(planned(write_study(tmp_path)), tmp_path / "out", engine="dask", scheduler="tcp://127.0.0.1:9")
     assert not (tmp_path / "out").exists()
@@ -325,14 +308,14 @@ def test_workers_of_another_version_are_refused_before_any_case():
     def cluster(versions: dict[str, object]) -> SimpleNamespace:
         return SimpleNamespace(run=lambda function, on_error: versions)
 
-    _same_version(cluster({"tcp://a": of_installation()}), "tcp://s")
+    check_version(cluster({"tcp://a": of_installation()}), "tcp://s", of_installation)
     for versions, words in (
         ({}, "no workers"),
         ({"tcp://a": of_installation(), "tcp://b": "another"}, "tcp://b runs another maskfab"),
         ({"tcp://a": ModuleNotFoundError("maskfab")}, "ModuleNotFoundError"),
     ):
         with pytest.raises(JobError, match="MF164") as refused:
-            _same_version(cluster(versions), "tcp://s")
+            check_version(cluster(versions), "tcp://s", of_installation)
         assert words in str(refused.value)
 
 

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from maskfab.base.cell_size import CellSize
 from maskfab.base.model import Die, DieOptics, Mtf, Opening, Panel, Plate, Polygon, Psf, Tiling
-from maskfab.base.processes import SerialExecutor
+from maskfab.base.processes import Call, SerialExecutor
 from maskfab.base.units import NM_PER_MM, NM_PER_UM
 from maskfab.mask.writer import Reading, written_region
 from maskfab.report.figures import sheet
@@ -93,7 +93,7 @@ def pictures(
     drawn += [Figures(item.die.name, of_die, (item, field_nm, peak)) for item in dies]
     drawn += more
     images: dict[str, dict[str, str]] = {drawing.die: {} for drawing in drawn}
-    tasks = (executor or SerialExecutor()).run_all([(drawing.function, drawing.arguments) for drawing in drawn])
+    tasks = (executor or SerialExecutor()).run_all([Call(drawing.function, drawing.arguments) for drawing in drawn])
     for drawing, task in zip(drawn, tasks, strict=True):
         images[drawing.die] |= task.result()
     return images

@@ -6,11 +6,10 @@ A claim is held against the numbers: it agrees, does not, or cannot be told from
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import product
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -22,8 +21,9 @@ from maskfab.base.arrays import Singles
 from maskfab.base.errors import JobError
 from maskfab.base.findings import Need, origins
 from maskfab.base.model import Mtf, Panel, Psf
-from maskfab.base.processes import ProcessExecutor, SerialExecutor, release_memory
+from maskfab.base.processes import Call, release_memory
 from maskfab.base.work import Progress, one_thread, silent
+from maskfab.base.workers import EVERY_CORE, Workers
 from maskfab.camera import scenes as surroundings
 from maskfab.camera.imaging import Design, RestoredBy
 from maskfab.camera.protocol import AUTO, Protocol, evaluate
@@ -490,8 +490,8 @@ def _check_claim(claim: ClaimSection, plan: Plan, where: str) -> None:
 
 
 @one_thread
-def made(plan: Plan, progress: Progress = silent) -> Study:
-    """Make a study, by two processes where there are two processors and photographs enough.
+def made(plan: Plan, progress: Progress = silent, workers: Workers = EVERY_CORE) -> Study:
+    """Make a study.
 
     Raises:
         JobError: for a die that cannot be photographed, as :meth:`maskfab.report.rows.photographs.Conditions.design`.
@@ -514,20 +514,11 @@ def made(plan: Plan, progress: Progress = silent) -> Study:
     }
     release_memory()
     calls = [
-        (_photographed, lambda setting=setting, name=name: (setting, name, plan.panels[name], scenes))
-        for setting, name in designs
+        Call(_photographed, partial(tuple, (setting, name, plan.panels[name], scenes))) for setting, name in designs
     ]
-    reached = 0
-
-    def tell(done: int) -> None:
-        nonlocal reached
-        if done > reached:
-            reached = done
-            progress("photographs", done, len(calls))
-
     progress("photographs", 0, len(calls))
-    with ProcessExecutor() if (os.cpu_count() or 1) > 1 and len(calls) > 1 else SerialExecutor() as executor:
-        tasks = executor.run_all(calls, tell)
+    with workers.executor(len(calls)) as executor:
+        tasks = executor.run_all(calls, lambda done: progress("photographs", done, len(calls)))
     scores: dict[Take, tuple[Score, ...]] = {}
     shown: dict[Take, Singles] = {}
     for (setting, name), task in zip(designs, tasks, strict=True):
