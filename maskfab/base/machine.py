@@ -1,4 +1,4 @@
-"""What this machine lends to a process: processors and memory, or the container's share where that is less."""
+"""Resources that a machine lends to a process: processors and memory, or the container's share where that is less."""
 
 from __future__ import annotations
 

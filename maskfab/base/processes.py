@@ -102,7 +102,7 @@ _Kind: TypeAlias = Literal["raised", "found"]
 
 @dataclass(frozen=True, eq=False)
 class Call(Generic[Found]):
-    """What a task does.
+    """Work of a task.
 
     Attributes:
         function: of a module.
@@ -315,7 +315,7 @@ class ProcessExecutor(SerialExecutor):
         done(len(tasks))
 
     def _beside(self, wanted: Task[Any]) -> Task[Any] | None:
-        """What this process does while a task is done elsewhere; not what may take any time."""
+        """Work of this process while a task is done elsewhere; nothing that may take any time."""
         if wanted.here:
             return wanted
         waiting = (task for *_, task in self._waiting if not task.begun and task.call.seconds is not None)
@@ -423,7 +423,7 @@ class Other(ABC):
 
     @abstractmethod
     def answer(self, message: bytes) -> tuple[_Kind, Any, float]:
-        """What became of a task, and the seconds that it took.
+        """Result of a task, and the seconds that it took.
 
         Raises:
             OSError, EOFError: if the process has ended.
@@ -506,7 +506,7 @@ def work() -> None:
 
 
 def answer(message: BinaryIO) -> bytes:
-    """What becomes of a task that another process wrote, as it reads it."""
+    """Result of a task that another process wrote, as it reads it."""
     function, given = pickle.load(message)
     start = time.perf_counter()
     try:

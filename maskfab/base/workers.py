@@ -133,7 +133,7 @@ class _Worker(Other):
 
 @one_thread
 def answered(message: bytes) -> bytes:
-    """What becomes of a task, in a process that others have set up, which may use more threads."""
+    """Result of a task, in a process that others have set up, which may use more threads."""
     return answer(io.BytesIO(message))
 
 

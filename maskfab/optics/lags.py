@@ -237,7 +237,7 @@ def lag_sizes(x: Lattice, y: Lattice, reach_um: float) -> list[int]:
 
 
 def _held(x: Lattice, y: Lattice, reach_um: float, sizes: list[int]) -> list[int]:
-    """How many lags of cells and dots a table holds: those within reach, of either sign."""
+    """Numbers of lags of cells and dots that a table holds: those within reach, of either sign."""
     extra = (*_extra(y, reach_um), *_extra(x, reach_um))
     return [min(2 * most + 1, size) for most, size in zip(extra, sizes, strict=True)]
 

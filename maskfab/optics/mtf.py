@@ -280,7 +280,7 @@ def _falls(view: _View, rings: _Rings, step: float, levels: Sequence[float]) -> 
 
 
 def _directions(view: _View, lag_um: float) -> int:
-    """How many directions tell the mean of a ring of lags."""
+    """Number of directions that tell the mean of a ring of lags."""
     wanted = _DIRECTIONS_PER_DOT * math.pi * lag_um / view.table.x.dot_um
     return 1 << math.ceil(math.log2(min(max(wanted, _FEWEST_DIRECTIONS), _MOST_DIRECTIONS)))
 
@@ -328,7 +328,7 @@ class _Closely:
         return np.array([self.at(float(radius)) for radius in radii]).T
 
     def at(self, radius: float) -> tuple[float, float]:
-        """The same at one radius."""
+        """Mean at one radius, and a bound of its error."""
         view, table = self.view, self.view.table
         lag = view.scale_um2 * radius
         count = 4 * _directions(view, lag)
