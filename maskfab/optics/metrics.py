@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError
 from maskfab.base.model import Mtf, Psf, Quantity
 from maskfab.base.units import UM_PER_MM
@@ -43,6 +44,7 @@ NOISE_TO_SIGNAL = 0.015
 
 _WIENER_SAMPLES = 128
 _CORE_PIXELS = 5
+_ROUNDING = 1e-15
 _HALO_UM = 25.0
 _STREAK_UM = (10.0, 50.0)
 # Of a colour's number, the error with which it still ranks designs; and what is too small to matter.
@@ -245,25 +247,64 @@ def aliasing_quantities(
     # From the same lags as the aliases, or their errors would count as aliasing.
     nu, scale = mtf.frequency_cy_per_mm * 1e-3, image_scale_um2(camera, mtf.wavelength_nm)
     presampled = np.concatenate([abs(axis.at(scale * nu)) * np.sinc(nu * camera.pixel_um) for axis in lags])
-    spread = phase_spread(aliased, presampled / table.energy_um2, die)
+    presampled /= table.energy_um2
+    spread = phase_spread(aliased, presampled, die)
+    aside, turned = _alias_errors(lags, table, mtf, camera)
+    # Beyond the cutoff the lags of dots that the stop cuts hold some light that is none.
+    turned = turned + np.where(np.tile(nu < cutoff(camera, mtf.wavelength_nm), 2), _ROUNDING, presampled)
+    change = aliased.highest - aliased.lowest
     return [
         replace(
             spread,
             method="aliased, unlike the other MTFs: "
             + spread.method.removesuffix("the cut")
             + "horizontal and vertical",
+            uncertainty=_of_largest(abs(aliased.values - presampled).max(axis=(0, 1)), aside + turned),
             wavelength_nm=mtf.wavelength_nm,
         ),
         Quantity(
             "mtf_phase_range",
-            float((aliased.highest - aliased.lowest).max()),
+            float(change.max()),
             "aliased: largest change of the MTF of pixel samples with the sub-pixel phase, over the horizontal and "
             f"vertical frequencies up to half a cycle per pixel, {PHASES} x {PHASES} phases",
-            uncertainty=2 * aliased.uncertainty,
+            uncertainty=_of_largest(change, 2 * aside + turned),
             die=die,
             wavelength_nm=mtf.wavelength_nm,
         ),
     ]
+
+
+def _of_largest(values: Floats, errors: Floats) -> float:
+    """Error of the largest of some values, from that of each."""
+    largest = float(values.max())
+    return max(float((values + errors).max()) - largest, largest - float((values - errors).max()))
+
+
+def _aliases(mtf: Mtf, camera: Camera) -> tuple[Floats, Floats, Floats]:
+    """Orders [k], the frequencies that fold onto those of an MTF, and the pixel's transfer there, [k, n]."""
+    nu, highest = mtf.frequency_cy_per_mm * 1e-3, cutoff(camera, mtf.wavelength_nm)
+    last = math.ceil((highest + float(nu[-1])) * camera.pixel_um)
+    orders = np.arange(-last, last + 1, dtype=np.float64)
+    alias = nu + orders[:, None] / camera.pixel_um
+    return orders, alias, np.where(abs(alias) < highest, np.sinc(alias * camera.pixel_um), 0.0)
+
+
+def _alias_errors(lags: tuple[AxisLags, AxisLags], table: LagTable, mtf: Mtf, camera: Camera) -> tuple[Floats, Floats]:
+    """Errors [2 n] of an aliased MTF less the presampled one: by what folds onto it, and by what it folds onto.
+
+    Lags far from each other err independently. The error of the presampled part is in both, but for its direction,
+    which turns by twice the ratio of the others to it at most.
+    """
+    orders, alias, pixel = _aliases(mtf, camera)
+    scale, own = image_scale_um2(camera, mtf.wavelength_nm), orders == 0
+    error = abs(pixel) * np.where(scale * abs(alias) < table.near_um, *table.coarse_errors)
+    aside = np.sqrt((error[~own] ** 2).sum(axis=0))
+    turned = []
+    for axis in lags:
+        parts = abs(axis.at(scale * alias) / table.energy_um2 * pixel)
+        others = parts[~own].sum(axis=0)
+        turned.append(error[own][0] * 2 * others / np.maximum(np.maximum(parts[own][0], others), np.finfo(float).tiny))
+    return np.concatenate([aside, aside]), np.concatenate(turned)
 
 
 def aliased_cuts(lags: tuple[AxisLags, AxisLags], table: LagTable, mtf: Mtf, camera: Camera) -> AliasedMtf:
@@ -273,20 +314,17 @@ def aliased_cuts(lags: tuple[AxisLags, AxisLags], table: LagTable, mtf: Mtf, cam
     along it are all they need: the values are those of :func:`maskfab.optics.mtf.aliased_mtf` without the
     lags of the whole plane. For the same reason the samples sum to 1 whatever the phase.
     """
-    nu = mtf.frequency_cy_per_mm * 1e-3
-    highest, scale = cutoff(camera, mtf.wavelength_nm), image_scale_um2(camera, mtf.wavelength_nm)
-    last = math.ceil((highest + float(nu[-1])) * camera.pixel_um)
-    orders = np.arange(-last, last + 1, dtype=np.float64)
-    alias = nu + orders[:, None] / camera.pixel_um
+    nu, scale = mtf.frequency_cy_per_mm * 1e-3, image_scale_um2(camera, mtf.wavelength_nm)
+    orders, alias, pixel = _aliases(mtf, camera)
     phase = np.arange(PHASES, dtype=np.float64) / PHASES
     turn = np.exp(2j * np.pi * phase[:, None] * orders)
-    pixel = np.where(abs(alias) < highest, np.sinc(alias * camera.pixel_um), 0.0)
     along_x, along_y = (abs(turn @ (axis.at(scale * alias) / table.energy_um2 * pixel)) for axis in lags)
     shape = (PHASES, PHASES, along_x.shape[1])
     values = np.concatenate([np.broadcast_to(along_x[None], shape), np.broadcast_to(along_y[:, None], shape)], axis=-1)
     none = np.zeros_like(nu)
     frequency = UM_PER_MM * np.stack([np.concatenate([nu, none]), np.concatenate([none, nu])])
-    return AliasedMtf(frequency, values, phase, "pixel", 2 * orders.size * table.coarse_uncertainty)
+    uncertainty = float(abs(pixel).sum(axis=0).max()) * table.coarse_uncertainty
+    return AliasedMtf(frequency, values, phase, "pixel", uncertainty)
 
 
 def restoration_quantities(table: LagTable, camera: Camera, wavelength_nm: float, die: str | None) -> list[Quantity]:

@@ -15,17 +15,19 @@ Notes:
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.base.arrays import Floats, Singles
+from maskfab.base.arrays import Floats, Indices, Singles
 from maskfab.base.errors import JobError
 from maskfab.base.model import Quantity, frozen
 from maskfab.job.camera import Camera
 from maskfab.optics.lags import LagTable
+from maskfab.optics.psf import image_scale_um2
 from maskfab.optics.spectrum import Spectrum, pixel_transfer, polychromatic_otf_grid
 
 Response = TypeVar("Response", Singles, Floats, Singles | NDArray[np.complex64])
@@ -34,6 +36,25 @@ WORST_SHARE = 0.3
 """The share of frequencies that the design's loss looks at."""
 
 SAMPLES = 256
+
+# Pairs of frequencies and cut dots that are made exact, no fewer frequencies, and how many standard deviations of a
+# mean over these the mean over all may be off.
+_EXACT_PAIRS, _FEWEST_EXACT, _SIGMAS = 50_000, 64, 3
+
+
+@dataclass(frozen=True, eq=False)
+class SomeExact:
+    """The modulation at some of a square's frequencies, drawn at random, without the error that the others have.
+
+    Attributes:
+        places: int [k], of the flat square.
+        modulation: float64 [k].
+        uncertainty: bound of its error.
+    """
+
+    places: Indices
+    modulation: Floats
+    uncertainty: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,15 +66,29 @@ class SensorSquare:
         step_cy_per_um: distance between frequencies.
         uncertainty: bound on the absolute error of any value.
         wavelength_nm: the line, or None for a spectrum of several.
+        exact: what is better known; None for several lines, or where all is exact.
     """
 
     modulation: Floats
     step_cy_per_um: float
     uncertainty: float
     wavelength_nm: float | None
+    exact: SomeExact | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "modulation", frozen(self.modulation))
+
+    @property
+    def before_and_after(self) -> tuple[Floats, Floats]:
+        """The modulation at the frequencies that are exact: as it stands in the square, and exact, [k]."""
+        exact = self.exact or SomeExact(np.zeros(0, dtype=np.intp), np.zeros(0), 0.0)
+        return self.modulation.ravel()[exact.places], exact.modulation
+
+    def mean_change(self, changes: Floats) -> tuple[float, float]:
+        """Between what the mean of a change over all frequencies lies, from those at the exact ones, [k]."""
+        mean, unseen = float(changes.mean()), 1 - changes.size / self.modulation.size
+        error = _SIGMAS * float(changes.std()) * math.sqrt(unseen / changes.size)
+        return mean - error, mean + error
 
 
 def sensor_square(table: LagTable, camera: Camera, spectrum: Spectrum, samples: int = SAMPLES) -> SensorSquare:
@@ -77,7 +112,17 @@ def sensor_square(table: LagTable, camera: Camera, spectrum: Spectrum, samples: 
     optics = polychromatic_otf_grid(table, camera, spectrum, axis, upper)
     modulation = abs(optics * pixel_transfer(camera, axis, upper[:, None]))
     line = float(spectrum.wavelengths_nm[0]) if spectrum.wavelengths_nm.size == 1 else None
-    return SensorSquare(modulation, step, table.coarse_uncertainty, line)
+    exact = None if line is None or not table.rims else _some_exact(table, camera, line, axis, upper)
+    return SensorSquare(modulation, step, table.coarse_uncertainty, line, exact)
+
+
+def _some_exact(table: LagTable, camera: Camera, wavelength_nm: float, axis: Floats, upper: Floats) -> SomeExact:
+    size, count = axis.size * upper.size, max(_FEWEST_EXACT, _EXACT_PAIRS // table.cut_dots)
+    places = np.random.default_rng(0).choice(size, min(size, count), replace=False)
+    nu_x, nu_y = axis[places % axis.size], upper[places // axis.size]
+    scale = image_scale_um2(camera, wavelength_nm)
+    modulation = abs(table.otf(scale * nu_x, scale * nu_y) * pixel_transfer(camera, nu_x, nu_y))
+    return SomeExact(places, modulation, table.uncertainty)
 
 
 def wiener_filter(transfer: Response, noise_to_signal: NDArray[np.floating[Any]] | np.floating[Any]) -> Response:
@@ -131,7 +176,9 @@ def worst_wiener(square: SensorSquare, noise_to_signal: float, die: str | None =
     """Mean of H over the 30 % of frequencies where it is lowest.
 
     The uncertainty follows H, which rises with |O|, over the error bar of |O|, and adds the change against the mean
-    over every other sample along both axes.
+    over every other sample along both axes. Where some of |O| is exact the mean change of H there, within three
+    standard deviations, stands for the error bar of each: with t the largest of the lowest 30 %, their mean is no more
+    than that of the same frequencies, and no less than t less the mean of what H lacks of t over 0.3.
 
     Raises:
         JobError: MF104 for a noise-to-signal ratio that is negative or not finite; for ε = 0 if a modulation is within
@@ -144,6 +191,12 @@ def worst_wiener(square: SensorSquare, noise_to_signal: float, die: str | None =
         _worst_mean(wiener_response(high, noise_to_signal)) - value,
         value - _worst_mean(wiener_response(low, noise_to_signal)),
     )
+    if square.exact is not None:
+        before, after = (wiener_response(part, noise_to_signal) for part in square.before_and_after)
+        threshold = _lowest(wiener_response(square.modulation, noise_to_signal))[-1]
+        of_the_same = square.mean_change(np.where(before <= threshold, after - before, 0.0))[1]
+        lacking = square.mean_change(np.minimum(after, threshold) - np.minimum(before, threshold))[0]
+        spread += max(of_the_same, -lacking, 0.0) / WORST_SHARE
     coarse = [
         _worst_mean(wiener_response(square.modulation[i::2, j::2], noise_to_signal)) for i in range(2) for j in range(2)
     ]
@@ -172,10 +225,15 @@ def noise_gain(square: SensorSquare, noise_to_signal: float, die: str | None = N
     if noise_to_signal > 0:
         root = np.sqrt(noise_to_signal)
         # The gain peaks where |O|² = ε, between the ends of some error bars.
-        most = np.where(abs(square.modulation - root) <= square.uncertainty, 0.5 / root, most)
+        most = np.where(abs(square.modulation - root) <= _each(square), 0.5 / root, most)
     value = _root_mean_square(gain)
+    power_change = (0.0, 0.0)
+    if square.exact is not None:
+        before, after = (restoration_gain(part, noise_to_signal) for part in square.before_and_after)
+        power_change = square.mean_change(after**2 - before**2)
     coarse = [_root_mean_square(gain[i::2, j::2]) for i in range(2) for j in range(2)]
     spread = max(_root_mean_square(most) - value, value - _root_mean_square(least))
+    spread += max(abs(math.sqrt(max(value**2 + change, 0.0)) - value) for change in power_change)
     return Quantity(
         "wiener_noise_gain",
         value,
@@ -187,18 +245,27 @@ def noise_gain(square: SensorSquare, noise_to_signal: float, die: str | None = N
     )
 
 
+def _each(square: SensorSquare) -> float:
+    """Error of every modulation that their mean change does not tell."""
+    return square.uncertainty if square.exact is None else square.exact.uncertainty
+
+
 def _bounds(square: SensorSquare) -> tuple[Floats, Floats]:
     return (
-        np.asarray(np.clip(square.modulation - square.uncertainty, 0, None)),
-        np.asarray(square.modulation + square.uncertainty),
+        np.asarray(np.clip(square.modulation - _each(square), 0, None)),
+        np.asarray(square.modulation + _each(square)),
     )
+
+
+def _lowest(response: Floats) -> Floats:
+    """The lowest 30 % in order, and the next one."""
+    return np.sort(response, axis=None)[: int(WORST_SHARE * response.size) + 1]
 
 
 def _worst_mean(response: Floats) -> float:
     """Mean of the lowest 30 %, the last value counted in part so that nothing jumps with the number of samples."""
-    count = WORST_SHARE * response.size
-    whole = int(count)
-    lowest = np.sort(response, axis=None)[: whole + 1]
+    count, lowest = WORST_SHARE * response.size, _lowest(response)
+    whole = lowest.size - 1
     return float((lowest[:whole].sum() + (count - whole) * lowest[whole]) / count)
 
 

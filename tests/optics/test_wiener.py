@@ -9,7 +9,12 @@ from hypothesis import strategies as st
 from optics_cases import camera, noise, panel, pupil
 
 from maskfab.base.errors import JobError
-from maskfab.optics.lags import lag_table
+from maskfab.base.model import Mtf
+from maskfab.job.camera import Camera
+from maskfab.optics import metrics
+from maskfab.optics.lags import LagTable, axis_lags, lag_table
+from maskfab.optics.mtf import presampled_mtf
+from maskfab.optics.psf import image_scale_um2
 from maskfab.optics.restoration import (
     SensorSquare,
     noise_gain,
@@ -127,3 +132,48 @@ def test_more_noise_restores_less() -> None:
             line_spectrum([530.0]),
             samples=7,
         )
+
+
+@pytest.mark.parametrize("scenes", [range(2), pytest.param(range(2, 42), marks=pytest.mark.slow)], ids=["2", "40"])
+def test_bars_of_restoration_and_aliasing_hold_the_truth_and_leave_the_value_to_see(scenes: range) -> None:
+    """Against every frequency exact, twice as fine, and against the exact lags along both axes."""
+    told = []
+    for scene in scenes:
+        random = np.random.default_rng(scene)
+        setting, dots = (
+            camera(float(random.uniform(800, 1500)), random.choice(["circle", "square"])),
+            5 + 5 * (scene % 3),
+        )
+        laid_out = panel(noise(dots, random.uniform(0.2, 0.8), scene), cells=1700 // (8 * dots), seed=scene)
+        source, line = pupil(laid_out, setting.stop), float(random.choice([470.0, 530.0]))
+        table = lag_table(source)
+        mtf = presampled_mtf(table, setting, line)
+        axis = (np.arange(256) - 127.5) / (2.0 * 256)
+        x, y = (each.ravel() for each in np.meshgrid(axis, axis[128:]))
+        scale = image_scale_um2(setting, line)
+        modulation = abs(table.otf(scale * x, scale * y)) * np.sinc(2 * x) * np.sinc(2 * y)
+        true = [np.sort(wiener_response(modulation, 0.015))[: int(0.3 * x.size)].mean()]
+        true += [np.sqrt(np.mean(restoration_gain(modulation, 0.015) ** 2)), *aliasing(table, setting, mtf)]
+        found = metrics.restoration_quantities(table, setting, line, None)
+        found += metrics.aliasing_quantities(axis_lags(source, table.energy_um2), table, mtf, setting, None)
+        for quantity, exact in zip(found, true, strict=True):
+            assert abs(float(quantity.value or 0) - exact) <= float(quantity.uncertainty or 0) + 1e-14
+            if exact > 0.02:
+                told.append(float(quantity.uncertainty or 0) / exact)
+    assert np.median(told) < 0.1
+    assert max(told) < 0.25
+
+
+def aliasing(table: LagTable, setting: Camera, mtf: Mtf) -> tuple[float, float]:
+    """Largest distance of the aliased MTF from the presampled one, and its largest swing, by every exact lag."""
+    nu, orders, scale = 1e-3 * mtf.frequency_cy_per_mm, np.arange(-3, 4), image_scale_um2(setting, mtf.wavelength_nm)
+    alias = nu + orders[:, None] / setting.pixel_um
+    turn = np.exp(2j * np.pi * np.arange(16)[:, None] / 16 * orders)
+    lag = np.minimum(scale * abs(alias), setting.stop.diameter_um).ravel()
+    distance, swing = [], []
+    for x, y in ((lag, 0 * lag), (0 * lag, lag)):
+        parts = table.otf(x, y).reshape(alias.shape) * np.sinc(alias * setting.pixel_um)
+        values = abs(turn @ parts)
+        distance.append(abs(values - abs(parts[3])).max())
+        swing.append((values.max(axis=0) - values.min(axis=0)).max())
+    return max(distance), max(swing)
