@@ -22,7 +22,7 @@ from maskfab.mask.job import load_job
 from maskfab.report.pages.front import shown_count
 from maskfab.report.rows.scene import measure_scene
 from maskfab.runs import pipeline
-from maskfab.runs.forecast import _FILES, PROBE_S, Amounts, Pace, dry_run, probe, read_bytes
+from maskfab.runs.forecast import _FILES, PROBE_S, STARTED_S, Amounts, Forecast, Pace, Stage, dry_run, probe, read_bytes
 from maskfab.runs.store import Entry, Store
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
@@ -65,6 +65,24 @@ def test_an_empty_cache_keeps_nothing_and_all_takes_time(made, tmp_path):
     assert stages["optics"].seconds > 0
     # Photographs have three colours, which this camera lacks: those of two dies take what drawing the scenes takes.
     assert stages["photographs"].seconds > 0
+
+
+def test_the_longest_chain_bounds_what_cores_gain():
+    """Twelve photographs of 4 s, which draw their scenes for 2 s in each process, beside 5 s of one chain."""
+    stages = (
+        Stage("layout", 1, 0, 1.0, 0.0, 1.0),
+        Stage("photographs", 12, 0, 52.0, 0.0, 6.0, each_s=2.0),
+        Stage("read back", 4, 0, 3.0, 0.0, 3.0),
+        Stage("figures", 6, 0, 3.0, 0.0, 0.5),
+    )
+    told = Forecast(stages, 2, "", False, 24)
+    assert told.chain_s == 1 + 6 + 0.5
+    work = {1: 57, 2: 59, 4: 63, 16: 79, 24: 79}
+    for cores, all_s in work.items():
+        assert told.on(cores) == pytest.approx(STARTED_S + 7.5 + (all_s - 7.5) / cores)
+    assert told.on(64) == told.on(24)
+    assert told.wall_s == told.on(2)
+    assert f"on 16 cores {told.on(16):.1f} s" in str(told)
 
 
 def test_the_command_tells_a_whole_run_and_refuses_what_a_run_refuses(made, tmp_path, monkeypatch, capsys):

@@ -22,6 +22,7 @@ from maskfab.base.errors import JobError, OutputError
 from maskfab.base.model import Quantity
 from maskfab.base.provenance import sha256_of_file
 from maskfab.base.work import silent
+from maskfab.base.workers import Workers
 from maskfab.mask.formats import gdsii
 from maskfab.mask.job import load_job, resolve
 from maskfab.runs import pipeline
@@ -68,6 +69,15 @@ def test_a_run_repeated_gives_the_same_bytes(capsys, tmp_path):
     for content in (first, second):
         times = json.loads(content["timing.json"])
         assert times["seconds"].keys() >= {"layout", "write", "read back", "optics", "figures"}
+
+
+@pytest.mark.parametrize("processes", [2, pytest.param(8, marks=pytest.mark.slow)])
+def test_no_number_of_processes_shows(out, tmp_path, monkeypatch, processes):
+    """Against the plate that one process made."""
+    monkeypatch.setattr("maskfab.runs.stages.tasks_at_once", lambda job: processes)
+    again = pipeline.run(out / "job.json", tmp_path / "out", workers=Workers(processes)).directory
+    for name in ("SMALL.gds", "SMALL.oas", "report.json", "numbers.csv"):
+        assert (again / name).read_bytes() == (out / name).read_bytes(), name
 
 
 def test_no_file_holds_the_place_it_was_made_in(out):
@@ -456,6 +466,7 @@ from pathlib import Path
 from maskfab.mask.job import load_job
 from maskfab.runs.plate_files import draw_files, write_files
 from maskfab.base.work import silent
+from maskfab.base.workers import Workers
 
 locale.setlocale(locale.LC_ALL, "")
 job, folder = load_job(sys.argv[1]), Path(sys.argv[2])
