@@ -13,12 +13,14 @@ from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
 from maskfab.base.folders import Place, check_target
 from maskfab.base.work import Progress, silent
+from maskfab.base.workers import Workers
 from maskfab.job.reference import in_words
 from maskfab.mask.job import masks_in, with_masks
 from maskfab.report.pages.study import study_document, study_lines, write_study
 from maskfab.report.rows import study as studies
 from maskfab.report.rows.photographs import learned_restorers, read_checkpoints
 from maskfab.report.rows.study import Claim
+from maskfab.runs.store import of_installation
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -96,6 +98,8 @@ def study(
     white: float | None = None,
     checkpoints: Sequence[str | Path] = (),
     masks: str | Path | None = None,
+    scheduler: Annotated[str | None, "ADDRESS"] = None,
+    workers: Annotated[int | None, "1..1024"] = None,
     progress: Progress = silent,
 ) -> Study:
     """Make figures of a job's dies, with tables and intervals, and tell which claims agree with the numbers.
@@ -112,6 +116,8 @@ def study(
             than 1.
         checkpoints: file of maskfab learn, for one of the dies: one more restorer, learned.
         masks: folder of masks, each in place of the openings that it is named after; those of other names are told.
+        scheduler: address of a Dask scheduler whose workers share the work, such as tcp://127.0.0.1:8786.
+        workers: processes; by default as many as processors and memory bear. The numbers are the same.
         progress: told where the work stands.
 
     Raises:
@@ -119,9 +125,10 @@ def study(
             for a job without a study, or for one that shows nothing; MF147 for a mask of another size than its
             opening, or none named after one; else as for ``simulate``.
     """
+    crew = Workers(workers, scheduler, of_installation)
     planned = plan(job, images=images, white=white, checkpoints=checkpoints, masks=masks)
     _require_masks([planned])
-    return Study(studies.made(planned, progress))
+    return Study(studies.made(planned, progress, crew))
 
 
 @answers(study)
@@ -130,6 +137,7 @@ def _study(asked: Asked) -> Told:
     jobs, out = asked.stated["job"], asked.out
     assert out is not None
     stated = {key: asked.stated[key] for key in ("images", "white", "checkpoints", "masks") if key in asked.stated}
+    crew = Workers(asked.stated.get("workers"), asked.stated.get("scheduler"), of_installation)
     plans = {}
     for job in jobs:
         place = out / job.stem if len(jobs) > 1 else out
@@ -141,7 +149,7 @@ def _study(asked: Asked) -> Told:
     _require_masks(list(plans.values()))
     documents, lines = [], []
     for place, planned in plans.items():
-        result = Study(studies.made(planned, asked.progress))
+        result = Study(studies.made(planned, asked.progress, crew))
         paths = result.save(place, force=asked.force)
         documents.append({**result.to_dict(), "path": str(place)})
         lines += [*str(result).split("\n"), "", *map(str, paths)]

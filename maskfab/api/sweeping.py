@@ -156,7 +156,7 @@ def sweep(
         seed: of the draws.
         engine: who finds the cases; the table is the same.
         scheduler: address of a Dask scheduler, such as tcp://127.0.0.1:8786.
-        workers: processes; by default as many as there are processors.
+        workers: processes; by default as many as processors and memory bear.
         progress: told where the work stands.
 
     Raises:

@@ -28,6 +28,7 @@ from maskfab.mask.job import load_job, resolve
 from maskfab.runs import pipeline
 from maskfab.runs.plate_files import check_rules, draw_files, write_files
 from maskfab.runs.result import Result
+from maskfab.runs.store import of_installation
 
 pytestmark = pytest.mark.usefixtures("read_here")
 
@@ -76,6 +77,20 @@ def test_no_number_of_processes_shows(out, tmp_path, monkeypatch, processes):
     """Against the plate that one process made."""
     monkeypatch.setattr("maskfab.runs.stages.tasks_at_once", lambda job: processes)
     again = pipeline.run(out / "job.json", tmp_path / "out", workers=Workers(processes)).directory
+    for name in ("SMALL.gds", "SMALL.oas", "report.json", "numbers.csv"):
+        assert (again / name).read_bytes() == (out / name).read_bytes(), name
+
+
+def test_a_cluster_makes_what_one_process_makes(out, tmp_path):
+    """Large arguments are sent apart, for the graph of tasks would warn of them."""
+    distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed (extra cluster)")
+    with (
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster,
+        pytest.MonkeyPatch.context() as patch,
+    ):
+        patch.setattr("maskfab.base.workers._SENT_APART", 1000)
+        workers = Workers(scheduler=cluster.scheduler_address, installation=of_installation)
+        again = pipeline.run(out / "job.json", tmp_path / "out", workers=workers).directory
     for name in ("SMALL.gds", "SMALL.oas", "report.json", "numbers.csv"):
         assert (again / name).read_bytes() == (out / name).read_bytes(), name
 
