@@ -24,6 +24,9 @@ class Blur(Protocol):
         Real where the point spread is the same turned by 180 degrees, complex otherwise. Kept for every shape.
         """
 
+    def __hash__(self) -> int:
+        """Of the object: what is computed for a blur is kept for it alone."""
+
 
 MARGIN = 256
 """Pixels of scene, and of mirrored record, round the sensor."""
@@ -71,6 +74,19 @@ class Margin:
         rows, columns = self._cut
         wide = scipy.fft.irfft(lines[:, rows], n=self.shape[1], axis=2, workers=1)
         return np.asarray(wide[:, :, columns])
+
+    def sampled(self, spectrum: NDArray[np.complex64], transfer: Transfer, step: int) -> Singles:
+        """Every so many-th pixel both ways of :meth:`blurred`, where the step divides its sides and the margin's width.
+
+        Of every k-th row the spectrum is the sum of the k parts of the whole one, over k, so that little is
+        transformed.
+        """
+        colours, rows, half = spectrum.shape
+        parts = (spectrum * transfer).reshape(colours, step, rows // step, half)
+        lines = scipy.fft.ifft(parts.sum(axis=1) / np.float32(step), axis=1, overwrite_x=True, workers=1)
+        taken = lines[:, self.width // step : (rows - self.width) // step]
+        wide = scipy.fft.irfft(taken, n=self.shape[1], axis=2, workers=1)
+        return np.asarray(wide[:, :, self._cut[1]][:, :, ::step])
 
     def through(self, light: Singles, transfer: Transfer) -> Singles:
         """Light on the sensor of a scene [3, rows, columns] whose points all spread alike, by H as of :class:`Blur`."""

@@ -23,8 +23,10 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Singles
 from maskfab.base.errors import JobError
 from maskfab.camera.frames.frame import Frame
 from maskfab.camera.record import Noise, Record, interpolated, sampled
@@ -48,10 +50,10 @@ def record_light(
     Args:
         light: on the pixels, [3, rows, columns], white is 1; what a transform left below 0 is dark.
         electrons: of white, g.
-        seed: of ``numpy.random.default_rng``; the same seed gives the same record.
+        seed: of ``numpy.random.default_rng``; the same seed gives the same record. It draws the same normal numbers
+            whatever the light, so that a pixel's noise behind one design is paired with that behind another.
         smooth: count electrons by a normal distribution of Poisson's mean and variance. A little more light then
-            gives the same noise a little larger; Poisson's draws would be others from the first pixel that counts
-            one more.
+            gives the same noise a little larger, where Poisson's counts go by whole electrons.
         gain: analog gain; None for that of the sensor in this light.
 
     Raises:
@@ -62,16 +64,20 @@ def record_light(
         raise JobError("MF104", what, cure="Give the scene more light")
     sensor = sensor.amplified(sensor.gain_for(electrons) if gain is None else gain)
     draw = np.random.default_rng(seed)
-    seen = light if sensor.mosaic == "none" else sampled(light)
-    counted = np.empty(seen.shape, dtype=np.float32)
-    # Row by row in the same order as all at once, which takes eight bytes a pixel.
-    for lines in np.ndindex(seen.shape[:-1]):
-        mean = np.maximum(seen[lines], 0) * electrons
-        counted[lines] = mean + np.sqrt(mean) * draw.standard_normal(mean.size) if smooth else draw.poisson(mean)
-    for lines in np.ndindex(seen.shape[:-1]):
-        counted[lines] += np.float32(sensor.read_noise) * draw.standard_normal(seen.shape[-1], dtype=np.float32)
+    plane = light if sensor.mosaic == "none" else sampled(light)
+    counted: Singles = np.empty(plane.shape, dtype=np.float32)
+    seen, flat = plane.ravel(), counted.reshape(-1)
+    parts = [slice(start, min(start + _AT_ONCE, seen.size)) for start in range(0, seen.size, _AT_ONCE)]
+    # Part by part in the same order as all at once, which takes little beside the record itself.
+    for part in parts:
+        mean = np.maximum(seen[part], 0) * np.float32(electrons)
+        normal = draw.standard_normal(mean.size, dtype=np.float32)
+        flat[part] = mean + np.sqrt(mean) * normal if smooth else poisson_quantile(mean, normal)
+    for part in parts:
+        noise = draw.standard_normal(part.stop - part.start, dtype=np.float32)
+        flat[part] += np.float32(sensor.read_noise) * noise
     if sensor.banding:
-        counted += np.float32(sensor.banding) * draw.standard_normal((seen.shape[-2], 1), dtype=np.float32)
+        counted += np.float32(sensor.banding) * draw.standard_normal((counted.shape[-2], 1), dtype=np.float32)
     full = np.float32(sensor.full_well)
     np.minimum(counted, full, out=counted)
     if sensor.bits is not None:
@@ -85,6 +91,45 @@ def record_light(
     ceiling = float(full / np.float32(electrons))
     dark = math.sqrt(sensor.early_variance) if sensor.banding else sensor.read_noise
     return Record(values, Noise(electrons, dark, sensor.step), ceiling, sensor.mosaic != "none")
+
+
+_AT_ONCE = 1 << 16
+_SERIES_FROM = 4.0
+"""Electrons from which on Poisson's quantile is taken from its series."""
+_MOST_OF_FEW = 48
+"""More than are counted of fewer than those, but for once in 10^34."""
+
+
+def poisson_quantile(mean: Singles, normal: Singles) -> Singles:
+    """Poisson's counts with the probabilities at which normal numbers lie: of normal draws, Poisson's.
+
+    From 4 electrons on a series in 1 / sqrt(m) (M. B. Giles, ACM Trans. Math. Softw. 42, 7, 2016) is rounded,
+
+        n = m + sqrt(m) z + (z² - 1) / 6 - (z³ + 2 z) / (72 sqrt(m)) + (3 z⁴ + 7 z² - 16) / (810 m),
+
+    which is the exact count but for every 400th pixel or fewer, there off by one; below, probabilities are summed.
+
+    Args:
+        mean: electrons m, of one axis, 0 or more.
+        normal: z, of as many numbers.
+    """
+    bright = np.maximum(mean, np.float32(_SERIES_FROM))
+    root, square = np.sqrt(bright), normal * normal
+    counts = normal * (root - (square + np.float32(2)) / (np.float32(72) * root))
+    counts += bright + (square - np.float32(1)) / np.float32(6)
+    counts += ((np.float32(3) * square + np.float32(7)) * square - np.float32(16)) / (np.float32(810) * bright)
+    np.maximum(np.rint(counts, out=counts), 0, out=counts)
+    few = np.flatnonzero(mean < np.float32(_SERIES_FROM))
+    left, within = mean[few], np.asarray(scipy.special.ndtr(normal[few]))
+    chance = np.exp(-left)
+    for count in range(_MOST_OF_FEW):
+        counts[few] = count
+        more = np.flatnonzero(within > chance)
+        if not more.size:
+            break
+        few, left, within = few[more], left[more], within[more] - chance[more]
+        chance = chance[more] * left / np.float32(count + 1)
+    return np.asarray(counts)
 
 
 _MOST_DB = 300.0

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import stats
 
 from maskfab.api.camera import protocol_f1
 from maskfab.base.errors import JobError
 from maskfab.camera.record import interpolated, sampled
-from maskfab.camera.sensor import ELECTRONS, F1_SENSOR, Exposure, record_light, stated_light
+from maskfab.camera.sensor import ELECTRONS, F1_SENSOR, Exposure, poisson_quantile, record_light, stated_light
 from maskfab.job.camera import PHOTONS_PER_LUX_SECOND_UM2, Sensor
 
 FLAT = np.full((3, 200, 200), 0.3, dtype=np.float32)
@@ -180,4 +181,27 @@ def test_smooth_noise_follows_the_light_and_has_poissons_variance():
     one, more = (record_light(sensor, light * np.float32(times), 1000.0, 1, smooth=True).values for times in (1, 1.001))
     assert abs(more - one - 0.0005).max() < 0.0002
     assert one.var() == pytest.approx(0.5 / 1000, rel=0.02)
-    assert abs(record_light(sensor, light * np.float32(1.001), 1000.0, 1).values - one).max() > 0.05
+    counted = record_light(sensor, light, 1000.0, 1).values * 1000
+    np.testing.assert_allclose(counted, np.rint(counted), atol=1e-3)
+    assert 1 < abs(counted - 1000 * one).max() < 5
+
+
+@pytest.mark.parametrize("mean", [0.0, 0.05, 0.7, 3.99, 4.0, 4.5, 10, 30, 100, 3000])
+def test_a_count_is_poissons_at_the_probability_of_its_normal_number(mean):
+    """The exact quantile but for every 400th, off by one; below four electrons within rounding of probabilities."""
+    normal = np.random.default_rng(3).standard_normal(40_000, dtype=np.float32)
+    found = poisson_quantile(np.full(normal.size, mean, np.float32), normal)
+    exact = stats.poisson.ppf(stats.norm.cdf(normal.astype(float)), np.float32(mean)) if mean else 0 * normal
+    off = abs(found - exact)
+    assert off.max() <= 1
+    assert np.count_nonzero(off) <= (1 if mean < 4 else 120)
+    assert found.mean(dtype=float) == pytest.approx(exact.mean(), abs=2e-3)
+
+
+def test_noise_behind_one_design_is_paired_with_that_behind_another():
+    """Of 2 % more light the noise is the same but for 1 % more, and what counting by whole electrons adds."""
+    sensor = Sensor()
+    light = np.random.default_rng(1).random((3, 100, 100), dtype=np.float32)
+    one, more = (record_light(sensor, light, white, 9).values - light for white in (1000.0, 1020.0))
+    assert (one - more).std() < 0.05 * one.std()
+    assert np.corrcoef(one.ravel(), more.ravel())[0, 1] > 0.999

@@ -9,8 +9,9 @@ nothing of that light: the record is mirrored at its edges by the margin, filter
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -46,20 +47,48 @@ def restore(mirrored: NDArray[np.complex64], filtered: Transfer, margin: Margin)
     return np.clip(margin.blurred(mirrored, filtered), 0.0, 1.0)
 
 
-def spectral_error(
-    mirrored: NDArray[np.complex64], true: NDArray[np.complex64], transfer: Transfer, noise_to_signal: Singles
-) -> float:
-    """Squared error of what the Wiener filter restores, by Parseval's theorem: needs no transform, clips nothing.
+@dataclass(frozen=True, eq=False)
+class Ready:
+    """A record that is transformed, for every strength; colour by colour, so that a large picture takes a third.
 
-    Args:
-        mirrored: spectrum of the record, of :meth:`Margin.mirrored`.
-        true: spectrum of the true picture, mirrored likewise.
-        transfer: H at the same frequencies.
-        noise_to_signal: ε (f / 0.1)² at them.
+    Attributes:
+        record: as taken.
+        blur: that the filter undoes.
+        margin: by which the record is mirrored.
+        spectra: mirrored, of every colour; None where they are made again.
     """
-    missed = mirrored * wiener_filter(transfer, noise_to_signal)
-    missed -= true
-    return float(np.vdot(missed, missed).real)
+
+    record: Singles
+    blur: Blur
+    margin: Margin
+    spectra: tuple[NDArray[np.complex64], ...] | None
+
+    def __call__(self, epsilon: float) -> Singles:
+        """The restored picture, see :class:`maskfab.camera.record.Restorer`."""
+        picture = np.empty_like(self.record)
+        for colour, (spectrum, filtered) in enumerate(self._filtered(epsilon)):
+            picture[colour] = restore(spectrum, filtered, self.margin)[0]
+        return picture
+
+    def sampled(self, epsilon: float, step: int) -> Singles:
+        """Every so many-th pixel of it both ways, see :meth:`Margin.sampled`."""
+        colours = [self.margin.sampled(*both, step) for both in self._filtered(epsilon)]
+        return np.clip(np.concatenate(colours), 0.0, 1.0)
+
+    def _filtered(self, epsilon: float) -> Iterator[tuple[NDArray[np.complex64], Transfer]]:
+        """Spectrum and filter of every colour, [1, rows, half]."""
+        shape, large = self.margin.shape, self.margin.large
+        filters = self.blur.on(shape) if large else _filters(self.blur, shape, epsilon)
+        for colour in range(len(self.record)):
+            one = slice(colour, colour + 1)
+            mirrored = self.margin.mirrored(self.record[one]) if self.spectra is None else self.spectra[colour]
+            yield mirrored, wiener(filters[one], prior(shape), epsilon) if large else filters[one]
+
+
+@lru_cache(maxsize=3)
+def _filters(blur: Blur, shape: tuple[int, int], epsilon: float) -> Transfer:
+    """G of all colours, for the scenes that are restored one after the other; kept of a peak and its neighbours."""
+    return wiener(blur.on(shape), prior(shape), epsilon)
 
 
 @dataclass(frozen=True)
@@ -73,23 +102,13 @@ class Wiener:
     width: int = MARGIN
     name: str = "wiener"
 
-    def prepare(self, record: Record, blur: Blur) -> Callable[[float], Singles]:
+    def prepare(self, record: Record, blur: Blur) -> Ready:
         """See :class:`maskfab.camera.record.Restorer`."""
         rows, columns = record.values.shape[1:]
         margin = Margin((rows + 2 * self.width, columns + 2 * self.width), self.width)
-        transfer, inverse_prior = blur.on(margin.shape), prior(margin.shape)
-        # Colour by colour, so that a large picture takes a third of the memory.
-        colours = [slice(colour, colour + 1) for colour in range(len(record.values))]
-        spectra = None if margin.large else [margin.mirrored(record.values[one]) for one in colours]
-
-        def restored(epsilon: float) -> Singles:
-            picture = np.empty_like(record.values)
-            for colour, one in enumerate(colours):
-                mirrored = margin.mirrored(record.values[one]) if spectra is None else spectra[colour]
-                picture[one] = restore(mirrored, wiener(transfer[one], inverse_prior, epsilon), margin)
-            return picture
-
-        return restored
+        colours = (record.values[colour : colour + 1] for colour in range(len(record.values)))
+        spectra = None if margin.large else tuple(map(margin.mirrored, colours))
+        return Ready(record.values, blur, margin, spectra)
 
 
 RESTORERS = (Wiener(),)
