@@ -83,7 +83,7 @@ CASES = (
     case("gap and field", DENSE, Scene(gap_um=20.0, field_um=500.0), 0.5),
     case("gap and field, periodic", SLIT, Scene(gap_um=20.0, field_um=1500.0), 0.6, seed=None),
     case("gap and field, square", SPARSE, Scene(gap_um=40.0, field_um=1000.0), 0.6, shape="square"),
-    case("gap and field, tight", SPARSE, Scene(gap_um=20.0, field_um=500.0), 0.012),
+    case("gap and field, tight", SPARSE, Scene(gap_um=20.0, field_um=1500.0), 0.006),
     case("field without gap", DENSE, Scene(field_um=2000.0), 1e-3),
     case("colours", SPARSE, Scene(bands=RGB), 2e-2),
     case("colours by three lines", RING, Scene(bands=RGB), 0.8, diameter_um=200.0),

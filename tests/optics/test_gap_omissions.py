@@ -10,8 +10,8 @@ from numpy.polynomial.legendre import leggauss
 from optics_cases import camera, noise, panel, pupil
 from scipy.special import fresnel
 
-from maskfab.base.model import Opening, Panel, Tiling
-from maskfab.job.camera import Stop
+from maskfab.base.model import Opening, Panel, Psf, Tiling
+from maskfab.job.camera import Camera, Stop
 from maskfab.mask.panels import hexagonal_sheet
 from maskfab.optics.gap import gap_psf, rim_crowding, shifted_psf
 from maskfab.optics.metrics import relative_difference
@@ -247,3 +247,45 @@ def test_openings_beside_the_stop_are_laid_out_once_for_what_moves_or_spreads_on
     found = cost_model(panel(noise(5, 0.5, 1), cells=60, seed=3), camera(300.0), scene, 0.1).estimates
     assert (len(asked), all(width > 150.0 for width in asked)) == (laid_out, True)
     assert found.crowding >= 1
+
+
+@pytest.mark.parametrize("scenes", [range(3), pytest.param(range(3, 43), marks=pytest.mark.slow)], ids=["3", "40"])
+def test_a_short_move_errs_no_more_than_is_said_and_not_much_less(scenes: range) -> None:
+    """Against PSFs moved in directions and between places that were not tried."""
+    ratios = []
+    for scene in scenes:
+        draw = np.random.default_rng(scene)
+        shape, diameter, dots = draw.choice(["circle", "square"]), float(draw.choice([200, 350, 600])), 5 + scene % 9
+        dot, gutter, moved = int(draw.choice([2000, 8000])), int(draw.choice([0, 6000])), float(draw.uniform(0.1, 0.2))
+        setting, reach = camera(diameter, shape, window_um=96.0), float(draw.uniform(300, 1500))
+        pitch = (dots * dot + gutter) / 1e3
+        gap = moved * pitch * setting.focal_um / reach
+        laid_out = panel(
+            noise(dots, draw.uniform(0.2, 0.8), scene),
+            dot_nm=dot,
+            gutter_nm=gutter,
+            cells=2 * math.ceil(diameter / 2 / pitch + 3),
+            seed=scene if scene % 2 else None,
+        )
+        found = estimate(laid_out, pupil(laid_out, setting.stop), setting, Scene(gap_um=gap, field_um=reach))
+        openings = panel_aperture(laid_out)
+
+        def seen(x: float, y: float, openings: Aperture = openings, setting: Camera = setting, gap: float = gap) -> Psf:
+            return shifted_psf(openings, setting, LINE, gap, (x, y))
+
+        axis, angles = seen(0.0, 0.0), np.pi * np.concatenate([np.arange(8) / 4, draw.uniform(0, 2, 10)])
+        true = [
+            relative_difference(axis, seen(part * reach * math.cos(angle), part * reach * math.sin(angle)))
+            for angle in angles
+            for part in (1.0, 0.6)
+        ]
+        assert max(true) <= found.shift.error
+        ratios.append(found.shift.error / max(true))
+        for places, error in found.places.items():
+            for _ in range(4 if error else 0):
+                away, part, angle = reach / (places - 1), draw.uniform(0, 0.9), draw.uniform(0, 2 * np.pi)
+                x, y = part * reach * math.cos(angle), part * reach * math.sin(angle)
+                dx, dy = draw.uniform(-away, away, 2)
+                if math.hypot(x + dx, y + dy) <= reach:
+                    assert relative_difference(seen(x, y), seen(x + dx, y + dy)) <= error
+    assert max(ratios) <= 3
