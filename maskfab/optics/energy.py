@@ -52,6 +52,8 @@ _SLOPE = 4.0
 _FINER = 12
 _FILTER_ERROR = 2e-7
 _NODES_PER_CYCLE = 4
+# Of the samples between a circle and the window's edge that share is looked at, from so many distances on.
+_OUTER, _STARTS = 0.5, 24
 
 
 def encircled_energy(psf: Psf, radius_um: float, highest: float, die: str | None = None) -> Quantity:
@@ -146,13 +148,38 @@ def _energy_in_circle(psf: Psf, radius: float, highest: float) -> tuple[float, f
     counted = float(psf.values[distance <= radius].sum() * area), float(psf.values[crossed].sum() * area)
     if not _room(psf, highest) or psf.kind == "pixel":
         return counted
+    weight, beyond = _disc_weight(psf, radius, highest, distance)
+    rounding = _FILTER_ERROR + max(0.0, 1 - psf.energy_in_window) * beyond
+    return min((float((psf.values * weight).sum() * area), rounding), counted, key=lambda pair: pair[1])
+
+
+def _disc_weight(psf: Psf, radius: float, highest: float, distance: Floats) -> tuple[Floats, float]:
+    """W for a disc at samples, and the largest |W| beyond the window."""
     half = (psf.values.shape[0] / 2) * psf.step_um
     fine = np.arange(0.0, math.sqrt(2) * half + psf.step_um, psf.step_um / _FINER)
     weights = _disc_weights(fine, radius, psf.step_um, highest)
-    weight = scipy.interpolate.CubicSpline(fine, weights)(distance)
-    outside = max(0.0, 1 - psf.energy_in_window)
-    rounding = _FILTER_ERROR + outside * float(abs(weights[fine >= half - psf.step_um]).max())
-    return min((float((psf.values * weight).sum() * area), rounding), counted, key=lambda pair: pair[1])
+    weight: Floats = scipy.interpolate.CubicSpline(fine, weights)(distance)
+    return weight, float(abs(weights[fine >= half - psf.step_um]).max())
+
+
+def within_circle(points: Psf, radius_um: float, highest: float) -> tuple[float, float]:
+    """Share of all energy within a circle, and how far it may be off; infinitely where samples are too coarse to tell.
+
+    The light outside the window counts by W there, which swings about 0 and fades: it adds less than twice what the
+    outer samples in the window add from some distance on, whatever that is.
+    """
+    if points.kind != "point" or not _room(points, highest):
+        return 0.0, math.inf
+    axis = _axis(points)
+    distance = np.hypot(axis[:, None], axis)
+    weight, _ = _disc_weight(points, radius_um, highest, distance)
+    energy = points.values * points.step_um**2
+    swing = energy * (weight - (distance <= radius_um))
+    frame = np.maximum(abs(axis)[:, None], abs(axis))
+    last = float(axis[-1])
+    starts = np.linspace(max(radius_um, last - _OUTER * (last - radius_um)), last, _STARTS)
+    added = max(abs(float(swing[frame >= start].sum())) for start in starts)
+    return float((energy * weight).sum()), _FILTER_ERROR + 2 * added
 
 
 def _energy_in_square(psf: Psf, side: float, highest: float) -> tuple[float, float]:

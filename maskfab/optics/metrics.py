@@ -21,6 +21,7 @@ from maskfab.optics.energy import (
     first_side_lobe,
     halo_energy,
     streak_index,
+    within_circle,
 )
 from maskfab.optics.lags import AxisLags, LagTable
 from maskfab.optics.mtf import (
@@ -354,11 +355,18 @@ def shape_quantities(points: Psf, pixels: Psf, camera: Camera, die: str | None) 
     near = isinstance(nearest.value, float) and nearest.value < reach - points.step_um
     return [
         ensquared_energy(pixels, core, highest, die),
-        halo_of(pixels, camera, die),
+        _closer_halo(halo_of(pixels, camera, die), points, pixels, highest),
         nearest if near else first_side_lobe(points, die),
         _streaks(points, die),
         energy_normalised_strehl(points, camera, die),
     ]
+
+
+def _closer_halo(halo: Quantity, points: Psf, pixels: Psf, highest: float) -> Quantity:
+    """The halo with the error of counting whole pixels, as the points between them tell it."""
+    inside, error = within_circle(points, min(_HALO_UM, pixels.step_um * pixels.values.shape[0] / 2), highest)
+    counted = float(halo.value or 0.0)
+    return replace(halo, uncertainty=min(halo.uncertainty or 0.0, abs(1 - inside - counted) + error))
 
 
 def halo_of(psf: Psf, camera: Camera, die: str | None) -> Quantity:

@@ -31,9 +31,9 @@ from maskfab.optics.energy import (
     streak_index,
 )
 from maskfab.optics.field.matrix import direct_field
-from maskfab.optics.metrics import energy_in_window
+from maskfab.optics.metrics import energy_in_window, shape_quantities
 from maskfab.optics.mtf import edge_colour_difference, edge_in_window
-from maskfab.optics.psf import cutoff, image_scale_um2, pixel_margin, pixel_psf, point_psf
+from maskfab.optics.psf import cutoff, image_scale_um2, pixel_margin, pixel_psf, point_psf, within
 from maskfab.optics.pupil import Pupil
 
 DIAMETER, SCALE = 4000.0, 5300.0
@@ -344,3 +344,29 @@ def test_wider_separation_of_lines_shows_more_fringe() -> None:
     assert wide.value > 1.0 > none.value
     assert colour_distance(psfs[610.0], psfs[470.0]).value > colour_distance(psfs[610.0], psfs[530.0]).value
     assert cutoff(setting, 470.0) > cutoff(setting, 610.0)
+
+
+@pytest.mark.parametrize("scenes", [range(3), pytest.param(range(3, 43), marks=pytest.mark.slow)], ids=["3", "40"])
+def test_the_bar_of_the_halo_holds_the_truth_and_is_little_more(scenes):
+    """Against a window twice as wide."""
+    ratios = []
+    for scene in scenes:
+        draw = np.random.default_rng(scene)
+        shape, diameter = draw.choice(["circle", "square"]), float(draw.choice([300, 600, 1000]))
+        setting, wide = (
+            camera(diameter, shape, (float(470 + 70 * (scene % 3)),), times * (64.0 + 32 * (scene % 2)))
+            for times in (1, 2)
+        )
+        dots, line = 5 + scene % 13, setting.wavelengths_nm[0]
+        cells = math.ceil(1.2 * diameter / (8 * dots)) + 2
+        source = pupil(panel(noise(dots, draw.uniform(0.2, 0.8), scene), cells=cells, seed=scene), setting.stop)
+        points = point_psf(source, setting, line, pixel_margin(setting))
+        found = shape_quantities(within(points, setting), pixel_psf(points, setting), setting, None)
+        (halo,) = (quantity for quantity in found if quantity.name == "halo_energy")
+        highest = cutoff(setting, line) * (1 if shape == "circle" else math.sqrt(2))
+        true = halo_energy(point_psf(source, wide, line), 25.0, highest)
+        error = abs(halo.value - true.value)
+        # The truth's own bar is of the worst case; what it is off by is far less.
+        assert error <= halo.uncertainty
+        ratios.append(halo.uncertainty / error)
+    assert np.median(ratios) <= 2
