@@ -20,7 +20,7 @@ from maskfab.base.work import one_thread
 PROCESS_BYTES = 1e9
 """Memory of a process with what most tasks hold."""
 _ANSWERS_WITHIN_S = 10
-_AT_ONCE = 2
+_AT_ONCE = 4
 """Tasks at each thread of a worker, so that none is idle while the next one is on its way."""
 _SENT_APART = 1_000_000
 """Bytes of a message that would make the graph of tasks large."""
