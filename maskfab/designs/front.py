@@ -11,10 +11,8 @@ stand designs of its light with more of it in the middle of the stop, or in two 
 from __future__ import annotations
 
 import math
-import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import chain
@@ -27,9 +25,12 @@ from maskfab.base.arrays import Mask
 from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import InputError, JobError
 from maskfab.base.extras import require
+from maskfab.base.machine import cores
 from maskfab.base.model import ORIENTATIONS, Opening
+from maskfab.base.processes import Call, SerialExecutor
 from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import NO_END, Clock, Progress, silent
+from maskfab.base.workers import EVERY_CORE, Workers
 from maskfab.camera.lens import F1, PhotoCamera, lattice
 from maskfab.camera.scenes import Photograph
 from maskfab.designs.design import densest, require_closed
@@ -75,6 +76,8 @@ ROUNDING = 1e-9
 
 
 _BATCH = 64
+_WORTH_SHARING_S = 8.0
+"""Work on points that is longer than another process takes to begin, which loads torch."""
 
 
 _MIDDLES = 12
@@ -273,7 +276,7 @@ def sweep(
     camera: PhotoCamera = F1,
     settings: CaptureSettings = F1_SETTINGS,
     clock: Clock = NO_END,
-    workers: int | None = None,
+    workers: Workers = EVERY_CORE,
     progress: Progress = silent,
 ) -> Pareto:
     """Judge every shape of every size, and keep the designs that none betters.
@@ -288,7 +291,7 @@ def sweep(
         settings: of the photographs that openings are compared by.
         clock: of the budget; every size has its share of it, and at least 64 shapes. How long maps and dies take is
             measured, and fewer points are laid where it leaves no time for all.
-        workers: threads; by default as many as there are processors.
+        workers: who shares the maps and dies of points.
         progress: told where the work stands.
 
     Raises:
@@ -305,17 +308,20 @@ def sweep(
     error = None if section.map is None else panels.in_focus
     progress("photographs", 1, 1)
     footprints = footprints_of(rules, display.rules.emitters)
-    many = workers or os.cpu_count() or 1
-    work = _Sweep(pareto, section, objective, panels, error, footprints, rules, display, lines, many, progress)
     counts = sorted(set(pareto.clear_dots))
     curves: list[FrontCurve] = []
     refusals: list[InputError] = []
-    for done, count in enumerate(counts):
-        try:
-            curves.append(work.curve(count, clock.part(1 / (len(counts) - done))))
-        except InputError as refusal:
-            refusals.append(refusal)
-            curves.append(FrontCurve(count, (), (), 0, 0, 0, (), True, f"{refusal.code} {refusal.what}"))
+    many = workers.at_once(pareto.points)
+    with workers.executor(many) as executor:
+        work = _Sweep(
+            pareto, section, objective, panels, error, footprints, rules, display, lines, many, executor, progress
+        )
+        for done, count in enumerate(counts):
+            try:
+                curves.append(work.curve(count, clock.part(1 / (len(counts) - done))))
+            except InputError as refusal:
+                refusals.append(refusal)
+                curves.append(FrontCurve(count, (), (), 0, 0, 0, (), True, f"{refusal.code} {refusal.what}"))
     if len(refusals) == len(counts):
         raise refusals[0]
     given = tuple(work.given(opening) for opening in compared)
@@ -412,6 +418,7 @@ class _Sweep:
     display: Display
     lines: tuple[int, ...]
     workers: int
+    executor: SerialExecutor
     progress: Progress
 
     def curve(self, count: int, clock: Clock) -> FrontCurve:
@@ -425,7 +432,7 @@ class _Sweep:
             rules.without(*of_display(self.display), *OF_THE_EYE),
             turned_alike=not self.objective.periodic,
             clock=clock,
-            workers=self.workers,
+            workers=cores(),
             progress=lambda _, done, total: self.progress(f"{count} clear dots: shapes", done, total),
         )
         steps, measured = self._steps(shapes_judged.ranked, count)
@@ -590,13 +597,17 @@ class _Sweep:
         misfits: list[str] = []
         stage = f"{count} clear dots: maps and dies"
         self.progress(stage, 0, len(chosen))
-        with ThreadPoolExecutor(self.workers) as pool:
-            for done, made in enumerate(pool.map(partial(self._lay, steps=steps), chosen), start=1):
-                if isinstance(made, FrontPoint):
-                    points.append(made)
-                else:
-                    misfits.append(made)
-                self.progress(stage, done, len(chosen))
+        alone = replace(self, executor=SerialExecutor(), progress=silent)
+        calls = [Call(_Sweep._lay, partial(tuple, (alone, one, steps))) for one in chosen]
+        first = alone.executor.run_all(calls[:1])
+        few = sum(task.seconds for task in first) * (len(calls) - 1) < _WORTH_SHARING_S
+        executor = alone.executor if few else self.executor
+        rest = executor.run_all(calls[1:], lambda done: self.progress(stage, done + 1, len(chosen)))
+        for made in (task.result() for task in (*first, *rest)):
+            if isinstance(made, FrontPoint):
+                points.append(made)
+            else:
+                misfits.append(made)
         return tuple(points), tuple(misfits)
 
     def _seconds(self, judged: JudgedOpening) -> float:

@@ -13,6 +13,7 @@ from sweeps import examples
 from maskfab.base.errors import MaskfabError
 from maskfab.base.model import Opening, Tiling
 from maskfab.base.work import Clock
+from maskfab.base.workers import Workers
 from maskfab.camera.lens import F1, lattice
 from maskfab.camera.scenes import Photograph
 from maskfab.designs.design import display_of, stated_display
@@ -317,6 +318,19 @@ def test_a_given_opening_is_judged_as_those_found(scenes: tuple[Photograph, ...]
         assert again.gain_db(other) == 0
     roomier = JudgedOpening("x", given[0].mask, 0.0, (0.0,) * 3, 1.0, 0)
     assert found.gain_db(roomier) is None
+
+
+@pytest.mark.slow
+def test_no_number_of_processes_shows_in_a_front(
+    scenes: tuple[Photograph, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("maskfab.designs.front._WORTH_SHARING_S", 0.0)
+    asked_for = asked(12, lines=LINES, points=3), section(map="equal_light", positions=2), scenes
+    alone, shared = (swept(*asked_for, workers=Workers(number)) for number in (1, 2))
+    assert len(alone.points) > 1
+    for one, other in zip(alone.points, shared.points, strict=True):
+        for name in ("units", "psnr", "value", "footprint", "lines", "grain", "centroid_px"):
+            assert np.array_equal(getattr(one, name), getattr(other, name)), name
 
 
 def test_openings_say_where_they_come_from(scenes: tuple[Photograph, ...]) -> None:
