@@ -17,7 +17,6 @@ routing, Maley).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise, product
@@ -141,7 +140,7 @@ class _Passage:
     def straight(self, wished: int) -> Ints:
         """Per slab, where a line lies that is near a place, and moves only where it must; int64 [slabs]."""
         low, high = self.runs.low.tolist(), self.runs.high.tolist()
-        left, right = self.free.low.tolist(), self.free.high.tolist()
+        begin, end = (side.tolist() for side in _onward(self.free))
         places = np.searchsorted(self.runs.slab, np.arange(self.slabs + 1))
         # Mostly there is one stretch to go on in, which must be met: up to the next slab of several, all at once.
         several = np.append(np.flatnonzero(np.diff(places) > 1), self.slabs)
@@ -155,29 +154,24 @@ class _Passage:
         at = min(range(starts[1]), key=away)
         least, most, since, came, here = low[at], high[at], 0, 0, 1
         while here < self.slabs:
-            if (alone := min(ends[here] - here, _AT_ONCE)) > 0:
-                part = slice(starts[here], starts[here] + alone)
+            if ends[here] > here:
+                part = slice(starts[here], starts[here] + min(ends[here] - here, _AT_ONCE))
                 lows = np.maximum.accumulate(np.maximum(self.runs.low[part], least))
                 highs = np.minimum.accumulate(np.minimum(self.runs.high[part], most))
                 if passed := int(np.searchsorted(lows > highs, True)):
                     least, most, at = int(lows[passed - 1]), int(highs[passed - 1]), starts[here] + passed - 1
                     here += passed
                     continue
-            onward: Sequence[int] = range(starts[here], starts[here + 1])
-            nearest, ahead = 0, -1
-            if len(onward) > 1:
-                begin, end = left[at], right[at]
-                onward = [run for run in onward if right[run] >= begin and left[run] <= end]
-            for run in onward:
-                if high[run] >= least and low[run] <= most:
-                    far = max(low[run] - wished, wished - high[run])
-                    if ahead < 0 or far < nearest:
-                        nearest, ahead = far, run
-            if ahead >= 0:
-                at = ahead
-                least, most, here = max(least, low[at]), min(most, high[at]), here + 1
+            ahead = begin[at]
+            if (more := end[at] - ahead) > 1:
+                met = [run for run in range(ahead, ahead + more) if high[run] >= least and low[run] <= most]
+                ahead = min(met, key=away, default=ahead)
+            if high[ahead] >= least and low[ahead] <= most:
+                at, here = ahead, here + 1
+                least = max(least, low[at])
+                most = min(most, high[at])
                 continue
-            at = min(onward, key=lambda run: max(low[run] - most, least - high[run]))
+            at = min(range(begin[at], end[at]), key=lambda run: max(low[run] - most, least - high[run]))
             goes = 1 if low[at] > most else -1
             # A line that came from where it goes back to went no farther than it had to.
             place = min(max(wished, least), most) if came in (0, goes) else most if goes > 0 else least
@@ -244,13 +238,16 @@ class _Column:
 
 def _steps(runs: _Runs) -> Ints:
     """Pairs of stretches in neighbouring slabs that meet, int64 [2, m]."""
+    begin, end = _onward(runs)
+    return np.stack((np.repeat(np.arange(begin.size), np.maximum(end - begin, 0)), _in_rows(begin, end)))
+
+
+def _onward(runs: _Runs) -> tuple[Ints, Ints]:
+    """Of every stretch, the first of those that it meets in the next slab, which stand in a row, and the one after."""
     least = runs.low.min(initial=0)
     step = int(runs.high.max(initial=0) - least) + 1
     low, high = (runs.slab * step + across - least for across in (runs.low, runs.high))
-    # Those that a stretch meets stand in a row.
-    begin = np.searchsorted(high, low + step, side="left")
-    end = np.searchsorted(low, high + step, side="right")
-    return np.stack((np.repeat(np.arange(begin.size), np.maximum(end - begin, 0)), _in_rows(begin, end)))
+    return np.searchsorted(high, low + step, side="left"), np.searchsorted(low, high + step, side="right")
 
 
 def _in_rows(begin: Ints, end: Ints) -> Ints:
