@@ -300,6 +300,8 @@ def drawn_areas(layout: db.Layout, index: int) -> dict[int, float]:
         own = db.Region(cell.shapes(index))
         own.merged_semantics = False
         areas[cell_index] = own.area()
+        if not any(areas[child] for child in cell.each_child_cell()):
+            continue  # a panel has thousands of references, and most layers nothing in them
         for instance in cell.each_inst():
             larger = instance.cplx_trans.mag**2 if instance.is_complex() else 1
             areas[cell_index] += instance.cell_inst.size() * larger * areas[instance.cell_index]
