@@ -244,9 +244,9 @@ class _Annealing:
             for k in changed:
                 moved = tried_covers[k] ^ covers[k]
                 if more := moved & tried_covers[k]:
-                    tried_light[k] += lights[k][_bits(more)].sum(axis=0)
+                    tried_light[k] += np.add.reduce(lights[k].take(_bits(more), axis=0))
                 if less := moved & covers[k]:
-                    tried_light[k] -= lights[k][_bits(less)].sum(axis=0)
+                    tried_light[k] -= np.add.reduce(lights[k].take(_bits(less), axis=0))
             seen = np.array([1 / max(1, area) for area in tried_areas]) @ tried_light
             # Rounded, so that what is equal by symmetry is equal.
             tried = round(math.sqrt(float(seen @ seen)) + lack, _DIGITS)
