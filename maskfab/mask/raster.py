@@ -19,12 +19,13 @@ from maskfab.base.model import Box, Die
 from maskfab.base.units import NM_PER_UM
 from maskfab.job.camera import Stop
 from maskfab.optics.pupil import Aperture, Lattice, covered_aperture, zeros
-from maskfab.optics.stop_edges import edges_in_stop, stop_box, whole_or_away
+from maskfab.optics.stop_edges import as_merged, edges_in_stop, stop_box, whole_or_away
 
 Located = tuple[Indices, Floats]
 
 _MOST_CELLS = 50_000_000
-_EDGES_AT_A_TIME = 100_000
+# Parts of edges between lines of the grid: so many stay in the processor's cache.
+_PIECES_AT_A_TIME = 20_000
 _CROWDED = 200
 """Cells that a cell may place for all its placements to be looked at, whatever the window."""
 
@@ -50,7 +51,7 @@ def coverage(shapes: db.Region | Ints, x_edges_nm: Floats, y_edges_nm: Floats) -
             shares = _box_coverage(placed, x_edges.size, y_edges.size)
             return np.minimum(shares, 1.0, out=shares)
         shapes = db.Region([db.Box(*box) for box in shapes.tolist()])
-    merged = shapes if shapes.is_merged() else shapes.merged(True, 1)
+    merged = as_merged(shapes)
     if _is_manhattan(merged):
         placed = _placed(to_boxes(merged), x_edges, y_edges)
         shares = _box_coverage(placed, x_edges.size, y_edges.size)
@@ -209,9 +210,13 @@ def _box_coverage(placed: list[Located], x_lines: int, y_lines: int) -> Floats:
 def _edge_coverage(segments: Floats, x_edges: Floats, y_edges: Floats) -> Floats:
     """Coverage by polygons: an edge covers all that lies to its right, positive upwards and negative downwards."""
     differences = np.zeros((y_edges.size - 1, x_edges.size + 1))
-    # What edges cover is a sum over them, which takes less memory a part at a time.
-    for start in range(0, len(segments), _EDGES_AT_A_TIME):
-        _add_differences(differences, segments[start : start + _EDGES_AT_A_TIME], x_edges, y_edges)
+    # What edges cover is a sum over them. A long one may cross thousands of lines, and a short one none.
+    pieces = np.ones(len(segments), dtype=np.intp)
+    for k, lines in enumerate((x_edges, y_edges)):
+        pieces += abs(np.searchsorted(lines, segments[:, k]) - np.searchsorted(lines, segments[:, k + 2]))
+    part = np.cumsum(pieces) // _PIECES_AT_A_TIME
+    for some in np.split(segments, np.flatnonzero(np.diff(part)) + 1):
+        _add_differences(differences, some, x_edges, y_edges)
     return np.cumsum(differences, axis=1, out=differences)[:, :-2]
 
 

@@ -10,6 +10,7 @@ from optics_cases import clear_region, noise, panel
 
 from maskfab.base.errors import InternalError
 from maskfab.job.camera import Stop
+from maskfab.optics.field import polygons
 from maskfab.optics.field.polygons import boundary
 from maskfab.optics.stop_edges import edges_in_stop
 
@@ -109,6 +110,25 @@ def test_parts_bound_the_memory():
         peaks.append(tracemalloc.get_traced_memory()[1] - edges.nbytes)
         tracemalloc.stop()
     assert peaks[1] < peaks[0] / 4
+
+
+def test_few_long_edges_take_no_more_memory_than_many_short_ones(monkeypatch):
+    """Nodes of 100 needles of 4 mm would take 18 MB at once, and as much scratch."""
+    monkeypatch.setattr(polygons, "_NODES_AT_A_TIME", 2**14, raising=False)
+    low = np.arange(-50, 50) * 40.0
+    ends = np.stack([np.full(low.size, -2000.0), low, np.full(low.size, 2000.0), low], axis=1)
+    edges = np.concatenate([ends, ends[:, [2, 1, 0, 3]] + [0, 1e-3, 0, 1e-3]])
+    tracemalloc.start()
+    outline = boundary(edges, 4000 * 1e-3 * low.size, 0.2)
+    found = outline.field(1e-3, 9)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 10e6
+    u = 1e-3 * np.arange(-4, 5)
+    along = 4000 * np.sinc(4000 * u) * 1e-3
+    across = np.exp(-2j * np.pi * np.outer(u, low + 0.5e-3)).sum(axis=1)
+    # As closely as the transform knows sums over all of the outline.
+    assert abs(found - across[:, None] * along).max() < 1e-7 * 4000 * 1e-3 * low.size
 
 
 def test_edges_that_two_boxes_share_cancel():

@@ -18,7 +18,8 @@ along either axis, where it costs little; a PSF of the usual sampling asks for n
 Notes:
     At most 33 x 33 frequencies are summed so. On a grid with more of them in that quarter cycle the next ones keep the
     transform's error, amplified as said.
-    Millions of edges are taken by the quarter million, so that their nodes do not all need memory at once.
+    Millions of edges are taken by the quarter million, long ones by the million of nodes, so that their nodes do not
+    all need memory at once.
 """
 
 from __future__ import annotations
@@ -30,16 +31,18 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 
-from maskfab.base.arrays import Complexes, Floats
+from maskfab.base.arrays import Complexes, Floats, Indices
 from maskfab.base.errors import InternalError
 from maskfab.base.model import frozen
 
-EDGES_AT_A_TIME = 2**18
+EDGES_AT_A_TIME, _NODES_AT_A_TIME = 2**18, 2**20
 
 _TRANSFORM_TOLERANCE = 1e-9
 _NODE_TOLERANCE = 1e-10
 _LONGEST_PIECE_CYCLES = 4.0
 _RULES_PER_OCTAVE = 2
+# About as many nodes as edges have, however short, and more for every cycle.
+_FEWEST_NODES, _NODES_PER_CYCLE = 3, 3.5
 # A finer grid than the frequencies', as coarse as finufft takes: its transform costs more than spreading the nodes.
 _UPSAMPLING = 1.25
 _NEAR_CYCLES = 0.25
@@ -72,14 +75,14 @@ class Boundary:
         edges_um: float64 [n, 4], x0, y0, x1, y1 of directed edges, the clear side on their left.
         area_um2: clear area.
         highest: highest frequency in cycles per micrometre at which the quadrature holds.
-        edges_at_a_time: how many edges have their nodes in memory at once.
-        ready: nodes of all edges, if they are no more than that; made once for all wavelengths.
+        starts: intp [k], first of the edges that have their nodes in memory at once.
+        ready: nodes of all edges, if that is all of them; made once for all wavelengths.
     """
 
     edges_um: Floats
     area_um2: float
     highest: float
-    edges_at_a_time: int
+    starts: Indices
     ready: _Nodes | None
 
     def field(self, step: float, count: int) -> Complexes:
@@ -121,8 +124,8 @@ class Boundary:
         if self.ready is not None:
             yield self.ready
             return
-        for start in range(0, len(self.edges_um), self.edges_at_a_time):
-            yield _boundary_nodes(self.edges_um[start : start + self.edges_at_a_time], self.highest)
+        for edges in np.split(self.edges_um, self.starts[1:]):
+            yield _boundary_nodes(edges, self.highest)
 
 
 def boundary(edges_um: Floats, area_um2: float, highest: float, edges_at_a_time: int = EDGES_AT_A_TIME) -> Boundary:
@@ -132,10 +135,14 @@ def boundary(edges_um: Floats, area_um2: float, highest: float, edges_at_a_time:
         edges_um: [n, 4] edges x0, y0, x1, y1 with the clear side on their left; they close up.
         area_um2: clear area.
         highest: highest frequency that will be asked for, diagonals included, cycles per micrometre.
-        edges_at_a_time: bounds the memory; the field is the same to rounding.
+        edges_at_a_time: bounds the memory, as the number of nodes does; the field is the same to rounding.
     """
-    ready = _boundary_nodes(edges_um, highest) if len(edges_um) <= edges_at_a_time else None
-    return Boundary(frozen(edges_um), area_um2, highest, edges_at_a_time, ready)
+    cycles = np.hypot(*(edges_um[:, 2:] - edges_um[:, :2]).T) * highest
+    before = np.cumsum(_FEWEST_NODES + _NODES_PER_CYCLE * cycles)
+    part = np.stack([np.arange(len(edges_um)) // edges_at_a_time, before // _NODES_AT_A_TIME])
+    starts = np.append(0, np.flatnonzero(np.diff(part).any(axis=0)) + 1)
+    ready = _boundary_nodes(edges_um, highest) if starts.size == 1 else None
+    return Boundary(frozen(edges_um), area_um2, highest, starts, ready)
 
 
 def _sums(nodes: _Nodes, step: float, count: int) -> Complexes:

@@ -31,7 +31,7 @@ from maskfab.mask.formats.table import MEASURED_SUFFIXES, read_layout
 from maskfab.mask.layout import plate_layout, region
 from maskfab.mask.limits import allow
 from maskfab.mask.panels import check_cover, check_panel_size
-from maskfab.mask.raster import aperture_in_stop, edge_distances
+from maskfab.mask.raster import aperture_in_stop, disjoint, edge_distances
 from maskfab.mask.sandbox import bounded
 from maskfab.optics import metrics
 from maskfab.optics.field.polygons import Boundary
@@ -41,7 +41,7 @@ from maskfab.optics.response import curves_text
 from maskfab.optics.scene.model_bar import bar_of_panel, bar_quantities, model_bar
 from maskfab.optics.scene.plan import sampling_camera
 from maskfab.optics.scene.scene import Scene
-from maskfab.optics.stop_edges import edges_in_stop, stop_box
+from maskfab.optics.stop_edges import as_merged, edges_in_stop, stop_box
 from maskfab.optics.tiling import orientations
 from maskfab.report.rows.optics import (
     INVARIANT_LIMIT_ROUND,
@@ -57,7 +57,7 @@ from maskfab.report.rows.scene import SceneOptics, measure_scene, scene_plan, sc
 _FINEST_GRID = 4000
 _LARGEST_DOT_NM = 8000
 _SECONDS_OF_OPTICS, _USUAL_STOP_UM = 60, 4000.0
-_SHAPES_PER_SECOND = 4_000
+_SHAPES_PER_SECOND, _MANY_VERTICES = 4_000, 20_000
 _MEMORY_OF_OPTICS, _MEMORY_PER_SHAPE = 2_000_000_000, 4_000
 
 MOST_SHAPES_SEEN = 3_000_000
@@ -372,7 +372,24 @@ def _polygons(path: Path, request: Request) -> tuple[str, db.LayerInfo, db.Regio
     centre = ((box.left + box.right) // 2, (box.bottom + box.top) // 2)
     near = stop_box(request.camera.stop, centre, _LARGEST_DOT_NM)
     _allow_optics(path, cell.begin_shapes_rec_overlapping(index, db.Box(*near)), request.camera.stop)
-    return cell.name, layer, region(layout, layer, near, cell.name).moved(-centre[0], -centre[1])
+    drawn = db.Region(cell.begin_shapes_rec_overlapping(index, db.Box(*near))) & db.Region(db.Box(*near))
+    drawn.move(-centre[0], -centre[1])
+    drawn.merged_semantics = not _lie_apart(drawn)
+    return cell.name, layer, as_merged(drawn)
+
+
+def _lie_apart(drawn: db.Region) -> bool:
+    """Whether polygons of very many vertices surely do not overlap.
+
+    None crosses itself, or the file had been refused. A sweep that merges them takes time in proportion to the square
+    of their edges; few are merged in no time, and have no seams then.
+    """
+    drawn.merged_semantics = False
+    if sum(polygon.num_points() for polygon in drawn.each()) < _MANY_VERTICES:
+        return False
+    boxes = (polygon.bbox() for polygon in drawn.each())
+    ends = np.fromiter((end for box in boxes for end in (box.left, box.bottom, box.right, box.top)), dtype=np.int64)
+    return disjoint(ends.reshape(-1, 4))
 
 
 def _allow_optics(path: Path, shapes: db.RecursiveShapeIterator, stop: Stop) -> None:
