@@ -19,7 +19,7 @@ from maskfab.base.model import Box, Die
 from maskfab.base.units import NM_PER_UM
 from maskfab.job.camera import Stop
 from maskfab.optics.pupil import Aperture, Lattice, covered_aperture, zeros
-from maskfab.optics.stop_edges import as_merged, edges_in_stop, stop_box, whole_or_away
+from maskfab.optics.stop_edges import edges_in_stop, stop_box, whole_or_away
 
 Located = tuple[Indices, Floats]
 
@@ -30,7 +30,7 @@ _CROWDED = 200
 """Cells that a cell may place for all its placements to be looked at, whatever the window."""
 
 
-def coverage(shapes: db.Region | Ints, x_edges_nm: Floats, y_edges_nm: Floats) -> Floats:
+def coverage(shapes: db.Region | Ints, x_edges_nm: Floats, y_edges_nm: Floats, *, apart: bool = False) -> Floats:
     """Share of each grid cell that is covered; overlaps count once, what lies beyond the grid is left out.
 
     Exact up to the rounding of float64; exactly 0.0 or 1.0 where all edges of the shapes lie on grid lines.
@@ -40,6 +40,7 @@ def coverage(shapes: db.Region | Ints, x_edges_nm: Floats, y_edges_nm: Floats) -
             Boxes on grid lines may overlap at no cost; other boxes are merged first.
         x_edges_nm: float64 [nx + 1], ascending.
         y_edges_nm: float64 [ny + 1], ascending.
+        apart: whether polygons of a region are known not to overlap, so that they need not be merged.
 
     Returns:
         float64 [ny, nx], row 0 lowest.
@@ -51,7 +52,7 @@ def coverage(shapes: db.Region | Ints, x_edges_nm: Floats, y_edges_nm: Floats) -
             shares = _box_coverage(placed, x_edges.size, y_edges.size)
             return np.minimum(shares, 1.0, out=shares)
         shapes = db.Region([db.Box(*box) for box in shapes.tolist()])
-    merged = as_merged(shapes)
+    merged = shapes if apart or shapes.is_merged() else shapes.merged(True, 1)
     if _is_manhattan(merged):
         placed = _placed(to_boxes(merged), x_edges, y_edges)
         shares = _box_coverage(placed, x_edges.size, y_edges.size)
@@ -302,7 +303,14 @@ def read_aperture(x: Lattice, y: Lattice, covered: Floats) -> Aperture:
 
 
 def aperture_in_stop(
-    x: Lattice, y: Lattice, shapes: Shapes, edges_um: Floats, stop: Stop, axis: tuple[float, float]
+    x: Lattice,
+    y: Lattice,
+    shapes: Shapes,
+    edges_um: Floats,
+    stop: Stop,
+    axis: tuple[float, float],
+    *,
+    apart: bool = False,
 ) -> Aperture:
     """Aperture before a stop, on lattices about its axis.
 
@@ -312,9 +320,10 @@ def aperture_in_stop(
         edges_um: the same cut by the stop, see :func:`maskfab.optics.stop_edges.edges_in_stop`.
         stop: what cuts it.
         axis: of the lattices, in nanometres of the plate.
+        apart: see :func:`coverage`.
     """
     lines = x.edges_um(), y.edges_um()
-    covered = coverage(shapes, *lines_nm(x, y, axis))
+    covered = coverage(shapes, *lines_nm(x, y, axis), apart=apart)
     row, column = _grey_beyond(covered, stop, *lines)
     if row.size:
         of_stop, _ = edges_in_stop(db.Region(db.Box(*stop_box(stop, (0.0, 0.0)))), stop, (0.0, 0.0))

@@ -14,7 +14,9 @@ _RIM_VERTICES = 4096
 _LARGEST_COORDINATE = 400_000_000
 
 
-def edges_in_stop(shapes: db.Region | Ints, stop: Stop, centre_nm: tuple[float, float]) -> tuple[Floats, float]:
+def edges_in_stop(
+    shapes: db.Region | Ints, stop: Stop, centre_nm: tuple[float, float], *, apart: bool = False
+) -> tuple[Floats, float]:
     """Boundary of shapes ∩ stop about the stop's centre.
 
     A circle becomes a regular polygon of 4096 sides and the circle's own area, an ellipse that polygon stretched;
@@ -26,13 +28,14 @@ def edges_in_stop(shapes: db.Region | Ints, stop: Stop, centre_nm: tuple[float, 
             int64 [n, 4] disjoint boxes, of which only those that the stop cuts are turned into polygons.
         stop: the lens stop.
         centre_nm: where the optical axis meets the plate, to half a nanometre.
+        apart: whether polygons of a region are known not to overlap, so that they need not be merged.
 
     Returns:
         Edges [n, 4] in micrometres (x0, y0, x1, y1; clear side on the left) and the clear area in µm². Where two boxes
         touch, both their edges are there; they cancel in any integral along the boundary.
     """
     if isinstance(shapes, db.Region):
-        return _polygon_edges(as_merged(shapes), stop, centre_nm)
+        return _polygon_edges(shapes if apart or shapes.is_merged() else shapes.merged(True, 1), stop, centre_nm)
     corners = shapes - np.tile(centre_nm, 2)
     inside, outside = whole_or_away(stop.scaled(NM_PER_UM, NM_PER_UM), *corners.T)
     cut = db.Region()
@@ -45,11 +48,6 @@ def edges_in_stop(shapes: db.Region | Ints, stop: Stop, centre_nm: tuple[float, 
     sides = [(x0, y0, x1, y0), (x1, y0, x1, y1), (x1, y1, x0, y1), (x0, y1, x0, y0)]
     whole = np.concatenate([np.stack(side, axis=1) for side in sides])
     return np.concatenate([whole, rim]), rim_area + float(((x1 - x0) * (y1 - y0)).sum())
-
-
-def as_merged(region: db.Region) -> db.Region:
-    """The region with no overlaps; one without merged semantics has none and is taken as it is."""
-    return region if region.is_merged() or not region.merged_semantics else region.merged(True, 1)
 
 
 def _polygon_edges(merged: db.Region, stop: Stop, centre_nm: tuple[float, float]) -> tuple[Floats, float]:

@@ -41,7 +41,7 @@ from maskfab.optics.response import curves_text
 from maskfab.optics.scene.model_bar import bar_of_panel, bar_quantities, model_bar
 from maskfab.optics.scene.plan import sampling_camera
 from maskfab.optics.scene.scene import Scene
-from maskfab.optics.stop_edges import as_merged, edges_in_stop, stop_box
+from maskfab.optics.stop_edges import edges_in_stop, stop_box
 from maskfab.optics.tiling import orientations
 from maskfab.report.rows.optics import (
     INVARIANT_LIMIT_ROUND,
@@ -342,7 +342,8 @@ def _draw(path: Path, request: Request) -> tuple[str, NDArray[np.float64], float
     dots = _dots(request)
     name, layer, inside = _polygons(path, request)
     camera, stop = request.camera, request.camera.stop
-    edges, area = edges_in_stop(inside, stop, (0.0, 0.0))
+    apart = not inside.merged_semantics
+    edges, area = edges_in_stop(inside, stop, (0.0, 0.0), apart=apart)
     if area <= 0:
         what = f"{path} has nothing clear inside a stop of {stop.diameter_um:g} um round the middle of its geometry"
         cure = "Name another --cell or --layer, or use a larger --stop"
@@ -351,11 +352,15 @@ def _draw(path: Path, request: Request) -> tuple[str, NDArray[np.float64], float
     # Without an edge in sight every grid is exact.
     lattice = _lattice(sorted(distance // 2 for distance in twice) or [_LARGEST_DOT_NM], request, dots)
     check_optics(camera, lattice.dot_um, where=str(path))
-    return name, edges, area, lattice, aperture_in_stop(lattice, lattice, inside, edges, stop, (0.0, 0.0))
+    aperture = aperture_in_stop(lattice, lattice, inside, edges, stop, (0.0, 0.0), apart=apart)
+    return name, edges, area, lattice, aperture
 
 
 def _polygons(path: Path, request: Request) -> tuple[str, db.LayerInfo, db.Region]:
-    """Cell, layer, and their polygons as far as a stop in the middle of all sees them, about that middle."""
+    """Cell, layer, and their polygons as far as a stop in the middle of all sees them, about that middle.
+
+    They are merged, or have no merged semantics because they lie apart.
+    """
     layout = read_layout(path, request.unit_um)
     try:
         cell = find_cell(layout, request.cell)
@@ -374,8 +379,8 @@ def _polygons(path: Path, request: Request) -> tuple[str, db.LayerInfo, db.Regio
     _allow_optics(path, cell.begin_shapes_rec_overlapping(index, db.Box(*near)), request.camera.stop)
     drawn = db.Region(cell.begin_shapes_rec_overlapping(index, db.Box(*near))) & db.Region(db.Box(*near))
     drawn.move(-centre[0], -centre[1])
-    drawn.merged_semantics = not _lie_apart(drawn)
-    return cell.name, layer, as_merged(drawn)
+    drawn.merged_semantics = False
+    return cell.name, layer, drawn if _lie_apart(drawn) else drawn.merged(True, 1)
 
 
 def _lie_apart(drawn: db.Region) -> bool:
@@ -384,7 +389,6 @@ def _lie_apart(drawn: db.Region) -> bool:
     None crosses itself, or the file had been refused. A sweep that merges them takes time in proportion to the square
     of their edges; few are merged in no time, and have no seams then.
     """
-    drawn.merged_semantics = False
     if sum(polygon.num_points() for polygon in drawn.each()) < _MANY_VERTICES:
         return False
     boxes = (polygon.bbox() for polygon in drawn.each())
