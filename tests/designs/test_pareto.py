@@ -325,9 +325,10 @@ def test_no_number_of_processes_shows_in_a_front(
     scenes: tuple[Photograph, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("maskfab.designs.front._WORTH_SHARING_S", 0.0)
-    asked_for = asked(12, lines=LINES, points=3), section(map="equal_light", positions=2), scenes
+    of = section(families=["bars", "l_shapes"], map="equal_light", positions=2)
+    asked_for = asked(12, lines=[0, *LINES], points=3), of, scenes
     alone, shared = (swept(*asked_for, workers=Workers(number)) for number in (1, 2))
-    assert len(alone.points) > 1
+    assert len(alone.points) == 3
     for one, other in zip(alone.points, shared.points, strict=True):
         for name in ("units", "psnr", "value", "footprint", "lines", "grain", "centroid_px"):
             assert np.array_equal(getattr(one, name), getattr(other, name)), name
