@@ -13,8 +13,9 @@ from scipy.special import fresnel
 from maskfab.base.model import Opening, Panel, Psf, Tiling
 from maskfab.job.camera import Camera, Stop
 from maskfab.mask.panels import hexagonal_sheet
-from maskfab.optics.gap import gap_psf, rim_crowding, shifted_psf
+from maskfab.optics.gap import gap_psf, moved_pupil, rim_crowding, shifted_psf
 from maskfab.optics.metrics import relative_difference
+from maskfab.optics.phase import defocus_waves, phased, phased_psf, window_frequency
 from maskfab.optics.psf import point_psf
 from maskfab.optics.pupil import Aperture, cut, panel_aperture
 from maskfab.optics.scene.omissions import estimate
@@ -289,3 +290,25 @@ def test_a_short_move_errs_no_more_than_is_said_and_not_much_less(scenes: range)
                 if math.hypot(x + dx, y + dy) <= reach:
                     assert relative_difference(seen(x, y), seen(x + dx, y + dy)) <= error
     assert max(ratios) <= 3
+
+
+@pytest.mark.parametrize("aberrations", [(), ((4, 0.2),)], ids=["near", "aberrated"])
+def test_a_move_against_a_phase_errs_no_more_than_is_said(aberrations: tuple[tuple[int, float], ...]) -> None:
+    """A shadow that moves against a defocus moves the image, which it does not in focus."""
+    setting, laid_out = camera(800.0, window_um=96.0), panel(noise(15, 0.5, 3), cells=16)
+    nearest = math.inf if aberrations else 3e5
+    scene = Scene(nearest_um=nearest, gap_um=500.0, field_um=500.0, aberrations=aberrations)
+    found = estimate(laid_out, pupil(laid_out, setting.stop), setting, scene)
+    openings = panel_aperture(laid_out)
+    lens, blur = scene.wavefront(setting), defocus_waves(setting, LINE, nearest, math.inf)
+
+    def waves(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return lens.waves(setting.stop, LINE)(x, y) + blur(x, y)
+
+    still, moved = (
+        phased_psf(
+            phased(moved_pupil(openings, setting.stop, by), waves, window_frequency(setting, LINE)), setting, LINE
+        )
+        for by in ((0.0, 0.0), (25.0, 0.0))
+    )
+    assert relative_difference(still, moved) <= found.shift.error

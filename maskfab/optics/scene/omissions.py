@@ -177,7 +177,8 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene) -> Estima
     sampled = replace(camera, wavelengths_nm=tuple(dict.fromkeys(ends)))
     pilots = ReadyPupil.of(pupil, sampled).psfs()
     # Only what is weighed against speckle needs the mean over layouts, which costs several PSFs.
-    asks = scene.gap_um or scene.aberrations or not scene.nearest_um == scene.farthest_um == scene.focus_um
+    phase = scene.aberrations or not scene.nearest_um == scene.farthest_um == scene.focus_um
+    asks = scene.gap_um or phase
     means = [_mean(panel, sampled, pilot) for pilot in pilots] if asks else []
     moved = math.hypot(*shift_um(camera, scene.gap_um, (max(scene.field_um, scene.steepest_um), 0.0)))
 
@@ -192,7 +193,8 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene) -> Estima
     if moved:
         shift = _shift(means, openings(), pupil, sampled, scene, scene.field_um)
         places = {n: _between(means, openings(), pupil, sampled, scene, n) for n in PLACES}
-        shift, places = _tried(openings(), sampled, scene, panel.cell_size.pitch_um, shift, places)
+        if not phase:
+            shift, places = _tried(openings(), sampled, scene, panel.cell_size.pitch_um, shift, places)
     blur = math.sqrt(UM_PER_NM * max(ends) * scene.gap_um)
     crowding = rim_crowding(openings(), pupil, blur) if blur else 1.0
     uneven = panel.cell_size.pitch_um / camera.stop.diameter_um if not panel.tiling.independent else 0.0
@@ -322,7 +324,8 @@ def _tried(
     """Estimates of moves, less where PSFs that were moved tell less.
 
     A short move changes a PSF in proportion to it, one over many dots with its root. So at half of a move that was
-    tried there is no more than the root of a half of its change.
+    tried there is no more than the root of a half of its change. Openings that move against a phase change it more:
+    what is tried holds without one.
     """
     reach, moved = scene.field_um, shift_um(camera, scene.gap_um, (scene.field_um, 0.0))[0]
 
