@@ -258,9 +258,11 @@ def test_a_short_move_errs_no_more_than_is_said_and_not_much_less(scenes: range)
         draw = np.random.default_rng(scene)
         shape, diameter, dots = draw.choice(["circle", "square"]), float(draw.choice([200, 350, 600])), 5 + scene % 9
         dot, gutter, moved = int(draw.choice([2000, 8000])), int(draw.choice([0, 6000])), float(draw.uniform(0.1, 0.2))
-        setting, reach = camera(diameter, shape, window_um=96.0), float(draw.uniform(300, 1500))
+        setting, blurred = camera(diameter, shape, window_um=96.0), float(draw.uniform(0.3, 0.98))
         pitch = (dots * dot + gutter) / 1e3
-        gap = moved * pitch * setting.focal_um / reach
+        # The gap blurs by that share of a dot.
+        gap = (blurred * dot / 1e3) ** 2 / (LINE / 1e3)
+        reach = min(2000.0, moved * pitch * setting.focal_um / gap)
         laid_out = panel(
             noise(dots, draw.uniform(0.2, 0.8), scene),
             dot_nm=dot,
@@ -281,7 +283,9 @@ def test_a_short_move_errs_no_more_than_is_said_and_not_much_less(scenes: range)
             for part in (1.0, 0.6)
         ]
         assert max(true) <= found.shift.error
-        ratios.append(found.shift.error / max(true))
+        # Gutters on the rim: what moves there is dark.
+        if max(true) > 1e-9:
+            ratios.append(found.shift.error / max(true))
         for places, error in found.places.items():
             for _ in range(4 if error else 0):
                 away, part, angle = reach / (places - 1), draw.uniform(0, 0.9), draw.uniform(0, 2 * np.pi)

@@ -188,14 +188,14 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene) -> Estima
 
     lens_moves = abs(scene.steepest_um - scene.field_um)
     turned = _shift(means, openings(), pupil, sampled, scene, lens_moves).error if moved and lens_moves else 0.0
+    blur = math.sqrt(UM_PER_NM * max(ends) * scene.gap_um)
     shift = NOTHING
     places: Mapping[int, float] = {PLACES[0]: 0.0}
     if moved:
         shift = _shift(means, openings(), pupil, sampled, scene, scene.field_um)
         places = {n: _between(means, openings(), pupil, sampled, scene, n) for n in PLACES}
-        if not phase:
+        if not phase and blur <= pupil.x.dot_um:
             shift, places = _tried(openings(), sampled, scene, panel.cell_size.pitch_um, shift, places)
-    blur = math.sqrt(UM_PER_NM * max(ends) * scene.gap_um)
     crowding = rim_crowding(openings(), pupil, blur) if blur else 1.0
     uneven = panel.cell_size.pitch_um / camera.stop.diameter_um if not panel.tiling.independent else 0.0
     return Estimates(
@@ -325,7 +325,7 @@ def _tried(
 
     A short move changes a PSF in proportion to it, one over many dots with its root. So at half of a move that was
     tried there is no more than the root of a half of its change. Openings that move against a phase change it more:
-    what is tried holds without one.
+    what is tried holds without one, and where the gap blurs openings by less than a dot.
     """
     reach, moved = scene.field_um, shift_um(camera, scene.gap_um, (scene.field_um, 0.0))[0]
 
