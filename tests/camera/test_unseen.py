@@ -25,7 +25,7 @@ DARK = Noise(float("inf"), 0.0)
 """No noise at all."""
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class Spread:
     """A blur by its point spread, an array around [0, 0] with a sum of 1."""
 
