@@ -34,6 +34,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -148,18 +149,20 @@ def _energy_in_circle(psf: Psf, radius: float, highest: float) -> tuple[float, f
     counted = float(psf.values[distance <= radius].sum() * area), float(psf.values[crossed].sum() * area)
     if not _room(psf, highest) or psf.kind == "pixel":
         return counted
-    weight, beyond = _disc_weight(psf, radius, highest, distance)
+    weight, beyond = _disc_weight(len(axis), psf.step_um, radius, highest)
     rounding = _FILTER_ERROR + max(0.0, 1 - psf.energy_in_window) * beyond
     return min((float((psf.values * weight).sum() * area), rounding), counted, key=lambda pair: pair[1])
 
 
-def _disc_weight(psf: Psf, radius: float, highest: float, distance: Floats) -> tuple[Floats, float]:
-    """W for a disc at samples, and the largest |W| beyond the window."""
-    half = (psf.values.shape[0] / 2) * psf.step_um
-    fine = np.arange(0.0, math.sqrt(2) * half + psf.step_um, psf.step_um / _FINER)
-    weights = _disc_weights(fine, radius, psf.step_um, highest)
-    weight: Floats = scipy.interpolate.CubicSpline(fine, weights)(distance)
-    return weight, float(abs(weights[fine >= half - psf.step_um]).max())
+@lru_cache(maxsize=2)
+def _disc_weight(count: int, step: float, radius: float, highest: float) -> tuple[Floats, float]:
+    """W for a disc at samples of a window, so many along a side, and the largest |W| beyond it; read-only."""
+    half, axis = count / 2 * step, step * np.arange(-(count // 2), count // 2 + 1, dtype=np.float64)
+    fine = np.arange(0.0, math.sqrt(2) * half + step, step / _FINER)
+    weights = _disc_weights(fine, radius, step, highest)
+    weight: Floats = scipy.interpolate.CubicSpline(fine, weights)(np.hypot(axis[:, None], axis))
+    weight.flags.writeable = False
+    return weight, float(abs(weights[fine >= half - step]).max())
 
 
 def within_circle(points: Psf, radius_um: float, highest: float) -> tuple[float, float]:
@@ -172,7 +175,7 @@ def within_circle(points: Psf, radius_um: float, highest: float) -> tuple[float,
         return 0.0, math.inf
     axis = _axis(points)
     distance = np.hypot(axis[:, None], axis)
-    weight, _ = _disc_weight(points, radius_um, highest, distance)
+    weight, _ = _disc_weight(len(axis), points.step_um, radius_um, highest)
     energy = points.values * points.step_um**2
     swing = energy * (weight - (distance <= radius_um))
     frame = np.maximum(abs(axis)[:, None], abs(axis))

@@ -353,9 +353,11 @@ def shape_quantities(points: Psf, pixels: Psf, camera: Camera, die: str | None) 
     nearest = first_side_lobe(_middle_part(points, reach), die)
     # Of a square's corners only what lies within its inner circle is known to be the nearest.
     near = isinstance(nearest.value, float) and nearest.value < reach - points.step_um
+    # One weight serves all lines, but a square's wider band leaves it no room.
+    shared = min(camera.wavelengths_nm) if camera.stop.round else points.wavelength_nm
     return [
         ensquared_energy(pixels, core, highest, die),
-        _closer_halo(halo_of(pixels, camera, die), points, pixels, highest),
+        _closer_halo(halo_of(pixels, camera, die), points, pixels, _highest(camera, shared)),
         nearest if near else first_side_lobe(points, die),
         _streaks(points, die),
         energy_normalised_strehl(points, camera, die),
