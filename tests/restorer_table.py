@@ -1,7 +1,8 @@
 """The table of restorers on photographs that tuned nothing, measured here and now: ``make bench``.
 
 Arguments: folders of more photographs; ``count=5`` takes the first five; ``die=TOLED_R150``, ``level=24`` and
-``light=code``, each as often as wanted, stand for the few that make no long bench. Strengths are tuned on one drawn
+``light=code``, each as often as wanted, stand for the few that make no long bench; ``checkpoint=net.npz`` adds what
+``maskfab learn`` made for a die. Strengths are tuned on one drawn
 scene of another seed. Seconds are of the processor, for a million pixels.
 """
 
@@ -30,7 +31,7 @@ from maskfab.camera.scores import MeanDifference, ScoreTable
 from maskfab.display.pictures import read_picture
 from maskfab.mask.job import load_job
 from maskfab.optics.colour import code_of_light
-from maskfab.report.rows.photographs import Conditions, Surroundings
+from maskfab.report.rows.photographs import Conditions, Surroundings, learned_restorers, read_checkpoints
 
 JOB = load_job(Path(__file__).parent.parent / "layouts" / "upc12.toml")
 SIDE = 576
@@ -115,7 +116,9 @@ def photographs(folders: Sequence[str]) -> list[Photograph]:
     return [*given, *(scene(name, middle(values)) for name, values in found.items())]
 
 
-def measured(design: Design, protocol: Protocol, level: float, scenes: Sequence[Photograph]) -> list[float]:
+def measured(
+    design: Design, protocol: Protocol, level: float, scenes: Sequence[Photograph], learned: Sequence[Restorer]
+) -> list[float]:
     """Print the rows of a die at a level; the regret of every photograph."""
     tuning = [scene("tuning", dead_leaves(77, SIDE, SIDE).values.transpose(1, 2, 0))]
 
@@ -123,7 +126,7 @@ def measured(design: Design, protocol: Protocol, level: float, scenes: Sequence[
         how = {"protocol": protocol, "restorers": restorers, "choose": choose, "details": False}
         return evaluate([design], scenes, tuning, [level], **how)
 
-    own, others = [Timed(each) for each in named()], [Timed(PlugAndPlay())]
+    own, others = [Timed(each) for each in named()], [Timed(each) for each in (PlugAndPlay(), *learned)]
     table, beside = scored(own, choose=True), scored(others, choose=False)
     seconds = {each.name: each.seconds_of_a_megapixel for each in (*own, *others)}
     record = protocol.photograph(design, scenes[0], level)
@@ -153,13 +156,16 @@ def main(arguments: Sequence[str]) -> None:
     scenes = scenes[: int(asked.get("count", [len(scenes)])[0])]
     print(f"{len(scenes)} photographs: {', '.join(each.name for each in scenes)}")
     print("die, level, light, restorer, mean PSNR, behind (-) or ahead of auto, seconds for a million pixels")
+    trained = read_checkpoints(asked.get("checkpoint", []))
     regrets = list[float]()
     for light in asked.get("light", ["linear"]):
         for level in map(float, asked.get("level", ["32"])):
             conditions = Conditions.of(JOB, "camera", [level], "code" if light == "code" else "linear")
             for die in asked.get("die", ["TOLED_P150", "FITS_M150"]):
                 design, _ = conditions.design(die, JOB.panels()[die], Surroundings.of(JOB))
-                regrets += measured(design, conditions.protocol, level, scenes)
+                own = [each for each in trained if each[1].trade.die == die]
+                learned = learned_restorers(own, JOB, conditions, [design]).get(die, ())
+                regrets += measured(design, conditions.protocol, level, scenes, learned)
     draws = np.random.default_rng(0).integers(0, len(scenes), (2000, len(scenes)))
     means = np.array(regrets).reshape(-1, len(scenes)).mean(axis=0)[draws].mean(axis=1)
     low, high = np.quantile(means, [0.025, 0.975])
