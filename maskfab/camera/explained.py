@@ -86,8 +86,10 @@ _FAR_SCALES, _FAR_GAIN, _FAR_CLEAR, _MILD = np.geomspace(0.15, 2.0, 60), 100.0, 
 the least ε then, for little of the structure is known."""
 _ROOM = 128
 """Pixels by which a square is mirrored beyond its edges."""
-_OF_LEVEL, _OF_BEND = (0.2,), (0.3, 0.3, 0.3)
+_OF_LEVEL, _OF_BEND, _FARTHEST_OFF = (0.2,), (0.3, 0.3, 0.3), 2.0
 """Standard deviations of the logarithms of noise: its level, and its change along f² and f⁴."""
+_STRONGEST = 1e6
+"""ε of a record in which nothing is seen."""
 _TAPER = np.array([0.032, 0.25, 0.72, 1, 0.72, 0.25, 0.032])
 _TAPER = _TAPER / _TAPER.sum()
 """Power of Hann's window at halves of a bin."""
@@ -303,7 +305,8 @@ class _Seen:
             at = power[plane.use]
             means = plane.means(at)
             values, off, _ = _fitted(plane, means, plane.means(dark.on(plane.f)), spread, _STIFF)
-            change = np.pad(off, (0, 3 - len(off)))
+            # A picture that holds nothing at all would have no noise either.
+            change = np.pad(np.clip(off, -_FARTHEST_OFF, _FARTHEST_OFF), (0, 3 - len(off)))
             now = NoiseSpectrum(dark.level * math.exp(change[0]), (dark.bend[0] + change[1], dark.bend[1] + change[2]))
             light, floor = plane.smooth(values), now.on(plane.f)
             seen.append(at / (light + floor))
@@ -417,7 +420,7 @@ class _Comparison:
             equal = light * dark / np.square(light + dark)
             ratio = np.log(dark / light * plane.smooth(power)) - 2 * np.log(plane.f / PRIOR_CY_PER_PX)
             total, weight = total + float(equal @ ratio), weight + float(equal.sum())
-        return math.exp(total / weight)
+        return min(math.exp(total / weight), _STRONGEST)
 
 
 @dataclass(frozen=True, eq=False)

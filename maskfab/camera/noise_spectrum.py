@@ -20,9 +20,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats, Singles
 from maskfab.camera.imaging import Blur, Margin, Transfer
@@ -88,7 +90,7 @@ def noise_of(record: Record, *, stated: bool = False) -> tuple[tuple[NoiseSpectr
     white = tuple(NoiseSpectrum(mean) for mean in means)
     if record.interpolated:
         return white, ()
-    found = [_calm(*colour) for colour in zip(record.values, variance, strict=True)]
+    found = [_calm(*colour) for colour in zip(record.values, variance, record.clipped, strict=True)]
     ratio = float(np.exp(np.mean([math.log(one.ratio) for one in found])))
     finest = float(np.exp(np.mean([math.log(one.on(np.linspace(0.45, _FARTHEST, 8)).mean()) for one in found])))
     if stated and 1 / _OFF < finest < _OFF:
@@ -106,11 +108,17 @@ def noise_of(record: Record, *, stated: bool = False) -> tuple[tuple[NoiseSpectr
     return white, ()
 
 
-def _calm(plane: Singles, variance: Singles) -> NoiseSpectrum:
-    """Noise of one colour [rows, columns] in units of its variance, by its calmest blocks."""
+def _calm(plane: Singles, variance: Singles, clipped: NDArray[np.bool_]) -> NoiseSpectrum:
+    """Noise of one colour [rows, columns] in units of its variance, by its calmest blocks; as expected if none tells.
+
+    Full pixels show none, nor does what lies below black.
+    """
     blocks, expected = (_cut(values) for values in (plane, variance))
     light, expected = blocks.mean(axis=(1, 2)), expected.mean(axis=(1, 2))
-    lit = light >= np.quantile(light, 0.1)
+    telling = (np.ptp(blocks, axis=(1, 2)) > 0) & ~_cut(clipped).any(axis=(1, 2))
+    if not telling.any():
+        return NoiseSpectrum(1.0)
+    lit = telling & (light >= np.quantile(light[telling], 0.1))
     power = tapered_power(blocks[lit]) / np.maximum(expected[lit], 1e-14)[:, None, None]
     f = np.hypot(scipy.fft.fftfreq(_BLOCK)[:, None], scipy.fft.rfftfreq(_BLOCK))
     order = np.argsort(power[:, f < _COARSE].mean(axis=1))
@@ -122,7 +130,7 @@ def _calm(plane: Singles, variance: Singles) -> NoiseSpectrum:
     return NoiseSpectrum(math.exp(level), (bend[0], bend[1]))
 
 
-def _cut(plane: Singles) -> Floats:
+def _cut(plane: NDArray[Any]) -> Floats:
     rows, columns = (side // _BLOCK * _BLOCK for side in plane.shape)
     blocks = plane[:rows, :columns].reshape(rows // _BLOCK, _BLOCK, columns // _BLOCK, _BLOCK)
     return np.asarray(blocks.transpose(0, 2, 1, 3).reshape(-1, _BLOCK, _BLOCK), dtype=np.float64)

@@ -233,6 +233,24 @@ def test_noise_that_is_stated_wrong_is_told(factor):
     assert [one.level for one in noise] == pytest.approx(list(true), rel=0.5)
 
 
+@pytest.mark.parametrize("full", [0.5, 0.3])
+def test_what_is_full_does_not_pass_for_calm(full):
+    """Once the calmest blocks were those of a white sky, and noise a billionth of what it was."""
+    record, _ = taken(4, spread("bars"), 3000.0, 5)
+    cut, known = np.minimum(record, full).astype(np.float32), Noise(3000.0, READ_E)
+    found, said = noise_of(Record(cut, known, ceiling=full))
+    assert (cut == np.float32(full)).mean() > 0.05
+    assert not said
+    assert [one.level for one in found] == pytest.approx(known.variance(np.maximum(cut, 0)).mean(axis=(1, 2)).tolist())
+
+
+def test_a_picture_without_anything_in_it_is_restored_without_a_warning():
+    seen = Record(np.full((3, 256, 256), 0.2, dtype=np.float32), Noise(1e7, 0.0))
+    found = explain(seen, designed("bars"), noise_of(seen)[0])
+    assert all(np.isfinite(one.level) for one in found.noise)
+    assert np.isfinite(found.strength)
+
+
 def test_smoothed_noise_is_told_by_its_spectrum_and_made_white():
     record, _ = taken(4, spread("bars"), 300.0, 4)
     smooth = ndimage.gaussian_filter(record, (0, 0.7, 0.7))
