@@ -437,8 +437,8 @@ class RestoredPhoto:
         picture: float32 [3, rows, columns] linear sRGB within 0 to 1, row 0 on top.
         full: bool [rows, columns], where a colour of the photograph was full.
         blur: sentences on the blur that was undone.
-        restorer: that was used.
-        epsilon: strength of its prior.
+        restorer: that was used, or two with their shares.
+        epsilon: strength of its prior, of two that of the larger share.
         electrons: of white, by which its noise is known.
         read_noise: in electrons.
         clipped: share of its values that were full.
@@ -495,7 +495,7 @@ class RestoredPhoto:
             picture,
             np.asarray(record.clipped.any(axis=0) | (picture >= 1).any(axis=0)),
             blur,
-            won.name,
+            won.makers,
             won.epsilon,
             noise.electrons,
             float(noise.variance(dark)[0]) ** 0.5 * noise.electrons,

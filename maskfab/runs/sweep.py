@@ -71,10 +71,8 @@ def made(
             records[case.key] = earlier
     missing = list({case.key: case for case in plan.cases if case.key not in records}.values())
     if missing:
-        from maskfab.runs.sweep_cases import (
-            map_cases,
-            workers_of,
-        )  # which loads optics and photographs: a second, often
+        # It loads optics and photographs, which takes a second, often.
+        from maskfab.runs.sweep_cases import map_cases, workers_of
 
         found_now = map_cases(missing, plan.quantities, folder, progress, workers_of(engine, scheduler, workers))
         records |= {record["key"]: record for record in found_now}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -140,6 +141,9 @@ def test_two_that_err_apart_are_mixed_and_the_mean_is_better_than_either(light, 
     record = Record(whole + np.sqrt(NOISE.variance(whole)) * draws(whole.shape), NOISE)
     found = Choice(restorers, width=WIDTH, coded=coded).restore(record, Halo(0.0, sharp=0.0), {"one": 0, "other": 0})
     assert found.shares["one"] == pytest.approx(0.5, abs=0.15)
+    # Who reads of one restorer is told of the other.
+    first, second = sorted(found.shares, key=found.shares.get, reverse=True)
+    assert re.fullmatch(rf"\d+ % {first} and \d+ % {second}", found.makers)
     scored = code_of_light if coded else np.asarray
     wanted = found.shares["one"] * scored(one) + found.shares["other"] * scored(other)
     np.testing.assert_allclose(scored(found.picture), wanted, atol=1e-4)

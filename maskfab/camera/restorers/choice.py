@@ -237,6 +237,14 @@ class Chosen:
     expected: Mapping[str, float]
     shares: Mapping[str, float] = field(default_factory=dict)
 
+    @property
+    def makers(self) -> str:
+        """Restorers whose pictures it is made of, the larger share first."""
+        if len(self.shares) < 2:
+            return self.name
+        ordered = sorted(self.shares.items(), key=lambda named: -named[1])
+        return " and ".join(f"{100 * share:.0f} % {name}" for name, share in ordered)
+
 
 @dataclass(frozen=True)
 class Choice:
