@@ -30,6 +30,7 @@ from maskfab.optics.benchmark import (
     published_intensity,
     published_size,
     race,
+    slit_panel,
     standard_workload,
 )
 from maskfab.optics.field.matrix import parity_field
@@ -59,12 +60,6 @@ def medians(rounds: int, *functions: Callable[[], object]) -> list[float]:
     return [float(np.median(each)) for each in spent]
 
 
-def slit_panel(dots: int, dot_nm: int) -> Panel:
-    mask = np.zeros((dots, dots), dtype=np.bool_)
-    mask[dots * 2 // 21 : dots * 20 // 21, dots * 8 // 21 : dots * 13 // 21] = True
-    return Panel(Opening("slit", mask, dot_nm), dot_nm, 0, orientations(Tiling.RANDOM, 24, 24, 0), Tiling.RANDOM, 0)
-
-
 def peers() -> list[Row]:
     workload = standard_workload()
     times = {(t.name, t.precision): t for t in race(workload, rounds=15)}
@@ -87,7 +82,7 @@ def peers() -> list[Row]:
 
 def cutting() -> list[Row]:
     """What a user calls, on a panel met for the first time, against the same of a peer from nothing."""
-    aperture = panel_aperture(slit_panel(21, 8000), 2000.0)
+    aperture = panel_aperture(slit_panel(), 2000.0)
     workload = standard_workload()
     pupil = workload.pupil()
     task = PsfTask(pupil.whole, 8.0, 10_000.0, 0.53, 0.5, 512)
@@ -105,7 +100,7 @@ def cutting() -> list[Row]:
 
 
 def pixels() -> Row:
-    pupil = cut(panel_aperture(slit_panel(21, 8000), 2000.0), CAMERA.stop)
+    pupil = cut(panel_aperture(slit_panel(), 2000.0), CAMERA.stop)
     margin = pixel_margin(CAMERA)
     point, pixel = medians(
         9,
@@ -116,7 +111,7 @@ def pixels() -> Row:
 
 
 def polychromatic() -> Row:
-    pupil = cut(panel_aperture(slit_panel(21, 8000), 2000.0), CAMERA.stop)
+    pupil = cut(panel_aperture(slit_panel(), 2000.0), CAMERA.stop)
     wavelengths = np.linspace(400.0, 700.0, 31)
     spectrum = line_spectrum(wavelengths)
     nu = np.linspace(0.0, 0.25, 147)
@@ -141,7 +136,7 @@ def polychromatic() -> Row:
 def any_lag() -> Row:
     """Three colours, the table of lags included, against the same with the shapes of cut dots left out."""
     camera = replace(CAMERA, wavelengths_nm=WAVELENGTHS_NM)
-    pupil = cut(panel_aperture(slit_panel(21, 8000), 2000.0), camera.stop)
+    pupil = cut(panel_aperture(slit_panel(), 2000.0), camera.stop)
 
     def curves(exact: bool) -> None:
         table = lag_table(pupil, longest_lag_um(camera))
@@ -180,7 +175,7 @@ def gradients(dots: int = 21) -> list[Row]:
     """
     what, limit = f"PSF 511² and its gradient by {dots}² dots, double", "40 ms" if dots == 21 else "100 ms"
     rounds = 9 if dots < 84 else 3
-    panel = replace(slit_panel(dots, 168_000 // dots), seed=0)
+    panel = replace(slit_panel(dots), seed=0)
     camera = mf.Camera("10 mm", stop="4 mm", pixel="2 um", wavelengths="530 nm", window="256 um")
     unit = 0.1 + 0.8 * torch.from_numpy(panel.opening.mask.astype(np.float64))
     weight = torch.rand(511, 511, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
@@ -224,7 +219,7 @@ def gradients(dots: int = 21) -> list[Row]:
 
 
 def fine_dots() -> list[Row]:
-    aperture = panel_aperture(slit_panel(168, 1000), 2000.0)
+    aperture = panel_aperture(slit_panel(168), 2000.0)
     pupil = cut(aperture, CAMERA.stop)
     u = (np.arange(256) + 0.5) * 0.5 / image_scale_um2(CAMERA, 530.0)
     (spent,) = medians(5, lambda: STRUCTURE.intensity(pupil, u, u))

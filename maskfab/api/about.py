@@ -413,7 +413,8 @@ class Benchmark(Result):
         """A PNG of error against time."""
         from maskfab.optics import benchmark as accuracy_page
 
-        return accuracy_page.race_figure(self.timings)
+        race = accuracy_page.Race(self.timings, self.bound_ms)
+        return accuracy_page.race_figure({"speed against error": race})
 
     def save(self, out: Annotated[str | Path, "FOLDER"]) -> list[Path]:
         """Write figure and results into a new directory.

@@ -27,7 +27,7 @@ import json
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from statistics import median, quantiles
@@ -35,8 +35,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
@@ -49,7 +51,7 @@ from maskfab.base.units import NM_PER_UM, UM_PER_MM, UM_PER_NM
 from maskfab.base.work import Progress, silent
 from maskfab.job.camera import Camera, Stop
 from maskfab.optics.field.matrix import direct_field
-from maskfab.optics.field.methods import PATHS
+from maskfab.optics.field.methods import PATHS, FieldTask, admissible
 from maskfab.optics.hard_cases import CaseResult
 from maskfab.optics.psf import point_step_um
 from maskfab.optics.pupil import Pupil, panel_aperture
@@ -225,6 +227,7 @@ class Timing:
         cold_milliseconds: of a first call, with all that it sets up; median likewise.
         error: relative L2 of the unit-sum PSF, as given.
         error_with_dots: the same after the dot's factor; equal to ``error`` where it is part of the method.
+        chosen: whether it is the path that maskfab takes where nobody asks for another.
     """
 
     name: str
@@ -235,6 +238,15 @@ class Timing:
     cold_milliseconds: float
     error: float
     error_with_dots: float
+    chosen: bool = False
+
+
+@dataclass(frozen=True)
+class Race:
+    """Times and errors of one workload, and the processor time of the matrix products alone, by precision."""
+
+    timings: Sequence[Timing]
+    bound_ms: Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -245,20 +257,40 @@ class _Contestant:
     offset: float
     set_up: Callable[[], Callable[[], NDArray[Any]]]
     """Makes the function to be timed; its first call is cold."""
+    chosen: bool = False
+
+
+def slit_panel(dots: int = 21, cells: int = 24, seed: int = 0) -> Panel:
+    """A slit of 5 x 18 in 21 parts of a pixel of 168 um, drawn in so many dots and tiled at random."""
+    mask = np.zeros((dots, dots), dtype=np.bool_)
+    mask[dots * 2 // 21 : dots * 20 // 21, dots * 8 // 21 : dots * 13 // 21] = True
+    chosen = orientations(Tiling.RANDOM, cells, cells, seed)
+    dot_nm = 168_000 // dots
+    return Panel(Opening("slit", mask, dot_nm), dot_nm, 0, chosen, Tiling.RANDOM, seed)
 
 
 def standard_workload() -> Workload:
     """A slit of 5 x 18 in 21 x 21 dots of 8 um, tiled at random over a stop of 4 mm; 512 x 512 samples of 0.5 um."""
-    mask = np.zeros((21, 21), dtype=np.bool_)
-    mask[2:20, 8:13] = True
-    chosen = orientations(Tiling.RANDOM, 24, 24, 0)
-    panel = Panel(Opening("slit", mask, 8000), 8000, 0, chosen, Tiling.RANDOM, 0)
-    return Workload(panel, 4000.0, 530.0, 10_000.0, 0.5, 512)
+    return Workload(slit_panel(), 4000.0, 530.0, 10_000.0, 0.5, 512)
+
+
+def job_classes() -> dict[str, Workload]:
+    """The standard workload and others that differ from it in what decides which path is best, by what they are."""
+    usual = standard_workload()
+    return {
+        "4 mm stop, dots of 8 um, 512² of 0.5 um": usual,
+        "a look: 128² of 2 um": replace(usual, step_um=2.0, samples=128),
+        "wide window: 1024² of 0.5 um": replace(usual, samples=1024),
+        "small stop: 0.5 mm": replace(usual, panel=slit_panel(cells=4), diameter_um=500.0),
+        "100 cells across: 16.8 mm stop": replace(usual, panel=slit_panel(cells=100), diameter_um=16_800.0),
+        "fine dots: 2 um": replace(usual, panel=slit_panel(84)),
+    }
 
 
 def gemm_bound_ms(workload: Workload, rounds: int = 15) -> dict[str, float]:
     """Median time of the parity path's products alone, eight of them on operands of their sizes, by precision."""
-    half = sum(len(edges) - 1 for edges in (workload.pupil().x.edges_um(), workload.pupil().y.edges_um())) // 4
+    pupil = workload.pupil()
+    half = sum(lattice.cells * lattice.period for lattice in (pupil.x, pupil.y)) // 4
     bounds = {}
     for name, kind in (("double", np.float64), ("single", np.float32)):
         waves = np.ones((workload.samples // 2, half), dtype=kind)
@@ -324,12 +356,11 @@ def absent() -> dict[str, str]:
 def _ours(workload: Workload, pupil: Pupil) -> Iterator[_Contestant]:
     """Our paths take a quadrant; with no sample on the axis it mirrors to an even number of samples."""
     quadrant = workload.frequencies(0.5)[workload.samples // 2 :]
-    for path in PATHS:
-        if not path.accepts(pupil, quadrant, quadrant):
-            continue
+    taken = admissible(FieldTask.of(pupil, quadrant, quadrant))
+    for path in (path for path in PATHS if path in taken):
         for precision in path.precisions:
-            compute = partial(path.intensity, pupil, quadrant, quadrant, precision)
-            yield _Contestant(f"maskfab {path.name}", precision, "ours", 0.5, partial(_nothing_to_set_up, compute))
+            compute = partial(_nothing_to_set_up, partial(path.intensity, pupil, quadrant, quadrant, precision))
+            yield _Contestant(f"maskfab {path.name}", precision, "ours", 0.5, compute, path is taken[0])
 
 
 def _nothing_to_set_up(function: Callable[[], NDArray[Any]]) -> Callable[[], NDArray[Any]]:
@@ -339,8 +370,9 @@ def _nothing_to_set_up(function: Callable[[], NDArray[Any]]) -> Callable[[], NDA
 def _others(workload: Workload, pupil: Pupil) -> Iterator[_Contestant]:
     dot_um = workload.panel.dot_nm / NM_PER_UM
     size = published_size(workload.wavelength_nm, workload.focal_um, dot_um, workload.step_um)
-    recipe = partial(published_intensity, pupil.whole, size, workload.samples)
-    yield _Contestant("published recipe, padded FFT", "double", "published", 0.0, partial(_nothing_to_set_up, recipe))
+    if size >= max(pupil.whole.shape[0], workload.samples):  # samples so wide that the dots do not fit have no recipe
+        recipe = partial(_nothing_to_set_up, partial(published_intensity, pupil.whole, size, workload.samples))
+        yield _Contestant("published recipe, padded FFT", "double", "published", 0.0, recipe)
     task = PsfTask(
         pupil.whole, dot_um, workload.focal_um, workload.wavelength_nm * UM_PER_NM, workload.step_um, workload.samples
     )
@@ -381,11 +413,13 @@ def _judged(
         median(cold),
         given,
         with_dots,
+        contestant.chosen,
     )
 
 
 _COLOURS = {"ours": "#0072b2", "peer": "#d55e00", "published": "#000000"}
-_MARKS = {"double": "o", "single": "^"}
+_MARKS = "osDv^P*"
+_LARGE, _SMALL = 7.0, 4.0
 
 
 def race_document(
@@ -410,7 +444,7 @@ def race_table(timings: Iterable[Timing], bound_ms: Mapping[str, float], absent:
         spread = f"{t.spread[0]:.2f} to {t.spread[1]:.2f}"
         lines.append(
             f"{t.name:{width}}  {t.precision:9}  {t.cold_milliseconds:8.2f}  {t.milliseconds:8.2f}  {spread:>17}  "
-            f"{t.error:14.1e}  {t.error_with_dots:15.1e}"
+            f"{t.error:14.1e}  {t.error_with_dots:15.1e}{'  chosen' if t.chosen else ''}"
         )
     bounds = ", ".join(f"{value:.2f} ms {precision}" for precision, value in bound_ms.items())
     lines += [f"not compared: {name}, {reason}" for name, reason in absent.items()]
@@ -421,33 +455,67 @@ def race_table(timings: Iterable[Timing], bound_ms: Mapping[str, float], absent:
     ]
 
 
-def race_figure(timings: Sequence[Timing]) -> bytes:
-    """Error against time, both on logarithmic axes, as PNG; down and to the left is better.
+def race_figure(races: Mapping[str, Race]) -> bytes:
+    """Error against time, one plot for each race, as PNG; down and to the left is better.
 
-    A peer stands twice: as given, hollow, and with the dot's factor applied afterwards, filled.
+    A peer stands twice: as given, hollow, and with the dot's factor applied afterwards, filled. Single precision is
+    drawn small. The path that maskfab takes has a ring; the time of its products alone is a line.
     """
+    columns = min(3, len(races))
+    rows = -(-len(races) // columns)
     with rc_context({"font.size": 9}):
-        figure = Figure(figsize=(10.5, 5.0), dpi=120, layout="constrained")
+        figure = Figure(figsize=(max(9.0, 4.3 * columns), 1.2 + 3.6 * rows), dpi=120, layout="constrained")
         FigureCanvasAgg(figure)
-        axes = figure.add_subplot()
-        for number, t in enumerate(sorted(timings, key=lambda timing: timing.milliseconds), start=1):
-            colour, mark = _COLOURS[t.kind], _MARKS[t.precision]
-            if t.error != t.error_with_dots:
-                axes.plot(t.milliseconds, t.error, mark, markerfacecolor="none", color=colour)
-                axes.plot([t.milliseconds] * 2, [t.error, t.error_with_dots], ":", color=colour, linewidth=0.8)
-            label = f"{number}  {t.name}, {t.precision}: {t.milliseconds:.1f} ms"
-            axes.plot(t.milliseconds, t.error_with_dots, mark, color=colour, label=label)
-            place, offset = (t.milliseconds, t.error_with_dots), (5, 4 if number % 2 else -11)
-            axes.annotate(str(number), place, offset, textcoords="offset points", color=colour)
-        axes.set(xscale="log", yscale="log", xlabel="processor time of one PSF, warm (ms, median, one thread)")
-        axes.set(ylabel="relative L2 error of the unit-sum PSF")
-        axes.set_title("Speed against error: filled with the dot factor, hollow as given; blue maskfab, orange peers")
-        axes.grid(alpha=0.3)
-        axes.margins(x=0.1, y=0.08)
-        figure.legend(loc="outside right upper", frameon=False, fontsize=8)
+        plots = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
+        marks: dict[tuple[str, str], str] = {}
+        for axes, (title, race) in zip(plots, races.items(), strict=False):
+            _draw_race(axes, race, marks)
+            axes.set_title(title, fontsize=9)
+        for axes in plots[len(races) :]:
+            axes.set_axis_off()
+        for axes in plots[-columns:]:
+            axes.set_xlabel("processor time, warm (ms, median, one thread)")
+        for axes in plots[::columns]:
+            axes.set_ylabel("relative L2 error of the PSF")
+        handles = [
+            Line2D([], [], linestyle="", marker=mark, color=_COLOURS[k], label=n) for (k, n), mark in marks.items()
+        ]
+        ring: dict[str, Any] = {"marker": "o", "markersize": 13, "markerfacecolor": "none", "color": _COLOURS["ours"]}
+        handles += [
+            Line2D([], [], linestyle="", label="chosen by maskfab", **ring),
+            Line2D([], [], linestyle="--", color="grey", label="matrix products alone, double"),
+            Line2D([], [], linestyle="", marker="o", markersize=_SMALL, color="grey", label="small: single precision"),
+            Line2D(
+                [],
+                [],
+                linestyle="",
+                marker="o",
+                markerfacecolor="none",
+                color="grey",
+                label="hollow: without dot's size",
+            ),
+        ]
+        figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=8)
         stream = io.BytesIO()
         figure.savefig(stream, format="png", metadata={"Software": None})
     return stream.getvalue()
+
+
+def _draw_race(axes: Axes, race: Race, marks: dict[tuple[str, str], str]) -> None:
+    """One race; ``marks`` gets each contestant's, by kind and name, so that all plots share them."""
+    for t in race.timings:
+        mark = marks.setdefault((t.kind, t.name), _MARKS[sum(kind == t.kind for kind, _ in marks)])
+        style: dict[str, Any] = {"color": _COLOURS[t.kind], "markersize": _LARGE if t.precision == "double" else _SMALL}
+        if t.error != t.error_with_dots:
+            axes.plot(t.milliseconds, t.error, mark, markerfacecolor="none", **style)
+            axes.plot([t.milliseconds] * 2, [t.error, t.error_with_dots], ":", color=style["color"], linewidth=0.8)
+        axes.plot(t.milliseconds, t.error_with_dots, mark, **style)
+        if t.chosen and t.precision == "double":
+            axes.plot(t.milliseconds, t.error_with_dots, "o", **style | {"markersize": 13, "markerfacecolor": "none"})
+    axes.axvline(race.bound_ms["double"], linestyle="--", linewidth=0.8, color="grey")
+    axes.set(xscale="log", yscale="log")
+    axes.grid(alpha=0.3)
+    axes.margins(x=0.1, y=0.08)
 
 
 def case_table(outcomes: Iterable[CaseResult]) -> Iterable[str]:

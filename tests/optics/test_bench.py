@@ -15,14 +15,17 @@ from maskfab.optics.benchmark import (
     PEERS,
     Peer,
     PsfTask,
+    Race,
     Timing,
     absent,
     case_table,
+    job_classes,
     race,
     race_figure,
     race_table,
     standard_workload,
 )
+from maskfab.optics.field.methods import FieldTask, admissible
 from maskfab.optics.hard_cases import Case, run_cases
 
 ROOT = Path(__file__).parents[2]
@@ -36,6 +39,7 @@ def timings() -> list[Timing]:
 def test_our_paths_are_exact_and_the_published_recipe_is_not(timings: list[Timing]) -> None:
     ours = [timing for timing in timings if timing.kind == "ours"]
     assert {timing.name for timing in ours} >= {"maskfab parity", "maskfab direct", "maskfab structure"}
+    assert {timing.name for timing in timings if timing.chosen} == {"maskfab parity"}
     for timing in ours:
         assert timing.error <= (1e-12 if timing.precision == "double" else 1e-6)
     (published,) = (timing for timing in timings if timing.kind == "published")
@@ -83,7 +87,7 @@ def test_a_peer_keeps_what_it_can_between_calls() -> None:
 
 
 def test_the_figure_is_a_picture(timings: list[Timing]) -> None:
-    assert race_figure(timings).startswith(b"\x89PNG")
+    assert race_figure({"usual": Race(timings, {"double": 3.0})}).startswith(b"\x89PNG")
 
 
 def test_bench_of_a_job_prints_one_json_document(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -107,6 +111,14 @@ def test_bench_refuses_what_it_cannot_race(capsys: pytest.CaptureFixture[str], t
     for path, die in ((str(parted), "TOLED"), ("layouts/upc12.toml", "NOBODY")):
         assert run_command_line(["self", "bench", path, "--die", die, "--quiet"]) == 2
         assert "MF105" in capsys.readouterr().err
+
+
+def test_classes_of_jobs_differ_in_the_path_they_take() -> None:
+    chosen = set()
+    for workload in job_classes().values():
+        quadrant = workload.frequencies(0.5)[workload.samples // 2 :]
+        chosen.add(admissible(FieldTask.of(workload.pupil(), quadrant, quadrant))[0].name)
+    assert len(chosen) >= 2
 
 
 def test_a_missed_limit_is_told() -> None:
