@@ -57,6 +57,12 @@ def test_every_link_leads_to_a_file(path):
             assert there.exists() or there.with_suffix(".ipynb").exists(), target
 
 
+def test_every_source_file_that_is_named_with_its_folder_is_there():
+    for path in TEXTS:
+        for named in re.findall(r"`([a-z_]+/[a-z_/]*\w+\.py)`", path.read_text("utf-8")):
+            assert (ROOT / named).exists() or (ROOT / "maskfab" / named).exists(), f"{told(path)}: {named}"
+
+
 def test_every_page_stands_in_the_navigation():
     settings = re.sub(r"#.*", "", (ROOT / "mkdocs.yml").read_text("utf-8"))
     named = set(re.findall(r"[\w/-]+\.md", settings))
