@@ -16,13 +16,14 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
-from maskfab.base.arrays import Floats, Indices, Labels, Mask
-from maskfab.base.model import Emitters, Opening, orient
+from maskfab.base.arrays import Floats, Labels, Mask
+from maskfab.base.model import Emitters, Opening, frozen, orient
 from maskfab.base.units import NM_PER_UM
 from maskfab.display.emitted_light import Viewing
 from maskfab.display.emitter_rules import Certificate, EmitterGrid, EmitterRules, Footprint, Proof, Verdict
@@ -81,13 +82,23 @@ def in_pieces(
         A placement that keeps all rules; None if none so large was found.
     """
     region = free_region(opening.mask, grid, orientations, margin=border_margin(grid))
-    squares = Squares.of(region, grid.min_width, grid.colour_gap)
-    targets = tuple(math.ceil(least * part - _ROUNDING) for part in ratio)
+    red, green, blue = (math.ceil(least * part - _ROUNDING) for part in ratio)
+    worth = limits.delta_e / limits.grain
+    labels = _placed(region.tobytes(), grid, (red, green, blue), viewing, worth, seed, moves)
+    return None if labels is None else Emitters(labels, grid.cell_nm)
+
+
+@lru_cache(maxsize=16)
+def _placed(
+    region: bytes, grid: EmitterGrid, targets: tuple[int, int, int], viewing: Viewing, worth: float, seed: int, moves: int
+) -> Labels | None:
+    """Colours of the cells of a region; dies of one opening ask for the same."""
+    free = np.frombuffer(region, np.bool_).reshape(grid.cells, grid.cells)
+    squares = Squares.of(free, grid.min_width, grid.colour_gap)
     if not squares.free or sum(targets) > squares.area(squares.free):
         return None
-    seen = sight(grid, viewing, limits.delta_e / limits.grain)
-    found = _Annealing(squares, seen, (targets[0], targets[1], targets[2]), seed).run(moves)
-    return None if found is None else Emitters(labelled(squares, found), grid.cell_nm)
+    found = _Annealing(squares, sight(grid, viewing, worth), targets, seed).run(moves)
+    return None if found is None else frozen(labelled(squares, found))
 
 
 def look(emitters: Emitters, pitch_nm: int, orientations: Iterable[int], viewing: Viewing) -> Evenness:
@@ -196,90 +207,154 @@ def _footprint(labels: Labels, ratio: Ratio) -> float:
     return min(float((labels == colour).sum()) / part for colour, part in enumerate(ratio, start=1))
 
 
-@dataclass
+_OTHERS = ((1, 2), (0, 2), (0, 1))
+_Change = tuple[int, int, int, int, int]
+"""A colour, its squares and the cells that they cover then, the cells that come or go, and how many: below 0 if they go.
+"""
+
+
 class _Annealing:
-    """Squares of three colours.
+    """Squares of three colours. Most moves are refused, for no more than has to be known of them."""
 
-    Attributes:
-        squares: of the region.
-        seen: [3, n, n, terms] as :func:`maskfab.display.evenness.sight` has it.
-        targets: least cells of each colour.
-        seed: of the moves.
-    """
+    def __init__(self, squares: Squares, seen: Floats, targets: tuple[int, int, int], seed: int) -> None:
+        """No square of any colour yet.
 
-    squares: Squares
-    seen: Floats
-    targets: tuple[int, int, int]
-    seed: int
+        Args:
+            squares: of the region.
+            seen: [3, n, n, terms] as :func:`maskfab.display.evenness.sight` has it.
+            targets: least cells of each colour.
+            seed: of the moves.
+        """
+        n, stride, terms = squares.cells, squares.stride, seen.shape[-1]
+        self.squares, self.targets, self.seed = squares, targets, seed
+        ys, xs = squares.places()
+        self.bits = [1 << int(number) for number in ys * stride + xs]
+        self.near = [squares.near(bit) for bit in self.bits]
+        self.whole = [squares.cover(bit) for bit in self.bits]
+        rows = np.zeros((3, n, stride, terms))
+        rows[:, :, :n] = seen
+        # Lights by the number of a cell's bit, and of whole squares by their place.
+        self.rows = list(rows.reshape(3, n * stride, terms))
+        square = [y * stride + x for y in range(squares.width) for x in range(squares.width)]
+        self.lit = [list(sum(own[ys * stride + xs + cell] for cell in square)) for own in self.rows]
+        self.prices = [[_lack(area, target) for area in range(n * n + 1)] for target in targets]
+        self.held, self.covers, self.areas, self.edges = [0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]
+        # Light of each colour, and after it what a move changes, in the order of its changes.
+        self.parts, self.shares, self.sum = np.zeros((6, terms)), np.zeros(6), np.empty(terms)
+        self.lights = list(self.parts)
+        widest = 3 * squares.width + 2 * squares.gap
+        self.span = (widest * stride + 7) // 8
+        taken, ones = np.empty((widest**2, terms)), np.ones(widest**2)
+        self.taken = [(taken[:count], ones[:count]) for count in range(widest**2 + 1)]
 
     def run(self, moves: int) -> tuple[int, int, int] | None:
         """The best placement with enough of every colour; None if there was none."""
-        squares, lights, draw = self.squares, self._rows(), random.Random(self.seed)
-        ys, xs = squares.places()
-        places = [1 << int(y) * squares.stride + int(x) for y, x in zip(ys, xs, strict=True)]
-        near: list[int] = [0] * len(places)
-        held, covers, areas, edges = [0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]
-        light = np.zeros((3, self.seen.shape[-1]))
-        lack = self._lack(areas)
-        value, best, least = lack, None, math.inf
-        cooling = math.log(_COLD / _HOT) / moves
-        for move in range(moves):
-            place, colour = draw.randrange(len(places)), draw.randrange(3)
-            most = value - _HOT * math.exp(cooling * move) * math.log(1 - draw.random())
-            bit = places[place]
-            changed = {colour: held[colour] ^ bit}
-            if not held[colour] & bit:
-                taken = near[place] = near[place] or squares.near(bit)
-                changed |= {k: held[k] & ~taken for k in range(3) if k != colour and held[k] & taken}
-            tried_covers, tried_areas, tried_edges = covers.copy(), areas.copy(), edges.copy()
-            for k, now in changed.items():
-                cover = tried_covers[k] = squares.cover(now)
-                tried_areas[k] = cover.bit_count()
-                tried_edges[k] = (cover ^ cover << 1).bit_count() + (cover ^ cover << squares.stride).bit_count()
-            lack = self._lack(tried_areas) + _EDGE * sum(tried_edges)
-            # Most moves of a cold search are refused for the area alone, which costs a tenth of the rest.
-            if lack > most:
+        held, (red, green, blue) = self.held, self.prices
+        value, best, least = red[0] + green[0] + blue[0], None, math.inf
+        for place, colour, spare in _draws(self.seed, len(self.bits), moves):
+            changes = self._changes(place, colour)
+            areas, flips = self.areas.copy(), 0
+            for k, _, _, _, more in changes:
+                areas[k] += more
+                flips += abs(more)
+            if not flips:
+                for k, squares, *_ in changes:
+                    held[k] = squares
                 continue
-            tried_light = light.copy()
-            for k in changed:
-                moved = tried_covers[k] ^ covers[k]
-                if more := moved & tried_covers[k]:
-                    tried_light[k] += np.add.reduce(lights[k].take(_bits(more), axis=0))
-                if less := moved & covers[k]:
-                    tried_light[k] -= np.add.reduce(lights[k].take(_bits(less), axis=0))
-            seen = np.array([1 / max(1, area) for area in tried_areas]) @ tried_light
+            most = value + spare
+            lack = red[areas[0]] + green[areas[1]] + blue[areas[2]]
+            # A cell has four sides: what is too dear without them needs no count of borders, or none of light either.
+            bound = lack + _EDGE * (sum(self.edges) - 4 * flips) - _ROUNDING
+            if bound > most:
+                continue
+            length = self._length(place, changes, areas)
+            if bound + length > most:
+                continue
+            edges = self._edges(changes)
             # Rounded, so that what is equal by symmetry is equal.
-            tried = round(math.sqrt(float(seen @ seen)) + lack, _DIGITS)
+            tried = round(length + (lack + _EDGE * sum(edges)), _DIGITS)
             if tried > most:
                 continue
-            for k, now in changed.items():
-                held[k] = now
-            covers, areas, edges, light, value = tried_covers, tried_areas, tried_edges, tried_light, tried
+            self._take(changes)
+            self.areas, self.edges, value = areas, edges, tried
             if value < least and all(area >= target for area, target in zip(areas, self.targets, strict=True)):
                 best, least = (held[0], held[1], held[2]), value
         return best
 
-    def _rows(self) -> Floats:
-        """[3, bits, terms]: lights by the number of a cell's bit."""
-        n, stride = self.squares.cells, self.squares.stride
-        rows = np.zeros((3, n, stride, self.seen.shape[-1]))
-        rows[:, :, :n] = self.seen
-        return rows.reshape(3, n * stride, -1)
+    def _changes(self, place: int, colour: int) -> list[_Change]:
+        """What one more square of a colour changes, or one less where it has that square; its own colour first."""
+        held, covers, cover = self.held, self.covers, self.squares.cover
+        own, old, bit = held[colour], covers[colour], self.bits[place]
+        if own & bit:
+            new = cover(own ^ bit)
+            return [(colour, own ^ bit, new, old ^ new, -(old ^ new).bit_count())]
+        new = old | self.whole[place]
+        changes = [(colour, own | bit, new, old ^ new, (old ^ new).bit_count())]
+        near = self.near[place]
+        for k in _OTHERS[colour]:
+            if taken := held[k] & near:
+                left = held[k] ^ taken
+                new = cover(left)
+                gone = covers[k] ^ new
+                changes.append((k, left, new, gone, -gone.bit_count()))
+        return changes
 
-    def _lack(self, areas: list[int]) -> float:
-        """Price of the area that is not there."""
-        lack = 0.0
-        for area, target in zip(areas, self.targets, strict=True):
-            if area < _AIM * target:
-                lack += _LACK * (1 - area / (_AIM * target)) ** 2 + (0.0 if area else _NOTHING)
-        return lack
+    def _length(self, place: int, changes: list[_Change], areas: list[int]) -> float:
+        """Length of the sum of the colours' lights over their areas, after a move."""
+        shares, part = self.shares, 3
+        inverse = [1 / (area or 1) for area in areas]
+        shares[0], shares[1], shares[2] = inverse
+        shares[4] = shares[5] = 0.0
+        for k, _, _, cells, more in changes:
+            if not more:
+                continue
+            if cells == self.whole[place]:
+                self.parts[part] = self.lit[k][place]
+            else:
+                first = (cells & -cells).bit_length() - 1
+                raw = np.frombuffer((cells >> first).to_bytes(self.span, "little"), np.uint8)
+                numbers = np.unpackbits(raw, 0, None, "little").view(np.bool_).nonzero()[0]
+                taken, ones = self.taken[abs(more)]
+                self.rows[k][first:].take(numbers, 0, taken, "clip")
+                ones.dot(taken, self.lights[part])
+            shares[part] = inverse[k] if more > 0 else -inverse[k]
+            part += 1
+        shares.dot(self.parts, self.sum)
+        return math.sqrt(self.sum.dot(self.sum))
+
+    def _edges(self, changes: list[_Change]) -> list[int]:
+        """Sides of cells along the borders of each colour, after a move."""
+        edges, stride = self.edges.copy(), self.squares.stride
+        for k, _, cover, _, _ in changes:
+            edges[k] = (cover ^ cover << 1).bit_count() + (cover ^ cover << stride).bit_count()
+        return edges
+
+    def _take(self, changes: list[_Change]) -> None:
+        """Make a move of which the length was asked last."""
+        lights, part = self.lights, 3
+        for k, self.held[k], self.covers[k], _, more in changes:
+            if more > 0:
+                lights[k] += lights[part]
+            elif more:
+                lights[k] -= lights[part]
+            part += bool(more)
 
 
-def _bits(number: int) -> Indices:
-    """Numbers of the bits that are set; a few."""
-    found = []
-    while number:
-        lowest = number & -number
-        found.append(lowest.bit_length() - 1)
-        number ^= lowest
-    return np.array(found, dtype=np.intp)
+def _draws(seed: int, places: int, moves: int) -> Iterator[tuple[int, int, float]]:
+    """Place, colour, and what a move may cost, as ``randrange`` and ``random`` draw them; these take twice as long."""
+    draw = random.Random(seed)
+    bits, number, cooling = places.bit_length(), draw.getrandbits, math.log(_COLD / _HOT) / moves
+    for move in range(moves):
+        place = number(bits)
+        while place >= places:
+            place = number(bits)
+        colour = number(2)
+        while colour == 3:
+            colour = number(2)
+        yield place, colour, -_HOT * math.exp(cooling * move) * math.log(1 - draw.random())
+
+
+def _lack(area: int, target: int) -> float:
+    """Price of the area that a colour lacks."""
+    aim = _AIM * target
+    return _LACK * (1 - area / aim) ** 2 + (0.0 if area else _NOTHING) if area < aim else 0.0

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, cached_property
 from itertools import permutations
 
 import numpy as np
@@ -211,7 +211,13 @@ class Squares:
 
     def cover(self, squares: int) -> int:
         """The cells of these squares."""
-        return _spread(_spread(squares, 1, self.width - 1), self.stride, self.width - 1)
+        for shift in self._shifts:
+            squares |= squares << shift
+        return squares
+
+    @cached_property
+    def _shifts(self) -> tuple[int, ...]:
+        return _shifts(1, self.width - 1) + _shifts(self.stride, self.width - 1)
 
     def area(self, squares: int) -> int:
         """Number of cells that these squares cover."""
