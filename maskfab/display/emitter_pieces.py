@@ -34,7 +34,7 @@ from maskfab.display.free_area import Squares, border_margin, free_region
 from maskfab.optics.colour import JUST_NOTICEABLE
 
 _MOVES = 80_000
-"""Some three seconds for 42 x 42 cells; five times as many make ΔE a fifth smaller."""
+"""Half a second for 42 x 42 cells; five times as many make ΔE a fifth smaller."""
 _HOT, _COLD = 0.2, 0.01
 """Temperatures, in ΔE."""
 _LACK = 100.0
@@ -90,7 +90,13 @@ def in_pieces(
 
 @lru_cache(maxsize=16)
 def _placed(
-    region: bytes, grid: EmitterGrid, targets: tuple[int, int, int], viewing: Viewing, worth: float, seed: int, moves: int
+    region: bytes,
+    grid: EmitterGrid,
+    targets: tuple[int, int, int],
+    viewing: Viewing,
+    worth: float,
+    seed: int,
+    moves: int,
 ) -> Labels | None:
     """Colours of the cells of a region; dies of one opening ask for the same."""
     free = np.frombuffer(region, np.bool_).reshape(grid.cells, grid.cells)
@@ -209,8 +215,7 @@ def _footprint(labels: Labels, ratio: Ratio) -> float:
 
 _OTHERS = ((1, 2), (0, 2), (0, 1))
 _Change = tuple[int, int, int, int, int]
-"""A colour, its squares and the cells that they cover then, the cells that come or go, and how many: below 0 if they go.
-"""
+"""A colour, its squares and the cells that they cover then, the cells that come or go, how many: below 0 if they go."""
 
 
 class _Annealing:
@@ -304,7 +309,7 @@ class _Annealing:
         shares, part = self.shares, 3
         inverse = [1 / (area or 1) for area in areas]
         shares[0], shares[1], shares[2] = inverse
-        shares[4] = shares[5] = 0.0
+        shares[3] = shares[4] = shares[5] = 0.0
         for k, _, _, cells, more in changes:
             if not more:
                 continue

@@ -26,11 +26,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from maskfab.base.arrays import Complexes, Floats, Labels
-from maskfab.base.model import COLOURS, ORIENTATIONS, Emitters, Panel, orient
+from maskfab.base.model import COLOURS, ORIENTATIONS, Emitters, Panel, frozen, orient
 from maskfab.display.emitted_light import Viewing, emitters_of
 from maskfab.display.emitter_rules import EmitterGrid
 from maskfab.display.eye import OPPONENT_OF_RGB, SLOW_CPD, gains
@@ -111,6 +112,7 @@ def evenness_of(pixels: list[Emitters], shares: Floats, pitch_nm: int, viewing: 
     return Evenness(_mean_length(np.linalg.eigvalsh(covariance)), grain)
 
 
+@lru_cache(maxsize=4)
 def sight(grid: EmitterGrid, viewing: Viewing, grain_worth: float = 0.0) -> Floats:
     """Effect of a lit cell on the evenness of a field, as vectors [3, n, n, terms].
 
@@ -119,26 +121,46 @@ def sight(grid: EmitterGrid, viewing: Viewing, grain_worth: float = 0.0) -> Floa
     """
     ppd = viewing.pixels_per_degree
     count = max(1, min(_MOST_STEPS // 4, math.ceil(_HIGHEST_CPD / min(_SEARCH_STEP_CPD, _FINEST_STEP * ppd))))
-    f = _frequencies(count, ppd)
+    f = _frequencies(count, ppd)[count:]
     along, size = _places(grid.cells, grid.cell_nm, grid.pitch_nm)
-    waves = np.exp(-2j * np.pi * np.outer(f, along)) * np.sinc(f * size)[:, None]
-    kept = (np.hypot(f[:, None], f) * ppd <= _HIGHEST_CPD) & (f > 0)
-    rows, columns = np.nonzero(kept)
-    phase = waves[rows][:, :, None] * waves[columns][:, None, :]
-    mean = np.mean([np.rot90(half, k, axes=(1, 2)) for half in (phase, phase[:, :, ::-1]) for k in range(4)], axis=0)
-    off = (phase - mean).reshape(len(rows), -1)
-    # Both halves of the spectrum count.
-    slow = np.hypot(f[rows], f[columns]) * ppd <= SLOW_CPD
+    angles, blur = 2 * np.pi * np.outer(f, along), np.sinc(f * size)[:, None]
+    even, odd = np.cos(angles) * blur, np.sin(angles) * blur
+    radius = np.hypot(f[:, None], f) * ppd
+    rows, columns = np.nonzero(radius <= _HIGHEST_CPD)
+    slow = (radius <= SLOW_CPD)[rows, columns]
     grain = grain_worth * slow[:, None, None] * LUMINANCE
-    matrix = np.concatenate([_matrices(f, ppd)[rows, columns], grain], axis=1) * (math.sqrt(2.0) * (f[1] - f[0]))
-    lights = np.concatenate([(matrix[:, :, [c]] * off[:, None]).reshape(-1, off.shape[1]) for c in range(3)], axis=1).T
-    parts = np.concatenate([lights.real, lights.imag], axis=1)
-    # Lengths of sums are all that counts: any vectors with these inner products will do.
-    tall = len(parts) > parts.shape[1]
-    power, directions = np.linalg.eigh(parts.T @ parts if tall else parts @ parts.T)
-    strong = power > _NEGLIGIBLE * power[-1]
-    few = parts @ directions[:, strong] if tall else directions[:, strong] * np.sqrt(power[strong])
-    return np.ascontiguousarray(few.reshape(3, grid.cells, grid.cells, -1))
+    # All four quarters of the spectrum count; the first frequency is half a step.
+    matrix = 2 * (2 * f[0]) * np.concatenate([_matrices(f, ppd)[rows, columns], grain], axis=1)
+    found = []
+    # Waves of unlike symmetry share no power.
+    for y, x in ((even, even), (odd, odd), (odd, even), (even, odd)):
+        off = y[rows][:, :, None] * x[columns][:, None, :]
+        if y is even and x is even:
+            # Less their mean over all orientations, which the others lack.
+            off = (off - off.swapaxes(1, 2)) / 2
+        found.append(_principal(matrix, off.reshape(len(rows), -1)))
+    most = max(power[-1] for power, _ in found)
+    few = np.concatenate([lights[..., power > _NEGLIGIBLE * most] for power, lights in found], axis=-1)
+    return frozen(few.reshape(3, grid.cells, grid.cells, -1))
+
+
+def _principal(matrix: Floats, waves: Floats) -> tuple[Floats, Floats]:
+    """Powers [terms], rising, and lights [3, cells, terms] whose inner products are those of all that is seen.
+
+    Lengths of sums are all that counts, so that any vectors with these inner products will do.
+
+    Args:
+        matrix: [waves, seen, 3] of red, green and blue.
+        waves: [waves, cells].
+    """
+    count = matrix.shape[1]
+    if matrix.size < 9 * waves.shape[1]:
+        each = matrix.reshape(-1, 3)
+        power, directions = np.linalg.eigh(each @ each.T * np.kron(waves @ waves.T, np.ones((count, count))))
+        return power, waves.T @ np.einsum("wsc,wst->cwt", matrix, directions.reshape(-1, count, len(power)))
+    parts = np.einsum("wsc,wn->cnws", matrix, waves).reshape(3 * waves.shape[1], -1)
+    power, directions = np.linalg.eigh(parts @ parts.T)
+    return power, (directions * np.sqrt(np.maximum(power, 0))).reshape(3, -1, len(power))
 
 
 def _frequencies(count: int, ppd: float) -> Floats:

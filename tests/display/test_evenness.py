@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +12,8 @@ from maskfab.base.model import Emitters, Tiling, orient
 from maskfab.display import emitted_light, eye, pictures
 from maskfab.display.emitted_light import Viewing, series
 from maskfab.display.emitter_rules import EmitterGrid
-from maskfab.display.evenness import _mean_length, evenness, evenness_of, sight
-from maskfab.optics.colour import lab_of_linear_srgb
+from maskfab.display.evenness import _frequencies, _matrices, _mean_length, evenness, evenness_of, sight
+from maskfab.optics.colour import LUMINANCE, lab_of_linear_srgb
 
 
 def pictured(panel, viewing, count=100) -> tuple[float, float]:
@@ -75,6 +76,25 @@ def test_what_a_search_minimises_is_the_rms(slit_panel, telephone):
     seen = evenness(slit_panel(), telephone)
     # The mean of a length is below its rms, by a fifth if there is one direction alone.
     assert 0.75 < seen.delta_e / float(np.linalg.norm(total)) < 1.02
+
+
+@pytest.mark.parametrize("cells", [7, 12])
+def test_lights_have_the_products_of_all_waves(cells, telephone):
+    grid = EmitterGrid(cells, 84_672 // cells, 1, 0, 1, 1, 1)
+    ppd, worth = telephone.pixels_per_degree, 150.0
+    lights = sight(grid, telephone, worth).reshape(3 * cells**2, -1)
+    f = _frequencies(math.ceil(30 / 3), ppd)
+    along = (np.arange(cells) + 0.5 - cells / 2) / cells
+    waves = np.exp(-2j * np.pi * np.outer(f, along)) * np.sinc(f / cells)[:, None]
+    labs, seen = _matrices(f, ppd), []
+    for y, x in np.argwhere(np.hypot(f[:, None], f) * ppd <= 30):
+        wave = np.outer(waves[y], waves[x])
+        wave = wave - np.mean([np.rot90(half, k) for half in (wave, wave[:, ::-1]) for k in range(4)], axis=0)
+        slow = np.hypot(f[y], f[x]) * ppd <= 10
+        seen.append(np.kron(np.vstack([labs[y, x], worth * slow * LUMINANCE]), wave.ravel()))
+    rows = np.concatenate(seen) * (f[1] - f[0])
+    total = rows.real.T @ rows.real + rows.imag.T @ rows.imag
+    assert lights @ lights.T == pytest.approx(total, abs=1e-6 * np.abs(total).max())
 
 
 def test_the_mean_length_of_a_normal_vector():

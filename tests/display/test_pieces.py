@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
+import math
+import random
 from functools import partial
 
 import numpy as np
@@ -12,11 +15,20 @@ from maskfab.base.model import Emitters, Opening, Panel, Tiling
 from maskfab.display import emitter_pieces
 from maskfab.display.drive import CircuitRules, LightDemand
 from maskfab.display.emitted_light import Viewing
-from maskfab.display.emitter_pieces import USUAL, in_pieces, look, pieces_bound, placed_in_pieces
+from maskfab.display.emitter_pieces import (
+    USUAL,
+    _Annealing,
+    _draws,
+    _lack,
+    in_pieces,
+    look,
+    pieces_bound,
+    placed_in_pieces,
+)
 from maskfab.display.emitter_rules import EmitterRules, Proof, Verdict, grid_of
 from maskfab.display.evenness import Evenness
 from maskfab.display.feasibility import DisplayRules, feasibility
-from maskfab.display.free_area import EVERY, borders, free_region
+from maskfab.display.free_area import EVERY, Squares, borders, free_region
 from maskfab.display.placement import footprint
 from maskfab.job.sections import EmittersSection
 
@@ -73,6 +85,99 @@ def test_the_same_seed_places_the_same_pieces(quick):
     )
     assert np.array_equal(one.labels, other.labels)
     assert not np.array_equal(one.labels, third.labels)
+
+
+def speckled(seed, dots, share) -> Opening:
+    return Opening("speckled", np.random.default_rng(seed).random((dots, dots)) < share, 8000)
+
+
+PLACED_BEFORE = [
+    (corner(), 0, RULES, (1.0, 1.0, 1.0), 15, 3000, USUAL, "0f6029ad09cc011e"),
+    (corner(), 0, EmitterRules(4000, 8000, 8000), (1.0, 1.0, 1.0), 60, 3000, USUAL, "5b88f0c5d0b8caef"),
+    (
+        speckled(5, 14, 0.04),
+        8000,
+        EmitterRules(0, 8000, 16000),
+        (0.75, 0.75, 1.5),
+        14,
+        4000,
+        Evenness(2.3, 0.005),
+        "e93ee22bb0298e91",
+    ),
+    (
+        speckled(2, 10, 0.06),
+        4000,
+        EmitterRules(4000, 4000, 12000),
+        (1.2, 0.9, 0.9),
+        60,
+        4000,
+        USUAL,
+        "bb41f1e1ea4a64f6",
+    ),
+]
+"""Of a search that counted every move in full, by the digest of its labels; squares of 1, 2 and 3 cells."""
+
+
+@pytest.mark.parametrize(("opening", "gutter", "rules", "ratio", "least", "moves", "limits", "digest"), PLACED_BEFORE)
+def test_a_search_that_looks_at_less_places_the_same(opening, gutter, rules, ratio, least, moves, limits, digest):
+    grid = grid_of(opening, 8000, gutter, rules)
+    viewing = Viewing(grid.pitch_nm / 1000, 200e3)
+    placed = in_pieces(opening, grid, EVERY, ratio, least, viewing, limits=limits, moves=moves)
+    assert hashlib.sha256(placed.labels.tobytes()).hexdigest().startswith(digest)
+
+
+@pytest.mark.parametrize(("seed", "width", "gap"), [(0, 1, 1), (1, 2, 2), (2, 3, 0), (3, 2, 1)])
+def test_what_a_search_keeps_is_what_counting_in_full_gives(seed, width, gap):
+    rng = np.random.default_rng(seed)
+    squares = Squares.of(rng.random((11, 11)) > 0.02, width, gap)
+    seen = rng.normal(size=(3, 11, 11, 5))
+    targets = (20, 15, 25)
+    search = _Annealing(squares, seen, targets, seed)
+    search.run(2000)
+    for held, cover, area, edges, own, light in zip(
+        search.held, search.covers, search.areas, search.edges, seen, search.lights, strict=False
+    ):
+        cells = squares.picture(held)
+        assert cover == squares.cover(held)
+        assert area == cells.sum() > 0
+        assert edges == sides(cells)
+        assert light == pytest.approx(own[cells].sum(axis=0), abs=1e-10)
+    # Moves that are only asked for, of every kind.
+    kinds = set()
+    for place in range(0, len(search.bits), 3):
+        for colour in range(3):
+            changes = search._changes(place, colour)
+            kinds.add((len(changes), changes[0][-1] > 0))
+            after = {k: held for k, held, *_ in changes}
+            pictures = [squares.picture(after.get(k, held)) for k, held in enumerate(search.held)]
+            areas = [int(cells.sum()) for cells in pictures]
+            assert areas == [
+                area + sum(more for own, *_, more in changes if own == k) for k, area in enumerate(search.areas)
+            ]
+            assert search._edges(changes) == [sides(cells) for cells in pictures]
+            total = sum(own[cells].sum(axis=0) / max(1, cells.sum()) for own, cells in zip(seen, pictures, strict=True))
+            assert search._length(place, changes, areas) == pytest.approx(np.linalg.norm(total), abs=1e-10)
+    assert {(1, False), (2, True), (3, True)} <= kinds
+
+
+def sides(cells) -> int:
+    """Sides between cells that are lit and cells that are not, or lie outside."""
+    framed = np.pad(cells, 1)
+    return sum(int((np.diff(framed, axis=axis) != 0).sum()) for axis in (0, 1))
+
+
+def test_moves_are_drawn_as_python_draws_them():
+    draw = random.Random(7)
+    for move, (place, colour, spare) in enumerate(_draws(7, 1026, 500)):
+        assert (place, colour) == (draw.randrange(1026), draw.randrange(3))
+        assert spare == -0.2 * math.exp(math.log(0.01 / 0.2) / 500 * move) * math.log(1 - draw.random()) >= 0
+
+
+def test_a_colour_pays_for_the_area_that_it_lacks():
+    prices = [_lack(area, 100) for area in range(120)]
+    assert prices == sorted(prices, reverse=True)
+    assert prices[101] == 0 < prices[100]
+    assert prices[0] - prices[1] > 10
 
 
 def test_no_placement_exceeds_the_bound_of_pieces(quick):
