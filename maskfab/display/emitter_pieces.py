@@ -243,12 +243,14 @@ class _Annealing:
         square = [y * stride + x for y in range(squares.width) for x in range(squares.width)]
         self.lit = [list(sum(own[ys * stride + xs + cell] for cell in square)) for own in self.rows]
         self.prices = [[_lack(area, target) for area in range(n * n + 1)] for target in targets]
+        self.inverse = [1 / max(1, area) for area in range(n * n + 1)]
         self.held, self.covers, self.areas, self.edges = [0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]
         # Light of each colour, and after it what a move changes, in the order of its changes.
         self.parts, self.shares, self.sum = np.zeros((6, terms)), np.zeros(6), np.empty(terms)
         self.lights = list(self.parts)
         widest = 3 * squares.width + 2 * squares.gap
-        self.span = (widest * stride + 7) // 8
+        self.raw = bytearray((widest * stride + 7) // 8)
+        self.bytes = np.frombuffer(self.raw, np.uint8)
         taken, ones = np.empty((widest**2, terms)), np.ones(widest**2)
         self.taken = [(taken[:count], ones[:count]) for count in range(widest**2 + 1)]
 
@@ -306,9 +308,8 @@ class _Annealing:
 
     def _length(self, place: int, changes: list[_Change], areas: list[int]) -> float:
         """Length of the sum of the colours' lights over their areas, after a move."""
-        shares, part = self.shares, 3
-        inverse = [1 / (area or 1) for area in areas]
-        shares[0], shares[1], shares[2] = inverse
+        shares, inverse, part = self.shares, self.inverse, 3
+        shares[0], shares[1], shares[2] = inverse[areas[0]], inverse[areas[1]], inverse[areas[2]]
         shares[3] = shares[4] = shares[5] = 0.0
         for k, _, _, cells, more in changes:
             if not more:
@@ -317,12 +318,12 @@ class _Annealing:
                 self.parts[part] = self.lit[k][place]
             else:
                 first = (cells & -cells).bit_length() - 1
-                raw = np.frombuffer((cells >> first).to_bytes(self.span, "little"), np.uint8)
-                numbers = np.unpackbits(raw, 0, None, "little").view(np.bool_).nonzero()[0]
+                self.raw[:] = (cells >> first).to_bytes(len(self.raw), "little")
+                numbers = np.unpackbits(self.bytes, 0, None, "little").view(np.bool_).nonzero()[0]
                 taken, ones = self.taken[abs(more)]
                 self.rows[k][first:].take(numbers, 0, taken, "clip")
                 ones.dot(taken, self.lights[part])
-            shares[part] = inverse[k] if more > 0 else -inverse[k]
+            shares[part] = inverse[areas[k]] if more > 0 else -inverse[areas[k]]
             part += 1
         shares.dot(self.parts, self.sum)
         return math.sqrt(self.sum.dot(self.sum))
