@@ -11,6 +11,7 @@ import heapq
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import permutations
 
 import numpy as np
@@ -68,12 +69,20 @@ def footprint(
         JobError: MF117 if a rule is wider than the pixel, MF118 if the grid is too fine.
     """
     grid = grid_of(opening, dot_nm, gutter_nm, rules)
-    used = tuple(orientations)
+    return _footprint(opening.mask.tobytes(), grid, tuple(orientations), rules, largest, seed)
+
+
+@lru_cache(maxsize=16)
+def _footprint(
+    dots: bytes, grid: EmitterGrid, used: tuple[int, ...], rules: EmitterRules, largest: bool, seed: int
+) -> Footprint:
+    """Answer about the dots of an opening; dies of one opening ask for the same."""
+    mask = np.frombuffer(dots, np.bool_).reshape(grid.cells // grid.per_dot, -1)
     cell = (grid.cell_nm / grid.pitch_nm) ** 2
     needed = rules.required / cell
     margin = border_margin(grid)
-    widest = free_region(opening.mask, grid, used)
-    region = free_region(opening.mask, grid, used, margin=margin) if margin else widest
+    widest = free_region(mask, grid, used)
+    region = free_region(mask, grid, used, margin=margin) if margin else widest
     rectangles, labels = three_rectangles(region, grid, rules.ratio, max_aspect=rules.max_aspect)
     method = "rectangles"
     best = rectangles
