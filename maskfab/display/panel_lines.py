@@ -17,6 +17,7 @@ routing, Maley).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise, product
@@ -27,7 +28,7 @@ from klayout import db
 from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 
-from maskfab.base.arrays import Ints, Mask
+from maskfab.base.arrays import Ints, Labels, Mask
 from maskfab.base.model import Panel, Point, side_by_side
 from maskfab.base.units import NM_PER_UM
 from maskfab.display.emitter_rules import Certificate, Proof
@@ -40,10 +41,6 @@ AXES: tuple[Axis, Axis] = ("x", "y")
 
 
 _SLABS_PER_LANE = 3
-
-
-_AT_ONCE = 512
-"""Slabs at most that are looked at together; a line turns more often than that."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,199 +73,60 @@ def panel_lines(panel: Panel, rules: WireRules, count: int, axis: Axis) -> Panel
         axis: along which they run.
     """
     field = _Field.of(panel, rules, axis)
-    utmost: list[Ints] = []
-    limit: Ints | None = None
-    for pixel in reversed(range(field.pixels)):
-        column = field.column(pixel)
-        for _ in range(count):
-            passage = column.between(None, limit)
-            if passage is None:
-                return PanelLines(axis, ())
-            utmost.append(passage.last)
-            limit = field.beside(passage.last, -1)
-    utmost.reverse()
+    if not field.low.size:
+        return PanelLines(axis, ())
+    half, pitch = rules.line_nm // 2, field.pitch_nm
+    pixels = np.repeat(np.arange(field.pixels), count).tolist()
+    utmost: list[tuple[Ints, Ints]] = []
+    way = field.begins[1:] - 1
+    limit = np.full(field.band.size, pitch * (field.pixels + 2), dtype=np.int64)
+    for pixel in reversed(pixels):
+        limit = np.minimum(limit, pitch * (pixel + 2) - half)
+        found = field.way(way, limit, 1)
+        if found is None:
+            return PanelLines(axis, ())
+        way = found
+        limit = np.minimum(field.high[way][field.band], limit)
+        if limit.min() < pitch * (pixel - 1) + half:
+            return PanelLines(axis, ())
+        utmost.append((way, limit))
+        limit = field.beside(limit, -1)
     paths = []
-    before: Ints | None = None
-    for pixel in range(field.pixels):
-        column = field.column(pixel)
-        for own in range(count):
-            passage = column.between(before, utmost[pixel * count + own])
-            assert passage is not None, "the utmost is a way itself"
-            across = passage.straight(field.pitch_nm * pixel + field.pitch_nm * (2 * own + 1) // (2 * count))
-            paths.append(_corners(across, field.cuts, axis))
-            before = field.beside(across, 1)
+    way, limit = field.begins[:-1], np.full(field.band.size, -pitch, dtype=np.int64)
+    for number, pixel in enumerate(pixels):
+        limit = np.maximum(limit, pitch * (pixel - 1) + half)
+        found = field.way(way, limit, -1)
+        assert found is not None, "the utmost is a way itself"
+        way = found
+        wished = pitch * pixel + pitch * (2 * (number % count) + 1) // (2 * count)
+        turns, places = field.straight((way, np.maximum(field.low[way][field.band], limit)), utmost.pop(), wished)
+        paths.append(_corners(turns, places, field.cuts, axis))
+        limit = field.beside(np.repeat(places, np.diff(turns, append=limit.size)), 1)
     return PanelLines(axis, tuple(paths))
-
-
-@dataclass(frozen=True, eq=False)
-class _Runs:
-    """Free stretches across a panel, slab by slab and in order across.
-
-    Attributes:
-        slab: int64 [n], ascending.
-        low, high: int64 [n] where the middle of a line may lie, both included.
-    """
-
-    slab: Ints
-    low: Ints
-    high: Ints
-
-    def kept(self, where: Mask) -> _Runs:
-        return _Runs(self.slab[where], self.low[where], self.high[where])
-
-
-@dataclass(frozen=True, eq=False)
-class _Passage:
-    """The free stretches that a line from end to end can use, all of them.
-
-    Attributes:
-        free: the stretches that openings leave.
-        runs: what limits leave of each.
-        slabs: how many slabs there are.
-    """
-
-    free: _Runs
-    runs: _Runs
-    slabs: int
-
-    @property
-    def last(self) -> Ints:
-        """Per slab, the farthest that a line can lie; int64 [slabs]."""
-        ends = np.searchsorted(self.runs.slab, np.arange(self.slabs), side="right") - 1
-        return self.runs.high[ends]
-
-    def straight(self, wished: int) -> Ints:
-        """Per slab, where a line lies that is near a place, and moves only where it must; int64 [slabs]."""
-        low, high = self.runs.low.tolist(), self.runs.high.tolist()
-        begin, end = (side.tolist() for side in _onward(self.free))
-        places = np.searchsorted(self.runs.slab, np.arange(self.slabs + 1))
-        # Mostly there is one stretch to go on in, which must be met: up to the next slab of several, all at once.
-        several = np.append(np.flatnonzero(np.diff(places) > 1), self.slabs)
-        ends = several[np.searchsorted(several, np.arange(self.slabs))].tolist()
-        starts = places.tolist()
-        across = np.empty(self.slabs, dtype=np.int64)
-
-        def away(run: int) -> int:
-            return int(max(low[run] - wished, wished - high[run]))
-
-        at = min(range(starts[1]), key=away)
-        least, most, since, came, here = low[at], high[at], 0, 0, 1
-        while here < self.slabs:
-            if ends[here] > here:
-                part = slice(starts[here], starts[here] + min(ends[here] - here, _AT_ONCE))
-                lows = np.maximum.accumulate(np.maximum(self.runs.low[part], least))
-                highs = np.minimum.accumulate(np.minimum(self.runs.high[part], most))
-                if passed := int(np.searchsorted(lows > highs, True)):
-                    least, most, at = int(lows[passed - 1]), int(highs[passed - 1]), starts[here] + passed - 1
-                    here += passed
-                    continue
-            ahead = begin[at]
-            if (more := end[at] - ahead) > 1:
-                met = [run for run in range(ahead, ahead + more) if high[run] >= least and low[run] <= most]
-                ahead = min(met, key=away, default=ahead)
-            if high[ahead] >= least and low[ahead] <= most:
-                at, here = ahead, here + 1
-                least = max(least, low[at])
-                most = min(most, high[at])
-                continue
-            at = min(range(begin[at], end[at]), key=lambda run: max(low[run] - most, least - high[run]))
-            goes = 1 if low[at] > most else -1
-            # A line that came from where it goes back to went no farther than it had to.
-            place = min(max(wished, least), most) if came in (0, goes) else most if goes > 0 else least
-            across[since:here] = place
-            least, most, since, came, here = low[at], high[at], here, goes, here + 1
-        across[since:] = min(max(wished, least), most)
-        return across
-
-
-@dataclass(frozen=True, eq=False)
-class _Column:
-    """The part of a panel in which the lines of one pixel across may lie.
-
-    Attributes:
-        free: stretches that openings leave.
-        slabs: how many slabs there are.
-        steps: int64 [2, m] pairs of stretches, in neighbouring slabs, that meet: where one slab ends and the next
-            begins, a line may lie where either lets it. Stretches of a slab lie apart, so both rows ascend.
-    """
-
-    free: _Runs
-    slabs: int
-    steps: Ints
-
-    def between(self, first: Ints | None, last: Ints | None) -> _Passage | None:
-        """Passage between two limits, int64 [slabs] both included; None if there is none.
-
-        Args:
-            first: least place in every slab; None for no limit.
-            last: greatest place likewise.
-        """
-        free = self.free
-        low = free.low if first is None else np.maximum(free.low, first[free.slab])
-        high = free.high if last is None else np.minimum(free.high, last[free.slab])
-        used = self._used(low <= high)
-        return None if used is None else _Passage(free.kept(used), _Runs(free.slab, low, high).kept(used), self.slabs)
-
-    def _used(self, left: Mask) -> Mask | None:
-        """Which stretches, of those that are left, lie on a way from the first slab to the last; None without a way."""
-        usable = left[self.steps[0]] & left[self.steps[1]]
-        last = int(self.free.slab.searchsorted(self.slabs - 1))
-        first = int(self.free.slab.searchsorted(0, side="right"))
-        forth = self._reached(0, usable, np.flatnonzero(left[:first]))
-        back = self._reached(1, usable, last + np.flatnonzero(left[last:]))
-        used = forth & back
-        return used if used.any() else None
-
-    def _reached(self, side: Literal[0, 1], usable: Mask, starts: Ints) -> Mask:
-        """Which stretches ways from some of them come to, by the steps that are kept, from that side of each."""
-        many = np.concatenate(([0], np.cumsum(usable)))[self._begins[side]]
-        onward = np.concatenate((self.steps[1 - side, usable], starts))
-        rows = np.concatenate((many, [onward.size]))
-        graph = sparse.csr_matrix((np.ones(onward.size), onward, rows), shape=(many.size, many.size))
-        reached = np.zeros(many.size, dtype=np.bool_)
-        reached[csgraph.breadth_first_order(graph, many.size - 1, return_predecessors=False)] = True
-        return reached[:-1]
-
-    @cached_property
-    def _begins(self) -> Ints:
-        """Where the steps of every stretch begin, by its place in them, and where the last ends; int64 [2, n + 1]."""
-        every = np.arange(self.free.slab.size + 1)
-        return np.stack([np.searchsorted(side, every) for side in self.steps])
-
-
-def _steps(runs: _Runs) -> Ints:
-    """Pairs of stretches in neighbouring slabs that meet, int64 [2, m]."""
-    begin, end = _onward(runs)
-    return np.stack((np.repeat(np.arange(begin.size), np.maximum(end - begin, 0)), _in_rows(begin, end)))
-
-
-def _onward(runs: _Runs) -> tuple[Ints, Ints]:
-    """Of every stretch, the first of those that it meets in the next slab, which stand in a row, and the one after."""
-    least = runs.low.min(initial=0)
-    step = int(runs.high.max(initial=0) - least) + 1
-    low, high = (runs.slab * step + across - least for across in (runs.low, runs.high))
-    return np.searchsorted(high, low + step, side="left"), np.searchsorted(low, high + step, side="right")
-
-
-def _in_rows(begin: Ints, end: Ints) -> Ints:
-    """Numbers from every begin to before its end, one row after the other; none where the end does not come later."""
-    many = np.maximum(end - begin, 0)
-    return np.asarray(np.repeat(begin - (np.cumsum(many) - many), many) + np.arange(many.sum()))
 
 
 @dataclass(frozen=True, eq=False)
 class _Field:
     """A panel as lines along one axis see it: slabs across them, and in each where their middle may lie.
 
+    Slabs that follow each other and are free alike make a band. A line goes on from a stretch of a band to any that it
+    meets in the next: there it may lie where either lets it. Stretches on no way from end to end are left out, so that
+    every one between two ways lies on a third, between them.
+
     Attributes:
-        runs: of the whole panel.
+        low, high: int64 [n] stretches, band by band and in order across, both ends included.
+        begins: int64 [bands + 1] where the stretches of a band begin.
+        band: int64 [slabs] of every slab.
         cuts: int64 [slabs + 1] where slabs begin and end along the lines.
         pixels: across.
         pitch_nm: of a pixel.
         rules: width, space and clearance.
     """
 
-    runs: _Runs
+    low: Ints
+    high: Ints
+    begins: Ints
+    band: Ints
     cuts: Ints
     pixels: int
     pitch_nm: int
@@ -282,66 +140,195 @@ class _Field:
         ends_nm = [side // panel.opening.dots * panel.pitch_nm for side in upright.shape]
         reach = rules.line_nm // 2 + rules.clearance_nm
         cuts = _cuts(along, panel.dot_nm, ends_nm[0], reach, rules.line_nm + rules.space_nm)
-        # The dots whose reach a slab lies in.
+        # The dots whose reach a slab lies in; slabs that follow each other often lie in that of the same.
         first = np.searchsorted(along + panel.dot_nm + reach, cuts[:-1], side="right")
-        last = np.searchsorted(along - reach, cuts[1:], side="left")
+        last = np.maximum(np.searchsorted(along - reach, cuts[1:], side="left"), first)
+        fresh = np.append(True, (np.diff(first) != 0) | (np.diff(last) != 0))
         sums = np.zeros((along.size + 1, across.size), dtype=np.int32)
         np.cumsum(upright, axis=0, out=sums[1:])
-        shut = np.zeros((cuts.size - 1, across.size + 2), dtype=np.bool_)
-        shut[:, 1:-1] = sums[np.maximum(last, first)] > sums[first]
+        shut = np.ones((int(fresh.sum()), across.size + 2), dtype=np.bool_)
+        shut[:, 1:-1] = sums[last[fresh]] > sums[first[fresh]]
+        other = np.append(True, (shut[1:] != shut[:-1]).any(axis=1))
+        fresh[fresh] = other
         # A pixel beyond the panel the first and the last stretch end, as at openings.
         least, most = -panel.pitch_nm, ends_nm[1] + panel.pitch_nm
-        shut[:, 0] = shut[:, -1] = True
         begins = np.concatenate(([least], across - reach, [most]))
         ends = np.concatenate(([least], across + panel.dot_nm + reach, [most]))
-        slab, dot = np.nonzero(shut)
-        same = slab[:-1] == slab[1:]
+        band, dot = np.nonzero(shut[other])
         low, high = ends[dot[:-1]], begins[dot[1:]]
-        open_runs = same & (low <= high)
-        runs = _Runs(slab[:-1][open_runs].astype(np.int64), low[open_runs], high[open_runs])
-        return cls(runs, cuts, ends_nm[1] // panel.pitch_nm, panel.pitch_nm, rules)
+        kept = (band[:-1] == band[1:]) & (low <= high)
+        low, high, band = low[kept], high[kept], band[:-1][kept]
+        bands = np.arange(other.sum() + 1)
+        used = _used(*_met(low, high, band), (band == 0, band == bands[-2]))
+        return cls(
+            low[used],
+            high[used],
+            np.searchsorted(band[used], bands),
+            np.cumsum(fresh) - 1,
+            cuts,
+            ends_nm[1] // panel.pitch_nm,
+            panel.pitch_nm,
+            rules,
+        )
 
-    def column(self, pixel: int) -> _Column:
-        """Where the lines of a pixel across may lie."""
-        half = self.rules.line_nm // 2
-        least, most = (pixel - 1) * self.pitch_nm + half, (pixel + 2) * self.pitch_nm - half
-        # Of every slab, those that reach between the two stand in a row.
-        begin = np.searchsorted(self._highs, self._slabs + least, side="left")
-        end = np.searchsorted(self._lows, self._slabs + most, side="right")
-        near = _in_rows(begin, end)
-        low, high = np.maximum(self.runs.low[near], least), np.minimum(self.runs.high[near], most)
-        free = _Runs(self.runs.slab[near], low, high)
-        return _Column(free, self.cuts.size - 1, _steps(free))
+    def way(self, within: Ints, limit: Ints, side: Literal[1, -1]) -> Ints | None:
+        """The stretches, band by band, of the way that lies farthest to a side; None if some band has none left for it.
+
+        Args:
+            within: int64 [bands] stretches that it does not pass on that side.
+            limit: int64 [slabs] places that it does not pass there.
+            side: 1 for the last, -1 for the first.
+        """
+        near, nearest = (self.low, np.minimum) if side > 0 else (self.high, np.maximum)
+        limits, way = nearest.reduceat(limit, self._slabs), within
+        while (beyond := side * (near[way] - limits) > 0).any():
+            way = way - side * beyond
+            if (way < self.begins[:-1]).any() or (way >= self.begins[1:]).any():
+                return None
+        # Farther than where the band before leads are dead ends, and farther than where the one after does, too.
+        forth, back = self._ahead[side], self._before[side]
+        return _led(_led(way, forth, side)[::-1], back, side)[::-1]
+
+    def straight(self, lowest: tuple[Ints, Ints], highest: tuple[Ints, Ints], wished: int) -> tuple[Ints, Ints]:
+        """A line between two ways that is near a place, and moves only where it must.
+
+        Args:
+            lowest, highest: int64 [bands] stretches of the two, and int64 [slabs] the farthest that the line may lie.
+            wished: the place.
+
+        Returns:
+            The slabs from which on it lies elsewhere, and where, int64 [turns] each.
+        """
+        (one, low), (other, high) = lowest, highest
+        several = one != other
+        # Slabs in a row that leave it one and the same room are looked at together.
+        fresh = np.append(True, (low[1:] != low[:-1]) | (high[1:] != high[:-1]))
+        fresh[self._slabs[several | np.append(False, several[:-1])]] = True
+        starts = np.flatnonzero(fresh)
+        band = self.band[np.append(starts[1:], low.size) - 1]
+        rooms = zip(*(of.tolist() for of in (starts, one[band], other[band], low[starts], high[starts])), strict=True)
+        lows, highs, nearest, farthest = self._lists
+        turns, places, came, at = [0], [], 0, -1
+        least, most = int(low.min()), int(high.max())
+        for here, first, last, start, end in rooms:
+            if first == last:
+                at = first
+            elif at < first:
+                led = range(max(first, nearest[at]), min(last, farthest[at]) + 1)
+                at = led[0]
+                if len(led) > 1:
+                    ends = [(start if it == first else lows[it], end if it == last else highs[it], it) for it in led]
+                    at = _chosen(ends, least, most, wished)
+            low_here = start if at == first else lows[at]
+            high_here = end if at == last else highs[at]
+            if low_here <= most and high_here >= least:
+                least = low_here if low_here > least else least
+                most = high_here if high_here < most else most
+                continue
+            goes = 1 if low_here > most else -1
+            # A line that came from where it goes back to went no farther than it had to.
+            places.append(min(max(wished, least), most) if came in (0, goes) else most if goes > 0 else least)
+            turns.append(here)
+            least, most, came = low_here, high_here, goes
+        places.append(min(max(wished, least), most))
+        return np.array(turns), np.array(places)
 
     def beside(self, across: Ints, side: Literal[1, -1]) -> Ints:
         """The nearest that the next line on a side may come to a line, slab by slab."""
+        farther = np.maximum if side > 0 else np.minimum
+        begin, end, levels = self._near
+        # Level by level the farthest of 1, 2, 4 ... slabs in a row; two of such cover all that are near.
+        farthest = np.empty((levels, across.size), dtype=np.int64)
+        farthest[:] = across
+        for level in range(1, levels):
+            step, last = 1 << level - 1, farthest[level - 1]
+            farther(last[:-step], last[step:], out=farthest[level, :-step])
         lane = self.rules.line_nm + self.rules.space_nm
-        held = np.append(side * across, np.iinfo(np.int64).min)
-        nearest = np.asarray(np.maximum.reduceat(held, self._near)[::2], dtype=np.int64)
-        return side * (nearest + lane)
+        return np.asarray(farther(farthest.ravel()[begin], farthest.ravel()[end]) + side * lane)
 
     @cached_property
-    def _slabs(self) -> Ints:
-        """A number for every slab, so far apart that places across, added to it, ascend from slab to slab."""
-        return np.asarray(np.arange(self.cuts.size - 1) * (self.pixels + 4) * self.pitch_nm)
-
-    @cached_property
-    def _lows(self) -> Ints:
-        """Where the stretches begin, ascending over all slabs."""
-        return np.asarray(self._slabs[self.runs.slab] + self.runs.low)
-
-    @cached_property
-    def _highs(self) -> Ints:
-        """Where the stretches end, ascending likewise."""
-        return np.asarray(self._slabs[self.runs.slab] + self.runs.high)
-
-    @cached_property
-    def _near(self) -> Ints:
-        """The slabs less than a lane away from every slab, the first and the one after the last in turn."""
+    def _near(self) -> tuple[Ints, Ints, int]:
+        """Two places that cover the slabs less than a lane away from every one, in a table of 1, 2, 4 ... in a row."""
         lane = self.rules.line_nm + self.rules.space_nm
         first = np.searchsorted(self.cuts[1:], self.cuts[:-1] - lane, side="right")
         after = np.searchsorted(self.cuts[:-1], self.cuts[1:] + lane, side="left")
-        return np.stack((first, after), axis=1).ravel()
+        level = np.frexp(after - first)[1] - 1
+        row = level * self.band.size
+        return row + first, row + after - (1 << level), int(level.max()) + 1
+
+    @cached_property
+    def _slabs(self) -> Ints:
+        """Where bands begin."""
+        return np.searchsorted(self.band, np.arange(self.begins.size - 1))
+
+    @cached_property
+    def _lists(self) -> tuple[list[int], ...]:
+        """Both ends of every stretch, and the first and the last that it meets in the next band.
+
+        What comes before the first band, at the end of the lists, leads to all of it.
+        """
+        lists = self.low, self.high, np.append(self._ahead[-1], 0), np.append(self._ahead[1], self.low.size)
+        return tuple(each.tolist() for each in lists)
+
+    @cached_property
+    def _ahead(self) -> dict[int, Ints]:
+        """By side, the stretch farthest there of those that every stretch meets in the next band."""
+        first, after = _met(self.low, self.high, np.repeat(np.arange(self.begins.size - 1), np.diff(self.begins)))
+        return {-1: first, 1: after - 1}
+
+    @cached_property
+    def _before(self) -> dict[int, Ints]:
+        """By side, the one farthest there of those in the band before."""
+        every = np.arange(self.low.size)
+        ahead = self._ahead
+        return {-1: np.searchsorted(ahead[1], every), 1: np.searchsorted(ahead[-1], every, side="right") - 1}
+
+
+def _met(low: Ints, high: Ints, band: Ints) -> tuple[Ints, Ints]:
+    """Of every stretch, the first of those that it meets in the next band, which stand in a row, and the one after."""
+    least = low.min(initial=0)
+    step = int(high.max(initial=0) - least) + 1
+    start, end = (band * step + across - least for across in (low, high))
+    return np.searchsorted(end, start + step, side="left"), np.searchsorted(start, end + step, side="right")
+
+
+def _used(begin: Ints, after: Ints, ends: tuple[Mask, Mask]) -> Mask:
+    """Which stretches lie on a way from one end to the other, from those that each leads to."""
+    many = np.maximum(after - begin, 0)
+    tail = np.repeat(np.arange(many.size), many)
+    head = np.repeat(begin - (np.cumsum(many) - many), many) + np.arange(many.sum())
+    used = np.ones(many.size, dtype=np.bool_)
+    for one, other, end in ((tail, head, ends[0]), (head, tail, ends[1])):
+        # One more place leads to all of an end.
+        starts = np.flatnonzero(end)
+        rows, columns = np.append(one, np.full(starts.size, many.size)), np.append(other, starts)
+        graph = sparse.csr_matrix((np.ones(rows.size), (rows, columns)), shape=(many.size + 1,) * 2)
+        reached = np.zeros(many.size + 1, dtype=np.bool_)
+        reached[csgraph.breadth_first_order(graph, many.size, return_predecessors=False)] = True
+        used &= reached[:-1]
+    return used
+
+
+def _chosen(ends: list[tuple[int, int, int]], least: int, most: int, wished: int) -> int:
+    """The stretch to go on in, of several by their ends: near the place wished if a line need not turn there."""
+    met = [each for each in ends if each[1] >= least and each[0] <= most]
+    if met:
+        return min(met, key=lambda each: max(each[0] - wished, wished - each[1]))[2]
+    return min(ends, key=lambda each: max(each[0] - most, least - each[1]))[2]
+
+
+def _led(way: Ints, links: Ints, side: Literal[1, -1]) -> Ints:
+    """A way, drawn in from a side to where each of its stretches leads at the utmost."""
+    farther = np.flatnonzero(side * (way[1:] - links[way[:-1]]) > 0)
+    if not farther.size:
+        return way
+    led = way.tolist()
+    for before in farther.tolist():
+        here, utmost = before + 1, links.item(led[before])
+        while here < len(led) and side * (led[here] - utmost) > 0:
+            led[here] = utmost
+            here, utmost = here + 1, links.item(utmost)
+    return np.array(led)
 
 
 def _dot_edges(panel: Panel, count: int) -> Ints:
@@ -359,11 +346,10 @@ def _cuts(edges: Ints, dot_nm: int, end: int, reach: int, lane: int) -> Ints:
     return np.asarray(both[(both >= 0) & (both <= end)])
 
 
-def _corners(across: Ints, cuts: Ints, axis: Axis) -> tuple[Point, ...]:
+def _corners(turns: Ints, places: Ints, cuts: Ints, axis: Axis) -> tuple[Point, ...]:
     """The middle of a line, corner by corner."""
-    moved = np.flatnonzero(np.diff(across)) + 1
-    x = np.repeat(across[np.concatenate(([0], moved))], 2)
-    y = np.concatenate((cuts[:1], np.repeat(cuts[moved], 2), cuts[-1:]))
+    x = np.repeat(places, 2)
+    y = np.concatenate((cuts[:1], np.repeat(cuts[turns[1:]], 2), cuts[-1:]))
     apart = np.concatenate(([True], (np.diff(x) != 0) | (np.diff(y) != 0)))
     along, to = y[apart].tolist(), x[apart].tolist()
     return tuple(zip(to, along, strict=True)) if axis == "y" else tuple(zip(along, to, strict=True))
@@ -402,11 +388,12 @@ class _Chains:
     Attributes:
         ends: int64 [n, 2] the least and the greatest coordinate across of every opening.
         tops: int64 [n, 2] coordinates along the lines at these two.
-        tail, head: int64 [m] openings that are near each other.
+        tail, head: int64 [m] openings that are near each other, the one of the lower number first.
         passing: int64 [m] lines that pass between.
-        between: int64 [m, 4] across and along of the nearest corners, of the one and of the other.
-        pixels: across.
-        pitch_nm: of a pixel.
+        cells: what the cells of the panel are, rows along the lines.
+        first: int64, of every cell, the number of its first opening.
+        pieces: of every kind of cell, its openings as in :func:`_pieces`.
+        panel: whose they are.
         rules: width, space and clearance.
     """
 
@@ -415,18 +402,20 @@ class _Chains:
     tail: Ints
     head: Ints
     passing: Ints
-    between: Ints
-    pixels: int
-    pitch_nm: int
+    cells: Labels
+    first: Ints
+    pieces: Mapping[int, list[Ints]]
+    panel: Panel
     rules: WireRules
 
     @classmethod
     def of(cls, panel: Panel, rules: WireRules, axis: Axis) -> _Chains:
         cells = panel.orientations if axis == "y" else panel.orientations.T
-        patterns = {int(kind): panel.pattern(int(kind)) for kind in np.unique(cells)}
+        kinds, held = np.unique(cells, return_inverse=True)
+        patterns = {int(kind): panel.pattern(int(kind)) for kind in kinds}
         pieces = {kind: _pieces(pattern if axis == "y" else pattern.T, panel) for kind, pattern in patterns.items()}
         rows, columns = cells.shape
-        sizes = np.array([[len(pieces[int(kind)]) for kind in row] for row in cells], dtype=np.int64)
+        sizes = np.array([len(own) for own in pieces.values()])[held].reshape(cells.shape)
         first = (np.cumsum(sizes) - sizes.ravel()).reshape(sizes.shape)
         pitch, dot = panel.pitch_nm, panel.dot_nm
         total = int(sizes.sum())
@@ -438,33 +427,33 @@ class _Chains:
                 members = first[at[:, 0], at[:, 1]] + number
                 ends[members] = pitch * at[:, 1:] + (low[1], high[1] + dot)
                 tops[members] = pitch * at[:, :1] + (low[0], high[0])
-        tails, heads, gaps, places = [], [], [], []
+        tails, heads, passing = ([np.empty(0, dtype=np.int64)] for _ in range(3))
         for up, right in _BESIDE:
-            # Cells and those that lie so beside them.
-            here = cells[: rows - up, max(0, -right) : columns - max(0, right)]
-            there = cells[up:, max(0, right) : columns + min(0, right)]
+            # Cells and those that lie so beside them, by the first of their openings.
+            here = np.s_[: rows - up, max(0, -right) : columns - max(0, right)]
+            there = np.s_[up:, max(0, right) : columns + min(0, right)]
             for kind, other in product(pieces, pieces):
-                at = np.argwhere((here == kind) & (there == other)) + np.array([0, max(0, -right)])
-                if not at.size:
+                met = (cells[here] == kind) & (cells[there] == other)
+                if not met.any() or not pieces[kind] or not pieces[other]:
                     continue
-                gap, place = _near(pieces[kind], pieces[other], np.array([up, right]) * pitch, dot)
-                one, two = np.divmod(np.arange(gap.size), max(len(pieces[other]), 1))
-                tails.append((first[at[:, 0], at[:, 1]][:, None] + one).ravel())
-                heads.append((first[at[:, 0] + up, at[:, 1] + right][:, None] + two).ravel())
-                gaps.append(np.tile(gap, len(at)))
-                places.append((place + np.tile(at[:, None, ::-1] * pitch, 2)).reshape(-1, 4))
-        room = np.concatenate(gaps) + rules.space_nm - 2 * rules.clearance_nm
-        return cls(
-            ends,
-            tops,
-            np.concatenate(tails),
-            np.concatenate(heads),
-            np.maximum(room // (rules.line_nm + rules.space_nm), 0),
-            np.concatenate(places),
-            columns,
-            pitch,
-            rules,
-        )
+                gaps = _gaps(pieces[kind], pieces[other], np.array([up, right]) * pitch, dot)
+                # Two of one cell are met once.
+                one, two = np.nonzero(np.triu(gaps >= 0, 1) if up == right == 0 else gaps >= 0)
+                tails.append((first[here][met][:, None] + one).ravel())
+                heads.append((first[there][met][:, None] + two).ravel())
+                passing.append(np.tile(_passing(gaps[one, two], rules), int(met.sum())))
+        tail, head, lines = (np.concatenate(each) for each in (tails, heads, passing))
+        return cls(ends, tops, tail, head, lines, cells, first, pieces, panel, rules)
+
+    @property
+    def pixels(self) -> int:
+        """Across."""
+        return int(self.cells.shape[1])
+
+    @property
+    def pitch_nm(self) -> int:
+        """Pitch of the pixels."""
+        return self.panel.pitch_nm
 
     def beside(self, count: int, side: Literal[1, -1]) -> Ints:
         """Lines of all that can pass on one side of every opening, int64 [n].
@@ -514,11 +503,20 @@ class _Chains:
 
     def _link(self, one: int, other: int) -> tuple[int, tuple[Point, Point]]:
         """Lines that pass between two openings of a chain, and where, across and along."""
-        link = np.flatnonzero(((self.tail == one) & (self.head == other)) | ((self.tail == other) & (self.head == one)))
-        best = link[self.passing[link].argmin()]
-        x0, y0, x1, y1 = self.between[best].tolist()
-        way: tuple[Point, Point] = ((x0, y0), (x1, y1)) if self.tail[best] == one else ((x1, y1), (x0, y0))
-        return int(self.passing[best]), way
+        tail, head = ((self._own(opening)) for opening in sorted((one, other)))
+        apart = np.abs(tail[:, None] - head).max(axis=2)
+        near = np.unravel_index(int(apart.argmin()), apart.shape)
+        (y0, x0), (y1, x1) = (
+            (own[at] + self.panel.dot_nm // 2).tolist() for own, at in zip((tail, head), near, strict=True)
+        )
+        way: tuple[Point, Point] = ((x0, y0), (x1, y1)) if one < other else ((x1, y1), (x0, y0))
+        return int(_passing(np.maximum(apart.min() - self.panel.dot_nm, 0), self.rules)), way
+
+    def _own(self, opening: int) -> Ints:
+        """An opening as its rim's dots, along and across, from the panel's corner."""
+        cell = int(self.first.ravel().searchsorted(opening, side="right")) - 1
+        place = np.array(np.unravel_index(cell, self.cells.shape))
+        return self.pieces[int(self.cells.flat[cell])][opening - int(self.first.flat[cell])] + place * self.pitch_nm
 
     def cheapest(self, from_first: Ints, to_last: Ints) -> tuple[int, list[int]]:
         """The chain of openings that fewest lines pass, from the first side to the last, and how many pass it.
@@ -529,12 +527,12 @@ class _Chains:
         """
         size = self.ends.shape[0]
         every, start, stop = np.arange(size), size, size + 1
-        tail = np.concatenate((self.tail, np.full(size, start), every))
-        head = np.concatenate((self.head, every, np.full(size, stop)))
+        tail = np.concatenate((self.tail, every, every))
+        head = np.concatenate((self.head, np.full(size, start), np.full(size, stop)))
         cost = np.concatenate((self.passing, from_first, to_last))
         # One more than the cost for every link, so that of equal chains the shortest is taken.
         links = size + 2
-        graph = _least(tail, head, cost * links + 1, links).tocsr()
+        graph = sparse.coo_matrix((cost * links + 1, (tail, head)), shape=(links, links)).tocsr()
         distance, before = csgraph.dijkstra(graph, directed=False, indices=start, return_predecessors=True)
         chain, at = [], int(before[stop])
         while at != start:
@@ -555,13 +553,10 @@ class _Chains:
         )
 
 
-def _least(tail: Ints, head: Ints, cost: Ints, size: int) -> sparse.coo_matrix:
-    """A graph of the cheapest of all links between two places."""
-    low, high = np.minimum(tail, head), np.maximum(tail, head)
-    order = np.lexsort((cost, high, low))
-    low, high, cost = low[order], high[order], cost[order]
-    first = np.concatenate(([True], (np.diff(low) != 0) | (np.diff(high) != 0)))
-    return sparse.coo_matrix((cost[first], (low[first], high[first])), shape=(size, size))
+def _passing(gap: Ints, rules: WireRules) -> Ints:
+    """Lines that pass between openings a gap apart."""
+    room = gap + rules.space_nm - 2 * rules.clearance_nm
+    return np.asarray(np.maximum(room // (rules.line_nm + rules.space_nm), 0))
 
 
 def _pieces(upright: Mask, panel: Panel) -> list[Ints]:
@@ -573,20 +568,12 @@ def _pieces(upright: Mask, panel: Panel) -> list[Ints]:
     return [np.argwhere(rim == number) * panel.dot_nm + panel.gutter_nm // 2 for number in range(1, int(count) + 1)]
 
 
-def _near(ones: list[Ints], others: list[Ints], step: Ints, dot: int) -> tuple[Ints, Ints]:
-    """Gaps between all openings of a cell and all of another, and the dots between which they are.
-
-    Returns:
-        int64 [pairs] and [pairs, 4], across and along of the two dots.
-    """
-    gaps, places = [], []
-    for one, other in product(ones, others):
-        there = other + step
-        apart = np.abs(one[:, None] - there).max(axis=2)
-        i, j = np.unravel_index(int(apart.argmin()), apart.shape)
-        gaps.append(max(int(apart[i, j]) - dot, 0))
-        places.append((one[i, 1], one[i, 0], there[j, 1], there[j, 0]))
-    return np.array(gaps, dtype=np.int64), np.array(places, dtype=np.int64).reshape(-1, 4) + dot // 2
+def _gaps(ones: list[Ints], others: list[Ints], step: Ints, dot: int) -> Ints:
+    """Gaps between all openings of a cell and all of another, a step away; int64 [ones, others]."""
+    rims = np.concatenate(others) + step
+    begins = np.cumsum([0, *map(len, others[:-1])])
+    nearest = [np.maximum(*(np.abs(one[:, None, side] - rims[:, side]) for side in (0, 1))).min(axis=0) for one in ones]
+    return np.asarray(np.maximum(np.minimum.reduceat(np.array(nearest), begins, axis=1) - dot, 0))
 
 
 def _certificate(
