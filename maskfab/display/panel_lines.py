@@ -140,25 +140,23 @@ class _Field:
         ends_nm = [side // panel.opening.dots * panel.pitch_nm for side in upright.shape]
         reach = rules.line_nm // 2 + rules.clearance_nm
         cuts = _cuts(along, panel.dot_nm, ends_nm[0], reach, rules.line_nm + rules.space_nm)
-        # The dots whose reach a slab lies in; slabs that follow each other often lie in that of the same.
+        # Where dots whose reach a slab lies in are open, eight dots to a byte.
         first = np.searchsorted(along + panel.dot_nm + reach, cuts[:-1], side="right")
-        last = np.maximum(np.searchsorted(along - reach, cuts[1:], side="left"), first)
-        fresh = np.append(True, (np.diff(first) != 0) | (np.diff(last) != 0))
-        sums = np.zeros((along.size + 1, across.size), dtype=np.int32)
-        np.cumsum(upright, axis=0, out=sums[1:])
-        shut = np.ones((int(fresh.sum()), across.size + 2), dtype=np.bool_)
-        shut[:, 1:-1] = sums[last[fresh]] > sums[first[fresh]]
-        other = np.append(True, (shut[1:] != shut[:-1]).any(axis=1))
-        fresh[fresh] = other
+        last = np.searchsorted(along - reach, cuts[1:], side="left")
+        rows = np.packbits(np.pad(upright, ((0, 1), (0, 0))), axis=1)
+        near = np.bitwise_or.reduceat(rows, np.stack((first, np.maximum(last, first)), axis=1).ravel(), axis=0)[::2]
+        near[last <= first] = 0
+        fresh = np.append(True, (near[1:] != near[:-1]).any(axis=1))
+        shut = np.pad(np.unpackbits(near[fresh], axis=1, count=across.size), ((0, 0), (1, 1)), constant_values=1)
         # A pixel beyond the panel the first and the last stretch end, as at openings.
         least, most = -panel.pitch_nm, ends_nm[1] + panel.pitch_nm
         begins = np.concatenate(([least], across - reach, [most]))
         ends = np.concatenate(([least], across + panel.dot_nm + reach, [most]))
-        band, dot = np.nonzero(shut[other])
+        band, dot = np.nonzero(shut)
         low, high = ends[dot[:-1]], begins[dot[1:]]
         kept = (band[:-1] == band[1:]) & (low <= high)
         low, high, band = low[kept], high[kept], band[:-1][kept]
-        bands = np.arange(other.sum() + 1)
+        bands = np.arange(fresh.sum() + 1)
         used = _used(*_met(low, high, band), (band == 0, band == bands[-2]))
         return cls(
             low[used],

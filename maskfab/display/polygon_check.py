@@ -197,6 +197,7 @@ def _regions(
     layers = {layer: layout.layer(layer.number, layer.datatype) for layer in wanted}
     top = layout.create_cell("TILE")
     units: dict[int, int] = {}
+    pitch = panel.pitch_nm
     for cell, (column, row) in cells:
         if cell not in units:
             unit = layout.create_cell(f"UNIT_{cell}")
@@ -205,7 +206,7 @@ def _regions(
                 if layer in layers:
                     for polygon in polygons:
                         unit.shapes(layers[layer]).insert(simple_polygon(polygon))
-        top.insert(db.CellInstArray(units[cell], db.Trans(column * panel.pitch_nm, row * panel.pitch_nm)))
+        top.insert(db.CellInstArray(units[cell], db.Trans(column * pitch, row * pitch)))
     return {layer: db.Region(top.begin_shapes_rec(index)).merged() for layer, index in layers.items()}
 
 
@@ -216,13 +217,13 @@ def line_violations(panel: Panel, laid: Sequence[PanelLines], rules: WireRules) 
     edge: KLayout compares a polygon with each that its box meets, edge by edge, and boxes of lines meet most others'.
     """
     clear = whole_panel(panel, (CLEAR,))[CLEAR]
-    beside = db.Region(db.Box(0, 0, *panel.size_nm).enlarged(panel.pitch_nm))
+    beside = db.Box(0, 0, *panel.size_nm).enlarged(panel.pitch_nm)
     broken = []
     for lines in laid:
         drawn = db.Region(lines.polygons(rules.line_nm))
         count, drawn = drawn.count(), drawn.merged()
         broken += [
-            ("line far outside the panel", drawn - beside),
+            ("line far outside the panel", db.Region() if drawn.bbox().inside(beside) else drawn - db.Region(beside)),
             ("clearance of lines", drawn.sized(rules.clearance_nm, SQUARE) & clear),
             ("width of lines", drawn.width_check(rules.line_nm).polygons()),
             ("space between lines", drawn.edges().space_check(rules.space_nm, False, db.Region.Square).polygons()),
