@@ -5,8 +5,9 @@ A placement is measured on a tile in which every pair of neighbours meets, lines
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import sub
 
 import numpy as np
 from klayout import db
@@ -53,21 +54,36 @@ def violations(panel: Panel, rules: EmitterRules) -> tuple[Violation, ...]:
     growing back; gaps are exact, widths to 1 nm.
     """
     cells = _clusters(panel)
-    regions = _regions(panel, cells, (CLEAR, *EMITTERS))
-    clear, colours = regions[CLEAR], [regions[layer] for layer in EMITTERS]
-    frame = _frame(panel, cells)
-    broken = [("emitter outside its pixel", shape - frame) for shape in colours]
-    for name, shape in zip(("red", "green", "blue"), colours, strict=True):
-        grown = shape.sized(rules.gap_to_opening_nm, SQUARE)
-        broken.append((f"gap from {name} to openings", grown & clear))
+    single = [(cell, (_APART * number, 0)) for number, cell in enumerate(dict.fromkeys(cell for cell, _ in cells))]
+    regions, alone = _regions(panel, cells, (CLEAR, *EMITTERS)), _regions(panel, single, EMITTERS)
+    frame, own_frame = _frame(panel, cells), _frame(panel, single)
+
+    def by_cell(layer: Layer, breaks: Callable[[db.Region, db.Region], db.Region]) -> db.Region:
+        # Cells that keep a rule each by itself keep it together: squares that cover each cover all.
+        found = breaks(alone[layer], own_frame)
+        return found if found.is_empty() else breaks(regions[layer], frame)
+
+    def narrow(shape: db.Region, _: db.Region) -> db.Region:
         # Doubled, so that half a width is a whole number too, and a nanometre short, so that what is exactly wide
         # enough does not vanish.
         doubled, half = shape.transformed(db.ICplxTrans(2.0)), rules.min_width_nm - 1
         opened = doubled.sized(-half, SQUARE).sized(half, SQUARE)
-        broken.append((f"width of {name}", (doubled - opened).transformed(db.ICplxTrans(0.5))))
-    for one, other in ((0, 1), (0, 2), (1, 2)):
-        close = colours[one].sized(rules.colour_gap_nm, SQUARE) & colours[other]
-        broken.append((f"gap between {EMITTERS[one].name.lower()} and {EMITTERS[other].name.lower()}", close))
+        return (doubled - opened).transformed(db.ICplxTrans(0.5))
+
+    broken = [("emitter outside its pixel", by_cell(layer, sub)) for layer in EMITTERS]
+    clear, gap_nm = regions[CLEAR], rules.gap_to_opening_nm
+    taken = clear.sized(gap_nm, SQUARE)
+    for layer in EMITTERS:
+        # One region grown tells for all colours whether there is anything to look for.
+        none = (taken & regions[layer]).is_empty()
+        close = db.Region() if none else regions[layer].sized(gap_nm, SQUARE) & clear
+        broken.append((f"gap from {layer.name.lower()} to openings", close))
+        broken.append((f"width of {layer.name.lower()}", by_cell(layer, narrow)))
+    red, green, blue = EMITTERS
+    grown = {layer: regions[layer].sized(rules.colour_gap_nm, SQUARE) for layer in (red, green)}
+    for one, other in ((red, green), (red, blue), (green, blue)):
+        shared = grown[one] & regions[other]
+        broken.append((f"gap between {one.name.lower()} and {other.name.lower()}", shared))
     upright = _upright(panel, cells)
     return tuple(told_of(rule, shapes, upright) for rule, shapes in broken if shapes.area())
 
