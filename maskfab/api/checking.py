@@ -14,7 +14,7 @@ from maskfab.base import units
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
 from maskfab.base.folders import check_target
-from maskfab.base.model import Quantity
+from maskfab.base.model import Plate, Quantity
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.job.faults import JobFaults
 from maskfab.job.process import UNSTATED
@@ -355,13 +355,18 @@ def _fit(
     plate = plate_of(loaded, faults)
     faults.refuse()
     assert plate is not None
-    asked = dies_of(die, [one.name for one in plate.dies])
-    plate = replace(plate, dies=tuple(one for one in plate.dies if one.name in asked))
+    _, plate = _asked_of(plate, die)
     with executor_of(loaded) as executor:
         built = displays(loaded, plate, progress, executor=executor)
     gaps = widest_gaps(plate, rules, progress) if largest_gap else {}
     left = unused(loaded.spec, *USES["check"])
     return DisplayCheck(built, gaps, loaded.digest, loaded.compared_with, left, loaded.notes)
+
+
+def _asked_of(plate: Plate, die: str | Sequence[str] | None) -> tuple[tuple[str, ...], Plate]:
+    """Names of the dies that are asked for, and a plate of these alone: others need not be worked on."""
+    asked = dies_of(die, [one.name for one in plate.dies])
+    return asked, replace(plate, dies=tuple(one for one in plate.dies if one.name in asked))
 
 
 def _rendering(
@@ -392,8 +397,8 @@ def _rendering(
         asked = asked.viewed(dpi=dpi)
     looks, rules = asked.looks, display_rules(loaded)
     limits = {"flat_delta_e_mean": looks.delta_e, "grain_slow": looks.grain, "edge_fringe": looks.fringe}
-    panels = {one.name: one.panel for one in displays(loaded, progress=progress).plate.dies}
-    chosen = dies_of(die, panels)
+    chosen, plate = _asked_of(loaded.plate(), die)
+    panels = {one.name: one.panel for one in displays(loaded, plate, progress).plate.dies}
     photograph = None if image is None else read_picture(Path(image))
     lit = [name for name in chosen if has_emitters(panels[name])]
     shown = chosen if die else tuple(lit or panels)
