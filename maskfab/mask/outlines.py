@@ -8,15 +8,18 @@ plate's own stick font.
 
 from __future__ import annotations
 
+import math
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from typing import Literal, NamedTuple, TypeAlias
+from types import MappingProxyType
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from klayout import db
+from numpy.typing import NDArray
 
 from maskfab.base.arrays import Mask
 from maskfab.base.errors import JobError
@@ -315,29 +318,43 @@ def unit_shapes(panel: Panel, cell: int) -> Mapping[Layer, tuple[Polygon, ...]]:
     (what neither passes light nor emits) are drawn where emitters or wires are; a panel of openings alone has only
     these.
     """
-    orientation, half = cell % ORIENTATIONS, panel.gutter_nm // 2
-    shapes = {CLEAR: outline(panel.pattern(cell), panel.dot_nm, (half, half))}
-    if panel.emitters is None and not panel.tracks and not panel.circuits:
-        return shapes
-    shapes[CIRCUIT] = tuple(_oriented(box.polygon, panel.pitch_nm, orientation) for box in panel.circuits)
-    for track in panel.tracks:
+    return _shapes(unit_key(panel, cell)._replace(opening=""))
+
+
+@lru_cache(maxsize=256)
+def _shapes(unit: UnitKey) -> Mapping[Layer, tuple[Polygon, ...]]:
+    """What a unit draws: files, checks and pictures all ask for the same few."""
+    orientation, half, dot = unit.orientation, unit.gutter_nm // 2, unit.dot_nm
+    clear = orient(_square(unit.mask, np.bool_), orientation)
+    pitch = len(clear) * dot + unit.gutter_nm
+    shapes = {CLEAR: outline(clear, dot, (half, half))}
+    if unit.emitters is None and not unit.tracks and not unit.circuits:
+        return MappingProxyType(shapes)
+    shapes[CIRCUIT] = tuple(_oriented(box.polygon, pitch, orientation) for box in unit.circuits)
+    for track in unit.tracks:
         # A quarter turn lays a wire along the other axis, and so on the other metal: no pixel needs a via to the next.
         upper = (track.axis == "y") != (track.turns and orientation % 2 == 1)
         layer = VEIL if track.transmission else WIRES[upper]
-        shapes[layer] = (*shapes.get(layer, ()), *oriented_track(track, panel.pitch_nm, orientation))
-    dark, side = ~panel.pattern(cell), panel.dot_nm
-    if panel.emitters is not None:
-        labels, side = orient(panel.emitters.labels, orientation), panel.emitters.cell_nm
+        shapes[layer] = (*shapes.get(layer, ()), *oriented_track(track, pitch, orientation))
+    dark, side = ~clear, dot
+    if unit.emitters is not None:
+        given, side = unit.emitters
+        labels = orient(_square(given, np.int8), orientation)
         for colour, layer in enumerate(EMITTERS, 1):
             shapes[layer] = outline(labels == colour, side, (half, half))
-        dark = refined(dark, panel.dot_nm // side) & (labels == 0)
+        dark = refined(dark, dot // side) & (labels == 0)
     shapes[BLACK] = outline(dark, side, (half, half))
     if half:
         # The gutter's share of a cell as four bars that do not overlap.
-        pitch, inner = panel.pitch_nm, panel.pitch_nm - half
+        inner = pitch - half
         bars = [(0, 0, pitch, half), (0, inner, pitch, pitch), (0, half, half, inner), (inner, half, pitch, inner)]
         shapes[GUTTER] = tuple(((x0, y0), (x1, y0), (x1, y1), (x0, y1)) for x0, y0, x1, y1 in bars)
-    return {layer: polygons for layer, polygons in shapes.items() if polygons}
+    return MappingProxyType({layer: polygons for layer, polygons in shapes.items() if polygons})
+
+
+def _square(content: bytes, kind: type[np.generic]) -> NDArray[Any]:
+    flat = np.frombuffer(content, dtype=kind)
+    return flat.reshape(math.isqrt(flat.size), -1)
 
 
 def oriented_track(track: Track, pitch_nm: int, orientation: int) -> tuple[Polygon, ...]:

@@ -30,7 +30,7 @@ from maskfab.base.processes import Call, SerialExecutor
 from maskfab.base.units import NM_PER_MM, NM_PER_UM
 from maskfab.mask.writer import Reading, written_region
 from maskfab.report.figures import sheet
-from maskfab.report.figures.sheet import INK, QUIET, Drawing, bitmap, draw_psf, image, img, place, styled
+from maskfab.report.figures.sheet import INK, QUIET, Drawing, bitmap, draw_psf, image, img, place, scale, styled
 from maskfab.report.rows.as_written import Written
 from maskfab.report.rows.text import rounded
 
@@ -173,8 +173,9 @@ def psf(psfs: Sequence[Psf]) -> Drawing:
     _draw_psf(place(figure, (0.6, 0.5, 3.0, 3.0)), main, 257)
     for row, item in enumerate(others):
         axes = place(figure, (3.85, 2.15 - 1.65 * row, 1.35, 1.35))
-        _draw_psf(axes, item, 129)
-        axes.set(xlabel="", ylabel="", xticks=[], yticks=[])
+        axes.set_title(f"{item.wavelength_nm:g} nm")
+        draw_psf(axes, item, 129)
+        axes.set(xticks=[], yticks=[])
     draw_decades(place(figure, (width - 0.8, 0.5, 0.12, 3.0)), "intensity / peak (log)")
     lines = ", ".join(f"{item.wavelength_nm:g} nm" for item in shown)
     return Drawing(figure, f"PSF at {lines}, logarithmic, six decades below the peak")
@@ -186,9 +187,8 @@ def draw_decades(bar: Axes, words: str) -> None:
     bar.imshow(
         ramp, origin="lower", cmap="magma", interpolation="none", aspect="auto", extent=(0, 1, -sheet.DECADES, 0)
     )
-    bar.set(xticks=[], yticks=range(0, -sheet.DECADES - 1, -1), yticklabels=_POWERS, ylabel=words)
-    bar.yaxis.tick_right()
-    bar.yaxis.set_label_position("right")
+    bar.set_xticks([])
+    scale(bar, "right", words, dict(zip(range(0, -sheet.DECADES - 1, -1), _POWERS, strict=True)))
 
 
 @styled
@@ -200,10 +200,7 @@ def mtf(mtfs: Sequence[Mtf]) -> Drawing:
     for index, item in enumerate(mtfs):
         step = width / len(mtfs)
         axes = place(figure, (0.5 + step * index, low, step - 0.3, 2.05))
-        _draw_mtf(axes, item)
-        if index:
-            axes.set_ylabel("")
-            axes.tick_params(labelleft=False)
+        _draw_mtf(axes, item, first=not index)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="lower center", ncols=3 if few else 7, fontsize=7.5)
     lines = ", ".join(f"{item.wavelength_nm:g} nm" for item in mtfs)
@@ -240,13 +237,13 @@ def mtf_comparison(dies: Sequence[DieOptics], stressed: Sequence[str] = ()) -> D
             zorder=3 if thick else 2,
             label=item.die.name,
         )
-    _dress_mtf(axes, _middle(dies[0].mtfs))
     # What restoration can bring back is decided near zero, which a linear axis hides.
     axes.set_yscale("log")
-    axes.set(ylim=(_LOWEST, 1), ylabel="MTF (log)", yticks=(1, 0.1, 0.01), yticklabels=("1", "0.1", "0.01"))
     axes.yaxis.set_minor_formatter(NullFormatter())
-    axes.set_title(f"{_middle(dies[0].mtfs).wavelength_nm:g} nm, lowest over all directions", loc="left", pad=30)
+    axes.set(xlim=(0, dies[0].mtfs[0].frequency_cy_per_mm[-1]), ylim=(_LOWEST, 1))
     _name_ends(axes)
+    _dress_mtf(axes, _middle(dies[0].mtfs), "MTF (log)", {1: "1", 0.1: "0.1", 0.01: "0.01"})
+    axes.set_title(f"{_middle(dies[0].mtfs).wavelength_nm:g} nm, lowest over all directions", loc="left", pad=30)
     return Drawing(figure, f"Radial-minimum MTF of {len(dies)} dies")
 
 
@@ -322,13 +319,13 @@ def psf_thumbnail(psf: Psf, peak: float | None = None, pixels: int = 97) -> str:
 @styled
 def overview(plate: Plate, document: Mapping[str, Any], optics: DieOptics) -> bytes:
     """One PNG for a whole run: the plate, and one die's opening, panel, PSF and MTF."""
-    figure = Figure(figsize=(13.0, 6.9), layout="constrained", dpi=120)
-    grid = figure.add_gridspec(2, 3, width_ratios=(2.0, 1.0, 1.15))
-    whole = figure.add_subplot(grid[:, 0])
+    figure = Figure(figsize=(13.0, 6.9), dpi=120)
+    whole = place(figure, (0.05, 0.2, 5.8, 6.4))
     _draw_plate(whole, plate, _failed_dies(document))
     whole.set_title(plate.title)
     panel = optics.die.panel
-    places = [figure.add_subplot(grid[row, column]) for row in (0, 1) for column in (1, 2)]
+    boxes = (6.4, 3.75, 2.75, 2.75), (9.85, 3.75, 2.75, 2.75), (6.3, 0.5, 2.75, 2.75), (9.75, 0.5, 3.15, 2.6)
+    places = [place(figure, box) for box in boxes]
     _draw_opening(places[0], panel.opening, panel.dot_nm)
     _draw_panel(places[1], panel, 6)
     _draw_psf(places[2], _middle(_finest(optics.psfs)), 641)
@@ -345,11 +342,11 @@ def optics(psfs: Sequence[Psf], mtfs: Sequence[Mtf], name: str) -> bytes:
     """One PNG of what an opening or a mask does to a picture: a PSF over an MTF for each wavelength."""
     shown = _finest(psfs)
     columns = max(len(shown), len(mtfs))
-    figure = Figure(figsize=(3.6 * columns + 0.6, 7.2), layout="constrained", dpi=120)
+    figure = Figure(figsize=(3.6 * columns + 0.4, 7.2), dpi=120)
     for column, item in enumerate(shown):
-        _draw_psf(figure.add_subplot(2, columns, column + 1), item, 641)
+        _draw_psf(place(figure, (3.6 * column + 0.7, 3.95, 2.7, 2.7)), item, 641)
     for column, curve in enumerate(mtfs):
-        axes = figure.add_subplot(2, columns, columns + column + 1)
+        axes = place(figure, (3.6 * column + 0.7, 0.5, 3.0, 2.4))
         _draw_mtf(axes, curve)
         if not column:
             axes.legend(fontsize=6.5)
@@ -380,12 +377,14 @@ def _show_chrome(axes: Axes, clear: NDArray[np.float64], side_um: float) -> None
 
 
 def _draw_psf(axes: Axes, psf: Psf, pixels: int) -> None:
-    axes.set(xlabel="x (µm)", ylabel="y (µm)")
     axes.set_title(f"{psf.wavelength_nm:g} nm")
     draw_psf(axes, psf, pixels)
+    scale(axes, "bottom", "x (µm)")
+    scale(axes, "left", "y (µm)")
 
 
-def _draw_mtf(axes: Axes, mtf: Mtf) -> None:
+def _draw_mtf(axes: Axes, mtf: Mtf, *, first: bool = True) -> None:
+    """Curves over their axes; whose left one has numbers and words if it is the first of a row."""
     low, high = mtf.cuts.get("radial_min"), mtf.cuts.get("radial_max")
     if low is not None and high is not None:
         # One sample for each point on paper is enough, extremes kept.
@@ -400,20 +399,19 @@ def _draw_mtf(axes: Axes, mtf: Mtf) -> None:
             axes.plot(
                 mtf.frequency_cy_per_mm, mtf.cuts[name], color=colour, linestyle=style, linewidth=width, label=label
             )
-    _dress_mtf(axes, mtf)
-    axes.set_title(f"{mtf.wavelength_nm:g} nm (± {rounded(float(mtf.uncertainty), 2)})", pad=30)
+    axes.set_ylim(0, 1)
+    _dress_mtf(axes, mtf, "MTF" if first else "", first=first)
+    axes.set_title(f"{mtf.wavelength_nm:g} nm (± {rounded(float(mtf.uncertainty), 2)})", pad=32)
 
 
-def _dress_mtf(axes: Axes, mtf: Mtf) -> None:
+def _dress_mtf(
+    axes: Axes, mtf: Mtf, words: str, named: Mapping[float, str] | None = None, *, first: bool = True
+) -> None:
     nyquist = float(mtf.frequency_cy_per_mm[-1])
-    axes.set(xlim=(0, nyquist), ylim=(0, 1), xlabel="frequency (cy/mm)", ylabel="MTF")
-    axes.grid(color="#e3e6ea", linewidth=0.5)
-    axes.set_axisbelow(True)
-    # Six words are drawn in a tenth of the time of a second axis, and a report has dozens of these plots.
-    top = axes.get_xaxis_transform()
-    words = [(nyquist * tenth / 5, 4, f"{tenth / 10:g}") for tenth in range(6)]
-    for x, rise, text in (*words, (nyquist / 2, 16, "cy/pixel")):
-        axes.annotate(text, (x, 1), (0, rise), xycoords=top, textcoords="offset points", ha="center", va="bottom")
+    axes.set_xlim(0, nyquist)
+    scale(axes, "bottom", "frequency (cy/mm)", grid=True)
+    scale(axes, "left", words, named, numbers=first, grid=True)
+    scale(axes, "top", "cy/pixel", {nyquist * tenth / 5: f"{tenth / 10:g}" for tenth in range(6)})
 
 
 def _draw_plate(axes: Axes, plate: Plate, failed: frozenset[str]) -> None:

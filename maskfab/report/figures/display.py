@@ -143,7 +143,7 @@ def placement(panel: Panel, certificate: Certificate | None = None, broken: Iter
     if certificate is not None and certificate.witness is not None:
         _outline(single, panel, certificate.witness, certificate.cell_nm)
     for rule in broken:
-        _dash(single, [_moved(polygon, 0, 0) for polygon in rule.outlines])
+        _dash(single, _path(rule.outlines))
     single.set_title("one pixel")
     _draw(several, panel, panel.orientations[_middle(panel, 4)], shown)
     several.set_title("pixels as they meet")
@@ -234,19 +234,15 @@ def _draw(
     axes.set_facecolor(_FILL[BLACK])
     shapes = {cell: unit_shapes(panel, cell) for cell in np.unique(cells).tolist()}
     for layer in layers:
-        polygons = [
-            _moved(polygon, column * pitch, row * pitch)
-            for row in range(rows)
-            for column in range(columns)
-            for polygon in shapes[int(cells[row, column])].get(layer, ())
-        ]
+        outlines = {cell: _outlines(unit.get(layer, ())) for cell, unit in shapes.items()}
+        places = [(np.array(place[::-1]) * pitch * UM_PER_NM, int(cell)) for place, cell in np.ndenumerate(cells)]
+        points = np.concatenate([outlines[cell][0] + place for place, cell in places])
+        drawn = Path(points, np.concatenate([outlines[cell][1] for _, cell in places]))
         alpha = 0.35 if layer in faint else 0.6 if layer is VEIL else 1.0
         inside, width = ("none", 0.7) if layer is CIRCUIT else (_FILL[layer], 0.1)
         # A hair of edge closes the seams that drawing programs leave between neighbours. Adding it as a patch would
         # measure it first, point by point, and the frame is set anyway.
-        axes.add_artist(
-            PathPatch(_path(polygons), facecolor=inside, edgecolor=_FILL[layer], linewidth=width, alpha=alpha)
-        )
+        axes.add_artist(PathPatch(drawn, facecolor=inside, edgecolor=_FILL[layer], linewidth=width, alpha=alpha))
     _frame(axes, pitch * columns * UM_PER_NM, pitch * rows * UM_PER_NM)
 
 
@@ -258,10 +254,6 @@ def _frame(axes: Axes, wide_um: float, high_um: float) -> None:
     bar *= max(step for step in (1, 2, 5) if step * bar <= wide_um / 3)
     axes.plot([0, bar], [-0.03 * high_um] * 2, color=INK, linewidth=1.5, clip_on=False, solid_capstyle="butt")
     axes.text(bar * 1.08, -0.03 * high_um, f"{bar:g} µm", va="center", fontsize=7)
-
-
-def _moved(polygon: Polygon, x: int, y: int) -> list[tuple[float, float]]:
-    return [((a + x) * UM_PER_NM, (b + y) * UM_PER_NM) for a, b in polygon]
 
 
 def _letters(axes: Axes, panel: Panel) -> None:
@@ -290,20 +282,25 @@ def _letters(axes: Axes, panel: Panel) -> None:
 
 def _outline(axes: Axes, panel: Panel, witness: NDArray[np.bool_], cell_nm: int) -> None:
     half = panel.gutter_nm // 2
-    _dash(axes, [_moved(polygon, half, half) for polygon in outline(witness, cell_nm)])
+    _dash(axes, _path(outline(witness, cell_nm, (half, half))))
 
 
-def _dash(axes: Axes, polygons: list[list[tuple[float, float]]]) -> None:
-    around = _path(polygons)
+def _dash(axes: Axes, around: Path) -> None:
     axes.add_artist(PathPatch(around, facecolor="none", edgecolor=_EDGE, linewidth=2.2))
     axes.add_artist(PathPatch(around, facecolor="none", edgecolor=_WITNESS, linewidth=1.1, linestyle=(0, (2, 1))))
 
 
-def _path(polygons: Iterable[list[tuple[float, float]]]) -> Path:
+def _path(polygons: Iterable[Polygon]) -> Path:
     """Outlines as one path: as many paths take ten times as long to draw."""
-    points: list[tuple[float, float]] = []
+    points, codes = _outlines(polygons)
+    return Path(points, codes)
+
+
+def _outlines(polygons: Iterable[Polygon]) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+    """Points in micrometres, float64 [n, 2], and what leads to each."""
+    points: list[Point] = []
     codes: list[np.uint8] = []
     for polygon in polygons:
         points += [*polygon, polygon[0]]
         codes += [Path.MOVETO, *[Path.LINETO] * (len(polygon) - 1), Path.CLOSEPOLY]
-    return Path(np.array(points).reshape(-1, 2), codes or None)
+    return np.array(points).reshape(-1, 2) * UM_PER_NM, np.array(codes, dtype=np.uint8)
