@@ -274,10 +274,10 @@ def smallest_runs(
 
 def _shortest(clear: Mask, edges: Floats) -> tuple[float, float]:
     """Shortest clear and shortest opaque run along axis 1, the raster surrounded by chrome."""
-    steps = np.diff(np.pad(clear.astype(np.int8), ((0, 0), (1, 1))), axis=1)
-    rows, starts = np.nonzero(steps == 1)
-    _, stops = np.nonzero(steps == -1)
-    spaces = (edges[starts[1:]] - edges[stops[:-1]])[rows[1:] == rows[:-1]]
+    framed = np.pad(clear, ((0, 0), (1, 1)))  # dark on both sides, so that the rows behind each other are one
+    rows, places = np.divmod(np.flatnonzero(framed.ravel()[1:] != framed.ravel()[:-1]), framed.shape[1])
+    starts, stops = places[::2], places[1::2]
+    spaces = (edges[starts[1:]] - edges[stops[:-1]])[rows[2::2] == rows[:-2:2]]
     return _minimum(edges[stops] - edges[starts]), _minimum(spaces)
 
 

@@ -14,6 +14,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 from klayout import db
@@ -254,10 +255,35 @@ def is_empty(polygon: db.Polygon) -> bool:
     return bool(polygon.area() == 0 and db.Region(polygon).merged().is_empty())
 
 
-def count_shapes(layout: db.Layout, layers: list[int] | None = None) -> int:
+PlacedCells: TypeAlias = Mapping[int, Mapping[tuple[int, float], tuple[int, int]]]
+
+
+def placed_cells(layout: db.Layout) -> PlacedCells:
+    """What each cell places, children before parents, told once for all who ask: a panel has thousands of references.
+
+    Returns:
+        By the cell's index, by the index of what it places and how many times as large it does so, 0 for a plain
+        reference: how often, and how far from its own origin at most, in nanometres.
+    """
+    every: dict[int, dict[tuple[int, float], tuple[int, int]]] = {}
+    for index in layout.each_cell_bottom_up():
+        placed = every[index] = {}
+        for instance in layout.cell(index).each_inst():
+            to, size = instance.trans.disp, instance.size()
+            far = max(abs(to.x), abs(to.y))
+            if size > 1:
+                far += max(0, instance.na - 1) * max(abs(instance.a.x), abs(instance.a.y))
+                far += max(0, instance.nb - 1) * max(abs(instance.b.x), abs(instance.b.y))
+            key = instance.cell_index, instance.cplx_trans.mag if instance.is_complex() else 0.0
+            times, farthest = placed.get(key, (0, 0))
+            placed[key] = times + size, max(farthest, far)
+    return every
+
+
+def count_shapes(layout: db.Layout, layers: list[int] | None = None, placed: PlacedCells | None = None) -> int:
     """Polygons, boxes and paths below all top cells, every reference followed; on all layers if None."""
     indices = list(layout.layer_indexes()) if layers is None else layers
-    return _count(layout, lambda cell: sum(cell.shapes(layer).size() for layer in indices))
+    return _count(layout, lambda cell: sum(cell.shapes(layer).size() for layer in indices), placed)
 
 
 def count_texts(layout: db.Layout, layer: int) -> int:
@@ -292,25 +318,21 @@ def weight(shapes: db.RecursiveShapeIterator, most: int, largest: int = 2**31) -
     return count
 
 
-def drawn_areas(layout: db.Layout, index: int) -> dict[int, float]:
+def drawn_areas(layout: db.Layout, index: int, placed: PlacedCells | None = None) -> dict[int, float]:
     """Sum in nm² of the areas of each cell's shapes on a layer, by its index, every reference followed."""
     areas: dict[int, float] = {}
-    for cell_index in layout.each_cell_bottom_up():
-        cell = layout.cell(cell_index)
-        own = db.Region(cell.shapes(index))
+    for cell, within in (placed or placed_cells(layout)).items():
+        own = db.Region(layout.cell(cell).shapes(index))
         own.merged_semantics = False
-        areas[cell_index] = own.area()
-        if not any(areas[child] for child in cell.each_child_cell()):
-            continue  # a panel has thousands of references, and most layers nothing in them
-        for instance in cell.each_inst():
-            larger = instance.cplx_trans.mag**2 if instance.is_complex() else 1
-            areas[cell_index] += instance.cell_inst.size() * larger * areas[instance.cell_index]
+        areas[cell] = own.area() + sum(
+            count * (larger**2 or 1) * areas[child] for (child, larger), (count, _) in within.items()
+        )
     return areas
 
 
-def most_covered(layout: db.Layout, index: int) -> float:
+def most_covered(layout: db.Layout, index: int, placed: PlacedCells | None = None) -> float:
     """Number of times that the shapes of a layer cover the box about them, in the cell where they do so most."""
-    areas, covered = drawn_areas(layout, index), 0.0
+    areas, covered = drawn_areas(layout, index, placed), 0.0
     for cell in layout.each_cell():
         box = cell.bbox(index)
         if not box.empty() and box.area() > 0:
@@ -328,25 +350,29 @@ def own_polygons(cell: db.Cell, layer: int) -> db.Region:
     return polygons
 
 
-def _count(layout: db.Layout, own: Callable[[db.Cell], int]) -> int:
+def _count(layout: db.Layout, own: Callable[[db.Cell], int], placed: PlacedCells | None = None) -> int:
     counts: dict[int, int] = {}
-    for index in layout.each_cell_bottom_up():
-        cell = layout.cell(index)
-        below = sum(instance.cell_inst.size() * counts[instance.cell_index] for instance in cell.each_inst())
-        counts[index] = own(cell) + below
+    for cell, within in (placed or placed_cells(layout)).items():
+        counts[cell] = own(layout.cell(cell)) + sum(times * counts[child] for (child, _), (times, _) in within.items())
     return sum(counts[cell.cell_index()] for cell in layout.top_cells())
 
 
-def check_limits(layout: db.Layout, path: Path) -> None:
+def check_limits(layout: db.Layout, path: Path, placed: PlacedCells | None = None) -> None:
     """Refuse what cannot be worked with in reasonable time, and what could mean two things.
+
+    Args:
+        layout: what was read.
+        path: of its file.
+        placed: by :func:`placed_cells`, where that is known.
 
     Raises:
         SourceError: MF312 a polygon crosses or covers itself, MF313 too many shapes or too deep a hierarchy, MF326
             shapes that cover one place many times over.
     """
-    check_size(layout, path)
+    placed = placed or placed_cells(layout)
+    check_size(layout, path, placed)
     for layer in layout.layer_indexes():
-        covered = most_covered(layout, layer)
+        covered = most_covered(layout, layer, placed)
         if covered > MOST_COVERED:
             raise SourceError(
                 "MF326",
@@ -375,8 +401,8 @@ def refuse_long(longest: int, path: Path) -> None:
         )
 
 
-def check_size(layout: db.Layout, path: Path) -> None:
-    """Refuse what cannot be worked with in reasonable time.
+def check_size(layout: db.Layout, path: Path, placed: PlacedCells | None = None) -> int:
+    """Refuse what cannot be worked with in reasonable time; returns how many shapes there are.
 
     Raises:
         SourceError: MF313 too many shapes, too deep a hierarchy, or too far from the origin.
@@ -393,7 +419,8 @@ def check_size(layout: db.Layout, path: Path) -> None:
             where=str(path),
             cure="Flatten some levels of the hierarchy before export",
         )
-    shapes = count_shapes(layout)
+    placed = placed or placed_cells(layout)
+    shapes = count_shapes(layout, placed=placed)
     if shapes > MOST_SHAPES:
         raise SourceError(
             "MF313",
@@ -401,7 +428,8 @@ def check_size(layout: db.Layout, path: Path) -> None:
             where=str(path),
             cure="Export the plate without arrays outside of it",
         )
-    _refuse_distant(layout, path)
+    _refuse_distant(layout, path, placed)
+    return shapes
 
 
 def too_many_layers(path: Path) -> SourceError:
@@ -418,24 +446,18 @@ def _too_many(path: Path, most: str, cure: str) -> SourceError:
     return SourceError("MF313", f"{path.name} has over {most}", where=str(path), cure=cure)
 
 
-def _refuse_distant(layout: db.Layout, path: Path) -> None:
+def _refuse_distant(layout: db.Layout, path: Path, placed: PlacedCells) -> None:
     """Refuse what lies beyond a metre: near two metres klayout's own boxes and booleans overflow without a word."""
     reaches: dict[int, int] = {}
-    for index in layout.each_cell_bottom_up():
+    for index, within in placed.items():
         cell = layout.cell(index)
         boxes = [db.Region(cell.shapes(layer)).bbox() for layer in layout.layer_indexes()]
         reach = max(
             (max(abs(box.left), abs(box.bottom), abs(box.right), abs(box.top)) for box in boxes if not box.empty()),
             default=0,
         )
-        for instance in cell.each_inst():
-            to = instance.trans.disp
-            far = max(abs(to.x), abs(to.y))
-            if instance.size() > 1:
-                far += max(0, instance.na - 1) * max(abs(instance.a.x), abs(instance.a.y))
-                far += max(0, instance.nb - 1) * max(abs(instance.b.x), abs(instance.b.y))
-            grown = 1.5 * instance.cplx_trans.mag if instance.is_complex() else 1.0
-            reach = max(reach, far + round(grown * reaches[instance.cell_index]))
+        for (child, larger), (_, far) in within.items():
+            reach = max(reach, far + round((1.5 * larger or 1.0) * reaches[child]))
         reaches[index] = reach
         if reach > FARTHEST_NM:
             raise SourceError(

@@ -174,7 +174,7 @@ def _make(
                 overview, pictures = draw_pictures(findings, findings.document(report), executor, progress)
             document = findings.document(report)
             (folder / OVERVIEW).write_bytes(overview)
-            for name, text in report_texts(document, pictures, folder).items():
+            for name, text in report_texts(document, pictures, folder, back.read).items():
                 (folder / name).write_text(text, encoding="utf-8")
             write_manifest(job, files, folder)
             accounts = executor.accounts if isinstance(executor, CachingExecutor) else ()

@@ -43,6 +43,7 @@ from maskfab.report.rows.verdicts import Verdicts
 from maskfab.runs.plate_files import named_shop, process_spread
 
 if TYPE_CHECKING:
+    from klayout import db
     from pandas import DataFrame
 
 UNUSED = "unused_keys"
@@ -325,13 +326,15 @@ def _eye_figures(findings: PlateFindings, document: Document) -> Iterator[die_fi
         yield die_figures.Figures(best.name, display.eye, (die.panel, answer.judged, rules.emitters))
 
 
-def report_texts(document: Document, pictures: Mapping[str, Mapping[str, str]], folder: Path) -> dict[str, str]:
+def report_texts(
+    document: Document, pictures: Mapping[str, Mapping[str, str]], folder: Path, read: Mapping[str, db.Layout]
+) -> dict[str, str]:
     """The report as files, by their names: numbers, the page that is signed, its appendix, the table, and the plate to
-    look into, unless no file of the folder has polygons, or too many."""
+    look into, unless no file of the folder has polygons, or too many; ``read`` are those that are read already."""
     shown = mask_file(document["files"])
     view = shown is not None and shown["bytes"] <= MOST_BYTES
     page = html_page(document, pictures, view=view)
-    more = {VIEW: viewer_page(shown_plate(folder, document["files"], document, page))} if view else {}
+    more = {VIEW: viewer_page(shown_plate(folder, document["files"], document, page, read=read))} if view else {}
     return {
         REPORT: report_data.report_text(document),
         PAGE: page,

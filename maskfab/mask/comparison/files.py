@@ -63,11 +63,13 @@ _Taken: TypeAlias = db.Layout | RoundTrip | tuple[Quantity, ...]
 class ReadBack:
     """Result of reading files back: of layouts, the first measured further, and every row of the report.
 
-    Only the first layout is kept; those of the others are empty, for a flat one takes a hundred megabytes.
+    Only the first layout is kept; those of the others are empty, for a flat one takes a hundred megabytes. ``read`` has
+    it by the name of its file, as that was read, before anything was compared.
     """
 
     trips: tuple[RoundTrip, ...]
     quantities: tuple[Quantity, ...]
+    read: Mapping[str, db.Layout]
 
 
 def read_back(
@@ -90,6 +92,7 @@ def read_back(
     trips: dict[int, RoundTrip] = {}
     quantities: dict[int, tuple[Quantity, ...]] = {}
     errors: dict[int, tuple[str, InputError]] = {}
+    read: dict[str, db.Layout] = {}
     waiting = deque(enumerate(made.products))
     first = next((number for number, product in waiting if product.polygons), None)
 
@@ -127,6 +130,7 @@ def read_back(
                 if isinstance(result, RoundTrip) and not trips and result.dies[0].wrong_dots is None:
                     result = take(number, dots=True)  # what should have been the first was refused
                 if isinstance(result, db.Layout):
+                    read = read or {product.name: result}
                     result = compare_mask(made, result, folder / product.name, dots=not trips)
                 if isinstance(result, RoundTrip):
                     trip, quantities[number] = result, result.quantities()
@@ -142,7 +146,7 @@ def read_back(
     if refused is not None:
         refused += [errors[number] for number in sorted(errors)]
     rows = chain.from_iterable(quantities[number] for number in sorted(quantities))
-    return ReadBack(tuple(trips[number] for number in sorted(trips)), tuple(rows))
+    return ReadBack(tuple(trips[number] for number in sorted(trips)), tuple(rows), read)
 
 
 @contextmanager

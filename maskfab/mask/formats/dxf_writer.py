@@ -373,10 +373,10 @@ def _draw_die(
 def _add_shapes(
     space: BaseLayout, shapes: Mapping[Layer, Sequence[Polygon]], names: Mapping[Layer, str], style: DrawingStyle
 ) -> None:
-    handles = space.doc.entitydb.handles
+    handles, unit_nm = space.doc.entitydb.handles, UNITS[style.unit][0]
     for layer, polygons in shapes.items():
         if layer in names:
-            for points in ([style.point(point) for point in polygon] for polygon in polygons):
+            for points in ([(x / unit_nm, y / unit_nm) for x, y in polygon] for polygon in polygons):
                 if space.dxfversion == _R12:  # it lacks the light-weight polyline
                     space.add_entity(_Outline(points, names[layer], handles))
                 else:

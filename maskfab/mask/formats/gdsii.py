@@ -30,6 +30,7 @@ from maskfab.mask.layout import (
     check_size,
     count_shapes,
     left_out,
+    placed_cells,
     too_many_cells,
     too_many_layers,
 )
@@ -137,7 +138,7 @@ def _through_gdstk(path: Path, function: str) -> db.Layout:
     first = None
     if function != "read_oas":
         try:
-            first = count_shapes(_checked_by_klayout(path))
+            first = _counted_by_klayout(path)
         except SourceError as error:
             if _CYCLE not in error.what:
                 raise
@@ -148,12 +149,13 @@ def _through_gdstk(path: Path, function: str) -> db.Layout:
     except (TypeError, ValueError, OverflowError, RuntimeError) as error:
         # Text that is none and numbers that fit no integer pass gdstk.
         raise damaged(path, f"it holds values that cannot be used ({error})") from error
-    shapes = count_shapes(_checked_by_klayout(path)) if first is None else first, count_shapes(second)
+    placed = placed_cells(second)
+    shapes = _counted_by_klayout(path) if first is None else first, count_shapes(second, placed=placed)
     # Each reader leaves out records that the other knows, and only klayout drops polygons without area.
     if shapes[0] != shapes[1] and not left_out(second).empty_polygons:
         what = f"{path.name} holds {shapes[0]} shapes for klayout and {shapes[1]} for gdstk"
         raise SourceError("MF316", what, where=str(path), cure="Write it with boundaries and paths only")
-    check_limits(second, path)
+    check_limits(second, path, placed)
     return second
 
 
@@ -171,10 +173,8 @@ def _read_cells(path: Path, function: str, seconds: float) -> list[dict[str, Any
         raise unusable(path, error) from error
 
 
-def _checked_by_klayout(path: Path) -> db.Layout:
-    layout = read_with_klayout(path, db.LoadLayoutOptions())
-    check_size(layout, path)
-    return layout
+def _counted_by_klayout(path: Path) -> int:
+    return check_size(read_with_klayout(path, db.LoadLayoutOptions()), path)
 
 
 def refuse_many_in_gdsii(path: Path) -> None:

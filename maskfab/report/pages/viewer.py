@@ -12,6 +12,7 @@ import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html.parser import HTMLParser
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -268,7 +269,14 @@ def shown_run(folder: Path, beside: str | None = "", report: Record | None = Non
     return shown_plate(folder, list(files.values()), report, page, beside)
 
 
-def shown_plate(folder: Path, files: Sequence[Record], report: Record, page: str, beside: str | None = "") -> Document:
+def shown_plate(
+    folder: Path,
+    files: Sequence[Record],
+    report: Record,
+    page: str,
+    beside: str | None = "",
+    read: Mapping[str, db.Layout] = MappingProxyType({}),
+) -> Document:
     """As :func:`shown_run`, of a directory that is still being made.
 
     Args:
@@ -277,10 +285,12 @@ def shown_plate(folder: Path, files: Sequence[Record], report: Record, page: str
         report: content of report.json.
         page: the report.
         beside: as of :func:`shown_run`.
+        read: layouts of files that are read already, by their names.
     """
     mask = mask_file(files)
     assert mask is not None
-    layout = read_layout(folder / str(mask["path"]))
+    name = str(mask["path"])
+    layout = read.get(name) or read_layout(folder / name)
     markers = [folder / str(row["path"]) for row in files if str(row["path"]).endswith(_MARKERS)]
     box = layout.top_cell().bbox()
     return {
