@@ -347,17 +347,15 @@ def shape_quantities(points: Psf, pixels: Psf, camera: Camera, die: str | None) 
         camera: gives focal length and stop.
         die: whose numbers these are.
     """
-    highest = _highest(camera, points.wavelength_nm)
+    highest = cutoff(camera, points.wavelength_nm)
     core = min(_CORE_PIXELS, pixels.values.shape[0]) * pixels.step_um
-    reach = _NEAR_ORDERS / cutoff(camera, points.wavelength_nm)
+    reach = _NEAR_ORDERS / highest
     nearest = first_side_lobe(_middle_part(points, reach), die)
     # Of a square's corners only what lies within its inner circle is known to be the nearest.
     near = isinstance(nearest.value, float) and nearest.value < reach - points.step_um
-    # One weight serves all lines, but a square's wider band leaves it no room.
-    shared = min(camera.wavelengths_nm) if camera.stop.round else points.wavelength_nm
     return [
         ensquared_energy(pixels, core, highest, die),
-        _closer_halo(halo_of(pixels, camera, die), points, pixels, _highest(camera, shared)),
+        _closer_halo(halo_of(pixels, camera, die), points, pixels, cutoff(camera, min(camera.wavelengths_nm))),
         nearest if near else first_side_lobe(points, die),
         _streaks(points, die),
         energy_normalised_strehl(points, camera, die),
@@ -374,17 +372,12 @@ def _closer_halo(halo: Quantity, points: Psf, pixels: Psf, highest: float) -> Qu
 def halo_of(psf: Psf, camera: Camera, die: str | None) -> Quantity:
     """The halo's share of a PSF's energy, as for :func:`shape_quantities`."""
     half = psf.step_um * psf.values.shape[0] / 2
-    return halo_energy(psf, min(_HALO_UM, half), _highest(camera, psf.wavelength_nm), die)
+    return halo_energy(psf, min(_HALO_UM, half), cutoff(camera, psf.wavelength_nm), die)
 
 
 def holds_halo(window_um: float) -> bool:
     """Whether a camera's window is as wide as the radius beyond which the halo is counted, not less."""
     return window_um / 2 >= _HALO_UM
-
-
-def _highest(camera: Camera, wavelength_nm: float) -> float:
-    """Highest frequency of a PSF in any direction, cycles per micrometre of sensor."""
-    return cutoff(camera, wavelength_nm) * (1.0 if camera.stop.round else math.sqrt(2))
 
 
 def colour_quantities(pixels: Sequence[Psf], die: str | None, edges: Sequence[EdgeSpread] = ()) -> list[Quantity]:

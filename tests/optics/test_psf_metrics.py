@@ -363,8 +363,7 @@ def test_the_bar_of_the_halo_holds_the_truth_and_is_little_more(scenes):
         points = point_psf(source, setting, line, pixel_margin(setting))
         found = shape_quantities(within(points, setting), pixel_psf(points, setting), setting, None)
         (halo,) = (quantity for quantity in found if quantity.name == "halo_energy")
-        highest = cutoff(setting, line) * (1 if shape == "circle" else math.sqrt(2))
-        true = halo_energy(point_psf(source, wide, line), 25.0, highest)
+        true = halo_energy(point_psf(source, wide, line), 25.0, cutoff(setting, line))
         error = abs(halo.value - true.value)
         # The truth's own bar is of the worst case; what it is off by is far less.
         assert error <= halo.uncertainty
