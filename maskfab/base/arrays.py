@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TypeVar
 
 import numpy as np
@@ -23,3 +24,17 @@ def distinct(values: NDArray[Number]) -> NDArray[Number]:
     # Asked for nothing else np.unique loads numpy.ma, which takes longer than a PSF's arithmetic may.
     found: NDArray[Number] = np.unique(values, return_counts=True)[0]
     return found
+
+
+@lru_cache(maxsize=256)
+def fast_length(least: int, primes: tuple[int, ...] = (2, 3, 5)) -> int:
+    """The least length of at least so many points that is a product of primes, of which transforms are fast."""
+    length = least
+    while True:
+        rest = length
+        for prime in primes:
+            while rest % prime == 0:
+                rest //= prime
+        if rest == 1:
+            return length
+        length += 1

@@ -45,7 +45,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from maskfab.base.arrays import Complexes, Floats, Mask, Singles
+from maskfab.base.arrays import Complexes, Floats, Mask, Singles, fast_length
 from maskfab.base.errors import JobError
 from maskfab.base.model import Psf
 from maskfab.base.units import UM_PER_NM
@@ -67,6 +67,8 @@ MOST_WAVES_PER_SAMPLE = 0.125
 """Largest change of a phase between samples in the stop's plane."""
 
 _SAMPLES_PER_DOT = 4
+# Of lengths at which complex transforms are fast.
+_PRIMES = (2, 3, 5, 7, 11)
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,7 +297,7 @@ def _cut_fields(
     aperture = moved_aperture(openings, moved, radius + guard)
     extent = max(abs(edges).max() for edges in (aperture.x.edges_um(), aperture.y.edges_um()))
     dots = math.ceil((math.ceil((radius + extent + guard) / sample) + 4) / samples_per_dot)
-    count = samples_per_dot * scipy.fft.next_fast_len(dots)
+    count = samples_per_dot * fast_length(dots, _PRIMES)
     if count**2 > MOST_GAP_SAMPLES:
         raise JobError("MF115", f"the gap needs {count} x {count} samples", cure="Ask for fewer per dot")
     stop = _sampled_stop(camera.stop, sample)
@@ -355,10 +357,15 @@ def _spectrum(aperture: Aperture, samples_per_dot: int, count: int) -> Complexes
     repeat for every sample per dot, times the dot's own and the phase of where the grid begins.
     """
     x, y = aperture.x, aperture.y
-    frequency = np.asarray(scipy.fft.fftfreq(count, x.dot_um / samples_per_dot), dtype=np.float64)
+    frequency = np.asarray(np.fft.fftfreq(count, x.dot_um / samples_per_dot), dtype=np.float64)
     if not (x.has_gutter or y.has_gutter) and x.dot_um == y.dot_um:
         size = count // samples_per_dot
-        points = scipy.fft.fft2(_folded(aperture.transmission, size))
+        half = np.fft.rfft2(_folded(aperture.transmission, size))
+        # Of real openings opposite frequencies are conjugate.
+        points = np.empty((size, size), dtype=np.complex128)
+        points[:, : half.shape[1]] = half
+        mirrored = half[-np.arange(size) % size, (size - 1) // 2 : 0 : -1]
+        np.conj(mirrored, out=points[:, half.shape[1] :])
         across, up = (
             axis.dot_um
             * np.sinc(axis.dot_um * frequency)
@@ -387,7 +394,7 @@ def _transfer(
 ) -> Complexes:
     """H at the frequencies of :func:`_spectrum`."""
     across, up, size = carrier
-    q = np.asarray(scipy.fft.fftfreq(count, sample), dtype=np.float64)
+    q = np.asarray(np.fft.fftfreq(count, sample), dtype=np.float64)
     limit = 1 / (wavelength * math.sqrt(1 + (2 * gap_um / (sample * count)) ** 2))
     u, v = q[None, :], q[:, None]
     straight = math.sqrt(1 / wavelength**2 - size**2)
@@ -406,7 +413,7 @@ def _sampled_stop(stop: Stop, sample: float) -> Floats:
 
 def _in_stop_plane(spectrum: Complexes, sample: float, middle: int) -> Complexes:
     """The amplitude at the middle samples of the stop's plane."""
-    field: Complexes = np.roll(scipy.fft.ifft2(spectrum), (middle // 2, middle // 2), axis=(0, 1))[:middle, :middle]
+    field: Complexes = np.roll(np.fft.ifft2(spectrum), (middle // 2, middle // 2), axis=(0, 1))[:middle, :middle]
     return field / sample**2
 
 
@@ -487,7 +494,7 @@ class AmplitudeLags:
     @classmethod
     def of(cls, x: Lattice, y: Lattice, dots: Amplitudes, energy_um2: float) -> AmplitudeLags:
         """Lags by FFT over cells and dots at once, of what :func:`stop_amplitude` gives on those lattices."""
-        sizes = [int(scipy.fft.next_fast_len(2 * n - 1)) if n > 1 else 1 for n in dots.shape]
+        sizes = [fast_length(2 * n - 1, _PRIMES) if n > 1 else 1 for n in dots.shape]
         scale = x.dot_um * y.dot_um / energy_um2
         if dots.dtype == np.complex64:
             table: Table = _from_power(_amplitude_power(dots, sizes))
@@ -507,7 +514,7 @@ class AmplitudeLags:
         tell it far better than either.
         """
         count, sample = field.amplitude.shape[0], field.sample_um
-        size = int(scipy.fft.next_fast_len(2 * count - 1))
+        size = fast_length(2 * count - 1, _PRIMES)
         lattice = Lattice(-count * sample / 2, count, 1, sample, sample)
         power = _amplitude_power(field.amplitude, [size, size])
         power -= _amplitude_power(field.shadow, [size, size])

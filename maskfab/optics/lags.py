@@ -26,10 +26,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
-from maskfab.base.arrays import Floats, Indices
+from maskfab.base.arrays import Floats, Indices, fast_length
 from maskfab.base.errors import InternalError
 from maskfab.base.model import Scalar, frozen
 from maskfab.optics.field.waves import Reals
@@ -231,7 +230,7 @@ def lag_sizes(x: Lattice, y: Lattice, reach_um: float) -> list[int]:
     """Transforms along cells and dots of y and of x that fold nothing onto lags within reach."""
     counts = (*_periods(y), *_periods(x))
     return [
-        scipy.fft.next_fast_len(min(2 * n - 1, n + extra), real=True) if n > 1 else 1
+        fast_length(min(2 * n - 1, n + extra)) if n > 1 else 1
         for n, extra in zip(counts, (*_extra(y, reach_um), *_extra(x, reach_um)), strict=True)
     ]
 
@@ -277,7 +276,7 @@ def _largest_overlap(variance: Floats) -> float:
         first, second = np.nonzero(place[:, None] > place)
         overlap = np.bincount(place[first] - place[second], value[first] * value[second])
         return float(overlap.max(initial=0.0))
-    sizes = [scipy.fft.next_fast_len(2 * n - 1, real=True) for n in (height, width)]
+    sizes = [fast_length(2 * n - 1) for n in (height, width)]
     # A bound needs no more than single precision, whose error is added.
     deviation, padded = np.empty(variance.shape, dtype=np.float32), [sizes[0], 1, 1, sizes[1]]
     np.sqrt(variance, out=deviation, casting="same_kind")
@@ -351,19 +350,19 @@ def _power(
         spectrum = np.empty((min(most, blocks - first), cells * dots, few), dtype=kind)
         for start in range(0, cells * dots, _ROWS_AT_A_TIME):
             part = slice(start, min(start + _ROWS_AT_A_TIME, cells * dots))
-            waves = scipy.fft.rfftn(rows(part), lengths, axes).reshape(part.stop - start, -1)
+            waves = np.fft.rfftn(rows(part), lengths, axes).reshape(part.stop - start, -1)
             filled = np.pad(waves, [(0, 0), (0, blocks * few - waves.shape[1])])
             spectrum[:, part] = filled.reshape(len(waves), blocks, few)[:, first : first + most].swapaxes(0, 1)
         for block, columns in enumerate(spectrum, first):
             field = np.zeros((*sizes[:2], few), dtype=kind)
             field[:cells, :dots] = columns.reshape(cells, dots, few)
-            field = scipy.fft.fftn(field, axes=along_y, overwrite_x=True)
+            field = np.fft.fftn(field, axes=along_y)
             squares = field.real**2
             squares += field.imag**2
             if block == 0:
                 total = float(squares[0, 0, 0])
             # Squares are real, so half of the lags tell the others.
-            lags = scipy.fft.rfftn(squares, axes=along_y[::-1], norm="forward")
+            lags = np.fft.rfftn(squares, axes=along_y[::-1], norm="forward")
             np.conj(lags[: power.shape[1]], out=power[block])
     return power, total
 
@@ -378,7 +377,7 @@ def _lags(power: NDArray[np.complexfloating[Any]], sizes: list[int]) -> Iterator
         rows = slice(start, min(start + few, power.shape[1]))
         waves = np.moveaxis(power[:, rows], 0, 2).reshape(rows.stop - start, sizes[1], -1)
         waves = waves[..., : math.prod(shape)].reshape(*waves.shape[:2], *shape)
-        yield rows, scipy.fft.irfftn(waves, lengths, axes)
+        yield rows, np.fft.irfftn(waves, lengths, axes)
 
 
 def _along_x(sizes: list[int]) -> tuple[list[int], list[int]]:
@@ -451,7 +450,7 @@ class AxisLags:
         cells, dots = self.values.shape
         dot = self.lattice.dot_um
         cell_lag = (self.lattice.pitch_um if self.lattice.has_gutter else dot) * np.arange(cells // 2 + 1)
-        dot_lag = dot * scipy.fft.fftfreq(dots, 1 / dots)
+        dot_lag = dot * np.fft.fftfreq(dots, 1 / dots)
         # Opposite lags are alike.
         weighed = self.values[: cell_lag.size] * np.where(cell_lag > 0, 2.0, 1.0)[:, None]
         along, between = (np.exp(2j * np.pi * places[:, None] * lag) for lag in (cell_lag, dot_lag))
@@ -475,14 +474,14 @@ def axis_lags(pupil: Pupil, energy_um2: float) -> tuple[AxisLags, AxisLags]:
     for lattice, rows in ((pupil.x, grey), (pupil.y, grey.T)):
         # Without gutters every dot is a cell, as in the lag table.
         period = (lattice.cells, lattice.dots) if lattice.has_gutter else (lattice.cells * lattice.dots, 1)
-        sizes = [scipy.fft.next_fast_len(2 * n - 1, real=True) for n in period]
+        sizes = [fast_length(2 * n - 1) for n in period]
         axes, sizes = ([1], sizes[:1]) if period[1] == 1 else ([1, 2], sizes)
         power: Floats | float = 0.0
         for start in range(0, len(rows), _LAG_ROWS_AT_A_TIME):
             part = rows[start : start + _LAG_ROWS_AT_A_TIME]
-            spectrum = scipy.fft.rfftn(part.reshape(-1, *period), sizes, axes=axes)
+            spectrum = np.fft.rfftn(part.reshape(-1, *period), sizes, axes=axes)
             power = power + (spectrum.real**2 + spectrum.imag**2).sum(axis=0)
-        values = scipy.fft.irfftn(power, sizes, axes=[axis - 1 for axis in axes]) * area
+        values = np.fft.irfftn(power, sizes, axes=[axis - 1 for axis in axes]) * area
         values[0, 0] = energy_um2
         tables.append(AxisLags(lattice, values))
     return tables[0], tables[1]
