@@ -49,12 +49,13 @@ from maskfab.optics.gap import (
     stop_amplitude,
     stop_field,
 )
+from maskfab.optics.lags import neighbours
 from maskfab.optics.phase import image_distance_um
 from maskfab.optics.pupil import Aperture, Lattice, finer_aperture, panel_aperture
 from maskfab.optics.scene.plan import PHASED, SPECTRUM, Choice, Plan
 from maskfab.optics.scene.point_images import modelled_distance_um, phase_waves
 from maskfab.optics.scene.scene import Scene
-from maskfab.optics.spectrum import BAND_SAFETY, Band, Spectrum, band_lines, interpolation, line_spectrum
+from maskfab.optics.spectrum import BAND_SAFETY, Band, Spectrum, band_lines, line_spectrum
 from maskfab.optics.stop import Waves, inside
 
 _PLACES = 257
@@ -234,7 +235,20 @@ def _folded(lattice: Lattice, sizes: tuple[int, int], cycle_um: float, frequenci
     nu = frequency[:, None] + np.arange(-most, most + 1)
     places = np.repeat(np.arange(frequency.size), nu.shape[1]), np.arange(nu.size)
     sums = scipy.sparse.csr_array((np.sinc(nu).ravel(), places), shape=(frequency.size, nu.size))
-    return (sums @ interpolation(lattice, nu.ravel() * cycle_um, sizes)).astype(np.float32)
+    return (sums @ _interpolation(lattice, nu.ravel() * cycle_um, sizes)).astype(np.float32)
+
+
+def _interpolation(lattice: Lattice, lag_um: Floats, sizes: tuple[int, int]) -> scipy.sparse.csr_array:
+    """Matrix [lags, cells x dots] that interpolates a lag table along one axis."""
+    rows, columns, weights = [], [], []
+    for place, weight in neighbours(lattice, lag_um, sizes):
+        rows.append(np.arange(lag_um.size))
+        columns.append(place)
+        weights.append(weight)
+    places = (np.concatenate(rows), np.concatenate(columns))
+    matrix = scipy.sparse.coo_array((np.concatenate(weights), places), (lag_um.size, sizes[0] * sizes[1])).tocsr()
+    matrix.eliminate_zeros()
+    return matrix
 
 
 MOST_CHANGE = 2e-3

@@ -19,7 +19,7 @@ from typing import TypeAlias
 import numpy as np
 from klayout import db
 
-from maskfab.base.arrays import Floats, Ints, Mask
+from maskfab.base.arrays import Floats, Ints, Mask, distinct
 from maskfab.base.errors import OutputError, SourceError
 from maskfab.base.model import CLEAR, LAYERS, NOTE, Box, Die, Layer, Panel, Plate, Point, Polygon
 from maskfab.base.units import NM_PER_UM
@@ -599,7 +599,7 @@ def file_references(plate: Plate, *, paired: bool = False) -> int:
 
 def orientations_in_use(panel: Panel) -> tuple[int, ...]:
     """The elements of D4 that at least one cell of the panel takes, ascending."""
-    return tuple(int(orientation) for orientation in np.unique(panel.orientations))
+    return tuple(int(orientation) for orientation in distinct(panel.orientations))
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.polynomial.legendre import leggauss
 
 from maskfab.base.arrays import Floats, Indices
@@ -45,10 +44,10 @@ from maskfab.base.units import UM_PER_NM
 from maskfab.job.camera import Camera
 from maskfab.optics.field.matrix import SampledField
 from maskfab.optics.field.methods import PRUNED, FieldTask, admissible
-from maskfab.optics.lags import LagTable, neighbours
+from maskfab.optics.lags import LagTable
 from maskfab.optics.polynomials import gauss_rules
 from maskfab.optics.psf import cutoff, image_scale_um2
-from maskfab.optics.pupil import Lattice, Pupil
+from maskfab.optics.pupil import Pupil
 
 SHORTEST_NM, LONGEST_NM = 200.0, 2000.0
 
@@ -270,21 +269,15 @@ def polychromatic_otf(table: LagTable, camera: Camera, spectrum: Spectrum, nu_x:
 
 
 def polychromatic_otf_grid(table: LagTable, camera: Camera, spectrum: Spectrum, nu_x: Floats, nu_y: Floats) -> Floats:
-    """The polychromatic OTF on a rectilinear grid, [ny, nx] from [nx] and [ny], by one sparse product along each axis.
+    """The polychromatic OTF on a rectilinear grid, [ny, nx] from [nx] and [ny], along one axis after the other.
 
     Raises:
         InternalError: MF901 for a lag beyond the table's reach.
     """
-    cells_y, dots_y, cells_x, dots_x = table.values.shape
-    values = table.values.reshape(cells_y * dots_y, cells_x * dots_x)
     total = np.zeros((nu_y.size, nu_x.size))
     for wavelength, weight in zip(spectrum.wavelengths_nm, spectrum.weights, strict=True):
         scale = wavelength * UM_PER_NM * camera.focal_um
-        # The table itself refuses lags that it does not hold.
-        table.coarse_otf(scale * np.array([abs(nu_x).max()]), scale * np.array([abs(nu_y).max()]))
-        along_x = interpolation(table.x, scale * nu_x, (cells_x, dots_x))
-        along_y = interpolation(table.y, scale * nu_y, (cells_y, dots_y))
-        total += (along_x @ (along_y @ values).T).T * (weight / table.energy_um2)
+        total += weight * table.coarse_grid(scale * nu_x, scale * nu_y)
     return total
 
 
@@ -320,19 +313,6 @@ def check_weights(weights: Floats, where: str) -> None:
         raise JobError("MF104", what, where=where, cure=cure)
     if not weights.any():
         raise JobError("MF104", "all weights are zero", where=where, cure="Give at least one positive weight")
-
-
-def interpolation(lattice: Lattice, lag_um: Floats, sizes: tuple[int, int]) -> scipy.sparse.csr_array:
-    """Matrix [lags, cells x dots] that interpolates a lag table along one axis."""
-    rows, columns, weights = [], [], []
-    for place, weight in neighbours(lattice, lag_um, sizes):
-        rows.append(np.arange(lag_um.size))
-        columns.append(place)
-        weights.append(weight)
-    places = (np.concatenate(rows), np.concatenate(columns))
-    matrix = scipy.sparse.coo_array((np.concatenate(weights), places), (lag_um.size, sizes[0] * sizes[1])).tocsr()
-    matrix.eliminate_zeros()
-    return matrix
 
 
 _TAPS = 14

@@ -19,6 +19,7 @@ from numpy.polynomial.legendre import leggauss
 
 from maskfab.base.arrays import Complexes, Floats, Mask
 from maskfab.job.camera import Stop
+from maskfab.optics.polynomials import bessel_1
 
 Waves = Callable[[Floats, Floats], Floats]
 """Optical path over wavelength at points x, y in micrometres, any one shape."""
@@ -180,8 +181,6 @@ def clear_field(stop: Stop, u: Floats, v: Floats) -> Complexes:
 
 
 def _ellipse_field(width: float, height: float, u: Floats, v: Floats) -> Floats:
-    from scipy import special  # slow to load, and of plain stops alone
-
     q = np.pi * np.hypot(width * u, height * v)
     safe = np.where(q > 0, q, 1.0)
-    return np.asarray(np.pi / 4 * width * height * np.where(q > 0, 2 * special.j1(safe) / safe, 1.0))
+    return np.asarray(np.pi / 4 * width * height * np.where(q > 0, 2 * bessel_1(safe) / safe, 1.0))

@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.special import jv, spherical_jn
+from scipy.special import j1, jv, spherical_jn
 
-from maskfab.optics.polynomials import legendre, spherical_bessel, spherical_bessel_bounds, wave_degree
+from maskfab.optics.polynomials import bessel_1, legendre, spherical_bessel, spherical_bessel_bounds, wave_degree
+
+
+def test_the_first_bessel_function_is_the_known_one_on_either_side_of_its_two_forms() -> None:
+    places = np.concatenate([[0.0, 1e-200, 24.999999, 25.0], np.linspace(0, 60, 3001), np.geomspace(60, 1e4, 3000)])
+    assert abs(bessel_1(places[:, None]) - j1(places)[:, None]).max() < 1e-14
 
 
 @given(st.floats(1e-9, 300.0), st.integers(1, 64))
