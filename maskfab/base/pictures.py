@@ -6,7 +6,6 @@ import os
 from pathlib import Path
 from typing import Any
 
-import OpenImageIO as oiio  # noqa: N813
 from numpy.typing import NDArray
 
 from maskfab.base.errors import OutputError
@@ -21,6 +20,8 @@ def write_image(pixels: NDArray[Any], header: Any, path: Path) -> None:
     Raises:
         OutputError: MF401 if the file cannot be written; nothing is left under its name.
     """
+    import OpenImageIO as oiio  # noqa: N813 - its customary name
+
     with partial(path) as aside:
         output = oiio.ImageOutput.create(str(aside))
         written = output is not None and output.open(str(aside), header) and output.write_image(pixels)
@@ -36,6 +37,8 @@ def is_whole(path: Path) -> bool:
         with path.open("rb") as file:
             file.seek(-min(len(_PNG_END), path.stat().st_size), os.SEEK_END)
             return file.read() == _PNG_END
+    import OpenImageIO as oiio  # noqa: N813 - its customary name
+
     source = oiio.ImageInput.open(str(path))
     if source is None:
         oiio.geterror()  # or it is told at the end of the process

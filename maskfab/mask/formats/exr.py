@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-import OpenImageIO as oiio  # noqa: N813
 from numpy.typing import NDArray
 
 from maskfab.base import __version__
@@ -62,6 +61,8 @@ def read_channels(path: Path, prefix: str, cure: str) -> Channels:
     Raises:
         SourceError: MF301 if there is no such file, MF303 if it cannot be read.
     """
+    import OpenImageIO as oiio  # noqa: N813 - its customary name
+
     if not os.path.isfile(path):
         raise SourceError("MF301", no_file(path, path.name), where=str(path), cure=cure)
     image = oiio.ImageInput.open(str(path))
@@ -116,6 +117,8 @@ def write_channels(
     Raises:
         OutputError: MF401 if the file cannot be written.
     """
+    import OpenImageIO as oiio  # noqa: N813 - its customary name
+
     height, width, count = pixels.shape
     header = oiio.ImageSpec(width, height, count, "half" if pixels.dtype == np.float16 else "float")
     header.channelnames = tuple(channels)
@@ -156,6 +159,8 @@ def write_png(light: Floats, path: Path, white: float = 1.0) -> None:
     Raises:
         OutputError: MF401 if the file cannot be written.
     """
+    import OpenImageIO as oiio  # noqa: N813 - its customary name
+
     # A table of 16 bits is off by at most a twentieth of a code, and saves a power for every value.
     steps = np.clip(_upright(light) * (_STEPS / white), 0.0, _STEPS).round().astype(np.uint16)
     table = (code_of_light(np.linspace(0.0, 1.0, _STEPS + 1)) * 255).round().astype(np.uint8)

@@ -12,7 +12,6 @@ import zipfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
-from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,6 +130,8 @@ def write_3mf(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack |
         OutputError: MF401 if the file cannot be written; MF436 as :func:`maskfab.mask.formats.solid.film`; MF410 or
             MF412 as :func:`maskfab.mask.formats.solid.check_mesh_size`.
     """
+    from xml.sax.saxutils import escape  # loads all of urllib
+
     stack = stack or Stack()
     check_mesh_size(die, "3mf")
     chrome, touches = film(die, stack)
@@ -247,6 +248,8 @@ def _item(number: int, x: float, y: float, z: float, *, name: str) -> str:
 
 
 def _mesh_xml(number: int, name: str, mesh: Mesh) -> Iterator[str]:
+    from xml.sax.saxutils import quoteattr
+
     yield f'<object id="{number}" name={quoteattr(name)} type="model"><mesh><vertices>\n'
     for x, y, z in mesh.vertices_nm.tolist():
         yield f'<vertex x="{_um(x)}" y="{_um(y)}" z="{_um(z)}"/>\n'

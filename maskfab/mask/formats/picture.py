@@ -19,7 +19,6 @@ from math import gcd
 from pathlib import Path
 
 import numpy as np
-import OpenImageIO as oiio  # noqa: N813
 import scipy
 from klayout import db
 from numpy.typing import NDArray
@@ -142,6 +141,7 @@ def _pixels(path: Path, shown: Path) -> tuple[NDArray[np.float64] | NDArray[np.u
         path: the file, as it is told.
         shown: the same, or what is read in its place.
     """
+    import OpenImageIO as oiio  # noqa: N813 - its customary name
 
     where = str(path)
     image = oiio.ImageInput.open(str(shown))
@@ -327,6 +327,7 @@ def _write(
     limit_bytes: int,
     bits: int,
 ) -> Bitmap:
+    import OpenImageIO as oiio  # noqa: N813 - its customary name
 
     width, height = bitmap_size(plate, dots_per_um, die)
     check_file_size(math.ceil(width * bits / 8) * height, limit_bytes, path, "Choose fewer dots per um, or one die")

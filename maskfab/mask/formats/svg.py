@@ -14,7 +14,6 @@ from decimal import Decimal, InvalidOperation
 from itertools import chain
 from pathlib import Path
 from xml.etree import ElementTree
-from xml.sax.saxutils import escape, quoteattr
 
 from klayout import db
 
@@ -284,11 +283,15 @@ def _bare(name: str, layer: Layer) -> str:
 
 
 def _id(name: str, layer: Layer) -> str:
+    from xml.sax.saxutils import quoteattr  # loads all of urllib
+
     return quoteattr(_bare(name, layer))
 
 
 def _safe(text: str) -> str:
     """The text escaped, without the control characters that XML forbids."""
+    from xml.sax.saxutils import escape
+
     return escape("".join(letter if letter.isprintable() or letter == "\n" else " " for letter in text))
 
 
