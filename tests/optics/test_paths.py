@@ -192,6 +192,9 @@ def test_the_cheapest_path_suits_the_pupil() -> None:
     assert admissible(FieldTask(coarse, coarse, 2000.0, 400, False, u, u))[0] is PARITY
     assert admissible(FieldTask(fine, fine, 2000.0, 3000, False, u, u))[0] is STRUCTURE
     assert admissible(FieldTask(askew, askew, 2000.0, 400, True, u, u)) == (DIRECT,)
+    # A wide window of fine steps, which few nodes of frequency give: measured, pruned takes twice as long.
+    wide = commensurate(coarse, 2650, 1024, True)
+    assert admissible(FieldTask(coarse, coarse, 2000.0, 400, False, wide, wide))[0] is not PRUNED
     for path in PATHS:
         task = FieldTask(coarse, coarse, 2000.0, 400, False, commensurate(coarse, 1325, 256, True), u)
         assert path.flops(task) > 0 < path.memory(task)

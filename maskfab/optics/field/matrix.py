@@ -261,14 +261,10 @@ class WaveProduct:
     core: Reals
     reach: tuple[int, ...]
 
-    def work(self, nu: int, nv: int) -> int:
-        """Multiplications of one part of the field at [nv, nu] frequencies."""
-        return min(self._orders_of_sums(nu, nv))
-
     def part(self, along_y: Reals, along_x: Reals, odd_y: int, odd_x: int) -> Reals:
         """One part of its field, [nv, nu], from waves along y [ny, nv] and x [nx, nu] of that parity."""
         core = self.core[odd_y, odd_x]
-        y_first, x_first = self._orders_of_sums(along_x.shape[1], along_y.shape[1])
+        y_first, x_first = _orders_of_sums(core.shape, along_x.shape[1], along_y.shape[1])
         if x_first < y_first:
             part: Reals = along_y.T @ (core @ along_x)
             return part
@@ -278,10 +274,27 @@ class WaveProduct:
             np.matmul(along_y[:reach].T, core[:reach, columns], out=rows[:, columns])
         return rows @ along_x
 
-    def _orders_of_sums(self, nu: int, nv: int) -> tuple[int, int]:
-        """Multiplications with the sum along y first, which leaves the other the columns, and along x first."""
-        ny, nx = self.core.shape[2:]
-        return nv * nx * (ny + nu), nu * ny * (nx + nv)
+
+def _orders_of_sums(core: Sequence[int], nu: int, nv: int) -> tuple[int, int]:
+    """Multiplications with the sum along y first, which leaves the other the columns, and along x first."""
+    ny, nx = core
+    return nv * nx * (ny + nu), nu * ny * (nx + nv)
+
+
+def multiplications(
+    cores: Sequence[Sequence[int]], nu: int, nv: int, nodes_u: FrequencyNodes, nodes_v: FrequencyNodes
+) -> tuple[int, bool]:
+    """Multiplications of one part of the field, by nodes of frequency if these are few, and whether they are.
+
+    Args:
+        cores: shapes [ny, nx] of what is added up.
+        nu, nv: frequencies that are asked for.
+        nodes_u, nodes_v: that would give the field there.
+    """
+    plain = sum(min(_orders_of_sums(core, nu, nv)) for core in cores)
+    by_nodes = sum(min(_orders_of_sums(core, nodes_u.count, nodes_v.count)) for core in cores)
+    by_nodes += nv * nodes_u.count * (nodes_v.count + nu)
+    return (by_nodes, True) if by_nodes <= _WORTHWHILE * plain else (plain, False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,8 +328,8 @@ class PreparedField:
             frequency_nodes(max(axis.reach_um for axis in axes), float(frequency[-1]), self.precision)
             for axes, frequency in (([t.x for t in self.terms], u), ([t.y for t in self.terms], v))
         )
-        onwards = v.size * nodes_u.count * (nodes_v.count + u.size)
-        if self._work(nodes_u.count, nodes_v.count) + onwards > _WORTHWHILE * self._work(u.size, v.size):
+        cores = [term.core.shape[2:] for term in self.terms]
+        if not multiplications(cores, u.size, v.size, nodes_u, nodes_v)[1]:
             parts = self._parts(u, v)
         else:
             across = nodes_u.interpolation(u)
@@ -324,9 +337,6 @@ class PreparedField:
             few = self._parts(nodes_u.frequency, nodes_v.frequency)
             parts = _carried(few, across, up)
         return _whole(parts, on_axis=bool(u[0] == 0))
-
-    def _work(self, nu: int, nv: int) -> int:
-        return sum(term.work(nu, nv) for term in self.terms)
 
     def _parts(self, u: Floats, v: Floats) -> Reals:
         """The parts of the field that are even or odd in v and in u, [2, 2, nv, nu]."""

@@ -25,7 +25,7 @@ Notes:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import log2
 from types import MappingProxyType
@@ -41,6 +41,7 @@ from maskfab.optics.field.matrix import (
     PreparedField,
     direct_field,
     fold,
+    multiplications,
     parity_of,
     prepare,
     rim_orders,
@@ -52,6 +53,7 @@ from maskfab.optics.field.waves import (
     Positions,
     Precision,
     Reals,
+    frequency_nodes,
     is_even,
     is_symmetric,
     node_count,
@@ -311,15 +313,13 @@ def _dot_factor(lattice: Lattice, frequency: Floats) -> Complexes:
     return factor * lattice.dot_um * np.sinc(lattice.dot_um * frequency)
 
 
-# Measured at 512² samples: products of a few hundred rows against transforms of about a thousand points.
-_TRANSFORM_FLOP = 12.0
-# The same for element-wise work on a grid of frequencies, per point of the quadrant: waves, folding, squares.
-_POINT_WORK = 250.0
-# Folding an interval into the quadrant, and merely reading it: memory, not arithmetic, sets the pace.
-_DOT_WORK = 250.0
-_DOT_READ = 80.0
-# Moments are gathered into products too thin to run at full speed.
-_GATHERING = 4.0
+# What work takes besides products, in flops of those, fitted to the times of 39 scenes. Of a transform, a flop; of
+# waves, a value; of dots, one that is folded and one that is merely read; of a rim, itself, a cut dot, and a flop of its
+# thin products; of cells, a row of them; of a pruned transform, a frequency.
+_TRANSFORM_FLOP, _WAVE = 9.0, 400.0
+_DOT_WORK, _DOT_READ = 120.0, 20.0
+_RIM, _CUT_DOT, _GATHERING, _RIM_ORDERS = 4e7, 2e5, 2.5, 8
+_ROW_OF_CELLS, _PRUNED_POINT = 1.5e6, 1700.0
 _BYTES = 8
 
 
@@ -456,30 +456,44 @@ def _structure_refusal(task: FieldTask) -> str | None:
     return _parity_refusal(task) or (strips if task.strips_clear else None)
 
 
-def _products(ny: float, nx: float, nv: int, nu: int) -> float:
-    """Flops of four parities of waves x core x waves, in the better order."""
-    return 8 * min(nv * nx * (ny + nu), nu * ny * (nx + nv))
+def _product_flops(task: FieldTask, cores: Sequence[tuple[int, int]], reach_um: tuple[float, float]) -> float:
+    """Flops of the four parities of waves x cores x waves, and of the waves."""
+    nu, nv = task.u.size, task.v.size
+    nodes_u, nodes_v = (
+        frequency_nodes(reach, float(frequency[-1]), "double")
+        for reach, frequency in zip(reach_um, (task.u, task.v), strict=True)
+    )
+    products, by_nodes = multiplications(cores, nu, nv, nodes_u, nodes_v)
+    ends_u, ends_v = (nodes_u.count, nodes_v.count) if by_nodes else (nu, nv)
+    # Axes that are alike share their waves; interpolation from nodes counts as twice the waves.
+    along_x = sum(nx for _, nx in cores) * ends_u + 2 * by_nodes * ends_u * nu
+    along_y = sum(ny for ny, _ in cores) * ends_v + 2 * by_nodes * ends_v * nv
+    shared = task.x == task.y and np.array_equal(task.u, task.v)
+    return 8.0 * products + 2 * _WAVE * (along_x + (0 if shared else along_y))
 
 
-def _rim_flops(task: FieldTask) -> float:
+def _rim_cores(task: FieldTask) -> list[tuple[int, int]]:
     """The two bands of a round stop's rim: between 45° and the axes a side is 0.71 long and 0.29 wide, in radii."""
     if not task.rim:
-        return 0.0
-    highest = max(task.u[-1], task.v[-1])
+        return []
+    highest = float(max(task.u[-1], task.v[-1]))
     long, narrow = node_count(0.71 * task.radius_um, highest), node_count(0.3 * task.radius_um, highest)
-    orders = 8
-    gathering = _GATHERING * 2 * task.rim * orders * long * narrow
-    return gathering + 2 * _products(long, narrow, task.v.size, task.u.size)
+    return [(long, narrow), (narrow, long)]
 
 
-def _grid_flops(task: FieldTask) -> float:
-    return _POINT_WORK * task.u.size * task.v.size
+def _rim_flops(task: FieldTask, cores: Sequence[tuple[int, int]]) -> float:
+    """Flops of gathering the rim to its bands."""
+    if not cores:
+        return 0.0
+    long, narrow = cores[0]
+    return _RIM + task.rim * (_CUT_DOT + _GATHERING * _RIM_ORDERS * long * narrow)
 
 
 def _parity_flops(task: FieldTask) -> float:
     ny, nx = _intervals(task.y), _intervals(task.x)
-    folding = _DOT_WORK * ny * nx
-    return _products(ny / 2, nx / 2, task.v.size, task.u.size) + folding + _rim_flops(task) + _grid_flops(task)
+    bands = _rim_cores(task)
+    reach = task.x.length_um / 2, task.y.length_um / 2
+    return _DOT_WORK * ny * nx + _product_flops(task, [(ny // 2, nx // 2), *bands], reach) + _rim_flops(task, bands)
 
 
 def _parity_memory(task: FieldTask) -> float:
@@ -489,7 +503,7 @@ def _parity_memory(task: FieldTask) -> float:
 
 def _direct_flops(task: FieldTask) -> float:
     ny, nx, nv, nu = _intervals(task.y), _intervals(task.x), 2 * task.v.size, task.u.size
-    return 8.0 * nv * nx * (ny + nu) + 100 * 8 * nv * (task.rim + nx * nu) * (task.rim > 0) + _grid_flops(task)
+    return 8.0 * nv * nx * (ny + nu) + 100 * 8 * nv * (task.rim + nx * nu) * (task.rim > 0)
 
 
 def _direct_memory(task: FieldTask) -> float:
@@ -510,10 +524,10 @@ def _structure_flops(task: FieldTask) -> float:
     per_cell_x, per_cell_y = sources_x / task.x.cells, sources_y / task.y.cells
     ny, nx = _intervals(task.y), _intervals(task.x)
     reduction = 2 * per_cell_y * ny * nx + 2 * sources_y * nx * per_cell_x
-    rim = 2 * task.rim * 8 * per_cell_x * per_cell_y
-    products = _products(sources_y / 2, sources_x / 2, task.v.size, task.u.size)
-    passes = _DOT_READ * ny * nx + _DOT_WORK * sources_x * sources_y
-    return reduction + passes + rim + products + _grid_flops(task)
+    rim = (_RIM + 2 * task.rim * _RIM_ORDERS * per_cell_x * per_cell_y) if task.rim else 0.0
+    products = _product_flops(task, [(sources_y // 2, sources_x // 2)], (task.x.length_um / 2, task.y.length_um / 2))
+    passes = _DOT_READ * ny * nx + _DOT_WORK * sources_x * sources_y + _ROW_OF_CELLS * task.y.cells
+    return reduction + passes + rim + products
 
 
 def _structure_memory(task: FieldTask) -> float:
@@ -527,7 +541,9 @@ def _pruned_flops(task: FieldTask) -> float:
     # Off the axis the phases of half a step make the rows complex.
     rows = (2.5 if task.u[0] == 0 else 5.0) * _intervals(task.y) * along_x * log2(along_x)
     columns = 5.0 * task.u.size * along_y * log2(along_y)
-    return _TRANSFORM_FLOP * (rows + columns) + _rim_flops(task) + _grid_flops(task)
+    bands = _rim_cores(task)
+    rim = _rim_flops(task, bands) + _product_flops(task, bands, (task.radius_um, task.radius_um))
+    return _TRANSFORM_FLOP * (rows + columns) + _PRUNED_POINT * task.u.size * task.v.size + rim
 
 
 def _pruned_memory(task: FieldTask) -> float:

@@ -40,7 +40,7 @@ Notes:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -200,7 +200,9 @@ class FrequencyNodes:
     @cached_property
     def frequency(self) -> Floats:
         """float64 [count], descending: a field is strongest near 0, and small terms are best summed first."""
-        return self.highest * _unmapped(np.cos(node_angles(self.count) / 2), self.stretch)
+        nodes = self.highest * _unmapped(np.cos(node_angles(self.count) / 2), self.stretch)
+        nodes.flags.writeable = False
+        return nodes
 
     def interpolation(self, frequency: Floats) -> Reals:
         """Matrix from values at the nodes to those at frequencies, of even and of odd functions, [2, count, n]."""
@@ -216,6 +218,7 @@ class FrequencyNodes:
         return y
 
 
+@lru_cache(maxsize=64)
 def frequency_nodes(reach_um: float, highest: float, precision: Precision) -> FrequencyNodes:
     """As few nodes as carry light from within ``reach_um`` of the axis up to the highest frequency.
 
@@ -285,6 +288,7 @@ def nodes_for(low_um: float, high_um: float, highest: float) -> Nodes:
     return Nodes(low_um, high_um, node_count(high_um - low_um, highest))
 
 
+@lru_cache(maxsize=256)
 def node_count(width_um: float, highest: float) -> int:
     """The fewest nodes whose interpolation of exp(-2πiux) errs by about the tolerance on an interval that wide."""
     return wave_degree(np.pi * width_um * highest, NODE_TOLERANCE) + _SPARE_NODES
