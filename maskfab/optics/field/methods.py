@@ -314,8 +314,8 @@ def _dot_factor(lattice: Lattice, frequency: Floats) -> Complexes:
 
 
 # What work takes besides products, in flops of those, fitted to the times of 39 scenes. Of a transform, a flop; of
-# waves, a value; of dots, one that is folded and one that is merely read; of a rim, itself, a cut dot, and a flop of its
-# thin products; of cells, a row of them; of a pruned transform, a frequency.
+# waves, a value; of dots, one that is folded and one that is merely read; of a rim, itself, a cut dot, and a flop of
+# its thin products; of cells, a row of them; of a pruned transform, a frequency.
 _TRANSFORM_FLOP, _WAVE = 9.0, 400.0
 _DOT_WORK, _DOT_READ = 120.0, 20.0
 _RIM, _CUT_DOT, _GATHERING, _RIM_ORDERS = 4e7, 2e5, 2.5, 8
