@@ -37,13 +37,13 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.polynomial.legendre import leggauss
 
 from maskfab.base.arrays import Complexes, Floats
 from maskfab.base.errors import InternalError, JobError
 from maskfab.base.model import Panel, Psf, Quantity
 from maskfab.job.camera import Camera, Stop
 from maskfab.optics.field.matrix import direct_field
+from maskfab.optics.polynomials import gauss_legendre
 from maskfab.optics.psf import image_scale_um2, pixel_sum_error
 from maskfab.optics.pupil import cut, panel_aperture
 
@@ -234,7 +234,7 @@ def _low_pass(frequency: Floats, step: float, highest: float) -> Floats:
 def _nodes(step: float, highest: float, reach: float) -> tuple[Floats, Floats]:
     """Gauss-Legendre nodes over the filter's band, enough for waves over ``reach`` micrometres."""
     end = 1 / step - highest
-    nodes, weights = leggauss(64)
+    nodes, weights = gauss_legendre(64)
     panels = max(1, math.ceil(end * reach * _NODES_PER_CYCLE / nodes.size))
     edges = np.linspace(0.0, end, panels + 1)
     half = np.diff(edges)[:, None] / 2

@@ -31,7 +31,6 @@ from itertools import product
 from typing import Literal
 
 import numpy as np
-from numpy.polynomial.legendre import leggauss
 
 from maskfab.base.arrays import Floats, Indices, Mask
 from maskfab.base.errors import InternalError, JobError
@@ -40,6 +39,7 @@ from maskfab.base.units import UM_PER_MM
 from maskfab.job.camera import Camera
 from maskfab.optics.colour import delta_e_1976, lab_of_linear_srgb
 from maskfab.optics.lags import AxisLags, LagTable
+from maskfab.optics.polynomials import gauss_legendre
 from maskfab.optics.psf import cutoff, image_scale_um2, odd_samples
 from maskfab.optics.spectrum import Spectrum, pixel_transfer, polychromatic_otf
 
@@ -625,7 +625,7 @@ def edge_spread(lags: tuple[AxisLags, AxisLags], table: LagTable, camera: Camera
     scale, half_pixel = image_scale_um2(camera, wavelength_nm), camera.pixel_um / 2
     pixels = odd_samples(camera.window_um, camera.pixel_um)
     highest = cutoff(camera, wavelength_nm)
-    nodes, weights = leggauss(_FEWEST_NODES + math.ceil(1.5 * np.pi * highest * half_pixel))
+    nodes, weights = gauss_legendre(_FEWEST_NODES + math.ceil(1.5 * np.pi * highest * half_pixel))
     # From the axis on, in steps of half a pixel: pixels meet at every other one.
     starts, within = half_pixel * np.arange(pixels, dtype=np.float64), half_pixel * (1 + nodes) / 2
     sides = []

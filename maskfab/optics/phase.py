@@ -55,14 +55,14 @@ from types import MappingProxyType
 
 import numpy as np
 import scipy
-from numpy.polynomial.legendre import leggauss, legvander
+from numpy.polynomial.legendre import legvander
 
 from maskfab.base.arrays import Complexes, Floats, Indices
 from maskfab.base.errors import JobError
 from maskfab.base.model import Psf, frozen
 from maskfab.base.units import UM_PER_NM
 from maskfab.job.camera import Camera, Stop
-from maskfab.optics.polynomials import spherical_bessel, spherical_bessel_bounds
+from maskfab.optics.polynomials import gauss_legendre, spherical_bessel, spherical_bessel_bounds
 from maskfab.optics.psf import image_scale_um2, odd_samples, point_step_um, psf_norm_um6
 from maskfab.optics.pupil import RIM_ORDERS, Aperture, Pupil, cut, finer_aperture
 from maskfab.optics.stop import Waves, stop_strehl
@@ -257,7 +257,7 @@ def _steepest(pupil: Pupil, waves: Waves) -> float:
 
 def _phase_moments(pupil: Pupil, row: Indices, column: Indices, waves: Waves, nodes: int) -> Complexes:
     """Means over dots of exp(2πiW) P_q P_p by Gauss-Legendre quadrature, complex128 [k, nodes, nodes]."""
-    place, weights = leggauss(nodes)
+    place, weights = gauss_legendre(nodes)
     analysis = legvander(place, nodes - 1) * weights[:, None] / 2  # node, order
     x, y = pupil.x.edges_um(), pupil.y.edges_um()
     moments = np.empty((row.size, nodes, nodes), dtype=np.complex128)
@@ -326,7 +326,7 @@ def _rim_moments(pupil: Pupil, waves: Waves, nodes: int) -> Complexes:
 @lru_cache(maxsize=8)
 def _linearisation(nodes: int) -> Floats:
     """P_a P_q = Σ_s L[a, q, s] P_s for a < nodes and q, s < RIM_ORDERS, float64 [nodes, RIM_ORDERS, RIM_ORDERS]."""
-    place, weights = leggauss(2 * RIM_ORDERS + nodes)
+    place, weights = gauss_legendre(2 * RIM_ORDERS + nodes)
     values = legvander(place, max(RIM_ORDERS, nodes) - 1)
     table: Floats = np.einsum(
         "n,na,nq,ns->aqs", weights, values[:, :nodes], values[:, :RIM_ORDERS], values[:, :RIM_ORDERS], optimize=True

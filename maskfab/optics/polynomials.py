@@ -17,10 +17,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
+from numpy.polynomial.legendre import leggauss
 
 from maskfab.base.arrays import Floats, Indices
+
+_TINY = float(np.finfo(np.float64).tiny)
 
 
 def legendre(xi: Floats, orders: int) -> Floats:
@@ -46,6 +50,14 @@ def legendre_integrals(xi: Floats, orders: int) -> Floats:
     return integral
 
 
+@lru_cache(maxsize=64)
+def gauss_legendre(count: int) -> tuple[Floats, Floats]:
+    """Nodes, ascending, and weights of the rule on [-1, 1], kept for the next call; read-only."""
+    nodes, weights = leggauss(count)
+    nodes.flags.writeable = weights.flags.writeable = False
+    return nodes, weights
+
+
 def node_angles(count: int) -> Floats:
     """θ_k, float64 [count], ascending."""
     return np.pi * (np.arange(count, dtype=np.float64) + 0.5) / count
@@ -61,7 +73,7 @@ def lagrange_polynomials(apart: Floats) -> Floats:
         float64 [..., count], laid out in memory as the argument is.
     """
     angles = node_angles(apart.shape[-1])
-    apart[apart == 0] = np.finfo(np.float64).tiny
+    apart[apart == 0] = _TINY
     # Over what they are made of: fresh memory costs more than the quotients.
     np.divide(np.where(np.arange(angles.size) % 2, -1.0, 1.0) * np.sin(angles), apart, out=apart)
     apart /= apart.sum(axis=-1, keepdims=True)
@@ -164,7 +176,7 @@ def gauss_rules(places: Floats, weights: Floats, starts: Indices, nodes: int) ->
         return np.asarray(np.add.reduceat(values, starts))
 
     lowest, highest = np.minimum.reduceat(places, starts), np.maximum.reduceat(places, starts)
-    middle, half = (lowest + highest) / 2, np.maximum((highest - lowest) / 2, np.finfo(float).tiny)
+    middle, half = (lowest + highest) / 2, np.maximum((highest - lowest) / 2, _TINY)
     at = (places - np.repeat(middle, sizes)) / np.repeat(half, sizes)
     before, here = np.zeros_like(at), np.ones_like(at)
     norm = mass = over_runs(weights)

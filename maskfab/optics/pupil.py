@@ -21,14 +21,13 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.polynomial.legendre import leggauss
 
 from maskfab.base.arrays import Floats, Indices, Labels, Mask, distinct
 from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, Panel, Polygon, frozen, orient, refined
 from maskfab.base.units import NM_PER_UM
 from maskfab.job.camera import Stop
-from maskfab.optics.polynomials import legendre, legendre_integrals
+from maskfab.optics.polynomials import gauss_legendre, legendre, legendre_integrals
 
 
 def veil(panel: Panel) -> tuple[Floats, Floats]:
@@ -277,7 +276,7 @@ def polygon_moments(boxes: Floats, corners: Floats, orders: int) -> Floats:
         orders: of the moments.
     """
     moments = np.zeros((len(boxes), orders, orders))
-    nodes, weights = leggauss(orders + 1)
+    nodes, weights = gauss_legendre(orders + 1)
     for (px, py), (qx, qy) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         if py == qy:
             continue
@@ -545,10 +544,18 @@ def _nearest_to_zero(edges: Floats) -> Floats:
 def _moments(
     x: Floats, y: Floats, row: Indices, column: Indices, transmission: Floats, stop: Stop, orders: int
 ) -> Floats:
-    """Moments of cut dots, [k, orders, orders]."""
+    """Moments of cut dots, [k, orders, orders]; of mirror images those of one of them."""
+    turned = np.ones((2, row.size, orders))
+    if not stop.outline_um and all(abs(edges + edges[::-1]).max() <= _ON_LINE * edges[-1] for edges in (x, y)):
+        for turn, index, count in zip(turned, (row, column), (y.size - 1, x.size - 1), strict=True):
+            # P_p of a mirror image is (-1)^p times that of the other.
+            turn[2 * index < count - 1, 1::2] = -1.0
+        row, column = np.maximum(row, y.size - 2 - row), np.maximum(column, x.size - 2 - column)
+    place, which = np.unique(row * x.size + column, return_inverse=True, return_counts=True)[:2]
+    row, column = np.divmod(place, x.size)
     boxes = np.stack([x[column], x[column + 1], y[row], y[row + 1]], axis=1)
-    moments = _stop_moments(boxes, stop, orders)
-    moments *= transmission[:, None, None]
+    moments = _stop_moments(boxes, stop, orders)[which]
+    moments *= (transmission[:, None] * turned[0])[:, :, None] * turned[1][:, None, :]
     moments.flags.writeable = False
     return moments
 
@@ -577,7 +584,7 @@ def _circle_moments(boxes: Floats, radius: float, orders: int) -> Floats:
     of a degree near 3 x orders. Along x a moment is an integral up to the right end of a slice less that up to the left
     one. Ends on the box's own sides need no quadrature: from -1 to 1 all orders but the zeroth vanish.
     """
-    rule = leggauss(max(_SLICE_NODES, -(-3 * orders // 2) + 1))
+    rule = gauss_legendre(max(_SLICE_NODES, -(-3 * orders // 2) + 1))
     moments = np.empty((len(boxes), orders, orders))
     block = -(-_ORDERS_AT_A_TIME // orders)
     for start in range(0, len(boxes), block):

@@ -35,7 +35,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.polynomial.legendre import leggauss
 
 from maskfab.base.arrays import Floats, Indices
 from maskfab.base.errors import InternalError, JobError
@@ -45,7 +44,7 @@ from maskfab.job.camera import Camera
 from maskfab.optics.field.matrix import SampledField
 from maskfab.optics.field.methods import PRUNED, FieldTask, admissible
 from maskfab.optics.lags import LagTable
-from maskfab.optics.polynomials import gauss_rules
+from maskfab.optics.polynomials import gauss_legendre, gauss_rules
 from maskfab.optics.psf import cutoff, image_scale_um2
 from maskfab.optics.pupil import Pupil
 
@@ -179,7 +178,7 @@ class Band:
         middles = (edges[1:] + edges[:-1]) / 2
         skipped = (high - ends)[np.minimum(np.searchsorted(ends, middles), ends.size - 1)]
         # Exact for the density, of one degree for each curve, times the polynomials of the rules.
-        nodes, weights = leggauss(_NODES_PER_PANEL + (len(self.curves) + 1) // 2)
+        nodes, weights = gauss_legendre(_NODES_PER_PANEL + (len(self.curves) + 1) // 2)
         half = np.diff(edges)[:, None] / 2
         places = (skipped + middles)[:, None] + half * nodes
         energies = half * weights * self.density(places)

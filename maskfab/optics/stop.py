@@ -15,11 +15,10 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.polynomial.legendre import leggauss
 
 from maskfab.base.arrays import Complexes, Floats, Mask
 from maskfab.job.camera import Stop
-from maskfab.optics.polynomials import bessel_1
+from maskfab.optics.polynomials import bessel_1, gauss_legendre
 
 Waves = Callable[[Floats, Floats], Floats]
 """Optical path over wavelength at points x, y in micrometres, any one shape."""
@@ -112,7 +111,7 @@ def stop_nodes(stop: Stop, count: int = _NODES) -> tuple[Floats, Floats, Floats]
         count: of Gauss-Legendre nodes along each of two coordinates: along the sides of a rectangle; radius and angle
             of an ellipse; distance from the axis and along the edge for each side of a polygon.
     """
-    nodes, weights = leggauss(count)
+    nodes, weights = gauss_legendre(count)
     unit, weights = (nodes + 1) / 2, weights / 2
     half_x, half_y = (side / 2 for side in stop.sides_um)
     if stop.outline_um:

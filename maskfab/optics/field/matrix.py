@@ -103,7 +103,7 @@ def _left_out(pupil: Pupil, area_um2: Floats) -> Floats:
         # As if the rim held all the light, which asks for no fewer orders.
         squares, energy_um2 = np.ones_like(squares), float(area_um2.sum())
     light = area_um2 * squares / energy_um2
-    held = weight[:, None] * weight * np.einsum("k,kqp->qp", light, shape**2)
+    held = weight[:, None] * weight * np.tensordot(light, shape**2, 1)
     before = np.array([held[:order, :order].sum() for order in range(len(held) + 1)])
     left = np.clip(light @ shape[:, 0, 0] - before, 0, None)
     return np.append(left, np.full(_MOST_ORDERS - left.size, left[-1]))

@@ -29,11 +29,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.polynomial.legendre import leggauss
 
 from maskfab.base.arrays import Complexes, Floats, Indices
 from maskfab.base.errors import InternalError
 from maskfab.base.model import frozen
+from maskfab.optics.polynomials import gauss_legendre
 
 EDGES_AT_A_TIME, _NODES_AT_A_TIME = 2**18, 2**20
 
@@ -240,7 +240,7 @@ def _rule(cycles: float) -> tuple[Floats, Floats]:
     """Nodes and weights of the shortest Gauss-Legendre rule that integrates that many cycles to the tolerance."""
     phase = np.pi * cycles
     for count in range(1, 32):
-        nodes, weights = leggauss(count)
+        nodes, weights = gauss_legendre(count)
         if abs(np.cos(phase * nodes) @ weights / 2 - np.sinc(phase / np.pi)) < _NODE_TOLERANCE:
             break
     return frozen(nodes), frozen(weights)

@@ -44,12 +44,12 @@ from functools import cached_property, lru_cache
 from typing import Any, Literal
 
 import numpy as np
-from numpy.polynomial.legendre import leggauss, legvander
+from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import InternalError
-from maskfab.optics.polynomials import lagrange_polynomials, node_angles, wave_degree
+from maskfab.optics.polynomials import gauss_legendre, lagrange_polynomials, node_angles, wave_degree
 from maskfab.optics.pupil import Lattice
 
 Reals = NDArray[np.floating[Any]]
@@ -272,7 +272,7 @@ class Nodes:
             float64 [k, orders, count]: (2 p + 1) ∫ P_p l_n dx over the part, l_n the nodes' Lagrange polynomials.
             Moments of a transmission, means of it times P_p, times these are its sources at the nodes.
         """
-        nodes, weights = leggauss(quadrature)
+        nodes, weights = gauss_legendre(quadrature)
         across = (high_um - low_um)[:, None]
         x = (low_um + high_um)[:, None] / 2 + across / 2 * nodes
         local = (2 * x - self.low_um - self.high_um) / (self.high_um - self.low_um)
