@@ -76,6 +76,23 @@ def spread(die, scale=1.0, turn=0.0, waves=0.0):
     return found / found.sum(axis=(1, 2), keepdims=True)
 
 
+_EXPLAINED = {}
+
+
+def explained_once(seen, blur, noise, rivals=None):
+    """What explains a record, found once by the same blur."""
+    key = seen.values.tobytes(), seen.noise, id(blur), tuple(rivals or ())
+    if key not in _EXPLAINED:
+        # The blur is kept too, lest another be told by its number.
+        _EXPLAINED[key] = blur, explain(seen, blur, noise, rivals or {})
+    return _EXPLAINED[key][1]
+
+
+@pytest.fixture(autouse=True)
+def asked_once(monkeypatch):
+    monkeypatch.setattr("maskfab.camera.photo.explain", explained_once)
+
+
 @cache
 def scene(number):
     values = dead_leaves(number, 512, 512).values[:, : SIDE + 2 * ROOM, : SIDE + 2 * ROOM]
@@ -144,10 +161,8 @@ def gained(number, tmp_path):
     return psnr(won.picture, light) - psnr(record, light), found.verdict, words
 
 
-FAST = (50, 75, 94, 130)
-"""Two of another die, one out of focus, one of 8 bits.
-
-50, 75 and 130 lost up to 3 dB while the PSF was trusted or its halo taken for the record's."""
+FAST = (50, 75)
+"""Of another die, and out of focus: they lost up to 3 dB while the PSF was trusted or its halo taken for the record's."""
 
 
 @pytest.mark.parametrize("number", FAST)
@@ -168,7 +183,7 @@ def test_a_wrong_die_is_told_and_the_right_one_is_not_refused():
     record, _ = taken(2, spread("bars"), 20000.0, 1)
     seen = Record(record, Noise(20000.0, READ_E))
     noise, said = noise_of(seen, stated=True)
-    right, wrong = (explain(seen, designed(die), noise) for die in ("bars", "scattered"))
+    right, wrong = (explained_once(seen, designed(die), noise) for die in ("bars", "scattered"))
     assert not said
     assert right.verdict == EXPLAINED
     assert (right.setting.scale, right.setting.turn) == pytest.approx((1.0, 0.0), abs=0.02)
@@ -214,14 +229,13 @@ def test_behind_the_right_die_nothing_is_given_away():
     assert psnr(safe.picture, light) > psnr(trusting.picture, light) - 1.5
 
 
-@pytest.mark.parametrize("setting", [{"scale": 1.03}, {"turn": 2.0}])
-def test_scale_and_turn_are_found(setting):
-    record, _ = taken(2, spread("scattered", **setting), 20000.0, 2)
+def test_scale_and_turn_are_found():
+    record, _ = taken(2, spread("scattered", scale=1.03, turn=2.0), 20000.0, 2)
     seen = Record(record, Noise(20000.0, READ_E))
     found = explain(seen, designed("scattered"), noise_of(seen, stated=True)[0]).setting
     # A picture that is larger has lower frequencies.
-    assert found.scale == pytest.approx(setting.get("scale", 1.0), abs=0.008)
-    assert abs(np.degrees(found.turn)) == pytest.approx(setting.get("turn", 0.0), abs=0.4)
+    assert found.scale == pytest.approx(1.03, abs=0.008)
+    assert abs(np.degrees(found.turn)) == pytest.approx(2.0, abs=0.4)
 
 
 @pytest.mark.parametrize("factor", [1 / 4, 4.0])

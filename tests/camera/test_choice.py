@@ -227,9 +227,9 @@ def test_what_invents_detail_or_takes_it_away_loses_to_what_does_not(true, chang
 
 def test_the_noise_of_what_a_record_tells_is_known():
     """Of differences between pictures, over records with noise of their own."""
-    margin, told = Margin((224, 256), WIDTH), []
-    scene = leaves(1, 224, 256).values
-    light, clean = margin.sensor(scene), np.maximum(margin.blurred(scipy.fft.rfft2(scene), Halo().on((224, 256))), 0)
+    margin, told = Margin((192, 208), WIDTH), []
+    scene = leaves(1, 192, 208).values
+    light, clean = margin.sensor(scene), np.maximum(margin.blurred(scipy.fft.rfft2(scene), Halo().on((192, 208))), 0)
     off = [0, 0.02 * draws(light.shape), scipy.ndimage.gaussian_filter(light, (0, 2, 2)) - light]
     for seed in range(100, 116):
         draw = np.random.default_rng(seed)

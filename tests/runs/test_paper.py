@@ -64,7 +64,8 @@ def test_a_report_is_printed_that_verifies_and_is_printed_again_to_the_last_byte
         pytest.skip("no browser that prints is installed")
     out = tmp_path / "out"
     with once(*FIGURES):
-        answer = command(capsys, "run", write_job(tmp_path), "--out", out, "--pdf", "--quiet")
+        job = write_job(tmp_path, ("[plate]", '[export]\nformats = ["gdsii"]\n\n[plate]'))
+        answer = command(capsys, "run", job, "--out", out, "--pdf", "--quiet")
         assert answer.code == 0, answer.stderr
         again = reproduce(out)
     assert again.passed

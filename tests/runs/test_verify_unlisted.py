@@ -57,6 +57,6 @@ def test_a_second_mask_fails_the_folder(capsys, out):
 
 
 def test_where_pictures_are_masks_a_further_picture_is_one(tmp_path):
-    out = finished(tmp_path, ("[[die]]", '[export]\nformats = ["gdsii", "png"]\n\n[[die]]'))
+    out = finished(tmp_path, ("[[die]]", '[export]\nformats = ["gdsii", "png"]\ndots_per_um = 0.25\n\n[[die]]'))
     (out / "other.png").write_bytes(b"anything")
     assert unlisted(out) == {"other.png": False}

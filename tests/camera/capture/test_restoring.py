@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from dng_files import write_dng
+from PIL import Image
 from small_job import command
 
 import maskfab as mf
@@ -103,7 +104,7 @@ def test_a_kernel_larger_than_a_frame_is_sampled_at_its_frequencies():
 
 def test_a_photograph_is_restored_by_a_capture_of_a_point_light(tmp_path):
     even = (kernel() + kernel()[:, ::-1, ::-1]) / 2
-    spread, light, draw = np.pad(even, [(0, 0), (12, 12), (12, 12)]), scene(256, 256), np.random.default_rng(2)
+    spread, light, draw = np.pad(even, [(0, 0), (12, 12), (12, 12)]), scene(), np.random.default_rng(2)
     psf = write_light(tmp_path / "light.exr", 5e4 * spread + 30, mosaic="none", holds="electrons_per_s")
     counts = draw.poisson(blurred(light, even) * 20000) / 20000
     photo = write_light(tmp_path / "photo.exr", counts)
@@ -115,7 +116,7 @@ def test_a_photograph_is_restored_by_a_capture_of_a_point_light(tmp_path):
 
 
 def test_the_strength_that_the_record_speaks_for_is_about_the_best():
-    blur, light, draw = MeasuredBlur(kernel(), (4.0, 4.0), ()), scene(256, 256), np.random.default_rng(3)
+    blur, light, draw = MeasuredBlur(kernel(), (4.0, 4.0), ()), scene(), np.random.default_rng(3)
     seen = draw.poisson(blurred(light, kernel()) * 2000) / 2000
     record = Record(seen.astype(np.float32), Noise(2000, 0))
     restorer = Wiener()
@@ -166,7 +167,8 @@ def test_an_srgb_picture_is_taken_for_one_and_files_are_written(capsys, tmp_path
     assert sorted(path.name for path in out.iterdir()) == [
         "manifest.json", "photo.exr", "photo.png", "restore.html", "restore.json",
     ]  # fmt: skip
-    assert mf.restore(tmp_path / "photo.png", psf=psf, restore="wiener").photos[0].picture.shape == (3, 128, 128)
+    with Image.open(out / "photo.png") as picture:
+        assert picture.size == (128, 128)
 
 
 @pytest.mark.parametrize(
@@ -231,7 +233,7 @@ def test_written_psfs_of_a_die_are_its_blur(tmp_path):
 
 
 def test_dies_are_compared_on_one_scene_with_colours_by_its_chart(capsys, tmp_path):
-    light = scene(208, 256, seed=6)
+    light = scene(144, 160, seed=6)
     light[:, :32, :] = 0.5
     spread = [(each + each[:, ::-1, ::-1]) / 2 for each in (kernel(), kernel(across=(0.1, 0.8, 0.1)))]
     for name, each, moved in (("a", spread[0], 0), ("b", spread[1], 3)):
