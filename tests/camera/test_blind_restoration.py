@@ -162,7 +162,9 @@ def gained(number, tmp_path):
 
 
 FAST = (50, 75)
-"""Of another die, and out of focus: they lost up to 3 dB while the PSF was trusted or its halo taken for the record's."""
+"""Of another die, and out of focus.
+
+They lost up to 3 dB while the PSF was trusted or its halo taken for the record's."""
 
 
 @pytest.mark.parametrize("number", FAST)

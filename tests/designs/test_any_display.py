@@ -24,6 +24,7 @@ from maskfab.designs.design import design, display_of, section_of
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import Display, Wired, every_pair, of_display
 from maskfab.designs.rules.families import bars, l_shapes
+from maskfab.designs.search import held as search_held
 from maskfab.designs.search.annealing import Ranked
 from maskfab.designs.search.die_look import PROBED, DieLook
 from maskfab.designs.search.guard import Guard
@@ -48,6 +49,13 @@ MAPPED = 'fit = true\nmap = "equal_light"\nfamilies = ["bars", "l_shapes"]'
 @pytest.fixture
 def one_scene(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("maskfab.camera.scenes.bundled", lambda count=4: (leaves(1),))
+
+
+@pytest.fixture
+def few_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fewer openings judged before a kind of panel is said to have none, which takes most of the time."""
+    monkeypatch.setattr(search_held, "_TRIED", 24)
+    monkeypatch.setattr(search_held, "_TRIED_OF_FEWER", 8)
 
 
 def rules_of(display: Display, clear_dots: int = 25) -> Constraints:
@@ -101,7 +109,7 @@ def test_a_guarded_map_never_leaves_what_the_lines_pass() -> None:
     assert np.array_equal(guard.mended(passing), passing)
 
 
-def test_a_start_suits_any_map_or_cells_laid_alike_or_has_fewer_dots() -> None:
+def test_a_start_suits_any_map_or_cells_laid_alike_or_has_fewer_dots(few_tried: None) -> None:
     clock, families = Clock(), ("bars",)
     easy = start_of(rules_of(asked_display(lines=2)), families, clock)
     assert easy is not None
@@ -150,6 +158,7 @@ def test_a_mapped_design_fits_whatever_the_seed_and_size_of_its_die(tmp_path: Pa
         assert answer.verdict is Verdict.FITS
 
 
+@pytest.mark.usefixtures("few_tried")
 def test_a_display_that_holds_fewer_dots_gets_a_design_of_these_and_says_why(tmp_path: Path, one_scene: None) -> None:
     path = job_of(tmp_path, ("fit = true", MAPPED), ("lines = 2", "lines = 13"))
     # A clock that refuses nothing, for a loaded machine too.
@@ -209,6 +218,7 @@ def test_lines_counted_beside_many_openings_leave_out_none_that_can_be_wired(lin
         assert lines == 2 or (most < display.opaque_lines).any()
 
 
+@pytest.mark.usefixtures("few_tried")
 def test_dots_that_do_not_fit_are_refused_before_any_photograph_with_the_most_that_do(tmp_path: Path) -> None:
     path, stages = job_of(tmp_path, ("lines = 2", "lines = 12")), list[str]()
     with pytest.raises(JobError, match=r"MF123 25 dots do not fit: none of the \d+ shapes of .*; (\d+) do") as refusal:

@@ -72,7 +72,7 @@ def test_a_turned_unit_comes_within_a_thirtieth_of_the_bound():
     assert 0.967 * limit < around.of_unit(unit) <= limit
 
 
-@pytest.mark.parametrize("dots", [1, 2, 5, 8])
+@pytest.mark.parametrize("dots", sweep([1, 2, 5, 8], 3))
 @pytest.mark.parametrize("periodic", [False, True], ids=["turned", "repeated"])
 def test_small_units_stay_below_the_bound_and_beat_chance(dots, periodic):
     around = rings(dots)

@@ -36,7 +36,7 @@ def test_the_rule_is_the_check_itself_and_the_quick_one_is_no_laxer(tmp_path: Pa
     asked = Display.of(DisplayRules.of(spec.emitters, None, spec.wires), Tiling.RANDOM, 0, 5, 5)
     rules = Constraints(25, dots=11, dot_nm=8000, **of_display(asked))
     verdicts = []
-    for bar in list(bars(11, 25))[::46]:
+    for bar in list(bars(11, 25))[::92]:
         found = feasibility(asked.panel(bar.unit, 8000), asked.rules)
         verdicts.append(found.verdict is Verdict.FITS)
         assert (not rules.violations(bar.unit)) == verdicts[-1]

@@ -157,7 +157,8 @@ def test_a_spread_that_closes_dots_is_refused_before_any_work(tmp_path):
 
 @pytest.mark.usefixtures("drawn_in_words", "read_here")
 def test_a_report_has_the_bands_of_every_die(tmp_path):
-    spread = ("[[die]]", '[process]\nspread = { bias = "0.1 um", radius = "0.2 um" }\n\n[[die]]')
+    export = '[export]\nformats = ["gdsii"]\n\n'
+    spread = ("[[die]]", f'[process]\nspread = {{ bias = "0.1 um", radius = "0.2 um" }}\n\n{export}[[die]]')
     found = run(write_job(tmp_path, spread), tmp_path / "out")
     for name in ("PLAIN", "TURNED"):
         assert 0 < found[name]["band_psf_shape", 530].value < 0.01

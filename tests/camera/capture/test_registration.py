@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from maskfab.base.errors import SourceError
 from maskfab.camera.registration import Similarity, brought, registered
@@ -23,6 +25,7 @@ def similar(turn_deg, scale, shift_x, shift_y):
 STILL = Similarity()
 
 
+@cache
 def drawn(seed, where=STILL, blur=0.0, noise=0.0, shape=SHAPE):
     """Gaussian spots in three colours, which stay Gaussian turned, larger and blurred; white is about 1."""
     draw = np.random.default_rng(seed)
@@ -62,7 +65,7 @@ def farthest(found, true, shape=SHAPE):
 MOVED = [similar(0.7, 1.01, 3.3, -7.8), similar(-9.3, 0.93, 20.25, 11.5), similar(5.55, 1.09, -31.2, 14.7)]
 
 
-@pytest.mark.parametrize(("true", "blur"), [*zip(MOVED, [0.0, 1.5, 1.5], strict=True)])
+@pytest.mark.parametrize(("true", "blur"), sweep(zip(MOVED, [0.0, 1.5, 1.5], strict=True), 2))
 def test_noisy_pictures_lie_where_they_do_within_a_twentieth_of_a_pixel(true, blur):
     first, second = drawn(1, noise=0.01), 0.7 * drawn(1, true, blur, 0.01) + 0.02
     found = matched(first, second)
