@@ -31,6 +31,7 @@ from maskfab.base.provenance import sha256_of_file
 from maskfab.camera.scenes import Photograph, dead_leaves, indoors, lit
 from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings, SceneStatistics
 from maskfab.mask.comparison import files
+from maskfab.report.figures import sheet
 
 FIGURES = (
     "maskfab.report.figures.die.pictures",
@@ -83,11 +84,18 @@ def figures_in_words() -> Iterator[None]:
     """
     with once(*FIGURES), pytest.MonkeyPatch.context() as patch:
         patch.setattr(Figure, "savefig", _write_words)
+        patch.setattr(sheet, "vector", _vector_in_words)
         yield
 
 
+def _vector_in_words(figure: Figure) -> str:
+    written = io.StringIO()
+    _write_words(figure, written, format="svg")
+    return " ".join(written.getvalue().split())
+
+
 def _write_words(figure: Figure, target: Any, *, format: str, **_: object) -> None:
-    words = []
+    words = [text.get_text() for text in figure.texts]
     for axes in figure.axes:
         shown = [*axes.texts, axes.title, axes.xaxis.label, axes.yaxis.label]
         words += [text.get_text() for text in shown if text.get_text()]

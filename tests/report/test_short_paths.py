@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import re
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
+from matplotlib.image import imread
 from sweeps import examples
 
-from maskfab.report.figures.sheet import few_colours, short_path
+from maskfab.report.figures.sheet import few_colours, short_path, vector
 
 PLACES = st.integers(-99_999, 99_999).map(lambda n: n / 1000)
 POINTS = st.lists(st.tuples(PLACES, PLACES), min_size=1, max_size=12)
@@ -76,3 +80,17 @@ def test_a_picture_in_few_colours_is_the_picture():
     two = np.array([[[0, 0, 0], [9, 9, 9]]], dtype=np.uint8)
     levels, palette = few_colours(two)
     assert (palette[levels] == two).all()
+
+
+@pytest.mark.parametrize("kind", ["few colours", "many colours", "seen through"])
+def test_a_picture_keeps_its_pixels(kind):
+    pixels = np.random.default_rng(3).integers(0, 256, (40, 30, 4), dtype=np.uint8)
+    if kind == "few colours":
+        pixels = pixels[:1, :9][:, np.arange(30) % 9].repeat(40, axis=0)
+    pixels[..., 3] = pixels[..., 3] if kind == "seen through" else 255
+    figure = Figure()
+    figure.add_axes((0, 0, 1, 1)).imshow(pixels, interpolation="none", resample=False)
+    (address,) = re.findall(r"data:image/png;base64,([^\"]+)", vector(figure))
+    read = np.rint(255 * imread(io.BytesIO(base64.b64decode(address)), format="png"))
+    expected = pixels if kind == "seen through" else pixels[..., : read.shape[2]]
+    assert np.array_equal(read, expected)

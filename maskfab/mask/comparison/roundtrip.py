@@ -476,10 +476,11 @@ def _bounds(polygon: tuple[Point, ...]) -> Box:
 def _compare_dots(die: Die, read: db.Layout, tolerance_nm: float) -> tuple[bool, int, int]:
     """One die dot by dot: whether it is the design's, how many dots are wrong, and where corners only touch."""
     clear, designed = _read_raster(die, read), die_raster(die)
+    alike = np.array_equal(clear, designed)
     # As much as slivers along all four sides of a dot make of it.
     slack = 4 * tolerance_nm / die.panel.dot_nm
-    wrong = np.count_nonzero(abs(clear - designed) > slack)
-    return np.array_equal(clear, designed), int(wrong), corner_touches(clear > 0.5)
+    wrong = 0 if alike else np.count_nonzero(abs(clear - designed) > slack)
+    return alike, int(wrong), corner_touches(clear > 0.5)
 
 
 def _check_die(die: Die, dots: tuple[bool, int, int] | None, differing: dict[Layer, db.Region]) -> DieCheck:
