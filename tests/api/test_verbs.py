@@ -81,8 +81,11 @@ def test_a_verb_of_a_plate_says_what_the_command_says_of_its_job(plate, tmp_path
 
 
 def test_a_rendering_has_numbers_by_die_and_a_picture(plate):
-    found = mf.check(plate, look=True, die="PLAIN", pixels=8, samples=3)
+    told = []
+    asked = {"look": True, "die": "PLAIN", "pixels": 8, "samples": 3}
+    found = mf.check(plate, **asked, progress=lambda *said: told.append(said))
     assert list(found.panels) == ["PLAIN"]
+    assert {count for stage, _, count in told if stage == "emitters"} == {1}, "no other die is worked on"
     assert found["PLAIN"].names == tuple(dict.fromkeys(row["name"] for row in found.to_dict()["dies"][0]["quantities"]))
     assert found.picture().startswith(b"\x89PNG")
     assert str(found).startswith("PLAIN\nquantity")

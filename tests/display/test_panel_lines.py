@@ -13,7 +13,7 @@ from klayout import db
 from sweeps import examples
 
 from maskfab.base.model import CLEAR, ORIENTATIONS, Opening, Panel, Tiling
-from maskfab.display.panel_lines import AXES, PanelLines, panel_cut, panel_lines
+from maskfab.display.panel_lines import AXES, PanelLines, _Field, panel_cut, panel_lines
 from maskfab.display.pixel_lines import WireRules
 from maskfab.display.polygon_check import line_violations, whole_panel
 from maskfab.mask.opening_file import load_opening
@@ -95,6 +95,28 @@ def test_a_proof_is_counted_again_on_the_polygons():
         assert cut.numbers["lines"] <= sum(each // (RULES.line_nm + RULES.space_nm) for each in free)
         assert cut.numbers["lines"] < cut.numbers["wanted"]
     assert told >= 3
+
+
+def test_a_way_lies_as_far_to_a_side_as_a_search_of_all_ways_finds():
+    found = 0
+    for seed in range(40):
+        field, draw = _Field.of(drawn_at_random(seed, side=2), RULES, "y"), np.random.default_rng(seed)
+        bands = [range(*ends) for ends in pairwise(field.begins.tolist())]
+        limit = draw.choice(field.low, len(bands))[field.band] if field.low.size else field.low
+        for side, near in ((1, field.low), (-1, field.high)) if limit.size else ():
+            left = [[at for at in band if side * (near[at] - limit[field.band == number]).max() <= 0]
+                    for number, band in enumerate(bands)]  # fmt: skip
+            for _ in range(2):
+                for before, band in pairwise(left):
+                    band[:] = [to for to in band
+                               if any(field.low[at] <= field.high[to] >= field.low[to] <= field.high[at]
+                                      for at in before)]  # fmt: skip
+                left.reverse()
+            within = field.begins[1:] - 1 if side > 0 else field.begins[:-1]
+            assert field.way(within, limit, side).tolist() == [max(band, key=lambda at: side * at) for band in left]
+            assert field.way(within, limit - side * 10**9, side) is None
+            found += 1
+    assert found >= 60
 
 
 def test_lines_turn_with_the_panel():
