@@ -270,20 +270,20 @@ class _Field:
 
     @cached_property
     def _ahead(self) -> dict[int, Ints]:
-        """By side, the stretch farthest there of those that every stretch meets in the next band."""
+        """Stretches farthest to either side among those that every one meets in the next band."""
         first, after = _met(self.low, self.high, np.repeat(np.arange(self.begins.size - 1), np.diff(self.begins)))
         return {-1: first, 1: after - 1}
 
     @cached_property
     def _before(self) -> dict[int, Ints]:
-        """By side, the one farthest there of those in the band before."""
+        """Stretches farthest to either side among those that every one meets in the band before."""
         every = np.arange(self.low.size)
         ahead = self._ahead
         return {-1: np.searchsorted(ahead[1], every), 1: np.searchsorted(ahead[-1], every, side="right") - 1}
 
 
 def _met(low: Ints, high: Ints, band: Ints) -> tuple[Ints, Ints]:
-    """Of every stretch, the first of those that it meets in the next band, which stand in a row, and the one after."""
+    """First of the stretches that every one meets in the next band, which stand in a row, and the one after them."""
     least = low.min(initial=0)
     step = int(high.max(initial=0) - least) + 1
     start, end = (band * step + across - least for across in (low, high))
@@ -291,7 +291,7 @@ def _met(low: Ints, high: Ints, band: Ints) -> tuple[Ints, Ints]:
 
 
 def _used(begin: Ints, after: Ints, ends: tuple[Mask, Mask]) -> Mask:
-    """Which stretches lie on a way from one end to the other, from those that each leads to."""
+    """Stretches on a way from one end to the other, from those that each leads to."""
     many = np.maximum(after - begin, 0)
     tail = np.repeat(np.arange(many.size), many)
     head = np.repeat(begin - (np.cumsum(many) - many), many) + np.arange(many.sum())
@@ -445,7 +445,7 @@ class _Chains:
 
     @property
     def pixels(self) -> int:
-        """Across."""
+        """Pixels across."""
         return int(self.cells.shape[1])
 
     @property
