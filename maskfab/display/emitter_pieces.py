@@ -289,7 +289,7 @@ class _Annealing:
         return best
 
     def _changes(self, place: int, colour: int) -> list[_Change]:
-        """What one more square of a colour changes, or one less where it has that square; its own colour first."""
+        """Changes by one more square of a colour, or one less where it has that square; those of the colour first."""
         held, covers, cover = self.held, self.covers, self.squares.cover
         own, old, bit = held[colour], covers[colour], self.bits[place]
         if own & bit:
