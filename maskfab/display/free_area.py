@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from functools import cache
 from itertools import permutations
 
 import numpy as np
@@ -142,6 +142,12 @@ def _shifts(step: int, times: int) -> tuple[int, ...]:
     return tuple(shifts)
 
 
+@cache
+def _both_ways(stride: int, times: int) -> tuple[int, ...]:
+    """Shifts along a row and up that fill a square."""
+    return _shifts(1, times) + _shifts(stride, times)
+
+
 def _pack(cells: Mask, stride: int) -> int:
     rows = np.zeros((cells.shape[0], stride), dtype=np.bool_)
     rows[:, : cells.shape[1]] = cells
@@ -211,13 +217,9 @@ class Squares:
 
     def cover(self, squares: int) -> int:
         """The cells of these squares."""
-        for shift in self._shifts:
+        for shift in _both_ways(self.stride, self.width - 1):
             squares |= squares << shift
         return squares
-
-    @cached_property
-    def _shifts(self) -> tuple[int, ...]:
-        return _shifts(1, self.width - 1) + _shifts(self.stride, self.width - 1)
 
     def area(self, squares: int) -> int:
         """Number of cells that these squares cover."""
@@ -263,8 +265,9 @@ class Squares:
 
     def around(self, squares: int, distance: int) -> int:
         """The places at most this far from these squares along both axes, free or not."""
-        wide = _spread(_spread(squares, 1, 2 * distance), self.stride, 2 * distance)
-        return wide >> distance * (self.stride + 1)
+        for shift in _both_ways(self.stride, 2 * distance):
+            squares |= squares << shift
+        return squares >> distance * (self.stride + 1)
 
     def near(self, squares: int) -> int:
         """The places of squares that would overlap these or come nearer to them than the gap."""
