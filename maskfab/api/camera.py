@@ -172,13 +172,12 @@ class Camera:
     def mtf(self, panel: LaidOut, wavelength: Wavelength | Wavelengths | None = None) -> Mtf | tuple[Mtf, ...]:
         """Presampled modulation transfer function of the panel as designed; arguments and errors as for :meth:`psf`,
         but for the window, which it does not use."""
-        from maskfab.optics.lags import lag_table
-        from maskfab.optics.mtf import longest_lag_um, presampled_mtf
+        from maskfab.optics.mtf import presampled_mtf
 
         lines = self.asked_nm(wavelength)
         camera = self._of(lines)
         laid, note = self._laid_out(panel, "Camera.mtf: panel")
-        table = lag_table(_pupil(laid, camera), longest_lag_um(camera))
+        table = (_kept_lags if _is_kept(laid, camera) else _kept_lags.__wrapped__)(laid, camera)
         found = {
             line: Mtf(**vars(presampled_mtf(table, camera, line)), camera=camera, table=table, note=note)
             for line in dict.fromkeys(lines)
@@ -234,8 +233,21 @@ def _kept(panel: Tiled, camera: Lens, margin: int, lines: tuple[float, ...]) -> 
 
 def _ready(panel: Tiled, camera: Lens, margin: int, lines: tuple[float, ...]) -> ReadyPupil:
     """A panel behind the stop, made ready for lines of a camera; kept for the next call unless it is large."""
+    return (_kept if _is_kept(panel, camera) else _kept.__wrapped__)(panel, camera, margin, lines)
+
+
+@lru_cache(maxsize=_KEPT)
+def _kept_lags(panel: Tiled, camera: Lens) -> LagTable:
+    """The lags of a panel behind the stop that an MTF at any line of the camera asks for."""
+    from maskfab.optics.lags import lag_table
+    from maskfab.optics.mtf import longest_lag_um
+
+    return lag_table(_pupil(panel, camera), longest_lag_um(camera))
+
+
+def _is_kept(panel: Tiled, camera: Lens) -> bool:
     intervals = min(camera.stop.diameter_um / (panel.dot_nm / NM_PER_UM), max(panel.size_nm) / panel.dot_nm) ** 2
-    return (_kept if intervals <= _MOST_KEPT else _kept.__wrapped__)(panel, camera, margin, lines)
+    return intervals <= _MOST_KEPT
 
 
 def _pupil(panel: Tiled, camera: Lens) -> Pupil:

@@ -50,7 +50,8 @@ from maskfab.base.errors import JobError
 from maskfab.base.model import Psf
 from maskfab.base.units import UM_PER_NM
 from maskfab.job.camera import Camera, Stop
-from maskfab.optics.field.matrix import direct_field
+from maskfab.optics.field.matrix import PreparedField, direct_field, fold, slim_term
+from maskfab.optics.field.waves import point_sources
 from maskfab.optics.lags import correlated, dot_blocks
 from maskfab.optics.psf import image_scale_um2, odd_samples, point_psf, point_step_um, psf_norm_um6
 from maskfab.optics.pupil import Aperture, Lattice, Pupil, cut, share_inside
@@ -261,15 +262,22 @@ def gap_change(openings: Aperture, camera: Camera, wavelength_nm: float, gap_um:
         camera: lens and stop.
         wavelength_nm: the line.
         gap_um: from panel to stop.
-        u: float64 [n] frequencies along either axis at which the two are compared, cycles per micrometre.
+        u: float64 [n] frequencies from 0 on along either axis at which the two are compared, cycles per micrometre;
+            opposite ones count as well.
 
     Raises:
         JobError: MF115 as for :func:`gap_psf`.
     """
     sample, stop, before, after = _cut_fields(openings, camera, wavelength_nm, gap_um, AXIS, 1, AXIS, camera.focal_um)
-    place = sample * (np.arange(stop.shape[0], dtype=np.float64) - stop.shape[0] // 2)
-    kernel = np.exp(-2j * np.pi * u[:, None] * place)
-    plain, spread = (abs(kernel @ part @ kernel.T) ** 2 / _power(part, stop) for part in (before, after))
+    sources = point_sources(sample * np.arange(stop.shape[0] // 2 + 1, dtype=np.float64))
+
+    def far(values: Floats) -> Complexes:
+        term = slim_term(sources, sources, fold(values), "double")
+        return PreparedField((term,), float(u[-1]), float(u[-1]), "double").field(u, u).amplitude()
+
+    # Without diffraction the amplitude is that of the openings, and real.
+    plain = abs(far(before.real)) ** 2 / _power(before, stop)
+    spread = abs(far(after.real) + 1j * far(after.imag)) ** 2 / _power(after, stop)
     return float(np.linalg.norm(spread - plain) / np.linalg.norm(plain))
 
 
@@ -395,12 +403,17 @@ def _transfer(
     """H at the frequencies of :func:`_spectrum`."""
     across, up, size = carrier
     q = np.asarray(np.fft.fftfreq(count, sample), dtype=np.float64)
+    place = np.arange(count)
+    if size == 0:
+        # On the axis opposite frequencies are alike.
+        q, place = q[: count // 2 + 1], np.minimum(place, count - place)
     limit = 1 / (wavelength * math.sqrt(1 + (2 * gap_um / (sample * count)) ** 2))
     u, v = q[None, :], q[:, None]
     straight = math.sqrt(1 / wavelength**2 - size**2)
     along = np.sqrt(np.clip(1 / wavelength**2 - (u + across) ** 2 - (v + up) ** 2, 0, None))
     path = along - straight + (u * across + v * up) / straight
-    return np.where((abs(u) <= limit) & (abs(v) <= limit), np.exp(2j * np.pi * gap_um * path), 0.0)
+    found = np.where((abs(u) <= limit) & (abs(v) <= limit), np.exp(2j * np.pi * gap_um * path), 0.0)
+    return found[np.ix_(place, place)] if size == 0 else found
 
 
 def _sampled_stop(stop: Stop, sample: float) -> Floats:

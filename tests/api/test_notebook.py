@@ -150,6 +150,11 @@ def test_dies_of_one_plate_have_their_own_sizes(plate, camera):
         replace(plate, section=replace(plate.section, die_size=500.0)).layout(camera)
 
 
+def test_a_panel_keeps_its_lags_for_its_next_mtf(camera, bar):
+    panel = mf.Panel.tile(bar, "random", seed=1, size="560 um")
+    assert camera.mtf(panel, "530 nm").table is camera.mtf(panel, "530 nm").table
+
+
 def test_psf_and_mtf_are_those_of_the_analysis_of_the_written_file(camera, bar):
     """Computed from the design here, and from polygons that were written and read back there."""
     panel = mf.Panel.tile(bar, size="448 um")

@@ -358,7 +358,7 @@ def _glass(die: _DieField, blank: MaskBlank) -> Iterator[Omission]:
     glass = blank.glass or ASSUMED_GLASS
     if glass.gap_um == 0:
         return
-    inner = die.axis[die.u.size // 2 :][: die.u.size - die.u.size % 2 + 1]
+    inner = die.u[: die.u.size // 2 + 1]
     size = gap_change(_coarse(die), die.camera, die.line_nm, glass.gap_um, inner)
     origin = "stated" if blank.glass else "assumed"
     yield Omission(
