@@ -32,7 +32,7 @@ from typing import Literal
 
 import numpy as np
 
-from maskfab.base.arrays import Floats, Indices, Mask
+from maskfab.base.arrays import Floats, Indices, Mask, distinct
 from maskfab.base.errors import InternalError, JobError
 from maskfab.base.model import Mtf, Psf, Quantity, RadialMean, frozen
 from maskfab.base.units import UM_PER_MM
@@ -375,7 +375,7 @@ def _halved(told: Floats, level: float, step: float, closely: _Closely) -> Float
     if radius is None or not 0 < parts.size <= _MOST_BETWEEN:
         return told
     closely.at(radius)
-    about = np.unique(np.clip(parts[:, None] + np.arange(-1, 3), 0, told.shape[1] - 1))
+    about = distinct(np.clip(parts[:, None] + np.arange(-1, 3), 0, told.shape[1] - 1))
     told = told.copy()
     told[2:4, about] = closely(told[0, about])
     most = told.shape[1] + _MOST_BETWEEN

@@ -26,8 +26,7 @@ from maskfab.job.sections import SceneSection
 from maskfab.job.values import is_table
 from maskfab.mask import opening_file
 from maskfab.mask.formats.content import find_cell, find_layer
-from maskfab.mask.formats.gdsii import write_oasis
-from maskfab.mask.formats.table import MEASURED_SUFFIXES, read_layout
+from maskfab.mask.formats.gdsii import read_oasis, write_oasis
 from maskfab.mask.layout import plate_layout, region
 from maskfab.mask.limits import allow
 from maskfab.mask.panels import check_cover, check_panel_size
@@ -132,10 +131,11 @@ def analyse(path: str | Path, request: Request, progress: Progress = silent) -> 
     """
     check_lens(request.camera, where="--stop")
     path = Path(path)
-    if request.unit_um is not None and path.suffix.lower() not in MEASURED_SUFFIXES:
+    measured = _is_measured(path)
+    if request.unit_um is not None and not measured:
         what = f"{path.name} has no unit that could be stated"
         raise JobError("MF105", what, where="--unit", cure="Leave out --unit: only a DXF has a drawing unit to state")
-    if path.suffix.lower() in MEASURED_SUFFIXES and request.tiling is None:
+    if measured and request.tiling is None:
         if request.scene is not None:
             what = f"a scene needs an opening and its tiling, which {path.name} does not state"
             cure = "If the file holds one opening, add --tiling, --dot and --pitch; else leave the scene out"
@@ -197,7 +197,7 @@ def analyse_panel(panel: Panel, name: str, request: Request, progress: Progress 
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "panel.oas"
         write_oasis(plate_layout(plate), file)
-        read = region(read_layout(file), CLEAR)
+        read = region(read_oasis(file), CLEAR)
     progress("optics", 0, 1)
     result = measure(die, camera, read, request.blank)
     progress("optics", 1, 1)
@@ -225,6 +225,15 @@ def sized(opening: Opening, request: Request) -> Opening:
     return _scaled(opening, request)
 
 
+def _is_measured(path: Path) -> bool:
+    """Whether a file is a layout whose optics can be measured."""
+    if path.suffix.lower() == ".toml":
+        return False
+    from maskfab.mask.formats.table import MEASURED_SUFFIXES  # slow to load, with every format
+
+    return path.suffix.lower() in MEASURED_SUFFIXES
+
+
 def _load(path: Path, request: Request) -> Opening:
     if not os.path.isfile(path):
         problem = "is a directory" if os.path.isdir(path) else "does not exist"
@@ -244,7 +253,7 @@ def _load(path: Path, request: Request) -> Opening:
             unit_um=request.unit_um,
             name=_name(path),
         )
-    if path.suffix.lower() not in MEASURED_SUFFIXES:
+    if not _is_measured(path):
         opening = opening_file.load_opening(
             path, dot_nm=1, name=_name(path)
         )  # what is wrong with the file itself comes first
@@ -361,6 +370,8 @@ def _polygons(path: Path, request: Request) -> tuple[str, db.LayerInfo, db.Regio
 
     They are merged, or have no merged semantics because they lie apart.
     """
+    from maskfab.mask.formats.table import read_layout
+
     layout = read_layout(path, request.unit_um)
     try:
         cell = find_cell(layout, request.cell)
