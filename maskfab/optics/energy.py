@@ -334,8 +334,9 @@ def streak_index(psf: Psf, inner_um: float, outer_um: float, die: str | None = N
         raise JobError("MF104", what, cure="Choose an annulus that contains samples with light")
     # The same radial profile, cut into rings as fine as samples can hold, has no direction but what sampling gives it.
     ring = np.rint(radius[within] / psf.step_um).astype(np.intp)
-    there = np.unique(ring)
-    means = np.bincount(ring, tail)[there] / np.bincount(ring)[there]
+    counts = np.bincount(ring)
+    there = np.flatnonzero(counts)
+    means = np.bincount(ring, tail)[there] / counts[there]
     profile = np.interp(radius[within] / psf.step_um, there, means)
     rings = profile * (1 + np.cos(2 * np.pi * radius[within] / (2.3 * psf.step_um)))
     value, uniform = _brightest_direction(tail, turn), _brightest_direction(rings, turn)
