@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from small_job import command, write_job
+from small_job import command, with_the_die, write_job
 
 import maskfab as mf
 from maskfab.base.model import Quantity
@@ -13,7 +13,7 @@ pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
 
 def test_a_comparison_says_of_each_house_what_its_package_would(capsys, tmp_path):
-    job = write_job(tmp_path)
+    job = with_the_die("TURNED", write_job(tmp_path))
     job.write_text(job.read_text() + '\n[order]\nglass = "quartz"\nquantity = 1\n')
     found = command(capsys, "order", "compare", job, "--json", "--quiet")
     bids = {each["shop"]: each for each in found.document["shops"]}
@@ -38,7 +38,7 @@ def test_a_comparison_says_of_each_house_what_its_package_would(capsys, tmp_path
 
 def test_the_table_fits_a_terminal_and_tells_why_houses_refuse(capsys, tmp_path):
     # Half a micrometre is finer than most houses write, and no multiple of the coarser grids.
-    job = write_job(tmp_path, ("8 um", "0.5 um"), ("56 um", "3.5 um"))
+    job = with_the_die("PLAIN", write_job(tmp_path, ("8 um", "0.5 um"), ("56 um", "3.5 um")))
     table = command(capsys, "order", "compare", job, "--quiet")
     lines = table.stdout.split("\n")
     assert all(len(line) <= 100 for line in lines)
