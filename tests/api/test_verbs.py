@@ -245,6 +245,7 @@ lines = 5
 """
 
 
+@pytest.mark.usefixtures("bound_loosely")
 def test_a_display_is_stated_in_a_call_as_in_a_job(tmp_path, monkeypatch):
     monkeypatch.setattr("maskfab.camera.scenes.bundled", lambda count=4: (leaves(1),))
     monkeypatch.setattr("maskfab.designs.search.method._KICKS", 0)

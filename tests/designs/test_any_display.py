@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from asked_displays import DISPLAY, asked_display, job_of
 from once import leaves
+from sweeps import sweep
 
 from maskfab import design as designed
 from maskfab.api.designing import Design
@@ -66,7 +67,7 @@ def test_any_two_orientations_meet_in_the_panel_that_stands_for_all_maps() -> No
     assert meetings(every_pair()) == meetings(np.random.default_rng(1).integers(ORIENTATIONS, size=(90, 90)))
 
 
-@pytest.mark.parametrize("lines", [2, 3, 4])
+@pytest.mark.parametrize("lines", sweep([3, 2, 4], 1))
 def test_an_opening_that_suits_any_map_is_wired_on_every_panel(lines: int) -> None:
     display = asked_display(lines=lines, across=6)
     before_map = display.wired_as(Wired.ANY_MAP)
@@ -205,7 +206,7 @@ def test_a_periodic_display_asks_for_no_map() -> None:
     assert asked_display(lines=2, tiling=Tiling.PERIODIC).wired is Wired.TILING
 
 
-@pytest.mark.parametrize("lines", [2, 7])
+@pytest.mark.parametrize("lines", sweep([7, 2], 1))
 def test_lines_counted_beside_many_openings_leave_out_none_that_can_be_wired(lines: int) -> None:
     """Every kind of panel, by its own exact answer."""
     shapes = [*islice(bars(11, 25), 0, None, 6), *islice(l_shapes(11, 25), 0, None, 80)]

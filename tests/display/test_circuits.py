@@ -146,7 +146,7 @@ PROVED = {
 }
 
 
-@pytest.mark.parametrize(("boxes", "proof", "said"), sweep(PROVED.values(), 2), ids=PROVED)
+@pytest.mark.parametrize(("boxes", "proof", "said"), sweep(PROVED.values(), 1), ids=PROVED)
 def test_circuits_without_a_place_are_a_proof(capsys, tmp_path: Path, boxes: str, proof: Proof, said: str) -> None:
     path = job(tmp_path, circuits(boxes))
     answer = command(capsys, "check", path, "--die", "TURNED", "--json", "--quiet")

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from klayout import db
+from sweeps import in_turns, sweep
 
 from maskfab.base.errors import InputError
 from maskfab.base.model import Opening
@@ -131,8 +132,7 @@ def test_npy_with_the_header_of_an_old_python(tmp_path: Path) -> None:
     np.testing.assert_array_equal(load_opening(path, dot_nm=8000).mask, ASYMMETRIC)
 
 
-@pytest.mark.parametrize("suffix", [".gds", ".oas"])
-@pytest.mark.parametrize("shift", [0, -12000])
+@pytest.mark.parametrize(("shift", "suffix"), sweep(in_turns((0, -12000), (".gds", ".oas")), 2))
 def test_polygons_from_the_corner_or_the_centre(tmp_path: Path, suffix: str, shift: int) -> None:
     path = layout(tmp_path / f"a{suffix}", *(square(x, y, shift=shift) for x, y in [(0, 0), (1, 0), (2, 2)]))
     for choice in ({}, {"layer": "1/0", "cell": "UNIT"}):

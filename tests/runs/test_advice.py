@@ -108,6 +108,8 @@ def four_small_scenes():
         patch.setattr(advice, "_DENSER_S", 3600.0)
         for tried in ("_TRIED", "_TRIED_OF_FEWER"):
             patch.setattr(held, tried, 8)
+        for judged in ("MOST_JUDGED", "_JUDGED_OF_FEWER"):
+            patch.setattr(held, judged, 200)
         yield
 
 

@@ -8,7 +8,6 @@ import shutil
 from pathlib import Path
 
 import pytest
-from once import FIGURES, once
 from small_job import command, write_job
 
 from maskfab.base.provenance import sha256_of_file
@@ -58,16 +57,15 @@ def test_a_browser_that_prints_nothing_is_told_with_its_last_words(capsys, tmp_p
     assert [path.name for path in tmp_path.iterdir() if "out" in path.name] == []
 
 
-@pytest.mark.usefixtures("verified_once")
+@pytest.mark.usefixtures("verified_once", "drawn_in_words")
 def test_a_report_is_printed_that_verifies_and_is_printed_again_to_the_last_byte(capsys, tmp_path):
     if not any(map(shutil.which, paper.BROWSERS)):
         pytest.skip("no browser that prints is installed")
     out = tmp_path / "out"
-    with once(*FIGURES):
-        job = write_job(tmp_path, ("[plate]", '[export]\nformats = ["gdsii"]\n\n[plate]'))
-        answer = command(capsys, "run", job, "--out", out, "--pdf", "--quiet")
-        assert answer.code == 0, answer.stderr
-        again = reproduce(out)
+    job = write_job(tmp_path, ("[plate]", '[export]\nformats = ["gdsii"]\n\n[plate]'))
+    answer = command(capsys, "run", job, "--out", out, "--pdf", "--quiet")
+    assert answer.code == 0, answer.stderr
+    again = reproduce(out)
     assert again.passed
     assert "report.pdf" in {file.name for file in again.files}
     printed = out / "report.pdf"

@@ -300,7 +300,7 @@ CIRCLE = db.Polygon.ellipse(db.Box(0, 0, 10_000, 10_000), 64)
             ((db.Polygon([db.Point(0, 0), db.Point(300, 900), db.Point(1000, 100)]), 3100, 30, 1, 11.3), 10),
             ((db.Box(0, 0, 5000, 5000), 2000, 100, 2), 10),
         ],
-        2,
+        1,
     ),
     ids=["nested", "tiny", "round", "turned", "overlapping"],
 )

@@ -55,7 +55,8 @@ def test_damaged_files_are_refused_or_seen(reader, share, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "reader", [pytest.param(each, marks=[pytest.mark.slow] * (each == "step")) for each in fuzz_originals.SUFFIXES]
+    "reader",
+    [pytest.param(each, marks=[pytest.mark.slow] * (each in ("step", "package"))) for each in fuzz_originals.SUFFIXES],
 )
 def test_what_is_damaged_was_whole_before(reader, tmp_path):
     path = tmp_path / fuzz_originals.file_name(reader)

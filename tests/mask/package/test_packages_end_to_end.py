@@ -190,7 +190,7 @@ def test_holes_are_holes_however_they_are_drawn(capsys, tmp_path, holes, hierarc
 
 
 @pytest.mark.parametrize(
-    ("named", "formats"), sweep([(True, ("gdsii",)), (False, ("gdsii", "gerber")), (True, ALL), (False, ALL)], 2)
+    ("named", "formats"), sweep([(True, ("gdsii",)), (False, ("gdsii",)), (True, ALL), (False, ALL)], 2)
 )
 def test_mask_files_of_a_package_stand_up_alone(capsys, tmp_path, named, formats):
     """Nothing is wrong if the job names the house; if it does not, that holes have a layer of their own is told."""
