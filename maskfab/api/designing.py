@@ -25,6 +25,7 @@ from maskfab.base.errors import JobError, OutputError
 from maskfab.base.folders import Place, check_file, check_target, write_text
 from maskfab.base.units import NM_PER_UM, parse_time_s
 from maskfab.base.work import Progress, budget_clock, ended_by_interrupt, one_thread, silent
+from maskfab.base.workers import Workers
 from maskfab.camera.lens import PhotoCamera, lattice
 from maskfab.designs.design import (
     capture_settings,
@@ -58,6 +59,7 @@ from maskfab.mask.panels import CellMap
 from maskfab.report.pages import pareto
 from maskfab.report.pages.design import Made, designed_document, write_design
 from maskfab.report.rows.text import designed_lines
+from maskfab.runs.store import of_installation
 
 if TYPE_CHECKING:
     from maskfab.api.asked import DesignJob  # at run time refused here, with its reason
@@ -66,6 +68,9 @@ if TYPE_CHECKING:
 
 _FURTHER = ("circuits", "light", "plate", "process", "sensor", "exposure", "scene")
 """Sections of a job that a design uses beside those that are arguments."""
+
+_TASKS = 64
+"""Of a search at a time: parts of a batch of shapes."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -216,7 +221,7 @@ def beside(target: Path) -> dict[str, Path]:
 @overload
 def design(
     job: DesignJob, *, front: Literal[True], images: str | Path | None = ..., budget: str | None = ...,
-    command: str | None = ..., progress: Progress = ...
+    command: str | None = ..., workers: int | None = ..., scheduler: str | None = ..., progress: Progress = ...
 ) -> ParetoFront: ...  # fmt: skip
 @overload
 def design(
@@ -227,7 +232,8 @@ def design(
     rules: Mapping[str, Any] | None = ..., emitters: Mapping[str, Any] | None = ...,
     wires: Mapping[str, Any] | None = ..., sections: Mapping[str, Any] | None = ...,
     images: str | Path | None = ..., budget: str | None = ..., checkpoint: str | Path | None = ...,
-    price_rules: bool = ..., progress: Progress = ..., **keys: Any,
+    price_rules: bool = ..., workers: int | None = ..., scheduler: str | None = ..., progress: Progress = ...,
+    **keys: Any,
 ) -> Design: ...  # fmt: skip
 @checked_arguments
 @one_thread
@@ -252,6 +258,8 @@ def design(
     budget: Annotated[str | None, "TIME"] = None,
     checkpoint: str | Path | None = None,
     price_rules: bool = False,
+    scheduler: Annotated[str | None, "ADDRESS"] = None,
+    workers: Annotated[int | None, "1..1024"] = None,
     command: InPython[str | None] = None,
     progress: Progress = silent,
     **keys: Any,
@@ -290,6 +298,9 @@ def design(
             and the like are left out where they would take most of it.
         checkpoint: file that saves the state of the search, from which it goes on if it exists.
         price_rules: anneal once more without each rule, beyond the budget, to tell what each costs.
+        scheduler: address of a Dask scheduler whose workers share the work, such as tcp://127.0.0.1:8786.
+        workers: processes; by default as many as processors and memory bear. The design is the same, unless a budget
+            ends it early.
         command: what reproduces a front, for the openings' provenance; by default this call.
         progress: told where the work stands.
         keys: any other key of [design], such as ``anneal=2000`` or ``families=["bars", "discs"]``.
@@ -303,6 +314,7 @@ def design(
             MF109 for two openings of one name.
         OutputError: MF401 for a checkpoint in a directory that does not exist.
     """
+    crew = Workers(workers, scheduler, of_installation)
     if front:
         idle = {"checkpoint": checkpoint, "price_rules": price_rules or None, "start": start}
         for key, value in idle.items():
@@ -311,7 +323,9 @@ def design(
                 raise JobError("MF105", f"{key} does not apply to a front", where=key, cure=cure)
         if job is None:
             raise JobError("MF105", "a front is of a job", where="job", cure="Give a job file with [pareto]")
-        return _front(*spec_of(job, "design"), images=images, budget=budget, command=command, progress=progress)
+        return _front(
+            *spec_of(job, "design"), images=images, budget=budget, workers=crew, command=command, progress=progress
+        )
     clock = budget_clock(None if budget is None else parse_time_s(budget, where="budget"))
     begin = None if start is None else _begun(start)
     stated: dict[str, Any] = {
@@ -355,7 +369,7 @@ def design(
         stated = {**section, **display, **({"sections": more} if more else {})}
         command = _call(stated, camera=None if camera is None else lens, images=images) + _start_words(start, begin)
     began, processor = time.monotonic(), time.process_time()
-    with ended_by_interrupt(clock):
+    with crew.executor(_TASKS) as executor, ended_by_interrupt(clock):
         best = design_spec(
             spec,
             command,
@@ -366,6 +380,7 @@ def design(
             checkpoint=None if checkpoint is None else Path(checkpoint),
             price_rules=price_rules,
             begin=begin,
+            executor=executor,
         )
     taken = time.monotonic() - began, time.process_time() - processor
     return Design(best, Made(provenance.job_hash(spec.dump()), *taken))
@@ -517,7 +532,14 @@ class ParetoFront(FolderResult):
 
 
 def _front(
-    spec: JobSpec, path: Path, *, images: str | Path | None, budget: str | None, command: str | None, progress: Progress
+    spec: JobSpec,
+    path: Path,
+    *,
+    images: str | Path | None,
+    budget: str | None,
+    workers: Workers,
+    command: str | None,
+    progress: Progress,
 ) -> ParetoFront:
     clock = budget_clock(None if budget is None else parse_time_s(budget, where="budget"))
     if spec.pareto is None:
@@ -550,6 +572,7 @@ def _front(
         camera=camera,
         settings=settings,
         clock=clock,
+        workers=workers,
         progress=progress,
     )
     made = designs(swept, spec, command or f"maskfab.design({path.as_posix()!r}, front=True)", camera, settings)

@@ -145,7 +145,7 @@ class Task(Generic[Found]):
         """The task for another process.
 
         Raises:
-            TypeError: for arguments that no other process can be given.
+            TypeError, AttributeError, pickle.PicklingError: for what no other process can be given.
         """
         return pickled((self.call.function, self.call.given()))
 
@@ -195,6 +195,11 @@ class SerialExecutor(AbstractContextManager["SerialExecutor"]):
         """Nothing is left behind."""
 
     @property
+    def processes(self) -> int:
+        """How many do tasks, this one included."""
+        return 1
+
+    @property
     def tally(self) -> tuple[int, int]:
         """Findings that need not be found again, and all findings that are kept, so far."""
         return 0, 0
@@ -236,6 +241,29 @@ class SerialExecutor(AbstractContextManager["SerialExecutor"]):
             task.result()
         return tasks
 
+    def run_alike(self, calls: Sequence[Call[Found]], done: Callable[[int], None] = lambda _: None) -> list[Found]:
+        """Findings of tasks that take about as long as one another, in their order.
+
+        The first is done here. If the rest takes no longer than another process to begin, so is that.
+
+        Args:
+            calls: what they do.
+            done: told how many have ended.
+
+        Raises:
+            Exception: that of the first that fails, in their order.
+        """
+        first = ALONE.run_all(calls[:1], done)
+        few = sum(task.seconds for task in first) * (len(calls) - 1) < WORTH_SHARING_S
+        rest = (ALONE if few else self).run_all(calls[1:], lambda ended: done(1 + ended))
+        return [task.result() for task in (*first, *rest)]
+
+
+ALONE = SerialExecutor()
+"""This process, which shares nothing."""
+WORTH_SHARING_S = 4.0
+"""Work that is longer than another process takes to begin, which may load torch."""
+
 
 class ProcessExecutor(SerialExecutor):
     """This process and others, which begin what is submitted while this one goes on, the longest task first.
@@ -250,6 +278,10 @@ class ProcessExecutor(SerialExecutor):
 
     def __init__(self, others: int = 1, memory: float = math.inf) -> None:
         self._others, self._memory = others, memory
+
+    @property
+    def processes(self) -> int:
+        return 1 + self._others
 
     def __enter__(self) -> ProcessExecutor:
         self._waiting: list[tuple[float, int, Task[Any]]] = []
@@ -348,7 +380,7 @@ class ProcessExecutor(SerialExecutor):
         while (task := self._next()) is not None:
             try:
                 message = task.message()
-            except TypeError:
+            except (TypeError, AttributeError, pickle.PicklingError):
                 self._free(task, here=True)
                 continue
             except Exception as error:

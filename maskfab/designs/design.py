@@ -14,6 +14,7 @@ from maskfab.base.arrays import Mask
 from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import JobError, OpeningError, OutputError
 from maskfab.base.extras import require
+from maskfab.base.processes import ALONE, SerialExecutor
 from maskfab.base.units import NM_PER_UM, to_nm
 from maskfab.base.work import NO_END, Clock, Progress, silent
 from maskfab.camera import scenes as scene_sets
@@ -193,6 +194,7 @@ def design(
     checkpoint: Path | None = None,
     price_rules: bool = False,
     begin: Mask | None = None,
+    executor: SerialExecutor = ALONE,
 ) -> Designed:
     """Find the opening of the job's [design], and its map where one is asked for.
 
@@ -206,6 +208,7 @@ def design(
         checkpoint: file that saves the state of the search, from which it goes on if it exists.
         price_rules: search once more without each rule, beyond the budget.
         begin: opening that the search or the descent begins at, bool [dots, dots].
+        executor: shares the work of a search with others.
 
     Raises:
         JobError: as :func:`check_possible`; MF105 for a search for the AUC, or of several openings, that is to begin
@@ -254,6 +257,7 @@ def design(
             checkpoint=checkpoint,
             price_rules=price_rules,
             begin=begin,
+            executor=executor,
         )
     spread = designed.robust is not None
     uses = (

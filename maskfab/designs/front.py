@@ -25,9 +25,8 @@ from maskfab.base.arrays import Mask
 from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import InputError, JobError
 from maskfab.base.extras import require
-from maskfab.base.machine import cores
 from maskfab.base.model import ORIENTATIONS, Opening
-from maskfab.base.processes import Call, SerialExecutor
+from maskfab.base.processes import ALONE, Call, SerialExecutor
 from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import NO_END, Clock, Progress, silent
 from maskfab.base.workers import EVERY_CORE, Workers
@@ -76,8 +75,6 @@ ROUNDING = 1e-9
 
 
 _BATCH = 64
-_WORTH_SHARING_S = 8.0
-"""Work on points that is longer than another process takes to begin, which loads torch."""
 
 
 _MIDDLES = 12
@@ -432,7 +429,7 @@ class _Sweep:
             rules.without(*of_display(self.display), *OF_THE_EYE),
             turned_alike=not self.objective.periodic,
             clock=clock,
-            workers=cores(),
+            executor=self.executor,
             progress=lambda _, done, total: self.progress(f"{count} clear dots: shapes", done, total),
         )
         steps, measured = self._steps(shapes_judged.ranked, count)
@@ -597,13 +594,9 @@ class _Sweep:
         misfits: list[str] = []
         stage = f"{count} clear dots: maps and dies"
         self.progress(stage, 0, len(chosen))
-        alone = replace(self, executor=SerialExecutor(), progress=silent)
+        alone = replace(self, executor=ALONE, progress=silent)
         calls = [Call(_Sweep._lay, partial(tuple, (alone, one, steps))) for one in chosen]
-        first = alone.executor.run_all(calls[:1])
-        few = sum(task.seconds for task in first) * (len(calls) - 1) < _WORTH_SHARING_S
-        executor = alone.executor if few else self.executor
-        rest = executor.run_all(calls[1:], lambda done: self.progress(stage, done + 1, len(chosen)))
-        for made in (task.result() for task in (*first, *rest)):
+        for made in self.executor.run_alike(calls, lambda done: self.progress(stage, done, len(chosen))):
             if isinstance(made, FrontPoint):
                 points.append(made)
             else:

@@ -234,7 +234,9 @@ class _Work:
         left = self.clock.left()
         early = self.clock if left is None else self.clock.before(min(_AFTER * left, _MOST_AFTER_S))
         where, images = str(self.path), self.images
-        return design(spec, self.command, where=where, images=images, progress=self.progress, clock=early)
+        return design(
+            spec, self.command, where=where, images=images, progress=self.progress, clock=early, executor=self.executor
+        )
 
     def built(self, designed: Designed) -> tuple[Job, PlateWithDisplays]:
         """The job of the two dies, which holds their openings and maps, and the display of the design."""

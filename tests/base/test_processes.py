@@ -19,7 +19,7 @@ from small_job import write_job
 
 from maskfab.base import machine, workers
 from maskfab.base.errors import InputError, InternalError, JobError
-from maskfab.base.processes import Call, ProcessExecutor, SerialExecutor, Task, read_only
+from maskfab.base.processes import ALONE, Call, ProcessExecutor, SerialExecutor, Task, read_only
 from maskfab.base.workers import Workers
 from maskfab.camera.lens import lattice
 from maskfab.mask.job import load_job
@@ -68,6 +68,17 @@ def test_results_keep_the_order_of_calls_whichever_takes_longest(pair, slow):
     assert told[-1] == 6
 
 
+def test_what_is_alike_is_shared_where_the_first_takes_long(pair, monkeypatch):
+    calls = [Call(after, given(0.05, number)) for number in range(4)]
+    for worth, ended in ((10.0, 0), (0.1, 3)):
+        monkeypatch.setattr("maskfab.base.processes.WORTH_SHARING_S", worth)
+        shared = []
+        monkeypatch.setattr(pair, "submit", lambda call, shared=shared: shared.append(call) or Task(call, ALONE))
+        monkeypatch.setattr(pair, "finish", ALONE.finish)
+        assert pair.run_alike(calls) == [0, 1, 2, 3]
+        assert len(shared) == ended
+
+
 def test_a_result_can_be_asked_for_again_and_is_not_made_again(pair):
     for executor in (pair, SerialExecutor()):
         task = executor.submit(Call(read_only, given({"number": 1})))
@@ -98,8 +109,8 @@ def test_prints_of_a_task_harm_nothing(pair):
 
 
 def test_what_cannot_be_sent_is_done_here(pair):
-    lock = Lock()
-    assert [task.result() for task in pair.run_all([Call(id, given(lock))] * 3)] == [id(lock)] * 3
+    for local in (Lock(), lambda: None):
+        assert [task.result() for task in pair.run_all([Call(id, given(local))] * 3)] == [id(local)] * 3
 
 
 def test_a_process_that_ends_is_told_and_another_takes_its_place():

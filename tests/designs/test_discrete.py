@@ -9,6 +9,7 @@ import pytest
 from asked_displays import asked_display
 
 from maskfab.base.errors import InternalError, JobError, OpeningError
+from maskfab.base.processes import SerialExecutor
 from maskfab.base.work import Clock
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import of_display
@@ -43,11 +44,29 @@ def test_a_scan_ranks_all_that_may_be():
     assert "3x4" in found.best.name or "4x3" in found.best.name
 
 
-@pytest.mark.parametrize("workers", [1, 3])
-def test_threads_and_turns_change_nothing(workers):
-    held = Constraints(9, dots=6)
+class Others(SerialExecutor):
+    """Three processes, as far as a search can tell; counts what it is given."""
+
+    processes = 3
+
+    def __init__(self):
+        self.given = []
+
+    def run_all(self, calls, done=lambda _: None):
+        self.given.append(len(calls))
+        return super().run_all(calls, done)
+
+
+def test_others_and_turns_change_nothing(monkeypatch):
+    """Once it is known to take long, a batch is cut into two parts for each process."""
+    monkeypatch.setattr("maskfab.designs.search.annealing.WORTH_SHARING_S", 0.0)
+    held, others, shapes = Constraints(9, dots=6), Others(), list(discs(21, 88))
     once = scan(bars(6, 9), tightness, held)
-    again = scan(bars(6, 9), tightness, held, workers=workers, turned_alike=True)
+    again = scan(bars(6, 9), tightness, held, turned_alike=True)
+    alone = scan(shapes, tightness, Constraints(88), evaluations=200)
+    shared = scan(shapes, tightness, Constraints(88), evaluations=200, executor=others)
+    assert others.given == [6, 6, 4]
+    assert [one.value for one in shared.ranked] == [one.value for one in alone.ranked]
     assert again.best.value == once.best.value
     assert again.evaluated + again.repeated == once.evaluated
     assert {each.value for each in again.ranked} == {each.value for each in once.ranked}

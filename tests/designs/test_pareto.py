@@ -324,7 +324,8 @@ def test_a_given_opening_is_judged_as_those_found(scenes: tuple[Photograph, ...]
 def test_no_number_of_processes_shows_in_a_front(
     scenes: tuple[Photograph, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("maskfab.designs.front._WORTH_SHARING_S", 0.0)
+    for module in ("base.processes", "designs.search.annealing"):
+        monkeypatch.setattr(f"maskfab.{module}.WORTH_SHARING_S", 0.0)
     of = section(families=["bars", "l_shapes"], map="equal_light", positions=2)
     asked_for = asked(12, lines=[0, *LINES], points=3), of, scenes
     alone, shared = (swept(*asked_for, workers=Workers(number)) for number in (1, 2))

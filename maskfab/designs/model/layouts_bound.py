@@ -32,7 +32,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import scipy.fft
@@ -40,6 +40,7 @@ from scipy import optimize
 
 from maskfab.base.arrays import Complexes, Floats, Ints
 from maskfab.base.errors import JobError
+from maskfab.base.processes import ALONE, Call, SerialExecutor
 from maskfab.camera.lens import CellGrid, at_lags, pupil_autocorrelation
 from maskfab.designs.model.duals import best_regular, wiener_cost
 from maskfab.designs.model.expected_psnr import Interior, Surrogate, interior
@@ -76,13 +77,20 @@ class LayoutGap:
         return tuple(most - have for most, have in zip(self.limit, self.psnr, strict=True))
 
 
-def layout_gap(estimate: Surrogate, pupil: Floats, *, levels: Sequence[float] | None = None) -> LayoutGap | None:
+def layout_gap(
+    estimate: Surrogate,
+    pupil: Floats,
+    *,
+    levels: Sequence[float] | None = None,
+    executor: SerialExecutor = ALONE,
+) -> LayoutGap | None:
     """A panel that is laid, beside what the light of its cells allows; None for so many dots that it takes minutes.
 
     Args:
         estimate: of the scenes, in focus.
         pupil: of :func:`maskfab.camera.lens.lay`, 0 and 1, 0 outside the stop.
         levels: of light; None for the surrogate's own.
+        executor: shares the levels with others.
 
     Raises:
         JobError: MF122 for a pupil of other dots than the surrogate's panel.
@@ -97,8 +105,10 @@ def layout_gap(estimate: Surrogate, pupil: Floats, *, levels: Sequence[float] | 
         return None
     reached = tuple(_reached(inner, pupil, level) for level in levels)
     # Where every cell is clear or closed there is no other layout.
-    limit = tuple(layout_limit(inner, light, level) for level in levels) if light.rough.any() else reached
-    return LayoutGap(tuple(levels), reached, limit)
+    if not light.rough.any():
+        return LayoutGap(tuple(levels), reached, reached)
+    calls = [Call(layout_limit, partial(tuple, (inner, light, level))) for level in levels]
+    return LayoutGap(tuple(levels), reached, tuple(executor.run_alike(calls)))
 
 
 def _reached(inner: Interior, pupil: Floats, level: float) -> float:

@@ -12,10 +12,10 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence, Sized
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
-from itertools import chain, pairwise
+from functools import partial
+from itertools import chain, islice, pairwise
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -25,6 +25,7 @@ from scipy import ndimage
 from maskfab.base.arrays import Mask
 from maskfab.base.errors import InternalError, JobError, OpeningError
 from maskfab.base.model import ORIENTATIONS, frozen
+from maskfab.base.processes import ALONE, WORTH_SHARING_S, Call, SerialExecutor
 from maskfab.base.work import NO_END, Clock, Progress, silent
 from maskfab.camera.sensor import LEVELS
 from maskfab.designs.model.expected_psnr import Surrogate
@@ -49,6 +50,8 @@ as long; push the whole opening by a dot."""
 
 
 _BATCH = 64
+_PARTS = 2
+"""Of a batch for each process, so that none waits long for the last."""
 
 
 _STUCK = 5000
@@ -165,7 +168,7 @@ def scan(
     turned_alike: bool = False,
     evaluations: int | None = None,
     clock: Clock = NO_END,
-    workers: int = 1,
+    executor: SerialExecutor = ALONE,
     progress: Progress = silent,
 ) -> Scan:
     """Rank every candidate that keeps the constraints.
@@ -173,13 +176,13 @@ def scan(
     Args:
         candidates: from :mod:`maskfab.designs.rules.families`, in the order in which they are looked at; drawn as
             they are needed. In a list, progress knows how many there are.
-        objective: pure, so that threads may ask it.
+        objective: pure, so that other processes may ask it.
         constraints: what all must keep.
         turned_alike: evaluate only the first of those that one of the eight orientations maps onto each other; for
             objectives and constraints to which these are the same, as in a random tiling.
         evaluations: most of them; None has no limit.
         clock: stop when it is over, at a whole batch of 64.
-        workers: threads.
+        executor: shares the judging with others where that takes long.
         progress: told after each batch.
 
     Raises:
@@ -210,21 +213,27 @@ def scan(
             else:
                 refused[rule] += 1
 
-    source = kept()
-    with ThreadPoolExecutor(workers) as pool:
-        while True:
-            size = _BATCH if evaluations is None else min(_BATCH, evaluations - len(ranked))
-            if size <= 0 or (ranked and clock.over):
-                complete = next(source, None) is None
-                break
-            batch = [candidate for _, candidate in zip(range(size), source, strict=False)]
-            if not batch:
-                break
-            values = list(pool.map(objective, [candidate.unit for candidate in batch]))
-            for candidate, value in zip(batch, values, strict=True):
-                ranked.append(Ranked(candidate.name, candidate.unit, _number(value)))
-            best = max(shape.value for shape in ranked)
-            progress(f"scan, best {best:.3f}", done, max(expected, done))
+    source, shared, seconds = kept(), ALONE, 0.0
+    while True:
+        size = _BATCH if evaluations is None else min(_BATCH, evaluations - len(ranked))
+        if size <= 0 or (ranked and clock.over):
+            complete = next(source, None) is None
+            break
+        batch = list(islice(source, size))
+        if not batch:
+            break
+        part = -(-len(batch) // (_PARTS * shared.processes))
+        units = [candidate.unit for candidate in batch]
+        parts = [units[k : k + part] for k in range(0, len(units), part)]
+        tasks = shared.run_all([Call(_judged, partial(tuple, (objective, some))) for some in parts])
+        values = chain.from_iterable(task.result() for task in tasks)
+        for candidate, value in zip(batch, values, strict=True):
+            ranked.append(Ranked(candidate.name, candidate.unit, _number(value)))
+        best = max(shape.value for shape in ranked)
+        progress(f"scan, best {best:.3f}", done, max(expected, done))
+        seconds += sum(task.seconds for task in tasks)
+        if seconds / done * (expected - done) > WORTH_SHARING_S:
+            shared = executor
     if not ranked:
         tally = ", ".join(f"{rule} {count}" for rule, count in refused.most_common())
         what = f"none of {done} openings keeps all constraints; broken first: {tally or 'none was given'}"
@@ -232,6 +241,10 @@ def scan(
     bettered = rises(shape.value for shape in ranked)
     ranked.sort(key=lambda shape: -shape.value)
     return Scan(tuple(ranked), dict(refused), repeated, len(ranked), complete, bettered)
+
+
+def _judged(objective: Objective, units: Sequence[Mask]) -> list[float]:
+    return [objective(unit) for unit in units]
 
 
 def rises(values: Iterable[float]) -> Bettered:

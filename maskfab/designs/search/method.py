@@ -14,12 +14,10 @@ for every distance counts, each photograph restored by its own blur.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import islice
+from itertools import islice, takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,6 +27,7 @@ from maskfab.base.arrays import Floats, Mask
 from maskfab.base.errors import JobError
 from maskfab.base.files import Kept
 from maskfab.base.model import ORIENTATIONS, Opening, Panel, Tiling
+from maskfab.base.processes import ALONE, Call, SerialExecutor
 from maskfab.base.work import NO_END, Clock, Progress, silent
 from maskfab.camera.lens import F1, FEWEST_CELLS, CellGrid, PhotoCamera, lattice
 from maskfab.camera.scenes import Photograph
@@ -245,6 +244,7 @@ def search(
     checkpoint: Path | None = None,
     price_rules: bool = False,
     begin: Mask | None = None,
+    executor: SerialExecutor = ALONE,
 ) -> Designed:
     """Search as the section says.
 
@@ -263,6 +263,7 @@ def search(
         checkpoint: file to go on from, and to keep.
         price_rules: anneal once more without each rule, beyond the budget.
         begin: opening that the search begins at in place of a scan of families, bool [dots, dots].
+        executor: shares with others what takes long: the judging of shapes, quick maps and bounds.
 
     Raises:
         JobError, OpeningError: MF104, MF106, MF107, MF135 for numbers; MF121 for scenes without a spectrum; MF123,
@@ -294,7 +295,7 @@ def search(
         state = _by_auc(section, rules, room, stages.search, progress)
     else:
         state = (
-            scanned(section, rules, expected, stages.search, store, progress, start)
+            scanned(section, rules, expected, stages.search, store, progress, start, executor=executor)
             if begin is None
             else begun(begin, section, rules, expected, progress)
         )
@@ -313,6 +314,7 @@ def search(
             seed=map_seed(section),
             positions=section.positions,
             start=start,
+            executor=executor,
         )
 
     def of_count(clear_dots: int) -> Iterator[Mask]:
@@ -338,6 +340,7 @@ def search(
             guard=chosen.guard,
             begun=chosen.begun,
             alike=chosen.alike,
+            executor=executor,
         )
 
     chosen, laid, fit = _first_that_fits(listed, lay, look, progress)
@@ -435,6 +438,7 @@ def shortlisted(
     seed: int,
     positions: int = 1,
     start: Start | None = None,
+    executor: SerialExecutor = ALONE,
 ) -> tuple[Best, tuple[Listed, ...]]:
     """The openings of a list as quick maps rank them, the best first, and the search with that as its best.
 
@@ -451,6 +455,7 @@ def shortlisted(
         judge: of openings whose cells are turned at random.
         mode, seed, positions: of :func:`maskfab.designs.maps.orientation_map.design_map`.
         start: of a search for a display; None for any other.
+        executor: shares the maps with others.
 
     Raises:
         JobError: as ``design_map``.
@@ -465,31 +470,25 @@ def shortlisted(
     count = int(listed[0].shape.unit.sum())
     light = round(float(error.inside.sum()) * count / error.dots**2)
 
-    def quick_map(one: Listed) -> DesignedMap | None:
-        if clock.over:
-            return None
-        quick = design_map(
-            one.shape.unit,
-            error,
-            mode=mode,
-            seed=seed,
-            kicks=0,
-            positions=positions,
-            allows=one.rules.allows,
-            light=light,
-            steps=None if start is None else _QUICK_FIELDS,
-            clock=clock,
-        )
-        # Maps that were ended early are not compared.
-        return None if clock.over else quick
+    quick_map = partial(
+        design_map,
+        error=error,
+        mode=mode,
+        seed=seed,
+        kicks=0,
+        positions=positions,
+        light=light,
+        steps=None if start is None else _QUICK_FIELDS,
+    )
 
-    maps: list[DesignedMap] = []
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        for quick in pool.map(quick_map, listed):
-            if quick is None:
-                break
-            maps.append(quick)
-            progress("shortlist", len(maps), len(listed))
+    def call(one: Listed) -> Call[DesignedMap | None]:
+        # No rule is asked where the unit stays in its place.
+        made = partial(quick_map, one.shape.unit, **({"allows": one.rules.allows} if positions > 1 else {}))
+        return Call(_in_time, lambda: (made, clock.left()))
+
+    calls = [call(one) for one in listed]
+    found_maps = executor.run_alike(calls, lambda done: progress("shortlist", done, len(listed)))
+    maps = [quick for quick in takewhile(lambda quick: quick is not None, found_maps) if quick is not None]
     cut = len(maps) < len(listed)
     notes = [f"{clock.ender} ended the shortlist after {len(maps)} of {len(listed)} quick maps."] if cut else []
     values = [float(np.dot(error.weights, quick.psnr)) for quick in maps]
@@ -509,6 +508,15 @@ def shortlisted(
     if start is None or not maps:
         return found, (replace(listed[order[0]], shape=found.best),)
     return found, tuple(replace(listed[k], begun=maps[k]) for k in order)
+
+
+def _in_time(made: Callable[..., DesignedMap], left_s: float | None) -> DesignedMap | None:
+    """A map for which there is time; one that was ended early is not compared with others."""
+    clock = Clock(left_s)
+    if clock.over:
+        return None
+    quick = made(clock=clock)
+    return None if clock.over else quick
 
 
 def _listed(state: Best, most: int, rules: Constraints, judge: Objective, start: Start | None) -> tuple[Listed, ...]:
@@ -558,6 +566,7 @@ def mapped(
     guard: Guard | None = None,
     begun: DesignedMap | None = None,
     alike: bool = False,
+    executor: SerialExecutor = ALONE,
 ) -> Mapped:
     """Lay the unit out as the section says.
 
@@ -576,6 +585,7 @@ def mapped(
         guard: of the map, where it could break the display.
         begun: map to go on from; None starts at the random one.
         alike: lay all cells alike.
+        executor: shares the bounds with others.
 
     Raises:
         JobError: MF115 for a map of too many cells, or of cells of too many dots; MF123 for openings that break the
@@ -590,7 +600,8 @@ def mapped(
         asked = Denser(section.density, section.outer_dots)
         kept = rules.on_any_map if asked.sought else rules
         made = graded(unit, error, asked, find, constraints=kept, seed=seed, kicks=kicks, progress=progress)
-        room = _head_room(estimate, error, error.laid(made.units, made.designed.orientations)) if bounded else None
+        pupil = error.laid(made.units, made.designed.orientations)
+        room = _head_room(estimate, error, pupil, executor) if bounded else None
         return _of_two(section, made, error, facts, "middle", notes, room)
     if groups is not None:
         most = most_dots(section)
@@ -638,7 +649,7 @@ def mapped(
     notes = (cut,) if clock.over else ()
     if alike:
         notes = (*notes, "In no other map that was designed were all lines found: all cells are laid alike.")
-    room = _head_room(estimate, error, laid(both.unit, both.designed, error)) if bounded else None
+    room = _head_room(estimate, error, laid(both.unit, both.designed, error), executor) if bounded else None
     facts = {**facts, **({} if room is None else by_level("head_room", room, error.levels))}
     cells = map_of(section, error, both.designed, facts)
     return Mapped(both.unit, cells, both.designed, head_room=room, notes=notes, cut=clock.over)
@@ -700,10 +711,12 @@ def map_seed(section: SearchSection) -> int:
     return section.seed if section.tiling_seed is None else section.tiling_seed
 
 
-def _head_room(estimate: Surrogate, error: PanelError, pupil: Floats) -> tuple[float, ...] | None:
+def _head_room(
+    estimate: Surrogate, error: PanelError, pupil: Floats, executor: SerialExecutor
+) -> tuple[float, ...] | None:
     """Decibels by level that no layout of as much light in every cell gains; None where no bound is known."""
     # What bounds a panel in focus bounds no mean over distances.
-    gap = None if isinstance(error, MeanPanelError) else layout_gap(estimate, pupil)
+    gap = None if isinstance(error, MeanPanelError) else layout_gap(estimate, pupil, executor=executor)
     return None if gap is None else gap.head_room
 
 

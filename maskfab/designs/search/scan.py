@@ -10,7 +10,6 @@ A given opening can be reduced to fewer clear dots, for comparing designs at equ
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -26,6 +25,7 @@ from maskfab.base.arrays import Mask
 from maskfab.base.errors import JobError
 from maskfab.base.files import Kept
 from maskfab.base.model import Opening, Tiling, frozen
+from maskfab.base.processes import ALONE, SerialExecutor
 from maskfab.base.work import Clock, Progress, silent
 from maskfab.camera.lens import PhotoCamera, lattice
 from maskfab.camera.scenes import Photograph
@@ -136,6 +136,8 @@ def scanned(
     store: Kept | None,
     progress: Progress,
     start: Start | None = None,
+    *,
+    executor: SerialExecutor = ALONE,
 ) -> Best:
     """The best of the section's families that keeps the rules; half of a budget where annealing follows.
 
@@ -146,6 +148,7 @@ def scanned(
         store: of a whole scan.
         progress: told after every batch.
         start: of a search whose display keeps its rules before any map; None where openings are asked as they come.
+        executor: shares the judging with others.
 
     Raises:
         JobError: MF123 if none keeps the rules.
@@ -155,12 +158,13 @@ def scanned(
     every = _shapes(section)
     shapes = every if start is None else thinned(every)
     share = _SCAN_SHARE if section.anneal else 1.0
-    look = partial(_look, section, shapes, objective, progress)
+    look = partial(_look, section, shapes, objective, progress, executor=executor)
     free = Constraints(section.clear_dots, dots=section.dots, dot_nm=rules.dot_nm)
     looked_at = look(free, clock.part(share))
     if len(shapes) < len(every):
         between = finer(every, looked_at.ranked)
-        looked_at = looked_at.with_more(_look(section, between, objective, progress, free, clock.part(share)))
+        more = _look(section, between, objective, progress, free, clock.part(share), executor=executor)
+        looked_at = looked_at.with_more(more)
     evaluated, complete = looked_at.evaluated, looked_at.complete
     ruled, held = None, list[Ranked]()
     if start is None:
@@ -316,6 +320,8 @@ def _look(
     progress: Progress,
     constraints: Constraints,
     clock: Clock,
+    *,
+    executor: SerialExecutor = ALONE,
 ) -> Scan:
     return scan(
         shapes,
@@ -323,7 +329,7 @@ def _look(
         constraints,
         turned_alike=section.tiling is not Tiling.PERIODIC,
         clock=clock,
-        workers=os.cpu_count() or 1,
+        executor=executor,
         progress=progress,
     )
 
