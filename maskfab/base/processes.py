@@ -196,7 +196,7 @@ class SerialExecutor(AbstractContextManager["SerialExecutor"]):
 
     @property
     def processes(self) -> int:
-        """How many do tasks, this one included."""
+        """Those that do tasks, this one included."""
         return 1
 
     @property

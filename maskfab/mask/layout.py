@@ -259,7 +259,7 @@ PlacedCells: TypeAlias = Mapping[int, Mapping[tuple[int, float], tuple[int, int]
 
 
 def placed_cells(layout: db.Layout) -> PlacedCells:
-    """What each cell places, children before parents, told once for all who ask: a panel has thousands of references.
+    """References of each cell, children before parents, told once for all who ask: a panel has thousands of them.
 
     Returns:
         By the cell's index, by the index of what it places and how many times as large it does so, 0 for a plain

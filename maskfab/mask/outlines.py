@@ -323,7 +323,7 @@ def unit_shapes(panel: Panel, cell: int) -> Mapping[Layer, tuple[Polygon, ...]]:
 
 @lru_cache(maxsize=256)
 def _shapes(unit: UnitKey) -> Mapping[Layer, tuple[Polygon, ...]]:
-    """What a unit draws: files, checks and pictures all ask for the same few."""
+    """Shapes that a unit draws; files, checks and pictures ask for few others."""
     orientation, half, dot = unit.orientation, unit.gutter_nm // 2, unit.dot_nm
     clear = orient(_square(unit.mask, np.bool_), orientation)
     pitch = len(clear) * dot + unit.gutter_nm
