@@ -327,8 +327,10 @@ class DieTransfer(Isoplanatic):
     @cached_property
     def transmission(self) -> float:
         """Share of the light that falls on the stop that the die lets through, the mean of the colours."""
-        passed = [self.view.passed_um2(lines.gap.centroid_nm, self.samples) for lines in self.lines]
-        return min(1.0, sum(passed) / COLOURS / self.view.camera.stop.area_um2)
+        # Without a gap every colour passes as much.
+        colours = self.lines if self.view.choice.diffraction else self.lines[:1]
+        passed = [self.view.passed_um2(lines.gap.centroid_nm, self.samples) for lines in colours]
+        return min(1.0, sum(passed) / len(passed) / self.view.camera.stop.area_um2)
 
     def _at(self, y: Floats, x: Floats) -> Transfer:
         return cast(Transfer, np.stack([self.view.transfer(lines, self.samples, y, x) for lines in self.lines]))
