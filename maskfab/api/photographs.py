@@ -239,7 +239,8 @@ def simulate(
         lead = designs.pop(0)
         scores += evaluate(
             [lead], scenes, middles, asked.levels,
-            protocol=asked.protocol, restorers=(*restorers, *learned.get(lead.name, ())), choose=choose, show=show,
+            protocol=asked.protocol, restorers=(*restorers, *learned.get(lead.name, ())), choose=choose, expected=True,
+            show=show,
         ).scores  # fmt: skip
         assumed[lead.name] += lead.told
     progress("photographs", len(dies), len(dies))

@@ -48,6 +48,12 @@ class Margin:
     shape: tuple[int, int]
     width: int = MARGIN
 
+    @classmethod
+    def around(cls, sensor: Singles, width: int = MARGIN) -> Margin:
+        """A margin round a picture of the sensor, [3, rows, columns]."""
+        rows, columns = sensor.shape[1:]
+        return cls((rows + 2 * width, columns + 2 * width), width)
+
     @property
     def large(self) -> bool:
         """Whether nothing is kept of such pictures that can be computed again."""
@@ -75,18 +81,21 @@ class Margin:
         wide = scipy.fft.irfft(lines[:, rows], n=self.shape[1], axis=2, workers=1)
         return np.asarray(wide[:, :, columns])
 
-    def sampled(self, spectrum: NDArray[np.complex64], transfer: Transfer, step: int) -> Singles:
-        """Every so many-th pixel both ways of :meth:`blurred`, where the step divides its sides and the margin's width.
+    def rows(self, spectrum: NDArray[np.complex64], transfer: Transfer, step: int) -> Singles:
+        """Every so many-th row of :meth:`blurred`, where the step divides its sides and the margin's width.
 
         Of every k-th row the spectrum is the sum of the k parts of the whole one, over k, so that little is
         transformed.
         """
-        colours, rows, half = spectrum.shape
-        parts = (spectrum * transfer).reshape(colours, step, rows // step, half)
-        lines = scipy.fft.ifft(parts.sum(axis=1) / np.float32(step), axis=1, overwrite_x=True, workers=1)
-        taken = lines[:, self.width // step : (rows - self.width) // step]
-        wide = scipy.fft.irfft(taken, n=self.shape[1], axis=2, workers=1)
-        return np.asarray(wide[:, :, self._cut[1]][:, :, ::step])
+        few = self.shape[0] // step
+        lines = spectrum[:, :few] * transfer[:, :few]
+        part = np.empty_like(lines)
+        for start in range(few, self.shape[0], few):
+            lines += np.multiply(spectrum[:, start : start + few], transfer[:, start : start + few], out=part)
+        lines /= np.float32(step)
+        lines = scipy.fft.ifft(lines, axis=1, overwrite_x=True, workers=1)
+        taken = lines[:, self.width // step : few - self.width // step]
+        return np.asarray(scipy.fft.irfft(taken, n=self.shape[1], axis=2, workers=1)[:, :, self._cut[1]])
 
     def through(self, light: Singles, transfer: Transfer) -> Singles:
         """Light on the sensor of a scene [3, rows, columns] whose points all spread alike, by H as of :class:`Blur`."""

@@ -14,6 +14,7 @@ Notes:
     64 pixels trimmed, next to the whole one.
     ε is found by climbing on its grid: the best if the mean PSNR has one peak. The Wiener filter's is the best for one
     pixel of 16, every fourth of every fourth row; others' climbs start there and see all pixels.
+    Where a mean over the noise is asked for and :mod:`maskfab.camera.expected` knows it, none is drawn for PSNR and ε.
     Under protocol ``paper`` errors count as bright as the design leaves them, so twice the light costs 6 dB, and edges
     beside darkness cost well-conditioned designs more than others. Its PSNRs compare with published ones; they do not
     rank designs of unequal light.
@@ -22,9 +23,8 @@ Notes:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -32,13 +32,14 @@ from numpy.typing import NDArray
 
 from maskfab.base.arrays import Singles
 from maskfab.base.errors import JobError
-from maskfab.camera.imaging import Design
-from maskfab.camera.record import Record, Restorer, merged
+from maskfab.camera.expected import Still, Stills, climb
+from maskfab.camera.imaging import Design, Isoplanatic, Margin, RestoredBy
+from maskfab.camera.record import Noise, Record, Restorer, merged
 from maskfab.camera.restorers.choice import Choice
 from maskfab.camera.restorers.dct import EPSILON, Published
-from maskfab.camera.restorers.wiener import Ready, Wiener
-from maskfab.camera.scenes import Photograph
-from maskfab.camera.scores import Score, ScoreTable, Truth, inner, psnr
+from maskfab.camera.restorers.wiener import Ready, Wiener, prior, restore, wiener
+from maskfab.camera.scenes import Photograph, spectrum_of
+from maskfab.camera.scores import Crop, Score, ScoreTable, Truth, inner, psnr
 from maskfab.camera.sensor import F1_SENSOR, Exposure, record_light
 from maskfab.job.camera import REFERENCE_TRANSMISSION, Sensor
 from maskfab.optics.colour import code_of_light
@@ -64,6 +65,8 @@ _STEP = 4
 """Rows and columns between pixels that the Wiener filter's ε is chosen by; it divides every scene's sides."""
 _OF_LIGHT, _OF_CODE = 100.0, 20.0
 """Electrons of white, times ε, where ε is looked for first: of linear light, and of code values."""
+_CLEAR = 5.0
+"""Standard deviations of the noise from the brightest light to a full well, beyond which nothing is clipped."""
 
 
 @dataclass(frozen=True)
@@ -82,8 +85,6 @@ class Protocol:
         restorers: that belong to it; none where any may be asked for.
         brackets: exposures that are taken of every scene and merged, as the times by which their light is less than
             the level's; of scenes with highlights. Empty for one exposure, of any scene.
-        smooth: electrons are counted by normal distributions, see :func:`maskfab.camera.sensor.record_light`: for
-            designs that differ by less than Poisson's draws do.
 
     Raises:
         JobError: MF143 for brackets that are below 1, not finite, alike, or of code values.
@@ -98,7 +99,6 @@ class Protocol:
     dimmed: bool = False
     restorers: tuple[Restorer, ...] = ()
     brackets: tuple[float, ...] = ()
-    smooth: bool = False
 
     def __post_init__(self) -> None:
         possible = all(math.isfinite(cut) and cut >= 1 for cut in self.brackets)
@@ -121,7 +121,10 @@ class Protocol:
 
     def seen(self, design: Design, scene: Photograph) -> Singles:
         """Light of one scene on the sensor behind one design, white is 1 before it, [3, rows, columns]."""
-        return design.blurred(scene.light if self.linear else scene.values, scene.margin)
+        seen, margin = design.seen if isinstance(design, RestoredBy) else design, scene.margin
+        if isinstance(seen, Isoplanatic) and not margin.large:
+            return margin.blurred(spectrum_of(scene, linear=self.linear), seen.on(margin.shape))
+        return seen.blurred(scene.light if self.linear else scene.values, margin)
 
     def record(self, seen: Singles, design: Design, scene: Photograph, level_db: float) -> Record:
         """Light of a scene as ``seen``, in noise of its own: the same for every design at a level.
@@ -133,12 +136,36 @@ class Protocol:
         gain = self.sensor.gain_for(white / min(cuts))
         for cut in cuts:
             seed = 1000 * scene.number + round(light.electrons / cut)
-            taken.append(record_light(self.sensor, seen, white / cut, seed, smooth=self.smooth, gain=gain))
+            taken.append(record_light(self.sensor, seen, white / cut, seed, gain=gain))
         return taken[0] if len(taken) == 1 else merged(taken)
 
     def photograph(self, design: Design, scene: Photograph, level_db: float) -> Record:
         """One scene through one design at one level of light."""
         return self.record(self.seen(design, scene), design, scene, level_db)
+
+    def restored(self, design: Design, scene: Photograph, level_db: float, epsilon: float, crop: Crop) -> Singles:
+        """Code values of part of such a photograph, restored by the Wiener filter."""
+        values = self.photograph(design, scene, level_db).values
+        margin = Margin.around(values)
+        filtered = wiener(design.on(margin.shape), prior(margin.shape), epsilon)
+        return self.shown(crop.of(restore(margin.mirrored(values), filtered, margin)))
+
+    def noise(self, seen: Iterable[Singles], design: Design, level_db: float) -> Noise | None:
+        """Noise of records of light as ``seen``, where the same variance by light is all that there is to it.
+
+        None for a sensor that rounds, interpolates or has banding, for brackets, and where a full well may clip.
+        """
+        plain = self.sensor.bits is None and self.sensor.mosaic == "none" and not self.sensor.banding
+        white = self.exposure(level_db).behind(design.transmission)
+        sensor = self.sensor.amplified(self.sensor.gain_for(white))
+        most = white * max(float(light.max()) for light in seen)
+        clipped = most + _CLEAR * math.sqrt(max(most, 0) + sensor.read_noise**2) > sensor.full_well
+        return Noise(white, sensor.read_noise) if plain and not clipped and not self.brackets else None
+
+    def start(self, white: float) -> int:
+        """Place of the ε that is looked for first in light of so many electrons of white."""
+        usual = _OF_LIGHT if self.linear else _OF_CODE
+        return int(abs(np.log(np.multiply(self.strengths, white / usual))).argmin())
 
     def check(self, scene: Photograph) -> None:
         """Refuse brackets of a scene that has no light above white.
@@ -180,6 +207,7 @@ def evaluate(
     choose: bool = False,
     details: bool = True,
     colours: bool = True,
+    expected: bool = False,
     show: Callable[[Score, Singles], None] | None = None,
 ) -> ScoreTable:
     """Score every design on every test scene at every level, restored in every way.
@@ -194,6 +222,8 @@ def evaluate(
         choose: score the one that each photograph's record speaks for too, as :data:`AUTO`.
         details: score SSIM and S-CIELAB too, which takes half of the time.
         colours: of these, S-CIELAB.
+        expected: take PSNR on the mean over the noise and choose ε by it, rather than in one draw, where the Wiener
+            filter alone restores and :meth:`Protocol.noise` is all that the sensor adds.
         show: given every score with its restored picture, float32 [3, rows, columns] of the sensor, row 0 on top.
 
     Raises:
@@ -201,6 +231,40 @@ def evaluate(
             MF141 for a level without light, or above a full well; MF134 behind a camera of other than three
             wavelengths; MF143 for brackets of a scene that has no light above white.
     """
+    _check(designs, test, tuning, levels, protocol, restorers)
+    scenes = {id(s): s.dark if protocol.dark else s for s in (*tuning, *test)}
+    likenesses: dict[float, dict[int, Truth]] = {}
+    scores: list[Score] = []
+    for design in designs:
+        bright = protocol.brightness(design)
+        if details and bright not in likenesses:
+            likenesses = {bright: {id(s): Truth(_times(bright, scenes[id(s)].true)) for s in test}}
+        seen = {key: protocol.seen(design, scene) for key, scene in scenes.items() if not scene.margin.large}
+        known: dict[float, tuple[float, Noise, Stills]] = {}
+        if expected and tuple(restorers) == WIENER and not choose and len(seen) == len(scenes) and not protocol.dimmed:
+            known = _known(protocol, design, levels, scenes, seen, [*map(id, tuning)])
+        for level in sorted(levels):
+            case = _Case(protocol, design, level, scenes, seen, likenesses.get(bright, {}), colours)
+            if level in known:
+                scored = case.expected(test, *known[level], pictures=show is not None)
+            else:
+                scored = case.scored(test, tuning, restorers, choose=choose)
+            for score, picture in scored:
+                scores.append(score)
+                if show is not None and picture is not None:
+                    show(score, picture)
+    return ScoreTable(tuple(scores))
+
+
+def _check(
+    designs: Sequence[Design],
+    test: Sequence[Photograph],
+    tuning: Sequence[Photograph],
+    levels: Sequence[float],
+    protocol: Protocol,
+    restorers: Sequence[Restorer],
+) -> None:
+    """Refuse what :func:`evaluate` refuses."""
     for what, names in (
         ("designs", [d.name for d in designs]),
         ("test scenes", [s.name for s in test]),
@@ -223,22 +287,30 @@ def evaluate(
                 where=design.name,
                 cure="Open some dots inside the stop",
             )
-    scenes = {id(s): s.dark if protocol.dark else s for s in (*tuning, *test)}
-    likenesses: dict[float, dict[int, Truth]] = {}
-    scores: list[Score] = []
-    for design in designs:
-        bright = protocol.brightness(design)
-        if details and bright not in likenesses:
-            likenesses = {bright: {id(s): Truth(_times(bright, scenes[id(s)].true)) for s in test}}
-        seen = {key: protocol.seen(design, scene) for key, scene in scenes.items() if not scene.margin.large}
-        for level in sorted(levels):
-            records = {key: protocol.record(light, design, scenes[key], level) for key, light in seen.items()}
-            case = _Case(protocol, design, level, scenes, records, likenesses.get(bright, {}), colours)
-            for score, picture in case.scored(test, tuning, restorers, choose=choose):
-                scores.append(score)
-                if show is not None:
-                    show(score, picture)
-    return ScoreTable(tuple(scores))
+
+
+def _known(
+    protocol: Protocol,
+    design: Design,
+    levels: Sequence[float],
+    scenes: Mapping[int, Photograph],
+    seen: Mapping[int, Singles],
+    tuning: Sequence[int],
+) -> dict[float, tuple[float, Noise, Stills]]:
+    """By level: the ε that is best on the mean over the noise, that noise, and what tells every scene's error."""
+    by_level = {level: protocol.noise(seen.values(), design, level) for level in levels}
+    noises = {level: noise for level, noise in by_level.items() if noise is not None}
+    strengths = protocol.strengths
+    last, best = len(strengths) - 1, {level: protocol.start(noise.electrons) for level, noise in noises.items()}
+    light = {key: Still.of(scenes[key].true, each) for key, each in seen.items()} if noises else {}
+    low, high, stills = last + 1, -1, None
+    # Beyond what they were restored by pictures of other ε are not known.
+    while not all(low <= max(place - 1, 0) and min(place + 1, last) <= high for place in best.values()):
+        low, high = max(0, min(low, *best.values()) - 2), min(last, max(high, *best.values()) + 3)
+        stills = Stills.of(design, light, (strengths[low], strengths[high]), linear=protocol.linear)
+        for level, noise in noises.items() if last else ():
+            best[level] = stills.best(tuning, noise, strengths, best[level])
+    return {} if stills is None else {level: (strengths[best[level]], noise, stills) for level, noise in noises.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,7 +320,7 @@ class _Case:
     Attributes:
         protocol, design, level_db: of the case.
         scenes: all of them.
-        records: of scenes that are not large; those of others are made again for each that restores them.
+        seen: light of scenes that are not large on the sensor.
         likenesses: of test scenes, empty where nobody asked for details.
         colours: whether S-CIELAB is scored of them.
     """
@@ -257,9 +329,20 @@ class _Case:
     design: Design
     level_db: float
     scenes: Mapping[int, Photograph]
-    records: Mapping[int, Record]
+    seen: Mapping[int, Singles]
     likenesses: Mapping[int, Truth]
     colours: bool
+    _records: dict[int, Record] = field(default_factory=dict, init=False, repr=False)
+    """Of those scenes; records of others are made again for each that restores them."""
+
+    def expected(
+        self, test: Sequence[Photograph], epsilon: float, noise: Noise, stills: Stills, *, pictures: bool
+    ) -> Iterator[tuple[Score, Singles | None]]:
+        """Scores on the mean over the noise, with pictures in a draw of it where these are wanted or scored too."""
+        for key in map(id, test):
+            picture = self._restored(Wiener(), key)(epsilon) if pictures or self.likenesses else None
+            heights = stills.psnrs(key, epsilon, noise, TRIM)
+            yield self._score(key, picture, epsilon, Wiener().name, heights=heights), picture
 
     def scored(
         self, test: Sequence[Photograph], tuning: Sequence[Photograph], restorers: Sequence[Restorer], *, choose: bool
@@ -287,8 +370,12 @@ class _Case:
             yield self._score(key, picture, won.epsilon, AUTO, won.name), picture
 
     def _record(self, key: int) -> Record:
-        record = self.records.get(key)
-        return self.protocol.photograph(self.design, self.scenes[key], self.level_db) if record is None else record
+        light = self.seen.get(key)
+        if light is None:
+            return self.protocol.photograph(self.design, self.scenes[key], self.level_db)
+        if key not in self._records:
+            self._records[key] = self.protocol.record(light, self.design, self.scenes[key], self.level_db)
+        return self._records[key]
 
     def _restored(self, restorer: Restorer, key: int) -> Callable[[float], Singles]:
         """Code values of a scene restored, as a function of ε."""
@@ -299,14 +386,12 @@ class _Case:
         """Place of the ε of the Wiener filter that is best for one pixel of 16."""
         true = {key: self.scenes[key].true[:, ::_STEP, ::_STEP] for key in ready}
         white = self.protocol.exposure(self.level_db).behind(self.design.transmission)
-        usual = _OF_LIGHT if self.protocol.linear else _OF_CODE
-        guess = abs(np.log(np.multiply(self.protocol.strengths, white / usual)))
 
         def total(k: int) -> float:
             epsilon = self.protocol.strengths[k]
             return sum(psnr(self.protocol.shown(one.sampled(epsilon, _STEP)), true[key]) for key, one in ready.items())
 
-        return _climb(total, int(guess.argmin()), len(self.protocol.strengths))
+        return climb(total, self.protocol.start(white), len(self.protocol.strengths))
 
     def _best(self, restorer: Restorer, tuning: Sequence[int], start: int) -> tuple[int, dict[int, Singles]]:
         """Place of the best ε, looked for from ``start``, and the pictures that it restores."""
@@ -322,26 +407,38 @@ class _Case:
                 best, highest, kept = k, height, pictures
             return height
 
-        _climb(mean, start, len(self.protocol.strengths))
+        climb(mean, start, len(self.protocol.strengths))
         return best, kept
 
-    def _score(self, key: int, picture: Singles, epsilon: float, restorer: str, chosen: str = "") -> Score:
+    def _score(
+        self,
+        key: int,
+        picture: Singles | None,
+        epsilon: float,
+        restorer: str,
+        chosen: str = "",
+        heights: tuple[float, float] | None = None,
+    ) -> Score:
+        """Score of a picture; of PSNRs that are known without it where ``heights`` are given."""
         scene, like = self.scenes[key], self.likenesses.get(key)
-        bright = self.protocol.brightness(self.design)
-        scored, true = _times(bright, picture), _times(bright, scene.true)
         likeness, likeness_inner, colour, colour_inner = [math.nan] * 4
-        if like is not None:
-            likeness, likeness_inner = _means(like.ssim(scored), TRIM - 5)
-        if like is not None and self.colours:
-            colour, colour_inner = _means(like.delta_e(scored), TRIM)
+        if picture is not None:
+            bright = self.protocol.brightness(self.design)
+            scored, true = _times(bright, picture), _times(bright, scene.true)
+            heights = heights or (psnr(scored, true), psnr(inner(scored, TRIM), inner(true, TRIM)))
+            if like is not None:
+                likeness, likeness_inner = _means(like.ssim(scored), TRIM - 5)
+            if like is not None and self.colours:
+                colour, colour_inner = _means(like.delta_e(scored), TRIM)
+        assert heights is not None
         return Score(
             self.design.name,
             self.level_db,
             scene.name,
             epsilon,
-            psnr(scored, true),
+            heights[0],
             likeness,
-            psnr(inner(scored, TRIM), inner(true, TRIM)),
+            heights[1],
             likeness_inner,
             colour,
             colour_inner,
@@ -360,13 +457,3 @@ def _means(values: NDArray[np.floating[Any]], trim: int) -> tuple[float, float]:
 
 def _times(bright: float, picture: Singles) -> Singles:
     return picture if bright == 1 else np.float32(bright) * picture
-
-
-def _climb(height: Callable[[int], float], start: int, count: int) -> int:
-    """Place, below ``count``, without a higher neighbour, by steps to the better one; no height is asked for twice."""
-    height = cache(height)
-    best, following = -1, start
-    while following != best:
-        best = following
-        following = max((k for k in (best, best - 1, best + 1) if 0 <= k < count), key=height)
-    return best

@@ -24,11 +24,13 @@ import os
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import overload
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from maskfab.base.arrays import Singles
 from maskfab.base.errors import JobError, SourceError
@@ -107,6 +109,18 @@ class Folder:
 
     photographs: Sequence[Photograph]
     skipped: tuple[str, ...]
+
+
+@lru_cache(maxsize=4)
+def spectrum_of(scene: Photograph, *, linear: bool) -> NDArray[np.complex64]:
+    """``rfft2`` of a scene's linear light, or of its code values, [3, rows, half]; read-only.
+
+    Kept of the last four scenes: as many as are drawn, and all dies of a process look at these.
+    """
+    values = scene.light if linear else scene.values
+    spectrum = np.asarray(scipy.fft.rfft2(values, axes=(1, 2), workers=1))
+    spectrum.flags.writeable = False
+    return spectrum
 
 
 def scene(

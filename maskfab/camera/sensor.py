@@ -42,7 +42,6 @@ def record_light(
     electrons: float,
     seed: int,
     *,
-    smooth: bool = False,
     gain: float | None = None,
 ) -> Record:
     """Light in units of white, as a sensor records it.
@@ -52,8 +51,6 @@ def record_light(
         electrons: of white, g.
         seed: of ``numpy.random.default_rng``; the same seed gives the same record. It draws the same normal numbers
             whatever the light, so that a pixel's noise behind one design is paired with that behind another.
-        smooth: count electrons by a normal distribution of Poisson's mean and variance. A little more light then
-            gives the same noise a little larger, where Poisson's counts go by whole electrons.
         gain: analog gain; None for that of the sensor in this light.
 
     Raises:
@@ -72,7 +69,7 @@ def record_light(
     for part in parts:
         mean = np.maximum(seen[part], 0) * np.float32(electrons)
         normal = draw.standard_normal(mean.size, dtype=np.float32)
-        flat[part] = mean + np.sqrt(mean) * normal if smooth else poisson_quantile(mean, normal)
+        flat[part] = poisson_quantile(mean, normal)
     for part in parts:
         noise = draw.standard_normal(part.stop - part.start, dtype=np.float32)
         flat[part] += np.float32(sensor.read_noise) * noise

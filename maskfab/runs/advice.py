@@ -358,7 +358,7 @@ def _unobstructed(job: Job, name: str, taken: Photographs, level: float) -> Mean
     small, _ = replace(conditions, camera=replace(job.camera, stop=stop)).design("an unobstructed stop", sheet, around)
     scenes = photographs.drawn_scenes(highlights=bool(conditions.protocol.brackets))
     ideal = cast(Design, _Passing(small, seen.transmission))
-    found = evaluate([ideal], scenes, scenes, (level,), protocol=conditions.protocol, details=False)
+    found = evaluate([ideal], scenes, scenes, (level,), protocol=conditions.protocol, details=False, expected=True)
     own = {score.scene: score.psnr for score in taken.dies[str(taken.reference)].scores if score.level_db == level}
     return MeanDifference.of([score.psnr - own[score.scene] for score in found.scores])
 

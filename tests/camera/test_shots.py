@@ -12,6 +12,7 @@ from once import leaves
 
 from maskfab.base.errors import JobError
 from maskfab.camera import protocol
+from maskfab.camera.expected import climb
 from maskfab.camera.imaging import Margin
 from maskfab.camera.lens import lay
 from maskfab.camera.protocol import evaluate
@@ -87,9 +88,8 @@ def test_each_scene_is_transformed_once_and_no_picture_restored_twice(design, sc
         chosen.append(shots(design, fresh, (level,), SENSOR)[0].score.epsilon)
         assert len(tried) == len(set(tried)) > 2
     assert len(set(chosen)) == 2
-    transforms.clear()
     shots(design, fresh, (24, 32), SENSOR)
-    assert sum(transforms) == 3
+    assert sum(transforms) == 1  # all colours, for all levels and designs
 
 
 def test_the_constant_is_the_best_and_few_others_are_tried(design, monkeypatch):
@@ -104,21 +104,19 @@ def test_the_constant_is_the_best_and_few_others_are_tried(design, monkeypatch):
 
 
 @pytest.mark.parametrize("step", [1, 2, 4])
-def test_a_sampled_picture_is_every_so_many_th_pixel_of_the_whole(step):
+def test_a_sampled_picture_is_every_so_many_th_row_of_the_whole(step):
     values = np.random.default_rng(5).random((3, 40, 56)).astype(np.float32)
     margin = Margin((72, 88), 16)
     spectrum, transfer = margin.mirrored(values), np.random.default_rng(6).random((3, 72, 45), dtype=np.float32)
-    found, whole = margin.sampled(spectrum, transfer, step), margin.blurred(spectrum, transfer)
-    np.testing.assert_allclose(found, whole[:, ::step, ::step], atol=1e-5)
+    found, whole = margin.rows(spectrum, transfer, step), margin.blurred(spectrum, transfer)
+    np.testing.assert_allclose(found, whole[:, ::step], atol=1e-5)
 
 
 @pytest.mark.parametrize("best", range(len(protocol.EPSILONS)))
 def test_a_climb_ends_on_the_peak_wherever_it_begins_and_asks_nothing_twice(best):
     for start in range(len(protocol.EPSILONS)):
         asked = []
-        found = protocol._climb(
-            lambda k, asked=asked: (asked.append(k), -abs(k - best))[1], start, len(protocol.EPSILONS)
-        )
+        found = climb(lambda k, asked=asked: (asked.append(k), -abs(k - best))[1], start, len(protocol.EPSILONS))
         assert found == best
         assert len(asked) == len(set(asked)) <= abs(start - best) + 3
 

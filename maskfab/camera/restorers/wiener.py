@@ -71,8 +71,8 @@ class Ready:
         return picture
 
     def sampled(self, epsilon: float, step: int) -> Singles:
-        """Every so many-th pixel of it both ways, see :meth:`Margin.sampled`."""
-        colours = [self.margin.sampled(*both, step) for both in self._filtered(epsilon)]
+        """Every so many-th pixel of it both ways, see :meth:`Margin.rows`."""
+        colours = [self.margin.rows(*both, step)[:, :, ::step] for both in self._filtered(epsilon)]
         return np.clip(np.concatenate(colours), 0.0, 1.0)
 
     def _filtered(self, epsilon: float) -> Iterator[tuple[NDArray[np.complex64], Transfer]]:
@@ -104,8 +104,7 @@ class Wiener:
 
     def prepare(self, record: Record, blur: Blur) -> Ready:
         """See :class:`maskfab.camera.record.Restorer`."""
-        rows, columns = record.values.shape[1:]
-        margin = Margin((rows + 2 * self.width, columns + 2 * self.width), self.width)
+        margin = Margin.around(record.values, self.width)
         colours = (record.values[colour : colour + 1] for colour in range(len(record.values)))
         spectra = None if margin.large else tuple(map(margin.mirrored, colours))
         return Ready(record.values, blur, margin, spectra)

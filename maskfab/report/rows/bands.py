@@ -404,9 +404,9 @@ class _Photographed:
 
     @cached_property
     def _protocol(self) -> Protocol:
-        """In noise that follows the light, and with the strength that suits the die as drawn."""
-        smooth = replace(self.conditions.protocol, smooth=True)
-        return replace(smooth, strengths=(self._scored(smooth, self.drawn)[0],))
+        """With the strength that suits the die as drawn."""
+        protocol = self.conditions.protocol
+        return replace(protocol, strengths=(self._scored(protocol, self.drawn)[0],))
 
     def psnr(self, process: Process, parts: int | None = None) -> float:
         """Mean over the scenes in dB, by so many parts of a dot, or the usual number."""
@@ -417,7 +417,8 @@ class _Photographed:
 
     def _scored(self, protocol: Protocol, design: Design) -> tuple[float, float]:
         scenes = drawn_scenes(highlights=bool(protocol.brackets))
-        scores = evaluate([design], scenes, scenes, [self._level_db], protocol=protocol, details=False).scores
+        given = [design], scenes, scenes, [self._level_db]
+        scores = evaluate(*given, protocol=protocol, details=False, expected=True).scores
         return scores[0].epsilon, float(np.mean([score.psnr for score in scores]))
 
 

@@ -248,7 +248,7 @@ def _merging(brackets: Sequence[float]) -> str:
 CROP = Crop(144, 192)
 """Part of the photographs that is shown."""
 NOISE_DB = 0.05
-"""By which another draw of the noise changes a mean over the scenes at most."""
+"""By which a draw of the noise changes a mean over the scenes at most, and one over the noise differs from it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -359,24 +359,21 @@ def photograph_die(conditions: Conditions, around: Surroundings, name: str, pane
         panel: of it.
         shown: keep part of the first scene in least light and in most, not at the middle level alone.
     """
-    scenes, shots = drawn_scenes(highlights=bool(conditions.protocol.brackets)), list[Shot]()
-    levels = {middle_level(conditions.levels)}
+    protocol, levels = conditions.protocol, {middle_level(conditions.levels)}
+    first, *_ = scenes = drawn_scenes(highlights=bool(protocol.brackets))
     if shown:
         levels |= {min(conditions.levels), max(conditions.levels)}
-
-    def keep(score: Score, whole: NDArray[np.float32]) -> None:
-        if score.scene == scenes[0].name and score.level_db in levels:
-            shots.append(Shot(score, CROP.of(whole)))
-
     try:
         design, notes = conditions.design(name, panel, around)
-        table = evaluate(
-            [design], scenes, scenes, conditions.levels, protocol=conditions.protocol, details=False, show=keep
-        )
+        table = evaluate([design], scenes, scenes, conditions.levels, protocol=protocol, details=False, expected=True)
     except JobError as refusal:
         return Restored(refused=f"{refusal.code} {refusal.what}. {refusal.cure}")
-    notes += design.told
-    return Restored(table.scores, notes, None, scenes[0].name, truth_of(scenes[0], CROP), tuple(shots))
+    shots = tuple(
+        Shot(score, protocol.restored(design, first, score.level_db, score.epsilon, CROP))
+        for score in table.scores
+        if score.scene == first.name and score.level_db in levels
+    )
+    return Restored(table.scores, notes + design.told, None, first.name, truth_of(first, CROP), shots)
 
 
 @cache

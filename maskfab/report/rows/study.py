@@ -557,6 +557,7 @@ def _photographed(
         restorers=(*setting.restorers, *setting.learned.get(name, ())),
         choose=setting.choose,
         colours=setting.colours,
+        expected=True,
         show=take,
     )
     return {of: tuple(parts) for of, parts in taken.items()}, shown, design.told

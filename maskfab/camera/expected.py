@@ -1,0 +1,278 @@
+"""Errors that the Wiener filter leaves on the mean over a sensor's noise, in closed form: no noise is drawn.
+
+A restored pixel is m + s z. Its m is the record without noise, restored. As a filter sums over many pixels, z is nearly
+normal, and of a record's variance v there
+
+    s² = v · mean over frequencies of |G|².
+
+The squared error of its code value, c of light cut to 0 to 1, against the true t is then (E c - t)² + var c. Both are
+functions of m and s alone, and kept as tables. It is exact for noise that is normal and even over the filter's reach.
+
+To choose ε, pictures of a few give those of all. At one frequency the filter is G = x / (x + 1) / H,
+x = |H|² / ε (f / 0.1)², and as a function of ε a sum of those of ε_k,
+
+    1 / (q + ε) = sum over k of w_k / (q + ε_k),        q = |H|² / (f / 0.1)²,
+
+nearly, with sum w_k = 1 so that brightness stays. The weights w are the best for the error that they add: squares of
+the misfit times (x + 1)² / x, by which a scene of the filter's own prior exceeds its least error.
+
+Notes:
+    Every second row is scored. By ε that was chosen its pixels are restored exactly.
+    Clipping by a full well, rounding, banding, mosaics and merged exposures are left to draws.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache, lru_cache
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from maskfab.base.arrays import Floats, Singles
+from maskfab.camera.imaging import MARGIN, Blur, Margin, Transfer
+from maskfab.camera.record import Noise
+from maskfab.camera.restorers.wiener import prior, wiener
+from maskfab.optics.colour import code_of_light
+from maskfab.optics.restoration import squared_modulus
+
+_STEP, _FEW = 2, 4
+"""Rows from one to the next that is scored, and pixels both ways that ε is chosen by; they divide all sides."""
+_MOST_APART = 3.2
+"""Ratio of neighbouring ε that pictures are restored by to choose one; between them PSNR errs by 0.01 dB."""
+_SPREADS = np.geomspace(2e-4, 2, 96)
+_LEAST, _MOST, _PER_LIGHT, _BEYOND = -1, 2, 4096, 4
+"""Light that the tables hold, their steps in 1, and how far to either side the curve goes on for them."""
+
+
+@cache
+def _of_normal(linear: bool) -> tuple[Singles, Singles]:
+    """Mean of the code value of normal light, and its variance over that of the light, [spreads, lights] raveled."""
+    light = np.arange((_LEAST - _BEYOND) * _PER_LIGHT, (_MOST + _BEYOND) * _PER_LIGHT) / _PER_LIGHT
+    code = code_of_light(light) if linear else np.clip(light, 0, 1)
+    kept = slice(_BEYOND * _PER_LIGHT, -_BEYOND * _PER_LIGHT)
+    # A cosine transform mirrors the curve at its ends, where it is level.
+    terms = scipy.fft.dct(np.stack([code, code**2]), workers=1)
+    f = np.arange(light.size) * (_PER_LIGHT / (2 * light.size))
+    means, ratios = [], []
+    for spread in _SPREADS:
+        damped = terms * np.exp(-2 * (np.pi * spread * f) ** 2)
+        mean, square = scipy.fft.idct(damped, workers=1, overwrite_x=True)[:, kept]
+        means.append(mean.astype(np.float32))
+        ratios.append((np.maximum(square - mean**2, 0) / spread**2).astype(np.float32))
+    return np.concatenate(means), np.concatenate(ratios)
+
+
+@lru_cache(maxsize=4)
+def _between(shape: tuple[int, ...]) -> Singles:
+    """Numbers of 0 to 1, evenly spread over every few pixels, [rows, columns].
+
+    Added to a place between two spreads of the table before it is cut to a whole one, they interpolate on the mean.
+    """
+    rows, columns = shape
+    # M. Roberts' sequence in two dimensions, by powers of the plastic number.
+    return np.asarray((0.7548777 * np.arange(rows)[:, None] + 0.5698403 * np.arange(columns)) % 1, dtype=np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class Still:
+    """One scene behind one design without noise.
+
+    Attributes:
+        true: code values, [3, rows, columns].
+        seen: light on the sensor, likewise.
+        spectrum: of that light, mirrored, [3, rows, half].
+        margin: by which it is.
+    """
+
+    true: Singles
+    seen: Singles
+    spectrum: NDArray[np.complex64]
+    margin: Margin
+
+    @classmethod
+    def of(cls, true: Singles, seen: Singles) -> Still:
+        """Of code values and light, the sensor's both."""
+        margin = Margin.around(seen)
+        return cls(true, seen, margin.mirrored(seen), margin)
+
+
+@dataclass(frozen=True, eq=False)
+class Stills:
+    """Scenes behind one design without noise, restored by a few ε, which tell every ε between them.
+
+    Attributes:
+        blur: that the filter undoes.
+        linear: whether scenes are linear light.
+        nodes: these ε, ascending.
+        stills: the scenes, by keys of their own.
+        few: one pixel of 16: light restored by every one of these ε, [nodes, 3, rows, columns], code values, and light
+            on the sensor, [3, rows, columns].
+        products: mean of the products of two of their filters over all frequencies by size, [3, nodes, nodes].
+    """
+
+    blur: Blur
+    linear: bool
+    nodes: tuple[float, ...]
+    stills: Mapping[int, Still]
+    few: Mapping[int, tuple[Singles, Singles, Singles]]
+    products: Mapping[tuple[int, int], Floats]
+    _filters: dict[tuple[tuple[int, int], float], tuple[Transfer, Singles]] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(cls, blur: Blur, stills: Mapping[int, Still], between: tuple[float, float], *, linear: bool) -> Stills:
+        """Restore scenes by ε from the first to the last, or by none where these are one."""
+        low, high = between
+        count = 0 if low == high else 2 + int(math.log(high / low) / math.log(_MOST_APART))
+        nodes = tuple(np.geomspace(low, high, count).tolist())
+        few = {}
+        for key, still in stills.items():
+            true, seen = (np.ascontiguousarray(each[:, ::_FEW, ::_FEW]) for each in (still.true, still.seen))
+            few[key] = np.empty((count, *seen.shape), np.float32), true, seen
+        products = {still.margin.shape: np.empty((len(still.seen), count, count)) for still in stills.values()}
+        for shape, product in products.items() if nodes else ():
+            inverse_prior = prior(shape)
+            # Colour by colour, whose filters take a third.
+            for colour, transfer in enumerate(blur.on(shape)):
+                gains = [wiener(transfer, inverse_prior, node) for node in nodes]
+                product[colour] = [[_product(one, other) for other in gains] for one in gains]
+                for key, still in stills.items():
+                    for k, gain in enumerate(gains) if still.margin.shape == shape else ():
+                        rows = still.margin.rows(still.spectrum[colour, None], gain[None], _FEW)
+                        few[key][0][k, colour] = rows[0, :, ::_FEW]
+        return cls(blur, linear, nodes, stills, few, products)
+
+    def best(self, keys: Iterable[int], noise: Noise, strengths: Sequence[float], start: int) -> int:
+        """Place of the strength that is best for some scenes, looked for from ``start``."""
+        return climb(lambda k: self.height(keys, noise, strengths[k]), start, len(strengths))
+
+    def height(self, keys: Iterable[int], noise: Noise, epsilon: float) -> float:
+        """Sum of the PSNRs of scenes' expected errors, by one pixel of 16."""
+        mixed, total = weights(epsilon, self.nodes), 0.0
+        for key in keys:
+            restored, true, seen = self.few[key]
+            passed = (self.products[self.stills[key].margin.shape] @ mixed @ mixed)[:, None, None]
+            light = np.tensordot(mixed.astype(np.float32), restored, axes=1)
+            total += _decibels(_errors(light, true, seen, passed, noise, linear=self.linear))
+        return total
+
+    def psnrs(self, key: int, epsilon: float, noise: Noise, trim: int) -> tuple[float, float]:
+        """PSNR of a scene's expected error in dB, and without so many pixels at each edge; by every second row."""
+        still = self.stills[key]
+        gains, passed = self._filter(still.margin.shape, epsilon)
+        light = still.margin.rows(still.spectrum, gains, _STEP)
+        errors = _errors(light, still.true[:, ::_STEP], still.seen[:, ::_STEP], passed, noise, linear=self.linear)
+        return _decibels(errors), _decibels(errors[:, trim // _STEP : -trim // _STEP, trim:-trim])
+
+    def _filter(self, shape: tuple[int, int], epsilon: float) -> tuple[Transfer, Singles]:
+        """G, and the share of a record's variance that passes it in every row scored, as of :func:`_passed`; kept."""
+        if (shape, epsilon) not in self._filters:
+            self._filters.clear()
+            gains = wiener(self.blur.on(shape), prior(shape), epsilon)
+            sides = shape[0] - 2 * MARGIN, shape[1] - 2 * MARGIN
+            self._filters[shape, epsilon] = gains, np.stack([_passed(gain, sides)[::_STEP] for gain in gains])
+        return self._filters[shape, epsilon]
+
+
+def _errors(
+    restored: Singles, true: Singles, seen: Singles, passed: Floats | Singles, noise: Noise, *, linear: bool
+) -> Singles:
+    """Expected squared errors of code values, [3, rows, columns].
+
+    Args:
+        restored: light restored without noise, [3, rows, columns]; overwritten by the errors.
+        true: code values.
+        seen: light that was recorded.
+        passed: share of a record's variance that the filter lets through, [3, rows, columns] or 1 of these.
+        noise: of the record.
+        linear: whether scenes are linear light.
+    """
+    means, ratios = _of_normal(linear)
+    lights, apart = (_MOST - _LEAST) * _PER_LIGHT, math.log(_SPREADS[1] / _SPREADS[0])
+    from_first = _between(restored.shape[1:]) - np.float32(math.log(_SPREADS[0]) / apart)
+    # Colour by colour, which fits a processor's own memory.
+    for colour, share in enumerate(passed):
+        error = restored[colour]
+        variance = noise.variance(seen[colour])
+        variance *= share.astype(np.float32)
+        spread = np.log(np.maximum(variance, np.float32(_SPREADS[0] ** 2)))
+        spread *= np.float32(0.5 / apart)
+        spread += from_first
+        place = np.minimum(spread, np.float32(len(_SPREADS) - 1)).astype(np.intp)
+        place *= lights
+        error *= np.float32(_PER_LIGHT)
+        error += np.float32(0.5 - _LEAST * _PER_LIGHT)
+        place += np.clip(error, 0, lights - 1, out=error).astype(np.intp)
+        means.take(place, out=error, mode="clip")
+        error -= true[colour]
+        error *= error
+        variance *= ratios.take(place, mode="clip")
+        error += variance
+    return restored
+
+
+def _decibels(errors: Singles) -> float:
+    mean = float(errors.mean(dtype=np.float64))
+    return -10 * math.log10(mean) if mean > 0 else math.inf
+
+
+def _passed(gain: Transfer, sides: tuple[int, int]) -> Singles:
+    """Share of a record's variance that a filter [rows, half] lets through at every pixel of the sensor [y, x].
+
+    At d pixels from an edge, beyond which the record is mirrored, noise meets its own image 2 d away: that adds the
+    filter's correlation there, less what the edge's own pixels, which are not doubled, have in it.
+    """
+    # Every few frequencies tell as much, for the filter's spread is a part of the picture.
+    some = gain[:, ::_FEW]
+    ends = np.full(some.shape[1], 2.0)
+    ends[[0, -1]] = 1
+    turned = some[-np.arange(len(some))]
+    alike, lines = (some * turned.conj()) @ ends / ends.sum(), scipy.fft.ifft(some, axis=0, workers=1)
+    own = squared_modulus(lines) @ ends / ends.sum()
+    up = _at_edges(scipy.fft.ifft(alike).real, own, sides[0])
+    some = gain[::_FEW]
+    turned = some[-np.arange(len(some))]
+    lines = scipy.fft.irfft(some, axis=1, workers=1)
+    across = _at_edges(scipy.fft.irfft((some * turned).mean(axis=0)), (lines * lines).mean(axis=0), sides[1])
+    return np.asarray(_product(gain, gain) * up[:, None] * across, dtype=np.float32)
+
+
+def _at_edges(alike: Floats, own: Floats, side: int) -> Floats:
+    """Factor of the noise at every pixel along a side, by the filter's correlation and its energy by distance."""
+    near = np.arange(min(side, len(own) // 8))
+    more = np.zeros(side)
+    more[near] = (alike[2 * near] - own[near]) / alike[0]
+    return np.asarray(1 + more + more[::-1])
+
+
+def _product(one: Transfer, other: Transfer) -> float:
+    """Mean of the product of two filters [rows, half], of pictures of even width, over all frequencies."""
+    # Frequencies stand for their negatives too, but for those of the first and the last column.
+    ends = sum(np.vdot(one[:, k], other[:, k]).real for k in (0, -1))
+    return float(2 * np.vdot(one, other).real - ends) / (2 * (one.size - len(one)))
+
+
+_RATIOS = np.geomspace(1e-4, 1e4, 401)
+
+
+@lru_cache(maxsize=64)
+def weights(epsilon: float, nodes: tuple[float, ...]) -> Floats:
+    """Weights w of filters of other ε that make the one of an ε, [k]; their sum is 1."""
+    q = (_RATIOS * epsilon)[:, None]
+    cost = ((1 + _RATIOS) / np.sqrt(_RATIOS))[:, None]
+    wanted, have = cost * q / (q + epsilon), cost * q / (q + np.array(nodes))
+    rest = np.linalg.lstsq(have[:, 1:] - have[:, :1], (wanted - have[:, :1])[:, 0], rcond=None)[0]
+    return np.concatenate([[1 - rest.sum()], rest])
+
+
+def climb(height: Callable[[int], float], start: int, count: int) -> int:
+    """Place, below ``count``, without a higher neighbour, by steps to the better one; no height is asked for twice."""
+    height = cache(height)
+    best, following = -1, start
+    while following != best:
+        best = following
+        following = max((k for k in (best, best - 1, best + 1) if 0 <= k < count), key=height)
+    return best
