@@ -6,7 +6,8 @@ normal, and of a record's variance v there
     s² = v · mean over frequencies of |G|².
 
 The squared error of its code value, c of light cut to 0 to 1, against the true t is then (E c - t)² + var c. Both are
-functions of m and s alone, and kept as tables. It is exact for noise that is normal and even over the filter's reach.
+functions of m and s alone, and kept as tables. It is exact for noise that is normal and even over the filter's reach;
+at the edges, where a record is mirrored, noise meets its own image, and s² grows by the filter's correlation with it.
 
 To choose ε, pictures of a few give those of all. At one frequency the filter is G = x / (x + 1) / H,
 x = |H|² / ε (f / 0.1)², and as a function of ε a sum of those of ε_k,
