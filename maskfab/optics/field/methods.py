@@ -315,11 +315,13 @@ def _dot_factor(lattice: Lattice, frequency: Floats) -> Complexes:
 
 # What work takes besides products, in flops of those, fitted to the times of 39 scenes. Of a transform, a flop; of
 # waves, a value; of dots, one that is folded and one that is merely read; of a rim, itself, a cut dot, and a flop of
-# its thin products; of cells, a row of them; of a pruned transform, a frequency.
+# its thin products; of cells, a row of them; of a pruned transform, a frequency; of complex products, themselves, a
+# wave, and a cut dot at a frequency.
 _TRANSFORM_FLOP, _WAVE = 9.0, 400.0
 _DOT_WORK, _DOT_READ = 120.0, 20.0
 _RIM, _CUT_DOT, _GATHERING, _RIM_ORDERS = 4e7, 2e5, 2.5, 8
 _ROW_OF_CELLS, _PRUNED_POINT = 1.5e6, 1700.0
+_DIRECT, _DIRECT_WAVE, _DIRECT_CUT = 7.5e7, 1800.0, 1.25e4
 _BYTES = 8
 
 
@@ -503,7 +505,8 @@ def _parity_memory(task: FieldTask) -> float:
 
 def _direct_flops(task: FieldTask) -> float:
     ny, nx, nv, nu = _intervals(task.y), _intervals(task.x), 2 * task.v.size, task.u.size
-    return 8.0 * nv * nx * (ny + nu) + 100 * 8 * nv * (task.rim + nx * nu) * (task.rim > 0)
+    rim = _RIM_ORDERS * 8 * nv * nx * nu + _DIRECT_CUT * task.rim * nv if task.rim else 0.0
+    return _DIRECT + 8.0 * nv * nx * (ny + nu) + _DIRECT_WAVE * (nx * nu + ny * nv) + rim
 
 
 def _direct_memory(task: FieldTask) -> float:
