@@ -23,6 +23,7 @@ from maskfab.base.arrays import Floats, Ints, Mask, distinct
 from maskfab.base.errors import OutputError, SourceError
 from maskfab.base.model import CLEAR, LAYERS, NOTE, Box, Die, Layer, Panel, Plate, Point, Polygon
 from maskfab.base.units import NM_PER_UM
+from maskfab.mask.crossings import meets_itself
 from maskfab.mask.outlines import UnitKey, unit_key, unit_name, unit_shapes
 from maskfab.mask.raster import disjoint, placed_boxes
 
@@ -209,8 +210,11 @@ MOST_CELLS = 20_000
 MOST_COVERED = 100
 """Times that one place is drawn; a plate draws it once, and sides cross as often as that squared."""
 
-MOST_VERTICES = 100_000
-"""Vertices of one polygon: what is done with it grows faster than they do, and mask writers take some thousands."""
+MOST_VERTICES = 2_000_000
+"""Vertices of one polygon; mask writers take some thousands."""
+
+# From so many vertices on klayout's check of a polygon is the slower, and from so many on it takes minutes.
+_SWEPT, _SWEPT_ALONE = 5_000, 100_000
 
 FARTHEST_NM = 1_000_000_000
 ROUNDING_KEY = "maskfab_rounding_nm"
@@ -470,17 +474,39 @@ def _refuse_distant(layout: db.Layout, path: Path, placed: PlacedCells) -> None:
 
 def _refuse_crossing(cell: db.Cell, layer: int, path: Path) -> None:
     raw = own_polygons(cell, layer)
+    if raw.edges().count() >= _SWEPT:
+        raw = _without_simple(raw, cell, path)
     try:
         crossing = raw.strange_polygon_check()
     except RuntimeError:  # klayout gave up on them
         crossing = raw
-    if crossing.is_empty():
-        return
-    box = next(crossing.each()).bbox()
-    raise SourceError(
+    if not crossing.is_empty():
+        first = next(crossing.each()).bbox().p1
+        raise _crosses(cell, path, first.x, first.y, f"; {crossing.count()} such places")
+
+
+def _without_simple(raw: db.Region, cell: db.Cell, path: Path) -> db.Region:
+    """Polygons of a cell, without those of many vertices that surely do not cross themselves."""
+    rest = db.Region()
+    rest.merged_semantics = False
+    for polygon in raw.each():
+        meeting = None
+        if polygon.num_points() >= _SWEPT and not polygon.holes():
+            along = (place for corner in polygon.each_point_hull() for place in (corner.x, corner.y))
+            meeting = meets_itself(np.fromiter(along, dtype=np.int64).reshape(-1, 2))
+            if meeting is None:
+                continue
+        if meeting is not None and polygon.num_points() > _SWEPT_ALONE:
+            raise _crosses(cell, path, int(meeting[0]), int(meeting[1]), ", or touches itself")
+        rest.insert(polygon)
+    return rest
+
+
+def _crosses(cell: db.Cell, path: Path, x: int, y: int, more: str) -> SourceError:
+    return SourceError(
         "MF312",
-        f"{path.name}: a polygon of cell {cell.name!r} crosses or covers itself at ({box.left / NM_PER_UM:g}, "
-        f"{box.bottom / NM_PER_UM:g}) um of the cell; {crossing.count()} such places",
+        f"{path.name}: a polygon of cell {cell.name!r} crosses or covers itself at ({x / NM_PER_UM:g}, "
+        f"{y / NM_PER_UM:g}) um of the cell{more}",
         where=str(path),
         cure="Draw it as polygons that do not cross themselves",
     )

@@ -56,7 +56,7 @@ from maskfab.report.rows.scene import SceneOptics, measure_scene, scene_plan, sc
 _FINEST_GRID = 4000
 _LARGEST_DOT_NM = 8000
 _SECONDS_OF_OPTICS, _USUAL_STOP_UM = 60, 4000.0
-_SHAPES_PER_SECOND, _MANY_VERTICES = 4_000, 20_000
+_SHAPES_PER_SECOND, _MANY_VERTICES, _VERTICES_OF_A_SHAPE = 4_000, 20_000, 16
 _MEMORY_OF_OPTICS, _MEMORY_PER_SHAPE = 2_000_000_000, 4_000
 
 MOST_SHAPES_SEEN = 3_000_000
@@ -413,7 +413,9 @@ def _allow_optics(path: Path, shapes: db.RecursiveShapeIterator, stop: Stop) -> 
     Raises:
         SourceError: MF313 if they are too many.
     """
-    count = db.Region(shapes).count()
+    drawn = db.Region(shapes)
+    drawn.merged_semantics = False
+    count = max(drawn.count(), drawn.edges().count() // _VERTICES_OF_A_SHAPE)
     if count > MOST_SHAPES_SEEN:
         what = f"{path.name} has {count:.3g} shapes before the stop; the limit is {MOST_SHAPES_SEEN:.0e}"
         cure = "Use a smaller --stop, or draw the mask with fewer shapes"
