@@ -42,7 +42,7 @@ _FEW_PAIRS, _FEW_NEAR_PAIRS = 50_000, 25_000
 # Lags at which the coarse error is measured.
 _NEAR_SAMPLES, _FEWEST_SAMPLES, _MOST_SAMPLES = 4, 64, 128
 # So much stays in the processor's cache, and so many values along x are held at once.
-_ROWS_AT_A_TIME, _COLUMNS_AT_A_TIME, _MOST_HELD = 32, 16, 12_000_000
+_ROWS_AT_A_TIME, _COLUMNS_AT_A_TIME, _MOST_HELD = 32, 16, 18_000_000
 _SINGLE = 1e-5
 # Above it a transform is faster than counting pairs.
 _MOST_PAIRS = 8_000_000
@@ -333,8 +333,9 @@ def _power(
 ) -> tuple[NDArray[np.complexfloating[Any]], float]:
     """Autocorrelation along y of transforms along x, and its sum over all lags; opposite lags are alike.
 
-    What is transformed along y is squared and transformed back a few columns at a time, never held in full. Of more
-    values along x than are held at once all rows are transformed again.
+    What is transformed along y is squared and transformed back a few columns at a time, never held in full. Lags within
+    reach are fewer than rows, and take the place of columns that have been used. Of more values along x than are held
+    at once all rows are transformed again.
 
     Returns:
         The autocorrelation [columns / few, lags from 0 on, dots y, few], the last few columns filled up.
@@ -342,28 +343,41 @@ def _power(
     cells, dots = shape
     lengths, axes = _along_x(sizes)
     few, kind = _COLUMNS_AT_A_TIME, np.result_type(rows(slice(1)).dtype, np.complex64)
-    blocks = -(-math.prod(lengths[:-1]) * (lengths[-1] // 2 + 1) // few)
-    power = np.empty((blocks, held // 2 + 1, sizes[1], few), dtype=kind)
-    most = max(_MOST_HELD // (cells * dots * few), 1)
+    columns = math.prod(lengths[:-1]) * (lengths[-1] // 2 + 1)
+    blocks, shape_of_lags = -(-columns // few), (held // 2 + 1, sizes[1], few)
+    used, kept = cells * dots * few, math.prod(shape_of_lags)
+    most = min(max(_MOST_HELD // used, 1), blocks)
+    buffer = np.empty(most * used, dtype=kind)
+    in_place = most == blocks and kept <= used
+    power = buffer if in_place else np.empty(blocks * kept, dtype=kind)
     along_y, total = [0, 1] if sizes[1] > 1 else [0], 0.0
+    field = np.empty((*sizes[:2], few), dtype=kind)
     for first in range(0, blocks, most):
-        spectrum = np.empty((min(most, blocks - first), cells * dots, few), dtype=kind)
+        spectrum = buffer.reshape(most, cells * dots, few)
+        part_of_row = slice(first * few, min((first + most) * few, columns))
+        whole, rest = divmod(part_of_row.stop - part_of_row.start, few)
+        spectrum[whole:, :, rest:] = 0
         for start in range(0, cells * dots, _ROWS_AT_A_TIME):
             part = slice(start, min(start + _ROWS_AT_A_TIME, cells * dots))
-            waves = np.fft.rfftn(rows(part), lengths, axes).reshape(part.stop - start, -1)
-            filled = np.pad(waves, [(0, 0), (0, blocks * few - waves.shape[1])])
-            spectrum[:, part] = filled.reshape(len(waves), blocks, few)[:, first : first + most].swapaxes(0, 1)
-        for block, columns in enumerate(spectrum, first):
-            field = np.zeros((*sizes[:2], few), dtype=kind)
-            field[:cells, :dots] = columns.reshape(cells, dots, few)
-            field = np.fft.fftn(field, axes=along_y)
-            squares = field.real**2
-            squares += field.imag**2
+            waves = np.fft.rfftn(rows(part), lengths, axes).reshape(part.stop - start, -1)[:, part_of_row]
+            spectrum[:whole, part] = waves[:, : whole * few].reshape(len(waves), whole, few).swapaxes(0, 1)
+            if rest:
+                spectrum[whole, part, :rest] = waves[:, whole * few :]
+        for block in range(first, min(first + most, blocks)):
+            field[...] = 0
+            field[:cells, :dots] = spectrum[block - first].reshape(cells, dots, few)
+            waves = np.fft.fftn(field, axes=along_y)
+            squares = waves.real**2
+            squares += waves.imag**2
             if block == 0:
                 total = float(squares[0, 0, 0])
             # Squares are real, so half of the lags tell the others.
             lags = np.fft.rfftn(squares, axes=along_y[::-1], norm="forward")
-            np.conj(lags[: power.shape[1]], out=power[block])
+            np.conj(lags[: shape_of_lags[0]], out=power[block * kept : (block + 1) * kept].reshape(shape_of_lags))
+    if in_place:
+        del spectrum
+        power.resize(blocks * kept, refcheck=False)
+    power = power.reshape(blocks, *shape_of_lags)
     return power, total
 
 

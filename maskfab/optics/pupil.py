@@ -18,9 +18,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats, Indices, Labels, Mask, distinct
 from maskfab.base.errors import JobError
@@ -137,7 +138,7 @@ class Aperture:
 
     Attributes:
         x, y: the lattices whose edges bound the intervals.
-        transmission: float64 [ny, nx] mean amplitude in [0, 1] of every interval pair.
+        transmission: float64 [ny, nx] mean amplitude in [0, 1] of every interval pair; uint8 if asked for so.
         variance: float64 [ny, nx] variance of the amplitude within each; zero where an interval is uniform.
     """
 
@@ -178,12 +179,13 @@ def covered_aperture(x: Lattice, y: Lattice, coverage: Floats) -> Aperture:
     return Aperture(x, y, coverage, variance)
 
 
-def panel_aperture(panel: Panel, half_width_um: float = np.inf) -> Aperture:
+def panel_aperture(panel: Panel, half_width_um: float = np.inf, *, as_bytes: bool = False) -> Aperture:
     """The design's own aperture: dots straight from the opening and the orientation map, no polygons involved.
 
     Args:
         panel: what is laid out.
         half_width_um: cells farther than this from the axis are left out.
+        as_bytes: dots that are clear or dark are uint8, an eighth of the memory; enough for a table of lags.
     """
     dot, pitch, gutter = panel.dot_nm / NM_PER_UM, panel.cell_size.pitch_um, panel.gutter_nm / NM_PER_UM
     rows, columns = panel.orientations.shape
@@ -198,7 +200,7 @@ def panel_aperture(panel: Panel, half_width_um: float = np.inf) -> Aperture:
     chosen = panel.orientations[row : row + y.cells, column : column + x.cells]
     patterns = panel.patterns
     if not panel.tracks:
-        transmission = _laid_out(patterns, chosen, x, y)
+        transmission = _laid_out(patterns.view(np.uint8) if as_bytes else patterns, chosen, x, y)
         return Aperture(x, y, transmission, zeros(transmission.shape))
     turns = np.arange(len(patterns)) % ORIENTATIONS
     amplitude, power = (patterns * values[turns] for values in veil(panel))
@@ -210,11 +212,12 @@ def panel_aperture(panel: Panel, half_width_um: float = np.inf) -> Aperture:
     return Aperture(x, y, transmission, variance)
 
 
-def _laid_out(oriented: Floats | Mask, chosen: Labels, x: Lattice, y: Lattice) -> Floats:
+def _laid_out(oriented: Floats | Mask | NDArray[np.uint8], chosen: Labels, x: Lattice, y: Lattice) -> Floats:
     """Values of dots [8 openings, dots, dots] over all intervals by what each cell holds; 0 in gutters; read-only."""
-    transmission = np.zeros((y.edges_um().size - 1, x.edges_um().size - 1))
+    kind: Any = np.float64 if oriented.dtype == np.bool_ else oriented.dtype
+    transmission: Floats = np.zeros((y.edges_um().size - 1, x.edges_um().size - 1), dtype=kind)
     # One row of cells at a time stays in the processor's cache; thousands of dots across would not.
-    strip = np.zeros((y.dots, x.cells, x.period))
+    strip = np.zeros((y.dots, x.cells, x.period), dtype=kind)
     for j in range(y.cells):
         for k in distinct(chosen[j]):
             strip[:, chosen[j] == k, : x.dots] = oriented[k][:, None, :]
@@ -475,7 +478,7 @@ def _middle(stop: Stop) -> Stop:
 
 def _within(values: Floats, first: Indices, last: Indices) -> Floats:
     """The values in columns first to last - 1 of every row, zero elsewhere; read-only."""
-    clipped = np.zeros(values.shape)
+    clipped = np.zeros_like(values)
     for j in np.flatnonzero(first < last):
         clipped[j, first[j] : last[j]] = values[j, first[j] : last[j]]
     clipped.flags.writeable = False

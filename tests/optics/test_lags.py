@@ -12,6 +12,7 @@ from scipy.optimize import brentq
 
 from maskfab.base.model import Mtf, Panel, RadialMean
 from maskfab.job.camera import Stop
+from maskfab.optics import lags
 from maskfab.optics.lags import LagTable, lag_table
 from maskfab.optics.mtf import RINGS, area_under_radial_min, frequency_at, presampled_mtf
 from maskfab.optics.psf import image_scale_um2
@@ -279,3 +280,18 @@ def test_a_curve_that_nearly_falls_before_has_a_bar_that_says_so() -> None:
     assert frequency == pytest.approx(50 + 10 * 2 / 7)
     assert frequency - bar == pytest.approx(10 + 10 * (0.8 - 0.502) / 0.299)
     assert frequency_at(sure, 0.3) is None
+
+
+@pytest.mark.parametrize("held", [1, 10**9], ids=["in many parts", "in place of its columns"])
+@pytest.mark.parametrize("gutter_nm", [0, 2000])
+def test_a_table_of_dots_laid_out_as_bytes_is_that_of_numbers(monkeypatch, held, gutter_nm):
+    laid_out, stop = panel(noise(5, 0.6, 1), cells=3, seed=2, gutter_nm=gutter_nm), Stop("circle", 61.3)
+    expected = lag_table(cut(panel_aperture(laid_out), stop), 20.0)
+    monkeypatch.setattr(lags, "_MOST_HELD", held)
+    seen = cut(panel_aperture(laid_out, as_bytes=True), stop)
+    assert seen.whole.dtype == np.uint8
+    table = lag_table(seen, 20.0)
+    scale = expected.values.max()
+    np.testing.assert_allclose(table.values, expected.values, atol=1e-14 * scale, rtol=0)
+    x, y = np.random.default_rng(0).uniform(-20, 20, (2, 50))
+    np.testing.assert_allclose(table.otf(x, y), expected.otf(x, y), atol=1e-14, rtol=0)
