@@ -121,7 +121,7 @@ class _Sides:
         self._require(np.diff(places) > self.margin, sides)
 
     def _gaps(self, through: Indices, points: Floats) -> Indices:
-        """How many of the sides through a slab, in order, lie before each point [n, 2] of it."""
+        """Number of the sides through a slab, in order, that lie before each point [n, 2] of it."""
         before, after = np.zeros(len(points), dtype=np.intp), np.full(len(points), through.size)
         for _ in range(through.size.bit_length()):
             middle = (before + after) // 2
