@@ -21,9 +21,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,14 +31,22 @@ from numpy.typing import NDArray
 from maskfab.base.arrays import Floats, Indices, fast_length
 from maskfab.base.errors import InternalError
 from maskfab.base.model import Scalar, frozen
+from maskfab.job.camera import Stop
 from maskfab.optics.field.waves import Reals
 from maskfab.optics.pupil import Lattice, Pupil
-from maskfab.optics.rim import RimLags, apart, rim_lags
+from maskfab.optics.rim import apart, rim_lags
+
+if TYPE_CHECKING:
+    from maskfab.optics.outline_lags import OutlineLags
 
 # At lags within so many dots of 0 cut dots meet themselves or the next ones, and all err alike.
 _NEAR_DOTS = 3
 # Pairs of lags and cut dots that cost little beside a table; near 0, where they meet each other, they cost more.
 _FEW_PAIRS, _FEW_NEAR_PAIRS = 50_000, 25_000
+# Of polygons so many lags are exact whatever they cost.
+_FEW_LAGS = 300
+# A lag of few polygons takes as long as one of so many.
+_FEWEST_PARTS = 1000
 # Lags at which the coarse error is measured.
 _NEAR_SAMPLES, _FEWEST_SAMPLES, _MOST_SAMPLES = 4, 64, 128
 # So much stays in the processor's cache, and so many values along x are held at once.
@@ -46,6 +54,20 @@ _ROWS_AT_A_TIME, _COLUMNS_AT_A_TIME, _MOST_HELD = 32, 16, 18_000_000
 _SINGLE = 1e-5
 # Above it a transform is faster than counting pairs.
 _MOST_PAIRS = 8_000_000
+
+
+class Shapes(Protocol):
+    """What the means of dots do not tell."""
+
+    @property
+    def stop(self) -> Stop: ...
+
+    @property
+    def cut_dots(self) -> int:
+        """Number of parts that every lag looks at."""
+
+    def correction_um2(self, lag_x_um: Floats, lag_y_um: Floats) -> Floats:
+        """What shapes change at lags [n] other than 0."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +83,7 @@ class LagTable:
         errors: bound of the error of C(s) / C(0), near lag 0 and beyond.
         rims: what the shapes of cut dots change, of every part of the amplitude; none where ``errors`` count it.
         sum_um2: of the means over all lags, within reach or not.
+        outline: of what is clear, where polygons tell the shapes of all dots.
     """
 
     x: Lattice
@@ -69,8 +92,9 @@ class LagTable:
     reach_um: float
     energy_um2: float
     errors: tuple[float, float]
-    rims: tuple[RimLags, ...] = ()
+    rims: tuple[Shapes, ...] = ()
     sum_um2: float = 0.0
+    outline: OutlineLags | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", frozen(self.values))
@@ -85,7 +109,7 @@ class LagTable:
         if not self.rims:
             return coarse
         lag_x, lag_y = np.broadcast_arrays(np.asarray(lag_x_um, np.float64), np.asarray(lag_y_um, np.float64))
-        meets = ~apart(self.rims[0].dots.stop, lag_x, lag_y)
+        meets = ~apart(self.rims[0].stop, lag_x, lag_y)
         exact = np.where(meets, coarse, 0.0)
         # Lag 0 was given its due.
         meets &= (lag_x != 0) | (lag_y != 0)
@@ -146,7 +170,7 @@ class LagTable:
     @property
     def cut_dots(self) -> int:
         """Number of cut dots whose shapes count."""
-        return sum(rim.dots.row.size for rim in self.rims)
+        return sum(rim.cut_dots for rim in self.rims)
 
     @cached_property
     def coarse_errors(self) -> tuple[float, float]:
@@ -156,7 +180,7 @@ class LagTable:
         random = np.random.default_rng(0)
         near = self.near_um
         count = int(np.clip(_FEW_PAIRS / 2 / self.cut_dots, _FEWEST_SAMPLES, _MOST_SAMPLES))
-        farthest = max(near, min(self.reach_um, max(self.rims[0].dots.stop.sides_um)))
+        farthest = max(near, min(self.reach_um, max(self.rims[0].stop.sides_um)))
         angle = random.uniform(0, np.pi, _NEAR_SAMPLES + count)
         radius = np.concatenate([near * random.random(_NEAR_SAMPLES), near * (farthest / near) ** random.random(count)])
         half_x, half_y = self.x.dot_um / 2, self.y.dot_um / 2
@@ -183,10 +207,11 @@ class LagTable:
         coarse = self.coarse_otf(lag_x_um, lag_y_um) if coarse is None else coarse
         if not self.rims:
             return coarse, np.where(near, *self.errors)
-        meets = ~apart(self.rims[0].dots.stop, lag_x_um, lag_y_um)
+        meets = ~apart(self.rims[0].stop, lag_x_um, lag_y_um)
         dots = self.cut_dots
-        exact = meets if np.count_nonzero(meets) * dots <= _FEW_PAIRS else near & meets
-        if np.count_nonzero(exact & near) * dots > _FEW_NEAR_PAIRS:
+        few = self.outline is not None and lag_x_um.size <= _FEW_LAGS
+        exact = meets if few or np.count_nonzero(meets) * dots <= _FEW_PAIRS else near & meets
+        if not few and np.count_nonzero(exact & near) * dots > _FEW_NEAR_PAIRS:
             exact = exact & ~near
         values = coarse * meets
         values[exact] = self.otf(lag_x_um[exact], lag_y_um[exact])
@@ -198,12 +223,33 @@ class LagTable:
         return self.sum_um2 * self.x.dot_um * self.y.dot_um / self.energy_um2
 
 
-def lag_table(pupil: Pupil, reach_um: float = np.inf) -> LagTable:
+@dataclass(frozen=True, eq=False)
+class _Outlined:
+    """Polygons, as a correction of the means of a raster of them."""
+
+    outline: OutlineLags
+    means: LagTable
+
+    @property
+    def stop(self) -> Stop:
+        return self.outline.stop
+
+    @property
+    def cut_dots(self) -> int:
+        return self.outline.count + _FEWEST_PARTS
+
+    def correction_um2(self, lag_x_um: Floats, lag_y_um: Floats) -> Floats:
+        means = self.means.coarse_otf(lag_x_um, lag_y_um) * self.means.energy_um2
+        return self.outline.autocorrelation_um2(lag_x_um, lag_y_um) - means
+
+
+def lag_table(pupil: Pupil, reach_um: float = np.inf, outline: OutlineLags | None = None) -> LagTable:
     """Autocorrelate a pupil by FFT over cells and dots at once.
 
     Args:
         pupil: openings inside the stop.
         reach_um: the largest lag along either axis that will be asked for; a shorter reach is a smaller transform.
+        outline: polygons of which the pupil is a raster.
     """
     dot_area = pupil.x.dot_um * pupil.y.dot_um
     rows, columns = pupil.y.dot_index().ravel(), pupil.x.dot_index().ravel()
@@ -218,6 +264,13 @@ def lag_table(pupil: Pupil, reach_um: float = np.inf) -> LagTable:
     values[0, 0, 0, 0] += (float(pupil.whole_variance.sum()) + float(pupil.rim_variance.sum())) * dot_area
     energy = float(values[0, 0, 0, 0])
     values.flags.writeable = False
+    if outline is not None:
+        energy = float(outline.autocorrelation_um2(np.zeros(1), np.zeros(1))[0])
+        held = values.copy()
+        held[0, 0, 0, 0] = energy
+        errors = outline.rounding, outline.rounding
+        means = LagTable(pupil.x, pupil.y, held, reach_um, energy, errors, (), energy**2 / dot_area)
+        return replace(means, rims=(_Outlined(outline, means),), outline=outline)
     rim = rim_lags(pupil, reach_um)
     unknown = shape_errors(pupil, energy, cut_dots=rim is None)
     # Areas are told to some last places of the stop's.
@@ -436,10 +489,13 @@ class AxisLags:
     Attributes:
         lattice: the pupil's lattice along the axis.
         values: float64 [cells, dots] in square micrometres, negative lags wrapped round, good for every lag.
+        bounds: float64 [cells], of what the means of dots do not tell, from each whole-dot lag to the next; of a raster
+            of polygons.
     """
 
     lattice: Lattice
     values: Floats
+    bounds: Floats | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", frozen(self.values))
@@ -451,6 +507,13 @@ class AxisLags:
         for place, weight in neighbours(self.lattice, lag_um, (cells, dots)):
             total += weight * self.values.ravel()[place]
         return total
+
+    def error_at(self, lag_um: Floats, table: LagTable) -> Floats:
+        """Error of C(s) / C(0) at lags of any shape."""
+        if self.bounds is None:
+            return np.where(abs(lag_um) < table.near_um, *table.coarse_errors)
+        dots = np.minimum(abs(lag_um) / self.lattice.dot_um, self.bounds.size - 1).astype(np.intp)
+        return self.bounds[dots] / table.energy_um2
 
     def transform(self, places: Floats, offsets: Floats) -> Floats:
         """Its integral over all lags against cos(2πus), in cubic micrometres.
@@ -475,12 +538,13 @@ class AxisLags:
         return np.asarray(total * dot * np.sinc(dot * (places[:, None] + offsets)) ** 2)
 
 
-def axis_lags(pupil: Pupil, energy_um2: float) -> tuple[AxisLags, AxisLags]:
+def axis_lags(pupil: Pupil, energy_um2: float, *, raster: bool = False) -> tuple[AxisLags, AxisLags]:
     """Autocorrelations along x and along y at every lag up to the pupil's width.
 
     Args:
         pupil: openings inside the stop.
         energy_um2: the value at lag 0, which dots that the stop cuts do not give by their means.
+        raster: whether it is one of polygons, without gutters.
     """
     grey = pupil.mean_transmission[np.ix_(pupil.y.dot_index().ravel(), pupil.x.dot_index().ravel())]
     area = pupil.x.dot_um * pupil.y.dot_um
@@ -497,5 +561,27 @@ def axis_lags(pupil: Pupil, energy_um2: float) -> tuple[AxisLags, AxisLags]:
             power = power + (spectrum.real**2 + spectrum.imag**2).sum(axis=0)
         values = np.fft.irfftn(power, sizes, axes=[axis - 1 for axis in axes]) * area
         values[0, 0] = energy_um2
-        tables.append(AxisLags(lattice, values))
+        tables.append(AxisLags(lattice, values, frozen(_raster_bounds(rows) * area) if raster else None))
     return tables[0], tables[1]
+
+
+def _raster_bounds(rows: Floats) -> Floats:
+    """What shapes may change of the autocorrelation along x, from each whole-dot lag to the next, in dots.
+
+    With e what dots have beside their means, <e, e'> is at most the product of standard deviations σ. A moved dot meets
+    two means: their difference counts with what e has on one side, σ/2 at most (Cauchy-Schwarz).
+    """
+    count = rows.shape[1]
+    size = fast_length(2 * count)
+    alike, apart_by = np.zeros(size // 2 + 1), np.zeros(size // 2 + 1, dtype=np.complex128)
+    for start in range(0, len(rows), _LAG_ROWS_AT_A_TIME):
+        part = rows[start : start + _LAG_ROWS_AT_A_TIME]
+        deviation = np.fft.rfft(np.sqrt(np.clip(part * (1 - part), 0.0, None)), size, axis=1)
+        # From each dot to the next one, and into the first.
+        step = np.fft.rfft(abs(np.diff(part, axis=1, prepend=0.0, append=0.0)), size, axis=1)
+        alike += (deviation.real**2 + deviation.imag**2).sum(axis=0)
+        apart_by += (deviation.conj() * step).sum(axis=0)
+    of_shapes, of_steps = (np.fft.irfft(power, size) for power in (alike, apart_by))
+    lag = np.arange(count)
+    # Steps lie before their dots.
+    return np.asarray(of_shapes[lag] + of_shapes[lag + 1] + (of_steps[lag + 1] + of_steps[-lag]) / 2)

@@ -298,14 +298,14 @@ def _alias_errors(lags: tuple[AxisLags, AxisLags], table: LagTable, mtf: Mtf, ca
     """
     orders, alias, pixel = _aliases(mtf, camera)
     scale, own = image_scale_um2(camera, mtf.wavelength_nm), orders == 0
-    error = abs(pixel) * np.where(scale * abs(alias) < table.near_um, *table.coarse_errors)
-    aside = np.sqrt((error[~own] ** 2).sum(axis=0))
-    turned = []
+    aside, turned = [], []
     for axis in lags:
+        error = abs(pixel) * axis.error_at(scale * alias, table)
+        aside.append(np.sqrt((error[~own] ** 2).sum(axis=0)))
         parts = abs(axis.at(scale * alias) / table.energy_um2 * pixel)
         others = parts[~own].sum(axis=0)
         turned.append(error[own][0] * 2 * others / np.maximum(np.maximum(parts[own][0], others), np.finfo(float).tiny))
-    return np.concatenate([aside, aside]), np.concatenate(turned)
+    return np.concatenate(aside), np.concatenate(turned)
 
 
 def aliased_cuts(lags: tuple[AxisLags, AxisLags], table: LagTable, mtf: Mtf, camera: Camera) -> AliasedMtf:

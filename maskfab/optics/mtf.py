@@ -50,7 +50,7 @@ LEVELS = (50, 30, 10)
 """Modulations in per cent about whose first crossing the radial mean is told on exact radii."""
 
 # How many lags of a ring are made exact at first, and pairs of lags and cut dots after which no more are.
-_FIRST_OF_RING, _MOST_PAIRS = 1, 200_000
+_FIRST_OF_RING, _MOST_PAIRS, _MOST_LAGS = 1, 200_000, 5000
 
 # Rings to either side of a crossing, radii in each, and directions for each dot of a half circle of lags.
 _RINGS_ABOUT, _RADII_PER_RING, _DIRECTIONS_PER_DOT = 2, 3, 2
@@ -166,6 +166,10 @@ class _View:
         """The bounded MTF at so many steps of frequency, fewer than RINGS of them, and not downwards."""
         axis = step * np.arange(1 - RINGS, RINGS, dtype=np.float64)
         column, row = steps_x + RINGS - 1, steps_y + RINGS - 1
+        if self.table.outline is not None:
+            means, bounds = self.table.outline.on_lattice(self.scale_um2 * step, RINGS)
+            along = self.pixel(axis[column], axis[row]) / self.table.energy_um2
+            return means[steps_y, column] * along, bounds[steps_y, column] * along
         lag, pixel = self.scale_um2 * axis, np.sinc(axis * self.camera.pixel_um)
         coarse = self.table.coarse_grid(lag, lag[RINGS - 1 :])[steps_y, column]
         optics, error = self.table.bounded_otf(lag[column], lag[row], coarse)
@@ -233,7 +237,8 @@ def _refined_minima(
     sure = errors <= table.uncertainty
     low = np.minimum.reduceat(np.where(sure, values, np.inf), starts)
     spent, at_a_time = 0, _FIRST_OF_RING
-    while table.rims and spent < _MOST_PAIRS:
+    most = _MOST_PAIRS if table.outline is None else _MOST_LAGS * table.cut_dots
+    while table.rims and spent < most:
         k = np.flatnonzero(~sure & (np.maximum(values - errors, 0.0) < low[ring] - table.uncertainty))
         k = k[_least(ring[k], values[k], at_a_time)]
         if not k.size:

@@ -145,11 +145,30 @@ def _integral(place: Floats) -> Floats:
 
 def _on_the_axis(box: Floats, lag: Floats, power: Floats, own_radius: float, moved_radius: float) -> Floats:
     """The overlap where the radical axis splits rectangles, into two polygons with a single circle each."""
-    x, y = box[[0, 1, 1, 0]], box[[2, 2, 3, 3]]
+    return _by_the_axis(box[[0, 1, 1, 0]], box[[2, 2, 3, 3]], lag, power, own_radius, moved_radius)
+
+
+def _by_the_axis(x: Floats, y: Floats, lag: Floats, power: Floats, own_radius: float, moved_radius: float) -> Floats:
     height = x * lag[0] + y * lag[1] + power
     moved_x, moved_y = _beside(x, y, height, lag)
     moved = _disc_area(moved_x + lag[0], moved_y + lag[1], moved_radius)
     return moved + _disc_area(*_beside(x, y, -height, -lag), own_radius)
+
+
+def area_in_both_discs(x: Floats, y: Floats, lag: tuple[float, float], hole: float = 0.0) -> Floats:
+    """Area of convex polygons inside a unit disc and inside it moved back by a lag, less what its round hole takes.
+
+    Args:
+        x, y: float64 [v, n], corners, anticlockwise.
+        lag: of the disc that is moved.
+        hole: radius of the dark middle of an annulus.
+    """
+    if lag == (0.0, 0.0):
+        return _disc_area(x, y, 1.0) - (_disc_area(x, y, hole) if hole else 0.0)
+    both, area = np.array(lag)[:, None], np.zeros(x.shape[1])
+    for own, moved in [(1.0, 1.0), (1.0, hole), (hole, 1.0), (hole, hole)] if hole else [(1.0, 1.0)]:
+        area += (1 if own == moved else -1) * _by_the_axis(x, y, both, _power(both, own, moved), own, moved)
+    return area
 
 
 def _beside(x: Floats, y: Floats, height: Floats, normal: Floats) -> tuple[Floats, Floats]:
@@ -410,6 +429,15 @@ class RimLags:
         object.__setattr__(self, "kind", frozen(self.kind))
         if self.grey is not None:
             object.__setattr__(self, "grey", frozen(self.grey))
+
+    @property
+    def stop(self) -> Stop:
+        return self.dots.stop
+
+    @property
+    def cut_dots(self) -> int:
+        """How many there are."""
+        return self.dots.row.size
 
     def correction_um2(self, lag_x_um: Floats, lag_y_um: Floats) -> Floats:
         """Correction to a table of means, given its due at lag 0, at lags [n], in square micrometres."""

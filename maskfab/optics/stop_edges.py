@@ -63,7 +63,7 @@ def _polygon_edges(merged: db.Region, stop: Stop, centre_nm: tuple[float, float]
     # KLayout has the clear side on the right of an edge, the field formula on the left.
     corners = (c for e in whole.edges().each() for c in (e.x2, e.y2, e.x1, e.y1))
     edges = (np.fromiter(corners, dtype=np.float64).reshape(-1, 4) - np.tile(centre_nm, 2)) * UM_PER_NM
-    rim, rim_area = _cut_edges(near & db.Region(db.Box(*stop_box(stop, centre_nm))), stop, centre_nm)
+    rim, rim_area = _cut_edges(near & cutting_box(stop, centre_nm), stop, centre_nm)
     # A region's area is told in whole square nanometres of every polygon, of which slanted ones have halves.
     area = sum(polygon.area2() for polygon in whole.each()) / 2e6
     return np.concatenate([edges, rim]), area + rim_area
@@ -89,6 +89,14 @@ def stop_box(stop: Stop, centre_nm: tuple[float, float], margin_nm: int = 0) -> 
     reach = int(stop.diameter_um * 505) + 1 + margin_nm
     x, y = (round(c) for c in centre_nm)
     return x - reach, y - reach, x + reach, y + reach
+
+
+def cutting_box(stop: Stop, centre_nm: tuple[float, float]) -> db.Region:
+    """A square in which polygons have coordinates that bear a finer grid.
+
+    Its sides are as far from the stop as they can be: they cut slanted edges at whole nanometres, and so turn them.
+    """
+    return db.Region(db.Box(*stop_box(stop, centre_nm, int(stop.diameter_um * NM_PER_UM / 2))))
 
 
 def stop_region(stop: Stop, per_um: float) -> db.Region:

@@ -10,7 +10,7 @@ from optics_cases import camera, clear_region, noise, panel, pupil
 from maskfab.job.camera import Stop
 from maskfab.optics.metrics import AREA_ERROR, relative_difference
 from maskfab.optics.psf import point_psf
-from maskfab.optics.stop_edges import _cut_edges, edges_in_stop, stop_box
+from maskfab.optics.stop_edges import _cut_edges, cutting_box, edges_in_stop
 from maskfab.report.rows.optics import polygon_psf, stop_boundary
 
 
@@ -63,7 +63,7 @@ def test_only_polygons_at_the_rim_are_cut_and_the_rest_stay_as_they_are(monkeypa
     monkeypatch.setattr("maskfab.optics.stop_edges._cut_edges", cut)
     edges, area = edges_in_stop(shapes, stop, axis)
     assert sum(booleans) < 0.3 * shapes.count()
-    expected, expected_area = _cut_edges(shapes & db.Region(db.Box(*stop_box(stop, axis))), stop, axis)
+    expected, expected_area = _cut_edges(shapes & cutting_box(stop, axis), stop, axis)
     assert area == pytest.approx(expected_area, rel=1e-12)
     one, other = (each[np.lexsort(np.round(each, 7).T)] for each in (edges, expected))
     np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)

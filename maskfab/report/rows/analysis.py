@@ -30,17 +30,18 @@ from maskfab.mask.formats.gdsii import read_oasis, write_oasis
 from maskfab.mask.layout import plate_layout, region
 from maskfab.mask.limits import allow
 from maskfab.mask.panels import check_cover, check_panel_size
-from maskfab.mask.raster import aperture_in_stop, disjoint, edge_distances
+from maskfab.mask.raster import aperture_in_stop, disjoint, edge_distances, outline_coverage
 from maskfab.mask.sandbox import bounded
 from maskfab.optics import metrics
 from maskfab.optics.field.polygons import Boundary
+from maskfab.optics.outline_lags import OutlineLags, outline_lags
 from maskfab.optics.psf import Leak, pixel_margin
 from maskfab.optics.pupil import Aperture, Lattice, Pupil, cut
 from maskfab.optics.response import curves_text
 from maskfab.optics.scene.model_bar import bar_of_panel, bar_quantities, model_bar
 from maskfab.optics.scene.plan import sampling_camera
 from maskfab.optics.scene.scene import Scene
-from maskfab.optics.stop_edges import edges_in_stop, stop_box
+from maskfab.optics.stop_edges import cutting_box, edges_in_stop, stop_box
 from maskfab.optics.tiling import orientations
 from maskfab.report.rows.optics import (
     INVARIANT_LIMIT_ROUND,
@@ -55,7 +56,7 @@ from maskfab.report.rows.scene import SceneOptics, measure_scene, scene_plan, sc
 
 _FINEST_GRID = 4000
 _LARGEST_DOT_NM = 8000
-_SECONDS_OF_OPTICS, _USUAL_STOP_UM = 60, 4000.0
+_SECONDS_OF_OPTICS, _USUAL_STOP_UM = 180, 4000.0
 _SHAPES_PER_SECOND, _MANY_VERTICES, _VERTICES_OF_A_SHAPE = 4_000, 20_000, 16
 _MEMORY_OF_OPTICS, _MEMORY_PER_SHAPE = 2_000_000_000, 4_000
 
@@ -332,21 +333,24 @@ def _see(path: Path, request: Request, leak: Leak | None) -> tuple[str, float, L
 
     Polygons, edges and aperture, then outline and lags take more memory than all after them, and go when used.
     """
-    name, edges, area, lattice, aperture = _draw(path, request)
+    name, edges, area, lattice, aperture, lags = _draw(path, request, outlined=leak is None)
     release_memory()
     camera = request.camera
     outline = stop_boundary(edges, area, camera, pixel_margin(camera))
     pupil, parts = cut(aperture, camera.stop), () if leak is None else leak.pupils(aperture)
     del edges, aperture
-    return name, area, lattice, outline, pupil, lit_pupils(pupil, parts, leak, camera)
+    return name, area, lattice, outline, pupil, lit_pupils(pupil, parts, leak, camera, lags)
 
 
-def _draw(path: Path, request: Request) -> tuple[str, NDArray[np.float64], float, Lattice, Aperture]:
+def _draw(
+    path: Path, request: Request, *, outlined: bool
+) -> tuple[str, NDArray[np.float64], float, Lattice, Aperture, OutlineLags | None]:
     """A mask file as far as the stop sees it.
 
     The name of the cell, edges [n, 4] as of :func:`maskfab.optics.stop_edges.edges_in_stop`, the clear area before the
-    stop in um^2, and the grid of the aperture with the clear shares of its dots. The polygons themselves, which take
-    more memory than all else, are gone.
+    stop in um^2, and the grid of the aperture with the clear shares of its dots; last, if ``outlined``, lags of
+    polygons that are not too many and lie on no grid. The polygons themselves, which take more memory than all else,
+    are gone.
     """
     dots = _dots(request)
     name, layer, inside = _polygons(path, request)
@@ -357,12 +361,19 @@ def _draw(path: Path, request: Request) -> tuple[str, NDArray[np.float64], float
         what = f"{path} has nothing clear inside a stop of {stop.diameter_um:g} um round the middle of its geometry"
         cure = "Name another --cell or --layer, or use a larger --stop"
         raise SourceError("MF309", what, where=f"cell {name}, layer {layer}", cure=cure)
-    twice, _ = edge_distances(inside, stop, (0.0, 0.0))
+    twice, slanted = edge_distances(inside, stop, (0.0, 0.0))
     # Without an edge in sight every grid is exact.
-    lattice = _lattice(sorted(distance // 2 for distance in twice) or [_LARGEST_DOT_NM], request, dots)
+    coordinates = sorted(distance // 2 for distance in twice) or [_LARGEST_DOT_NM]
+    lattice = _lattice(coordinates, request, dots, slanted=slanted and outlined)
     check_optics(camera, lattice.dot_um, where=str(path))
     aperture = aperture_in_stop(lattice, lattice, inside, edges, stop, (0.0, 0.0), apart=apart)
-    return name, edges, area, lattice, aperture
+    if not outlined or (not slanted and twice <= set(np.rint(2 * NM_PER_UM * lattice.edges_um()).astype(int).tolist())):
+        return name, edges, area, lattice, aperture, None
+
+    def raster(lines_um: NDArray[np.float64]) -> NDArray[np.float64]:
+        return outline_coverage(edges, lines_um, lines_um)
+
+    return name, edges, area, lattice, aperture, outline_lags(inside, stop, (0.0, 0.0), raster)
 
 
 def _polygons(path: Path, request: Request) -> tuple[str, db.LayerInfo, db.Region]:
@@ -388,7 +399,9 @@ def _polygons(path: Path, request: Request) -> tuple[str, db.LayerInfo, db.Regio
     centre = ((box.left + box.right) // 2, (box.bottom + box.top) // 2)
     near = stop_box(request.camera.stop, centre, _LARGEST_DOT_NM)
     _allow_optics(path, cell.begin_shapes_rec_overlapping(index, db.Box(*near)), request.camera.stop)
-    drawn = db.Region(cell.begin_shapes_rec_overlapping(index, db.Box(*near))) & db.Region(db.Box(*near))
+    drawn = db.Region(cell.begin_shapes_rec_overlapping(index, db.Box(*near))) & cutting_box(
+        request.camera.stop, centre
+    )
     drawn.move(-centre[0], -centre[1])
     drawn.merged_semantics = False
     return cell.name, layer, drawn if _lie_apart(drawn) else drawn.merged(True, 1)
@@ -424,11 +437,12 @@ def _allow_optics(path: Path, shapes: db.RecursiveShapeIterator, stop: Stop) -> 
     allow(seconds + count / _SHAPES_PER_SECOND, _MEMORY_OF_OPTICS + count * _MEMORY_PER_SHAPE)
 
 
-def _lattice(coordinates_nm: list[int], request: Request, dots: int | None) -> Lattice:
+def _lattice(coordinates_nm: list[int], request: Request, dots: int | None, *, slanted: bool) -> Lattice:
     """A grid on which the geometry's edges lie, if there is one coarse enough to compute with; else a fine one.
 
     What the request says of the grid counts where the edges lie on it. Where they do not, because the geometry's middle
     is not that of its panel, the grid is found as if nothing were said; if there is none, the requested dot is taken.
+    Slanted edges lie on no grid, and on a fine one polygons tell what it does not.
     """
     diameter = request.camera.stop.diameter_um
     if dots is not None and request.dot_um is not None and request.pitch_um is not None:
@@ -437,8 +451,8 @@ def _lattice(coordinates_nm: list[int], request: Request, dots: int | None) -> L
         lattice = Lattice(start, cells, dots, request.dot_um, request.pitch_um)
         if set(coordinates_nm) <= set(np.rint(NM_PER_UM * lattice.edges_um()).astype(int).tolist()):
             return lattice
-    step_nm = math.gcd(*coordinates_nm)
-    finest_nm = math.ceil(diameter * NM_PER_UM / _FINEST_GRID)
+    step_nm = 1 if slanted else math.gcd(*coordinates_nm)
+    finest_nm = math.ceil(diameter * NM_PER_UM * (2 if slanted else 1) / _FINEST_GRID)
     dot_nm = None if request.dot_um is None else to_nm(request.dot_um, where="--dot", name="dot")
     if dot_nm is not None and (step_nm < finest_nm or step_nm % dot_nm == 0):
         step_nm = dot_nm

@@ -28,6 +28,7 @@ from maskfab.optics.energy import order_quantities, peak_to_side_lobe
 from maskfab.optics.field.polygons import Boundary, boundary
 from maskfab.optics.lags import AxisLags, LagTable, axis_lags, lag_table
 from maskfab.optics.mtf import edge_spread, longest_lag_um, presampled_mtf
+from maskfab.optics.outline_lags import OutlineLags
 from maskfab.optics.psf import (
     Leak,
     ReadyPupil,
@@ -240,7 +241,9 @@ class LitPupils:
     leak: Leak | None
 
 
-def lit_pupils(pupil: Pupil, parts: Iterable[Pupil], leak: Leak | None, camera: Camera) -> LitPupils:
+def lit_pupils(
+    pupil: Pupil, parts: Iterable[Pupil], leak: Leak | None, camera: Camera, outline: OutlineLags | None = None
+) -> LitPupils:
     """The lags that the camera needs.
 
     Args:
@@ -249,11 +252,12 @@ def lit_pupils(pupil: Pupil, parts: Iterable[Pupil], leak: Leak | None, camera: 
             leak.
         leak: of the film.
         camera: what looks through them.
+        outline: polygons of which the pupil is a raster.
     """
     reach = longest_lag_um(camera)
     if leak is None:
-        table = lag_table(pupil, reach)
-        return LitPupils(table, axis_lags(pupil, table.energy_um2), None)
+        table = lag_table(pupil, reach, outline)
+        return LitPupils(table, axis_lags(pupil, table.energy_um2, raster=outline is not None), None)
 
     def lags(part: Pupil) -> tuple[LagTable, tuple[AxisLags, AxisLags]]:
         return lag_table(part, reach), axis_lags(part, part.energy_um2)
