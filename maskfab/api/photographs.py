@@ -128,6 +128,7 @@ class Simulation(Result):
         many = len(self.scenes) > 1
         interval = f"± is the {CONFIDENCE:.0%} interval of the mean over {len(self.scenes)} scenes, by Student's t"
         below = [f"{interval}; a tie is one that holds 0." if many else "One scene: differences have no interval."]
+        below += self.table.noise_told
         if self.skipped:
             below.append(f"Skipped, as no photographs: {', '.join(self.skipped)}.")
         below += [f"Not photographed: {name}, {reason}." for name, reason in self.refused.items()]

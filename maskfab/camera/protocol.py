@@ -420,7 +420,7 @@ class _Case:
         heights: tuple[float, float] | None = None,
     ) -> Score:
         """Score of a picture; of PSNRs that are known without it where ``heights`` are given."""
-        scene, like = self.scenes[key], self.likenesses.get(key)
+        scene, like, drawn = self.scenes[key], self.likenesses.get(key), heights is None
         likeness, likeness_inner, colour, colour_inner = [math.nan] * 4
         if picture is not None:
             bright = self.protocol.brightness(self.design)
@@ -444,6 +444,7 @@ class _Case:
             colour_inner,
             restorer,
             chosen,
+            drawn,
         )
 
 

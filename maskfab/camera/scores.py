@@ -149,6 +149,8 @@ def _blur(values: Singles) -> Singles:
     return np.asarray(scipy.ndimage.correlate1d(lines, weight, axis=2, mode="nearest"))
 
 
+MEAN_OVER_NOISE = "the mean over the noise, in closed form, of every second row of 512 or more"
+"""Meaning of a PSNR that is not drawn."""
 CONFIDENCE = 0.95
 NORMAL_95 = 1.959964
 """Standard errors of a normal number to either side that hold 95 %."""
@@ -215,6 +217,8 @@ class Score:
         delta_e, delta_e_inner: mean colour difference of S-CIELAB, NaN likewise; about 2.3 is just noticeable.
         restorer: what restored it.
         chosen: restorer that was chosen, where ``restorer`` says that one was.
+        drawn: whether PSNR and ε are of one draw of the noise; otherwise of the mean over it, see
+            :mod:`maskfab.camera.expected`. SSIM and colours are always of a draw.
     """
 
     design: str
@@ -229,6 +233,7 @@ class Score:
     delta_e_inner: float = math.nan
     restorer: str = "wiener"
     chosen: str = ""
+    drawn: bool = True
 
 
 @dataclass(frozen=True)
@@ -271,6 +276,15 @@ class ScoreTable:
     @cached_property
     def _by_case(self) -> dict[tuple[str, float, str, str], Score]:
         return {(score.design, score.level_db, score.restorer, score.scene): score for score in self.scores}
+
+    @property
+    def noise_told(self) -> list[str]:
+        """A sentence on which scores are means over the noise and which are drawn; none where all are drawn."""
+        drawn = {f"that of {score.design} at {score.level_db:g} dB": None for score in self.scores if score.drawn}
+        if all(score.drawn for score in self.scores):
+            return []
+        others = ", ".join([*drawn, "pictures", "all other scores"])
+        return [f"PSNR is {MEAN_OVER_NOISE}; {others} are of one draw of it."]
 
     def regret(self, chosen: Score) -> float:
         """Decibels by which the photograph's best restorer is better than what was chosen; worse where below 0."""

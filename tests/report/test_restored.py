@@ -76,6 +76,7 @@ def found(job):
 def test_a_report_says_what_simulate_says(job, found, monkeypatch):
     monkeypatch.setattr(scene_sets, "drawn", small_scenes)
     told = simulate(job)
+    assert told.table.noise_told[0] in str(told).splitlines()
     scores: dict[tuple[str, float], list[float]] = {}
     for score in told.table.scores:
         scores.setdefault((score.design, score.level_db), []).append(score.psnr)
@@ -140,8 +141,26 @@ def test_rows_say_what_they_assume(found):
     for row in rows:
         for said in ("focal 10000 um", "read noise 4.87 electrons", "linear light", "2 drawn scenes", "Wiener"):
             assert said in row.method
+        assert "the mean over the noise, in closed form, of every second row" in row.method
+        assert ("error: a draw of the noise, and the rows that are not scored" in row.method) == (
+            row.name == "restored_psnr"
+        )
     assert "TOLED" in rows[-1].method
     assert [row.name for row in found.quantities("TOLED")] == ["restored_psnr"] * 2
+
+
+def test_rows_say_which_die_is_scored_in_one_draw(found):
+    """As one that passes light up to a full well is, beside one that does not."""
+    scores = tuple(replace(score, drawn=True) for score in found.dies["OURS"].scores)
+    mixed = replace(found, dies={**found.dies, "OURS": replace(found.dies["OURS"], scores=scores)})
+    psnr, gain = (row.method for row in mixed.quantities("OURS")[::2])
+    assert "Wiener filter, one draw of the noise; error: another draw of the noise;" in psnr
+    assert "of one die the mean over the noise, in closed form" in gain
+    assert "of the other one draw of it; error: half" in gain
+    assert mixed.table.noise_told == [
+        "PSNR is the mean over the noise, in closed form, of every second row of 512 or more; that of OURS at 24 dB, "
+        "that of OURS at 40 dB, pictures, all other scores are of one draw of it."
+    ]
 
 
 def test_photographs_are_shown_of_designed_dies_as_they_were_scored(found):

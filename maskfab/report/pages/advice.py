@@ -328,7 +328,7 @@ def _photographs(advised: Advised) -> tuple[str, str, list[Document]]:
     taken, level, gain = advised.photographs, advised.level_db, advised.gain(advised.level_db)
     names = (advised.reference, "the design")
     rows = [
-        _row(f"restored PSNR, {name}", die.psnr(level), "dB", "error: another draw of the noise", error=NOISE_DB)
+        _row(f"restored PSNR, {name}", die.psnr(level), "dB", die.error_told(level), error=NOISE_DB)
         for name, die in zip(names, taken.dies.values(), strict=True)
     ]
     for light in taken.conditions.levels:

@@ -326,7 +326,7 @@ def _block(study: Study, setting: Setting) -> Table[Line]:
         )
         lines.append(Line(die, cells, note=table.winners([score for scores in of for score in scores])))
     left_out = {name: study.left_out[setting.protocol.name, setting.case, name] for name in study.plan.panels}
-    return Table(levels, tuple(lines), reference=reference, notes=tuple(by_sentence(left_out)))
+    return Table(levels, tuple(lines), reference=reference, notes=(*by_sentence(left_out), *table.noise_told))
 
 
 def _study_mean(scores: Sequence[Score], key: str) -> float:

@@ -28,7 +28,7 @@ from maskfab.camera.protocol import ASSUMED, AUTO, F1, PAPER, WIENER, Protocol, 
 from maskfab.camera.record import Restorer
 from maskfab.camera.restorers import named
 from maskfab.camera.scenes import Photograph
-from maskfab.camera.scores import CONFIDENCE, Crop, Gain, Score, ScoreTable, Shot, truth_of
+from maskfab.camera.scores import CONFIDENCE, MEAN_OVER_NOISE, Crop, Gain, Score, ScoreTable, Shot, truth_of
 from maskfab.camera.sensor import LEVELS, in_decibels, picked_gains, stated_light, told_gains
 from maskfab.camera.sensor import told as sensor_told
 from maskfab.job.camera import Camera, Sensor
@@ -273,8 +273,20 @@ class Restored:
 
     def psnr(self, level_db: float) -> float:
         """Mean over the scenes, whole frame, in dB."""
-        own = [score.psnr for score in self.scores if score.level_db == level_db]
-        return float(np.mean(own))
+        return float(np.mean([score.psnr for score in self._at(level_db)]))
+
+    def drawn(self, level_db: float) -> bool:
+        """Whether that is of one draw of the noise."""
+        return any(score.drawn for score in self._at(level_db))
+
+    def error_told(self, level_db: float) -> str:
+        """What its error, :data:`NOISE_DB`, is of, in words."""
+        if self.drawn(level_db):
+            return "error: another draw of the noise"
+        return "error: a draw of the noise, and the rows that are not scored"
+
+    def _at(self, level_db: float) -> list[Score]:
+        return [score for score in self.scores if score.level_db == level_db]
 
 
 @dataclass(frozen=True, eq=False)
@@ -316,13 +328,13 @@ class Photographs:
             method = "photographs behind this die are not taken, for this reason"
             return (Quantity("photographs_refused", die.refused, method, die=name),)
         scenes = len({score.scene for score in die.scores})
-        how = f"{'; '.join(self.conditions.lines)}; {scenes} drawn scenes, restored by the Wiener filter"
+        how = f"{'; '.join(self.conditions.lines)}; {scenes} drawn scenes, restored by the Wiener filter, "
         means = [
             Quantity(
                 "restored_psnr",
                 die.psnr(level),
-                f"mean over the scenes: {how}; error: another draw of the noise; other scenes have other means, see "
-                "the paired gain",
+                f"mean over the scenes: {how}{_noise_told(level, die)}; {die.error_told(level)}; other scenes have "
+                "other means, see the paired gain",
                 uncertainty=NOISE_DB,
                 die=name,
                 level_db=level,
@@ -333,7 +345,8 @@ class Photographs:
             Quantity(
                 "restored_gain",
                 gain.psnr.mean,
-                f"mean of the differences to {self.reference}, scene by scene: {how}; error: half the {CONFIDENCE:.0%} "
+                f"mean of the differences to {self.reference}, scene by scene: {how}"
+                f"{_noise_told(gain.level_db, die, self.dies[str(self.reference)])}; error: half the {CONFIDENCE:.0%} "
                 f"interval by Student's t; {'a tie, for it holds 0' if gain.psnr.tie else 'it does not hold 0'}",
                 uncertainty=gain.psnr.half_width,
                 die=name,
@@ -342,6 +355,14 @@ class Photographs:
             for gain in self.gains[name]
         ]
         return (*means, *gains)
+
+
+def _noise_told(level_db: float, *dies: Restored) -> str:
+    """How dies of a level are scored, in words."""
+    every = {die.drawn(level_db) for die in dies}
+    if every == {True}:
+        return "one draw of the noise"
+    return MEAN_OVER_NOISE if every == {False} else f"of one die {MEAN_OVER_NOISE}, of the other one draw of it"
 
 
 def middle_level(levels_db: Sequence[float]) -> float:
