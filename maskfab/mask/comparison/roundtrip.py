@@ -319,16 +319,19 @@ def compare_layout(
     polygons = _written(read, _counts(read))
     if read.find_layer(layer_info(CHROME)) is not None:
         read = cleared(read, plate)
-    compared = (layer for layer in LAYERS if layer is not NOTE and (layer_names is None or layer.name in layer_names))
+    compared = [layer for layer in LAYERS if layer is not NOTE and (layer_names is None or layer.name in layer_names)]
     by_dots = [_compare_dots(die, read, tolerance_nm) if dots else None for die in plate.dies]
     alike = [die for die, check in zip(plate.dies, by_dots, strict=True) if check and check[0] and dots_prove]
-    in_design, in_read = _counts(design), _counts(read)
-    differing = {
-        layer: db.Region()
-        if layer is not CLEAR and _same_polygons((design, in_design), (read, in_read), layer)
-        else _xor(design, read, layer, alike if layer is CLEAR else ())
-        for layer in (*compared, *_further_layers(read))
-    }
+    further = tuple(_further_layers(read))
+    differing: dict[Layer, db.Region] = {}
+    if further or not _alike(design, read, compared):
+        in_design, in_read = _counts(design), _counts(read)
+        differing = {
+            layer: db.Region()
+            if layer is not CLEAR and _same_polygons((design, in_design), (read, in_read), layer)
+            else _xor(design, read, layer, alike if layer is CLEAR else ())
+            for layer in (*compared, *further)
+        }
     clear = differing.get(CLEAR, db.Region())
     sifted = sift(clear, tolerance_nm)
     differing[CLEAR] = sifted.faults
@@ -339,7 +342,7 @@ def compare_layout(
         path=path,
         layout=read,
         polygons=polygons,
-        drawn_polygons=_written(design, in_design) if drawn_polygons is None else drawn_polygons,
+        drawn_polygons=_written(design, _counts(design)) if drawn_polygons is None else drawn_polygons,
         rounding_nm=rounding_nm(read),
         differences=differences,
         dies=tuple(_check_die(die, check, differing) for die, check in zip(plate.dies, by_dots, strict=True)),
@@ -376,6 +379,28 @@ def _xor(design: db.Layout, read: db.Layout, layer: Layer, alike: Sequence[Die] 
     one, other = (_drawn_regions(layout, layer, store) for layout in (design, read))
     # A region in hierarchy dies with its store, so what differs is copied out of it.
     return db.Region(list((one ^ other).each())).merged(True, 1)
+
+
+def _alike(design: db.Layout, read: db.Layout, layers: Sequence[Layer]) -> bool:
+    """Whether two layouts draw some layers with the same polygons in the same cells, which is soon told.
+
+    Dies and marks may have cells of their own or stand in the top cell, whose name does not count. A file that places
+    more there than the design may take long to spread out.
+    """
+    planned, placed = (sum(place.size() for place in layout.top_cell().each_inst()) for layout in (design, read))
+    if not 0 < placed <= planned:
+        return False
+    copies = []
+    for copy in (design.dup(), read.dup()):
+        ignored = {copy.find_layer(layer_info(layer)) for layer in set(LAYERS).difference(layers)}
+        for index in copy.layer_indexes():
+            if index in ignored or copy.top_cell().bbox(index).empty():
+                copy.delete_layer(index)
+        copy.top_cell().flatten(1, True)
+        copy.rename_cell(copy.top_cell().cell_index(), "TOP")
+        copies.append(copy)
+    diff = db.LayoutDiff
+    return bool(diff().compare(*copies, diff.Silent | diff.BoxesAsPolygons | diff.NoProperties | diff.NoLayerNames, 0))
 
 
 def _same_polygons(

@@ -55,6 +55,17 @@ def test_a_written_plate_comes_back_exactly(small_plate, tmp_path, format_):
     assert by_name(result.quantities(), "corner_touches", "RANDOM").value > 0
 
 
+@pytest.mark.parametrize("format_", FORMATS)
+def test_a_file_of_the_same_cells_needs_no_booleans(small_plate, tmp_path, format_, monkeypatch):
+    path = write(small_plate, tmp_path, format_)
+    laid_over = []
+    monkeypatch.setattr("maskfab.mask.comparison.roundtrip._xor", lambda *given: laid_over.append(given) or db.Region())
+    roundtrip(small_plate, plate_layout(small_plate), path)
+    assert not laid_over
+    roundtrip(small_plate, displaced(plate_layout(small_plate), "TITLE", 1, 0), path)
+    assert laid_over
+
+
 def test_the_raster_of_a_die_is_built_without_the_layout(small_plate):
     die = small_plate.dies[0]
     x, y = die_edges_nm(die)
