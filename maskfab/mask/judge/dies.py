@@ -211,34 +211,30 @@ def figures(layout: db.Layout, layer: db.LayerInfo) -> Iterator[Figures]:
 def _placements(layout: db.Layout, cells: Sequence[db.Cell]) -> list[tuple[int, Ints, Ints]] | None:
     """Number, turn, int64 [2, 2], and displacements in the top cell, int64 [n, 2], of cells; None if one is scaled.
 
-    They are those of triangles that are put into the cells for a moment, their right angles at the origin, one leg, of
-    the cell's number from 1, upwards, and one twice as long to the right.
+    They are those of edges that are put into the cells for a moment, from the origin to the right by twice the cell's
+    number from 1, and upwards by the number. KLayout turns the edges of mirrored cells round.
     """
     layer = layout.insert_layer(db.LayerInfo("PLACES"))
     try:
         for number, cell in enumerate(cells, 1):
-            corners = ((0, 0), (2 * number, 0), (0, number))
-            cell.shapes(layer).insert(db.Polygon([db.Point(*corner) for corner in corners]))
-        region = db.Region(layout.top_cell().begin_shapes_rec(layer))
-        points = _rings(region.to_s(region.count()))[0].reshape(-1, 3, 2)
+            cell.shapes(layer).insert(db.Edge(0, 0, 2 * number, number))
+        edges = db.Edges(layout.top_cell().begin_shapes_rec(layer))
+        edges.merged_semantics = False
+        ends = _numbers(edges.to_s(edges.count())).reshape(-1, 2, 2)
     finally:
         layout.delete_layer(layer)
-    legs = np.stack([np.roll(points, step, axis=1) - points for step in (-1, 1)], axis=2)
-    square = np.argmin(np.abs((legs[:, :, 0] * legs[:, :, 1]).sum(axis=2)), axis=1)
-    places, legs = (ends[np.arange(len(points)), square] for ends in (points, legs))
-    lengths = np.abs(legs).sum(axis=2)
+    legs = ends[:, 1] - ends[:, 0]
+    lengths = np.abs(legs)
+    mirrored = (lengths[:, 0] > lengths[:, 1]) != (legs[:, 0] * legs[:, 1] > 0)
+    places, legs = ends[np.arange(len(ends)), mirrored.astype(np.intp)], np.where(mirrored[:, None], -legs, legs)
     number = lengths.min(axis=1)
-    turns = np.take_along_axis(legs, np.argsort(-lengths, axis=1)[:, :, None], axis=1).transpose(0, 2, 1)
-    turns = turns / (number[:, None, None] * np.array([2, 1]))
-    if not ((np.abs(turns).sum(axis=1) == 1) & (np.abs(turns).max(axis=1) == 1)).all() or number.max() > len(cells):
+    if (lengths.max(axis=1) != 2 * number).any() or number.min() < 1 or number.max() > len(cells):
         return None
-    kinds, kind = np.unique(np.column_stack([number, turns.reshape(-1, 4)]), axis=0, return_inverse=True)
-    order = np.argsort(kind.ravel(), kind="stable")
-    parts = np.split(places[order], np.flatnonzero(np.diff(kind.ravel()[order])) + 1)
-    return [
-        (int(kind[0]) - 1, kind[1:].reshape(2, 2).astype(np.int64), part)
-        for kind, part in zip(kinds, parts, strict=True)
-    ]
+    _, first, kind = np.unique(packed(*legs.T), return_index=True, return_inverse=True)
+    order = np.argsort(kind, kind="stable")
+    parts = np.split(places[order], np.flatnonzero(np.diff(kind[order])) + 1)
+    turns = [np.diag(np.sign(leg))[:, :: 1 if abs(leg[0]) > abs(leg[1]) else -1] for leg in legs[first]]
+    return list(zip((number[first] - 1).tolist(), turns, parts, strict=True))
 
 
 def _figures(drawn: db.Region, matrix: Ints, places: Ints) -> Iterator[Figures]:
@@ -268,9 +264,11 @@ def _rings(text: str) -> tuple[Ints, Ints, Mask]:
     signs = np.frombuffer(text.encode(), dtype=np.uint8)
     opening = np.flatnonzero((signs == ord("(")) | (signs == ord("/")))
     ring = np.searchsorted(opening, np.flatnonzero(signs == ord(","))) - 1
-    numbers = text.translate(dict.fromkeys(map(ord, "(),;/"), " "))
-    points = np.fromstring(numbers, dtype=np.int64, sep=" ").reshape(-1, 2)
-    return points, ring, signs[opening] == ord("(")
+    return _numbers(text).reshape(-1, 2), ring, signs[opening] == ord("(")
+
+
+def _numbers(text: str) -> Ints:
+    return np.fromstring(text.translate(dict.fromkeys(map(ord, "(),;/"), " ")), dtype=np.int64, sep=" ")
 
 
 _TURNS = {
