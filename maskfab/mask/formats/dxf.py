@@ -292,7 +292,7 @@ class Unseen:
     def add(self, entity: Entity) -> None:
         """Take an entity that draws, or places a block."""
         placed = entity.text(2) if entity.kind == "INSERT" else ""
-        self._drawn[entity.kind, entity.layer, placed, _out_of_sight(entity)] += 1
+        self._drawn[entity.kind, entity.layer, placed, _out_of_sight(entity)] += 1 + len(entity.copies) // 2
 
     def told(self, counts: Callable[[str], bool], drawing: set[str]) -> list[str]:
         """Hidden shapes with the reason, in words.
@@ -458,6 +458,7 @@ class _Places:
     def add(self, reference: Entity) -> None:
         self.coordinates.append(reference.number(10))
         self.coordinates.append(reference.number(20))
+        self.coordinates.extend(reference.copies)
         larger = 1.0
         if reference.says(_SPREADING):
             larger = max(abs(reference.number(41, 1.0)), abs(reference.number(42, 1.0)))
@@ -496,6 +497,11 @@ _ENTITY = re.compile(rb"(?:^|\n)[ \t]*0[ \t]*\r?\n[ \t]*(?!(?i:vertex)[ \t]*\r?\
 _SECTION = re.compile(rb"\s*2[ \t]*\r?\n[ \t]*(\w+)")
 _DRAWN = {b"BLOCKS", b"ENTITIES"}
 _TAG = re.compile(rb"\n[ \t]*(\d{1,4})[ \t]*\r?\n[ \t]*([^\r\n]*)")
+# Layer, block, x and y of a reference that says no more: a random die has thousands.
+_PLAIN = re.compile(
+    rb"(?:\n *(?:5|330|100)\r?\n[^\n]*)*\n *8\r?\n([^\r\n]*)\r?(?:\n *100\r?\n[^\n]*)*"
+    rb"\n *2\r?\n([^\r\n]*)\r?\n *10\r?\n([^\r\n]*)\r?\n *20\r?\n([^\r\n]*)\r?(?:\n *30\r?\n[^\n]*)?"
+)
 
 
 class Entity:
@@ -508,9 +514,10 @@ class Entity:
 
     Attributes:
         layer: its layer; ``0``, in a block that of the reference, if it does not say.
+        copies: x and y of further references that differ from this one in nothing else.
     """
 
-    __slots__ = ("_first", "_tags", "block", "kind", "layer")
+    __slots__ = ("_first", "_tags", "block", "copies", "kind", "layer")
 
     def __init__(self, kind: str, block: str | None, body: bytes) -> None:
         self.kind = kind
@@ -519,6 +526,7 @@ class Entity:
         self._tags: list[tuple[bytes, bytes]] = _TAG.findall(body)
         self._first = dict(reversed(self._tags))
         self.layer = self.text(8, "0")
+        self.copies = array("d")
 
     def says(self, codes: frozenset[bytes]) -> bool:
         """Whether it has a value under any of these group codes: most have none that change how they are placed."""
@@ -577,9 +585,22 @@ def entities(data: bytes) -> Iterator[Entity]:
     section = b""
     block: str | None = None
     previous: tuple[str, int] | None = None
+    alike: dict[tuple[bytes, bytes], Entity] = {}
     for match in _ENTITY.finditer(data):
         kind = match[1].decode("latin-1").rstrip(" \t").upper()
-        if previous is not None:
+        if (
+            previous is not None
+            and previous[0] == "INSERT"
+            and (plain := _PLAIN.fullmatch(data, previous[1], match.start()))
+        ):
+            layer, name, x, y = plain.groups()
+            if (layer, name) in alike:
+                alike[layer, name].copies.extend((number_of(x), number_of(y)))
+            else:
+                alike[layer, name] = Entity("INSERT", block, data[previous[1] : match.start()])
+        elif previous is not None:
+            yield from alike.values()
+            alike.clear()
             entity = Entity(previous[0], block, data[previous[1] : match.start()])
             if entity.kind == "BLOCK":
                 block = entity.block = entity.text(2)
@@ -593,6 +614,7 @@ def entities(data: bytes) -> Iterator[Entity]:
             block = None
         elif section in _DRAWN or (section == b"TABLES" and kind == "LAYER"):
             previous = kind, match.end()
+    yield from alike.values()
 
 
 def _format(name: FileFormat, version: Version) -> Format:

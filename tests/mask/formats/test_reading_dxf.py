@@ -13,6 +13,7 @@ from klayout import db
 from maskfab.base.errors import JobError, SourceError
 from maskfab.base.model import CLEAR
 from maskfab.mask.formats.content import drawn_unit_um, find_layer, rounding_nm
+from maskfab.mask.formats.dxf import entities
 from maskfab.mask.formats.table import read_layout
 from maskfab.mask.layout import count_shapes, count_texts, left_out, region
 
@@ -469,3 +470,14 @@ def test_a_long_run_of_blanks_is_read_once(tmp_path):
     with pytest.raises(SourceError, match="MF311"):
         read_layout(path)
     assert time.process_time() - start < 1
+
+
+@pytest.mark.parametrize("end", ["0\nENDSEC\n0\nEOF\n", "0\nEOF\n"])
+@pytest.mark.parametrize("line", ["\n", "\r\n"])
+def test_plain_references_to_one_block_are_one_entity(end, line):
+    plain = "0\nINSERT\n5\n{0}\n8\nCLEAR\n2\nPART\n10\n{0}.5\n20\n-{0}\n30\n0.0\n"
+    scaled = "0\nINSERT\n8\nCLEAR\n2\nPART\n10\n9\n20\n9\n41\n2\n"
+    text = "0\nSECTION\n2\nENTITIES\n" + "".join(map(plain.format, (1, 2, 3))) + scaled + plain.format(4) + end
+    found = [entity for entity in entities(text.replace("\n", line).encode()) if entity.kind == "INSERT"]
+    told = [(entity.number(10), entity.number(20), list(entity.copies), entity.number(41, 1.0)) for entity in found]
+    assert told == [(1.5, -1.0, [2.5, -2.0, 3.5, -3.0], 1.0), (9.0, 9.0, [], 2.0), (4.5, -4.0, [], 1.0)]
