@@ -12,6 +12,7 @@ from maskfab.job.camera import Stop
 
 _RIM_VERTICES = 4096
 _LARGEST_COORDINATE = 400_000_000
+_ROW = 1 << 32
 
 
 def edges_in_stop(
@@ -32,7 +33,7 @@ def edges_in_stop(
 
     Returns:
         Edges [n, 4] in micrometres (x0, y0, x1, y1; clear side on the left) and the clear area in µm². Where two boxes
-        touch, both their edges are there; they cancel in any integral along the boundary.
+        touch that the stop holds, neither has an edge; where it cuts one both have, and cancel in any integral.
     """
     if isinstance(shapes, db.Region):
         return _polygon_edges(shapes if apart or shapes.is_merged() else shapes.merged(True, 1), stop, centre_nm)
@@ -44,10 +45,34 @@ def edges_in_stop(
     for box in near.tolist():
         cut.insert(db.Box(*box))
     rim, rim_area = _cut_edges(cut, stop, centre_nm)
-    x0, y0, x1, y1 = corners[inside].T * UM_PER_NM
-    sides = [(x0, y0, x1, y0), (x1, y0, x1, y1), (x1, y1, x0, y1), (x0, y1, x0, y0)]
-    whole = np.concatenate([np.stack(side, axis=1) for side in sides])
-    return np.concatenate([whole, rim]), rim_area + float(((x1 - x0) * (y1 - y0)).sum())
+    middle = np.rint(centre_nm).astype(np.int64)
+    x0, y0, x1, y1 = (shapes[inside] - np.tile(middle, 2)).T
+    level, upright = _sides(y0, y1, x0, x1), _sides(x1, x0, y0, y1)[:, [1, 0, 3, 2]]
+    whole = (np.concatenate([level, upright]) + np.tile(middle - centre_nm, 2)) * UM_PER_NM
+    return np.concatenate([whole, rim]), rim_area + float((UM_PER_NM**2 * (x1 - x0) * (y1 - y0)).sum())
+
+
+def _sides(forth: Ints, back: Ints, start: Ints, end: Ints) -> Ints:
+    """Sides of boxes that lie along one axis, int64 [n, 4] of start, line, end and line; what runs both ways is gone.
+
+    Args:
+        forth, back: lines along which a box has a side from start to end, and one from end to start, each less than
+            half a metre from 0.
+        start, end: of the boxes.
+    """
+    lines, ends = np.concatenate([forth, forth, back, back]), np.concatenate([start, end, end, start])
+    # A bit tells what begins from what ends, so that whole numbers are sorted by themselves.
+    begins = np.repeat([1, 0, 1, 0], len(start))
+    place, begins = np.divmod(np.sort((lines * _ROW + ends) * 2 + begins), 2)
+    first = np.flatnonzero(np.diff(place, prepend=np.iinfo(np.int64).min))
+    place, count = place[first], np.cumsum(np.add.reduceat(2 * begins - 1, first)) if first.size else first
+    turns = np.flatnonzero(np.diff(count, prepend=0))
+    place, count = place[turns], count[turns]
+    along = np.repeat(np.flatnonzero(count), np.abs(count[count != 0]))
+    line = (place[along] + _ROW // 2) // _ROW
+    low, high = place[along] - line * _ROW, place[along + 1] - line * _ROW
+    sides = np.column_stack([low, line, high, line])
+    return np.where((count[along] > 0)[:, None], sides, sides[:, [2, 1, 0, 3]])
 
 
 def _polygon_edges(merged: db.Region, stop: Stop, centre_nm: tuple[float, float]) -> tuple[Floats, float]:

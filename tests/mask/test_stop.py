@@ -67,3 +67,24 @@ def test_only_polygons_at_the_rim_are_cut_and_the_rest_stay_as_they_are(monkeypa
     assert area == pytest.approx(expected_area, rel=1e-12)
     one, other = (each[np.lexsort(np.round(each, 7).T)] for each in (edges, expected))
     np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
+
+
+def test_edges_of_touching_boxes_are_those_of_their_union() -> None:
+    """Against the borders between squares of a random raster, piece by piece; the axis lies between two nanometres."""
+    clear = np.random.default_rng(3).random((17, 23)) < 0.6
+    row, column = np.nonzero(clear)
+    boxes = np.stack([column, row, column + 1, row + 1], axis=1) * 10 - 100
+    edges, area = edges_in_stop(boxes, Stop("square", 1.0), (0.5, 3.0))
+    assert area == pytest.approx(1e-4 * clear.sum(), rel=1e-12)
+    found = np.rint((edges * 1000 + np.tile((0.5, 3.0), 2) + 100) / 10).astype(int)
+    assert len(found) < 0.7 * 4 * clear.sum()
+    pieces = []
+    for x0, y0, x1, y1 in found.tolist():
+        steps = range(abs(x1 - x0) + abs(y1 - y0))
+        dx, dy = np.sign([x1 - x0, y1 - y0]).tolist()
+        pieces += [(x0 + k * dx, y0 + k * dy, dx, dy) for k in steps]
+    padded = np.pad(clear.astype(int), 1)
+    up, across = np.diff(padded, axis=0)[:, 1:-1], np.diff(padded, axis=1)[1:-1]
+    wanted = [(int(x + (turn < 0)), int(y), int(turn), 0) for (y, x), turn in np.ndenumerate(up) if turn]
+    wanted += [(int(x), int(y + (turn > 0)), 0, int(-turn)) for (y, x), turn in np.ndenumerate(across) if turn]
+    assert sorted(pieces) == sorted(wanted)
