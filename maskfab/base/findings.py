@@ -148,7 +148,7 @@ _PHOTOGRAPHS_BYTES = 200e6
 def _photographs_s(conditions: Any, around: Any, *_: Any) -> float:
     bands = () if around.scene is None else around.scene.bands
     seen = len(bands or conditions.camera.wavelengths_nm)
-    return 4.5 * float(len(conditions.levels)) / _LEVELS if seen == _COLOURS else 0.0
+    return 1.5 * float(len(conditions.levels)) / _LEVELS if seen == _COLOURS else 0.0
 
 
 def _optics_s(die: Any, camera: Any, *_: Any) -> float:
@@ -320,7 +320,7 @@ FINDINGS: tuple[Finding, ...] = (
         ("report.rows.bands.restored_expansion",),
         rows="band_restored_* sensitivity_restored_psnr",
         noisy=True,
-        seconds=(_always(11.0),),
+        seconds=(_always(6.0),),
         bytes=_always(500e6),
     ),
     Finding(

@@ -14,14 +14,13 @@ is expanded in the same way, point by point, and the change of its shape is the 
 band is the quantile of 95 %.
 
 Restored photographs have bands of a die's PSNR, and of its gain. The scenes of the report are photographed through the
-die as full cases of its process make it, in the same noise, and restored by the filter of the die as drawn, which is
-all that the maker of a camera knows of a display. Dies of one plate are written alike, so that the gain is the
-difference of two expansions of the mean PSNR.
+die as full cases of its process make it, and restored by the filter of the die as drawn, which is all that the maker of
+a camera knows of a display. They are scored as those of the report. Dies of one plate are written alike, so that the
+gain is the difference of two expansions of the mean PSNR.
 
 Notes:
-    Where the light changes a little, draws of Poisson's distribution are others from some pixel on, and the mean of the
-    scenes changes by more than a bias does. Electrons are therefore counted by normal distributions here, and only
-    the change from the die as drawn is kept, which is added to the PSNR of the report.
+    Where noise is drawn it is that of the same normal numbers in every case: whole electrons then move the mean of the
+    scenes off its smooth course by 0.001 dB. Only the change from the die as drawn is kept.
     Edges that move by a share of a part of a dot make it grey. Parts of another width tell the error of that, which
     falls at least as their width does.
 """
@@ -52,7 +51,14 @@ from maskfab.optics import metrics
 from maskfab.optics.mtf import area_under_radial_min, frequency_at, worst_directions
 from maskfab.optics.psf import pixel_margin, pixel_psf, point_step_um
 from maskfab.report.rows.as_written import Written, WrittenOptics, fused_optics, parts_about_edges, written_openings
-from maskfab.report.rows.photographs import Conditions, Photographs, Surroundings, drawn_scenes, middle_level
+from maskfab.report.rows.photographs import (
+    Conditions,
+    Photographs,
+    Surroundings,
+    drawn_scenes,
+    middle_level,
+    noise_told,
+)
 from maskfab.report.rows.scene import scene_reach_um
 
 Case = TypeVar("Case")
@@ -480,9 +486,10 @@ def restored_bands(
     if isinstance(own, str):
         yield Quantity("band_restored_psnr", None, f"not found: {own}", die=name, level_db=level)
         return
+    noise = noise_told(level, photographs.dies[name])
     how = (
         f"expansion to second order from {FULL_CASES} full cases about the process stated, kissing corners fused, "
-        "photographed in the same noise and restored by the filter of the die as drawn; error: what it misses of a "
+        f"photographed and restored by the filter of the die as drawn, {noise}; error: what it misses of a "
         "case wider and rounder, and what the width of the parts of dots makes of it"
     )
     band = _band("band_restored_psnr", photographs.dies[name].psnr(level), own, process, spread)

@@ -333,7 +333,7 @@ class Photographs:
             Quantity(
                 "restored_psnr",
                 die.psnr(level),
-                f"mean over the scenes: {how}{_noise_told(level, die)}; {die.error_told(level)}; other scenes have "
+                f"mean over the scenes: {how}{noise_told(level, die)}; {die.error_told(level)}; other scenes have "
                 "other means, see the paired gain",
                 uncertainty=NOISE_DB,
                 die=name,
@@ -346,7 +346,7 @@ class Photographs:
                 "restored_gain",
                 gain.psnr.mean,
                 f"mean of the differences to {self.reference}, scene by scene: {how}"
-                f"{_noise_told(gain.level_db, die, self.dies[str(self.reference)])}; error: half the {CONFIDENCE:.0%} "
+                f"{noise_told(gain.level_db, die, self.dies[str(self.reference)])}; error: half the {CONFIDENCE:.0%} "
                 f"interval by Student's t; {'a tie, for it holds 0' if gain.psnr.tie else 'it does not hold 0'}",
                 uncertainty=gain.psnr.half_width,
                 die=name,
@@ -357,7 +357,7 @@ class Photographs:
         return (*means, *gains)
 
 
-def _noise_told(level_db: float, *dies: Restored) -> str:
+def noise_told(level_db: float, *dies: Restored) -> str:
     """How dies of a level are scored, in words."""
     every = {die.drawn(level_db) for die in dies}
     if every == {True}:
