@@ -52,8 +52,8 @@ from maskfab.optics.gap import (
 from maskfab.optics.lags import neighbours
 from maskfab.optics.phase import image_distance_um
 from maskfab.optics.pupil import Aperture, Lattice, finer_aperture, panel_aperture
-from maskfab.optics.scene.plan import PHASED, SPECTRUM, Choice, Plan
-from maskfab.optics.scene.point_images import modelled_distance_um, phase_waves
+from maskfab.optics.scene.plan import PHASED, SPECTRUM, Choice, Plan, phase_waves
+from maskfab.optics.scene.point_images import modelled_distance_um
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.spectrum import BAND_SAFETY, Band, Spectrum, band_lines, line_spectrum
 from maskfab.optics.stop import Waves, inside

@@ -49,8 +49,7 @@ from maskfab.job.values import distance_text, um_text
 from maskfab.mask.panels import CellMap, panel_shape, placed, shifted_openings
 from maskfab.optics.gap import AXIS, Place, gap_guard_um, shift_um
 from maskfab.optics.phase import image_distance_um
-from maskfab.optics.scene.plan import Plan, plan
-from maskfab.optics.scene.point_images import phase_waves
+from maskfab.optics.scene.plan import Plan, phase_waves, plan
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.stop import Waves
 from maskfab.optics.tiling import orientations

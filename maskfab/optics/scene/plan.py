@@ -17,6 +17,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import log2
 from types import MappingProxyType
@@ -29,7 +30,7 @@ from maskfab.base.model import Panel
 from maskfab.base.quantities import columns
 from maskfab.base.units import UM_PER_NM
 from maskfab.job.camera import Camera
-from maskfab.optics.field.methods import PATHS, FieldPath, FieldTask
+from maskfab.optics.field.methods import PATHS, STRUCTURE, FieldPath, FieldTask
 from maskfab.optics.field.waves import Precision
 from maskfab.optics.gap import MOST_GAP_SAMPLES, MOST_WAVES_PER_SAMPLE, gap_guard_um, moved_pupil, shift_um
 from maskfab.optics.phase import defocus_waves, image_distance_um, nearest_object_um
@@ -40,11 +41,13 @@ from maskfab.optics.scene.omissions import (
     Estimate,
     Estimates,
     estimate,
+    grey,
     wavelength_range_nm,
 )
+from maskfab.optics.scene.probe import phased_error, single_error
 from maskfab.optics.scene.scene import DistortedWindow, Scene
-from maskfab.optics.spectrum import BAND_SAFETY
-from maskfab.optics.stop import perimeter_um
+from maskfab.optics.spectrum import BAND_SAFETY, band_lines
+from maskfab.optics.stop import Waves, perimeter_um
 
 RATES: Mapping[Precision, float] = MappingProxyType({"double": 43e9, "single": 92e9})
 """Flops a second of one thread's matrix products, measured on the machine of the reference numbers."""
@@ -100,6 +103,8 @@ _MOST_SLOPE = 0.9
 
 PHASE_SHARE = 0.01
 """Tolerance of a phased field, as a share of the accuracy."""
+
+_FULL_TOLERANCE = 1e-6
 
 _PATHS: Mapping[str, FieldPath] = MappingProxyType({path.name: path for path in PATHS})
 
@@ -205,11 +210,11 @@ class CostModel:
             resamplings(estimates.distortion.error, self.accuracy),
             estimates.places,
         )
-        for path, precision, grey, scale, defocus, aberrations, diffraction, samples, finer, places in options:
+        for path, precision, greyed, scale, defocus, aberrations, diffraction, samples, finer, places in options:
             # Whether there is a function for it does not depend on how many lines it is called for.
             lines = min(estimates.bands)
             choice = Choice(
-                path, precision, grey, scale, defocus, aberrations, diffraction, places, lines, samples, finer
+                path, precision, greyed, scale, defocus, aberrations, diffraction, places, lines, samples, finer
             )
             if self.possible(choice):
                 yield from (replace(choice, lines=lines) for lines in estimates.bands)
@@ -497,22 +502,43 @@ def plan(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Plan:
         raise JobError("MF115", what, where="scene.accuracy", cure=cure)
     choice, price = min(fitting, key=lambda candidate: (candidate[1].seconds, candidate[1].error))
     step = point_step_um(model.camera)
-    fullest = _fullest(model, priced, choice)
+    fullest, tolerance = _fullest(model, priced, choice), PHASE_SHARE * accuracy
+    ingredients = model.ingredients(choice)
+    error = _own_error(model, camera, choice, tolerance) + math.fsum(row.remaining for row in ingredients)
     return Plan(
         accuracy,
         choice,
-        price,
-        model.ingredients(choice),
+        replace(price, error=error),
+        ingredients,
         step,
         odd_samples(camera.window_um, step),
         pixel_margin(model.camera),
         model.wavelengths(choice),
         DEPTHS if choice.defocus else 1,
-        PHASE_SHARE * accuracy if choice.path == PHASED else 0.0,
+        tolerance if choice.path == PHASED else 0.0,
         nearest_object_um(model.estimates.pilot, camera, accuracy),
         fullest,
-        model.own_error(fullest) + (RESAMPLED[FINEST] if fullest.distortion else 0.0),
+        _own_error(model, camera, fullest, full_tolerance(accuracy))
+        + (RESAMPLED[FINEST] if fullest.distortion else 0.0),
     )
+
+
+def phase_waves(
+    choice: Choice, camera: Camera, scene: Scene, wavelength_nm: float, object_um: float | None
+) -> Waves | None:
+    """The phase in the stop's plane that a choice models; None for none."""
+    parts: list[Waves] = []
+    if choice.defocus and object_um not in (None, scene.focus_um):
+        parts.append(defocus_waves(camera, wavelength_nm, object_um, scene.focus_um))
+    if choice.aberrations:
+        parts.append(scene.wavefront(camera).waves(camera.stop, wavelength_nm))
+    if not parts:
+        return None
+
+    def path(x_um: Floats, y_um: Floats) -> Floats:
+        return np.asarray(sum(part(x_um, y_um) for part in parts))
+
+    return path
 
 
 def _steepest(camera: Camera, scene: Scene, wavelength_nm: float) -> float:
@@ -533,6 +559,36 @@ def _steepest(camera: Camera, scene: Scene, wavelength_nm: float) -> float:
             beyond, before = (lens(x + k * dx, y + k * dy) + blur(x + k * dx, y + k * dy) for k in (1, -1))
             steepest = max(steepest, float(abs(beyond - before).max()) / (2 * h))
     return steepest
+
+
+def full_tolerance(accuracy: float) -> float:
+    """Tolerance of a phased field that others are held against."""
+    return min(PHASE_SHARE * accuracy, _FULL_TOLERANCE)
+
+
+def _own_error(model: CostModel, camera: Camera, choice: Choice, tolerance: float) -> float:
+    """Numerical error of a choice, its phased fields of that tolerance: by a probe where one is at hand.
+
+    What :meth:`CostModel.own_error` states holds for any pupil, and so is far above most.
+    """
+    bound, scene = model.own_error(choice), model.scene
+    bands = [band_lines(band, choice.lines).wavelengths_nm.tolist() for band in scene.bands]
+    lines = sorted({line for band in bands or [camera.wavelengths_nm] for line in band})
+    found: float | None = None
+    if choice.path == PHASED:
+        bound = min(bound, 4 * tolerance)
+        distance = image_distance_um(camera.focal_um, scene.focus_um if choice.scale else math.inf)
+        objects = {scene.nearest_um, scene.farthest_um, scene.focus_um} if choice.defocus else {scene.focus_um}
+        seen = ((line, phase_waves(choice, camera, scene, line, at)) for line in lines for at in objects)
+        phases = [(line, waves) for line, waves in seen if waves is not None]
+        # Where the probe itself would take too many dots, what holds for any pupil stands.
+        with suppress(JobError):
+            found = phased_error(model.pupil, model.camera, phases, tolerance, distance)
+    elif choice.path == STRUCTURE.name and choice.precision == "single":
+        u = model.tasks[choice.grey_rim, choice.scale, choice.distortion].u
+        pupil = grey(model.pupil) if choice.grey_rim else model.pupil
+        found = single_error(pupil, STRUCTURE, float(u[-1]), u.size, lines)
+    return bound if found is None else min(bound, found)
 
 
 def _fullest(model: CostModel, priced: Sequence[tuple[Choice, SceneCost]], choice: Choice) -> Choice:

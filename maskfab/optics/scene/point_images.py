@@ -31,28 +31,27 @@ from maskfab.base.units import UM_PER_NM
 from maskfab.job.camera import Camera
 from maskfab.optics.field.methods import PATHS, FieldPath, FieldTask, Prepared, admissible
 from maskfab.optics.gap import AXIS, Place, gap_psf, magnified, moved_pupil, shift_um, shifted_psf, shifted_pupil
-from maskfab.optics.phase import defocus_waves, image_distance_um, phased, phased_psf, window_frequency
+from maskfab.optics.phase import image_distance_um, phased, phased_psf, window_frequency
 from maskfab.optics.psf import image_scale_um2, odd_samples, point_step_um, psf_norm_um6
 from maskfab.optics.pupil import Aperture
 from maskfab.optics.scene.omissions import PLACES, grey
 from maskfab.optics.scene.plan import (
     DEPTHS,
     FINEST,
-    PHASE_SHARE,
     PHASED,
     SPECTRUM,
     Choice,
     Plan,
     SceneCost,
     finer_camera,
+    full_tolerance,
+    phase_waves,
     sampling_camera,
 )
 from maskfab.optics.scene.scene import DistortedWindow, Scene
 from maskfab.optics.spectrum import Band, band_lines
-from maskfab.optics.stop import Waves
 
 _FULL_LINES = 32
-_FULL_TOLERANCE = 1e-6
 
 
 def scene_psf(
@@ -148,7 +147,7 @@ def full_plan(plan: Plan) -> Plan:
         ingredients=(),
         wavelengths=plan.wavelengths // max(plan.choice.lines, 1) * max(choice.lines, 1),
         depths=DEPTHS if choice.defocus else 1,
-        phase_tolerance=min(PHASE_SHARE * plan.accuracy, _FULL_TOLERANCE) if choice.path == PHASED else 0.0,
+        phase_tolerance=full_tolerance(plan.accuracy) if choice.path == PHASED else 0.0,
     )
 
 
@@ -264,24 +263,6 @@ def modelled_distance_um(choice: Choice, scene: Scene, object_um: float | None) 
     if choice.defocus and object_um is not None:
         return object_um
     return scene.focus_um if choice.scale else math.inf
-
-
-def phase_waves(
-    choice: Choice, camera: Camera, scene: Scene, wavelength_nm: float, object_um: float | None
-) -> Waves | None:
-    """The phase in the stop's plane that a choice models; None for none."""
-    parts: list[Waves] = []
-    if choice.defocus and object_um not in (None, scene.focus_um):
-        parts.append(defocus_waves(camera, wavelength_nm, object_um, scene.focus_um))
-    if choice.aberrations:
-        parts.append(scene.wavefront(camera).waves(camera.stop, wavelength_nm))
-    if not parts:
-        return None
-
-    def path(x_um: Floats, y_um: Floats) -> Floats:
-        return np.asarray(sum(part(x_um, y_um) for part in parts))
-
-    return path
 
 
 def _flat(x_um: Floats, y_um: Floats) -> Floats:
