@@ -297,7 +297,7 @@ def shown_psfs(written: Written, monkeypatch) -> dict[str, np.ndarray]:
     sheets = []
     monkeypatch.setattr(written_figures, "image", lambda figure, words: sheets.append(figure) or "")
     written_pictures(written)
-    (sheet,) = (figure for figure in sheets if any("intensity" in axes.get_ylabel() for axes in figure.axes))
+    (sheet,) = (figure for figure in sheets if any("intensity" in text.get_text() for text in figure.texts))
     return {axes.get_title(): np.asarray(axes.images[0].get_array()) for axes in sheet.axes if axes.get_title()}
 
 
