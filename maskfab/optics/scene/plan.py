@@ -105,6 +105,8 @@ PHASE_SHARE = 0.01
 """Tolerance of a phased field, as a share of the accuracy."""
 
 _FULL_TOLERANCE = 1e-6
+# Defocus down to so many halves of a range's ends, for degrees that no end takes.
+_HALVINGS = 7
 
 _PATHS: Mapping[str, FieldPath] = MappingProxyType({path.name: path for path in PATHS})
 
@@ -566,6 +568,12 @@ def full_tolerance(accuracy: float) -> float:
     return min(PHASE_SHARE * accuracy, _FULL_TOLERANCE)
 
 
+def _nearer_focus(scene: Scene, object_um: float, share: float) -> float:
+    """Distance of which the defocus is so large a share of an object's."""
+    vergence = (1 - share) / scene.focus_um + share / object_um
+    return 1 / vergence if vergence else math.inf
+
+
 def _own_error(model: CostModel, camera: Camera, choice: Choice, tolerance: float) -> float:
     """Numerical error of a choice, its phased fields of that tolerance: by a probe where one is at hand.
 
@@ -578,12 +586,15 @@ def _own_error(model: CostModel, camera: Camera, choice: Choice, tolerance: floa
     if choice.path == PHASED:
         bound = min(bound, 4 * tolerance)
         distance = image_distance_um(camera.focal_um, scene.focus_um if choice.scale else math.inf)
+        ranging = choice.defocus and scene.nearest_um != scene.farthest_um
         objects = {scene.nearest_um, scene.farthest_um, scene.focus_um} if choice.defocus else {scene.focus_um}
-        seen = ((line, phase_waves(choice, camera, scene, line, at)) for line in lines for at in objects)
-        phases = [(line, waves) for line, waves in seen if waves is not None]
+        seen = [(line, at) for line in lines for at in objects]
+        if ranging:
+            seen += [(lines[0], _nearer_focus(scene, end, 0.5**k)) for end in objects for k in range(1, _HALVINGS)]
+        phases = [(line, waves) for line, at in seen if (waves := phase_waves(choice, camera, scene, line, at))]
         # Where the probe itself would take too many dots, what holds for any pupil stands.
         with suppress(JobError):
-            found = phased_error(model.pupil, model.camera, phases, tolerance, distance)
+            found = phased_error(model.pupil, model.camera, phases, tolerance, distance, between=ranging)
     elif choice.path == STRUCTURE.name and choice.precision == "single":
         u = model.tasks[choice.grey_rim, choice.scale, choice.distortion].u
         pupil = grey(model.pupil) if choice.grey_rim else model.pupil

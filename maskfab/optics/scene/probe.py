@@ -40,7 +40,13 @@ _LEAST_SINGLE = 4 * float(np.finfo(np.float32).eps)
 
 
 def phased_error(
-    pupil: Pupil, camera: Camera, phases: Iterable[tuple[float, Waves]], tolerance: float, distance_um: float
+    pupil: Pupil,
+    camera: Camera,
+    phases: Iterable[tuple[float, Waves]],
+    tolerance: float,
+    distance_um: float,
+    *,
+    between: bool = False,
 ) -> float:
     """Relative L2 error of phased PSFs over the camera's window, safety included.
 
@@ -50,26 +56,29 @@ def phased_error(
         phases: wavelengths in nanometres, and the phase at each.
         tolerance: of the fields, relative to all energy.
         distance_um: from lens to sensor.
+        between: whether phases between those given occur too, as over a range of depths.
 
     Raises:
         JobError: MF115 if a phase turns too fast for the tolerance, or for a hundredth of what it leaves.
     """
-    largest: dict[tuple[int, float], tuple[float, float, Waves]] = {}
+    largest: dict[tuple[float, int], tuple[float, float, Waves]] = {}
     for line, waves in phases:
         source = phased(pupil, waves, window_frequency(camera, line, distance_um), tolerance)
-        kind = source.degree, source.pupil.x.dot_um
+        kind = -source.pupil.x.dot_um, source.degree
         if kind not in largest or source.error > largest[kind][0]:
             largest[kind] = source.error, line, waves
     worst = ROUNDING
-    for error, line, waves in largest.values():
+    for kind, (error, line, waves) in largest.items():
+        # Between two kinds the coarser one is taken until its bound reaches the tolerance.
+        grown = tolerance / error if between and error and kind != max(largest) else 1.0
         if error <= _LEAST_PROBED:
-            worst = max(worst, 4 * error)
+            worst = max(worst, 4 * error * grown)
             continue
         highest = window_frequency(camera, line, distance_um)
         source = phased(pupil, waves, highest, tolerance)
         closer = phased(source.pupil, waves, highest, _CLOSER * error)
         rough, fine = (phased_psf(each, camera, line, distance_um=distance_um) for each in (source, closer))
-        worst = max(worst, PROBE_SAFETY * relative_difference(rough, fine))
+        worst = max(worst, PROBE_SAFETY * grown * relative_difference(rough, fine))
     return worst
 
 
