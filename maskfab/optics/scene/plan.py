@@ -263,7 +263,7 @@ class CostModel:
         return choice.lines * self.estimates.in_bands if self.estimates.in_bands else self.lines
 
     def own_error(self, choice: Choice) -> float:
-        """Numerical error of the field path."""
+        """Numerical error of the field path, at most, whatever the pupil; a plan states what a probe finds."""
         if choice.path == PHASED:
             # The field's tolerance is a share of the accuracy; the intensity errs by at most twice as much, the
             # crossing of window and tail by as much again.

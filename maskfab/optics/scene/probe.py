@@ -20,7 +20,7 @@ from maskfab.job.camera import Camera
 from maskfab.optics.field.matrix import ParityField
 from maskfab.optics.field.methods import FieldPath, FieldTask
 from maskfab.optics.metrics import relative_difference
-from maskfab.optics.phase import phased, phased_psf, window_frequency
+from maskfab.optics.phase import PhasedPupil, phased, phased_psf, window_frequency
 from maskfab.optics.pupil import Pupil
 from maskfab.optics.stop import Waves
 
@@ -61,22 +61,21 @@ def phased_error(
     Raises:
         JobError: MF115 if a phase turns too fast for the tolerance, or for a hundredth of what it leaves.
     """
-    largest: dict[tuple[float, int], tuple[float, float, Waves]] = {}
+    largest: dict[tuple[float, int], tuple[PhasedPupil, float, Waves]] = {}
     for line, waves in phases:
         source = phased(pupil, waves, window_frequency(camera, line, distance_um), tolerance)
         kind = -source.pupil.x.dot_um, source.degree
-        if kind not in largest or source.error > largest[kind][0]:
-            largest[kind] = source.error, line, waves
+        if kind not in largest or source.error > largest[kind][0].error:
+            largest[kind] = source, line, waves
     worst = ROUNDING
-    for kind, (error, line, waves) in largest.items():
+    for kind, (source, line, waves) in largest.items():
+        error = source.error
         # Between two kinds the coarser one is taken until its bound reaches the tolerance.
         grown = tolerance / error if between and error and kind != max(largest) else 1.0
         if error <= _LEAST_PROBED:
             worst = max(worst, 4 * error * grown)
             continue
-        highest = window_frequency(camera, line, distance_um)
-        source = phased(pupil, waves, highest, tolerance)
-        closer = phased(source.pupil, waves, highest, _CLOSER * error)
+        closer = phased(source.pupil, waves, source.highest, _CLOSER * error)
         rough, fine = (phased_psf(each, camera, line, distance_um=distance_um) for each in (source, closer))
         worst = max(worst, PROBE_SAFETY * grown * relative_difference(rough, fine))
     return worst
