@@ -141,7 +141,7 @@ def sight(grid: EmitterGrid, viewing: Viewing, grain_worth: float = 0.0) -> Floa
         found.append(_principal(matrix, off.reshape(len(rows), -1)))
     most = max(power[-1] for power, _ in found)
     few = np.concatenate([lights[..., power > _NEGLIGIBLE * most] for power, lights in found], axis=-1)
-    return frozen(few.reshape(3, grid.cells, grid.cells, -1))
+    return frozen(few.reshape(3, grid.cells, grid.cells, few.shape[-1]))
 
 
 def _principal(matrix: Floats, waves: Floats) -> tuple[Floats, Floats]:

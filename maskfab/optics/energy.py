@@ -55,6 +55,8 @@ _NODES_PER_CYCLE = 4
 _BEYOND = 8
 # Of the samples between a circle and the window's edge that share is looked at, from so many distances on.
 _OUTER, _STARTS = 0.5, 24
+# But at least over so many samples, some of them inside a circle that nearly fills the window.
+_FEWEST_OUTSIDE = 2.0
 
 
 def encircled_energy(psf: Psf, radius_um: float, highest: float, die: str | None = None) -> Quantity:
@@ -193,7 +195,8 @@ def within_circle(points: Psf, radius_um: float, highest: float) -> tuple[float,
     frame = abs(np.arange(len(axis)) - last)
     swing *= points.values
     frames = np.bincount(np.maximum(frame[:, None], frame).ravel(), swing.ravel()) * points.step_um**2
-    starts = np.linspace(max(radius_um, axis[-1] - _OUTER * (axis[-1] - radius_um)), axis[-1], _STARTS)
+    outer = max(_OUTER * (axis[-1] - radius_um), _FEWEST_OUTSIDE * points.step_um)
+    starts = np.linspace(max(0.0, axis[-1] - outer), axis[-1], _STARTS)
     beyond = np.append(np.cumsum(frames[::-1])[::-1], 0.0)
     added = abs(beyond[np.searchsorted(axis[last:], starts)]).max()
     return float(np.vdot(points.values, weight)) * points.step_um**2, _FILTER_ERROR + 2 * float(added)

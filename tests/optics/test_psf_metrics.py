@@ -29,6 +29,7 @@ from maskfab.optics.energy import (
     order_quantities,
     peak_to_side_lobe,
     streak_index,
+    within_circle,
 )
 from maskfab.optics.field.matrix import direct_field
 from maskfab.optics.metrics import energy_in_window, shape_quantities
@@ -344,6 +345,16 @@ def test_wider_separation_of_lines_shows_more_fringe() -> None:
     assert wide.value > 1.0 > none.value
     assert colour_distance(psfs[610.0], psfs[470.0]).value > colour_distance(psfs[610.0], psfs[530.0]).value
     assert cutoff(setting, 470.0) > cutoff(setting, 610.0)
+
+
+@pytest.mark.parametrize(("step", "half"), [(0.43, 50), (0.56, 50), (0.53, 20)])
+def test_the_bar_of_a_circle_holds_up_to_the_edge_of_the_window(step, half):
+    """Airy's pattern holds 1 - J0² - J1² (Goodman 4.4.2); little is left of the window outside the largest circles."""
+    points = airy(step, half)
+    for radius in np.linspace(0.2, 1.0, 60) * (half + 0.5) * step:
+        value, bar = within_circle(points, radius, HIGHEST)
+        argument = np.pi * HIGHEST * radius
+        assert abs(value - (1 - j0(argument) ** 2 - j1(argument) ** 2)) <= bar
 
 
 @pytest.mark.parametrize("scenes", [range(3), pytest.param(range(3, 43), marks=pytest.mark.slow)], ids=["3", "40"])
