@@ -57,7 +57,7 @@ _MOST_PAIRS = 8_000_000
 
 
 class Shapes(Protocol):
-    """What the means of dots do not tell."""
+    """That part of an autocorrelation which means of dots do not tell."""
 
     @property
     def stop(self) -> Stop: ...
@@ -67,7 +67,7 @@ class Shapes(Protocol):
         """Number of parts that every lag looks at."""
 
     def correction_um2(self, lag_x_um: Floats, lag_y_um: Floats) -> Floats:
-        """What shapes change at lags [n] other than 0."""
+        """Changes by shapes at lags [n] other than 0."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -566,7 +566,7 @@ def axis_lags(pupil: Pupil, energy_um2: float, *, raster: bool = False) -> tuple
 
 
 def _raster_bounds(rows: Floats) -> Floats:
-    """What shapes may change of the autocorrelation along x, from each whole-dot lag to the next, in dots.
+    """Most that shapes change of the autocorrelation along x, from each whole-dot lag to the next, in dots.
 
     With e what dots have beside their means, <e, e'> is at most the product of standard deviations σ. A moved dot meets
     two means: their difference counts with what e has on one side, σ/2 at most (Cauchy-Schwarz).

@@ -436,7 +436,7 @@ class RimLags:
 
     @property
     def cut_dots(self) -> int:
-        """How many there are."""
+        """Their number."""
         return self.dots.row.size
 
     def correction_um2(self, lag_x_um: Floats, lag_y_um: Floats) -> Floats:

@@ -280,7 +280,7 @@ class Restored:
         return any(score.drawn for score in self._at(level_db))
 
     def error_told(self, level_db: float) -> str:
-        """What its error, :data:`NOISE_DB`, is of, in words."""
+        """Words of what its error, :data:`NOISE_DB`, is of."""
         if self.drawn(level_db):
             return "error: another draw of the noise"
         return "error: a draw of the noise, and the rows that are not scored"
@@ -358,7 +358,7 @@ class Photographs:
 
 
 def noise_told(level_db: float, *dies: Restored) -> str:
-    """How dies of a level are scored, in words."""
+    """Words of how dies of a level are scored."""
     every = {die.drawn(level_db) for die in dies}
     if every == {True}:
         return "one draw of the noise"
