@@ -590,7 +590,11 @@ def _own_error(model: CostModel, camera: Camera, choice: Choice, tolerance: floa
         objects = {scene.nearest_um, scene.farthest_um, scene.focus_um} if choice.defocus else {scene.focus_um}
         seen = [(line, at) for line in lines for at in objects]
         if ranging:
-            seen += [(lines[0], _nearer_focus(scene, end, 0.5**k)) for end in objects for k in range(1, _HALVINGS)]
+            seen += [
+                (lines[0], _nearer_focus(scene, end, 0.5**k))
+                for end in objects - {scene.focus_um}
+                for k in range(1, _HALVINGS)
+            ]
         phases = [(line, waves) for line, at in seen if (waves := phase_waves(choice, camera, scene, line, at))]
         # Where the probe itself would take too many dots, what holds for any pupil stands.
         with suppress(JobError):
