@@ -98,7 +98,7 @@ class Still:
 
     @classmethod
     def of(cls, true: Singles, seen: Singles) -> Still:
-        """Of code values and light, the sensor's both."""
+        """A scene's code values, and its light on the sensor."""
         margin = Margin.around(seen)
         return cls(true, seen, margin.mirrored(seen), margin)
 

@@ -33,11 +33,11 @@ from numpy.typing import NDArray
 from maskfab.base.arrays import Singles
 from maskfab.base.errors import JobError
 from maskfab.camera.expected import Still, Stills, climb
-from maskfab.camera.imaging import Design, Isoplanatic, Margin, RestoredBy
+from maskfab.camera.imaging import Design, Isoplanatic, RestoredBy
 from maskfab.camera.record import Noise, Record, Restorer, merged
 from maskfab.camera.restorers.choice import Choice
 from maskfab.camera.restorers.dct import EPSILON, Published
-from maskfab.camera.restorers.wiener import Ready, Wiener, prior, restore, wiener
+from maskfab.camera.restorers.wiener import Ready, Wiener
 from maskfab.camera.scenes import Photograph, spectrum_of
 from maskfab.camera.scores import Crop, Score, ScoreTable, Truth, inner, psnr
 from maskfab.camera.sensor import F1_SENSOR, Exposure, record_light
@@ -145,10 +145,8 @@ class Protocol:
 
     def restored(self, design: Design, scene: Photograph, level_db: float, epsilon: float, crop: Crop) -> Singles:
         """Code values of part of such a photograph, restored by the Wiener filter."""
-        values = self.photograph(design, scene, level_db).values
-        margin = Margin.around(values)
-        filtered = wiener(design.on(margin.shape), prior(margin.shape), epsilon)
-        return self.shown(crop.of(restore(margin.mirrored(values), filtered, margin)))
+        record = self.photograph(design, scene, level_db)
+        return self.shown(crop.of(Wiener().prepare(record, design)(epsilon)))
 
     def noise(self, seen: Iterable[Singles], design: Design, level_db: float) -> Noise | None:
         """Noise of records of light as ``seen``, where the same variance by light is all that there is to it.
@@ -297,7 +295,7 @@ def _known(
     seen: Mapping[int, Singles],
     tuning: Sequence[int],
 ) -> dict[float, tuple[float, Noise, Stills]]:
-    """By level: the ε that is best on the mean over the noise, that noise, and what tells every scene's error."""
+    """The ε that is best on the mean over the noise, that noise, and what tells every scene's error, by level."""
     by_level = {level: protocol.noise(seen.values(), design, level) for level in levels}
     noises = {level: noise for level, noise in by_level.items() if noise is not None}
     strengths = protocol.strengths

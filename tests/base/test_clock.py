@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -47,6 +48,16 @@ def test_a_budget_is_counted_from_when_its_clock_was_made() -> None:
     assert NO_END.before(5.0).left() is None
     assert NO_END.affords(math.inf)
     assert not NO_END.over
+
+
+def test_another_process_gets_a_clock_of_what_is_left() -> None:
+    hand = Hand()
+    clock = Clock(10.0, refuses=True, now=hand)
+    hand.spend(4.0)
+    assert pickle.loads(pickle.dumps(clock)) == Clock(6.0, refuses=True)
+    assert pickle.loads(pickle.dumps(NO_END)).left() is None
+    clock.halt.set()
+    assert pickle.loads(pickle.dumps(clock)).over
 
 
 def test_a_large_die_is_left_the_time_of_its_look_however_fast_openings_are_judged() -> None:

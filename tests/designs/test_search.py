@@ -12,6 +12,7 @@ from once import leaves
 from sweeps import sweep
 
 from maskfab.base.errors import MaskfabError
+from maskfab.base.processes import Call, SerialExecutor
 from maskfab.base.work import Clock, silent
 from maskfab.camera.lens import lattice
 from maskfab.camera.scenes import Photograph
@@ -222,6 +223,18 @@ def test_the_shortlist_takes_the_best_under_a_map(scenes: tuple[Photograph, ...]
     assert none.best.name == start.best.name
     assert none.cut
     assert "after 0 of 2 quick maps" in none.notes[0]
+
+
+def test_a_halt_reaches_the_quick_map_that_is_being_made() -> None:
+    asked, seen = Clock(), list[bool]()
+
+    def made(clock: Clock) -> None:
+        asked.halt.set()
+        seen.append(clock.over)
+
+    with SerialExecutor() as executor:
+        assert executor.run_alike([Call(searching._in_time, lambda: (made, asked))] * 2) == [None, None]
+    assert seen == [True]
 
 
 def test_the_shortlist_has_several_sizes_where_only_a_second_scan_keeps_the_rules(

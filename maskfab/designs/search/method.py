@@ -484,7 +484,7 @@ def shortlisted(
     def call(one: Listed) -> Call[DesignedMap | None]:
         # No rule is asked where the unit stays in its place.
         made = partial(quick_map, one.shape.unit, **({"allows": one.rules.allows} if positions > 1 else {}))
-        return Call(_in_time, lambda: (made, clock.left()))
+        return Call(_in_time, lambda: (made, clock))
 
     calls = [call(one) for one in listed]
     found_maps = executor.run_alike(calls, lambda done: progress("shortlist", done, len(listed)))
@@ -510,9 +510,8 @@ def shortlisted(
     return found, tuple(replace(listed[k], begun=maps[k]) for k in order)
 
 
-def _in_time(made: Callable[..., DesignedMap], left_s: float | None) -> DesignedMap | None:
+def _in_time(made: Callable[..., DesignedMap], clock: Clock) -> DesignedMap | None:
     """A map for which there is time; one that was ended early is not compared with others."""
-    clock = Clock(left_s)
     if clock.over:
         return None
     quick = made(clock=clock)
