@@ -203,12 +203,13 @@ def test_the_shortlist_takes_the_best_under_a_map(scenes: tuple[Photograph, ...]
     """The longer list cannot end at a lower value, and what it chose is a shape of the scan that keeps the rules."""
     rules = Constraints(9, dots=6, kissing="cell")
     shapes = tuple(FAMILIES["bars"](6, 9))
-    error = pupil_error(surrogate(scenes, 6))
+    error, judge = pupil_error(surrogate(scenes, 6)), ExpectedPsnr(surrogate(scenes, 6))
     start = Best(Ranked(shapes[0].name, shapes[0].unit, 1.0), shapes, len(shapes))
 
     def best(most: int, clock: Clock | None = None) -> Best:
         chosen = clock or Clock()
-        return shortlisted(start, most, error, rules, chosen, silent, mode=MapMode.EQUAL_LIGHT, seed=0)
+        asked = {"judge": judge, "mode": MapMode.EQUAL_LIGHT, "seed": 0}
+        return shortlisted(start, most, error, rules, chosen, silent, **asked)[0]
 
     listed = different(shapes, rules, 3)
     assert len({kind(each.name, each.unit) for each in listed}) == len(listed) == 2
