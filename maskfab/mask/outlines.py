@@ -321,9 +321,9 @@ def unit_shapes(panel: Panel, cell: int) -> Mapping[Layer, tuple[Polygon, ...]]:
     return _shapes(unit_key(panel, cell)._replace(opening=""))
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=128)
 def _shapes(unit: UnitKey) -> Mapping[Layer, tuple[Polygon, ...]]:
-    """Shapes that a unit draws; files, checks and pictures ask for few others."""
+    """Shapes that a unit draws; files, checks and pictures ask for few others. 128 x 128 random dots take 2 MB."""
     orientation, half, dot = unit.orientation, unit.gutter_nm // 2, unit.dot_nm
     clear = orient(_square(unit.mask, np.bool_), orientation)
     pitch = len(clear) * dot + unit.gutter_nm

@@ -64,7 +64,7 @@ class ReadBack:
     """Result of reading files back: of layouts, the first measured further, and every row of the report.
 
     Only the first layout is kept; those of the others are empty, for a flat one takes a hundred megabytes. ``read`` has
-    it by the name of its file, as that was read, before anything was compared.
+    it by the name of its file, chrome named as such where that has no layers.
     """
 
     trips: tuple[RoundTrip, ...]
