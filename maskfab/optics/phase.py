@@ -76,6 +76,10 @@ _MOST_DOTS = 4_000_000
 _MOST_WAVES_PER_DOT = 2.0
 _RIM_TOLERANCE = 1e-8
 
+# Work in flops of a product: of a phased pupil, of a moment of a dot, of all of a cut one, of a dot laid out in a
+# matrix, of a kernel's value, and of the thin products of cut dots.
+_PHASED, _MOMENT, _RIM_DOT, _SPREAD, _KERNEL, _THIN = 5e7, 3200.0, 4e5, 240.0, 65.0, 70.0
+
 
 @dataclass(frozen=True, eq=False)
 class PhasedPupil:
@@ -206,6 +210,41 @@ def phased(pupil: Pupil, waves: Waves, highest: float, tolerance: float = 1e-6) 
         what = f"the phase turns too fast: {pupil.whole.size} dots do not resolve it to the {tolerance:.1e} asked for"
         raise JobError("MF115", what, cure="Ask for a larger error or a weaker wavefront")
     return phased(halved(pupil), waves, highest, tolerance)
+
+
+def phased_flops(pupil: Pupil, u: Floats, steepest: float, tolerance: float) -> float:
+    """Work of a phased pupil and of its field, in flops of a matrix product, as for the paths to a field.
+
+    A phase of s waves along a dot has orders sqrt(2k + 1) j_k(πs) of amplitude (DLMF 10.60.7): what :func:`phased`
+    tries until it has enough follows from the steepest one.
+
+    Args:
+        pupil: openings inside the stop.
+        u: float64 [n] frequencies from 0 along either axis, cycles per micrometre.
+        steepest: most waves that the phase turns over a micrometre.
+        tolerance: as for :func:`phased`.
+    """
+    n, dot, moments = u.size, pupil.x.dot_um, 0
+    (ny, nx), dots, rim = pupil.whole.shape, int(np.count_nonzero(pupil.whole)), pupil.rim_row.size
+    weight = np.sqrt(2 * np.arange(_NODES[-1] + 1) + 1)
+    while True:
+        phase, seen = weight * spherical_bessel_bounds(np.pi * dot * np.array([steepest, u[-1]]), weight.size).T
+        degree = int(np.flatnonzero(2 * phase * seen > tolerance)[-1]) + 1
+        enough = [nodes for nodes in _NODES if nodes >= degree and 2 * phase[nodes - 1] ** 2 <= tolerance]
+        moments += dots * sum(nodes**2 for nodes in _NODES if not enough or nodes <= enough[0])
+        if enough or 4 * ny * nx > _MOST_DOTS:
+            break
+        dot, ny, nx, dots, rim = dot / 2, 2 * ny, 2 * nx, 4 * dots, 2 * rim
+    orders, pairs = max(degree, _rim_orders(pupil, u, u)), degree * (degree + 1) // 2
+    thin = orders * (orders + 1) // 2 - pairs
+    return float(
+        _PHASED
+        + _MOMENT * moments
+        + _RIM_DOT * rim
+        + pairs * ny * nx * (8.0 * n + _SPREAD)
+        + orders * nx * (16.0 * n**2 + _KERNEL * 4 * n)
+        + _THIN * 4 * n * thin * rim
+    )
 
 
 def window_frequency(camera: Camera, wavelength_nm: float, distance_um: float | None = None) -> float:

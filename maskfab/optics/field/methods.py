@@ -29,7 +29,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import log2
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -317,7 +317,7 @@ def _dot_factor(lattice: Lattice, frequency: Floats) -> Complexes:
 # waves, a value; of dots, one that is folded and one that is merely read; of a rim, itself, a cut dot, and a flop of
 # its thin products; of cells, a row of them; of a pruned transform, a frequency; of complex products, themselves, a
 # wave, and a cut dot at a frequency.
-_TRANSFORM_FLOP, _WAVE = 9.0, 400.0
+TRANSFORM_FLOP, _WAVE = 9.0, 400.0
 _DOT_WORK, _DOT_READ = 120.0, 20.0
 _RIM, _CUT_DOT, _GATHERING, _RIM_ORDERS = 4e7, 2e5, 2.5, 8
 _ROW_OF_CELLS, _PRUNED_POINT = 1.5e6, 1700.0
@@ -363,6 +363,18 @@ class FieldTask:
         return is_symmetric(self.x) and is_symmetric(self.y)
 
 
+class Work(NamedTuple):
+    """Flops of a matrix product that making a pupil ready takes, in double precision always, and those of every line.
+
+    Attributes:
+        once: to make it ready.
+        each: of the field at one wavelength.
+    """
+
+    once: float
+    each: float
+
+
 @dataclass(frozen=True, eq=False)
 class FieldPath:
     """One way to the far field.
@@ -372,7 +384,7 @@ class FieldPath:
         purpose: what it is good for.
         error: bound of the PSF's relative L2 error, by precision.
         refusal: why a task is not for this path; None if it is.
-        flops: work of one wavelength, preparation included, in flops of a matrix product.
+        work: of a task.
         memory: bytes beyond the pupil's own.
         prepare: makes a pupil ready for frequencies up to two highest ones, in a precision.
     """
@@ -381,7 +393,7 @@ class FieldPath:
     purpose: str
     error: Mapping[Precision, float]
     refusal: Callable[[FieldTask], str | None]
-    flops: Callable[[FieldTask], float]
+    work: Callable[[FieldTask], Work]
     memory: Callable[[FieldTask], float]
     prepare: Callable[[Pupil, float, float, Precision], Prepared]
 
@@ -411,6 +423,10 @@ class FieldPath:
     def precisions(self) -> tuple[Precision, ...]:
         """The precisions that the path offers."""
         return tuple(self.error)
+
+    def flops(self, task: FieldTask) -> float:
+        """Work of one wavelength, preparation included, in flops of a matrix product."""
+        return sum(self.work(task))
 
     def accepts(self, pupil: Pupil, u: Floats, v: Floats) -> bool:
         """Whether the path takes a pupil and frequencies."""
@@ -491,11 +507,12 @@ def _rim_flops(task: FieldTask, cores: Sequence[tuple[int, int]]) -> float:
     return _RIM + task.rim * (_CUT_DOT + _GATHERING * _RIM_ORDERS * long * narrow)
 
 
-def _parity_flops(task: FieldTask) -> float:
+def _parity_work(task: FieldTask) -> Work:
     ny, nx = _intervals(task.y), _intervals(task.x)
     bands = _rim_cores(task)
     reach = task.x.length_um / 2, task.y.length_um / 2
-    return _DOT_WORK * ny * nx + _product_flops(task, [(ny // 2, nx // 2), *bands], reach) + _rim_flops(task, bands)
+    products = _product_flops(task, [(ny // 2, nx // 2), *bands], reach)
+    return Work(_DOT_WORK * ny * nx + _rim_flops(task, bands), products)
 
 
 def _parity_memory(task: FieldTask) -> float:
@@ -503,10 +520,10 @@ def _parity_memory(task: FieldTask) -> float:
     return _BYTES * (2 * ny * nx + 2 * (nx * nu + ny * nv) + 12 * nu * nv)
 
 
-def _direct_flops(task: FieldTask) -> float:
+def _direct_work(task: FieldTask) -> Work:
     ny, nx, nv, nu = _intervals(task.y), _intervals(task.x), 2 * task.v.size, task.u.size
     rim = _RIM_ORDERS * 8 * nv * nx * nu + _DIRECT_CUT * task.rim * nv if task.rim else 0.0
-    return _DIRECT + 8.0 * nv * nx * (ny + nu) + _DIRECT_WAVE * (nx * nu + ny * nv) + rim
+    return Work(0.0, _DIRECT + 8.0 * nv * nx * (ny + nu) + _DIRECT_WAVE * (nx * nu + ny * nv) + rim)
 
 
 def _direct_memory(task: FieldTask) -> float:
@@ -522,7 +539,7 @@ def _cell_sources(task: FieldTask) -> tuple[int, int]:
     )
 
 
-def _structure_flops(task: FieldTask) -> float:
+def _structure_work(task: FieldTask) -> Work:
     sources_y, sources_x = _cell_sources(task)
     per_cell_x, per_cell_y = sources_x / task.x.cells, sources_y / task.y.cells
     ny, nx = _intervals(task.y), _intervals(task.x)
@@ -530,7 +547,7 @@ def _structure_flops(task: FieldTask) -> float:
     rim = (_RIM + 2 * task.rim * _RIM_ORDERS * per_cell_x * per_cell_y) if task.rim else 0.0
     products = _product_flops(task, [(sources_y // 2, sources_x // 2)], (task.x.length_um / 2, task.y.length_um / 2))
     passes = _DOT_READ * ny * nx + _DOT_WORK * sources_x * sources_y + _ROW_OF_CELLS * task.y.cells
-    return reduction + passes + rim + products
+    return Work(reduction + passes + rim, products)
 
 
 def _structure_memory(task: FieldTask) -> float:
@@ -539,14 +556,15 @@ def _structure_memory(task: FieldTask) -> float:
     return _BYTES * (3.0 * sources_x * sources_y + 2 * (sources_x * nu + sources_y * nv) + 12 * nu * nv)
 
 
-def _pruned_flops(task: FieldTask) -> float:
+def _pruned_work(task: FieldTask) -> Work:
     along_x, along_y = transform_size(task.x, task.u), transform_size(task.y, task.v)
     # Off the axis the phases of half a step make the rows complex.
     rows = (2.5 if task.u[0] == 0 else 5.0) * _intervals(task.y) * along_x * log2(along_x)
     columns = 5.0 * task.u.size * along_y * log2(along_y)
     bands = _rim_cores(task)
-    rim = _rim_flops(task, bands) + _product_flops(task, bands, (task.radius_um, task.radius_um))
-    return _TRANSFORM_FLOP * (rows + columns) + _PRUNED_POINT * task.u.size * task.v.size + rim
+    products = _product_flops(task, bands, (task.radius_um, task.radius_um))
+    transforms = TRANSFORM_FLOP * (rows + columns) + _PRUNED_POINT * task.u.size * task.v.size
+    return Work(_rim_flops(task, bands), transforms + products)
 
 
 def _pruned_memory(task: FieldTask) -> float:
@@ -571,7 +589,7 @@ PARITY = FieldPath(
     "any grid of frequencies, any gutters; the best for hundreds of dots across the stop",
     _OF_PRODUCTS,
     _parity_refusal,
-    _parity_flops,
+    _parity_work,
     _parity_memory,
     prepare,
 )
@@ -580,7 +598,7 @@ DIRECT = FieldPath(
     "lattices that are not symmetric about the axis; a check of all others",
     _OF_PRODUCTS,
     lambda task: None,
-    _direct_flops,
+    _direct_work,
     _direct_memory,
     lambda pupil, highest_u, highest_v, precision: _Direct(pupil, precision),
 )
@@ -589,7 +607,7 @@ STRUCTURE = FieldPath(
     "cells of many fine dots, thousands across the stop",
     _OF_CELLS,
     _structure_refusal,
-    _structure_flops,
+    _structure_work,
     _structure_memory,
     prepare_cells,
 )
@@ -598,7 +616,7 @@ PRUNED = FieldPath(
     "uniform lattices on a sensor whose step divides λf / dot a whole number of times",
     _OF_TRANSFORMS,
     lambda task: pruned_refusal(task.x, task.y, task.rim > 0, task.u, task.v),
-    _pruned_flops,
+    _pruned_work,
     _pruned_memory,
     prepare_pruned,
 )

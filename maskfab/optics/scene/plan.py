@@ -2,12 +2,11 @@
 
 Every way to model the scene is a :class:`maskfab.optics.scene.plan.Choice`. Its error is the sum of the estimates
 (:mod:`maskfab.optics.scene.omissions`) of all that it leaves out and of its own numerical error; its time is its
-flops over a rate of matrix products, and an overhead for each PSF. There are a few thousand choices, so all of them are
-priced and none is passed over.
+flops over a rate of matrix products. There are a few thousand choices, so all of them are priced and none is passed
+over.
 
 Notes:
-    Rates are those of one thread, see ``RATES``; predicted times rank choices and tell seconds from minutes. Cutting
-    the pupil is not counted, nor the planner's own pilot PSFs.
+    Rates are those of one thread, see ``RATES``. The planner's own pilot PSFs are not counted.
     No function takes a grey rim together with a phase or with diffraction over the gap, which see the rim through
     moments or samples of their own, so there is no such choice.
 """
@@ -30,10 +29,10 @@ from maskfab.base.model import Panel
 from maskfab.base.quantities import columns
 from maskfab.base.units import UM_PER_NM
 from maskfab.job.camera import Camera
-from maskfab.optics.field.methods import PATHS, STRUCTURE, FieldPath, FieldTask
+from maskfab.optics.field.methods import PATHS, STRUCTURE, TRANSFORM_FLOP, FieldPath, FieldTask, Work
 from maskfab.optics.field.waves import Precision
 from maskfab.optics.gap import MOST_GAP_SAMPLES, MOST_WAVES_PER_SAMPLE, gap_guard_um, moved_pupil, shift_um
-from maskfab.optics.phase import defocus_waves, image_distance_um, nearest_object_um
+from maskfab.optics.phase import defocus_waves, image_distance_um, nearest_object_um, phased_flops
 from maskfab.optics.psf import odd_samples, pixel_margin, point_step_um
 from maskfab.optics.pupil import Pupil, cut, panel_aperture
 from maskfab.optics.scene.omissions import (
@@ -85,19 +84,11 @@ FINEST = max(RESAMPLED)
 DEPTHS = 2
 """Distances that stand for a range of depths: its ends."""
 
-# Legendre orders along each axis that a weak phase over a dot takes; the field's rows and columns are complex.
-_PHASE_ORDERS = 3
-# A flop of a Fourier transform counts as so many of a product, as for the field paths.
-_TRANSFORM_FLOP = 12.0
-# The same for the long complex transforms over a gap, and for the thin products of a phased pupil.
-_GAP_FLOP = 3.5
-_PHASED_FLOP = 2.0
-# Seconds for each PSF, whatever its size: what small stops take beyond their arithmetic.
-_OVERHEAD = 3e-3
-_OVERHEADS: Mapping[str, float] = MappingProxyType({PHASED: 12e-3, SPECTRUM: 25e-3})
-
-# Flops of a sample's phase: its path, sine and cosine.
-_TURN = 300.0
+# Besides the field paths' own work, in flops of a product: of a pupil, itself, a dot, one more for grey ones, and a cut
+# dot; of a PSF, itself and a sample; over a gap, a sample, and one's phase.
+_CUT, _DOT, _GREY_DOT, _RIM_DOT = 3.2e7, 120.0, 300.0, 6.5e4
+_PSF, _PSF_SAMPLE = 1e7, 120.0
+_GAP_SAMPLE, _TURN = 1300.0, 1300.0
 # Waves that leave at more than 64 degrees are beyond the model; with the carrier, near to evanescent.
 _MOST_SLOPE = 0.9
 
@@ -223,7 +214,7 @@ class CostModel:
 
     def priced(self) -> Iterator[tuple[Choice, SceneCost]]:
         """Every choice that can be computed, with its price."""
-        for _, alike in itertools.groupby(self.choices(), lambda choice: replace(choice, places=1, lines=0)):
+        for _, alike in itertools.groupby(self.choices(), lambda one: replace(one, places=min(one.places, 2), lines=0)):
             first, *others = alike
             one = self._one(first)
             yield from ((choice, self._of_all(choice, *one)) for choice in (first, *others))
@@ -239,24 +230,20 @@ class CostModel:
             return choice.path == wanted and choice.precision == "double" and not choice.grey_rim and fits
         if choice.grey_rim and not self.pupil.rim_row.size:
             return False
-        path = _PATHS.get(choice.path)
-        task = self._task(choice)
-        if choice.places > 1 and not choice.grey_rim:
-            # A stop whose edge follows the dots cuts them as soon as they move.
-            task = replace(task, rim=max(task.rim, 1))
+        path, task = _PATHS.get(choice.path), self._task(choice)
         return path is not None and choice.precision in path.precisions and path.refusal(task) is None
 
     def price(self, choice: Choice) -> SceneCost:
         """Flops, time, memory and error of a possible choice."""
         return self._of_all(choice, *self._one(choice))
 
-    def _of_all(self, choice: Choice, flops: float, memory: float) -> SceneCost:
-        """The price of a choice of which one PSF takes so much."""
+    def _of_all(self, choice: Choice, work: Work, memory: float) -> SceneCost:
+        """The price of a choice of which a pupil and one PSF take so much; lines of a band share their pupil."""
         depths = DEPTHS if choice.defocus else 1
         psfs = self.wavelengths(choice) * depths * choice.places**2
-        flops, waiting = flops * psfs, psfs * _OVERHEADS.get(choice.path, _OVERHEAD)
+        once, each = work.once * psfs / max(choice.lines, 1), work.each * psfs
         error = self.own_error(choice) + math.fsum(row.remaining for row in self.ingredients(choice))
-        return SceneCost(flops, flops / RATES[choice.precision] + waiting, memory, error)
+        return SceneCost(once + each, once / RATES["double"] + each / RATES[choice.precision], memory, error)
 
     def wavelengths(self, choice: Choice) -> int:
         """Number of lines that a choice computes."""
@@ -301,23 +288,29 @@ class CostModel:
         return tuple(rows)
 
     def _task(self, choice: Choice) -> FieldTask:
-        return self.tasks[choice.grey_rim, choice.scale, choice.distortion]
+        task = self.tasks[choice.grey_rim, choice.scale, choice.distortion]
+        if choice.places == 1:
+            return task
+        # Openings that move are not alike along x and y, and a stop whose edge follows the dots cuts them.
+        x = replace(task.x, start_um=task.x.start_um - task.x.pitch_um / 2, cells=task.x.cells + 1)
+        return replace(task, x=x, rim=task.rim if choice.grey_rim else max(task.rim, 1))
 
-    def _one(self, choice: Choice) -> tuple[float, float]:
-        """Flops and bytes of one PSF."""
+    def _one(self, choice: Choice) -> tuple[Work, float]:
+        """Work of a pupil and of one PSF, and bytes."""
         task = self._task(choice)
+        # The dots that the stop cuts mirror each other on the axis alone.
+        dots, rim = self.pupil.whole.size, self.pupil.rim_row.size * (1 if choice.places == 1 else 2)
+        once, each = _pupil_flops(dots, rim, choice.grey_rim), _PSF + _PSF_SAMPLE * 4 * task.u.size**2
         if choice.path == SPECTRUM:
-            return self._gap_cost(choice, task)
+            flops, memory = self._gap_cost(choice, task)
+            return Work(once, each + flops), memory
         if choice.path == PHASED:
-            ny, nx = self.pupil.whole.shape
-            orders, sides = _PHASE_ORDERS**2, task.u.size
-            moments = 250.0 * orders * ny * nx
-            return (
-                _PHASED_FLOP * (moments + 8.0 * orders * sides * nx * (ny + sides) + 100.0 * 8 * sides * task.rim),
-                8.0 * (4 * orders * ny * nx + 16 * sides**2),
-            )
+            flops = phased_flops(self.pupil, task.u, self.steepest, PHASE_SHARE * self.accuracy)
+            return Work(once, each + flops), 8.0 * (36 * dots + 16 * task.u.size**2)
         path = _PATHS[choice.path]
-        return path.flops(task), path.memory(task) / (2 if choice.precision == "single" else 1)
+        work = path.work(task)
+        memory = path.memory(task) / (2 if choice.precision == "single" else 1)
+        return Work(once + work.once, each + work.each), memory
 
     def _sample_um(self, choice: Choice) -> float:
         return self.pupil.x.dot_um / choice.samples_per_dot
@@ -365,11 +358,12 @@ class CostModel:
         spectrum = 0.0 if even else 8 * count * across * (across + count)
         flops = (
             spectrum
-            + _TRANSFORM_FLOP * 2 * 5 * count**2 * 2 * log2(count)
+            + (TRANSFORM_FLOP * 2 * 5 * 2 * log2(count) + _GAP_SAMPLE) * count**2
             + 8 * sides * middle * (middle + sides)
+            + _pupil_flops(middle**2, 4 * middle * self.camera.stop.round, grey=True)
             + (_TURN * middle**2 if choice.defocus or choice.aberrations else 0.0)
         )
-        return _GAP_FLOP * flops, 16.0 * 4 * count**2
+        return flops, 16.0 * 4 * count**2
 
 
 def resamplings(left_out: float, accuracy: float) -> tuple[int, ...]:
@@ -383,6 +377,11 @@ def resamplings(left_out: float, accuracy: float) -> tuple[int, ...]:
         return (0,)
     fine = tuple(finer for finer, error in RESAMPLED.items() if finer == FINEST or error < accuracy)
     return (0, *fine) if left_out <= max(accuracy, RESAMPLED[FINEST]) else fine
+
+
+def _pupil_flops(dots: float, rim: float, grey: bool) -> float:
+    """Work of cutting a pupil, and of making one grey."""
+    return _CUT + (_DOT + grey * _GREY_DOT) * dots + _RIM_DOT * rim
 
 
 def _options(estimate: Estimate) -> tuple[bool, ...]:
