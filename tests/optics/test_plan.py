@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from optics.scene_cases import CASES, RGB, Case, planned, priced
+from optics.scene_cases import CASES, RGB, Case, case, planned, priced
 from optics_cases import aberrated_psf, camera, defocused_psf, focused_psf, noise, panel, pupil
 from sweeps import examples, sweep
 
@@ -23,11 +23,12 @@ from maskfab.optics import psf
 from maskfab.optics.field.methods import PATHS, PRUNED, admissible
 from maskfab.optics.gap import gap_psf, shifted_psf
 from maskfab.optics.metrics import relative_difference
+from maskfab.optics.phase import defocus_waves
 from maskfab.optics.psf import ReadyPupil, image_scale_um2, odd_samples, point_psf, point_step_um
 from maskfab.optics.pupil import Pupil, panel_aperture
 from maskfab.optics.scene import omissions
 from maskfab.optics.scene.omissions import PLACES, grey
-from maskfab.optics.scene.plan import PHASED, SPECTRUM, Choice, CostModel, Plan, plan
+from maskfab.optics.scene.plan import PHASED, SPECTRUM, Choice, CostModel, Plan, cost_model, plan
 from maskfab.optics.scene.point_images import spectrum_psf
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.spectrum import band_lines
@@ -229,22 +230,78 @@ def test_an_ordinary_colour_scene_has_a_plan_that_errs_no_more_than_it_says(
         assert relative_difference(seen, true) <= found.price.error
 
 
-LOOSE = {each.name: each for each in CASES if each.name in (
-    "plain random", "far objects", "weak spherical", "gap and field, tight", "colours", "colours, slit",
-    "aberrated and deep",
-)}  # fmt: skip
+_WAVES = st.tuples(st.sampled_from((4, 5, 6, 8, 11)), st.floats(0.001, 0.1)).map(lambda term: (term,))
+EFFECTS = {
+    "nearest_um": st.floats(5.3, 8).map(lambda power: 10.0**power),
+    "aberrations": _WAVES,
+    "gap_um": st.floats(0, 2.2).map(lambda power: 10.0**power),
+}
 
 
-@given(st.sampled_from(sorted(LOOSE)), st.floats(-7, -0.1), st.floats(1e-4, 3))
+@st.composite
+def drawn(draw: st.DrawFn, effects: int) -> Case:
+    """A small stop and scene with so many effects, any openings, tiling and dots."""
+    asked = draw(st.permutations(sorted(EFFECTS)))[:effects]
+    scene = Scene(**{name: draw(EFFECTS[name]) for name in asked})  # type: ignore[arg-type]
+    mask = noise(7, draw(st.sampled_from((0.2, 0.4, 0.6))), draw(st.integers(0, 50)))
+    return case(
+        "drawn", mask, scene, 0.5, diameter_um=draw(st.sampled_from((160.0, 200.0, 300.0))),
+        shape=draw(st.sampled_from(("circle", "square"))), seed=draw(st.sampled_from((None, 1))),
+        gutter_nm=draw(st.sampled_from((0, 4000))),
+    )  # fmt: skip
+
+
+@given(st.integers(0, 3).flatmap(drawn), st.booleans(), st.sampled_from((0.0, 1000.0)))
 @examples(60)
 def test_a_looser_accuracy_is_not_refused_where_a_tighter_one_is_met_and_costs_no_more(
-    name: str, tight: float, looser: float
+    each: Case, colours: bool, field_um: float
 ) -> None:
-    each = LOOSE[name]
-    accuracy = min(0.99, 10 ** (tight + looser))
-    try:
-        strict = plan(each.panel, each.camera, each.scene, 10**tight)
-    except JobError:
-        # Nothing that maskfab can compute is so exact.
-        return
-    assert plan(each.panel, each.camera, each.scene, accuracy).price.seconds <= strict.price.seconds
+    scene, spent = replace(each.scene, bands=RGB if colours else (), field_um=field_um), math.inf
+    for accuracy in (1e-6, 1e-4, 1e-3, 1e-2, 0.05, 0.2, 0.6):
+        try:
+            seconds = plan(each.panel, each.camera, scene, accuracy).price.seconds
+        except JobError:
+            # Nothing that maskfab can compute is so exact.
+            assert spent == math.inf
+        else:
+            assert seconds <= spent
+            spent = seconds
+
+
+@given(drawn(2))
+@examples(100)
+def test_two_effects_left_out_err_by_no_more_than_their_sum_nor_does_either_alone(each: Case) -> None:
+    """As far as an accuracy may go: an error above 1 is one that no plan leaves out."""
+    found = cost_model(each.panel, each.camera, each.scene, each.accuracy).estimates
+    bar = found.defocus.error + found.aberrations.error + found.diffraction.error
+    line, none = each.camera.wavelengths_nm[0], Scene()
+
+    def seen(scene: Scene) -> Psf:
+        lens = scene.wavefront(each.camera).waves(each.camera.stop, line)
+        blur = defocus_waves(each.camera, line, scene.nearest_um, math.inf)
+        return gap_psf(
+            panel_aperture(each.panel), each.camera, line, scene.gap_um, samples_per_dot=4,
+            waves=lambda x, y: lens(x, y) + blur(x, y),
+        )  # fmt: skip
+
+    plain = seen(none)
+    alone = [
+        replace(none, **{name: getattr(each.scene, name)})
+        for name in EFFECTS if getattr(each.scene, name) != getattr(none, name)
+    ]  # fmt: skip
+    assert len(alone) == 2
+    assert bar >= min(1.0, max(relative_difference(plain, seen(scene)) for scene in (*alone, each.scene)))
+
+
+def test_lines_of_a_band_share_the_work_that_single_precision_does_not_speed_up() -> None:
+    """The price of a pupil is paid for each band, that of a field for each line."""
+    (each,) = (each for each in CASES if each.name == "colours")
+    known = priced(each)
+    few, more, most = (
+        known.price(Choice("parity", "single", *[False] * 5, places=1, lines=lines, samples_per_dot=0)).seconds
+        for lines in sorted(known.estimates.bands)[:3]
+    )
+    lines = sorted(known.estimates.bands)[:3]
+    line = (more - few) / (lines[1] - lines[0])
+    assert most - more == pytest.approx(line * (lines[2] - lines[1]))
+    assert few > 2 * line * lines[0]

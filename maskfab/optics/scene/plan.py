@@ -85,9 +85,10 @@ DEPTHS = 2
 """Distances that stand for a range of depths: its ends."""
 
 # Besides the field paths' own work, in flops of a product: of a pupil, itself, a dot, one more for grey ones, and a cut
-# dot; of a PSF, itself and a sample; over a gap, a sample, and one's phase.
+# dot; of a PSF, itself and a sample, and of one that a lens distorts; over a gap, a sample, and one's
+# phase.
 _CUT, _DOT, _GREY_DOT, _RIM_DOT = 3.2e7, 120.0, 300.0, 6.5e4
-_PSF, _PSF_SAMPLE = 1e7, 120.0
+_PSF, _PSF_SAMPLE, _RESAMPLED = 1e7, 120.0, 1.1e4
 _GAP_SAMPLE, _TURN = 1300.0, 1300.0
 # Waves that leave at more than 64 degrees are beyond the model; with the carrier, near to evanescent.
 _MOST_SLOPE = 0.9
@@ -301,6 +302,10 @@ class CostModel:
         # The dots that the stop cuts mirror each other on the axis alone.
         dots, rim = self.pupil.whole.size, self.pupil.rim_row.size * (1 if choice.places == 1 else 2)
         once, each = _pupil_flops(dots, rim, choice.grey_rim), _PSF + _PSF_SAMPLE * 4 * task.u.size**2
+        if choice.distortion:
+            each += _RESAMPLED * odd_samples(self.camera.window_um, point_step_um(self.camera)) ** 2
+        # A PSF is of double precision, whatever the waves that made it.
+        each *= RATES[choice.precision] / RATES["double"]
         if choice.path == SPECTRUM:
             flops, memory = self._gap_cost(choice, task)
             return Work(once, each + flops), memory
