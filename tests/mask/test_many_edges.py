@@ -43,11 +43,11 @@ def test_polygons_that_lie_apart_are_seen_as_if_they_were_merged(tmp_path, monke
         cell.shapes(layer).insert(star((k % 3 - 1) * pitch, (k // 3 - 1) * pitch))
     layout.write(str(tmp_path / "stars.oas"))
     request = analysis.Request(Camera(10_000.0, Stop("circle", 250.0), (530.0,), 2.0, 32.0))
-    merged = analysis._draw(tmp_path / "stars.oas", request)
+    merged = analysis._draw(tmp_path / "stars.oas", request, outlined=False)
     monkeypatch.setattr(analysis, "_MANY_VERTICES", 500, raising=False)
     held = analysis._polygons(tmp_path / "stars.oas", request)[2]
     assert held.merged_semantics == (pitch < 80_000)  # of overlapping ones none is counted twice
-    plain = analysis._draw(tmp_path / "stars.oas", request)
+    plain = analysis._draw(tmp_path / "stars.oas", request, outlined=False)
     assert plain[2] == pytest.approx(merged[2], rel=1e-12)
     assert plain[3] == merged[3]
     np.testing.assert_allclose(plain[4].transmission, merged[4].transmission, atol=1e-12)

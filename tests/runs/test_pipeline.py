@@ -428,7 +428,9 @@ def test_a_scene_is_planned_modelled_and_reported(capsys, tmp_path):
         assert (scene["asked"]["nearest_um"], scene["asked"]["farthest_um"]) == (1e5, None)
         rows = {row["name"]: row for row in scene["plan"]["ingredients"]}
         assert rows["shift through the gap"]["modelled"]
-        assert not rows["diffraction over the gap"]["modelled"]
+        # The way that models a shift and a depth at the least cost models diffraction too; nothing needs a near scale.
+        assert rows["diffraction over the gap"]["modelled"]
+        assert not rows["scale of a near focus"]["modelled"]
         judged = [quantity for quantity in scene["quantities"] if quantity["passed"] is not None]
         assert {quantity["name"] for quantity in judged} == {"plan_error", "plan_error_measured"}
         assert all(quantity in document["checks"] for quantity in judged)
