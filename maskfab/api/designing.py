@@ -51,7 +51,7 @@ from maskfab.designs.rules.display_fit import DieFit
 from maskfab.designs.search.result import Designed
 from maskfab.job.read import read, validate
 from maskfab.job.reference import USES
-from maskfab.job.sections import JobSpec, SearchSection
+from maskfab.job.sections import JobSpec, RelaxSection, SearchSection
 from maskfab.mask import opening_file, panels
 from maskfab.mask.opening import closed, from_array
 from maskfab.mask.opening_file import load_opening, opening_text
@@ -300,27 +300,23 @@ def design(
         price_rules: anneal once more without each rule, beyond the budget, to tell what each costs.
         scheduler: address of a Dask scheduler whose workers share the work, such as tcp://127.0.0.1:8786.
         workers: processes; by default as many as processors and memory bear. The design is the same, unless a budget
-            ends it early.
+            ends it early. A descent takes none.
         command: what reproduces a front, for the openings' provenance; by default this call.
         progress: told where the work stands.
         keys: any other key of [design], such as ``anneal=2000`` or ``families=["bars", "discs"]``.
 
     Raises:
         OpeningError: MF201 to MF203 for a start that is no opening; a grey one is refused.
-        JobError: as for a job file with such a [design]; MF102 for a section that a design does not use; MF105 for what
-            is stated beside a job; MF123 for rules that contradict each other, and for a display that does not fit;
-            where it fits fewer dots than were asked for, these are designed, and :attr:`Design.passed` is false;
-            MF150 for a budget that the first openings exceed; of a front also MF105 for a job without its sections and
-            MF109 for two openings of one name.
+        JobError: as for a job file with such a [design]; MF102 for a section that a design does not use; MF105 for
+            what is stated beside a job, and for workers of a descent; MF123 for rules that contradict each other, and
+            for a display that does not fit; where it fits fewer dots than were asked for, these are designed, and
+            :attr:`Design.passed` is false; MF150 for a budget that the first openings exceed; of a front also MF105 for
+            a job without its sections and MF109 for two openings of one name.
         OutputError: MF401 for a checkpoint in a directory that does not exist.
     """
     crew = Workers(workers, scheduler, of_installation)
     if front:
-        idle = {"checkpoint": checkpoint, "price_rules": price_rules or None, "start": start}
-        for key, value in idle.items():
-            if value is not None:
-                cure = f"Leave {key} out, or front"
-                raise JobError("MF105", f"{key} does not apply to a front", where=key, cure=cure)
+        _refuse({"checkpoint": checkpoint, "price_rules": price_rules or None, "start": start}, "a front", "front")
         if job is None:
             raise JobError("MF105", "a front is of a job", where="job", cure="Give a job file with [pareto]")
         return _front(
@@ -368,6 +364,8 @@ def design(
         spec = validate({"camera": lens, "design": section, **display, **more}, where=where)
         stated = {**section, **display, **({"sections": more} if more else {})}
         command = _call(stated, camera=None if camera is None else lens, images=images) + _start_words(start, begin)
+    if isinstance(spec.design, RelaxSection):
+        _refuse({"workers": workers, "scheduler": scheduler}, "a descent", 'method = "relax"')
     began, processor = time.monotonic(), time.process_time()
     with crew.executor(_TASKS) as executor, ended_by_interrupt(clock):
         best = design_spec(
@@ -384,6 +382,18 @@ def design(
         )
     taken = time.monotonic() - began, time.process_time() - processor
     return Design(best, Made(provenance.job_hash(spec.dump()), *taken))
+
+
+def _refuse(stated: Mapping[str, object], design: str, asked: str) -> None:
+    """Refuse whatever is stated and a kind of design, asked for by a key, has no use for.
+
+    Raises:
+        JobError: MF105.
+    """
+    for key, value in stated.items():
+        if value is not None:
+            cure = f"Leave {key} out, or {asked}"
+            raise JobError("MF105", f"{key} does not apply to {design}", where=key, cure=cure)
 
 
 @answers(design)

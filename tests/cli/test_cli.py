@@ -245,6 +245,15 @@ def design_job(folder: Path, section: str = RELAX) -> Path:
     return job
 
 
+def test_a_descent_takes_no_workers(capsys, tmp_path):
+    job = design_job(tmp_path)
+    answer = command(capsys, "design", job, "--workers", "2", "--json", "--quiet")
+    assert answer.code == 2
+    assert answer.document["error"]["code"] == "MF105"
+    assert answer.document["error"]["cure"] == 'Leave workers out, or method = "relax"'
+    assert list(tmp_path.iterdir()) == [job]
+
+
 def test_a_relaxed_design_writes_an_opening_beside_its_job(capsys, tmp_path, few_scenes):
     answer = command(capsys, "design", design_job(tmp_path))
     assert answer.code == 0
