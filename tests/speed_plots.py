@@ -22,9 +22,9 @@ from maskfab.base.model import Panel
 from maskfab.job.camera import Stop
 from maskfab.optics.benchmark import (
     Race,
+    Workload,
     absent,
     gemm_bound_ms,
-    job_classes,
     race,
     race_figure,
     slit_panel,
@@ -60,6 +60,19 @@ class Growth:
         """Power of the size with which the time of a call grows between the two largest."""
         (early, late), (small, large) = (one[call] for one in self.spent[-2:]), self.sizes[-2:]
         return float(np.log(late / early) / np.log(large / small))
+
+
+def job_classes() -> dict[str, Workload]:
+    """The standard workload and others that differ from it in what decides which path is best, by what they are."""
+    usual = standard_workload()
+    return {
+        "4 mm stop, dots of 8 um, 512² of 0.5 um": usual,
+        "a look: 128² of 2 um": replace(usual, step_um=2.0, samples=128),
+        "wide window: 1024² of 0.5 um": replace(usual, samples=1024),
+        "small stop: 0.5 mm": replace(usual, panel=slit_panel(cells=4), diameter_um=500.0),
+        "100 cells across: 16.8 mm stop": replace(usual, panel=slit_panel(cells=100), diameter_um=16_800.0),
+        "fine dots: 2 um": replace(usual, panel=slit_panel(84)),
+    }
 
 
 def timed(function: Callable[[], object]) -> float:

@@ -36,13 +36,14 @@ from maskfab.display.emitted_light import Viewing, emitters_of
 from maskfab.display.emitter_rules import EmitterGrid
 from maskfab.display.eye import OPPONENT_OF_RGB, SLOW_CPD, gains
 from maskfab.optics.colour import LUMINANCE, lab_of_linear_srgb
+from maskfab.optics.polynomials import gauss_legendre
 
 EVEN_LEVEL = 0.5
 """Linear light of the even field, as in the picture of it."""
 _HIGHEST_CPD = 30.0
 """Noise beyond passes with less than 1e-3."""
 _STEP_CPD, _FINEST_STEP, _MOST_STEPS = 1.0, 0.1, 100
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(96)
+_NODES = 96
 _SEARCH_STEP_CPD = 3.0
 _NEGLIGIBLE = 1e-8
 """Share of the power of all that lights could do that a search leaves out."""
@@ -213,8 +214,9 @@ def _mean_length(variances: Floats) -> float:
     if not w.max() > 0:
         return 0.0
     # u = tan(t) / sqrt(2 w) brings 0 to infinity to 0 to a right angle, of which the integrand is smooth.
-    t = (_NODES + 1) * math.pi / 4
+    nodes, weights = gauss_legendre(_NODES)
+    t = (nodes + 1) * math.pi / 4
     u = np.tan(t)
     lost = 1 - np.prod((1 + u[:, None] ** 2 * (w / w.max())) ** -0.5, axis=1)
-    value = float((_WEIGHTS * lost / np.sin(t) ** 2).sum()) * math.pi / 4
+    value = float((weights * lost / np.sin(t) ** 2).sum()) * math.pi / 4
     return value * math.sqrt(2 * float(w.max()) / math.pi)

@@ -22,6 +22,7 @@ from maskfab.base.model import ORIENTATIONS, Emitters, orient
 from maskfab.display.emitted_light import Viewing
 from maskfab.display.eye import SLOW_CPD
 from maskfab.optics.colour import LUMINANCE
+from maskfab.optics.polynomials import gauss_legendre
 
 _RADII, _ANGLES = 6, 24
 
@@ -46,7 +47,7 @@ def turned_grain(
         return 0.0
     n = len(weights)
     places = (np.arange(n) + 0.5) / n - 0.5
-    nodes, steps = np.polynomial.legendre.leggauss(_RADII)
+    nodes, steps = gauss_legendre(_RADII)
     highest = highest_cpd / viewing.pixels_per_degree
     radius, step = highest * (nodes + 1) / 2, highest * steps / 2
     angle = 2 * math.pi * np.arange(_ANGLES) / _ANGLES

@@ -27,7 +27,7 @@ import json
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from statistics import median, quantiles
@@ -272,19 +272,6 @@ def slit_panel(dots: int = 21, cells: int = 24, seed: int = 0) -> Panel:
 def standard_workload() -> Workload:
     """A slit of 5 x 18 in 21 x 21 dots of 8 um, tiled at random over a stop of 4 mm; 512 x 512 samples of 0.5 um."""
     return Workload(slit_panel(), 4000.0, 530.0, 10_000.0, 0.5, 512)
-
-
-def job_classes() -> dict[str, Workload]:
-    """The standard workload and others that differ from it in what decides which path is best, by what they are."""
-    usual = standard_workload()
-    return {
-        "4 mm stop, dots of 8 um, 512² of 0.5 um": usual,
-        "a look: 128² of 2 um": replace(usual, step_um=2.0, samples=128),
-        "wide window: 1024² of 0.5 um": replace(usual, samples=1024),
-        "small stop: 0.5 mm": replace(usual, panel=slit_panel(cells=4), diameter_um=500.0),
-        "100 cells across: 16.8 mm stop": replace(usual, panel=slit_panel(cells=100), diameter_um=16_800.0),
-        "fine dots: 2 um": replace(usual, panel=slit_panel(84)),
-    }
 
 
 def gemm_bound_ms(workload: Workload, rounds: int = 15) -> dict[str, float]:

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from small_job import write_job
+from speed_plots import job_classes
 
 from maskfab.cli.program import run_command_line
 from maskfab.optics.benchmark import (
@@ -19,7 +20,6 @@ from maskfab.optics.benchmark import (
     Timing,
     absent,
     case_table,
-    job_classes,
     race,
     race_figure,
     race_table,

@@ -28,14 +28,13 @@ from itertools import product
 
 import numpy as np
 import scipy
-from numpy.polynomial.legendre import leggauss
 
 from maskfab.base.arrays import Complexes, Floats
 from maskfab.base.model import Panel, orient
 from maskfab.base.units import UM_PER_NM
 from maskfab.job.camera import Camera, Stop
 from maskfab.optics.phase import zernike
-from maskfab.optics.polynomials import spherical_bessel
+from maskfab.optics.polynomials import gauss_legendre, spherical_bessel
 from maskfab.optics.pupil import Aperture, Pupil, cut, panel_aperture
 from maskfab.optics.spectrum import Spectrum
 
@@ -57,7 +56,7 @@ def pixel_means(samples: int, centres: Floats, width: float) -> Floats:
         centres: of the pixels, in samples, [pixels].
         width: of a pixel, in samples.
     """
-    nodes, weights = leggauss(_NODES)
+    nodes, weights = gauss_legendre(_NODES)
     places = centres[:, None] + width / 2 * nodes
     first = np.floor(places).astype(np.intp) - MARGIN + 1
     offsets = np.arange(2 * MARGIN)

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import islice, takewhile
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -487,8 +487,11 @@ def shortlisted(
         return Call(_in_time, lambda: (made, clock))
 
     calls = [call(one) for one in listed]
-    found_maps = executor.run_alike(calls, lambda done: progress("shortlist", done, len(listed)))
-    maps = [quick for quick in takewhile(lambda quick: quick is not None, found_maps) if quick is not None]
+    maps: list[DesignedMap] = []
+    for quick in executor.run_alike(calls, lambda done: progress("shortlist", done, len(listed))):
+        if quick is None:
+            break
+        maps.append(quick)
     cut = len(maps) < len(listed)
     notes = [f"{clock.ender} ended the shortlist after {len(maps)} of {len(listed)} quick maps."] if cut else []
     values = [float(np.dot(error.weights, quick.psnr)) for quick in maps]
