@@ -41,6 +41,7 @@ class Job:
         where: the file it came from.
         laid_out: dies of which Python stated an opening alone.
         camera_assumed: whether Python stated no camera, and that of protocol F1 stands for it.
+        file: that holds all of the job, which was read from it as it is.
     """
 
     spec: JobSpec
@@ -49,6 +50,7 @@ class Job:
     where: str
     laid_out: frozenset[str] = frozenset()
     camera_assumed: bool = False
+    file: Path | None = None
 
     def __repr__(self) -> str:
         name = Path(self.where).stem if self.spec.job is None else self.spec.job.name
@@ -172,7 +174,7 @@ def load_job(path: str | Path, further: Further | None = None) -> Job:
         with faults:
             further(job, faults)
     faults.refuse()
-    return job
+    return replace(job, file=stated)
 
 
 def resolve(stated: JobSpec, path: Path) -> Job:

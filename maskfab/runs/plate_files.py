@@ -58,7 +58,7 @@ def draw_files(job: Job, plate: Plate, version: str = __version__) -> PlateFiles
     """
     shop = named_shop(job)
     made = files_of_job(plate, job.spec, [job.signature, plate.title], shop)
-    return replace(made, asked=asked(job.spec, shop, version=version))
+    return replace(made, asked=asked(job.spec, shop, file=job.file, version=version))
 
 
 def write_files(

@@ -240,7 +240,7 @@ def verify_file(
     house = shop_of(job.spec, job.where)
     plate, drawing = job.plate(), job.spec.export
     # A design holds what is clear, whatever tone the job's own files have.
-    plan = replace(asked(job.spec), dark=False)
+    plan = replace(asked(job.spec, file=job.file), dark=False)
     opinion = tuple(row for row in judged(plate_layout(plate), "the design", plan) if die in (None, row.die))
     stated = drawing is not None and "max_vertices" in drawing.model_fields_set
 

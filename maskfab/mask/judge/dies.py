@@ -10,9 +10,9 @@ change itself changes."""
 from __future__ import annotations
 
 import math
-import tomllib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from klayout import db
@@ -22,6 +22,7 @@ from maskfab.base.arrays import Ints, Mask
 from maskfab.base.units import NM_PER_UM
 from maskfab.job.die import DieSection
 from maskfab.job.sections import JobSpec
+from maskfab.mask.judge.sources import Sources, digits
 
 _HALF = 1 << 31
 _ROW = 1 << 32
@@ -317,7 +318,7 @@ class AskedDie:
         return int(self.x[0]), int(self.y[0]), int(self.x[-1]), int(self.y[-1])
 
 
-def asked_dies(spec: JobSpec) -> tuple[AskedDie, ...]:
+def asked_dies(spec: JobSpec, held: Sources) -> tuple[AskedDie, ...]:
     """Every die of a job, in its order, before the plate is mirrored."""
     section = spec.plate
     assert section is not None
@@ -326,25 +327,30 @@ def asked_dies(spec: JobSpec) -> tuple[AskedDie, ...]:
     rows = math.ceil(len(spec.die) / columns)
     left, top = math.floor(-(columns - 1) * pitch / 2), math.floor((rows - 1) * pitch / 2)
     return tuple(
-        _die(die, spec, (left + number % columns * pitch, top - number // columns * pitch), slot)
+        _die(
+            die.model_copy(update={"seed": held.seeds[number]}),
+            [opening > 0 for opening in held.openings[number]],
+            held.maps[number],
+            (left + number % columns * pitch, top - number // columns * pitch),
+            slot,
+        )
         for number, die in enumerate(spec.die)
     )
 
 
-def _die(die: DieSection, spec: JobSpec, centre: tuple[int, int], slot: int) -> AskedDie:
+def _die(
+    die: DieSection, shapes: list[Mask], given: Mapping[str, Any] | None, centre: tuple[int, int], slot: int
+) -> AskedDie:
     side, dot, gutter = slot if die.size is None else _nm(die.size), _nm(die.dot), _nm(die.gutter)
-    named = (die.opening, *(die.others or ()))
-    shapes = [_digits(tomllib.loads(spec.openings[name])["grid"]) > 0 for name in named]
     dots = len(shapes[0])
     rows = columns = side // (dots * dot + gutter)
     if die.tiling == "hexagonal":
         shapes = [_hexagonal(shapes[0], side // dot, die.seed or 0)]
         dots, rows, columns = len(shapes[0]), 1, 1
         cells: NDArray[np.int64] = np.zeros((1, 1), np.int64)
-    elif die.map is not None:
-        given = tomllib.loads(spec.maps[die.map])
-        turns = _digits(given["map"])
-        held = _digits(given["openings"]) if "openings" in given else 0 * turns
+    elif given is not None:
+        turns = digits(given["map"])
+        held = digits(given["openings"]) if "openings" in given else 0 * turns
         if given.get("shifts"):
             shapes = [np.roll(shapes[0], (up, right), axis=(0, 1)) for right, up in given["shifts"]]
         rows, columns = (room - (room - have) % 2 for room, have in zip((rows, columns), turns.shape, strict=True))
@@ -372,12 +378,6 @@ def _die(die: DieSection, spec: JobSpec, centre: tuple[int, int], slot: int) -> 
 
 def _nm(length_um: float) -> int:
     return round(length_um * NM_PER_UM)
-
-
-def _digits(text: str) -> Ints:
-    """Digits of a map, int64, or dots of an opening, 1 where they are clear; drawn with the top row first."""
-    rows = [line.strip() for line in text.translate({ord("#"): "1", ord("."): "0"}).splitlines() if line.strip()]
-    return np.array([[int(digit, 16) for digit in row] for row in reversed(rows)], dtype=np.int64)
 
 
 def _lines(cells: int, dots: int, dot: int, gutter: int) -> Ints:

@@ -18,11 +18,12 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.base import provenance, resources
+from maskfab.base import resources
 from maskfab.base.arrays import Ints, Mask
 from maskfab.base.units import NM_PER_UM, parse_length_um
 from maskfab.job.sections import JobSpec
 from maskfab.mask.judge.dies import AskedDie, Boundary, narrowed, total
+from maskfab.mask.judge.sources import Sources
 
 HEIGHT, WIDTH, ADVANCE = 28, 20, 24
 """Sides of a letter, and from letter to letter, in steps."""
@@ -188,7 +189,7 @@ class Code:
 
 
 def asked_marks(
-    spec: JobSpec, dies: Sequence[AskedDie], version: str
+    spec: JobSpec, dies: Sequence[AskedDie], held: Sources, version: str
 ) -> tuple[tuple[Mark, ...], tuple[Line, ...], tuple[Code, ...], int]:
     """Figures, lines and codes of a job before the plate is mirrored, and the side of its writable area, nanometres."""
     plate, heading = spec.plate, spec.job
@@ -196,19 +197,19 @@ def asked_marks(
     assert heading is not None
     feature = min(_LARGEST_FEATURE, *(die.narrowest for die in dies))
     drawn: list[Mark | Line | Code] = []
-    digest = provenance.job_hash(spec.drawn())
-    maker = f"maskfab {version} | job {digest[:16]}"
+    tone = "dark" if held.dark else "clear"
+    maker = f"maskfab {version} | job {held.digest[:16]}"
     if plate.template is None:
         assert plate.writable is not None
         side = round(plate.writable * NM_PER_UM)
-        drawn += _plain(side, feature, heading.title, f"{maker} | digitized data = {spec.tone}")
+        drawn += _plain(side, feature, heading.title, f"{maker} | digitized data = {tone}")
     else:
         facts = tomllib.loads(resources.path(f"export_templates/plates/{plate.template}.toml").read_text("utf-8"))
         side = _nm(facts["writable"])
-        reading = f"digitized data = {spec.tone} | right reading, chrome {'down' if spec.mirrored else 'up'}"
+        reading = f"digitized data = {tone} | right reading, chrome {'down' if held.mirror else 'up'}"
         blank = [_nm(facts[key]) / 1e6 for key in ("blank", "blank", "thickness")]
         size = "{:g} x {:g} x {:g} mm".format(*blank)
-        titles, code = (heading.title, maker, f"{reading} | {size}"), f"maskfab:{version}:{digest}"
+        titles, code = (heading.title, maker, f"{reading} | {size}"), f"maskfab:{version}:{held.digest}"
         across = _nm(facts["blank"]), round(plate.die_pitch * NM_PER_UM)
         for mark in facts.get("mark", ()):
             drawn += _of_template(mark, feature, titles, code, dies, across)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from klayout import db
@@ -40,6 +41,7 @@ from maskfab.mask.judge.marks import (
     points,
     read,
 )
+from maskfab.mask.judge.sources import sources
 
 _CLEAR, _CUT, _CHROME = db.LayerInfo(1, 0), db.LayerInfo(2, 0), db.LayerInfo(3, 0)
 _MOST_NAMED = 5
@@ -95,19 +97,28 @@ class Asked:
         return x
 
 
-def asked(spec: JobSpec, shop: Shop | None = None, *, sent: bool = False, version: str = __version__) -> Asked:
+def asked(
+    spec: JobSpec,
+    shop: Shop | None = None,
+    *,
+    file: Path | None = None,
+    sent: bool = False,
+    version: str = __version__,
+) -> Asked:
     """A plate from its job alone.
 
     Args:
         spec: a job that has been laid out, with its openings and maps as text.
         shop: whose rules change how marks are drawn.
+        file: the job was read from; it and the openings and maps that it names are read once more.
         sent: whether it goes to the shop, which may ask for squares in the corners of a drawing.
         version: of maskfab that signs the plate.
     """
-    dies = asked_dies(spec)
+    held = sources(spec, file)
+    dies = asked_dies(spec, held)
     grids = _grids(spec, dies, shop)
-    marks, lines, codes, writable = asked_marks(spec, dies, version)
-    if spec.mirrored:
+    marks, lines, codes, writable = asked_marks(spec, dies, held, version)
+    if held.mirror:
         dies = tuple(of_dies.mirrored(die) for die in dies)
         marks = tuple(map(mirrored, marks))
     if sent and shop is not None and shop.plate.extent_mm is not None and shop.plate.corner_square_um is not None:
@@ -123,10 +134,10 @@ def asked(spec: JobSpec, shop: Shop | None = None, *, sent: bool = False, versio
         lines,
         codes,
         writable,
-        spec.mirrored,
+        held.mirror,
         grids,
-        spec.tone == "dark",
-        spec.data_bias_nm or 0,
+        held.dark,
+        held.bias,
         max(4_000, 2 * round(least * NM_PER_UM)) if barred else 0,
     )
 
