@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from klayout import db
@@ -379,6 +380,7 @@ def files_for_shop(
     spec: JobSpec,
     facts: PlateFacts | None = None,
     *,
+    file: Path | None = None,
     version: str = __version__,
 ) -> PlateFiles:
     """Draw a plate that is :func:`maskfab.mask.houses.adaptation.fitted` as its house takes it.
@@ -391,6 +393,7 @@ def files_for_shop(
         stem: of their names.
         spec: of its job.
         facts: of the plate, shared by houses that it is drawn for.
+        file: the job was read from, for the judge.
         version: of maskfab that signs the plate.
 
     Raises:
@@ -404,5 +407,5 @@ def files_for_shop(
     made = products(figures, formats, comments, settings, stem)
     edges = dot_edges(plate, spec, shop, formats, dpi)
     design = plate_layout(plate) if facts is None else facts.design(plate)
-    wanted = asked(spec, shop, sent=True, version=version)
+    wanted = asked(spec, shop, file=file, sent=True, version=version)
     return PlateFiles(plate, design, figures, made, settings, tuple(formats), edges, wanted)

@@ -124,6 +124,24 @@ def _figure(letter: str) -> Mask:
     return figure
 
 
+def symbol(text: str) -> Mask:
+    """The smallest square data matrix of a text and its quiet zone, bool [n, n], True where light, lowest row first."""
+    import zxingcpp
+
+    drawn = zxingcpp.create_barcode(text, zxingcpp.BarcodeFormat.DataMatrix, force_square=True)
+    return np.array(drawn.to_image(scale=1, add_quiet_zones=True))[::-1] > 127
+
+
+def read_symbol(light: Mask) -> str:
+    """Text of a data matrix as a camera reads it, which corrects errors; nothing if it cannot be read."""
+    import zxingcpp
+
+    # A few pixels a module and some room around it.
+    picture = np.where(light[::-1], 255, 0).astype(np.uint8).repeat(8, axis=0).repeat(8, axis=1)
+    found = zxingcpp.read_barcodes(np.pad(picture, 32, constant_values=255))
+    return found[0].text if len(found) == 1 else ""
+
+
 Place: TypeAlias = tuple[int, int]
 Coordinate = TypeVar("Coordinate", int, Ints)
 

@@ -1,4 +1,4 @@
-"""What the files of a job say of its plate, read once more: tone, parity and bias, openings and maps, and the job's hash.
+"""What the files of a job say of its plate, read once more: tone, parity and bias, openings and maps, and its hash.
 
 Nothing here is taken from what the job was made into. A job of Python has no files, and one that a run keeps holds its
 openings and maps itself: then texts of the spec are read, and of [order] and [process] what they state.
@@ -82,7 +82,7 @@ def _document(file: Path) -> Mapping[str, Any]:
 
 
 def _text(name: str, stated: Mapping[str, Any], kind: str, folder: Path) -> str:
-    """Text of an opening or a map: in the job itself, or in the file that it names; empty for a file of another kind."""
+    """Text of an opening or a map: in the job itself or in the file that it names; empty for a file of another kind."""
     held: Mapping[str, str] = stated.get(kind) or {}
     path = folder / name
     return held.get(name) or (path.read_text("utf-8-sig") if path.suffix.lower() == ".toml" else "")
@@ -110,5 +110,7 @@ def _digest(resolved: Mapping[str, Any]) -> str:
     order = resolved.get("order") or {}
     drawn = {key: order[key] for key in order if key in _ON_THE_PLATE or (key, order[key]) == ("bias", "data")}
     kept = {key: value for key, value in resolved.items() if key not in ("report", "order")}
-    text = json.dumps({**kept, "order": drawn} if drawn else kept, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    text = json.dumps(
+        {**kept, "order": drawn} if drawn else kept, sort_keys=True, separators=(",", ":"), ensure_ascii=False
+    )
     return hashlib.sha256(text.encode()).hexdigest()

@@ -6,9 +6,11 @@ everything that it draws. Both are whole numbers, and what is left where they do
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -40,11 +42,15 @@ from maskfab.mask.judge.marks import (
     on_grid,
     points,
     read,
+    read_symbol,
+    symbol,
 )
 from maskfab.mask.judge.sources import sources
 
 _CLEAR, _CUT, _CHROME = db.LayerInfo(1, 0), db.LayerInfo(2, 0), db.LayerInfo(3, 0)
 _MOST_NAMED = 5
+_LONGEST = 200
+"""Letters of a line that nobody asked for."""
 _BARRED, _MOST_OFF = 1 / 8, 1 / 2
 """Share of a line of text that bars of chrome may take at most, and of its corners that may be theirs."""
 
@@ -287,15 +293,45 @@ def _wrong_marks(left: Boundary, plate: Asked) -> Iterator[str]:
     corners = left.corners
     if not len(corners):
         return
-    boxes = np.array([mark.box for mark in plate.marks], dtype=np.int64).reshape(-1, 4)
+    names = list(dict.fromkeys(line.name for line in plate.lines))
+    hulls = [_hull([line for line in plate.lines if line.name == name], plate) for name in names]
+    boxes = np.array([*(mark.box for mark in plate.marks), *hulls], dtype=np.int64).reshape(-1, 4)
     gap_x = np.maximum(0, np.maximum(boxes[:, 0] - corners[:, :1], corners[:, :1] - boxes[:, 2]))
     gap_y = np.maximum(0, np.maximum(boxes[:, 1] - corners[:, 1:], corners[:, 1:] - boxes[:, 3]))
     nearest_mark = np.argmin(np.hypot(gap_x, gap_y), axis=1)
     for number in np.unique(nearest_mark):
-        mark, mine = plate.marks[number], left.kept(nearest_mark == number)
+        mine = left.kept(nearest_mark == number)
+        if number >= len(plate.marks):
+            name = names[number - len(plate.marks)]
+            told = _further_text(mine, plate)
+            yield f"{name} has {told} beside its lines, first at {_first(mine.corners)}"
+            continue
+        mark = plate.marks[number]
         if plate.bar and _may_be_barred(plate.clear_marks[number]) and _only_bars(mine, plate):
             continue
         yield f"{mark.name}{_how(mark, mine, plate.clear_marks[number])}, first at {_first(mine.corners)}"
+
+
+def _hull(lines: Sequence[Line], plate: Asked) -> tuple[int, int, int, int]:
+    """Lines of one mark, and a line's height about them."""
+    boxes = np.array([_line_box(line, plate) for line in lines])
+    reach = HEIGHT * min(line.step for line in lines)
+    (x0, y0), (x1, y1) = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
+    return int(x0), int(y0) - reach, int(x1), int(y1) + reach
+
+
+def _further_text(drawn: Boundary, plate: Asked) -> str:
+    """What stands where nothing should, if letters can be read."""
+    (x0, y0), (x1, y1) = drawn.corners.min(axis=0), drawn.corners.max(axis=0)
+    step, rest = divmod(int(y1 - y0), HEIGHT)
+    letters = math.ceil((x1 - x0) / max(step, 1) / ADVANCE)
+    for shift in range(0, 0 if rest or not step or letters > _LONGEST else WIDTH, 4):
+        x = x0 - shift * step + step * points(letters * ADVANCE)
+        seen = drawn.seen(np.sort(x0 + x1 - x) if plate.mirror else x, y0 + step * points(HEIGHT)) != 0
+        text = read(seen[:, ::-1] if plate.mirror else seen).strip()
+        if text and "?" not in text:
+            return f"the text {text!r}"
+    return "something"
 
 
 def _how(mark: Mark, left: Boundary, clear: Boundary) -> str:
@@ -390,32 +426,44 @@ def _code_box(code: Code, plate: Asked) -> tuple[int, int, int, int]:
 
 
 def _miscoded(code: Code, drawn: Boundary, plate: Asked) -> str:
-    """The fault of a data matrix, whose light modules are clear; nothing if it has none."""
+    """The fault of a data matrix, whose light modules are clear; nothing if every one is that of the code's text."""
     if drawn.empty:
         return f"{code.name} is missing"
-    import zxingcpp
-
-    corners = drawn.corners
-    side = int(corners[:, 0].max() - corners[:, 0].min()) + plate.bias
-    count = round(side / code.module)
-    start = (code.centre[0] - count * code.module // 2, code.centre[1] - count * code.module // 2)
-    lines = code.module * np.arange(count + 1)
-    x, y = (plate.on_plate(start[k] + lines, across=k == 0) for k in (0, 1))
-    x = np.sort(x)
-    # At nine places of each module, of which a bar may take three.
-    nine = (np.interp((np.arange(3 * count) + 0.5) / 3, np.arange(count + 1), edges) for edges in (x, y))
-    light = drawn.seen(*nine).reshape(count, 3, count, 3).sum(axis=(1, 3)) > 4
-    light = light[:, ::-1] if plate.mirror else light
-    picture = np.where(light[::-1], 255, 0).astype(np.uint8)
-    # A few pixels a module and some room around it, as a camera has.
-    scaled = np.pad(picture.repeat(8, axis=0).repeat(8, axis=1), 32, constant_values=255)
-    texts = [barcode.text for barcode in zxingcpp.read_barcodes(scaled)]
-    if texts != [code.text]:
-        return f"{code.name} reads {texts[0]!r}, not {code.text!r}" if texts else f"{code.name} cannot be read"
-    light = light[:, ::-1] if plate.mirror else light
+    wanted = symbol(code.text)
+    x, y = _lines_of(code, len(wanted), plate)
+    light = wanted[:, ::-1] if plate.mirror else wanted
     boxes = [[x[i], y[j], x[i + 1], y[j + 1]] for j, i in zip(*np.nonzero(light), strict=True)]
     mark = Mark(code.name, np.array(boxes, dtype=np.int64).reshape(-1, 4))
     left = total([drawn, of_marks.boundary(mark, plate.bias).times(-1)])
-    if not (left.empty or (plate.bar and _only_bars(left, plate))):
+    if left.empty or (plate.bar and _only_bars(left, plate)):
+        return ""
+    corners = drawn.corners
+    count = max(1, round((int(corners[:, 0].max() - corners[:, 0].min()) + plate.bias) / code.module))
+    x, y = _lines_of(code, count, plate)
+    # At nine places of each module, of which a bar may take three.
+    nine = (np.interp((np.arange(3 * count) + 0.5) / 3, np.arange(count + 1), edges) for edges in (x, y))
+    seen = drawn.seen(*nine).reshape(count, 3, count, 3).sum(axis=(1, 3)) > 4
+    seen = seen[:, ::-1] if plate.mirror else seen
+    if np.array_equal(seen, wanted):
         return f"{code.name} has modules off their places"
-    return ""
+    for mirrored_, turns in product((False, True), range(4)):
+        if np.array_equal(np.rot90(seen[:, ::-1] if mirrored_ else seen, -turns), wanted):
+            how = ("mirrored" * mirrored_, f"turned by {90 * turns} degrees" * (turns > 0))
+            return f"{code.name} is {' and '.join(filter(None, how))}"
+    text = read_symbol(seen)
+    if text not in ("", code.text):
+        return f"{code.name} reads {text!r}, not {code.text!r}"
+    if seen.shape != wanted.shape:
+        return f"{code.name} has {count} modules a side, not {len(wanted)}"
+    row, column = np.argwhere(seen != wanted)[0]
+    wrong = int(np.count_nonzero(seen != wanted))
+    return (
+        f"{code.name} has {wrong} wrong modules, the lowest in column {column} of row {row}, from 0 at the lower left"
+    )
+
+
+def _lines_of(code: Code, count: int, plate: Asked) -> tuple[Ints, Ints]:
+    """Lines between so many modules a side, on the plate."""
+    start = (code.centre[0] - count * code.module // 2, code.centre[1] - count * code.module // 2)
+    x, y = (plate.on_plate(start[k] + code.module * np.arange(count + 1), across=k == 0) for k in (0, 1))
+    return np.sort(x), y

@@ -181,7 +181,7 @@ def pack(
     if not accepted(findings):
         return Package(None, findings, mail=mail)
     comments = [job.signature, plate.title]
-    drawn = files_for_shop(plate, shop, sent, comments, safe_stem(plate.name), job.spec)
+    drawn = files_for_shop(plate, shop, sent, comments, safe_stem(plate.name), job.spec, file=job.file)
     with _aside() as folder:
         checks: list[Quantity] = []
         boxes: list[Box] = []

@@ -8,19 +8,24 @@ import numpy as np
 import pytest
 from asked_jobs import GUTTER, JOBS, RANDOM, asked_job
 from klayout import db
+from small_job import write_job
 from sweeps import in_turns, sweep
 
+from maskfab.base import provenance
 from maskfab.base.model import CLEAR, Die, Mark
 from maskfab.base.work import silent
-from maskfab.mask import figures
+from maskfab.job.order import OrderSection
+from maskfab.job.sections import JobSpec
+from maskfab.mask import figures, opening_file, panels
 from maskfab.mask import layout as plate_layout
 from maskfab.mask.comparison import roundtrip
 from maskfab.mask.comparison.files import read_back
 from maskfab.mask.houses.adaptation import suited
 from maskfab.mask.houses.profiles import load_shop
+from maskfab.mask.job import load_job
 from maskfab.mask.judge.verdict import asked, judged
-from maskfab.mask.marks import data_matrix
-from maskfab.mask.outlines import fitted_text
+from maskfab.mask.marks import data_matrix, modules
+from maskfab.mask.outlines import fitted_text, outline
 from maskfab.runs import pipeline
 from maskfab.runs.plate_files import draw_files
 from maskfab.runs.verification import verify_file
@@ -95,6 +100,25 @@ def with_mark(name, change):
     return changed
 
 
+def symbol(change):
+    """Outlines of the code of the job, its modules changed."""
+    (code,) = asked(asked_job().spec).codes
+    light = change(modules(code.text))
+    corner = (place - len(light) * code.module // 2 for place in code.centre)
+    return outline(light, code.module, tuple(corner))
+
+
+def flipped_modules(light, count):
+    changed = light.copy()
+    changed[5, 5 : 5 + count] ^= True
+    return changed
+
+
+def further(polygons):
+    """A place one line under the title's."""
+    return middle(polygons)[0], min(y for polygon in polygons for _, y in polygon) - 840_000
+
+
 def with_dies(change):
     return lambda plate: replace(plate, dies=tuple(change(*plate.dies)))
 
@@ -143,6 +167,29 @@ SABOTAGES = {
     "data matrix of another job": (
         with_mark("JOB_CODE", lambda old: data_matrix("JOB_CODE", middle(old), "other", 200_000).polygons),
         ("judged_text", None, "JOB_CODE reads 'other', not 'maskfab:"),
+    ),
+    **{
+        f"data matrix with {count} wrong modules": (
+            with_mark("JOB_CODE", lambda old, count=count: symbol(lambda light: flipped_modules(light, count))),
+            ("judged_text", None, f"JOB_CODE has {count} wrong modules"),
+        )
+        for count in (1, 3, 7)
+    },
+    "data matrix mirrored": (
+        with_mark("JOB_CODE", lambda old: symbol(lambda light: light[:, ::-1])),
+        ("judged_text", None, "JOB_CODE is mirrored"),
+    ),
+    "data matrix turned": (
+        with_mark("JOB_CODE", lambda old: symbol(np.rot90)),
+        ("judged_text", None, "JOB_CODE is turned by 90 degrees"),
+    ),
+    "a further line under the title": (
+        with_mark("TITLE", lambda old: (*old, *moved(fitted_text("REV B", 420_000, (0, 0), 10**7), *further(old)))),
+        ("judged_marks", None, "TITLE has the text 'REV B' beside its lines"),
+    ),
+    "dust near the title": (
+        with_mark("TITLE", lambda old: (*old, *moved((((0, 0), (0, 9), (9, 9), (9, 0)),), *further(old)))),
+        ("judged_marks", None, "TITLE has something beside its lines"),
     ),
     "data matrix dropped": (
         with_mark("JOB_CODE", lambda old: ()),
@@ -325,3 +372,38 @@ def test_empty_files_lack_everything(job):
     found = faults(judged(layout, "empty", asked(job.spec)))
     assert set(found) == {("judged_die", "D0"), ("judged_die", "D1"), ("judged_marks", None), ("judged_text", None)}
     assert np.all(["is missing" in found[key] for key in (("judged_marks", None), ("judged_text", None))])
+
+
+FRONT = {
+    "parity": (OrderSection, "mirrored", property(lambda order: order.chrome != "down"), "judged_marks", "[order]\n"),
+    "tone": (JobSpec, "tone", "dark", "judged_text", ""),
+    "sign of the bias": (
+        JobSpec, "data_bias_nm", property(lambda spec: -round(spec.process.cd_bias_um * 1000)), "judged_die",
+        '[process]\ncd_bias = "0.4 um"\n[order]\nbias = "data"\n',
+    ),
+    "opening upside down": (
+        opening_file, "parse_opening", lambda text, where="": upside_down(PARSE(text, where)), "judged_die", ""
+    ),
+    "map": (panels, "parse_map", lambda text, where="": shifted(READ_MAP(text, where)), "judged_die", ""),
+    "hash": (provenance, "job_hash", lambda data: "0123456789abcdef" * 4, "judged_text", ""),
+}  # fmt: skip
+PARSE, READ_MAP = opening_file.parse_opening, panels.parse_map
+
+
+def upside_down(opening):
+    return replace(opening, mask=opening.mask[::-1])
+
+
+def shifted(cells):
+    return replace(cells, cells=np.roll(cells.cells, 1, axis=1))
+
+
+@pytest.mark.parametrize("fault", FRONT)
+def test_what_the_front_reads_wrongly_is_told_by_the_jobs_own_files(fault, monkeypatch, tmp_path):
+    owner, name, wrong, row, more = FRONT[fault]
+    (tmp_path / "m.toml").write_text('name = "m"\nmap = """\n' + 10 * "0123456701\n" + '"""\n')
+    mapped = ('tiling = "random"', 'tiling = "map"\nmap = "m.toml"')
+    file = write_job(tmp_path, mapped, ("[[die]]", f"{more}\n[[die]]"))
+    assert faults(opinion(load_job(file))) == {}
+    monkeypatch.setattr(owner, name, wrong)
+    assert row in {name for name, _ in faults(opinion(load_job(file)))}
