@@ -116,6 +116,7 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF325": "The system refuses memory that the work needs.",
         "MF326": "The shapes of a file cover one place too many times over.",
         "MF327": "The process that reads a file gives an answer that cannot be used.",
+        "MF329": "Page, table and report.json of a run do not tell the same numbers.",
         "MF330": "A capture is not linear: it holds 8 bits, code values of a display, or is compressed with loss.",
         "MF331": "Captures of one stack differ in their size, mosaic, camera or sensitivity.",
         "MF332": "Exposure times are missing, all equal, or contradict the light of the captures.",

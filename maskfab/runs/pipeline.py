@@ -22,6 +22,7 @@ from maskfab.report.documents.die import Beside, measured_beside
 from maskfab.report.rows.optics import layout_as_seen, plate_as_seen
 from maskfab.report.rows.photographs import Conditions
 from maskfab.report.rows.verdicts import Verdicts
+from maskfab.runs.agreement import check_agreement
 from maskfab.runs.paper import browser, print_report
 from maskfab.runs.plate_files import (
     check_packages,
@@ -176,6 +177,7 @@ def _make(
             (folder / OVERVIEW).write_bytes(overview)
             for name, text in report_texts(document, pictures, folder, back.read).items():
                 (folder / name).write_text(text, encoding="utf-8")
+            check_agreement(folder)
             write_manifest(job, files, folder)
             accounts = executor.accounts if isinstance(executor, CachingExecutor) else ()
             result = _Made(report, findings.verdicts(report), executor.tally, accounts, back.quantities)

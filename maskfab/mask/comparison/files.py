@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import tempfile
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
@@ -31,7 +31,8 @@ from maskfab.mask.formats.content import find_cell
 from maskfab.mask.formats.format import Product
 from maskfab.mask.formats.table import layout_format, read_layout
 from maskfab.mask.houses.files import PlateFiles
-from maskfab.mask.judge.verdict import judged
+from maskfab.mask.judge.awake import missing, planted
+from maskfab.mask.judge.verdict import Asked, judged
 from maskfab.mask.layout import count_vertices, layer_info
 from maskfab.mask.sandbox import begun, library_errors, seconds_of
 
@@ -89,8 +90,7 @@ def read_back(
     Raises:
         SourceError: for a file that cannot be read, unless ``refused`` takes it.
     """
-    trips: dict[int, RoundTrip] = {}
-    quantities: dict[int, tuple[Quantity, ...]] = {}
+    trips, quantities = dict[int, RoundTrip](), dict[int, tuple[Quantity, ...]]()
     errors: dict[int, tuple[str, InputError]] = {}
     read: dict[str, db.Layout] = {}
     waiting = deque(enumerate(made.products))
@@ -145,8 +145,18 @@ def read_back(
     progress("read back", len(made.products), len(made.products))
     if refused is not None:
         refused += [errors[number] for number in sorted(errors)]
-    rows = chain.from_iterable(quantities[number] for number in sorted(quantities))
-    return ReadBack(tuple(trips[number] for number in sorted(trips)), tuple(rows), read)
+    rows = tuple(chain.from_iterable(quantities[number] for number in sorted(quantities)))
+    rows += _owed(rows, [made.products[number].name for number in sorted(trips)], made.asked)
+    return ReadBack(tuple(trips[number] for number in sorted(trips)), rows, read)
+
+
+def _owed(rows: Iterable[Quantity], files: Sequence[str], asked: Asked | None) -> tuple[Quantity, ...]:
+    """Whether the judge has given every row on every file; one that lacks is else read as nothing wrong."""
+    if asked is None or not files:
+        return ()
+    lost = missing(rows, files, [die.name for die in asked.dies])
+    method = f"rows that the judge owes for {', '.join(files)} and has not given{''.join(f'; {row}' for row in lost)}"
+    return (Quantity("judged_rows", len(lost), method, limit=0, passed=not lost),)
 
 
 @contextmanager
@@ -210,8 +220,9 @@ def read_mask(path: Path) -> db.Layout:
 
 
 def compare_mask(made: PlateFiles, read: db.Layout, path: Path, *, dots: bool = True) -> RoundTrip:
-    """A mask file that was read, against the design, against what its job asks for, and, if ``dots``, each dot against
-    its opening.
+    """A mask file that was read, against the design and against what its job asks for.
+
+    If ``dots``, each dot is held against its opening, and the judge has to find faults in copies of the file.
 
     Raises:
         SourceError: MF323 if the polygon library fails on the file.
@@ -228,7 +239,12 @@ def compare_mask(made: PlateFiles, read: db.Layout, path: Path, *, dots: bool = 
     compare = partial(compare_biased, bias_nm=bias) if bias else compare_layout
     with library_errors(path):
         trip = compare(made.plate, made.design, read, path, dots=dots, drawn_polygons=polygons, layer_names=names)
-        return trip if made.asked is None else replace(trip, judged=judged(read, path.name, made.asked))
+        if made.asked is None:
+            return trip
+        rows = judged(read, path.name, made.asked)
+        if dots and all(row.passed for row in rows):
+            rows += (planted(read, path.name, made.asked),)
+        return replace(trip, judged=rows)
 
 
 @contextmanager

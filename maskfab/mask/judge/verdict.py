@@ -47,7 +47,7 @@ from maskfab.mask.judge.marks import (
 )
 from maskfab.mask.judge.sources import sources
 
-_CLEAR, _CUT, _CHROME = db.LayerInfo(1, 0), db.LayerInfo(2, 0), db.LayerInfo(3, 0)
+_CLEAR, _CUT, _CHROME = LAYERS = db.LayerInfo(1, 0), db.LayerInfo(2, 0), db.LayerInfo(3, 0)
 _MOST_NAMED = 5
 _LONGEST = 200
 """Letters of a line that nobody asked for."""
@@ -171,13 +171,13 @@ def judged(read: db.Layout, name: str, plate: Asked) -> tuple[Quantity, ...]:
     """
     left = _left_over(read, plate)
     owners = [die.box for die in plate.dies]
-    of_lines = [_line_box(line, plate) for line in plate.lines]
+    of_lines = [line_box(line, plate) for line in plate.lines]
     of_codes = [_code_box(code, plate) for code in plate.codes]
     corners = left.corners
     taken = np.full(len(corners), -1)
     places = np.array([*owners, *of_lines, *of_codes], dtype=np.int64).reshape(-1, 4)
     # What lies in a line belongs to it, and only then to another that it lies near.
-    near = [_line_box(line, plate, near=True) for line in plate.lines]
+    near = [line_box(line, plate, near=True) for line in plate.lines]
     wider = np.array(near, dtype=np.int64).reshape(-1, 4)
     for number, (x0, y0, x1, y1) in (*enumerate(places), *enumerate(wider, len(owners))):
         inside = (corners[:, 0] >= x0) & (corners[:, 0] <= x1) & (corners[:, 1] >= y0) & (corners[:, 1] <= y1)
@@ -314,7 +314,7 @@ def _wrong_marks(left: Boundary, plate: Asked) -> Iterator[str]:
 
 def _hull(lines: Sequence[Line], plate: Asked) -> tuple[int, int, int, int]:
     """Lines of one mark, and a line's height about them."""
-    boxes = np.array([_line_box(line, plate) for line in lines])
+    boxes = np.array([line_box(line, plate) for line in lines])
     reach = HEIGHT * min(line.step for line in lines)
     (x0, y0), (x1, y1) = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
     return int(x0), int(y0) - reach, int(x1), int(y1) + reach
@@ -386,7 +386,7 @@ def _runs(lost: Mask, widths: Ints) -> Ints:
     return np.where(lost, lengths[number], 0)
 
 
-def _line_box(line: Line, plate: Asked, *, near: bool = False) -> tuple[int, int, int, int]:
+def line_box(line: Line, plate: Asked, *, near: bool = False) -> tuple[int, int, int, int]:
     """Letters of a line of text; what is near is half a letter to either side, and a stroke above and below."""
     width = (len(line.text) * ADVANCE - (ADVANCE - WIDTH)) * line.step
     margin, stroke = (count * line.step * near for count in (ADVANCE // 2, HEIGHT // 7))

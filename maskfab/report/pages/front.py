@@ -25,6 +25,7 @@ from maskfab.report.pages.tables import (
 )
 from maskfab.report.rows.photographs import middle_level
 from maskfab.report.rows.text import short
+from maskfab.report.rows.verdicts import PLANTED
 
 Mood = Literal["good", "bad", "some", "open"]
 
@@ -164,8 +165,10 @@ def stamps(document: Record) -> tuple[Stamp, ...]:
     shops = sorted({row["name"] for row in document["checks"] if row["name"].startswith("shop_")})
     passed = "CAN BE ORDERED" if shops else "AS DESIGNED"
     house = f"{len(shops)} rules of the mask house" if shops else "no mask house chosen, so its rules were not checked"
+    tried = next((row for row in document["checks"] if row["name"] == PLANTED), None)
+    awake = "" if tried is None else f"; {tried['value']} of {tried['limit']} planted faults caught"
     return (
-        _of_checks("FILES", verdicts["files"], (passed, "DO NOT ORDER"), f"; {house}"),
+        _of_checks("FILES", verdicts["files"], (passed, "DO NOT ORDER"), f"{awake}; {house}"),
         _of_checks("OPTICS", verdicts["optics"], ("PROVED", "NOT PROVED"), " on the files read back"),
         *(_of_displays(document, name) for name in (FITS, LOOKS, LIVES)),
     )

@@ -123,6 +123,8 @@ class Limits:
         return f"{self.kept} of {self.dies} {keep} them{which}; {whose}{self.aside}"
 
 
+PLANTED = "judged_planted"
+"""Check of the judge of the files."""
 _OF_A_HOUSE = ("shop_", "manifest_shop")
 """Checks by the rules of a mask house, or of a package against its profile."""
 NO_LIMITS = Limits(0, 0, stated=False)
@@ -139,6 +141,7 @@ class Verdicts:
         looks: limits of the eye.
         lives: limits of life and power.
         house: whether the rules of a mask house were asked.
+        tried: words on faults that were planted for the judge of the files; empty where none were.
     """
 
     files: Tally
@@ -147,6 +150,7 @@ class Verdicts:
     looks: Limits = NO_LIMITS
     lives: Limits = NO_LIMITS
     house: bool = False
+    tried: str = ""
 
     @classmethod
     def of(
@@ -186,7 +190,10 @@ class Verdicts:
             for numbers_of in (attrgetter("looks"), attrgetter("lives"))
         )
         asked = house or any(check.name.startswith(_OF_A_HOUSE) for check in judged)
-        return cls(_tally(judged, Subject.FILES), _tally(judged, Subject.OPTICS), found, seen, lived, asked)
+        tried = "".join(
+            f"; {check.value} of {check.limit} planted faults caught" for check in judged if check.name == PLANTED
+        )
+        return cls(_tally(judged, Subject.FILES), _tally(judged, Subject.OPTICS), found, seen, lived, asked, tried)
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -196,7 +203,7 @@ class Verdicts:
         seen, lived = (f"{limits.verdict or 'NOT JUDGED'}: {limits.words}" for limits in (self.looks, self.lives))
         displays = (f"FITS: {verdict}: {self.display.words}", f"LOOKS: {seen}", f"LIVES: {lived}")
         return (
-            _line("FILES", self.files, (passes, "do not order")),
+            _line("FILES", self.files, (passes, "do not order")) + self.tried,
             _line("OPTICS", self.optics, ("proved from the files", "not proved")),
             *(displays if self.display.asked else (f"FITS, LOOKS, LIVES: NOT JUDGED: {self.display.words}",)),
         )

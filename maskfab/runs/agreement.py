@@ -1,0 +1,105 @@
+"""A finished folder's page, table and report.json held against one another, as a reader meets them: by their texts alone.
+
+A number that one of them tells otherwise is found before the folder has its name, with nothing of what wrote them.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from html import unescape
+from pathlib import Path
+from typing import Any
+
+from maskfab.base.errors import InternalError
+from maskfab.base.folders import APPENDIX, NUMBERS, PAGE, REPORT
+
+_ROW = re.compile(r'<tr>\s*<td title="(?P<name>[^"]+)">.*?</tr>', re.DOTALL)
+_CELL = re.compile(r'<td class="n" title="(?P<exact>[^"]*)">(?P<shown>[^<]*)')
+_NUMBER = re.compile(r"(?P<digits>[-−]?\d+(?:\s\d{3})*(?:\.\d+)?)(?:\s×\s10(?P<power>[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+))?")
+_POWERS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+_COLUMNS = ("die", "name", "value", "error", "unit", "limit", "passed", "wavelength_nm", "level_db")
+
+
+def check_agreement(folder: Path) -> int:
+    """Hold what a folder's texts say against one another; returns how many numbers were compared.
+
+    Raises:
+        InternalError: MF329 for the first number that one of them tells otherwise.
+    """
+    report = json.loads((folder / REPORT).read_text("utf-8"))
+    rows = [_told(die["name"], row) for die in report["dies"] for row in (*die["quantities"], *_of_scene(die))]
+    rows += [_told("", row) for row in report["plate"]]
+    with (folder / NUMBERS).open(encoding="utf-8", newline="") as stream:
+        table = [tuple(line[column] for column in _COLUMNS) for line in csv.DictReader(stream)]
+    for place in (Counter(table) - Counter(rows), Counter(rows) - Counter(table)):
+        for row in place:
+            _refuse(NUMBERS, f"{row[1]} of {row[0] or 'the plate'}", f"has {row[2]} {row[4]} in one of the two")
+    values: dict[str, set[str]] = {}
+    for row in (*rows, *(_told("", check) for check in report["checks"])):
+        values.setdefault(row[1], set()).update((row[2], row[5]))
+    told: set[str] = set()
+    compared = len(table)
+    for page in (PAGE, APPENDIX):
+        for name, exact, shown in _cells((folder / page).read_text("utf-8")):
+            if name not in values:
+                continue
+            told.add(name)
+            compared += 1
+            if exact not in values[name]:
+                _refuse(page, name, f"is {exact} there, and nowhere in {REPORT}")
+            if not _rounds_to(exact, shown):
+                _refuse(page, name, f"of {exact} is shown as {shown}")
+    owed = {row[1] for row in rows if row[0] and row[7] and _is_number(row[2])}
+    if lost := sorted(owed - told):
+        _refuse(APPENDIX, lost[0], "is not there")
+    return compared
+
+
+def _refuse(file: str, name: str, what: str) -> None:
+    cure = "Please report this with the job file; nothing was written"
+    raise InternalError("MF329", f"{file} and {REPORT} do not agree: {name} {what}", where=file, cure=cure)
+
+
+def _of_scene(die: Mapping[str, Any]) -> Iterable[Mapping[str, Any]]:
+    rows: Iterable[Mapping[str, Any]] = (die.get("scene") or {}).get("quantities", ())
+    return rows
+
+
+def _told(die: str, row: Mapping[str, Any]) -> tuple[str, ...]:
+    """A row of report.json as the table has it."""
+    own = {**row, "die": die, "error": row.get("uncertainty")}
+    return tuple(_text(own.get(column)) for column in _COLUMNS)
+
+
+def _text(value: object) -> str:
+    if value is None:
+        return ""
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _cells(page: str) -> Iterator[tuple[str, str, str]]:
+    """Name, exact value and shown value of every number in the tables of a page."""
+    for row in _ROW.finditer(page):
+        for cell in _CELL.finditer(row[0]):
+            exact = re.match(r"[-+\w.]+", unescape(cell["exact"]))
+            if exact is not None and _is_number(exact[0]):
+                yield row["name"], exact[0], unescape(cell["shown"]).strip()
+
+
+def _is_number(text: str) -> bool:
+    return re.fullmatch(r"-?\d+(\.\d+)?(e[-+]?\d+)?", text) is not None
+
+
+def _rounds_to(exact: str, shown: str) -> bool:
+    """Whether a number is shown to within half a unit of its last digit; what is shown in words is not judged."""
+    found = _NUMBER.match(shown)
+    if found is None:
+        return True
+    digits = re.sub(r"\s", "", found["digits"]).replace("−", "-")
+    power = 10.0 ** int((found["power"] or "⁰").translate(_POWERS))
+    unit = power * 10.0 ** -len(digits.partition(".")[2])
+    return abs(float(digits) * power - float(exact)) <= 0.5001 * unit + 1e-12 * abs(float(exact))
