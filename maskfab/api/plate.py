@@ -218,7 +218,7 @@ class Plate:
         kind = format_of(target, die=die is not None)
         require_packages([kind], where=f"{_WHERE}.write: path", otherwise="choose another suffix")
         job = self.job(camera)
-        plate = job.plate()
+        plate = displays(job).plate
         check_pictures(job, plate, [kind])
         made = draw_files(job, plate)
         check_stated(made.settings.dpi, [kind])

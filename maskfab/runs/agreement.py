@@ -1,4 +1,4 @@
-"""A finished folder's page, table and report.json held against one another, as a reader meets them: by their texts alone.
+"""Page, table and report.json of a finished folder held against one another, as a reader meets them: by text alone.
 
 A number that one of them tells otherwise is found before the folder has its name, with nothing of what wrote them.
 """

@@ -32,6 +32,7 @@ from maskfab.mask.formats.format import Product
 from maskfab.mask.formats.table import layout_format, read_layout
 from maskfab.mask.houses.files import PlateFiles
 from maskfab.mask.judge.awake import missing, planted
+from maskfab.mask.judge.headers import header_row
 from maskfab.mask.judge.verdict import Asked, judged
 from maskfab.mask.layout import count_vertices, layer_info
 from maskfab.mask.sandbox import begun, library_errors, seconds_of
@@ -197,12 +198,13 @@ def _take(made: PlateFiles, product: Product, folder: Path) -> _Taken:
     path, form = folder / product.name, product.form
     if product.polygons:
         return read_mask(path)
+    header = () if made.asked is None else (header_row(path, made.asked.header),)
     if product.die is None:
         assert form.compare_plate is not None  # a format says how what it writes is compared
-        return form.compare_plate(made, path)
+        return (*form.compare_plate(made, path), *header)
     assert form.compare_die is not None
     (die,) = (own for own in made.plate.dies if own.name == product.die.name)
-    return form.compare_die(made, die, path)
+    return (*form.compare_die(made, die, path), *header)
 
 
 def read_mask(path: Path) -> db.Layout:
@@ -241,7 +243,7 @@ def compare_mask(made: PlateFiles, read: db.Layout, path: Path, *, dots: bool = 
         trip = compare(made.plate, made.design, read, path, dots=dots, drawn_polygons=polygons, layer_names=names)
         if made.asked is None:
             return trip
-        rows = judged(read, path.name, made.asked)
+        rows = (*judged(read, path.name, made.asked), header_row(path, made.asked.header))
         if dots and all(row.passed for row in rows):
             rows += (planted(read, path.name, made.asked),)
         return replace(trip, judged=rows)

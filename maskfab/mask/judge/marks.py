@@ -208,8 +208,8 @@ class Code:
 
 def asked_marks(
     spec: JobSpec, dies: Sequence[AskedDie], held: Sources, version: str
-) -> tuple[tuple[Mark, ...], tuple[Line, ...], tuple[Code, ...], int]:
-    """Figures, lines and codes of a job before the plate is mirrored, and the side of its writable area, nanometres."""
+) -> tuple[tuple[Mark, ...], tuple[Line, ...], tuple[Code, ...], int, int]:
+    """Figures, lines and codes of a job before the plate is mirrored; sides of writable area and blank, nanometres."""
     plate, heading = spec.plate, spec.job
     assert plate is not None
     assert heading is not None
@@ -219,16 +219,17 @@ def asked_marks(
     maker = f"maskfab {version} | job {held.digest[:16]}"
     if plate.template is None:
         assert plate.writable is not None
-        side = round(plate.writable * NM_PER_UM)
+        assert plate.blank is not None
+        side, whole = (round(length * NM_PER_UM) for length in (plate.writable, plate.blank))
         drawn += _plain(side, feature, heading.title, f"{maker} | digitized data = {tone}")
     else:
         facts = tomllib.loads(resources.path(f"export_templates/plates/{plate.template}.toml").read_text("utf-8"))
-        side = _nm(facts["writable"])
+        side, whole = _nm(facts["writable"]), _nm(facts["blank"])
         reading = f"digitized data = {tone} | right reading, chrome {'down' if held.mirror else 'up'}"
         blank = [_nm(facts[key]) / 1e6 for key in ("blank", "blank", "thickness")]
         size = "{:g} x {:g} x {:g} mm".format(*blank)
         titles, code = (heading.title, maker, f"{reading} | {size}"), f"maskfab:{version}:{held.digest}"
-        across = _nm(facts["blank"]), round(plate.die_pitch * NM_PER_UM)
+        across = whole, round(plate.die_pitch * NM_PER_UM)
         for mark in facts.get("mark", ()):
             drawn += _of_template(mark, feature, titles, code, dies, across)
     drawn += map(_label, dies)
@@ -237,6 +238,7 @@ def asked_marks(
         tuple(part for part in drawn if isinstance(part, Line) and part.text),
         tuple(part for part in drawn if isinstance(part, Code)),
         side,
+        whole,
     )
 
 

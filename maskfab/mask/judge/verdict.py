@@ -26,6 +26,7 @@ from maskfab.job.shop import Shop
 from maskfab.mask.judge import dies as of_dies
 from maskfab.mask.judge import marks as of_marks
 from maskfab.mask.judge.dies import AskedDie, Boundary, Figures, asked_dies, figures, packed, total
+from maskfab.mask.judge.headers import Stated
 from maskfab.mask.judge.marks import (
     ADVANCE,
     HEIGHT,
@@ -71,6 +72,7 @@ class Asked:
         bias: by which clear widths of the data are narrower, nanometres.
         bar: width of bars of chrome that may cross marks, so that none has a hole or touches itself, nanometres; 0 for
             none.
+        header: what files have to say beside their polygons.
     """
 
     dies: tuple[AskedDie, ...]
@@ -83,6 +85,7 @@ class Asked:
     dark: bool
     bias: int
     bar: int
+    header: Stated
 
     @cached_property
     def boundaries(self) -> tuple[Boundary, ...]:
@@ -123,7 +126,7 @@ def asked(
     held = sources(spec, file)
     dies = asked_dies(spec, held)
     grids = _grids(spec, dies, shop)
-    marks, lines, codes, writable = asked_marks(spec, dies, held, version)
+    marks, lines, codes, writable, blank = asked_marks(spec, dies, held, version)
     if held.mirror:
         dies = tuple(of_dies.mirrored(die) for die in dies)
         marks = tuple(map(mirrored, marks))
@@ -145,7 +148,21 @@ def asked(
         held.dark,
         held.bias,
         max(4_000, 2 * round(least * NM_PER_UM)) if barred else 0,
+        Stated(held.dark, held.digest, tuple(_extents(blank, shop)), _drawing_unit(shop)),
     )
+
+
+def _extents(blank: int, shop: Shop | None) -> Iterator[tuple[int, int]]:
+    """Widths and heights that a drawing's header may state: of the blank, or of what a house has it span."""
+    yield blank, blank
+    for sides in () if shop is None else (shop.plate.extent_mm, shop.plate.plot_area_mm):
+        if sides is not None:
+            yield min(round(sides[0] * 1e6), blank), min(round(sides[1] * 1e6), blank)
+            yield round(sides[0] * 1e6), round(sides[1] * 1e6)
+
+
+def _drawing_unit(shop: Shop | None) -> str:
+    return "um" if shop is None else shop.accepts.drawing_unit or "um"
 
 
 def _grids(spec: JobSpec, dies: Sequence[AskedDie], shop: Shop | None) -> tuple[int, ...]:
