@@ -16,6 +16,7 @@ from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
 from maskfab.base.files import partial
 from maskfab.base.units import NM_PER_UM
+from maskfab.display.feasibility import displays
 from maskfab.job.faults import parse_section
 from maskfab.job.read import validate
 from maskfab.job.sections import JobSection, JobSpec, PlateSection
