@@ -253,11 +253,16 @@ class Sum:
                 line[at + x] = line.get(at + x, 0) + sign * count
         self.area2 += sign * other.area2
 
-    def left(self):
-        """Points at which something is left."""
+    def points(self):
+        """Ends of lying edges and their counts."""
         for key, count in self.flat.items():
             if count:
-                yield (key + HALF) // SPAN, (key + HALF) % SPAN - HALF
+                yield ((key + HALF) // SPAN, (key + HALF) % SPAN - HALF), count
+
+    def left(self):
+        """Points at which something is left."""
+        for point, _ in self.points():
+            yield point
         for (dx, dy, c), ends in self.slant.items():
             for x, count in ends.items():
                 if count:
@@ -588,18 +593,696 @@ class Die:
                 into.add(known[opening, turn], self.left + j * self.pitch, self.below + i * self.pitch, -1)
 
 
-def main(args):
-    job = json.load(open(args[0]))
-    data = open(args[1], "rb").read()
+# --- layout.md, "Text" ---
+
+LETTERS = """
+0000000 4444404 AA00000 AAVAVAA 4FGE1U4 PP248JJ CIK8LID 4400000 2488842 8422248 04LEL40 044V440
+0000048 000E000 0000004 11248GG EHJLPHE 4CK444V EH1248V EH161HE 26AIV22 VGU11HE 68GUHHE V124444
+EHHEHHE EHHF12C 0040400 0040480 248G842 00V0V00 8421248 EH16404 EHNLNGF 4AHHVHH UHHUHHU EHGGGHE
+UHHHHHU VGGUGGV VGGUGGG EHGNHHF HHHVHHH E44444E 1111HHE HHISIHH GGGGGGV HRLHHHH HHPLJHH EHHHHHE
+UHHUGGG EHHHLID UHHUIHH EHGE1HE V444444 HHHHHHE HHHHHA4 HHHHLRH HHA4AHH HHA4444 V1248GV E88888E
+GG84211 E22222E 4AH0000 000000V 8400000 6448446 4444444 C44244C 008L200
+""".split()
+PICTURES = dict(zip([chr(k) for k in range(32, 97)] + list("{|}~"), LETTERS))
+HIGH, ADVANCE, BETWEEN = 28, 24, 4
+
+
+def strokes(picture):
+    """Tests of (x, y) in sixths of a step, y up, that are true inside some stroke of a letter."""
+    squares = {(c, 6 - r) for r, row in enumerate(picture) for c in range(5) if int(row, 32) >> (4 - c) & 1}
+    slants = {
+        ((c, r), (c + s, r + 1))
+        for c, r in squares
+        for s in (1, -1)
+        if (c + s, r + 1) in squares and (c + s, r) not in squares and (c, r + 1) not in squares
+    }
+    tests = []
+    for square in squares:
+        x, y = 24 * square[0] + 12, 24 * square[1] + 12
+        sides = [(a, b) for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1)) if (square[0] + a, square[1] + b) in squares]
+        ends = sum(square in slant for slant in slants)
+        cut = 18 if ends else 24
+        if ends != 1 or sides:
+            tests.append(lambda u, v, x=x, y=y, k=cut: abs(u - x) <= 12 >= abs(v - y) and abs(u - x) + abs(v - y) <= k)
+        for a, b in sides if ends else ():  # whole up to the side that it shares
+            tests.append(
+                lambda u, v, x=x, y=y, a=a, b=b: 0 <= (u - x) * a + (v - y) * b <= 12 >= abs((u - x) * b + (v - y) * a)
+            )
+        for s, up in ((s, up) for s in (1, -1) for up in (1, -1)):  # half of each slanting stroke
+            pair = (square, (square[0] + s, square[1] + up))
+            if pair in slants or pair[::-1] in slants:
+                low = 0 if ends != 1 or sides else -6
+                tests.append(
+                    lambda u, v, x=x, y=y, s=s, up=up, low=low: low <= s * (u - x) + up * (v - y) <= 24
+                    and abs(s * (u - x) - up * (v - y)) <= 18
+                )
+    return tests
+
+
+SIDES = ((0, -1), (1, 0), (0, 1), (-1, 0))
+
+
+def inked(picture):
+    """A letter's triangles: unit squares cut by both diagonals, by the side that each stands on, as in ``SIDES``."""
+    tests, cells = strokes(picture), {}
+    for x in range(20):
+        for y in range(28):
+            middles = ((6 * x + 3 + 2 * a, 6 * y + 3 + 2 * b) for a, b in SIDES)
+            cells[x, y] = {i for i, (u, v) in enumerate(middles) if any(test(u, v) for test in tests)}
+    filled = {}
+    for (x, y), cell in cells.items():  # an inner edge of one step, between a slant and a wall
+        for wall in range(4) if not cell else ():
+            for end in ((wall + 1) % 4, (wall + 3) % 4):
+                near = [cells.get((x + SIDES[k][0], y + SIDES[k][1]), ()) for k in (wall, end, (wall + 2) % 4)]
+                if len(near[0]) == len(near[1]) == 4 and set(near[2]) == {end, (wall + 2) % 4}:
+                    filled[x, y] = filled[x - SIDES[wall][0], y - SIDES[wall][1]] = {0, 1, 2, 3}
+    return {**cells, **filled}
+
+
+def letter(mark, known={}):
+    """The sum of a letter's outline, its step 1."""
+    if mark not in known:
+        total, known[mark] = Sum(), Sum()
+        for (x, y), cell in inked(PICTURES[mark]).items():
+            corners = [(2 * x + a, 2 * y + b) for a, b in ((0, 0), (2, 0), (2, 2), (0, 2))]
+            if len(cell) == 4:
+                total.polygon(corners)
+                continue
+            for i in cell:
+                total.polygon([corners[i], corners[(i + 1) % 4], (2 * x + 1, 2 * y + 1)])
+        # Halved: what is left ends on whole steps.
+        known[mark].flat = {key // 2: count for key, count in total.flat.items() if count}
+        for (dx, dy, c), ends in total.slant.items():
+            if ends := {x // 2: count for x, count in ends.items() if count}:
+                known[mark].slant[dx, dy, c // 2] = ends
+        known[mark].area2 = total.area2 // 4
+    return known[mark]
+
+
+def scaled(total, step):
+    """A sum, larger."""
+    found = Sum()
+    found.flat = {key * step: count for key, count in total.flat.items()}
+    found.slant = {(dx, dy, c * step): {x * step: n for x, n in ends.items()} for (dx, dy, c), ends in total.slant.items()}
+    found.area2 = total.area2 * step * step
+    return found
+
+
+def width(text):
+    """Of a line, in steps."""
+    return max(0, ADVANCE * len(text.rstrip()) - BETWEEN)
+
+
+def line(text, height, x, y, room=None):
+    """The sum of a line whose base line's middle is (x, y)."""
+    text = text.rstrip().upper()
+    steps, total = width(text), Sum()
+    step = (2 * height + HIGH) // (2 * HIGH)
+    if room is not None and steps * step > room:
+        height = height * room // (steps * step)
+        step = (2 * height + HIGH) // (2 * HIGH)
+    left = x - steps * step // 2
+    for i, mark in enumerate(text):
+        total.add(scaled(letter(mark), step), left + ADVANCE * i * step, y)
+    return total
+
+
+# --- layout.md, "Marks": the data matrix (ISO/IEC 16022:2006, ECC 200) ---
+
+SYMBOLS = (  # modules of a side, regions along it, data codewords, error codewords, blocks
+    (10, 1, 3, 5, 1), (12, 1, 5, 7, 1), (14, 1, 8, 10, 1), (16, 1, 12, 12, 1), (18, 1, 18, 14, 1), (20, 1, 22, 18, 1),
+    (22, 1, 30, 20, 1), (24, 1, 36, 24, 1), (26, 1, 44, 28, 1), (32, 2, 62, 36, 1), (36, 2, 86, 42, 1),
+    (40, 2, 114, 48, 1), (44, 2, 144, 56, 1), (48, 2, 174, 68, 1), (52, 2, 204, 84, 2),
+)  # fmt: skip
+
+
+def decoded(words):
+    """The text of data codewords in ASCII, C40 or Text encodation; None for any other, or for wrong pads."""
+    shift2 = "!\"#$%&'()*+,-./:;<=>?@[\\]^_"
+    text, at, mode, shift = "", 0, 0, 0
+    while at < len(words):
+        word = words[at]
+        if not mode:
+            at += 1
+            if word == 129:
+                pads = [129 + 149 * (k + 1) % 253 + 1 for k in range(at, len(words))]
+                return text if words[at:] == [pad if pad <= 254 else pad - 254 for pad in pads] else None
+            if 1 <= word <= 128:
+                text += chr(word - 1)
+            elif 130 <= word <= 229:
+                text += f"{word - 130:02}"
+            elif word in (230, 239):
+                mode, shift = word, 0
+            else:
+                return None
+            continue
+        if word == 254 or at + 1 == len(words):
+            mode, at = 0, at + (word == 254)
+            continue
+        three, at = word * 256 + words[at + 1] - 1, at + 2
+        for k in (three // 1600, three // 40 % 40, three % 40):
+            if shift == 0 and k < 3:
+                shift = k + 1
+                continue
+            letters = "abcdefghijklmnopqrstuvwxyz" if mode == 239 else "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
+            others = "`" + (letters.upper() if mode == 239 else letters.lower()) + "{|}~"
+            table = (" " * 3 + " 0123456789" + letters, "", shift2, others)[shift]
+            if shift == 1:
+                text += chr(k)
+            elif k < len(table):
+                text += table[k]
+            else:
+                return None
+            shift = 0
+    return text
+
+
+def codewords(text):
+    """ASCII encodation: digits in pairs, all else one by one."""
+    return [
+        130 + int(part) if len(part) == 2 else ord(part) + 1 for part in re.findall(r"\d\d|.", text, re.DOTALL)
+    ]
+
+
+def corrected(data, errors, blocks):
+    """Data codewords with their check words behind them, Reed-Solomon over GF(256) of 0x12D."""
+    power = [1]
+    for _ in range(254):
+        power.append(power[-1] << 1 ^ (0x12D if power[-1] & 128 else 0))
+    log = {word: k for k, word in enumerate(power)}
+    generator = [1]
+    for k in range(1, errors // blocks + 1):
+        generator = [
+            a ^ (power[(log[b] + k) % 255] if b else 0) for a, b in zip([*generator, 0], [0, *generator])
+        ]
+    checks = []
+    for block in range(blocks):
+        rest = [0] * (errors // blocks)
+        for word in data[block::blocks]:
+            first = word ^ rest[0]
+            rest = [
+                a ^ (power[(log[first] + log[b]) % 255] if first and b else 0)
+                for a, b in zip([*rest[1:], 0], generator[1:])
+            ]
+        checks.append(rest)
+    return data + [word for column in zip(*checks) for word in column]
+
+
+def matrix(text, seen=None):
+    """Dark modules of the smallest square symbol, rows from above; in the encodation that ``seen`` modules have, if
+    they hold the text, for the standard leaves that free."""
+    count = len(codewords(text))
+    side, regions, room, errors, blocks = next(row for row in SYMBOLS if row[2] >= count)
+    if seen is not None:
+        side, regions, room, errors, blocks = next((row for row in SYMBOLS if row[0] == len(seen)), SYMBOLS[0])
+    inner = side - 2 * regions
+    part = inner // regions
+    places = annex_f(inner)
+    data = None
+    if seen is not None:
+        words = [0] * (room + errors)
+        for (r, c), (word, bit) in places.items():
+            if word < len(words) and seen[r // part * (part + 2) + 1 + r % part][c // part * (part + 2) + 1 + c % part]:
+                words[word] |= 128 >> bit
+        data = words[:room] if decoded(words[:room]) == text else None
+    if data is None:
+        data = codewords(text)
+        data += [129] * (len(data) < room)
+        for k in range(len(data) + 1, room + 1):
+            data.append((149 * k % 253 + 129) % 254 + 1)
+    words = corrected(data, errors, blocks)
+    rows = [[False] * side for _ in range(side)]
+    for r in range(side):
+        for c in range(side):
+            u, v = r % (part + 2) - 1, c % (part + 2) - 1
+            if v < 0 or u == part:
+                rows[r][c] = True
+            elif u < 0 or v == part:
+                rows[r][c] = (c if u < 0 else r + 1) % 2 == 0
+            else:
+                word, bit = places.get((r // (part + 2) * part + u, c // (part + 2) * part + v), (None, None))
+                if word is None:  # the corner that some sizes leave
+                    rows[r][c] = (inner - r + c) % 2 == 0
+                else:
+                    rows[r][c] = bool(words[word] >> (7 - bit) & 1)
+    return rows
+
+
+def annex_f(n):
+    """Codeword and bit (0 the highest) of each of n x n modules of the regions, after annex F."""
+    table = {}
+
+    def shape(places, word):
+        for bit, (r, c) in enumerate(places):
+            if r < 0:
+                r, c = r + n, c + 4 - (n + 4) % 8
+            if c < 0:
+                r, c = r + 4 - (n + 4) % 8, c + n
+            table[r, c] = word, bit
+
+    corners = (
+        [(n - 1, 0), (n - 1, 1), (n - 1, 2), (0, n - 2), (0, n - 1), (1, n - 1), (2, n - 1), (3, n - 1)],
+        [(n - 3, 0), (n - 2, 0), (n - 1, 0), (0, n - 4), (0, n - 3), (0, n - 2), (0, n - 1), (1, n - 1)],
+        [(n - 3, 0), (n - 2, 0), (n - 1, 0), (0, n - 2), (0, n - 1), (1, n - 1), (2, n - 1), (3, n - 1)],
+        [(n - 1, 0), (n - 1, n - 1), (0, n - 3), (0, n - 2), (0, n - 1), (1, n - 3), (1, n - 2), (1, n - 1)],
+    )
+    utah = [(-2, -2), (-2, -1), (-1, -2), (-1, -1), (-1, 0), (0, -2), (0, -1), (0, 0)]
+    word, r, c = 0, 4, 0
+    while r < n or c < n:
+        for hit, places in zip(
+            (
+                (r, c) == (n, 0),
+                (r, c) == (n - 2, 0) and n % 4,
+                (r, c) == (n - 2, 0) and n % 8 == 4,
+                (r, c) == (n + 4, 2) and n % 8 == 0,
+            ),
+            corners,
+        ):
+            if hit:
+                shape(places, word)
+                word += 1
+        while True:
+            if r < n and c >= 0 and (r, c) not in table:
+                shape([(r + u, c + v) for u, v in utah], word)
+                word += 1
+            r, c = r - 2, c + 2
+            if not (r >= 0 and c < n):
+                break
+        r, c = r + 1, c + 3
+        while True:
+            if r >= 0 and c < n and (r, c) not in table:
+                shape([(r + u, c + v) for u, v in utah], word)
+                word += 1
+            r, c = r + 2, c - 2
+            if not (r < n and c >= 0):
+                break
+        r, c = r + 3, c + 1
+    return table
+
+
+# --- layout.md, "Marks" ---
+
+
+def boxes(items):
+    total = Sum()
+    for item in items:
+        total.box(*item)
+    return total
+
+
+def cross(x, y, length, arm):
+    h, w = length // 2, arm // 2
+    return [
+        (x - w, y - h, x + arm - w, y + length - h),
+        (x - h, y - w, x - w, y + arm - w),
+        (x + arm - w, y - w, x + length - h, y + arm - w),
+    ]
+
+
+def number(x):
+    return f"{float(x):g}"
+
+
+class Marks:
+    """Marks of a plate by name, as sums."""
+
+    def __init__(self, job, dies, template, version, digest):
+        self.job, self.dies, self.found, self.codes = job, dies, {}, {}
+        plate = job["plate"]
+        source = template or plate
+        self.blank, self.writable = nm(plate.get("blank") or source["blank"]), nm(plate.get("writable") or source["writable"])
+        self.f = self.feature()
+        tone = job.get("order", {}).get("tone", "clear")
+        self.version, self.digest = version, digest
+        thickness = source.get("thickness")
+        size = [self.blank, self.blank] + ([nm(thickness)] if thickness else [])
+        self.lines = [
+            f"maskfab {version} | job {digest[:16]}",
+            f"digitized data = {tone} | right reading, chrome up | " + " x ".join(number(Fraction(s, MM)) for s in size) + " mm",
+        ]
+        for die in dies:
+            text = f"{die.name}  {die.label}" if die.label else die.name
+            self.found[f"LABEL_{die.name}"] = line(text, 420_000, die.x, die.y - die.size // 2 - 600_000, die.size)
+        for mark in template["mark"] if template else ():
+            x, y = (nm(at) for at in mark["at"])
+            w, h = (nm(at) for at in mark["room"])
+            getattr(self, mark["kind"])(mark, x, y, w, h)
+        if not template:
+            self.plain()
+
+    def feature(self):
+        """f, in nanometres."""
+        found = []
+        for die in self.dies:
+            runs = [run for opening in die.openings for run in opening.clear_runs(die.gutter)]
+            found.append(min(runs, default=1) * die.dot)
+        return min(50_000, *found) if found else 50_000
+
+    def caption(self, mark, x, y, h, text, w):
+        self.found[f"{mark['name']}_TEXT"] = line(f"{mark['name']}  {text}", 150_000, x, y - h // 2, w * 999 // 1000)
+
+    def multiples(self, mark, x, y, h, w):
+        text = ", ".join(number(m) for m in mark["multiples"])
+        self.caption(mark, x, y, h, f"{number(Fraction(self.f, 1000))} um x {text}", w)
+        return [(number(m).replace(".", "_"), round(Fraction(str(m)) * self.f)) for m in mark["multiples"]]
+
+    def title(self, mark, x, y, w, h):
+        high, small, room = nm(mark["height"]), nm(mark["small"]), w * 999 // 1000
+        base = y + h - h // 2 - high
+        total = line(self.job["job"].get("title") or self.job["job"]["name"], high, x, base, room)
+        for i, text in enumerate(self.lines, 1):
+            total.add(line(text, small, x, base - 2 * i * small, room), 0, 0)
+        self.found[mark["name"]] = total
+
+    def fiducial(self, mark, x, y, w, h):
+        self.found[mark["name"]] = boxes(cross(x, y, nm(mark["length"]), nm(mark["line"])))
+
+    def alignment(self, mark, x, y, w, h):
+        length, arm = nm(mark["length"]), nm(mark["line"])
+        n, f, half, side = arm // 2, 3 * arm // 2, length // 2, length // 4
+        total = boxes(cross(x, y, 2 * side, arm))
+        total.box(x - half, y - f, x - side, y - f + 3 * arm)
+        total.box(x + side, y - f, x - half + length, y - f + 3 * arm)
+        total.box(x - f, y - half, x - f + 3 * arm, y - side)
+        total.box(x - f, y + side, x - f + 3 * arm, y - half + length)
+        self.found[mark["name"]] = total
+
+    def parity(self, mark, x, y, w, h):
+        height = nm(mark["height"])
+        s = height // 5
+        self.f_at(mark["name"], x - 3 * s // 2, y - height // 2, s, height)
+
+    def f_at(self, name, left, below, s, height):
+        top = below + height
+        self.found[name] = boxes(
+            [
+                (left, below, left + s, top),
+                (left + s, top - s, left + 3 * s, top),
+                (left + s, below + 2 * s, left + 2 * s, below + 3 * s),
+            ]
+        )
+
+    def cd_bars(self, mark, x, y, w, h):
+        self.bars(mark["name"], self.multiples(mark, x, y, h, w), nm(mark["length"]), x, y)
+
+    def bars(self, name, multiples, length, x, y):
+        left = x - (2 * len(multiples) - 1) * 2 * length // 2
+        for i, (called, wide) in enumerate(multiples):
+            for j, axis in enumerate("XY"):
+                u, v = (wide, length) if axis == "X" else (length, wide)
+                at = left + (2 * i + j) * 2 * length
+                self.found[f"{name}_{axis}_{called}X"] = boxes([(at - u // 2, y - v // 2, at - u // 2 + u, y - v // 2 + v)])
+
+    def row(self, sizes, x):
+        """Left edges of figures in a row about x, 300 um between."""
+        at = x - (sum(sizes) + 300_000 * (len(sizes) - 1)) // 2
+        for size in sizes:
+            yield at
+            at += size + 300_000
+
+    def line_space(self, mark, x, y, w, h):
+        multiples, n = self.multiples(mark, x, y, h, w), mark["lines"]
+        sides = [max(nm(mark["length"]), (2 * n - 1) * wide) for _, wide in multiples]
+        for (called, wide), side, left in zip(multiples, sides, self.row(sides, x)):
+            group = (2 * n - 1) * wide
+            start = left + (side - group) // 2
+            below, above = y - side - 150_000, y + 150_000
+            self.found[f"{mark['name']}_V_{called}X"] = boxes(
+                (start + 2 * k * wide, above, start + (2 * k + 1) * wide, above + side) for k in range(n)
+            )
+            start = below + (side - group) // 2
+            self.found[f"{mark['name']}_H_{called}X"] = boxes(
+                (left, start + 2 * k * wide, left + side, start + (2 * k + 1) * wide) for k in range(n)
+            )
+
+    def siemens_star(self, mark, x, y, w, h):
+        n, radius = mark["spokes"], nm(mark["radius"])
+        inner, total = self.f / (2 * math.sin(math.pi / (2 * n))), Sum()
+        for k in range(n):
+            low, high = (2 * math.pi / n * (k + q) for q in (-0.25, 0.25))
+            places = ((radius, low), (radius, high), (inner, high), (inner, low))
+            total.polygon([(x + round(round(r * math.cos(t), 6)), y + round(round(r * math.sin(t), 6))) for r, t in places])
+        self.found[mark["name"]] = total
+        self.caption(mark, x, y, h, f"{number(Fraction(self.f, 1000))} um inside", w)
+
+    def checkerboard(self, mark, x, y, w, h):
+        multiples, n = self.multiples(mark, x, y, h, w), mark["squares"]
+        sides = [n * wide for _, wide in multiples]
+        for (called, wide), side, left in zip(multiples, sides, self.row(sides, x)):
+            below = y - side // 2
+            rows = [[(i + j) % 2 == 0 for j in range(n)] for i in range(n)]
+            xs, ys = [left + k * wide for k in range(n + 1)], [below + k * wide for k in range(n + 1)]
+            self.found[f"{mark['name']}_{called}X"] = raster(rows, xs, ys)
+
+    def corners(self, mark, x, y, w, h):
+        multiples = self.multiples(mark, x, y, h, w)
+        sides = [6 * wide for _, wide in multiples]
+        below = y - max(sides) // 2
+        for (called, wide), side, left in zip(multiples, sides, self.row(sides, x)):
+            self.found[f"{mark['name']}_{called}X"] = boxes(
+                [(left, below, left + wide, below + side), (left + wide, below, left + side, below + wide)]
+            )
+
+    def data_matrix(self, mark, x, y, w, h):
+        text, m = f"maskfab:{self.version}:{self.digest}", nm(mark["module"])
+        self.codes[mark["name"]] = text, m, x, y
+        self.code(mark["name"], matrix(text))
+
+    def code(self, name, rows):
+        _, m, x, y = self.codes[name]
+        n = len(rows) + 2
+        light = [[True] * n, *([True, *(not dark for dark in row), True] for row in reversed(rows)), [True] * n]
+        self.found[name] = raster(light, *([at - n * m // 2 + k * m for k in range(n + 1)] for at in (x, y)))
+
+    def read_codes(self, drawn):
+        """Take each matrix in the encodation in which it is drawn, as far as it holds the text asked for."""
+        for name, (text, m, x, y) in self.codes.items():
+            n = len(matrix(text)) + 2
+            left, below = x - n * m // 2, y - n * m // 2
+            ends = sorted(
+                (v, u, k)
+                for (u, v), k in drawn.points()
+                if left - m < u < left + (n + 1) * m and below - m < v < below + (n + 1) * m
+            )
+            seen, at, sums = [], 0, {}
+            for j in range(n):  # clear where the sum of all ends to the left and below is 1
+                while at < len(ends) and ends[at][0] <= below + j * m + m // 2:
+                    sums[ends[at][1]] = sums.get(ends[at][1], 0) + ends[at][2]
+                    at += 1
+                inside = [
+                    sum(k for u, k in sums.items() if u <= left + i * m + m // 2) == 0 for i in range(n)
+                ]
+                seen.insert(0, inside[1:-1])
+            self.code(name, matrix(text, seen[1:-1]))
+
+    def die_map(self, mark, x, y, w, h):
+        s, l = min(w, h), nm(mark["line"])
+
+        def frame(x, y, side):
+            left, below, half = x - side // 2, y - side // 2, side // 2 - l
+            right, top = left + side, below + side
+            if side < 8 * l:
+                return [(left, below, right, top)]
+            return [
+                (left, below, left + l, top),
+                (right - l, below, right, top),
+                *((a, b, a + half - l, b + l) for b in (below, top - l) for a in (left + l, right - half)),
+            ]
+
+        total = boxes(frame(x, y, s))
+        places = [(die.x * s // self.blank, die.y * s // self.blank, die.size * s // self.blank) for die in self.dies]
+        for u, v, side in places:
+            total.add(boxes(frame(x + u, y + v, side)), 0, 0)
+        pitch = nm(self.job["plate"]["die_pitch"]) * s // self.blank
+        side = max(side for _, _, side in places)
+
+        def highest(names):
+            widest, room = max(width(name) for name in names), s // 2 - 2 * l
+            inside = min(side - 4 * l, (side - 4 * l) * HIGH // widest)
+            wide = min([Fraction(9 * pitch, 10), *(2 * (room - abs(u)) for u, _, _ in places)])
+            high = min([Fraction(3 * (pitch - side), 5), *(Fraction(2 * (room + v - side // 2), 3) for _, v, _ in places)])
+            under = math.floor(min(high, wide * HIGH / widest))
+            return min(250_000, inside), min(250_000, under)
+
+        for names in ([die.name for die in self.dies], [str(die.number + 1) for die in self.dies]):
+            inside, under = highest(names)
+            height = max(inside, under)
+            if height >= 60_000:
+                for name, (u, v, side) in zip(names, places):
+                    middle = y + v - (0 if inside >= under else side // 2 + height)
+                    total.add(line(name, height, x + u, middle - height // 2), 0, 0)
+                break
+        self.found[mark["name"]] = total
+
+    def plain(self):
+        """Marks of a plate without a template."""
+        half = self.writable // 2
+        room = self.writable - 8 * MM
+        tone = self.job.get("order", {}).get("tone", "clear")
+        total = line(self.job["job"].get("title") or self.job["job"]["name"], 1_500_000, 0, half - 2_750_000, room)
+        total.add(line(f"{self.lines[0]} | digitized data = {tone}", 420_000, 0, half - 3_590_000, room), 0, 0)
+        self.found["TITLE"] = total
+        for u in (-1, 1):
+            for v in (-1, 1):
+                x, y = u * (half - 2 * MM), v * (half - 2 * MM)
+                self.found[f"FIDUCIAL_{u}_{v}"] = boxes(cross(x, y, MM, 50_000))
+        left, below = -half + 6 * MM, -half + 2 * MM
+        self.f_at("PARITY", left, below, 400_000, 2_000_000)
+        self.bars("CD", [(str(m), m * self.f) for m in (1, 2, 5)], 500_000, 0, below)
+
+
+# --- layout.md, "Order and data" ---
+
+
+def digest_of(job):
+    """SHA-256 of the resolved job as canonical JSON, without [report] and what [order] says on paper alone."""
+    drawn = {key: part for key, part in job.items() if key not in ("report", "order")}
+    order = {k: v for k, v in job.get("order", {}).items() if k in ("tone", "parity", "chrome") or (k, v) == ("bias", "data")}
+    if order:
+        drawn["order"] = order
+    text = json.dumps(drawn, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+class Verdict:
+    """What is wrong, and what was not judged."""
+
+    def __init__(self):
+        self.wrong, self.unjudged = [], []
+
+    def left(self, total, what, box, die=None):
+        """Name what a sum holds still, within a box (x0, y0, x1, y1) or anywhere."""
+        points = [p for p in total.left() if box is None or (box[0] <= p[0] <= box[2] and box[1] <= p[1] <= box[3])]
+        if points:
+            x0, y0 = (min(axis) for axis in zip(*points))
+            x1, y1 = (max(axis) for axis in zip(*points))
+            where = f"between ({x0 / MM:.6f}, {y0 / MM:.6f}) and ({x1 / MM:.6f}, {y1 / MM:.6f}) mm"
+            if die is not None and die.cells:
+                wrong = {((y - die.below) // die.pitch, (x - die.left) // die.pitch) for x, y in points}
+                row, column = min(wrong)
+                where += f"; cells {len(wrong)} of {len(die.cells) * len(die.cells[0])}, the first row {row} column {column}"
+            self.wrong.append(f"{what}: {len(points)} corners are not as asked for, {where}")
+        return points
+
+
+def judge(job, template, version, data, manifest=None):
+    """A verdict, and what the plate is in a sentence."""
+    verdict = Verdict()
+    order = job.get("order", {})
+    tone = order.get("tone") or "clear"
+    mirrored = (order.get("parity") == "wrong reading") != (order.get("chrome") == "down")
+    for key, why in (("bias", order.get("bias") == "data"), ("grid", bool(job.get("export", {}).get("grid")))):
+        if why:
+            raise CannotTell(f"a job with {key} in its data, which this file does not derive")
     cells, units = read_gds(data, {})
+    if units != (Fraction(real8(struct.pack(">Q", 0x3E4189374BC6A7F0))), real8(struct.pack(">Q", 0x3944B82FA09B5A54))):
+        if units is None or abs(units[1] * 10**9 - 1) > Fraction(1, 10**12) or abs(units[0] * 1000 - 1) > Fraction(1, 10**12):
+            verdict.wrong.append(f"units: database and user unit {[float(u) for u in units or ()]}, not 1e-9 m and 0.001")
+    layer = (1, 0) if tone == "clear" else (3, 0)
+    for other in sorted({layer for cell in cells.values() for layer in cell.outlines} - {layer}):
+        if other[0] in (1, 3):
+            verdict.wrong.append(f"layer {other[0]}/{other[1]}: holds shapes, and the tone is {tone} (layer {layer[0]}/0)")
+        else:
+            verdict.unjudged.append(f"layer {other[0]}/{other[1]}, which is not written on the plate")
     dies = [Die(job, i, print) for i in range(len(job["die"]))]
-    drawing = Drawing(data, cells, (1, 0), False)
-    shares = drawing.split([die.box() for die in dies])
-    for die, share in zip(dies, shares):
-        total = drawing.sum(share, Sum())
-        die.take(total)
-        print(die.name, len(list(total.left())), list(total.left())[:3])
+    digest = digest_of(job)
+    if manifest and manifest.get("job_hash") not in (None, digest):
+        verdict.wrong.append(f"job: its hash is {digest}, and the manifest says {manifest.get('job_hash')}")
+    marks = Marks(job, dies, template, version, digest)
+    drawing = Drawing(data, cells, layer, mirrored)
+    if tone == "clear":
+        shares = drawing.split([die.box() for die in dies])
+        totals = [drawing.sum(share, Sum()) for share in shares[:0]]
+        rest = drawing.sum(shares[-1], Sum())
+    else:
+        rest, all_dark = Sum(), drawing.sum(drawing.split([])[0], Sum())
+        half = marks.writable // 2
+        rest.box(-half, -half, marks.writable - half, marks.writable - half)
+        rest.add(all_dark, 0, 0, -1)
+    area2, bad = 0, set()
+    for i, die in enumerate(dies):
+        if tone == "clear":
+            total = drawing.sum(shares[i], Sum())
+            area2 += total.area2
+            die.take(total)
+            verdict.left(total, f"die {die.name}", None, die)
+        else:
+            die.take(rest)
+            bad.update(verdict.left(rest, f"die {die.name}", die.box(), die))
+    area2 += rest.area2 if tone == "clear" else 8 * (marks.writable // 2) ** 2 - all_dark.area2
+    marks.read_codes(rest)
+    for each in marks.found.values():
+        rest.add(each, 0, 0, -1)
+    for name, each in marks.found.items():
+        points = [p for p, _ in each.points()]
+        if points:
+            box = [f(axis) for f in (min, max) for axis in zip(*points)]
+            bad.update(verdict.left(rest, f"mark {name}", box))
+    stray = Sum()
+    stray.flat = {x * SPAN + y: 1 for x, y in rest.left() if (x, y) not in bad}
+    verdict.left(stray, "plate", None)
+    side = "chrome side" if not mirrored else "glass side"
+    share = area2 / 2 / marks.writable**2
+    kind = "openings in the chrome" if tone == "clear" else "chrome"
+    share = share if tone == "clear" else 1 - share
+    said = (
+        f"seen from the {side}, F reads right; digitized data = {tone}: the drawn polygons are the {kind}, "
+        f"they are {100 * share:.3f} % of the writable area of {marks.writable / MM:g} mm"
+    )
+    return verdict, said
+
+
+# --- The package ---
+
+
+def files_of(path):
+    """Files of a folder or of a zip, by their plain names."""
+    if os.path.isdir(path):
+        return {name: open(os.path.join(path, name), "rb").read() for name in os.listdir(path) if os.path.isfile(os.path.join(path, name))}
+    with zipfile.ZipFile(path) as archive:
+        return {name.rpartition("/")[2]: archive.read(name) for name in archive.namelist() if not name.endswith("/")}
+
+
+def main(args):
+    version = None
+    if "--version" in args:
+        at = args.index("--version")
+        version = args[at + 1]
+        del args[at : at + 2]
+    try:
+        if len(args) >= 2:
+            files = {"job.json": open(args[0], "rb").read(), "plate.gds": open(args[1], "rb").read()}
+            if len(args) > 2:
+                files["template.toml"] = open(args[2], "rb").read()
+            beside = os.path.join(os.path.dirname(args[0]), "manifest.json")
+            manifest = json.load(open(beside, encoding="utf-8")) if os.path.isfile(beside) else {}
+        else:
+            files = files_of(args[0] if args else os.path.dirname(os.path.abspath(__file__)))
+            manifest = json.loads(files.get("manifest.json", b"{}"))
+        version = version or manifest.get("maskfab_version") or "0.1.0"
+        job = json.loads(files["job.json"])
+        template = toml(files["template.toml"].decode()) if "template.toml" in files else None
+        if job["plate"].get("template") and template is None:
+            raise CannotTell(f"the plate's template {job['plate']['template']} is not here (template.toml)")
+        plates = [name for name in files if name.lower().endswith(".gds")]
+        if len(plates) != 1:
+            raise CannotTell(f"{len(plates)} GDSII files here; this file reads one, and no other format")
+        verdict, said = judge(job, template, version, files[plates[0]], manifest if len(args) < 2 else None)
+        for row in manifest.get("files", []) if len(args) < 2 else []:
+            content = files.get(row["path"])
+            if content is None or hashlib.sha256(content).hexdigest() != row["sha256"]:
+                verdict.wrong.append(f"file {row['path']}: is not what the manifest lists")
+    except (CannotTell, KeyError, ValueError, OSError, struct.error, zipfile.BadZipFile) as error:
+        print(f"CANNOT TELL: {error!r}" if not isinstance(error, CannotTell) else f"CANNOT TELL: {error}")
+        return CANNOT
+    for text in verdict.wrong:
+        print(f"WRONG {text}")
+    for text in verdict.unjudged:
+        print(f"not judged: {text}")
+    print(said)
+    print("this plate is NOT what this text asks for" if verdict.wrong else "this plate is what this text asks for")
+    return WRONG if verdict.wrong else 0
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    sys.exit(main(sys.argv[1:]))
