@@ -163,9 +163,7 @@ class Random:
             constant = constant * 0x58F38DED & M32
             word = word * constant & M32
             drawn.append(word ^ word >> 16)
-        state, odd = (
-            (drawn[i + 1] << 96) | (drawn[i] << 64) | (drawn[i + 3] << 32) | drawn[i + 2] for i in (0, 4)
-        )
+        state, odd = ((drawn[i + 1] << 96) | (drawn[i] << 64) | (drawn[i + 3] << 32) | drawn[i + 2] for i in (0, 4))
         self.odd = (odd << 1 | 1) & M128
         self.state = ((self.odd + state) * STEP + self.odd) & M128
         self.kept = None
@@ -259,6 +257,20 @@ class Sum:
             if count:
                 yield ((key + HALF) // SPAN, (key + HALF) % SPAN - HALF), count
 
+    def dark_modules(self, x, y, n, m):
+        """Rows from above of the modules about a place, without the quiet zone of one."""
+        left, below = x - n * m // 2, y - n * m // 2
+        ends = sorted(
+            (v, u, k) for (u, v), k in self.points() if abs(u - x) < (n + 2) * m // 2 and abs(v - y) < (n + 2) * m // 2
+        )
+        rows, at, sums = [], 0, {}
+        for j in range(n):  # clear where the sum of all ends to the left and below is 1
+            while at < len(ends) and ends[at][0] <= below + j * m + m // 2:
+                sums[ends[at][1]] = sums.get(ends[at][1], 0) + ends[at][2]
+                at += 1
+            rows.insert(0, [sum(k for u, k in sums.items() if u <= left + i * m + m // 2) == 0 for i in range(n)])
+        return [row[1:-1] for row in rows[1:-1]]
+
     def left(self):
         """Points at which something is left."""
         for point, _ in self.points():
@@ -271,8 +283,31 @@ class Sum:
 
 # --- The file (GDSII Stream Format, release 6.0) ---
 
-ENDS = {0x0800: "BOUNDARY", 0x0900: "PATH", 0x0A00: "SREF", 0x0B00: "AREF", 0x0C00: "TEXT", 0x1500: "NODE", 0x2D00: "BOX"}
-SKIPPED = (0x0002, 0x0102, 0x0502, 0x1601, 0x1701, 0x1906, 0x1F06, 0x2206, 0x2306, 0x2601, 0x2B02, 0x2C06, 0x3602, 0x3706)
+ENDS = {
+    0x0800: "BOUNDARY",
+    0x0900: "PATH",
+    0x0A00: "SREF",
+    0x0B00: "AREF",
+    0x0C00: "TEXT",
+    0x1500: "NODE",
+    0x2D00: "BOX",
+}
+SKIPPED = (
+    0x0002,
+    0x0102,
+    0x0502,
+    0x1601,
+    0x1701,
+    0x1906,
+    0x1F06,
+    0x2206,
+    0x2306,
+    0x2601,
+    0x2B02,
+    0x2C06,
+    0x3602,
+    0x3706,
+)
 
 
 def real8(data):
@@ -307,7 +342,10 @@ def read_gds(data, notes):
             xy = body, size
         elif record == 0x1100:
             if kind in (0x0800, 0x2D00):
-                if cell.points(data, xy[0])[0:1] and data[xy[0] : xy[0] + 8] != data[xy[0] + xy[1] - 12 : xy[0] + xy[1] - 4]:
+                if (
+                    cell.points(data, xy[0])[0:1]
+                    and data[xy[0] : xy[0] + 8] != data[xy[0] + xy[1] - 12 : xy[0] + xy[1] - 4]
+                ):
                     raise CannotTell(f"an outline that is not closed, in {name}")
                 if layer not in cell.outlines:
                     cell.outlines[layer] = array.array("Q")
@@ -414,8 +452,11 @@ class Drawing:
             return len(boxes)
 
         for (name, turn), places in self.placed.items():
-            outlines = [self.turned(at, turn) for at in self.cells[name].outlines[self.layer]] if len(
-                self.cells[name].outlines[self.layer]) < 4096 else None
+            outlines = (
+                [self.turned(at, turn) for at in self.cells[name].outlines[self.layer]]
+                if len(self.cells[name].outlines[self.layer]) < 4096
+                else None
+            )
             if outlines is None:
                 for at in self.cells[name].outlines[self.layer]:
                     u, v = self.turned(at, turn, first=True)[0]
@@ -633,8 +674,9 @@ def strokes(picture):
             if pair in slants or pair[::-1] in slants:
                 low = 0 if ends != 1 or sides else -6
                 tests.append(
-                    lambda u, v, x=x, y=y, s=s, up=up, low=low: low <= s * (u - x) + up * (v - y) <= 24
-                    and abs(s * (u - x) - up * (v - y)) <= 18
+                    lambda u, v, x=x, y=y, s=s, up=up, low=low: (
+                        low <= s * (u - x) + up * (v - y) <= 24 and abs(s * (u - x) - up * (v - y)) <= 18
+                    )
                 )
     return tests
 
@@ -683,7 +725,9 @@ def scaled(total, step):
     """A sum, larger."""
     found = Sum()
     found.flat = {key * step: count for key, count in total.flat.items()}
-    found.slant = {(dx, dy, c * step): {x * step: n for x, n in ends.items()} for (dx, dy, c), ends in total.slant.items()}
+    found.slant = {
+        (dx, dy, c * step): {x * step: n for x, n in ends.items()} for (dx, dy, c), ends in total.slant.items()
+    }
     found.area2 = total.area2 * step * step
     return found
 
@@ -759,9 +803,7 @@ def decoded(words):
 
 def codewords(text):
     """ASCII encodation: digits in pairs, all else one by one."""
-    return [
-        130 + int(part) if len(part) == 2 else ord(part) + 1 for part in re.findall(r"\d\d|.", text, re.DOTALL)
-    ]
+    return [130 + int(part) if len(part) == 2 else ord(part) + 1 for part in re.findall(r"\d\d|.", text, re.DOTALL)]
 
 
 def corrected(data, errors, blocks):
@@ -772,9 +814,7 @@ def corrected(data, errors, blocks):
     log = {word: k for k, word in enumerate(power)}
     generator = [1]
     for k in range(1, errors // blocks + 1):
-        generator = [
-            a ^ (power[(log[b] + k) % 255] if b else 0) for a, b in zip([*generator, 0], [0, *generator])
-        ]
+        generator = [a ^ (power[(log[b] + k) % 255] if b else 0) for a, b in zip([*generator, 0], [0, *generator])]
     checks = []
     for block in range(blocks):
         rest = [0] * (errors // blocks)
@@ -790,22 +830,24 @@ def corrected(data, errors, blocks):
 
 def matrix(text, seen=None):
     """Dark modules of the smallest square symbol, rows from above; in the encodation that ``seen`` modules have, if
-    they hold the text, for the standard leaves that free."""
+    they hold the text, for the standard leaves that free; None if they do not."""
     count = len(codewords(text))
-    side, regions, room, errors, blocks = next(row for row in SYMBOLS if row[2] >= count)
-    if seen is not None:
-        side, regions, room, errors, blocks = next((row for row in SYMBOLS if row[0] == len(seen)), SYMBOLS[0])
+    for row in SYMBOLS:
+        if row[0] == len(seen) if seen else row[2] >= count:
+            break
+    side, regions, room, errors, blocks = row
     inner = side - 2 * regions
     part = inner // regions
     places = annex_f(inner)
-    data = None
-    if seen is not None:
+    if seen:
         words = [0] * (room + errors)
         for (r, c), (word, bit) in places.items():
             if word < len(words) and seen[r // part * (part + 2) + 1 + r % part][c // part * (part + 2) + 1 + c % part]:
                 words[word] |= 128 >> bit
-        data = words[:room] if decoded(words[:room]) == text else None
-    if data is None:
+        data = words[:room]
+        if decoded(data) != text:
+            return None
+    else:
         data = codewords(text)
         data += [129] * (len(data) < room)
         for k in range(len(data) + 1, room + 1):
@@ -910,15 +952,23 @@ class Marks:
         self.job, self.dies, self.found, self.codes = job, dies, {}, {}
         plate = job["plate"]
         source = template or plate
-        self.blank, self.writable = nm(plate.get("blank") or source["blank"]), nm(plate.get("writable") or source["writable"])
+        self.blank, self.writable = (
+            nm(plate.get("blank") or source["blank"]),
+            nm(plate.get("writable") or source["writable"]),
+        )
         self.f = self.feature()
-        tone = job.get("order", {}).get("tone", "clear")
+        order = job.get("order", {})
+        tone, parity, side = (
+            order.get(k) or d for k, d in (("tone", "clear"), ("parity", "right reading"), ("chrome", "up"))
+        )
         self.version, self.digest = version, digest
         thickness = source.get("thickness")
         size = [self.blank, self.blank] + ([nm(thickness)] if thickness else [])
         self.lines = [
             f"maskfab {version} | job {digest[:16]}",
-            f"digitized data = {tone} | right reading, chrome up | " + " x ".join(number(Fraction(s, MM)) for s in size) + " mm",
+            f"digitized data = {tone} | {parity}, chrome {side} | "
+            + " x ".join(number(Fraction(s, MM)) for s in size)
+            + " mm",
         ]
         for die in dies:
             text = f"{die.name}  {die.label}" if die.label else die.name
@@ -991,7 +1041,9 @@ class Marks:
             for j, axis in enumerate("XY"):
                 u, v = (wide, length) if axis == "X" else (length, wide)
                 at = left + (2 * i + j) * 2 * length
-                self.found[f"{name}_{axis}_{called}X"] = boxes([(at - u // 2, y - v // 2, at - u // 2 + u, y - v // 2 + v)])
+                self.found[f"{name}_{axis}_{called}X"] = boxes(
+                    [(at - u // 2, y - v // 2, at - u // 2 + u, y - v // 2 + v)]
+                )
 
     def row(self, sizes, x):
         """Left edges of figures in a row about x, 300 um between."""
@@ -1006,7 +1058,9 @@ class Marks:
         for (called, wide), side, left in zip(multiples, sides, self.row(sides, x)):
             group = (2 * n - 1) * wide
             start = left + (side - group) // 2
-            below, above = y - side - 150_000, y + 150_000
+            largest = max(sides)
+            below = y - (2 * largest + 300_000) // 2 + (largest - side) // 2
+            above = below + largest + 300_000
             self.found[f"{mark['name']}_V_{called}X"] = boxes(
                 (start + 2 * k * wide, above, start + (2 * k + 1) * wide, above + side) for k in range(n)
             )
@@ -1021,7 +1075,9 @@ class Marks:
         for k in range(n):
             low, high = (2 * math.pi / n * (k + q) for q in (-0.25, 0.25))
             places = ((radius, low), (radius, high), (inner, high), (inner, low))
-            total.polygon([(x + round(round(r * math.cos(t), 6)), y + round(round(r * math.sin(t), 6))) for r, t in places])
+            total.polygon(
+                [(x + round(round(r * math.cos(t), 6)), y + round(round(r * math.sin(t), 6))) for r, t in places]
+            )
         self.found[mark["name"]] = total
         self.caption(mark, x, y, h, f"{number(Fraction(self.f, 1000))} um inside", w)
 
@@ -1057,23 +1113,12 @@ class Marks:
     def read_codes(self, drawn):
         """Take each matrix in the encodation in which it is drawn, as far as it holds the text asked for."""
         for name, (text, m, x, y) in self.codes.items():
-            n = len(matrix(text)) + 2
-            left, below = x - n * m // 2, y - n * m // 2
-            ends = sorted(
-                (v, u, k)
-                for (u, v), k in drawn.points()
-                if left - m < u < left + (n + 1) * m and below - m < v < below + (n + 1) * m
-            )
-            seen, at, sums = [], 0, {}
-            for j in range(n):  # clear where the sum of all ends to the left and below is 1
-                while at < len(ends) and ends[at][0] <= below + j * m + m // 2:
-                    sums[ends[at][1]] = sums.get(ends[at][1], 0) + ends[at][2]
-                    at += 1
-                inside = [
-                    sum(k for u, k in sums.items() if u <= left + i * m + m // 2) == 0 for i in range(n)
-                ]
-                seen.insert(0, inside[1:-1])
-            self.code(name, matrix(text, seen[1:-1]))
+            for side, *_ in SYMBOLS:
+                seen = drawn.dark_modules(x, y, side + 2, m)
+                rows = matrix(text, seen) if seen else None
+                if rows is not None:
+                    self.code(name, rows)
+                    break
 
     def die_map(self, mark, x, y, w, h):
         s, l = min(w, h), nm(mark["line"])
@@ -1100,7 +1145,9 @@ class Marks:
             widest, room = max(width(name) for name in names), s // 2 - 2 * l
             inside = min(side - 4 * l, (side - 4 * l) * HIGH // widest)
             wide = min([Fraction(9 * pitch, 10), *(2 * (room - abs(u)) for u, _, _ in places)])
-            high = min([Fraction(3 * (pitch - side), 5), *(Fraction(2 * (room + v - side // 2), 3) for _, v, _ in places)])
+            high = min(
+                [Fraction(3 * (pitch - side), 5), *(Fraction(2 * (room + v - side // 2), 3) for _, v, _ in places)]
+            )
             under = math.floor(min(high, wide * HIGH / widest))
             return min(250_000, inside), min(250_000, under)
 
@@ -1137,7 +1184,9 @@ class Marks:
 def digest_of(job):
     """SHA-256 of the resolved job as canonical JSON, without [report] and what [order] says on paper alone."""
     drawn = {key: part for key, part in job.items() if key not in ("report", "order")}
-    order = {k: v for k, v in job.get("order", {}).items() if k in ("tone", "parity", "chrome") or (k, v) == ("bias", "data")}
+    order = {
+        k: v for k, v in job.get("order", {}).items() if k in ("tone", "parity", "chrome") or (k, v) == ("bias", "data")
+    }
     if order:
         drawn["order"] = order
     text = json.dumps(drawn, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
@@ -1160,7 +1209,9 @@ class Verdict:
             if die is not None and die.cells:
                 wrong = {((y - die.below) // die.pitch, (x - die.left) // die.pitch) for x, y in points}
                 row, column = min(wrong)
-                where += f"; cells {len(wrong)} of {len(die.cells) * len(die.cells[0])}, the first row {row} column {column}"
+                where += (
+                    f"; cells {len(wrong)} of {len(die.cells) * len(die.cells[0])}, the first row {row} column {column}"
+                )
             self.wrong.append(f"{what}: {len(points)} corners are not as asked for, {where}")
         return points
 
@@ -1176,12 +1227,20 @@ def judge(job, template, version, data, manifest=None):
             raise CannotTell(f"a job with {key} in its data, which this file does not derive")
     cells, units = read_gds(data, {})
     if units != (Fraction(real8(struct.pack(">Q", 0x3E4189374BC6A7F0))), real8(struct.pack(">Q", 0x3944B82FA09B5A54))):
-        if units is None or abs(units[1] * 10**9 - 1) > Fraction(1, 10**12) or abs(units[0] * 1000 - 1) > Fraction(1, 10**12):
-            verdict.wrong.append(f"units: database and user unit {[float(u) for u in units or ()]}, not 1e-9 m and 0.001")
+        if (
+            units is None
+            or abs(units[1] * 10**9 - 1) > Fraction(1, 10**12)
+            or abs(units[0] * 1000 - 1) > Fraction(1, 10**12)
+        ):
+            verdict.wrong.append(
+                f"units: database and user unit {[float(u) for u in units or ()]}, not 1e-9 m and 0.001"
+            )
     layer = (1, 0) if tone == "clear" else (3, 0)
     for other in sorted({layer for cell in cells.values() for layer in cell.outlines} - {layer}):
         if other[0] in (1, 3):
-            verdict.wrong.append(f"layer {other[0]}/{other[1]}: holds shapes, and the tone is {tone} (layer {layer[0]}/0)")
+            verdict.wrong.append(
+                f"layer {other[0]}/{other[1]}: holds shapes, and the tone is {tone} (layer {layer[0]}/0)"
+            )
         else:
             verdict.unjudged.append(f"layer {other[0]}/{other[1]}, which is not written on the plate")
     dies = [Die(job, i, print) for i in range(len(job["die"]))]
@@ -1238,7 +1297,11 @@ def judge(job, template, version, data, manifest=None):
 def files_of(path):
     """Files of a folder or of a zip, by their plain names."""
     if os.path.isdir(path):
-        return {name: open(os.path.join(path, name), "rb").read() for name in os.listdir(path) if os.path.isfile(os.path.join(path, name))}
+        return {
+            name: open(os.path.join(path, name), "rb").read()
+            for name in os.listdir(path)
+            if os.path.isfile(os.path.join(path, name))
+        }
     with zipfile.ZipFile(path) as archive:
         return {name.rpartition("/")[2]: archive.read(name) for name in archive.namelist() if not name.endswith("/")}
 
