@@ -196,7 +196,9 @@ class Random:
     def permutation(self, items):
         items = list(items)
         for i in range(len(items) - 1, 0, -1):
-            j = self.integer(i + 1)
+            mask, j = (1 << i.bit_length()) - 1, i + 1
+            while j > i:  # numpy shuffles by masked words, and draws integers after Lemire
+                j = self.word() & mask
             items[i], items[j] = items[j], items[i]
         return items
 
@@ -546,6 +548,47 @@ def raster(rows, xs, ys):
     return found
 
 
+def blue_noise(draw, rows, columns, openings):
+    """layout.md, "Blue noise": opening and turn of each cell."""
+    count, reach = rows * columns, 6
+    cells = draw.permutation(i % (8 * openings) for i in range(count))
+    kernel = {}
+    for a in range(-reach, reach + 1):
+        for b in range(-reach, reach + 1):
+            key = a % rows, b % columns
+            kernel[key] = kernel.get(key, 0) + round(2**20 * math.exp(-(a * a + b * b) / 4.5))
+    del kernel[0, 0]
+
+    def spread(sums, at, sign):
+        i, j = divmod(at, columns)
+        for (a, b), w in kernel.items():
+            sums[(i + a) % rows * columns + (j + b) % columns] += sign * w
+
+    field = [[0] * count for _ in range(8 * openings)]  # repulsion that a cell of each number would meet
+    for at, number in enumerate(cells):
+        spread(field[number], at, 1)
+    for _ in range(6):
+        changed = False
+        for one in draw.permutation(range(count)):
+            p, best, found = cells[one], 0, None
+            for other in [draw.integer(count) for _ in range(24)]:
+                q = cells[other]
+                if q == p:
+                    continue
+                near = kernel.get(((one // columns - other // columns) % rows, (one - other) % columns), 0)
+                gain = field[p][one] + field[q][other] - field[q][one] - field[p][other] + 2 * near
+                if gain > best:
+                    best, found = gain, other
+            if found is not None:
+                q, changed = cells[found], True
+                for sums, at, sign in ((p, one, -1), (p, found, 1), (q, found, -1), (q, one, 1)):
+                    spread(field[sums], at, sign)
+                cells[one], cells[found] = q, p
+        if not changed:
+            break
+    return [[divmod(cells[i * columns + j], 8) for j in range(columns)] for i in range(rows)]
+
+
 class Die:
     """A die as the job asks for it: ``cells`` are opening and turn of each, rows from below."""
 
@@ -603,7 +646,7 @@ class Die:
     def drawn(self, rows, columns, openings, others):
         """Table of the tilings."""
         draw, tiling = Random(self.seed), self.tiling
-        if tiling == "blue":
+        if tiling == "blue_noise":
             return blue_noise(draw, rows, columns, openings)
         if tiling in ("random", "map"):
             turns = draw.table(8, rows, columns)
@@ -623,8 +666,39 @@ class Die:
     def box(self):
         return (self.left, self.below, self.left + self.width, self.below + self.height)
 
+    def sheet(self):
+        """layout.md, "Hexagonal"."""
+        d, n, self.cells = self.dot, self.n, []
+        m, h = self.size // d, n * math.sqrt(3) / 2
+        self.height = self.width = m * d
+        self.left, self.below = self.x - self.width // 2, self.y - self.height // 2
+        rows, columns = math.ceil(m / h) + 3, math.ceil(m / n) + 3
+        turns, clear = Random(self.seed).table(6, rows, columns), self.openings[0].rows
+        cosines, sines = (1, 0.5, -0.5, -1, -0.5, 0.5), (0, *[math.sqrt(0.75)] * 2, 0, *[-math.sqrt(0.75)] * 2)
+        self.dots = []
+        for v in range(m):
+            y, row = v + 0.5 - m / 2, []
+            near = math.floor(y / h)
+            for u in range(m):
+                x, best = u + 0.5 - m / 2, None
+                for i in (near, near + 1):
+                    shift = i % 2 / 2
+                    j = round(x / n - shift)
+                    a, b = x - (j + shift) * n, y - i * h
+                    if best is None or a * a + b * b < best[0]:
+                        best = a * a + b * b, a, b, turns[(i + rows // 2) % rows][(j + columns // 2) % columns]
+                _, a, b, k = best
+                a, b = cosines[k] * a + sines[k] * b, cosines[k] * b - sines[k] * a
+                a, b = math.floor(a + n / 2), math.floor(b + n / 2)
+                row.append(0 <= a < n and 0 <= b < n and clear[b][a])
+            self.dots.append(row)
+
     def take(self, into):
         """Take what is asked for away from a sum."""
+        if not self.cells:
+            xs, ys = ([at + k * self.dot for k in range(len(self.dots) + 1)] for at in (self.left, self.below))
+            into.add(raster(self.dots, xs, ys), 0, 0, -1)
+            return
         known, half = {}, self.gutter // 2
         for i, row in enumerate(self.cells):
             for j, (opening, turn) in enumerate(row):
@@ -1197,7 +1271,7 @@ class Verdict:
     """What is wrong, and what was not judged."""
 
     def __init__(self):
-        self.wrong, self.unjudged = [], []
+        self.wrong, self.unjudged, self.unknown = [], [], []
 
     def left(self, total, what, box, die=None):
         """Name what a sum holds still, within a box (x0, y0, x1, y1) or anywhere."""
@@ -1263,9 +1337,14 @@ def judge(job, template, version, data, manifest=None):
         if tone == "clear":
             total = drawing.sum(shares[i], Sum())
             area2 += total.area2
+            if die.tiling == "hexagonal":
+                verdict.unknown.append(f"die {die.name}: hexagonal, which this file does not derive to the last dot")
+                continue
             die.take(total)
             verdict.left(total, f"die {die.name}", None, die)
         else:
+            if die.tiling == "hexagonal":
+                raise CannotTell(f"die {die.name}: hexagonal in dark data")
             die.take(rest)
             bad.update(verdict.left(rest, f"die {die.name}", die.box(), die))
     area2 += rest.area2 if tone == "clear" else 8 * (marks.writable // 2) ** 2 - all_dark.area2
@@ -1343,8 +1422,13 @@ def main(args):
     for text in verdict.unjudged:
         print(f"not judged: {text}")
     print(said)
-    print("this plate is NOT what this text asks for" if verdict.wrong else "this plate is what this text asks for")
-    return WRONG if verdict.wrong else 0
+    if verdict.wrong:
+        print("this plate is NOT what this text asks for")
+        return WRONG
+    for text in verdict.unknown:
+        print(f"CANNOT TELL: {text}")
+    print("all else is what this text asks for" if verdict.unknown else "this plate is what this text asks for")
+    return CANNOT if verdict.unknown else 0
 
 
 if __name__ == "__main__":

@@ -100,7 +100,9 @@ def nudged(layout, layer):
 
 def exchanged(layout, layer):
     top = layout.top_cell()
-    one, other = [each for each in top.each_inst() if each.cell.name.startswith("BAR_") and each.cell.child_instances()][:2]
+    one, other = [
+        each for each in top.each_inst() if each.cell.name.startswith("BAR_") and each.cell.child_instances()
+    ][:2]
     one.cell, other.cell = other.cell, one.cell
 
 
