@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch, Rectangle
 from matplotlib.path import Path
 
-from maskfab.base import __version__
+from maskfab.base import __version__, resources
 from maskfab.base.folders import JOB_COPY, RESULT_MARK
 from maskfab.base.model import Gauge, Plate, Polygon, Quantity, WrittenFile
 from maskfab.base.quantities import columns
@@ -443,6 +443,8 @@ PROFILE = "shop.toml"
 """Name in a package of the profile of its house."""
 CERTIFICATE = "certificate.json"
 """Name in a package of the rules it was checked against, and of the result of reading its files back."""
+REFEREE = "referee.py"
+"""Name in a package of a judge of its GDSII that needs Python alone."""
 _VERSION = 2
 _SOURCES = (JOB_COPY, PROFILE)
 _DRAWINGS = ("plate.svg", "plate.pdf")
@@ -511,7 +513,16 @@ def papers(ordered: MaskOrder) -> dict[str, bytes]:
         PROFILE: dump_shop(shop).encode(),
         JOB_COPY: (json.dumps(ordered.job.spec.dump(), indent=1) + "\n").encode(),
         CERTIFICATE: (json.dumps(_certificate(ordered), indent=1, ensure_ascii=False) + "\n").encode(),
+        **_referee(ordered.job.spec.plate.template),
     }
+
+
+def _referee(plate_template: str | None) -> dict[str, bytes]:
+    """A judge of the plate that needs nothing but Python, and the plate's template, which it reads beside the job."""
+    files = {REFEREE: "referee.py"} | (
+        {} if plate_template is None else {"template.toml": f"plates/{plate_template}.toml"}
+    )
+    return {name: resources.template(source).encode() for name, source in files.items()}
 
 
 def package_facts(job: Job, shop: Shop, figures: Figures, order: Order) -> dict[str, Any]:
