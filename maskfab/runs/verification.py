@@ -36,7 +36,7 @@ from maskfab.base.folders import (
     put_back,
     read_manifest,
 )
-from maskfab.base.model import CIRCUIT, EMITTERS, OUTLINE, WIRES, Layer, Plate, Quantity, WrittenFile
+from maskfab.base.model import CIRCUIT, EMITTERS, OUTLINE, WIRES, Plate, Quantity, WrittenFile
 from maskfab.base.processes import SerialExecutor
 from maskfab.base.provenance import sha256_of_file
 from maskfab.base.work import Progress, one_thread, silent
@@ -268,20 +268,16 @@ def verify_file(
 
 def _display_layers(job: Job, layers: LayersRead, path: Path) -> Iterator[Quantity]:
     """Whether a file that has layers for people has those of the display, too; others have what is written alone."""
-    spec, there = job.spec, set(layers.passed_over)
+    spec, there = job.spec, {word for label in layers.passed_over for word in label.split()}
     asked = [
         *(EMITTERS if spec.emitters else ()),
         *([CIRCUIT] if spec.circuits else ()),
         *(WIRES if spec.wires else ()),
     ]
-    lacking = [layer.name for layer in asked if there.isdisjoint(_names(layer))]
-    if asked and not there.isdisjoint(_names(OUTLINE)):
+    lacking = [layer.name for layer in asked if there.isdisjoint((layer.name, f"{layer.number}/{layer.datatype}"))]
+    if asked and OUTLINE.name in there:
         method = f"layers of the display that the job asks for, and {path.name} has not: {', '.join(lacking) or 'none'}"
         yield Quantity("layer_display", len(lacking), method, limit=0, passed=not lacking)
-
-
-def _names(layer: Layer) -> set[str]:
-    return {layer.name, f"{layer.number}/{layer.datatype}"}
 
 
 def _aids_differ(folder: Path, findings: PlateFindings) -> Iterator[tuple[str, str]]:

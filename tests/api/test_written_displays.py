@@ -7,7 +7,10 @@ from klayout import db
 
 import maskfab as mf
 
-RULES = {"emitters": {"colour_gap": "8 um", "min_width": "8 um"}, "wires": {"line": "3 um", "space": "3 um", "lines": 1}}
+RULES = {
+    "emitters": {"colour_gap": "8 um", "min_width": "8 um"},
+    "wires": {"line": "3 um", "space": "3 um", "lines": 1},
+}
 
 
 @pytest.fixture(scope="module")
@@ -35,4 +38,4 @@ def test_a_file_that_lost_the_display_fails(plate, tmp_path):
     layout.write(str(tmp_path / "less.gds"))
     answer = mf.verify(tmp_path / "less.gds", against=plate)
     assert not answer.passed
-    assert "RED, WIRE1" in str(answer)
+    assert any("RED, WIRE1" in row.method for row in answer if row.passed is False)

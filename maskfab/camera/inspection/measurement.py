@@ -31,7 +31,9 @@ from maskfab.camera.inspection.fit import (
     MtfBand,
     Taken,
     brightest,
+    colours_of,
     expecting,
+    judged,
     mtf_bands,
     taken_of,
 )
@@ -144,7 +146,10 @@ def measured(
     image = DieImage.of(panels[best.die], best.way_round, camera, light, [capture.pixels for capture in taken])
     # Noise of the light that is expected: that of what was measured favours what came out dark.
     taken = expecting(image, taken, identity.fit.setting)
-    told = explained(image, taken, identity.fit, progress)
+    # The die was told by one colour; light and background of the others are solved for where that one lies.
+    setting = identity.fit.setting
+    first = identity.fit if len(colours_of(taken)) == 1 else judged(taken, image.pictures(setting), setting)
+    told = explained(image, taken, first, progress)
     fit = told.fit
     if told.factor > _UNLIKE and not identity.certain:
         what = (

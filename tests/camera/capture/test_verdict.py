@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from camera.capture.captured_dies import BLACK, GAIN, READ_NOISE, exposed
 from capture_simulator import Dots, Optics, Sensor, Stack, picture
 from measure_table import KINDS, verdicts
 from once import once
@@ -188,3 +189,20 @@ def test_no_draw_of_any_fault_is_judged_wrongly():
         assert all(abs(share - 1) < 0.05 for share in each.lamps)
         for name, held in each.covered.items():
             assert np.mean(held) > 0.9 - 1.65 * np.sqrt(0.09 / len(held)), (each.kind, name)
+
+
+def test_a_sensor_of_three_colours_is_measured(die):
+    """The die is told by one colour, and fitted to all."""
+    lines = {"R": 610.0, "G": 530.0, "B": 470.0}
+    seen = {colour: picture(die, replace(OPTICS, lines={line: 1.0})) for colour, line in lines.items()}
+    rows, columns = np.indices(seen["G"].shape)
+    mosaic = np.choose(rows % 2 + columns % 2, [seen["R"], seen["G"], seen["B"]])
+    frames = [
+        replace(frame, pattern=("RG", "GB"), black=(BLACK,) * 4) for frame in exposed(mosaic, (1.0, 8.0, 64.0), 2e4, seed=3)
+    ]
+    merging = merged(frames, electrons_per_count=GAIN, read_noise_e=READ_NOISE)
+    light = {colour: line_spectrum([line]) for colour, line in lines.items()}
+    found = measured(merging, DIES, CAMERA, light, promise=Promise(ordered_um=0.25), priced=False)
+    assert found.identified.best.die == "ONE"
+    assert holds(found, "captured_cd_bias", BIAS_UM)
+    assert found.verdict.answer is Answer.ACCEPT
