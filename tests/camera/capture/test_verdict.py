@@ -198,7 +198,8 @@ def test_a_sensor_of_three_colours_is_measured(die):
     rows, columns = np.indices(seen["G"].shape)
     mosaic = np.choose(rows % 2 + columns % 2, [seen["R"], seen["G"], seen["B"]])
     frames = [
-        replace(frame, pattern=("RG", "GB"), black=(BLACK,) * 4) for frame in exposed(mosaic, (1.0, 8.0, 64.0), 2e4, seed=3)
+        replace(frame, pattern=("RG", "GB"), black=(BLACK,) * 4)
+        for frame in exposed(mosaic, (1.0, 8.0, 64.0), 2e4, seed=3)
     ]
     merging = merged(frames, electrons_per_count=GAIN, read_noise_e=READ_NOISE)
     light = {colour: line_spectrum([line]) for colour, line in lines.items()}
