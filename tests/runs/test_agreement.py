@@ -29,7 +29,7 @@ WRONG = {
     "exact": (
         "appendix.html",
         r'(?<=<td title="mtf50">MTF50</td>\n<td class="mark">ν50</td>\n<td class="n" title=")[\d.]+',
-    ),  # noqa: E501
+    ),
     "shown": ("appendix.html", r"(?<= cy/mm\">)[\d.]+"),
     "page": ("report.html", r'(?<=<td title="mtf50">MTF50</td><td class="n" title=")[\d.]+'),
 }
@@ -59,7 +59,7 @@ def test_a_report_that_is_wrong_alone_is_told(folder, tmp_path):
         check_agreement(tmp_path)
 
 
-@pytest.mark.parametrize(("owner", "name"), [(numbers, "_cell"), (template, "value")])
+@pytest.mark.parametrize(("owner", "name"), [(numbers, "_cell"), (template, "told")])
 @pytest.mark.usefixtures("drawn_in_words")
 def test_a_run_whose_writer_is_wrong_leaves_nothing(owner, name, monkeypatch, tmp_path):
     true = getattr(owner, name)
