@@ -6,6 +6,7 @@ A number that one of them tells otherwise is found before the folder has its nam
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
 import re
 from collections import Counter
@@ -15,7 +16,11 @@ from pathlib import Path
 from typing import Any
 
 from maskfab.base.errors import InternalError
-from maskfab.base.folders import APPENDIX, NUMBERS, PAGE, REPORT
+from maskfab.base.folders import APPENDIX, JOB_COPY, NUMBERS, PAGE, REPORT, RESULT_MARK
+from maskfab.base.model import Quantity
+from maskfab.mask.formats.table import LAYOUT_SUFFIXES
+from maskfab.mask.judge.awake import missing
+from maskfab.mask.judge.sources import digest
 
 _ROW = re.compile(r'<tr>\s*<td title="(?P<name>[^"]+)">.*?</tr>', re.DOTALL)
 _CELL = re.compile(r'<td class="n" title="(?P<exact>[^"]*)">(?P<shown>[^<]*)')
@@ -31,6 +36,7 @@ def check_agreement(folder: Path) -> int:
         InternalError: MF329 for the first number that one of them tells otherwise.
     """
     report = json.loads((folder / REPORT).read_text("utf-8"))
+    _check_provenance(folder, report)
     rows = [_told(die["name"], row) for die in report["dies"] for row in (*die["quantities"], *_of_scene(die))]
     rows += [_told("", row) for row in report["plate"]]
     with (folder / NUMBERS).open(encoding="utf-8", newline="") as stream:
@@ -59,9 +65,38 @@ def check_agreement(folder: Path) -> int:
     return compared
 
 
+def _check_provenance(folder: Path, report: Mapping[str, Any]) -> None:
+    """Hold hashes against bytes and the job's copy, and the verdict against checks, none of which may lack."""
+    manifest = json.loads((folder / RESULT_MARK).read_text("utf-8"))
+    for file in manifest["files"]:
+        if hashlib.sha256((folder / file["path"]).read_bytes()).hexdigest() != file["sha256"]:
+            _refuse(RESULT_MARK, file["path"], "has another SHA-256")
+    of_copy = digest(json.loads((folder / JOB_COPY).read_text("utf-8")))
+    for name, said in ((REPORT, report["job_hash"]), (RESULT_MARK, manifest["job_hash"])):
+        if said != of_copy:
+            _refuse(name, "the job's hash", f"is {said[:16]}..., and that of {JOB_COPY} {of_copy[:16]}...")
+    failed = [row["name"] for row in report["checks"] if row["passed"] is False]
+    if failed and report["verdict"] == "pass":
+        _refuse(REPORT, failed[0], "has failed, and the verdict is pass")
+    checks = [Quantity(row["name"], 0, row["method"], die=row.get("die")) for row in report["checks"] if _judged(row)]
+    drawn = [file["path"] for file in report["files"] if Path(file["path"]).suffix.lower() in LAYOUT_SUFFIXES]
+    if lost_rows := missing(checks, drawn, [die["name"] for die in report["dies"]]):
+        _refuse(REPORT, lost_rows[0], "is not among the checks")
+    own = Counter(row["name"] for row in report["checks"])
+    every = (row for rows in (report["plate"], *(die["quantities"] for die in report["dies"])) for row in rows)
+    if lost := Counter(row["name"] for row in every if row["passed"] is not None) - own:
+        _refuse(REPORT, next(iter(lost)), "is judged, and not among the checks")
+
+
+def _judged(row: Mapping[str, Any]) -> bool:
+    return bool(row["name"].startswith("judged_") and row["passed"] is not None)
+
+
 def _refuse(file: str, name: str, what: str) -> None:
     cure = "Please report this with the job file; nothing was written"
-    raise InternalError("MF329", f"{file} and {REPORT} do not agree: {name} {what}", where=file, cure=cure)
+    raise InternalError(
+        "MF329", f"what a run has written does not agree, in {file}: {name} {what}", where=file, cure=cure
+    )
 
 
 def _of_scene(die: Mapping[str, Any]) -> Iterable[Mapping[str, Any]]:

@@ -177,8 +177,8 @@ def _make(
             (folder / OVERVIEW).write_bytes(overview)
             for name, text in report_texts(document, pictures, folder, back.read).items():
                 (folder / name).write_text(text, encoding="utf-8")
-            check_agreement(folder)
             write_manifest(job, files, folder)
+            check_agreement(folder)
             accounts = executor.accounts if isinstance(executor, CachingExecutor) else ()
             result = _Made(report, findings.verdicts(report), executor.tally, accounts, back.quantities)
             (folder / TIMES).write_text(times_text(job.digest, seconds, result.accounts), encoding="utf-8")

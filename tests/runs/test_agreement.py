@@ -38,18 +38,18 @@ WRONG = {
 @pytest.mark.parametrize("what", WRONG)
 def test_a_number_that_is_wrong_in_one_place_is_told(what, folder, tmp_path):
     name, pattern = WRONG[what]
-    for each in ("report.json", "numbers.csv", "report.html", "appendix.html"):
+    for each in (path.name for path in folder.iterdir()):
         (tmp_path / each).write_bytes((folder / each).read_bytes())
     assert check_agreement(tmp_path) > 100
     text, count = re.subn(pattern, lambda found: by_half(found[0]), (tmp_path / name).read_text("utf-8"), count=1)
     assert count == 1
     (tmp_path / name).write_text(text, encoding="utf-8")
-    with pytest.raises(InternalError, match=rf"MF329 {name}.*mtf50"):
+    with pytest.raises(InternalError, match=rf"MF329 .*{name}"):
         check_agreement(tmp_path)
 
 
 def test_a_report_that_is_wrong_alone_is_told(folder, tmp_path):
-    for each in ("numbers.csv", "report.html", "appendix.html"):
+    for each in (path.name for path in folder.iterdir() if path.name != "report.json"):
         (tmp_path / each).write_bytes((folder / each).read_bytes())
     report = json.loads((folder / "report.json").read_text("utf-8"))
     (row, *_) = (row for row in report["dies"][0]["quantities"] if row["name"] == "open_ratio")

@@ -71,7 +71,7 @@ def sources(spec: JobSpec, file: Path | None = None) -> Sources:
         # What reads right with the chrome down reads wrong with the chrome up.
         (order.get("parity") == "wrong reading") != (order.get("chrome") == "down"),
         _signed_nm(process.get("cd_bias", 0)) if order.get("bias") == "data" else 0,
-        _digest(resolved),
+        digest(resolved),
     )
 
 
@@ -105,7 +105,7 @@ def _signed_nm(length: str | float) -> int:
     return sign * round(parse_length_um(length.strip().lstrip("-+"), zero_allowed=True) * NM_PER_UM)
 
 
-def _digest(resolved: Mapping[str, Any]) -> str:
+def digest(resolved: Mapping[str, Any]) -> str:
     """SHA-256 of canonical JSON: keys in order, no spaces, without [report] and what [order] says on paper alone."""
     order = resolved.get("order") or {}
     drawn = {key: order[key] for key in order if key in _ON_THE_PLATE or (key, order[key]) == ("bias", "data")}
