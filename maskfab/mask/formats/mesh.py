@@ -11,7 +11,7 @@ import struct
 import zipfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from maskfab.base.arrays import Floats, Ints
 from maskfab.base.errors import OutputError, SourceError
 from maskfab.base.files import partial
 from maskfab.base.model import Die, Quantity
-from maskfab.base.units import MM_PER_NM, UM_PER_NM
+from maskfab.base.units import MM_PER_NM, NM_PER_MM, UM_PER_NM
 from maskfab.mask.formats.format import Drawn, Format, Stack
 from maskfab.mask.formats.solid import Mesh, box_mesh, check_mesh_size, film, glass
 from maskfab.mask.formats.solid_check import check_file, check_reach, damaged, mesh_rows
@@ -51,6 +51,34 @@ _RELATIONS = (
     '<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
     f'<Relationship Target="/{_MODEL}" Id="rel0" Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/>'
     "</Relationships>\n"
+)
+
+
+_Scene: TypeAlias = tuple[list[tuple[Floats, Ints]], Ints, Floats, float]
+"""Vertices and triangles of meshes, which mesh is placed, its matrices [n, 4, 4], and nanometres of its unit."""
+_AT_ONCE = 1 << 24
+"""Bytes of text whose numbers are read together."""
+
+
+class _Run:
+    """Elements of one kind in a 3MF, each on a line of its own.
+
+    Args:
+        line: one, its numbers left out.
+        name: of what they stand in.
+        kind: of the numbers.
+        digits: that numbers may have.
+    """
+
+    def __init__(self, line: bytes, name: bytes, kind: type[np.generic], digits: bytes) -> None:
+        self.line, self.kind, self.digits = line, kind, digits
+        self.begins, self.ends = b"<%s>\n" % name, b"</%s>" % name
+        self.spaced = bytes(byte if byte in digits else ord(" ") for byte in range(256))
+
+
+_RUNS = (
+    _Run(b'<vertex x="" y="" z=""/>\n', b"vertices", np.float64, b"0123456789.-"),
+    _Run(b'<triangle va="" vb="" vc=""/>\n', b"triangles", np.int64, b"0123456789"),
 )
 
 
@@ -270,20 +298,18 @@ def read_scene(path: Path) -> ReadSolid:
     """A GLB or 3MF file.
 
     Raises:
-        SourceError: MF303 if trimesh cannot read it.
+        SourceError: MF303 if it cannot be read.
     """
-    import trimesh
-
     try:
-        scene = trimesh.load_scene(path, process=False)
-        scale = _NM_PER_UNIT[scene.units]
-        names = list(scene.geometry)
-        shapes = tuple(_shape(scene.geometry[name], scale, path) for name in names)
-        nodes = [scene.graph.get(node) for node in scene.graph.nodes_geometry]
-        matrices = np.array([matrix for matrix, _ in nodes]).reshape(-1, 4, 4)
-        index = np.array([names.index(name) for _, name in nodes], dtype=np.int64)
+        meshes, index, matrices, scale = (_plain_3mf(path) if path.suffix == ".3mf" else None) or _by_trimesh(path)
         check_reach(path, matrices[:, :3, 3] * scale)
         check_reach(path, matrices[:, :3, :3])
+        shapes = []
+        while meshes:
+            vertices, triangles = meshes.pop(0)
+            # As numbers: what they are in nanometres, a matrix may say.
+            check_reach(path, vertices)
+            shapes.append(_welded(vertices * scale, triangles))
         for number, matrix in zip(index, matrices, strict=True):
             check_reach(path, np.abs(shapes[number].vertices_nm).max(axis=0) @ np.abs(matrix[:3, :3]).T)
     except SourceError:
@@ -295,7 +321,77 @@ def read_scene(path: Path) -> ReadSolid:
     if path.suffix == ".glb":
         z_up = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
         turns, places = z_up @ turns, places @ z_up.T
-    return ReadSolid(shapes, index, turns, places)
+    return ReadSolid(tuple(shapes), index, turns, places)
+
+
+def _by_trimesh(path: Path) -> _Scene:
+    import trimesh
+
+    scene = trimesh.load_scene(path, process=False)
+    scale, names = _NM_PER_UNIT[scene.units], list(scene.geometry)
+    nodes = [scene.graph.get(node) for node in scene.graph.nodes_geometry]
+    meshes = [
+        (np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64))
+        for mesh in map(scene.geometry.pop, names)
+    ]
+    index = np.array([names.index(name) for _, name in nodes], dtype=np.int64)
+    matrices = np.array([matrix for matrix, _ in nodes]).reshape(-1, 4, 4)
+    return meshes, index, matrices, scale
+
+
+def _plain_3mf(path: Path) -> _Scene | None:
+    """A 3MF whose meshes are nothing but plain elements, a line each; None of any other.
+
+    A tree of all elements would take forty times the memory of what they say: their lines are compared with those of
+    plain elements, digits left out, and only what stands about them is read as XML.
+    """
+    from lxml import etree
+
+    with zipfile.ZipFile(path) as package:
+        (name,) = (name for name in package.namelist() if name.lower() == _MODEL.lower())
+        text = package.read(name)
+    rest, at, runs = bytearray(), 0, []
+    while (start := text.find(_RUNS[len(runs) % 2].begins, at)) >= 0:
+        run = _RUNS[len(runs) % 2]
+        start += len(run.begins)
+        end = text.find(run.ends, start)
+        numbers = _numbers(text, start, end, run)
+        if numbers is None:
+            return None
+        runs.append(numbers)
+        rest += text[at:start]
+        at = end
+    rest += text[at:]
+    del text
+    root = etree.fromstring(bytes(rest), etree.XMLParser(resolve_entities=False, no_network=True))
+    objects = root.findall("{*}resources/{*}object")
+    told = [f"{len(each.findall(f'{{*}}mesh/{{*}}{kind}'))}" for each in objects for kind in ("vertices", "triangles")]
+    if told != ["1"] * len(runs) or root.find(".//{*}component") is not None or len(root.find(".//{*}vertices")):
+        return None
+    numbers_of = {each.get("id"): number for number, each in enumerate(objects)}
+    items = root.findall("{*}build/{*}item")
+    matrices = np.tile(np.eye(4), (len(items), 1, 1))
+    for matrix, item in zip(matrices, items, strict=True):
+        if (placed := item.get("transform")) is not None:
+            matrix[:3] = np.array(placed.split(), dtype=np.float64).reshape(4, 3).T
+    index = np.array([numbers_of[item.get("objectid")] for item in items], dtype=np.int64)
+    meshes = list(zip(runs[::2], runs[1::2], strict=True))
+    return meshes, index, matrices, _NM_PER_UNIT[root.get("unit", "millimeters")]
+
+
+def _numbers(text: bytes, start: int, end: int, run: _Run) -> NDArray[Any] | None:
+    """Three numbers of each element of a run, [n, 3]; None where it is not of plain elements alone."""
+    parts = [np.empty(0, run.kind)]
+    while start < end:
+        stop = min(end, text.find(b"\n", min(start + _AT_ONCE, end - 1)) + 1)
+        part = text[start:stop].replace(b"v1=", b"va=").replace(b"v2=", b"vb=").replace(b"v3=", b"vc=")
+        count = part.count(b"\n")
+        numbers = np.fromstring(part.translate(run.spaced), run.kind, sep=" ")
+        if part.translate(None, run.digits) != run.line * count or len(numbers) != 3 * count:
+            return None
+        parts.append(numbers)
+        start = stop
+    return np.concatenate(parts).reshape(-1, 3) if end >= start else None
 
 
 def read_stl(path: Path) -> ReadSolid:
@@ -311,18 +407,16 @@ def read_stl(path: Path) -> ReadSolid:
     try:
         with path.open("rb") as file:
             content = load_stl(file)
-        vertices, faces = (
-            np.asarray(content["vertices"], dtype=np.float64) * 1e6,
-            np.asarray(content["faces"], np.int64),
-        )
+        vertices, faces = np.asarray(content["vertices"]), np.asarray(content["faces"], np.int64)
         del content
     except Exception as error:
         raise damaged(path, error) from error
     if not len(faces):
         raise damaged(path, "it has no triangles")
-    check_reach(path, vertices)
+    check_reach(path, np.abs(vertices).max(axis=0).astype(np.float64) * NM_PER_MM)
     # Every triangle has corners of its own: those of one place are one, as for whoever makes a solid of it.
-    return ReadSolid((_welded(vertices, faces),), np.zeros(1, dtype=np.int64), np.eye(3)[None], np.zeros((1, 3)))
+    shape = _welded(vertices, faces, NM_PER_MM)
+    return ReadSolid((shape,), np.zeros(1, dtype=np.int64), np.eye(3)[None], np.zeros((1, 3)))
 
 
 def _check_stl_size(path: Path) -> None:
@@ -341,22 +435,21 @@ def _check_stl_size(path: Path) -> None:
         raise damaged(path, f"it has {size} bytes; the {triangles} triangles that it states take {expected}")
 
 
-def _shape(mesh: Any, scale: float, path: Path) -> ReadShape:
-    vertices = np.asarray(mesh.vertices, dtype=np.float64)
-    # As numbers: what they are in nanometres, a matrix may say.
-    check_reach(path, vertices)
-    return _welded(vertices * scale, np.asarray(mesh.faces, dtype=np.int64))
-
-
-def _welded(vertices: Floats, triangles: Ints) -> ReadShape:
+def _welded(vertices: NDArray[np.floating[Any]], triangles: Ints, unit_nm: float = 1.0) -> ReadShape:
     """A shape whose vertices of one place are one."""
-    levels, height = np.unique(vertices[:, 2], return_inverse=True)
-    flat, place = np.unique(vertices[:, 0] + 1j * vertices[:, 1], return_inverse=True)
-    key, number = np.unique(place * len(levels) + height, return_inverse=True)
-    one = np.column_stack([flat.real, flat.imag])[key // len(levels)]
-    welded, faces = np.column_stack([one, levels[key % len(levels)]]), number[triangles]
+    key = np.zeros(len(vertices), dtype=np.int64)
+    for axis in range(3):
+        levels = np.sort(vertices[:, axis])
+        levels = levels[np.append(True, levels[1:] != levels[:-1])]
+        key *= len(levels)
+        key += np.searchsorted(levels, vertices[:, axis])
+    _, first, number = np.unique(key, return_index=True, return_inverse=True)
+    del key
+    welded, faces = vertices[first].astype(np.float64) * unit_nm, number[triangles]
+    del number
     a, b, c = (welded[faces[:, n]] for n in range(3))
     volume = float(np.einsum("ni,ni->", a, np.cross(b, c)) / 6)
+    del a, b, c
     return ReadShape(welded, faces, volume, is_manifold(faces))
 
 
@@ -366,25 +459,31 @@ def is_manifold(triangles: Ints) -> bool:
     Every side runs once each way, so it has two faces, wound alike; the faces round every vertex are one fan; no corner
     comes twice in a triangle. That is what solid modellers ask of a mesh before they make a solid of it.
     """
-    from scipy import sparse
-    from scipy.sparse import csgraph
-
-    count = int(triangles.max()) + 1
-    start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
-    there, back = start * count + end, end * count + start
-    order = np.argsort(there)
-    ordered = there[order]
-    if (start == end).any() or (ordered[1:] == ordered[:-1]).any():
+    start, end, count = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel(), int(triangles.max()) + 1
+    if (start == end).any():
         return False
-    at = np.minimum(np.searchsorted(ordered, back), len(ordered) - 1)
-    if not np.array_equal(ordered[at], back):
+    sides = start * count + end
+    there = np.argsort(sides)
+    sides = sides[there]
+    if (sides[1:] == sides[:-1]).any():
         return False
+    turned = end * count + start
+    back = np.argsort(turned)
+    if not np.array_equal(sides, turned[back]):
+        return False
+    del end, sides, turned
     # Where corner n starts a side, the neighbour across it ends that side: both corners are of one fan.
-    across = order[at]
-    following = across - across % 3 + (across + 1) % 3
-    links = sparse.coo_array((np.ones(len(start), np.bool_), (np.arange(len(start)), following)), (len(start),) * 2)
-    fans = csgraph.connected_components(links, directed=False, return_labels=False)
-    return int(fans) == len(np.unique(start))
+    following = np.empty_like(there)
+    following[there] = back - back % 3 + (back + 1) % 3
+    del there, back
+    last = np.full(count, -1)
+    last[start] = np.arange(len(start))
+    first = last[last >= 0]
+    at, seen = first, 0
+    while len(at):
+        at, seen = following[at], seen + len(at)
+        at, first = at[at != first], first[at != first]
+    return seen == len(start)
 
 
 def check_mesh(die: Die, path: Path, stack: Stack | None = None) -> tuple[Quantity, ...]:
