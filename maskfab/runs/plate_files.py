@@ -69,9 +69,11 @@ def write_files(
         **{product.name: (product.form.title, product.write) for product in made.products},
         **auxiliary_files(job, made.plate, measured),
     }
-    for done, (name, (_, write)) in enumerate(steps.items()):
+    dies = {product.name: made.plate.dies.index(product.die) for product in made.products if product.die is not None}
+    # Die by die, for what its formats make of it alike is held no longer than it is written.
+    for done, name in enumerate(sorted(steps, key=lambda name: dies.get(name, -1))):
         progress("write files", done, len(steps))
-        write(folder / name)
+        steps[name][1](folder / name)
         release_memory()
     progress("write files", len(steps), len(steps))
     return tuple(provenance.file_record(folder, folder / name, kind) for name, (kind, _) in steps.items())

@@ -9,7 +9,8 @@ from __future__ import annotations
 import json
 import struct
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -22,7 +23,7 @@ from maskfab.base.errors import OutputError, SourceError
 from maskfab.base.files import partial
 from maskfab.base.model import Die, Quantity
 from maskfab.base.units import MM_PER_NM, NM_PER_MM, UM_PER_NM
-from maskfab.mask.formats.format import Drawn, Format, Stack
+from maskfab.mask.formats.format import Drawn, Films, Format, Stack
 from maskfab.mask.formats.solid import Mesh, box_mesh, check_mesh_size, film, glass
 from maskfab.mask.formats.solid_check import check_file, check_reach, damaged, mesh_rows
 from maskfab.mask.formats.step_process import ReadShape, ReadSolid
@@ -56,6 +57,8 @@ _RELATIONS = (
 
 _Scene: TypeAlias = tuple[list[tuple[Floats, Ints]], Ints, Floats, float]
 """Vertices and triangles of meshes, which mesh is placed, its matrices [n, 4, 4], and nanometres of its unit."""
+_ROWS = 1 << 16
+"""Of a table that are written together."""
 _AT_ONCE = 1 << 24
 """Bytes of text whose numbers are read together."""
 
@@ -82,7 +85,13 @@ _RUNS = (
 )
 
 
-def write_glb(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack | None = None) -> None:
+def write_glb(
+    die: Die,
+    path: Path,
+    comments: Sequence[str] = (),
+    stack: Stack | None = None,
+    films: Films = film,
+) -> None:
     """Write a die as binary glTF 2.0, in metres: a node of glass, and one of chrome.
 
     The film's vertices are whole nanometres under a node that scales them, so float32 holds them exactly in dies of up
@@ -95,7 +104,7 @@ def write_glb(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack |
     """
     stack = stack or Stack()
     check_mesh_size(die, "glb")
-    chrome, touches = film(die, stack)
+    chrome, touches = films(die, stack)
     low, high = glass(die, stack)
     nodes: list[dict[str, Any]] = [{"name": die.name, "matrix": _Y_UP, "children": [1, 2]}]
     blocks: list[bytes] = []
@@ -149,7 +158,13 @@ def write_glb(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack |
         file.write(struct.pack("<I4s", len(data), b"BIN\0") + data)
 
 
-def write_3mf(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack | None = None) -> None:
+def write_3mf(
+    die: Die,
+    path: Path,
+    comments: Sequence[str] = (),
+    stack: Stack | None = None,
+    films: Films = film,
+) -> None:
     """Write a die as 3MF, in micrometres: an object of glass, and one of chrome.
 
     Coordinates are decimals, exact to 1e-4 nm. Comments and thicknesses stand in the metadata ``Description``.
@@ -162,13 +177,13 @@ def write_3mf(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack |
 
     stack = stack or Stack()
     check_mesh_size(die, "3mf")
-    chrome, touches = film(die, stack)
+    chrome, touches = films(die, stack)
     low, high = glass(die, stack)
     said = (*comments, *stack.remarks(), *stack.touching_remark(die, touches))
     with partial(path) as place, zipfile.ZipFile(place, "w", zipfile.ZIP_DEFLATED) as package:
-        _store(package, "[Content_Types].xml", _CONTENT_TYPES)
-        _store(package, "_rels/.rels", _RELATIONS)
-        parts = [
+        _store(package, "[Content_Types].xml", [_CONTENT_TYPES])
+        _store(package, "_rels/.rels", [_RELATIONS])
+        head = [
             '<?xml version="1.0" encoding="UTF-8"?>\n<model unit="micron" xml:lang="en-US" '
             'xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02">\n',
             f'<metadata name="Title">{escape(die.name)}</metadata>\n',
@@ -176,11 +191,13 @@ def write_3mf(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack |
             f'<metadata name="Description">{escape("; ".join(said))}</metadata>\n',
             "<resources>\n",
         ]
-        parts += _mesh_xml(1, f"{die.name}_GLASS", box_mesh(np.zeros(3), high - low))
-        parts += _mesh_xml(2, f"{die.name}_FILM", chrome)
-        parts += ["</resources>\n<build>\n", _item(1, *low, name="GLASS"), _item(2, 0.0, 0.0, 0.0, name="FILM")]
-        parts.append("</build>\n</model>\n")
-        _store(package, _MODEL, "".join(parts))
+        meshes = (
+            _mesh_xml(1, f"{die.name}_GLASS", box_mesh(np.zeros(3), high - low)),
+            _mesh_xml(2, f"{die.name}_FILM", chrome),
+        )
+        items = _item(1, *low, name="GLASS"), _item(2, 0.0, 0.0, 0.0, name="FILM")
+        end = ["</resources>\n<build>\n", *items, "</build>\n</model>\n"]
+        _store(package, _MODEL, chain(head, *meshes, end))
 
 
 def write_stl(
@@ -188,6 +205,7 @@ def write_stl(
     path: Path,
     comments: Sequence[str] = (),
     stack: Stack | None = None,
+    films: Films = film,
     *,
     limit_bytes: int = _STL_LIMIT,
     force: bool = False,
@@ -203,6 +221,7 @@ def write_stl(
         path: the file.
         comments: lines about it.
         stack: thicknesses; those of the glass do not matter.
+        films: makes the film.
         limit_bytes: the largest file that is written.
         force: write it nonetheless.
 
@@ -213,7 +232,7 @@ def write_stl(
     """
     stack = stack or Stack()
     check_mesh_size(die, "stl")
-    chrome, touches = film(die, stack)
+    chrome, touches = films(die, stack)
     count = len(chrome.triangles)
     size = _STL_HEAD + _STL_TRIANGLE.itemsize * count
     if size > limit_bytes and not force:
@@ -223,17 +242,20 @@ def write_stl(
         )
         cure = "Use glb, which takes half of it, or raise export.stl_limit_mb"
         raise OutputError("MF411", what, where=f"die {die.name}", cure=cure)
-    table = np.zeros(count, dtype=_STL_TRIANGLE)
-    table["corners"] = _float32(die, "stl", chrome.vertices_nm * MM_PER_NM)[chrome.triangles]
-    # Of what is exact: a wall is no higher than the rounding of a die's coordinates leaves it.
-    corners = chrome.vertices_nm[chrome.triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    table["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    rounded = _float32(die, "stl", chrome.vertices_nm * MM_PER_NM)
     said = "; ".join(("unit mm", *stack.remarks()[1:], *stack.touching_remark(die, touches), *comments))
     head = said.encode("ascii", "replace")[:80].ljust(80)
     with partial(path) as place, place.open("wb") as file:
         file.write(head + struct.pack("<I", count))
-        file.write(table.tobytes())
+        for start in range(0, count, _ROWS):
+            triangles = chrome.triangles[start : start + _ROWS]
+            table = np.zeros(len(triangles), dtype=_STL_TRIANGLE)
+            table["corners"] = rounded[triangles]
+            # Of what is exact: a wall is no higher than the rounding of a die's coordinates leaves it.
+            corners = chrome.vertices_nm[triangles]
+            normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            table["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+            file.write(table.tobytes())
 
 
 def _float32(die: Die, kind: str, vertices: Floats) -> NDArray[np.float32]:
@@ -243,8 +265,10 @@ def _float32(die: Die, kind: str, vertices: Floats) -> NDArray[np.float32]:
         OutputError: MF437 if two become one.
     """
     rounded = vertices.astype("<f4")
-    flat, heights = rounded[:, 0] + 1j * rounded[:, 1], rounded[:, 2]
-    if sum(len(np.unique(flat[heights == height])) for height in np.unique(heights)) < len(vertices):
+    # Two numbers as one of twice the length, none of them -0.
+    flat, heights = np.ascontiguousarray(rounded[:, :2] + np.float32(0)).view("<u8").ravel(), rounded[:, 2]
+    levels = (np.sort(flat[heights == height]) for height in np.unique(heights))
+    if any((level[1:] == level[:-1]).any() for level in levels):
         what = f"corners of die {die.name} lie so near to one another that float32 makes one of two in a {kind}"
         cure = f"Use 3mf, whose decimals are exact, and leave {kind} out of export.formats"
         raise OutputError("MF437", what, where=f"die {die.name}", cure=cure)
@@ -279,19 +303,26 @@ def _mesh_xml(number: int, name: str, mesh: Mesh) -> Iterator[str]:
     from xml.sax.saxutils import quoteattr
 
     yield f'<object id="{number}" name={quoteattr(name)} type="model"><mesh><vertices>\n'
-    for x, y, z in mesh.vertices_nm.tolist():
-        yield f'<vertex x="{_um(x)}" y="{_um(y)}" z="{_um(z)}"/>\n'
+    for start in range(0, len(mesh.vertices_nm), _ROWS):
+        block = mesh.vertices_nm[start : start + _ROWS]
+        # Dots share their borders, so that few numbers are different.
+        values, at = np.unique(block, return_inverse=True)
+        texts = np.array([_um(value) for value in values.tolist()], dtype=np.object_)
+        yield '<vertex x="%s" y="%s" z="%s"/>\n' * len(block) % tuple(texts[at.ravel()].tolist())
     yield "</vertices><triangles>\n"
-    for a, b, c in mesh.triangles.tolist():
-        yield f'<triangle v1="{a}" v2="{b}" v3="{c}"/>\n'
+    for start in range(0, len(mesh.triangles), _ROWS):
+        block = mesh.triangles[start : start + _ROWS]
+        yield '<triangle v1="%d" v2="%d" v3="%d"/>\n' * len(block) % tuple(block.ravel().tolist())
     yield "</triangles></mesh></object>\n"
 
 
-def _store(package: zipfile.ZipFile, name: str, text: str) -> None:
+def _store(package: zipfile.ZipFile, name: str, texts: Iterable[str]) -> None:
     """Add a part without the time of day."""
     entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
     entry.compress_type = zipfile.ZIP_DEFLATED
-    package.writestr(entry, text.encode())
+    with package.open(entry, "w") as part:
+        for text in texts:
+            part.write(text.encode())
 
 
 def read_scene(path: Path) -> ReadSolid:
@@ -506,7 +537,7 @@ FORMATS = (
         "glb",
         "GLB",
         ".glb",
-        write_die=lambda of, die, to: write_glb(die, to, of.comments, of.settings.stack),
+        write_die=lambda of, die, to: write_glb(die, to, of.comments, of.settings.stack, of.films),
         compare_die=_compare,
         extra="solid",
     ),
@@ -514,7 +545,7 @@ FORMATS = (
         "3mf",
         "3MF",
         ".3mf",
-        write_die=lambda of, die, to: write_3mf(die, to, of.comments, of.settings.stack),
+        write_die=lambda of, die, to: write_3mf(die, to, of.comments, of.settings.stack, of.films),
         compare_die=_compare,
         extra="solid",
     ),
@@ -523,7 +554,7 @@ FORMATS = (
         "STL",
         ".stl",
         write_die=lambda of, die, to: write_stl(
-            die, to, of.comments, of.settings.stack, limit_bytes=of.settings.stl_limit_bytes
+            die, to, of.comments, of.settings.stack, of.films, limit_bytes=of.settings.stl_limit_bytes
         ),
         compare_die=_compare,
         extra="solid",
