@@ -421,11 +421,12 @@ def _turn(x: Any, y: Any, start: Any, following: Any, twin: Any, triangle: Any, 
                 inside = bb < (ax - cx) ** 2 + (ay - cy) ** 2
             else:
                 # Whether d is inside the circle through a, c and b, whose sum is longer than 64 bits.
-                low = (of_a & _LOW) * (aa & _LOW) + (of_c & _LOW) * (cc & _LOW) + (of_b & _LOW) * (bb & _LOW)
-                middle = (of_a >> _BITS) * (aa & _LOW) + (of_c >> _BITS) * (cc & _LOW) + (of_b >> _BITS) * (bb & _LOW)
-                middle += (of_a & _LOW) * (aa >> _BITS) + (of_c & _LOW) * (cc >> _BITS) + (of_b & _LOW) * (bb >> _BITS)
+                low = middle = high = 0
+                for area, square in ((of_a, aa), (of_c, cc), (of_b, bb)):
+                    low += (area & _LOW) * (square & _LOW)
+                    middle += (area >> _BITS) * (square & _LOW) + (area & _LOW) * (square >> _BITS)
+                    high += (area >> _BITS) * (square >> _BITS)
                 middle += low >> _BITS
-                high = (of_a >> _BITS) * (aa >> _BITS) + (of_c >> _BITS) * (cc >> _BITS) + (of_b >> _BITS) * (bb >> _BITS)
                 high += middle >> _BITS
                 inside = high > 0 or (high == 0 and (middle & _LOW > 0 or low & _LOW > 0))
             if not inside:
