@@ -311,8 +311,8 @@ def _mesh_xml(number: int, name: str, mesh: Mesh) -> Iterator[str]:
         yield '<vertex x="%s" y="%s" z="%s"/>\n' * len(block) % tuple(texts[at.ravel()].tolist())
     yield "</vertices><triangles>\n"
     for start in range(0, len(mesh.triangles), _ROWS):
-        block = mesh.triangles[start : start + _ROWS]
-        yield '<triangle v1="%d" v2="%d" v3="%d"/>\n' * len(block) % tuple(block.ravel().tolist())
+        corners = mesh.triangles[start : start + _ROWS]
+        yield '<triangle v1="%d" v2="%d" v3="%d"/>\n' * len(corners) % tuple(corners.ravel().tolist())
     yield "</triangles></mesh></object>\n"
 
 
@@ -381,7 +381,8 @@ def _plain_3mf(path: Path) -> _Scene | None:
     with zipfile.ZipFile(path) as package:
         (name,) = (name for name in package.namelist() if name.lower() == _MODEL.lower())
         text = package.read(name)
-    rest, at, runs = bytearray(), 0, []
+    rest, at = bytearray(), 0
+    runs: list[NDArray[Any]] = []
     while (start := text.find(_RUNS[len(runs) % 2].begins, at)) >= 0:
         run = _RUNS[len(runs) % 2]
         start += len(run.begins)
