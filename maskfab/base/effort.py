@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
 import sys
 import threading
 import time
@@ -52,17 +50,11 @@ def measured() -> Iterator[Effort]:
         effort.add(time.thread_time() - begun, _peak() if main else 0.0)
 
 
-def wait_for(helper: subprocess.Popen[bytes]) -> float:
-    """Wait for a helper process, which then counts to the work that is measured here; gives its seconds, if told."""
-    if not hasattr(os, "wait4"):  # Windows
-        helper.wait()
-        return 0.0
-    _, status, used = os.wait4(helper.pid, 0)
-    helper.returncode = os.waitstatus_to_exitcode(status)
-    seconds = used.ru_utime + used.ru_stime
+def add_helper(seconds: float) -> None:
+    """Count the seconds of a helper process that has ended to the work that is measured here, and its memory, unless an
+    earlier one had more: the system tells that of the largest so far."""
     if (effort := _WORK.get()) is not None:
-        effort.add(seconds, float(used.ru_maxrss * _BYTES_PER_UNIT))
-    return seconds
+        effort.add(seconds, _helpers_peak())
 
 
 @dataclass(frozen=True)
@@ -113,6 +105,14 @@ class Costs:
         cost = self.of.get(name, FormatCost(name))
         read_s, most = round(cost.read_s + effort.seconds, 3), max(cost.read_bytes, effort.bytes)
         self.of[name] = replace(cost, read_s=read_s, read_bytes=most)
+
+
+def _helpers_peak() -> float:
+    try:
+        import resource
+    except ImportError:  # Windows
+        return 0.0
+    return float(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * _BYTES_PER_UNIT)
 
 
 def _forget_peak() -> None:

@@ -20,7 +20,6 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 import traceback
 import warnings
 import zipfile
@@ -28,11 +27,10 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from pathlib import Path
-from threading import Event, Timer
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-from maskfab.base.effort import wait_for
+from maskfab.base.effort import add_helper
 from maskfab.base.errors import (
     CATALOGUE,
     InputError,
@@ -52,6 +50,7 @@ from maskfab.mask.limits import (
     BYTES_PER_SECOND,
     SECONDS,
     allow,
+    children_seconds,
     end_by_signals,
     limit_memory,
     limit_processor,
@@ -336,46 +335,23 @@ def read_apart(path: Path, script: Path, *arguments: str, kind: Any, seconds: fl
         SourceError: MF316 if it takes longer, MF303 with the last thing it says if it ends in any other way than well.
         MaskfabError: the one that it tells; MF327 if that is no answer.
     """
-    environment = {**os.environ, STARTED_BY: str(os.getpid())}
+    before, environment = children_seconds(), {**os.environ, STARTED_BY: str(os.getpid())}
     command = [sys.executable, "-P", "-W", "error", str(script), *arguments, str(path)]
-    with (
-        tempfile.TemporaryFile() as errors,
-        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, env=environment) as process,
-        _ended_after(seconds, process) as late,
-    ):
-        assert process.stdout is not None
-        content = process.stdout.read()
-        allow(-wait_for(process))
-        errors.seek(0)
-        said = errors.read().decode(errors="replace").strip().splitlines()
-    if late.is_set():
-        raise _endless(path, f"within {seconds:.0f} s")
+    try:
+        process = subprocess.run(command, capture_output=True, check=False, timeout=seconds, env=environment)
+    except subprocess.TimeoutExpired as error:
+        raise _endless(path, f"within {seconds:.0f} s") from error
+    took_s = children_seconds() - before
+    add_helper(took_s)
+    allow(-took_s)
     if process.returncode < 0 and -process.returncode in _OUT_OF_TIME:
         raise _endless(path, "in the processor time that it may take")
     if process.returncode != 0:
+        said = process.stderr.decode(errors="replace").strip().splitlines()
         what = said[-1] if said else "its records cannot be read"
         raise damaged(path, what)
-    (answer,) = read_message(content, kind, path, silent) or (None,)
+    (answer,) = read_message(process.stdout, kind, path, silent) or (None,)
     return answer
-
-
-@contextmanager
-def _ended_after(seconds: float, process: subprocess.Popen[bytes]) -> Iterator[Event]:
-    """End a process that takes longer, which the event then tells, and one that nobody waits for any more."""
-    late = Event()
-
-    def end() -> None:
-        late.set()
-        process.kill()
-
-    timer = Timer(seconds, end)
-    timer.daemon = True
-    timer.start()
-    try:
-        yield late
-    finally:
-        timer.cancel()
-        process.kill()
 
 
 def _endless(path: Path, limit: str) -> SourceError:

@@ -475,13 +475,23 @@ def _welded(vertices: NDArray[np.floating[Any]], triangles: Ints, unit_nm: float
         levels = levels[np.append(True, levels[1:] != levels[:-1])]
         key *= len(levels)
         key += np.searchsorted(levels, vertices[:, axis])
-    _, first, number = np.unique(key, return_index=True, return_inverse=True)
+    order = np.argsort(key)
+    key = key[order]
+    other, order = np.append(True, key[1:] != key[:-1]), order.astype(np.int32)
     del key
-    welded, faces = vertices[first].astype(np.float64) * unit_nm, number[triangles]
-    del number
-    a, b, c = (welded[faces[:, n]] for n in range(3))
-    volume = float(np.einsum("ni,ni->", a, np.cross(b, c)) / 6)
-    del a, b, c
+    welded = vertices[order[other]].astype(np.float64) * unit_nm
+    number = np.empty(len(order), dtype=np.int32)
+    number[order] = np.cumsum(other, dtype=np.int32) - 1
+    del order, other, vertices
+    faces = number[triangles].astype(np.int64)
+    del number, triangles
+    crossed = np.empty((len(faces), 3))
+    for axis in range(3):
+        (b, b_next), (c, c_next) = ([welded[faces[:, n], (axis + further) % 3] for further in (1, 2)] for n in (1, 2))
+        crossed[:, axis] = b * c_next - b_next * c
+    del b, b_next, c, c_next
+    volume = float(np.einsum("ni,ni->", welded[faces[:, 0]], crossed) / 6)
+    del crossed
     return ReadShape(welded, faces, volume, is_manifold(faces))
 
 
@@ -491,7 +501,7 @@ def is_manifold(triangles: Ints) -> bool:
     Every side runs once each way, so it has two faces, wound alike; the faces round every vertex are one fan; no corner
     comes twice in a triangle. That is what solid modellers ask of a mesh before they make a solid of it.
     """
-    start, end, count = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel(), int(triangles.max()) + 1
+    start, end, count = triangles.ravel(), triangles[:, [1, 2, 0]].ravel(), int(triangles.max()) + 1
     if (start == end).any():
         return False
     sides = start * count + end
@@ -499,17 +509,20 @@ def is_manifold(triangles: Ints) -> bool:
     sides = sides[there]
     if (sides[1:] == sides[:-1]).any():
         return False
-    turned = end * count + start
-    back = np.argsort(turned)
-    if not np.array_equal(sides, turned[back]):
+    there = there.astype(np.int32)
+    end *= count
+    end += start
+    back = np.argsort(end)
+    if not np.array_equal(sides, end[back]):
         return False
-    del end, sides, turned
+    del end, sides
+    back = back.astype(np.int32)
     # Where corner n starts a side, the neighbour across it ends that side: both corners are of one fan.
     following = np.empty_like(there)
     following[there] = back - back % 3 + (back + 1) % 3
     del there, back
-    last = np.full(count, -1)
-    last[start] = np.arange(len(start))
+    last = np.full(count, -1, dtype=np.int32)
+    last[start] = np.arange(len(start), dtype=np.int32)
     first = last[last >= 0]
     at, seen = first, 0
     while len(at):

@@ -171,8 +171,10 @@ def mesh_rows(die: Die, path: Path, stack: Stack, read: ReadSolid) -> Iterator[Q
             vertex_error = max(vertex_error, _off_lines(edges, grid, leg))
             shares = outline_coverage(edges, *grid) if len(edges) else np.zeros(expected.shape)
             wrong |= np.abs(shares - expected) > max(_TORN, 4 * vertex_limit / dot_nm)
-        links = sparse.coo_array((np.ones(len(triangles)), (triangles[:, 0], triangles[:, 1])), (len(vertices),) * 2)
-        links += sparse.coo_array((np.ones(len(triangles)), (triangles[:, 1], triangles[:, 2])), (len(vertices),) * 2)
+        del faces, face
+        start, end = (triangles[:, n : n + 2].astype(np.int32).ravel() for n in (0, 1))
+        links = sparse.coo_array((np.ones(len(start)), (start, end)), (len(vertices),) * 2)
+        del start, end
         pieces = int(csgraph.connected_components(links, directed=False, return_labels=False))
     side = len(die.panel.cell_size.edges_nm) - 1
     rows, columns = die.panel.orientations.shape
