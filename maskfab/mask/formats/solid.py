@@ -122,11 +122,16 @@ def check_mesh_size(die: Die, kind: str) -> None:
         OutputError: MF410 if a cell has no chrome at all; MF412 for more than :data:`MOST_MESH_VERTICES`.
     """
     _check_chrome(die, kind)
-    used, times = np.unique(die.panel.orientations // ORIENTATIONS, return_counts=True)
-    vertices = sum(_vertices(die.panel, opening) * n for opening, n in zip(used.tolist(), times.tolist(), strict=True))
+    vertices = mesh_vertices(die.panel)
     if vertices > MOST_MESH_VERTICES:
         what = f"outlines of {vertices} vertices in all cells are more than the {MOST_MESH_VERTICES}"
         raise _too_large(die, kind, what, ", use step, which places every cell")
+
+
+def mesh_vertices(panel: Panel) -> int:
+    """Of the outlines in all cells."""
+    used, times = np.unique(panel.orientations // ORIENTATIONS, return_counts=True)
+    return sum(_vertices(panel, opening) * n for opening, n in zip(used.tolist(), times.tolist(), strict=True))
 
 
 def _vertices(panel: Panel, opening: int) -> int:
