@@ -526,7 +526,7 @@ def is_manifold(triangles: Ints) -> bool:
     first = last[last >= 0]
     at, seen = first, 0
     while len(at):
-        at, seen = following[at], seen + len(at)
+        at, seen = following[at], seen + len(at)  # type: ignore[assignment]
         at, first = at[at != first], first[at != first]
     return seen == len(start)
 
