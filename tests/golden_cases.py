@@ -14,7 +14,7 @@ DROPPED = {"timing.json": "how long each stage took, on which machine, and what 
 MEASURED = re.compile(
     r"\.versions"  # of a manifest: Python and libraries, which golden/environment.json states once
     # Of a forecast, by a probe of this machine and its cores.
-    r"|\.stages\[\]\.(seconds|longest_s|each_s)|\.total\.(seconds|wall_s|chain_s)|\.on_cores|\.processes"
+    r"|\.stages\[\]\.(seconds|longest_s|each_s)|\.total\.(seconds|wall_s|all_bytes|chain_s)|\.on_cores|\.processes"
     r"|\.time|\.fit\.seconds"  # of a design: what its search took
     r"|\.history"  # of a network: as many looks at it as its time allows
     # Of a run: a kept finding is known by the module that found it, the time of day, and a hash of the program's files.

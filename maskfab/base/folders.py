@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from maskfab.base import __version__
+from maskfab.base.effort import FormatCost
 from maskfab.base.errors import OutputError
 from maskfab.base.files import Aside, free_name, locked, make, not_writable, partial, stale
 from maskfab.base.provenance import sha256_of_file
@@ -184,10 +185,16 @@ def read_manifest(folder: Path) -> Mapping[str, Any]:
     return dict(manifest)
 
 
-def times_text(job_hash: str, seconds: Mapping[str, float], accounts: Iterable[Account] = ()) -> str:
-    """The content of :data:`TIMES`."""
-    findings = [asdict(account) for account in accounts]
-    document = {"job_hash": job_hash, "seconds": dict(seconds), "findings": findings}
+def times_text(
+    job_hash: str,
+    seconds: Mapping[str, float],
+    accounts: Iterable[Account] = (),
+    formats: Iterable[FormatCost] | None = (),
+) -> str:
+    """The content of :data:`TIMES`; earlier versions said nothing of formats, which are None for them."""
+    document: dict[str, Any] = {"job_hash": job_hash, "seconds": dict(seconds), "findings": [*map(asdict, accounts)]}
+    if formats is not None:
+        document["formats"] = [*map(asdict, formats)]
     return json.dumps(document, indent=1) + "\n"
 
 
@@ -231,12 +238,13 @@ def _is_times(path: Path, manifest: Mapping[str, object]) -> bool:
         document = json.loads(text)
         seconds = {str(stage): float(took) for stage, took in document["seconds"].items()}
         accounts = [Account(**row) for row in document.get("findings", ())]
+        formats = [FormatCost(**row) for row in document["formats"]] if "formats" in document else None
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return False
     job_hash = str(manifest.get("job_hash"))
     if "findings" not in document:
         return text == json.dumps({"job_hash": job_hash, "seconds": seconds}, indent=1) + "\n"
-    return text == times_text(job_hash, seconds, accounts)
+    return text == times_text(job_hash, seconds, accounts, formats)
 
 
 def discard(folder: Path, target: Path, result: Finished | None) -> Path | None:

@@ -2,8 +2,18 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
+import signal
+import sys
+import time
 from pathlib import Path
+from threading import Thread
+
+STARTED_BY = "MASKFAB_STARTED_BY"
+"""Variable of the environment that tells a helper the process that waits for it."""
+_PR_SET_PDEATHSIG = 1
+_LOOKED_EVERY_S = 1.0
 
 _MEMORY = ("memory.max", "memory/memory.limit_in_bytes")
 _TIME = ("cpu.max", "cpu/cpu.cfs_quota_us cpu/cpu.cfs_period_us")
@@ -28,6 +38,28 @@ def memory_bytes() -> float:
     except (ValueError, OSError, AttributeError):
         return float("inf")
     return float(min([total, *(int(text) for name in _MEMORY if (text := _text(name)).isdigit())]))
+
+
+def end_with(parent: int) -> None:
+    """End this process as soon as the one that waits for it has ended, however that came: by SIGKILL, too."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    elif os.name == "posix":
+        Thread(target=_watch, args=(parent,), daemon=True).start()
+    if os.name == "posix" and os.getppid() != parent:  # it ended before
+        os._exit(1)
+
+
+def _watch(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(_LOOKED_EVERY_S)
+    os._exit(1)
+
+
+def end_with_starter() -> None:
+    """:func:`end_with` whoever started this process as a helper, if anybody did."""
+    if parent := os.environ.get(STARTED_BY):
+        end_with(int(parent))
 
 
 def _text(name: str) -> str:

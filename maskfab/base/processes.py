@@ -38,6 +38,7 @@ from types import MappingProxyType, TracebackType
 from typing import Any, BinaryIO, Generic, Literal, TypeAlias, TypeVar
 
 from maskfab.base.errors import InputError, InternalError
+from maskfab.base.machine import STARTED_BY, end_with_starter
 from maskfab.base.work import THREADS, settle
 
 
@@ -485,7 +486,7 @@ class LocalProcess(Other):
         with ExitStack() as stack:
             self._said = stack.enter_context(tempfile.TemporaryFile())
             command = [sys.executable, "-P", "-c", f"from {__name__} import work; work()"]
-            pipe, alone = subprocess.PIPE, {**os.environ, **dict.fromkeys(THREADS, "1")}
+            pipe, alone = subprocess.PIPE, {**os.environ, STARTED_BY: str(os.getpid()), **dict.fromkeys(THREADS, "1")}
             self._process = stack.enter_context(
                 subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self._said, env=alone)
             )
@@ -524,6 +525,7 @@ class LocalProcess(Other):
 
 def work() -> None:
     """The life of another process."""
+    end_with_starter()
     settle()
     # An interrupt is the affair of who waits, who ends this process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -10,6 +10,8 @@ import os
 import signal
 from pathlib import Path
 
+from maskfab.base.machine import end_with_starter
+
 SECONDS = 5
 """Seconds of the processor, for any file; a process that reads for another takes of what that one has left."""
 
@@ -20,7 +22,7 @@ BYTES_PER_SECOND = 100_000
 def limit_share(
     path: Path, memory: int, memory_per_byte: int, seconds: int = SECONDS, bytes_per_second: int = BYTES_PER_SECOND
 ) -> None:
-    """Called by a script that only reads: let the system end it for more than a whole file takes.
+    """Called by a script that only reads: let the system end it for more than a whole file takes, and with its starter.
 
     Args:
         path: the file.
@@ -29,6 +31,7 @@ def limit_share(
         seconds: of the processor, for any file.
         bytes_per_second: of the file, which may take so much longer.
     """
+    end_with_starter()
     size = os.path.getsize(path)
     for kind, most in (
         ("RLIMIT_AS", memory + memory_per_byte * size),

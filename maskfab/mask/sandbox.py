@@ -30,6 +30,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
 
+from maskfab.base.effort import add_helper
 from maskfab.base.errors import (
     CATALOGUE,
     InputError,
@@ -42,6 +43,7 @@ from maskfab.base.errors import (
     is_lack_of_memory,
 )
 from maskfab.base.files import no_file
+from maskfab.base.machine import STARTED_BY, end_with
 from maskfab.base.plain_data import from_data, to_data
 from maskfab.base.work import Progress, silent
 from maskfab.mask.limits import (
@@ -213,7 +215,9 @@ def begun(
     limit = math.ceil((SECONDS if seconds is None else seconds) + size / BYTES_PER_SECOND)
     here, there = multiprocessing.Pipe(duplex=False)
     memory = MEMORY + MEMORY_PER_BYTE * size
-    copy = multiprocessing.get_context("fork").Process(target=_work, args=(path, there, work, kind, limit, memory))
+    copy = multiprocessing.get_context("fork").Process(
+        target=_work, args=(os.getpid(), path, there, work, kind, limit, memory)
+    )
     with warnings.catch_warnings():
         # Of threads that would not be there in the copy; those of the libraries are at rest, or begin anew.
         warnings.simplefilter("ignore", DeprecationWarning)
@@ -282,8 +286,17 @@ def _too_much(path: Path, what: str) -> SourceError:
     return SourceError("MF322", f"{path.name} {what}", where=str(path), cure=_CURE)
 
 
-def _work(path: Path, there: Connection, work: Callable[[Progress], Any], kind: Any, seconds: int, memory: int) -> None:
+def _work(
+    parent: int,
+    path: Path,
+    there: Connection,
+    work: Callable[[Progress], Any],
+    kind: Any,
+    seconds: int,
+    memory: int,
+) -> None:
     """The life of the copy."""
+    end_with(parent)
 
     def tell(stage: str, done: int, total: int) -> None:
         there.send_bytes(_PROGRESS + json.dumps([stage, done, total]).encode())
@@ -322,13 +335,15 @@ def read_apart(path: Path, script: Path, *arguments: str, kind: Any, seconds: fl
         SourceError: MF316 if it takes longer, MF303 with the last thing it says if it ends in any other way than well.
         MaskfabError: the one that it tells; MF327 if that is no answer.
     """
-    before = children_seconds()
+    before, environment = children_seconds(), {**os.environ, STARTED_BY: str(os.getpid())}
     command = [sys.executable, "-P", "-W", "error", str(script), *arguments, str(path)]
     try:
-        process = subprocess.run(command, capture_output=True, check=False, timeout=seconds)
+        process = subprocess.run(command, capture_output=True, check=False, timeout=seconds, env=environment)
     except subprocess.TimeoutExpired as error:
         raise _endless(path, f"within {seconds:.0f} s") from error
-    allow(before - children_seconds())
+    took_s = children_seconds() - before
+    add_helper(took_s)
+    allow(-took_s)
     if process.returncode < 0 and -process.returncode in _OUT_OF_TIME:
         raise _endless(path, "in the processor time that it may take")
     if process.returncode != 0:

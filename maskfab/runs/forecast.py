@@ -23,6 +23,7 @@ from maskfab.base.workers import EVERY_CORE, Workers
 from maskfab.camera.die_transfer import MOST_ACROSS, too_fine
 from maskfab.display.feasibility import displays
 from maskfab.job.faults import JobFaults
+from maskfab.mask.formats.solid import mesh_vertices
 from maskfab.mask.houses.files import PlateFiles
 from maskfab.mask.job import Job
 from maskfab.report.documents.die import measured_beside
@@ -96,6 +97,7 @@ class Forecast:
         source: of the numbers, in words.
         whole: whether the run is kept whole.
         tasks: at a time at most, beyond which no further core would have anything to do.
+        helper_bytes: of memory, of processes that read files beside the others.
     """
 
     stages: tuple[Stage, ...]
@@ -103,6 +105,7 @@ class Forecast:
     source: str
     whole: bool
     tasks: int = 1
+    helper_bytes: float = 0.0
 
     @property
     def seconds(self) -> float:
@@ -141,9 +144,20 @@ class Forecast:
         """Memory of the process that holds most."""
         return max((stage.bytes for stage in self.stages), default=HELD)
 
+    @property
+    def all_bytes(self) -> float:
+        """Memory of all processes together; others than the largest hold what they import, and a task."""
+        return self.bytes + HELD * (self.processes - 1) + self.helper_bytes
+
     def to_dict(self) -> dict[str, Any]:
         """Plain data; seconds are those of a processor, but for ``wall_s``."""
-        total = {"seconds": self.seconds, "wall_s": self.wall_s, "bytes": self.bytes, "chain_s": self.chain_s}
+        total = {
+            "seconds": self.seconds,
+            "wall_s": self.wall_s,
+            "bytes": self.bytes,
+            "all_bytes": self.all_bytes,
+            "chain_s": self.chain_s,
+        }
         return {
             "whole": self.whole, "processes": self.processes, "source": self.source,
             "stages": [asdict(stage) for stage in self.stages], "total": total,
@@ -157,6 +171,7 @@ class Forecast:
             row = f"{stage.name:12}  {stage.tasks:5}  {ready:>5}  {stage.seconds:8.2f}  {stage.bytes / 1e6:6.0f}"
             lines.append(f"{row}  {stage.note}".rstrip())
         lines.append(f"{'total':12}  {'':5}  {'':5}  {self.seconds:8.2f}  {self.bytes / 1e6:6.0f}")
+        lines.append(f"about {self.all_bytes / 1e6:.0f} MB in all processes together")
         if self.whole:
             lines = ["The run is kept whole: its files are copied from the cache."]
         number = "one process" if self.processes == 1 else f"{self.processes} processes"
@@ -233,13 +248,13 @@ def dry_run(
         photographs,
         _own("draw", 1, 0.05 + 1.5e-6 * amounts.vertices + 3e-6 * amounts.references, pace),
         process,
-        _own("write", len(made.products), _files_s(made, amounts, 0), pace),
+        _own("write", len(made.products), _files_s(made, amounts, 0), pace, _solid_bytes(made)),
         _own(
             "read back",
             len(made.products),
             _files_s(made, amounts, 1) + _DOTS_S * amounts.dies,
             pace,
-            read_bytes(made, amounts),
+            max(read_bytes(made, amounts), _solid_bytes(made)),
         ),
         optics,
         scenes,
@@ -251,7 +266,10 @@ def dry_run(
             note=_AFTER_OPTICS,
         ),
     )
-    return Forecast(tuple(stage for stage in stages if stage.tasks), processes, pace.source, False, tasks_at_once(job))
+    helpers = _HELPER_BYTES * any(product.form.reading == "thread" for product in made.products)
+    return Forecast(
+        tuple(stage for stage in stages if stage.tasks), processes, pace.source, False, tasks_at_once(job), helpers
+    )
 
 
 def _own(name: str, tasks: int, seconds: float, pace: Pace, held: float = 0.0) -> Stage:
@@ -368,12 +386,15 @@ class Pace:
 @dataclass(frozen=True)
 class _FileCost:
     """Seconds that a kind of file takes, written and read back: for each vertex that stands in a cell, for each
-    reference, for each vertex with all references followed, and for each file."""
+    reference, for each vertex with all references followed, for each file, and of one die besides: for each vertex in
+    all its cells and for each cell."""
 
     vertex: tuple[float, float] = (0.0, 0.0)
     reference: tuple[float, float] = (0.0, 0.0)
     drawn: tuple[float, float] = (0.0, 0.0)
     file: tuple[float, float] = (0.03, 0.05)
+    of_die: tuple[float, float] = (0.0, 0.0)
+    cell: tuple[float, float] = (0.0, 0.0)
 
 
 _FILES: Mapping[str, _FileCost] = MappingProxyType(
@@ -385,12 +406,20 @@ _FILES: Mapping[str, _FileCost] = MappingProxyType(
         ".gbr": _FileCost(drawn=(0.46e-6, 11e-6)),
         ".cif": _FileCost((1e-6, 2e-6), (1e-6, 26e-6)),
         ".svg": _FileCost(reference=(0.6e-6, 17e-6)),
-        ".step": _FileCost(file=(0.35, 2.2)),
+        ".step": _FileCost(file=(0.4, 1.3), cell=(0.7e-3, 0.25e-3)),
+        ".glb": _FileCost(file=(0.1, 0.2), of_die=(20e-6, 8e-6)),
+        ".3mf": _FileCost(file=(0.1, 0.1), of_die=(14e-6, 12e-6)),
+        ".stl": _FileCost(file=(0.03, 0.1), of_die=(1.8e-6, 11e-6)),
     }
 )
 """Costs by how a file's name ends."""
 _OTHER = _FileCost(file=(0.3, 0.8))
-"""Solids and pictures of a die."""
+"""Pictures of a die."""
+_SOLIDS = (".step", ".glb", ".3mf", ".stl")
+_SOLID_BYTES, _MESH_BYTES = 250e6, 1500.0
+"""What the library of solids keeps, and of each vertex in all cells of the die that has most of them."""
+_HELPER_BYTES = 300e6
+"""Of a process that reads a file beside others."""
 _DOTS_S = 0.08
 """Seconds of comparing a die dot by dot."""
 _VERTEX_BYTES = 900.0
@@ -452,7 +481,17 @@ def _files_s(made: PlateFiles, amounts: Amounts, way: int) -> float:
         cost = next((cost for ending, cost in _FILES.items() if product.name.endswith(ending)), _OTHER)
         costs = (cost.vertex[way], cost.reference[way], cost.drawn[way])
         total += cost.file[way] + sum(one * amount for one, amount in zip(costs, counted, strict=True))
+        if product.die is not None and product.name.endswith(_SOLIDS):
+            panel = product.die.panel
+            total += cost.of_die[way] * mesh_vertices(panel) + cost.cell[way] * panel.orientations.size
     return total
+
+
+def _solid_bytes(made: PlateFiles) -> float:
+    """Bytes that solids take besides, written or read back; 0 without them."""
+    dies = [product for product in made.products if product.name.endswith(_SOLIDS[1:])]
+    most = max((mesh_vertices(product.die.panel) for product in dies if product.die is not None), default=0)
+    return _MESH_BYTES * most + _SOLID_BYTES * any(product.name.endswith(_SOLIDS) for product in made.products)
 
 
 def _ratio(pairs: Iterable[tuple[float, float]]) -> float:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+from maskfab.base.effort import Costs
 from maskfab.base.folders import OVERVIEW, TIMES, Account, check_target, staged, times_text
 from maskfab.base.model import Plate, Quantity, Report
 from maskfab.base.processes import SerialExecutor
@@ -155,9 +156,9 @@ def _make(
             written = measure_process(job, seen, progress, seconds, executor)
         with aside as folder:
             with stage("write"):
-                files = write_files(job, made, folder, progress, measured)
+                files = write_files(job, made, folder, progress, measured, costs := Costs())
             with stage("read back"):
-                back = read_own(made, folder, progress)
+                back = read_own(made, folder, progress, costs)
             layout = layout_as_seen(job, back.trips[0].layout)
             with stage("optics"):
                 optics = measure_dies(seen, job.camera, layout, progress, seconds, job.blank, executor)
@@ -181,7 +182,7 @@ def _make(
             check_agreement(folder)
             accounts = executor.accounts if isinstance(executor, CachingExecutor) else ()
             result = _Made(report, findings.verdicts(report), executor.tally, accounts, back.quantities)
-            (folder / TIMES).write_text(times_text(job.digest, seconds, result.accounts), encoding="utf-8")
+            (folder / TIMES).write_text(times_text(job.digest, seconds, result.accounts, costs.rows), encoding="utf-8")
             if cache is not None:
                 keep_result(cache, origin_of_run(job, measured), folder, result, _Made)
     return result
@@ -224,14 +225,14 @@ def _taken(
     with _timed("read back", seconds), executor_of(job, cache, workers) as executor:
         # What is handed out is judged as it lies there, whoever wrote it.
         plate = displays(job, executor=executor).plate
-        back = read_own(draw_files(job, plate), folder, progress)
+        back = read_own(draw_files(job, plate), folder, progress, costs := Costs())
     made: _Made = entry.value
     if back.quantities != made.read:
         for path in folder.iterdir():
             path.unlink()
         return None
     accounts = tuple(replace(account, kept=True, refused=None) for account in made.accounts)
-    (folder / TIMES).write_text(times_text(job.digest, seconds, accounts), encoding="utf-8")
+    (folder / TIMES).write_text(times_text(job.digest, seconds, accounts, costs.rows), encoding="utf-8")
     progress("run taken from the cache", 1, 1)
     return replace(made, report=replace(made.report, seconds=seconds), taken=(1, 1), accounts=accounts)
 

@@ -12,6 +12,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from maskfab.base import __version__, provenance, resources
+from maskfab.base.effort import Costs
+from maskfab.base.effort import measured as effort_of
 from maskfab.base.errors import InternalError, SourceError
 from maskfab.base.folders import APPENDIX, JOB_COPY, NUMBERS, OVERVIEW, PAGE, REPORT, RESULT_MARK, TIMES, VIEW
 from maskfab.base.model import DieOptics, Plate, Quantity, WrittenFile
@@ -62,29 +64,40 @@ def draw_files(job: Job, plate: Plate, version: str = __version__) -> PlateFiles
 
 
 def write_files(
-    job: Job, made: PlateFiles, folder: Path, progress: Progress, measured: Beside | None = None
+    job: Job,
+    made: PlateFiles,
+    folder: Path,
+    progress: Progress,
+    measured: Beside | None = None,
+    costs: Costs | None = None,
 ) -> tuple[WrittenFile, ...]:
-    """Write the files of a plate, and those of :func:`auxiliary_files`."""
+    """Write the files of a plate, and those of :func:`auxiliary_files`; ``costs`` are told what each format takes."""
     steps: dict[str, tuple[str, Callable[[Path], object]]] = {
         **{product.name: (product.form.title, product.write) for product in made.products},
         **auxiliary_files(job, made.plate, measured),
     }
-    for done, (name, (_, write)) in enumerate(steps.items()):
+    dies = {product.name: made.plate.dies.index(product.die) for product in made.products if product.die is not None}
+    formats = {product.name: product.form.name for product in made.products}
+    # Die by die, for what its formats make of it alike is held no longer than it is written.
+    for done, name in enumerate(sorted(steps, key=lambda name: dies.get(name, -1))):
         progress("write files", done, len(steps))
-        write(folder / name)
+        with effort_of() as effort:
+            steps[name][1](folder / name)
+        if costs is not None and name in formats:
+            costs.wrote(formats[name], effort)
         release_memory()
     progress("write files", len(steps), len(steps))
     return tuple(provenance.file_record(folder, folder / name, kind) for name, (kind, _) in steps.items())
 
 
-def read_own(made: PlateFiles, folder: Path, progress: Progress) -> ReadBack:
+def read_own(made: PlateFiles, folder: Path, progress: Progress, costs: Costs | None = None) -> ReadBack:
     """The files of a folder read back, of a run that wrote them and of one that took them from the cache.
 
     Raises:
         InternalError: MF324 for a damaged one, which is no fault of the input.
     """
     try:
-        return read_back(made, folder, progress)
+        return read_back(made, folder, progress, costs=costs)
     except SourceError as error:
         if error.code != "MF303":
             raise

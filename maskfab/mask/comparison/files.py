@@ -22,6 +22,7 @@ from typing import Any, TypeAlias, get_type_hints
 
 from klayout import db
 
+from maskfab.base.effort import Costs, Effort, measured
 from maskfab.base.errors import InputError, SourceError
 from maskfab.base.model import CLEAR, Quantity
 from maskfab.base.processes import release_memory
@@ -75,7 +76,11 @@ class ReadBack:
 
 
 def read_back(
-    made: PlateFiles, folder: Path, progress: Progress, refused: list[tuple[str, InputError]] | None = None
+    made: PlateFiles,
+    folder: Path,
+    progress: Progress,
+    refused: list[tuple[str, InputError]] | None = None,
+    costs: Costs | None = None,
 ) -> ReadBack:
     """Read the files of a folder through libraries that did not write them, and compare each with the plate.
 
@@ -87,6 +92,7 @@ def read_back(
         progress: told where the work stands.
         refused: takes the files that cannot be read, and why; they are then left out. Then they may be anybody's, and
             layouts are read and compared within the limits of :mod:`maskfab.mask.sandbox`.
+        costs: told what the files of each format take.
 
     Raises:
         SourceError: for a file that cannot be read, unless ``refused`` takes it.
@@ -97,12 +103,15 @@ def read_back(
     waiting = deque(enumerate(made.products))
     first = next((number for number, product in waiting if product.polygons), None)
 
+    costs = costs or Costs()
+
     def take(number: int, *, dots: bool) -> _Taken:
         product = made.products[number]
         if refused is not None and product.polygons:
-            with _within_limits(made, product, folder, dots=dots) as answer:
+            with _within_limits(made, product, folder, costs, dots=dots) as answer:
                 return answer()
-        return _take(made, product, folder)
+        with costs.reading(product.form.name):
+            return _take(made, product, folder)
 
     slow = [number for number, planned in waiting if planned.form.reading == "thread"]
     aside = [
@@ -115,7 +124,7 @@ def read_back(
     ]
     if refused is not None or (os.cpu_count() or 1) < 2:
         aside = []  # a foreign file is read in a copy anyhow, one after the other
-    with _ahead(made, slow, aside, lambda number: take(number, dots=number == first), folder) as coming:
+    with _ahead(made, slow, aside, lambda number: take(number, dots=number == first), folder, costs) as coming:
         while waiting:
             number, product = waiting.popleft()
             taken = coming.get(product.name)
@@ -132,7 +141,8 @@ def read_back(
                     result = take(number, dots=True)  # what should have been the first was refused
                 if isinstance(result, db.Layout):
                     read = read or {product.name: result}
-                    result = compare_mask(made, result, folder / product.name, dots=not trips)
+                    with costs.reading(product.form.name):
+                        result = compare_mask(made, result, folder / product.name, dots=not trips)
                 if isinstance(result, RoundTrip):
                     trip, quantities[number] = result, result.quantities()
                     trips[number] = trip if not trips else replace(trip, layout=db.Layout())
@@ -162,7 +172,12 @@ def _owed(rows: Iterable[Quantity], files: Sequence[str], asked: Asked | None) -
 
 @contextmanager
 def _ahead(
-    made: PlateFiles, slow: Sequence[int], aside: Sequence[int], take: Callable[[int], _Taken], folder: Path
+    made: PlateFiles,
+    slow: Sequence[int],
+    aside: Sequence[int],
+    take: Callable[[int], _Taken],
+    folder: Path,
+    costs: Costs,
 ) -> Iterator[dict[str, Future[_Taken]]]:
     """Start slow reads in background threads and in copies of this process; yields futures by file name.
 
@@ -172,7 +187,7 @@ def _ahead(
     with ExitStack() as stack:
         # Copied before there are threads that read: what those hold would be held in the copy for ever.
         copies = {
-            number: stack.enter_context(_within_limits(made, made.products[number], folder, dots=False))
+            number: stack.enter_context(_within_limits(made, made.products[number], folder, costs, dots=False))
             for number in aside[: os.cpu_count()]
         }
         pool = stack.enter_context(ThreadPoolExecutor(workers + len(copies)))
@@ -251,7 +266,7 @@ def compare_mask(made: PlateFiles, read: db.Layout, path: Path, *, dots: bool = 
 
 @contextmanager
 def _within_limits(
-    made: PlateFiles, product: Product, folder: Path, *, dots: bool
+    made: PlateFiles, product: Product, folder: Path, costs: Costs, *, dots: bool
 ) -> Iterator[Callable[[], RoundTrip]]:
     """A layout that anybody may have written, read and compared in a copy of this process; yields who waits for that.
 
@@ -264,21 +279,25 @@ def _within_limits(
     path = folder / product.name
 
     def work(_tell: Progress) -> tuple[Any, ...]:
-        read = _take(made, product, folder)
-        assert isinstance(read, db.Layout)
-        trip = compare_mask(made, read, path, dots=dots)
+        with measured() as effort:
+            read = _take(made, product, folder)
+            assert isinstance(read, db.Layout)
+            trip = compare_mask(made, read, path, dots=dots)
         if dots and trip.differences:
             _refuse_many_vertices(made, read, path)
             trip.layout.write(str(differing), _clear_alone(trip.layout))
-        return tuple(getattr(trip, name) for name in _HANDED_OVER)
+        return effort.seconds, effort.bytes, *(getattr(trip, name) for name in _HANDED_OVER)
 
     with tempfile.TemporaryDirectory(prefix="maskfab-verify-") as aside:
         differing = Path(aside) / "differing.oas"
         seconds = seconds_of(made.figures.account.polygons)
-        with begun(path, work, kind=tuple[*_HANDED_OVER.values()], seconds=seconds) as answer:  # type: ignore[misc]
+        kind: Any = tuple[float, float, *_HANDED_OVER.values()]  # type: ignore[misc]
+        with begun(path, work, kind=kind, seconds=seconds) as answer:
 
             def found() -> RoundTrip:
-                values = dict(zip(_HANDED_OVER, answer(), strict=True))
+                took_s, held, *found = answer()
+                costs.read(product.form.name, Effort(took_s, held))
+                values = dict(zip(_HANDED_OVER, found, strict=True))
                 layout = made.design if dots else db.Layout()
                 if differing.is_file():
                     layout = db.Layout()

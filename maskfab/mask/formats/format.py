@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from maskfab.job.values import FileFormat
     from maskfab.mask.figures import Figures
+    from maskfab.mask.formats.solid import Mesh
 
 Version: TypeAlias = Literal["R12", "R2010"]
 """Of DXF."""
@@ -88,6 +89,10 @@ class Stack:
         return (said,) if self.exaggeration == 1 else (said, f"film drawn {self.exaggeration:g} times too thick")
 
 
+Films: TypeAlias = "Callable[[Die, Stack], tuple[Mesh, int]]"
+"""The film of a die as a closed surface, and how many of its corners touched."""
+
+
 @dataclass(frozen=True)
 class DrawingStyle:
     """Requirements of a shop for a drawing beyond its polygons.
@@ -139,11 +144,12 @@ class FileSettings:
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A plate as it is drawn, which its files are written from."""
+    """A plate as it is drawn, which its files are written from; ``films`` makes the film of a die of meshes."""
 
     figures: Figures
     comments: Sequence[str]
     settings: FileSettings
+    films: Films
 
     @property
     def plate(self) -> Plate:

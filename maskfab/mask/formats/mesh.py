@@ -9,9 +9,10 @@ from __future__ import annotations
 import json
 import struct
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +22,8 @@ from maskfab.base.arrays import Floats, Ints
 from maskfab.base.errors import OutputError, SourceError
 from maskfab.base.files import partial
 from maskfab.base.model import Die, Quantity
-from maskfab.base.units import MM_PER_NM, UM_PER_NM
-from maskfab.mask.formats.format import Drawn, Format, Stack
+from maskfab.base.units import MM_PER_NM, NM_PER_MM, UM_PER_NM
+from maskfab.mask.formats.format import Drawn, Films, Format, Stack
 from maskfab.mask.formats.solid import Mesh, box_mesh, check_mesh_size, film, glass
 from maskfab.mask.formats.solid_check import check_file, check_reach, damaged, mesh_rows
 from maskfab.mask.formats.step_process import ReadShape, ReadSolid
@@ -54,7 +55,43 @@ _RELATIONS = (
 )
 
 
-def write_glb(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack | None = None) -> None:
+_Scene: TypeAlias = tuple[list[tuple[Floats, Ints]], Ints, Floats, float]
+"""Vertices and triangles of meshes, which mesh is placed, its matrices [n, 4, 4], and nanometres of its unit."""
+_ROWS = 1 << 16
+"""Of a table that are written together."""
+_AT_ONCE = 1 << 24
+"""Bytes of text whose numbers are read together."""
+
+
+class _Run:
+    """Elements of one kind in a 3MF, each on a line of its own.
+
+    Args:
+        line: one, its numbers left out.
+        name: of what they stand in.
+        kind: of the numbers.
+        digits: that numbers may have.
+    """
+
+    def __init__(self, line: bytes, name: bytes, kind: type[np.generic], digits: bytes) -> None:
+        self.line, self.kind, self.digits = line, kind, digits
+        self.begins, self.ends = b"<%s>\n" % name, b"</%s>" % name
+        self.spaced = bytes(byte if byte in digits else ord(" ") for byte in range(256))
+
+
+_RUNS = (
+    _Run(b'<vertex x="" y="" z=""/>\n', b"vertices", np.float64, b"0123456789.-"),
+    _Run(b'<triangle va="" vb="" vc=""/>\n', b"triangles", np.int64, b"0123456789"),
+)
+
+
+def write_glb(
+    die: Die,
+    path: Path,
+    comments: Sequence[str] = (),
+    stack: Stack | None = None,
+    films: Films = film,
+) -> None:
     """Write a die as binary glTF 2.0, in metres: a node of glass, and one of chrome.
 
     The film's vertices are whole nanometres under a node that scales them, so float32 holds them exactly in dies of up
@@ -67,7 +104,7 @@ def write_glb(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack |
     """
     stack = stack or Stack()
     check_mesh_size(die, "glb")
-    chrome, touches = film(die, stack)
+    chrome, touches = films(die, stack)
     low, high = glass(die, stack)
     nodes: list[dict[str, Any]] = [{"name": die.name, "matrix": _Y_UP, "children": [1, 2]}]
     blocks: list[bytes] = []
@@ -121,7 +158,13 @@ def write_glb(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack |
         file.write(struct.pack("<I4s", len(data), b"BIN\0") + data)
 
 
-def write_3mf(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack | None = None) -> None:
+def write_3mf(
+    die: Die,
+    path: Path,
+    comments: Sequence[str] = (),
+    stack: Stack | None = None,
+    films: Films = film,
+) -> None:
     """Write a die as 3MF, in micrometres: an object of glass, and one of chrome.
 
     Coordinates are decimals, exact to 1e-4 nm. Comments and thicknesses stand in the metadata ``Description``.
@@ -134,13 +177,13 @@ def write_3mf(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack |
 
     stack = stack or Stack()
     check_mesh_size(die, "3mf")
-    chrome, touches = film(die, stack)
+    chrome, touches = films(die, stack)
     low, high = glass(die, stack)
     said = (*comments, *stack.remarks(), *stack.touching_remark(die, touches))
     with partial(path) as place, zipfile.ZipFile(place, "w", zipfile.ZIP_DEFLATED) as package:
-        _store(package, "[Content_Types].xml", _CONTENT_TYPES)
-        _store(package, "_rels/.rels", _RELATIONS)
-        parts = [
+        _store(package, "[Content_Types].xml", [_CONTENT_TYPES])
+        _store(package, "_rels/.rels", [_RELATIONS])
+        head = [
             '<?xml version="1.0" encoding="UTF-8"?>\n<model unit="micron" xml:lang="en-US" '
             'xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02">\n',
             f'<metadata name="Title">{escape(die.name)}</metadata>\n',
@@ -148,11 +191,13 @@ def write_3mf(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack |
             f'<metadata name="Description">{escape("; ".join(said))}</metadata>\n',
             "<resources>\n",
         ]
-        parts += _mesh_xml(1, f"{die.name}_GLASS", box_mesh(np.zeros(3), high - low))
-        parts += _mesh_xml(2, f"{die.name}_FILM", chrome)
-        parts += ["</resources>\n<build>\n", _item(1, *low, name="GLASS"), _item(2, 0.0, 0.0, 0.0, name="FILM")]
-        parts.append("</build>\n</model>\n")
-        _store(package, _MODEL, "".join(parts))
+        meshes = (
+            _mesh_xml(1, f"{die.name}_GLASS", box_mesh(np.zeros(3), high - low)),
+            _mesh_xml(2, f"{die.name}_FILM", chrome),
+        )
+        items = _item(1, *low, name="GLASS"), _item(2, 0.0, 0.0, 0.0, name="FILM")
+        end = ["</resources>\n<build>\n", *items, "</build>\n</model>\n"]
+        _store(package, _MODEL, chain(head, *meshes, end))
 
 
 def write_stl(
@@ -160,6 +205,7 @@ def write_stl(
     path: Path,
     comments: Sequence[str] = (),
     stack: Stack | None = None,
+    films: Films = film,
     *,
     limit_bytes: int = _STL_LIMIT,
     force: bool = False,
@@ -175,6 +221,7 @@ def write_stl(
         path: the file.
         comments: lines about it.
         stack: thicknesses; those of the glass do not matter.
+        films: makes the film.
         limit_bytes: the largest file that is written.
         force: write it nonetheless.
 
@@ -185,7 +232,7 @@ def write_stl(
     """
     stack = stack or Stack()
     check_mesh_size(die, "stl")
-    chrome, touches = film(die, stack)
+    chrome, touches = films(die, stack)
     count = len(chrome.triangles)
     size = _STL_HEAD + _STL_TRIANGLE.itemsize * count
     if size > limit_bytes and not force:
@@ -195,17 +242,20 @@ def write_stl(
         )
         cure = "Use glb, which takes half of it, or raise export.stl_limit_mb"
         raise OutputError("MF411", what, where=f"die {die.name}", cure=cure)
-    table = np.zeros(count, dtype=_STL_TRIANGLE)
-    table["corners"] = _float32(die, "stl", chrome.vertices_nm * MM_PER_NM)[chrome.triangles]
-    # Of what is exact: a wall is no higher than the rounding of a die's coordinates leaves it.
-    corners = chrome.vertices_nm[chrome.triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    table["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    rounded = _float32(die, "stl", chrome.vertices_nm * MM_PER_NM)
     said = "; ".join(("unit mm", *stack.remarks()[1:], *stack.touching_remark(die, touches), *comments))
     head = said.encode("ascii", "replace")[:80].ljust(80)
     with partial(path) as place, place.open("wb") as file:
         file.write(head + struct.pack("<I", count))
-        file.write(table.tobytes())
+        for start in range(0, count, _ROWS):
+            triangles = chrome.triangles[start : start + _ROWS]
+            table = np.zeros(len(triangles), dtype=_STL_TRIANGLE)
+            table["corners"] = rounded[triangles]
+            # Of what is exact: a wall is no higher than the rounding of a die's coordinates leaves it.
+            corners = chrome.vertices_nm[triangles]
+            normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            table["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+            file.write(table.tobytes())
 
 
 def _float32(die: Die, kind: str, vertices: Floats) -> NDArray[np.float32]:
@@ -215,8 +265,10 @@ def _float32(die: Die, kind: str, vertices: Floats) -> NDArray[np.float32]:
         OutputError: MF437 if two become one.
     """
     rounded = vertices.astype("<f4")
-    flat, heights = rounded[:, 0] + 1j * rounded[:, 1], rounded[:, 2]
-    if sum(len(np.unique(flat[heights == height])) for height in np.unique(heights)) < len(vertices):
+    # Two numbers as one of twice the length, none of them -0.
+    flat, heights = np.ascontiguousarray(rounded[:, :2] + np.float32(0)).view("<u8").ravel(), rounded[:, 2]
+    levels = (np.sort(flat[heights == height]) for height in np.unique(heights))
+    if any((level[1:] == level[:-1]).any() for level in levels):
         what = f"corners of die {die.name} lie so near to one another that float32 makes one of two in a {kind}"
         cure = f"Use 3mf, whose decimals are exact, and leave {kind} out of export.formats"
         raise OutputError("MF437", what, where=f"die {die.name}", cure=cure)
@@ -251,39 +303,44 @@ def _mesh_xml(number: int, name: str, mesh: Mesh) -> Iterator[str]:
     from xml.sax.saxutils import quoteattr
 
     yield f'<object id="{number}" name={quoteattr(name)} type="model"><mesh><vertices>\n'
-    for x, y, z in mesh.vertices_nm.tolist():
-        yield f'<vertex x="{_um(x)}" y="{_um(y)}" z="{_um(z)}"/>\n'
+    for start in range(0, len(mesh.vertices_nm), _ROWS):
+        block = mesh.vertices_nm[start : start + _ROWS]
+        # Dots share their borders, so that few numbers are different.
+        values, at = np.unique(block, return_inverse=True)
+        texts = np.array([_um(value) for value in values.tolist()], dtype=np.object_)
+        yield '<vertex x="%s" y="%s" z="%s"/>\n' * len(block) % tuple(texts[at.ravel()].tolist())
     yield "</vertices><triangles>\n"
-    for a, b, c in mesh.triangles.tolist():
-        yield f'<triangle v1="{a}" v2="{b}" v3="{c}"/>\n'
+    for start in range(0, len(mesh.triangles), _ROWS):
+        corners = mesh.triangles[start : start + _ROWS]
+        yield '<triangle v1="%d" v2="%d" v3="%d"/>\n' * len(corners) % tuple(corners.ravel().tolist())
     yield "</triangles></mesh></object>\n"
 
 
-def _store(package: zipfile.ZipFile, name: str, text: str) -> None:
+def _store(package: zipfile.ZipFile, name: str, texts: Iterable[str]) -> None:
     """Add a part without the time of day."""
     entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
     entry.compress_type = zipfile.ZIP_DEFLATED
-    package.writestr(entry, text.encode())
+    with package.open(entry, "w") as part:
+        for text in texts:
+            part.write(text.encode())
 
 
 def read_scene(path: Path) -> ReadSolid:
     """A GLB or 3MF file.
 
     Raises:
-        SourceError: MF303 if trimesh cannot read it.
+        SourceError: MF303 if it cannot be read.
     """
-    import trimesh
-
     try:
-        scene = trimesh.load_scene(path, process=False)
-        scale = _NM_PER_UNIT[scene.units]
-        names = list(scene.geometry)
-        shapes = tuple(_shape(scene.geometry[name], scale, path) for name in names)
-        nodes = [scene.graph.get(node) for node in scene.graph.nodes_geometry]
-        matrices = np.array([matrix for matrix, _ in nodes]).reshape(-1, 4, 4)
-        index = np.array([names.index(name) for _, name in nodes], dtype=np.int64)
+        meshes, index, matrices, scale = (_plain_3mf(path) if path.suffix == ".3mf" else None) or _by_trimesh(path)
         check_reach(path, matrices[:, :3, 3] * scale)
         check_reach(path, matrices[:, :3, :3])
+        shapes = []
+        while meshes:
+            vertices, triangles = meshes.pop(0)
+            # As numbers: what they are in nanometres, a matrix may say.
+            check_reach(path, vertices)
+            shapes.append(_welded(vertices * scale, triangles))
         for number, matrix in zip(index, matrices, strict=True):
             check_reach(path, np.abs(shapes[number].vertices_nm).max(axis=0) @ np.abs(matrix[:3, :3]).T)
     except SourceError:
@@ -295,7 +352,78 @@ def read_scene(path: Path) -> ReadSolid:
     if path.suffix == ".glb":
         z_up = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
         turns, places = z_up @ turns, places @ z_up.T
-    return ReadSolid(shapes, index, turns, places)
+    return ReadSolid(tuple(shapes), index, turns, places)
+
+
+def _by_trimesh(path: Path) -> _Scene:
+    import trimesh
+
+    scene = trimesh.load_scene(path, process=False)
+    scale, names = _NM_PER_UNIT[scene.units], list(scene.geometry)
+    nodes = [scene.graph.get(node) for node in scene.graph.nodes_geometry]
+    meshes = [
+        (np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64))
+        for mesh in map(scene.geometry.pop, names)
+    ]
+    index = np.array([names.index(name) for _, name in nodes], dtype=np.int64)
+    matrices = np.array([matrix for matrix, _ in nodes]).reshape(-1, 4, 4)
+    return meshes, index, matrices, scale
+
+
+def _plain_3mf(path: Path) -> _Scene | None:
+    """A 3MF whose meshes are nothing but plain elements, a line each; None of any other.
+
+    A tree of all elements would take forty times the memory of what they say: their lines are compared with those of
+    plain elements, digits left out, and only what stands about them is read as XML.
+    """
+    from lxml import etree
+
+    with zipfile.ZipFile(path) as package:
+        (name,) = (name for name in package.namelist() if name.lower() == _MODEL.lower())
+        text = package.read(name)
+    rest, at = bytearray(), 0
+    runs: list[NDArray[Any]] = []
+    while (start := text.find(_RUNS[len(runs) % 2].begins, at)) >= 0:
+        run = _RUNS[len(runs) % 2]
+        start += len(run.begins)
+        end = text.find(run.ends, start)
+        numbers = _numbers(text, start, end, run)
+        if numbers is None:
+            return None
+        runs.append(numbers)
+        rest += text[at:start]
+        at = end
+    rest += text[at:]
+    del text
+    root = etree.fromstring(bytes(rest), etree.XMLParser(resolve_entities=False, no_network=True))
+    objects = root.findall("{*}resources/{*}object")
+    told = [f"{len(each.findall(f'{{*}}mesh/{{*}}{kind}'))}" for each in objects for kind in ("vertices", "triangles")]
+    if told != ["1"] * len(runs) or root.find(".//{*}component") is not None or len(root.find(".//{*}vertices")):
+        return None
+    numbers_of = {each.get("id"): number for number, each in enumerate(objects)}
+    items = root.findall("{*}build/{*}item")
+    matrices = np.tile(np.eye(4), (len(items), 1, 1))
+    for matrix, item in zip(matrices, items, strict=True):
+        if (placed := item.get("transform")) is not None:
+            matrix[:3] = np.array(placed.split(), dtype=np.float64).reshape(4, 3).T
+    index = np.array([numbers_of[item.get("objectid")] for item in items], dtype=np.int64)
+    meshes = list(zip(runs[::2], runs[1::2], strict=True))
+    return meshes, index, matrices, _NM_PER_UNIT[root.get("unit", "millimeters")]
+
+
+def _numbers(text: bytes, start: int, end: int, run: _Run) -> NDArray[Any] | None:
+    """Three numbers of each element of a run, [n, 3]; None where it is not of plain elements alone."""
+    parts = [np.empty(0, run.kind)]
+    while start < end:
+        stop = min(end, text.find(b"\n", min(start + _AT_ONCE, end - 1)) + 1)
+        part = text[start:stop].replace(b"v1=", b"va=").replace(b"v2=", b"vb=").replace(b"v3=", b"vc=")
+        count = part.count(b"\n")
+        numbers = np.fromstring(part.translate(run.spaced), run.kind, sep=" ")
+        if part.translate(None, run.digits) != run.line * count or len(numbers) != 3 * count:
+            return None
+        parts.append(numbers)
+        start = stop
+    return np.concatenate(parts).reshape(-1, 3) if end >= start else None
 
 
 def read_stl(path: Path) -> ReadSolid:
@@ -311,18 +439,16 @@ def read_stl(path: Path) -> ReadSolid:
     try:
         with path.open("rb") as file:
             content = load_stl(file)
-        vertices, faces = (
-            np.asarray(content["vertices"], dtype=np.float64) * 1e6,
-            np.asarray(content["faces"], np.int64),
-        )
+        vertices, faces = np.asarray(content["vertices"]), np.asarray(content["faces"], np.int64)
         del content
     except Exception as error:
         raise damaged(path, error) from error
     if not len(faces):
         raise damaged(path, "it has no triangles")
-    check_reach(path, vertices)
+    check_reach(path, np.abs(vertices).max(axis=0).astype(np.float64) * NM_PER_MM)
     # Every triangle has corners of its own: those of one place are one, as for whoever makes a solid of it.
-    return ReadSolid((_welded(vertices, faces),), np.zeros(1, dtype=np.int64), np.eye(3)[None], np.zeros((1, 3)))
+    shape = _welded(vertices, faces, NM_PER_MM)
+    return ReadSolid((shape,), np.zeros(1, dtype=np.int64), np.eye(3)[None], np.zeros((1, 3)))
 
 
 def _check_stl_size(path: Path) -> None:
@@ -341,22 +467,31 @@ def _check_stl_size(path: Path) -> None:
         raise damaged(path, f"it has {size} bytes; the {triangles} triangles that it states take {expected}")
 
 
-def _shape(mesh: Any, scale: float, path: Path) -> ReadShape:
-    vertices = np.asarray(mesh.vertices, dtype=np.float64)
-    # As numbers: what they are in nanometres, a matrix may say.
-    check_reach(path, vertices)
-    return _welded(vertices * scale, np.asarray(mesh.faces, dtype=np.int64))
-
-
-def _welded(vertices: Floats, triangles: Ints) -> ReadShape:
+def _welded(vertices: NDArray[np.floating[Any]], triangles: Ints, unit_nm: float = 1.0) -> ReadShape:
     """A shape whose vertices of one place are one."""
-    levels, height = np.unique(vertices[:, 2], return_inverse=True)
-    flat, place = np.unique(vertices[:, 0] + 1j * vertices[:, 1], return_inverse=True)
-    key, number = np.unique(place * len(levels) + height, return_inverse=True)
-    one = np.column_stack([flat.real, flat.imag])[key // len(levels)]
-    welded, faces = np.column_stack([one, levels[key % len(levels)]]), number[triangles]
-    a, b, c = (welded[faces[:, n]] for n in range(3))
-    volume = float(np.einsum("ni,ni->", a, np.cross(b, c)) / 6)
+    key = np.zeros(len(vertices), dtype=np.int64)
+    for axis in range(3):
+        levels = np.sort(vertices[:, axis])
+        levels = levels[np.append(True, levels[1:] != levels[:-1])]
+        key *= len(levels)
+        key += np.searchsorted(levels, vertices[:, axis])
+    order = np.argsort(key)
+    key = key[order]
+    other, order = np.append(True, key[1:] != key[:-1]), order.astype(np.int32)
+    del key
+    welded = vertices[order[other]].astype(np.float64) * unit_nm
+    number = np.empty(len(order), dtype=np.int32)
+    number[order] = np.cumsum(other, dtype=np.int32) - 1
+    del order, other, vertices
+    faces = number[triangles].astype(np.int64)
+    del number, triangles
+    crossed = np.empty((len(faces), 3))
+    for axis in range(3):
+        (b, b_next), (c, c_next) = ([welded[faces[:, n], (axis + further) % 3] for further in (1, 2)] for n in (1, 2))
+        crossed[:, axis] = b * c_next - b_next * c
+    del b, b_next, c, c_next
+    volume = float(np.einsum("ni,ni->", welded[faces[:, 0]], crossed) / 6)
+    del crossed
     return ReadShape(welded, faces, volume, is_manifold(faces))
 
 
@@ -366,25 +501,34 @@ def is_manifold(triangles: Ints) -> bool:
     Every side runs once each way, so it has two faces, wound alike; the faces round every vertex are one fan; no corner
     comes twice in a triangle. That is what solid modellers ask of a mesh before they make a solid of it.
     """
-    from scipy import sparse
-    from scipy.sparse import csgraph
-
-    count = int(triangles.max()) + 1
-    start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
-    there, back = start * count + end, end * count + start
-    order = np.argsort(there)
-    ordered = there[order]
-    if (start == end).any() or (ordered[1:] == ordered[:-1]).any():
+    start, end, count = triangles.ravel(), triangles[:, [1, 2, 0]].ravel(), int(triangles.max()) + 1
+    if (start == end).any():
         return False
-    at = np.minimum(np.searchsorted(ordered, back), len(ordered) - 1)
-    if not np.array_equal(ordered[at], back):
+    sides = start * count + end
+    there = np.argsort(sides)
+    sides = sides[there]
+    if (sides[1:] == sides[:-1]).any():
         return False
+    there = there.astype(np.int32)
+    end *= count
+    end += start
+    back = np.argsort(end)
+    if not np.array_equal(sides, end[back]):
+        return False
+    del end, sides
+    back = back.astype(np.int32)
     # Where corner n starts a side, the neighbour across it ends that side: both corners are of one fan.
-    across = order[at]
-    following = across - across % 3 + (across + 1) % 3
-    links = sparse.coo_array((np.ones(len(start), np.bool_), (np.arange(len(start)), following)), (len(start),) * 2)
-    fans = csgraph.connected_components(links, directed=False, return_labels=False)
-    return int(fans) == len(np.unique(start))
+    following = np.empty_like(there)
+    following[there] = back - back % 3 + (back + 1) % 3
+    del there, back
+    last = np.full(count, -1, dtype=np.int32)
+    last[start] = np.arange(len(start), dtype=np.int32)
+    first = last[last >= 0]
+    at, seen = first, 0
+    while len(at):
+        at, seen = following[at], seen + len(at)  # type: ignore[assignment]
+        at, first = at[at != first], first[at != first]
+    return seen == len(start)
 
 
 def check_mesh(die: Die, path: Path, stack: Stack | None = None) -> tuple[Quantity, ...]:
@@ -407,7 +551,7 @@ FORMATS = (
         "glb",
         "GLB",
         ".glb",
-        write_die=lambda of, die, to: write_glb(die, to, of.comments, of.settings.stack),
+        write_die=lambda of, die, to: write_glb(die, to, of.comments, of.settings.stack, of.films),
         compare_die=_compare,
         extra="solid",
     ),
@@ -415,7 +559,7 @@ FORMATS = (
         "3mf",
         "3MF",
         ".3mf",
-        write_die=lambda of, die, to: write_3mf(die, to, of.comments, of.settings.stack),
+        write_die=lambda of, die, to: write_3mf(die, to, of.comments, of.settings.stack, of.films),
         compare_die=_compare,
         extra="solid",
     ),
@@ -424,7 +568,7 @@ FORMATS = (
         "STL",
         ".stl",
         write_die=lambda of, die, to: write_stl(
-            die, to, of.comments, of.settings.stack, limit_bytes=of.settings.stl_limit_bytes
+            die, to, of.comments, of.settings.stack, of.films, limit_bytes=of.settings.stl_limit_bytes
         ),
         compare_die=_compare,
         extra="solid",

@@ -14,10 +14,12 @@ closed, exactly.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
 from itertools import pairwise
+from typing import Any, TypeAlias
 
 import numpy as np
 from klayout import db
@@ -120,11 +122,16 @@ def check_mesh_size(die: Die, kind: str) -> None:
         OutputError: MF410 if a cell has no chrome at all; MF412 for more than :data:`MOST_MESH_VERTICES`.
     """
     _check_chrome(die, kind)
-    used, times = np.unique(die.panel.orientations // ORIENTATIONS, return_counts=True)
-    vertices = sum(_vertices(die.panel, opening) * n for opening, n in zip(used.tolist(), times.tolist(), strict=True))
+    vertices = mesh_vertices(die.panel)
     if vertices > MOST_MESH_VERTICES:
         what = f"outlines of {vertices} vertices in all cells are more than the {MOST_MESH_VERTICES}"
         raise _too_large(die, kind, what, ", use step, which places every cell")
+
+
+def mesh_vertices(panel: Panel) -> int:
+    """Of the outlines in all cells."""
+    used, times = np.unique(panel.orientations // ORIENTATIONS, return_counts=True)
+    return sum(_vertices(panel, opening) * n for opening, n in zip(used.tolist(), times.tolist(), strict=True))
 
 
 def _vertices(panel: Panel, opening: int) -> int:
@@ -192,6 +199,26 @@ def film(die: Die, stack: Stack) -> tuple[Mesh, int]:
     return Mesh(vertices, np.concatenate(faces)), len(touches)
 
 
+class SharedFilm:
+    """Films for formats that are written of a die one after the other: made once, and let go when each has had it.
+
+    Args:
+        formats: that share it.
+    """
+
+    def __init__(self, formats: int) -> None:
+        self._formats, self._left = formats, 0
+        self._made: tuple[Die, Stack, tuple[Mesh, int]] | None = None
+
+    def __call__(self, die: Die, stack: Stack) -> tuple[Mesh, int]:
+        if self._made is None or self._made[0] is not die or self._made[1] != stack:
+            self._made, self._left = (die, stack, film(die, stack)), self._formats
+        found, self._left = self._made[2], self._left - 1
+        if self._left <= 0:
+            self._made = None
+        return found
+
+
 def box_mesh(low_nm: Floats, high_nm: Floats) -> Mesh:
     """A box between two corners."""
     corners = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)])
@@ -230,7 +257,8 @@ def _square(x: int, y: int, leg: int) -> list[db.Point]:
 def _face(die: Die, clear: db.Region) -> tuple[Ints, Ints, Ints]:
     """Upper face of a panel's chrome: corners int64 [n, 2], triangles [m, 3], and the sides on its outline [k, 2]."""
     (x0, y0), (width, height) = _low(die), die.panel.size_nm
-    cuts = [y0, *_cuts(die, y0, sum(shape.num_points() for shape in clear.each())), y0 + height]
+    count = sum(shape.num_points() for shape in clear.each())
+    cuts, turn = [y0, *_cuts(die, y0, count), y0 + height], _turner(count, max(width, height))
     shapes = db.Shapes()
     shapes.insert(clear)
     points: list[Point] = []
@@ -241,7 +269,7 @@ def _face(die: Die, clear: db.Region) -> tuple[Ints, Ints, Ints]:
         near = db.Region([shape.polygon for shape in shapes.each_overlapping(band)])
         for piece in _contours(db.Region(band) - near):
             contours = [_divided(contour, (x0, y0), die.panel.cell_size) for contour in piece]
-            triangles.append(triangulated(contours) + len(points))
+            triangles.append(triangulated(contours, turn) + len(points))
             for contour in contours:
                 first = len(points)
                 points += contour
@@ -296,7 +324,7 @@ def _divided(contour: Polygon, low_nm: Point, cell: CellSize) -> Polygon:
     return tuple(corners)
 
 
-def triangulated(contours: Sequence[Polygon]) -> Ints:
+def triangulated(contours: Sequence[Polygon], turn: _Turn) -> Ints:
     """Triangles between the corners of a polygon: int64 [m, 3], counter-clockwise, counting through all contours.
 
     All have an area, and are Delaunay's where some were lower than 5 nm.
@@ -304,6 +332,7 @@ def triangulated(contours: Sequence[Polygon]) -> Ints:
     Args:
         contours: hull counter-clockwise, holes clockwise, in nanometres. They may touch themselves in a corner, where
             the polygon is parted; no corner lies on a side.
+        turn: what turns diagonals.
     """
     from manifold3d import triangulate
 
@@ -313,37 +342,109 @@ def triangulated(contours: Sequence[Polygon]) -> Ints:
     doubled = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
     if (doubled >= _FLAT_NM * np.hypot(sides[..., 0], sides[..., 1]).max(axis=1)).all():
         return triangles
-    return _delaunay(points.tolist(), triangles.tolist())
+    return _delaunay(points, triangles, turn)
 
 
-def _delaunay(points: Sequence[Point], triangles: list[Sequence[int]]) -> Ints:
+def _delaunay(points: Ints, triangles: Ints, turn: _Turn) -> Ints:
     """The triangles, diagonals turned until no corner lies in the circle of a neighbour.
 
     That makes the least angle as large as it can be (C. L. Lawson, Software for C1 surface interpolation, 1977).
     """
-    owner = {side: n for n, (a, b, c) in enumerate(triangles) for side in ((a, b), (b, c), (c, a))}
-    waiting = list(owner)
-    while waiting:
-        a, c = waiting.pop()
-        n, across = owner.get((a, c)), owner.get((c, a))
-        if n is None or across is None:
-            continue
-        (b,), (d,) = {*triangles[n]} - {a, c}, {*triangles[across]} - {a, c}
-        if _turns(points[a], points[c], points[b], points[d]):
-            triangles[n], triangles[across] = (b, a, d), (d, c, b)
-            del owner[a, c], owner[c, a]
-            owner |= {(b, a): n, (a, d): n, (d, b): n, (d, c): across, (c, b): across, (b, d): across}
-            waiting += [(b, a), (a, d), (d, c), (c, b)]
-    return np.array(triangles, dtype=np.int64)
+    start, end, number = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel(), np.arange(triangles.size)
+    sides, turned = start * len(points) + end, end * len(points) + start
+    order = np.argsort(sides)
+    twins = order[np.minimum(np.searchsorted(sides[order], turned), len(order) - 1)]
+    twins[sides[twins] != turned] = -1
+    following, first = number - number % 3 + (number + 1) % 3, number[::3].copy()
+    if turn is _turn:
+        # Elements of lists are whole numbers without a limit, and quicker to reach than those of arrays.
+        lists = [values.tolist() for values in (*points.T, start, following, twins, number // 3, first)]
+        turn(*lists)
+        start, following, first = (np.array(lists[n], dtype=np.int64) for n in (2, 3, 6))
+    else:
+        x, y = points.T.copy()
+        start = start.copy()
+        turn(x, y, start, following, twins, number // 3, first)
+    second = following[first]
+    return np.column_stack([start[first], start[second], start[following[second]]])
 
 
-def _turns(a: Point, c: Point, b: Point, d: Point) -> bool:
-    """Whether the diagonal b d replaces a c: if d is inside the circle through a, c and b, exact in whole numbers.
+_Turn: TypeAlias = Callable[..., None]
+_WORTH_COMPILING = 50_000
+"""Corners of a face beyond which compiled code saves more than its making takes."""
+_BITS = 26
+_LOW = (1 << _BITS) - 1
+_WIDEST_NM = 1 << 25
+"""Of a face whose sums, in words of 26 bits, compiled code can hold."""
 
-    Of four corners on one line the shorter diagonal is taken, until one of its triangles has a neighbour off the line.
+
+def _turner(corners: int, widest_nm: int) -> _Turn:
+    """What turns diagonals of a face with so many corners: compiled, where that pays and numba is installed."""
+    fit = corners > _WORTH_COMPILING and widest_nm < _WIDEST_NM and find_spec("numba")
+    return _compiled() if fit else _turn
+
+
+@cache
+def _compiled() -> _Turn:
+    import numba
+
+    turner: _Turn = numba.njit(_turn)
+    return turner
+
+
+def _turn(x: Any, y: Any, start: Any, following: Any, twin: Any, triangle: Any, first: Any) -> None:
+    """Turn diagonals, the last side first, and after each turn the four sides about it.
+
+    Args:
+        x: of every corner, whole numbers; ``y`` alike.
+        y: see ``x``.
+        start: corner that each side starts from.
+        following: side that comes after each in its triangle.
+        twin: the same side in the neighbour; -1 for none.
+        triangle: of each side.
+        first: side of each triangle that its corners are told from.
     """
-    (ax, ay), (cx, cy), (bx, by) = ((x - d[0], y - d[1]) for x, y in (a, c, b))
-    areas = cx * by - cy * bx, bx * ay - by * ax, ax * cy - ay * cx
-    if not any(areas):
-        return math.dist(b, d) < math.dist(a, c)
-    return sum(area * (x * x + y * y) for area, (x, y) in zip(areas, ((ax, ay), (cx, cy), (bx, by)), strict=True)) > 0
+    turns = [0] * len(start)
+    waiting = [(0, 0)]
+    waiting.pop()
+    for begun in range(len(start) - 1, -1, -1):
+        waiting.append((begun, 0))
+        while waiting:
+            side, seen = waiting.pop()
+            back = twin[side]
+            if turns[side] != seen or back < 0:
+                continue
+            cb, ad = following[side], following[back]
+            ba, dc = following[cb], following[ad]
+            a, c, b, d = start[side], start[back], start[ba], start[dc]
+            ax, ay, cx, cy = x[a] - x[d], y[a] - y[d], x[c] - x[d], y[c] - y[d]
+            bx, by = x[b] - x[d], y[b] - y[d]
+            of_a, of_c, of_b = cx * by - cy * bx, bx * ay - by * ax, ax * cy - ay * cx
+            aa, cc, bb = ax * ax + ay * ay, cx * cx + cy * cy, bx * bx + by * by
+            if of_a == 0 and of_c == 0 and of_b == 0:
+                # Of four corners on one line the shorter diagonal, until one of the triangles has a neighbour off it.
+                inside = bb < (ax - cx) ** 2 + (ay - cy) ** 2
+            else:
+                # Whether d is inside the circle through a, c and b, whose sum is longer than 64 bits.
+                low = middle = high = 0
+                for area, square in ((of_a, aa), (of_c, cc), (of_b, bb)):
+                    low += (area & _LOW) * (square & _LOW)
+                    middle += (area >> _BITS) * (square & _LOW) + (area & _LOW) * (square >> _BITS)
+                    high += (area >> _BITS) * (square >> _BITS)
+                middle += low >> _BITS
+                high += middle >> _BITS
+                inside = high > 0 or (high == 0 and (middle & _LOW > 0 or low & _LOW > 0))
+            if not inside:
+                continue
+            one, other = triangle[side], triangle[back]
+            turns[side] += 1
+            turns[back] += 1
+            start[side], start[back] = d, b
+            following[ba], following[ad], following[side] = ad, side, ba
+            following[dc], following[cb], following[back] = cb, back, dc
+            triangle[ad], triangle[cb] = one, other
+            first[one], first[other] = ba, dc
+            waiting.append((ba, turns[ba]))
+            waiting.append((ad, turns[ad]))
+            waiting.append((dc, turns[dc]))
+            waiting.append((cb, turns[cb]))

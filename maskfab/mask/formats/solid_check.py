@@ -31,6 +31,7 @@ NM = 1.0
 _FARTHEST_NM = 1e10
 
 OCP = "parsed and translated by OCP"
+_READERS = {".3mf": "read by numpy and lxml"}
 _TRIMESH = "read by trimesh"
 
 _TORN = 1e-6
@@ -170,8 +171,10 @@ def mesh_rows(die: Die, path: Path, stack: Stack, read: ReadSolid) -> Iterator[Q
             vertex_error = max(vertex_error, _off_lines(edges, grid, leg))
             shares = outline_coverage(edges, *grid) if len(edges) else np.zeros(expected.shape)
             wrong |= np.abs(shares - expected) > max(_TORN, 4 * vertex_limit / dot_nm)
-        links = sparse.coo_array((np.ones(len(triangles)), (triangles[:, 0], triangles[:, 1])), (len(vertices),) * 2)
-        links += sparse.coo_array((np.ones(len(triangles)), (triangles[:, 1], triangles[:, 2])), (len(vertices),) * 2)
+        del faces, face
+        start, end = (triangles[:, n : n + 2].astype(np.int32).ravel() for n in (0, 1))
+        links = sparse.coo_array((np.ones(len(start)), (start, end)), (len(vertices),) * 2)
+        del start, end
         pieces = int(csgraph.connected_components(links, directed=False, return_labels=False))
     side = len(die.panel.cell_size.edges_nm) - 1
     rows, columns = die.panel.orientations.shape
@@ -180,7 +183,7 @@ def mesh_rows(die: Die, path: Path, stack: Stack, read: ReadSolid) -> Iterator[Q
     design = int(ndimage.label(~die_raster(die), np.ones((3, 3)) if stack.corners == "gap" else None)[1])
     volume = sum(shape.volume_nm3 * float(np.linalg.det(turn)) for shape, turn, _ in films)
     chrome = _chrome_nm2(die) + touches * leg**2 * (1 if stack.corners == "gap" else -1)
-    row_of = partial(_row, die, f"in {path.name}, {_TRIMESH}")
+    row_of = partial(_row, die, f"in {path.name}, {_READERS.get(path.suffix, _TRIMESH)}")
     remarks = "".join(f" ({remark})" for remark in stack.touching_remark(die, touches))
     flaws = sum(not shape.sound for shape in read.shapes)
     yield row_of("solid_instances", len(films), "films placed", 1, len(films) == 1)
@@ -238,7 +241,11 @@ def _shares(die: Die, stack: Stack, leg: int) -> Floats:
 def _rim(vertices: Floats, triangles: Ints) -> Floats:
     """Sides of one triangle alone, what is covered on the left of each: float64 [n, 4] of x0, y0, x1, y1."""
     start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
-    alone = ~np.isin(start * len(vertices) + end, end * len(vertices) + start)
+    sides, turned = start * len(vertices) + end, np.sort(end * len(vertices) + start)
+    order = np.argsort(sides)
+    sides = sides[order]
+    alone = np.empty(len(sides), dtype=np.bool_)
+    alone[order] = np.append(turned, -1)[np.searchsorted(turned, sides)] != sides
     return np.column_stack([vertices[start[alone], :2], vertices[end[alone], :2]])
 
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -159,20 +160,26 @@ def _leaves(
 def _frame(placement: Any) -> Floats:
     """float64 [4, 4] of an axis placement, in nanometres."""
     point = placement.Location()
-    z = _direction(placement.Axis()) if placement.HasAxis() else np.array([0.0, 0.0, 1.0])
-    x = _direction(placement.RefDirection()) if placement.HasRefDirection() else np.array([1.0, 0.0, 0.0])
-    x = x - (x @ z) * z
-    x /= np.linalg.norm(x)
+    z = _ratios(placement.Axis()) if placement.HasAxis() else (0.0, 0.0, 1.0)
+    x = _ratios(placement.RefDirection()) if placement.HasRefDirection() else (1.0, 0.0, 0.0)
     frame = np.eye(4)
-    frame[:3, :3] = np.column_stack([x, np.cross(z, x), z])
+    frame[:3, :3] = _axes(z, x)
     frame[:3, 3] = [point.CoordinatesValue(n) * 1e6 for n in (1, 2, 3)]
     return frame
 
 
-def _direction(direction: Any) -> Floats:
-    ratios = np.array([direction.DirectionRatiosValue(n) for n in (1, 2, 3)], dtype=np.float64)
-    unit: Floats = ratios / np.linalg.norm(ratios)
-    return unit
+def _ratios(direction: Any) -> tuple[float, ...]:
+    return tuple(direction.DirectionRatiosValue(n) for n in (1, 2, 3))
+
+
+@lru_cache(maxsize=64)
+def _axes(along_z: tuple[float, ...], near_x: tuple[float, ...]) -> Floats:
+    """Axes as columns; cells share the few that a film is turned to."""
+    z, x = (np.array(ratios) / np.linalg.norm(ratios) for ratios in (along_z, near_x))
+    x = x - (x @ z) * z
+    x /= np.linalg.norm(x)
+    axes: Floats = np.column_stack([x, np.cross(z, x), z])
+    return axes
 
 
 def _shape(breps: list[Any], model: Any) -> ReadShape:

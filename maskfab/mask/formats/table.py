@@ -25,7 +25,9 @@ from maskfab.job.values import MEASURED_FORMATS, FileFormat
 from maskfab.mask import formats as folder
 from maskfab.mask.figures import Figures
 from maskfab.mask.formats.format import FileSettings, Format, Product, Source
+from maskfab.mask.formats.mesh import FORMATS as MESHES
 from maskfab.mask.formats.picture import IMAGE_SUFFIXES
+from maskfab.mask.formats.solid import SharedFilm
 from maskfab.mask.sandbox import missing
 
 _LATER = ("_process", "_writer")
@@ -68,7 +70,8 @@ def products(
         settings: of drawings, solids and pictures.
         stem: how names of files begin; the plate's name by default.
     """
-    source, name = Source(figures, comments, settings or FileSettings()), stem or figures.plate.name
+    films = SharedFilm(len({form.name for form in MESHES}.intersection(formats)))
+    source, name = Source(figures, comments, settings or FileSettings(), films), stem or figures.plate.name
     files: list[Product] = []
     for form in (FORMATS[chosen] for chosen in formats):
         if form.write_plate is not None:
