@@ -186,7 +186,7 @@ class Panel(model.Panel):
             JobError: MF103 or MF104 for a thickness; MF152 without cadquery.
             OutputError: MF410 for pixels without chrome, MF412 for a panel of too many vertices or pixels.
         """
-        require("solid", what="an assembly")
+        require("solid", what="an assembly", loads=("OCP",))
         from maskfab.mask.formats.step import cadquery_assembly
 
         return cadquery_assembly(self._die(), _stack(chrome, glass))

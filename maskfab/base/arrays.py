@@ -36,7 +36,7 @@ def write_arrays(file: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:
     if any(array.dtype.hasobject for array in arrays.values()):
         raise ValueError("an array of objects is no data")
     # To numpy before 2.2 allow_pickle would be one more array.
-    np.savez(file, **dict(arrays))
+    np.savez(file, **dict[str, Any](arrays))
 
 
 @lru_cache(maxsize=256)

@@ -88,7 +88,7 @@ def _form(kind: Any) -> _Form:
         TypeError: for a kind whose values are none.
     """
     origin, within = typing.get_origin(kind), typing.get_args(kind)
-    # A name for a kind, such as NDArray of numpy 2.5: a class may call an attribute so, but no class is a TypeAliasType.
+    # A name for a kind, such as NDArray of numpy 2.5.
     alias = kind if origin is None else origin
     if type(alias).__name__ == "TypeAliasType":
         return _form(_meant(alias, within))
