@@ -31,6 +31,8 @@ TOLD = (
 )  # fmt: skip
 TESTERS = ("pytest", "pytest-xdist", "hypothesis", "tifffile", "jsonschema", "grimp")
 TESTS = ("tests/base", "tests/mask/formats/test_reading_dxf.py", "tests/cli/test_commands.py")
+NOT_TRIED = ("tests/base/test_clock.py", "tests/base/test_provenance.py")
+"""Needs torch; holds the record that is being made."""
 SMALL = """\
 [job]
 name = "SMALL"
@@ -110,6 +112,15 @@ def lowest() -> list[str]:
     return [re.sub(r">=([\w.]+).*", r"==\1", line) for line in every]
 
 
+def _installed(told: Environment, source: str, wheel: str) -> None:
+    """Install the wheel, then the checkout in its place."""
+    told.run(told.python, "-m", "venv", "--clear", told.folder)
+    pip = (told.tool("python"), "-m", "pip", "install", "--quiet", "--disable-pip-version-check")
+    told.run(*pip, *told.pins, f"{wheel}[{EXTRAS}]")
+    told.run(told.tool("maskfab"), "--version")
+    told.run(*pip, *told.pins, *TESTERS, "--editable", f"{source}[{EXTRAS}]")
+
+
 def tried(environment: Environment, source: str, wheel: str) -> dict:
     """What is seen in an environment, which is made first.
 
@@ -117,13 +128,10 @@ def tried(environment: Environment, source: str, wheel: str) -> dict:
         RuntimeError: for a step that fails.
     """
     begun, told = time.monotonic(), environment
-    told.run(told.python, "-m", "venv", "--clear", told.folder)
-    pip = (told.tool("python"), "-m", "pip", "install", "--quiet", "--disable-pip-version-check")
-    told.run(*pip, *told.pins, f"{wheel}[{EXTRAS}]")
-    told.run(told.tool("maskfab"), "--version")
-    told.run(*pip, *told.pins, *TESTERS, "--editable", f"{source}[{EXTRAS}]")
     work = f"{told.folder}/work"
-    told.outside(work).mkdir()
+    if not told.outside(work).is_dir():
+        _installed(told, source, wheel)
+        told.outside(work).mkdir()
     formats = json.loads(
         told.run(
             told.tool("python"), "-c",
@@ -142,14 +150,23 @@ def tried(environment: Environment, source: str, wheel: str) -> dict:
         if refused.returncode != 2 or doctor.returncode != 1 or cure not in refused.stderr or cure not in doctor.stdout:
             raise RuntimeError(f"no refusal that names {cure}: {refused.stderr[-900:]} {doctor.stdout[-900:]}")
         seen["without"] = f"{' '.join(told.libraries)}: STEP refused before work (MF152), doctor exit 1"
+        told.run("apt-get", "update", "--quiet", "--option", "Acquire::Check-Valid-Until=false")
         told.run("apt-get", "install", "--yes", "--quiet", "--no-install-recommends", *told.libraries)
     examined = json.loads(told.run(told.tool("maskfab"), "self", "doctor", "--quiet", "--json").stdout)
-    told.run(told.tool("maskfab"), "run", f"{source}/layouts/first_plate.toml", "--out", f"{work}/first", "--quiet")
-    told.run(told.tool("maskfab"), "run", f"{work}/every.toml", "--out", f"{work}/every", "--quiet")
+    told.run(
+        told.tool("maskfab"),
+        "run",
+        f"{source}/layouts/first_plate.toml",
+        "--out",
+        f"{work}/first",
+        "--quiet",
+        "--force",
+    )
+    told.run(told.tool("maskfab"), "run", f"{work}/every.toml", "--out", f"{work}/every", "--quiet", "--force")
     report = json.loads(told.outside(f"{work}/first/report.json").read_text("utf-8"))
     tests = told.run(
         told.tool("python"), "-m", "pytest", "-q", "-p", "no:cacheprovider", "-n", "2", "-o", "filterwarnings=default",
-        *TESTS, where=source,
+        *TESTS, *(f"--ignore={each}" for each in NOT_TRIED), where=source,
     ).stdout.splitlines()[-1]  # fmt: skip
     facts = {name.lower(): version for name, version in examined["facts"].items()}
     return {
@@ -229,7 +246,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", help="environments, such as lowest newest-3.11 slim")
     parser.add_argument("--folder", type=Path, default=ROOT / "build" / "environments")
-    parser.add_argument("--keep", action="store_true", help="keep what was built")
+    parser.add_argument("--keep", action="store_true", help="keep what was built, and take it where it is")
     asked = parser.parse_args()
     asked.folder.mkdir(parents=True, exist_ok=True)
     (wheel,) = (ROOT / "dist").glob("maskfab-*.whl")
