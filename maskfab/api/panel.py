@@ -204,7 +204,6 @@ class Panel(model.Panel):
         return trimesh_scene(self._die(), _stack(chrome, glass))
 
     def _die(self) -> model.Die:
-        """The panel alone, about the origin."""
         return model.Die("PANEL", self.held[0].name, self, (0, 0), self.side_nm)
 
     def _repr_svg_(self) -> str:
