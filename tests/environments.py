@@ -61,6 +61,7 @@ tiling = "random"
 seed = 3
 """
 _MINUTES = 40
+_CHROOT = ("unshare", "--mount", "sh", "-c", 'mount -t proc proc "$0/proc" && exec chroot "$0" "$@"')
 
 
 @dataclass
@@ -85,7 +86,7 @@ class Environment:
 
     def run(self, *words: str, where: str | None = None, check: bool = True) -> subprocess.CompletedProcess[str]:
         """Run a command inside; its own exit code is checked or told."""
-        line = [*(("chroot", str(self.root)) if self.root else ()), "env", "-C", where or "/", *words]
+        line = [*((*_CHROOT, str(self.root)) if self.root else ()), "env", "-C", where or "/", *words]
         kept = {name: os.environ[name] for name in os.environ if not name.startswith(("PYTHON", "VIRTUAL"))}
         kept |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MASKFAB_CACHE": "off"}
         done = subprocess.run(line, capture_output=True, text=True, check=False, env=kept, timeout=60 * _MINUTES)
