@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: plate test test-all golden golden-quick golden-record lint bench fuzz docs gallery clean
+.PHONY: plate wheel environments test test-all golden golden-quick golden-record lint bench fuzz docs gallery clean
 
 plate: $(VENV)/run.stamp
 	$(BIN)/maskfab run layouts/upc12.toml --out build/upc12 --force
@@ -64,6 +64,15 @@ docs: $(VENV)/docs.stamp
 # Pictures of the manual, each by the command under it; pages are photographed by Chromium.
 gallery: $(VENV)/dev.stamp
 	$(BIN)/python docs/gallery.py
+
+# What is installed elsewhere: dist/maskfab-VERSION-py3-none-any.whl.
+wheel: $(VENV)/pip.stamp
+	rm -rf dist
+	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
+
+# Lowest and newest packages, every Python that is here, Debian's slim systems (as root, with mmdebstrap): an hour.
+environments: wheel
+	$(PYTHON) tests/environments.py
 
 clean:
 	rm -rf build dist $(VENV)

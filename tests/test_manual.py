@@ -42,10 +42,20 @@ def size(picture: Path) -> tuple[int, int]:
 def test_readme_is_short_and_says_what_to_do():
     text = (ROOT / "README.md").read_text("utf-8")
     assert len(text.splitlines()) <= 120
-    assert {"make plate", "make test", "pip install 'maskfab[all]'"} <= {
+    wheel = f"dist/maskfab-{mf.__version__}-py3-none-any.whl"
+    assert {"make plate", "make test", "pip install '.[all]'", "make wheel", f"pip install './{wheel}[solid]'"} <= {
         line.partition("  ")[0] for block in blocks(text, "sh") for line in block.splitlines()
     }
+    install = (ROOT / "docs" / "how-to" / "install.md").read_text("utf-8")
+    assert f"pip install './{wheel}[solid]'" in install
     assert len(re.findall(r"^\| `maskfab ", text, re.MULTILINE)) == 8
+
+
+def test_nothing_is_installed_by_a_name_that_no_index_has():
+    package = ROOT / "maskfab"
+    every = [*ROOT.glob("*.md"), *PAGES, *NOTEBOOKS, *package.rglob("*.py"), package / "base" / "error_codes.toml"]
+    told = [each for each in every if re.search(r"pip install (-\S+ )*['\"]?maskfab\b(?! @)", each.read_text("utf-8"))]
+    assert [path.name for path in told if path.name != "CHANGELOG.md"] == []
 
 
 @pytest.mark.parametrize("path", TEXTS, ids=told)

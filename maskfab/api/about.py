@@ -19,14 +19,12 @@ from maskfab.base import __version__, provenance
 from maskfab.base import resources as error_codes
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import CATALOGUE, InternalError, JobError
-from maskfab.base.extras import EXTRAS
+from maskfab.base.extras import EXTRAS, install_command
 from maskfab.base.machine import cores, memory_bytes
 from maskfab.base.work import Progress, silent
 
 if TYPE_CHECKING:
     from maskfab.api.asked import AnyJob, AnyPath  # heavy, and refused where it is used
-    from maskfab.api.plate import Plate
-    from maskfab.base.model import Quantity
     from maskfab.optics.benchmark import Timing
     from maskfab.optics.hard_cases import CaseResult
     from maskfab.report.rows.text import Quantities
@@ -177,11 +175,6 @@ def _parts(*parts: tuple[str, str]) -> str:
     return "\n".join(paragraphs)
 
 
-_FORMATS = ("gds", "oas", "dxf")
-_LIMIT = 1e-9
-_CAMERA = {"pixel": "2 um", "wavelengths": "530 nm", "window": "128 um"}
-
-
 @dataclass(frozen=True, repr=False)
 class Examination(Result):
     """An installation.
@@ -218,8 +211,8 @@ class Examination(Result):
 def doctor(*, progress: Progress = silent) -> Examination:
     """Examine this installation: versions, threads, memory, optional parts, and a self-test that takes seconds.
 
-    The self-test holds the PSF of a clear square stop against its formula, and writes a small plate in three formats,
-    reads each back and repeats its checks.
+    The self-test holds the PSF of a clear square stop against its formula, writes a small plate in every format that
+    this installation can write, reads each file back and repeats its checks, and uses what else is installed once.
 
     Examples:
         $ maskfab self doctor
@@ -227,51 +220,18 @@ def doctor(*, progress: Progress = silent) -> Examination:
     Args:
         progress: told where the work stands.
     """
-    from maskfab.api.making import verify
+    from maskfab.api.self_test import clear_stop, trials_of, tried
     from maskfab.report.rows.text import Quantities
 
     begun = time.perf_counter()
-    checks = [_clear_stop()]
+    checks = [clear_stop()]
     with tempfile.TemporaryDirectory(prefix="maskfab-") as scratch:
-        for done, name in enumerate(_FORMATS):
-            progress("self-test", done, len(_FORMATS))
-            path = Path(scratch) / f"plate.{name}"
-            plate = _plate()
-            plate.write(path)
-            checks += [check for check in verify(path, against=plate) if check.passed is not None]
-    progress("self-test", len(_FORMATS), len(_FORMATS))
+        trials = dict(trials_of(Path(scratch)))
+        for done, (what, trial) in enumerate(trials.items()):
+            progress("self-test", done, len(trials))
+            checks += tried(what, trial)
+    progress("self-test", len(trials), len(trials))
     return Examination(dict(_facts()), Quantities(checks), round(time.perf_counter() - begun, 2))
-
-
-def _clear_stop() -> Quantity:
-    """A clear square stop of side D: (D / λf)² sinc²(D x / λf) sinc²(D y / λf), Goodman, Fourier Optics, 4.4.1."""
-    import numpy as np
-
-    from maskfab.api.camera import Camera
-    from maskfab.api.opening import Opening
-    from maskfab.api.panel import Panel
-    from maskfab.base.model import Quantity
-
-    side_um, focal_um, line_um = 800.0, 10_000.0, 0.53
-    camera = Camera(focal_um, stop={"shape": "square", "diameter": side_um}, **_CAMERA)
-    opening = Opening.of(np.ones((4, 4), dtype=np.bool_), pitch="20 um", name="clear")
-    psf = camera.psf(Panel.tile(opening, "periodic", size="1 mm"), 1000 * line_um)
-    across = (side_um / (line_um * focal_um)) * np.sinc(side_um * psf.x_um / (line_um * focal_um)) ** 2
-    exact = np.outer(across, across)
-    error = float(abs(psf.samples - exact).max() / exact.max())
-    method = "PSF of a clear square stop against its formula, largest difference over the peak"
-    return Quantity("clear_stop_psf_error", error, method, limit=_LIMIT, passed=error <= _LIMIT)
-
-
-def _plate() -> Plate:
-    from maskfab.api.camera import Camera
-    from maskfab.api.opening import Opening
-    from maskfab.api.panel import Panel
-    from maskfab.api.plate import Plate
-
-    bar = Opening.bar(dots=21, size=(15, 7), pitch="168 um")
-    panel = Panel.tile(bar, "random", seed=1, size="1.68 mm")
-    return Plate.of(BAR=panel, blank="27 mm", writable="22 mm", camera=Camera("10 mm", stop="1 mm", **_CAMERA))
 
 
 def _facts() -> Iterator[tuple[str, str]]:
@@ -288,8 +248,9 @@ def _facts() -> Iterator[tuple[str, str]]:
     store = Store.of_user()
     yield "cache", f"off; {VARIABLE} names a folder" if store is None else str(store.folder)
     for name, extra in EXTRAS.items():
-        missing = f"not installed: {', '.join(extra.missing)}; pip install 'maskfab[{name}]'"
+        missing = f"not installed: {', '.join(extra.missing)}"
         yield f"maskfab[{name}]", f"{extra.use}: {missing if extra.missing else 'installed'}"
+    yield "more", f"to install an extra, {install_command('EXTRA')}"
 
 
 _UNITS = {"kB": 1e3, "MB": 1e6, "GB": 1e9}

@@ -172,7 +172,6 @@ def analyse(
 
 
 def _lays_out(subject: object) -> bool:
-    """Whether it is a panel, or has one."""
     return isinstance(subject, Panel) or hasattr(subject, "panel")
 
 

@@ -185,7 +185,6 @@ def _job(folder: Path, source: str) -> Begun:
 
 
 def _texts(value: object) -> Iterator[str]:
-    """Every text in a document."""
     if isinstance(value, str):
         yield value
     elif isinstance(value, dict | list):

@@ -200,7 +200,6 @@ class Camera:
         return panel, ""
 
     def _of(self, lines: Iterable[float]) -> Lens:
-        """The camera with these wavelengths, each once."""
         return replace(self.model, wavelengths_nm=tuple(dict.fromkeys(lines)))
 
     def asked_nm(self, wavelength: object) -> tuple[float, ...]:
@@ -261,7 +260,6 @@ def _pupil(panel: Tiled, camera: Lens, *, as_bytes: bool = False) -> Pupil:
 
 
 def _stop(stated: Length | Mapping[str, object]) -> object:
-    """A stop as a job file writes it."""
     if isinstance(stated, str) and stated.strip().lower().startswith("f/"):
         return stated
     if not isinstance(stated, Mapping):
@@ -314,7 +312,6 @@ class Psf(model.Psf):
         return self.values
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        """The samples, for numpy."""
         return np.array(self.values, dtype=dtype, copy=copy)
 
     @property

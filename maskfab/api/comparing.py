@@ -115,7 +115,6 @@ class Comparison(Result):
         return "\n".join([*compare_text(self.compared), *self.notes])
 
     def _repr_html_(self) -> str:
-        """The picture over the table, and what is said of it."""
         from maskfab.report.pages.compared import compare_html
 
         return f"{self._shown()}{compare_html(self.compared, self.notes)}"

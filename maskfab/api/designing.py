@@ -494,7 +494,6 @@ def _targets(spec: JobSpec, job: Path, out: Path | None) -> dict[str, Path]:
 
 
 def _call(section: Mapping[str, Any], *, camera: Mapping[str, Any] | None, images: object) -> str:
-    """The call that repeats a design, for its provenance."""
     arguments = [f"{key}={value!r}" for key, value in section.items()]
     if "map" not in section:
         arguments.append("map='none'")

@@ -150,7 +150,6 @@ def _run(asked: Asked) -> Told:
 
 
 def _times(seconds: Mapping[str, float]) -> Iterator[str]:
-    """Time that the optics of every die took."""
     for stage, took in seconds.items():
         kind, _, die = stage.partition(" ")
         if kind == "optics" and die:

@@ -173,7 +173,6 @@ class Opening(model.Opening):
         return cls.of_model(opening_file.checked(name, mask, dot_nm, made, where))
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        """The mask, for numpy."""
         return np.array(self.mask, dtype=dtype, copy=copy)
 
     def __dlpack__(self, **options: Any) -> Any:
@@ -182,7 +181,6 @@ class Opening(model.Opening):
         return copy.__dlpack__(**options)
 
     def __dlpack_device__(self) -> tuple[int, int]:
-        """Memory of the processor."""
         return self.mask.__dlpack_device__()
 
     @classmethod

@@ -186,7 +186,7 @@ class Panel(model.Panel):
             JobError: MF103 or MF104 for a thickness; MF152 without cadquery.
             OutputError: MF410 for pixels without chrome, MF412 for a panel of too many vertices or pixels.
         """
-        require("solid", what="an assembly")
+        require("solid", what="an assembly", loads=("OCP",))
         from maskfab.mask.formats.step import cadquery_assembly
 
         return cadquery_assembly(self._die(), _stack(chrome, glass))
@@ -204,7 +204,6 @@ class Panel(model.Panel):
         return trimesh_scene(self._die(), _stack(chrome, glass))
 
     def _die(self) -> model.Die:
-        """The panel alone, about the origin."""
         return model.Die("PANEL", self.held[0].name, self, (0, 0), self.side_nm)
 
     def _repr_svg_(self) -> str:

@@ -264,7 +264,6 @@ def _simulate(asked: Asked) -> Told:
 
 
 def _require_memory(scenes: Sequence[Photograph], restorers: Sequence[str], *, brackets: bool) -> None:
-    """Refuse what takes more memory than a large picture leaves."""
     others = [f"restorer {name} keeps" for name in restorers if name != Wiener().name]
     others += ["brackets keep"] if brackets else []
     for scene in scenes:

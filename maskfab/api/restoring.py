@@ -220,7 +220,6 @@ class Restoration(FolderResult):
         return restored_page(self.to_dict(), pictures, onto, chart, left_out)
 
     def _shown(self) -> str:
-        """Every photograph, the larger ones by some of their pixels."""
         from maskfab.report.figures.scene import tile
 
         shown = []

@@ -76,7 +76,6 @@ class Result:
         return f"{self._shown()}{words}"
 
     def _shown(self) -> str:
-        """The picture as HTML; empty where there is none."""
         drawing = self.plot()
         if drawing is not None:
             return drawing.svg()

@@ -82,7 +82,6 @@ def plan(
 
 
 def _require_masks(plans: Sequence[studies.Plan]) -> None:
-    """Refuse masks of which no study uses any."""
     idle = {name for each in plans for name in each.idle_masks}
     if idle and not any(each.masks for each in plans):
         names = sorted({name for each in plans for name in each.job.spec.openings})

@@ -195,7 +195,6 @@ def _planned(
     job: Job, over: Mapping[str, Any], quantities: tuple[str, ...], dies: Sequence[str] | None, cases: int | None,
     seed: int,
 ) -> Plan:  # fmt: skip
-    """A study of a job whose fields are stated in Python."""
     where = "sweep: over"
     if not over:
         raise JobError("MF105", "no key varies", where=where, cure='Write over={"camera.pixel": ["1 um", "2 um"]}')

@@ -256,7 +256,6 @@ def _layout(
     size: Length | None = None,
     gutter: Length = 0.0,
 ) -> _Layout:
-    """The layout that is stated."""
     _require_dots(dots)
     count = int(dots.shape[-1])
     if like is not None:
@@ -288,7 +287,6 @@ def _layout(
 def _image(
     layout: _Layout, lens: Lens, line: float, pixels: bool, dtype: torch.dtype, device: torch.device
 ) -> PointImage:
-    """The PSF as a function of the dots; the last few are kept."""
     from maskfab.designs.descent.panel_optics import point_image
 
     _check(layout, lens)
@@ -299,7 +297,6 @@ def _image(
 
 @lru_cache(maxsize=8)
 def _modulation(layout: _Layout, lens: Lens, line: float, dtype: torch.dtype, device: torch.device) -> Modulation:
-    """The MTF as a function of the dots; the last few are kept."""
     from maskfab.designs.descent.panel_optics import modulation
 
     _check(layout, lens)

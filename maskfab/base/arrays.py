@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import lru_cache
-from typing import TypeVar
+from typing import IO, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,18 @@ def distinct(values: NDArray[Number]) -> NDArray[Number]:
     # Asked for nothing else np.unique loads numpy.ma, which takes longer than a PSF's arithmetic may.
     found: NDArray[Number] = np.unique(values, return_counts=True)[0]
     return found
+
+
+def write_arrays(file: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write arrays by name as one npz.
+
+    Raises:
+        ValueError: for an array of Python's objects, which would be pickled.
+    """
+    if any(array.dtype.hasobject for array in arrays.values()):
+        raise ValueError("an array of objects is no data")
+    # To numpy before 2.2 allow_pickle would be one more array.
+    np.savez(file, **dict[str, Any](arrays))
 
 
 @lru_cache(maxsize=256)

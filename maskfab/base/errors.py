@@ -214,7 +214,6 @@ class MaskfabError(Exception):
         return {**facts[0], "faults": facts[1:]}
 
     def __reduce__(self) -> tuple[Callable[..., MaskfabError], tuple[object, ...]]:
-        """Errors of a process of its own come here whole."""
         return partial(type(self), where=self.where, cure=self.cure), (self.code, self.what)
 
 

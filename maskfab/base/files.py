@@ -23,6 +23,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import write_arrays
 from maskfab.base.errors import OutputError, SourceError
 
 try:
@@ -218,7 +219,7 @@ def save_state(path: Path, run: str, state: State) -> None:
         OutputError: MF401 if the file cannot be written.
     """
     with partial(path) as aside, aside.open("wb") as file:
-        np.savez(file, allow_pickle=False, **{RUN: np.array(run)}, **state)
+        write_arrays(file, {RUN: np.array(run), **state})
         file.flush()
         os.fsync(file.fileno())
 

@@ -363,7 +363,7 @@ FINDINGS: tuple[Finding, ...] = (
             "package_folder mask_files extent paper profile files manifest_*"
         ),
     ),
-    Finding("self-test", (), rows="clear_stop_psf_error"),
+    Finding("self-test", (), rows="clear_stop_psf_error part_works"),
     Finding("numbers", (Need.JOB, Need.FILES), files=(REPORT, NUMBERS)),
     Finding("figures", (Need.JOB, Need.FILES), files=(PAGE, APPENDIX, VIEW, OVERVIEW, PRINT)),
     Finding("hashes of the others", (Need.RESULT,), files=(RESULT_MARK,)),

@@ -18,6 +18,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from maskfab.base.arrays import write_arrays
+
 _Array: TypeAlias = np.ndarray[Any, Any]
 _TREE = "tree"
 _PLACE = "array"
@@ -47,7 +49,7 @@ def to_data(value: object, kind: Any) -> bytes:
     tree = json.dumps(_form(kind).down(value, arrays)).encode()
     buffer = io.BytesIO()
     named = {str(number): array for number, array in enumerate(arrays)}
-    np.savez(buffer, allow_pickle=False, **{_TREE: np.frombuffer(tree, np.uint8)}, **named)
+    write_arrays(buffer, {_TREE: np.frombuffer(tree, np.uint8), **named})
     return buffer.getvalue()
 
 
@@ -86,6 +88,10 @@ def _form(kind: Any) -> _Form:
         TypeError: for a kind whose values are none.
     """
     origin, within = typing.get_origin(kind), typing.get_args(kind)
+    # A name for a kind, such as NDArray of numpy 2.5.
+    alias = kind if origin is None else origin
+    if type(alias).__name__ == "TypeAliasType":
+        return _form(_meant(alias, within))
     if kind in _LEAVES:
         return _leaf(kind)
     if kind is bytes:
@@ -106,6 +112,17 @@ def _form(kind: Any) -> _Form:
     if isinstance(kind, type) and is_dataclass(kind):
         return _record(kind)
     raise TypeError(f"values of the kind {kind} are no plain data")
+
+
+def _meant(alias: Any, within: tuple[Any, ...]) -> Any:
+    """What an alias of types stands for, its parameters replaced."""
+    if not within:
+        return alias.__value__
+    given = dict(zip(alias.__type_params__, within, strict=True))
+    if alias.__value__ in given:
+        return given[alias.__value__]
+    named = tuple(given[each] for each in getattr(alias.__value__, "__parameters__", ()))
+    return alias.__value__[named] if named else alias.__value__
 
 
 def _leaf(kind: type) -> _Form:

@@ -369,14 +369,12 @@ class ProcessExecutor(SerialExecutor):
             self._free(task)
 
     def _free(self, task: Task[Any], *, here: bool = False) -> None:
-        """Tell that a task has ended, or waits for this process."""
         with self._changed:
             task.here = here
             self._held -= task.call.bytes
             self._changed.notify_all()
 
     def _lend(self) -> None:
-        """Hand tasks to another process, one after the other."""
         other: Other | None = None
         while (task := self._next()) is not None:
             try:
@@ -428,7 +426,6 @@ class ProcessExecutor(SerialExecutor):
         return other
 
     def _other(self) -> Other:
-        """Another process, just started."""
         return LocalProcess()
 
     def _next(self) -> Task[Any] | None:

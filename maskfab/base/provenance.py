@@ -6,12 +6,12 @@ import hashlib
 import json
 import platform
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
-from maskfab.base import __version__
+from maskfab.base import __version__, resources
 from maskfab.base.model import WrittenFile
 
 _REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)(?:.*\bextra == '(?P<extra>\w+)')?")
@@ -53,6 +53,20 @@ def _libraries(extras: bool) -> Mapping[str, str]:
         with suppress(metadata.PackageNotFoundError):
             numbers[name] = metadata.version(name)
     return numbers
+
+
+def environments(job_digest: str, version: str, hashes: Collection[str]) -> tuple[str, ...] | None:
+    """Environments in which a job of ours gave GDSII and OASIS of these hashes, as ``make environments`` recorded them.
+
+    Returns:
+        their names; none where its bytes were others; None for a job or version of maskfab that is not on record.
+    """
+    record = json.loads(resources.path("export_templates/environments.json").read_text(encoding="utf-8"))
+    tried = {name: seen for name, seen in record["environments"].items() if seen["job"] == job_digest}
+    if version != record["maskfab"] or not tried:
+        return None
+    alike = [name for name, seen in tried.items() if set(seen["files"].values()) <= set(hashes)]
+    return tuple(f"{name} (Python {tried[name]['python']}, numpy {tried[name]['packages']['numpy']})" for name in alike)
 
 
 def signature(job_digest: str, seeds: Mapping[str, int]) -> str:

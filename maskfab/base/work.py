@@ -53,7 +53,6 @@ class NotebookLine:
         self._line: Any = None
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """A step of the work."""
         moment = self._now()
         if moment - self._begun >= _SEEN_AFTER_S and moment - self._shown >= _SEEN_EVERY_S:
             self._show(f"{stage} {done}/{total}, {moment - self._begun:.0f} s")

@@ -219,7 +219,6 @@ _REQUIRED = object()
 
 
 def _arguments(function: ast.FunctionDef) -> Iterator[tuple[ast.arg, Any]]:
-    """Parameters with their defaults; no ``**`` ones."""
     stated = function.args
     plain = [*stated.posonlyargs, *stated.args]
     defaults = [None] * (len(plain) - len(stated.defaults)) + [*stated.defaults]
@@ -319,7 +318,6 @@ class _Docstring:
 
 
 def _plain(text: str) -> str:
-    """Text without marks of a docstring, as a sentence."""
     text = re.sub(r":\w+:`(?:[\w.]*\.)?(\w+)`", r"\1", text)
     text = re.sub(r"``\"?(.*?)\"?``", r"'\1'", text)
     return text[:1].upper() + text[1:] + ("" if text.endswith((".", ":")) or not text else ".")

@@ -34,7 +34,6 @@ def told(words: Sequence[str], new: Sequence[str]) -> str:
 
 
 def _taken(words: Sequence[str], *options: str) -> tuple[list[tuple[str, str]], list[str]]:
-    """Options with their values, and all other words."""
     pairs, others, left = [], [], iter(words)
     for word in left:
         option, equals, value = word.partition("=")
@@ -81,7 +80,6 @@ def _simulate(words: list[str]) -> list[str]:
 
 
 def _analyse(words: list[str]) -> list[str]:
-    """Options of camera and scene as tables."""
     pairs, others = _taken(words, *_CAMERA, *_SCENE)
     stated = dict(pairs)
     if "--stop-shape" in stated and not stated.get("--stop", "").lstrip().startswith("{"):
@@ -99,7 +97,6 @@ def _analyse(words: list[str]) -> list[str]:
 
 
 def _value(option: str, text: str, shape: str, waves: Sequence[str]) -> str:
-    """A value as TOML has it."""
     match option:
         case "--stop":
             return text if text.lstrip().startswith("{") else _inline({"shape": shape, "diameter": text})

@@ -33,7 +33,7 @@ length, and mean luminance 1,
 for F cycles per degree and ppd pixels per degree. Next come terms of order (f c)^2 and the emitters' own extent: below
 about |c| = 0.02 pixel they are as large as the first.
 
-**ColorVideoVDP** (``pip install 'maskfab[eye]'``): Mantiuk, Hanji, Ashraf, Asano and Chapiro, "ColorVideoVDP: a visual
+**ColorVideoVDP** (the extra ``eye``): Mantiuk, Hanji, Ashraf, Asano and Chapiro, "ColorVideoVDP: a visual
 difference predictor for image, video and display distortions", ACM Trans. Graph. 43 (2024). 10 JOD is no difference; 1
 JOD less is seen by three of four observers.
 """
@@ -230,7 +230,7 @@ def metric() -> ModuleType:
         return importlib.import_module("pycvvdp")
     except ImportError as problem:
         what = f"JOD needs ColorVideoVDP, which cannot be imported ({problem})"
-        cure = "Run pip install 'maskfab[eye]', or leave --jod out"
+        cure = "Install it anew, or leave --jod out"
         raise JobError("MF121", what, where="--jod", cure=cure) from None
 
 

@@ -103,7 +103,6 @@ _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*
 
 
 def _amount(value: object, units_of: Mapping[str, float], below: float, example: str) -> float:
-    """A number with one of these units, above 0 and below a limit."""
     match = _NUMBER.fullmatch(str(value))
     if match is None or match[2] not in units_of:
         raise JobError("MF103", f"{value!r} is no number with its unit", cure=f"Write it as {example}")

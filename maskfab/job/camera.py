@@ -51,7 +51,6 @@ class StopSection(Section):
 
     @checks
     def _of_its_shape(self) -> None:
-        """The keys of the shape, all of them and no others."""
         wanted = _STOP_KEYS[self.shape]
         stated = {key for key in type(self).model_fields if key != "shape" and getattr(self, key) is not None}
         missing, spare = [key for key in wanted if key not in stated], sorted(stated.difference(wanted))

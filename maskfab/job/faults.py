@@ -189,7 +189,6 @@ def _reader(kind: type[Any], key: str) -> TypeAdapter[Any]:
 
 
 def _inner(kind: type[AnySection], values: Any, lost: list[Place], faults: Faults, where: str) -> Any:
-    """One table, or a list of them, of which parts are at fault."""
     if isinstance(values, Mapping):
         return _made(kind, values, lost, faults, f"{where}.")
     if not isinstance(values, list) or any(isinstance(place[0], str) for place in lost):
@@ -275,7 +274,6 @@ def _refusal(place: Place, one: ErrorDetails, kind: type[AnySection], values: ob
 
 
 def _meant_of(one: ErrorDetails) -> str:
-    """A sort of value that is meant, in words of a job file."""
     limits = one.get("ctx", {})
     if one["type"] in ("too_short", "too_long"):
         limit = limits.get("min_length", limits.get("max_length"))
@@ -369,7 +367,6 @@ def _meant(kind: type[AnySection], values: object, place: Place) -> Place | None
 
 
 def _table(kind: type[AnySection], values: object, place: Place) -> type[AnySection] | None:
-    """The type of the table at a place."""
     table: type[AnySection] | None = kind
     for i, part in enumerate(place):
         if isinstance(part, int):
@@ -387,7 +384,6 @@ def _of_method(kinds: Sequence[type[AnySection]], values: object) -> type[AnySec
 
 
 def _elsewhere(kind: type[AnySection], key: str, here: str) -> Iterator[str]:
-    """Other tables of the job that have a key of that name."""
     for name, field in kind.model_fields.items():
         if name != here and any(key in table.model_fields for table in sections_of(field)):
             yield f"[[{name}]]" if name == "die" else f"[{name}]"
@@ -408,7 +404,6 @@ def _text(place: Place) -> str:
 
 @cache
 def _examples() -> Mapping[str, Any]:
-    """Values that work, from shipped jobs."""
     read: dict[str, Any] = {}
     for name in ("display_that_fits", "first_plate"):
         read |= tomllib.loads(resources.path(f"layouts/{name}.toml").read_text(encoding="utf-8"))
@@ -420,7 +415,6 @@ def _example(place: Place) -> Any:
 
 
 def _toml(value: object) -> str:
-    """A value as a job file writes it."""
     if isinstance(value, dict):
         return "{ " + ", ".join(f"{key} = {_toml(inner)}" for key, inner in value.items()) + " }"
     if isinstance(value, list):

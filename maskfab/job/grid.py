@@ -88,7 +88,6 @@ def nearest_grid(
 
 
 def _grids(asked: Grid, widest_nm: float) -> Iterator[Grid]:
-    """Every grid of fine enough dots."""
     finest = math.ceil(asked.pitch_nm / (MOST_CELLS + 0.5))
     shared = math.gcd(asked.pitch_nm, asked.gutter_nm, *asked.rules_nm)
     if asked.dots:
@@ -205,8 +204,6 @@ def _shares(made: CellSize, rules_nm: Sequence[int]) -> bool:
 
 
 def _lines(found: Grid, rules_um: Mapping[str, float], key: str, gutter_nm: int) -> str:
-    """Lines of a job with the lengths of a grid, ready to paste."""
-
     def um(length_nm: int) -> str:
         return f'"{length_nm / NM_PER_UM:.10g} um"'
 

@@ -471,7 +471,7 @@ def check_version(document: object, where: str) -> None:
     asked, own = ([int(part) for part in version.split(".")] for version in (needed, __version__))
     if asked > own:
         what = f"the job needs maskfab {needed} or later, and this is {__version__}"
-        cure = f"Install it: pip install 'maskfab>={needed}'; or remove the key, and mend what is then refused"
+        cure = f"Install maskfab {needed} or later; or remove the key, and mend what is then refused"
         raise JobError("MF154", what, where=f"{where}: maskfab", cure=cure)
 
 

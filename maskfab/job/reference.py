@@ -37,7 +37,6 @@ INNER = frozenset({"openings", "maps", "curves", "shops"})
 
 
 def _of(table: str, keys: str) -> Keys:
-    """Keys of one table."""
     return tuple(f"{table}.{key}" for key in keys.split())
 
 

@@ -67,7 +67,6 @@ def _limit(what: str, number: int, most: int) -> None:
 
 
 def _depth(bare: str) -> int:
-    """Largest number of brackets that are open at once."""
     depth = most = 0
     for run in _BRACKETS.finditer(bare):
         opens = run[0][0] in "[{"

@@ -317,7 +317,6 @@ def _area_text(value: float) -> str:
 
 
 def _three(value: object) -> tuple[float, float, float]:
-    """Three finite positive numbers, for red, green and blue."""
     parts = value if isinstance(value, list | tuple) else ()
     numbers = [part for part in parts if isinstance(part, int | float) and not isinstance(part, bool)]
     if len(parts) != 3 or len(numbers) != 3 or not all(math.isfinite(part) and part > 0 for part in numbers):

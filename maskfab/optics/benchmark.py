@@ -5,7 +5,7 @@ same window. The exact answer is the complex matrix transform of whole dots in f
 sample positions; tests hold it to 1e-14 of a direct sum. Peers treat a dot as a point, so each is judged twice: as
 given, and multiplied by the dot's factor sinc(u dot) sinc(v dot) afterwards.
 
-**Other libraries** are timed where they are installed (``pip install 'maskfab[peers]'``). Each takes the dots as
+**Other libraries** are timed where they are installed (the extra ``peers``). Each takes the dots as
 points, as its users would give them, and returns intensity at multiples of the step from -samples/2. None is imported
 before it is asked for.
 

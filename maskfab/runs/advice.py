@@ -327,7 +327,6 @@ def _conditions(job: Job) -> tuple[Conditions, float]:
 
 
 def _at(seen: Restored, levels: Sequence[float]) -> Restored:
-    """Photographs of those levels alone."""
     scores = tuple(score for score in seen.scores if score.level_db in levels)
     return replace(seen, scores=scores, shots=tuple(shot for shot in seen.shots if shot.score.level_db in levels))
 

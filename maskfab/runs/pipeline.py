@@ -239,7 +239,6 @@ def _taken(
 
 @contextmanager
 def _timed(stage: str, seconds: dict[str, float]) -> Iterator[None]:
-    """Add the wall-clock time of a stage to ``seconds``."""
     start = time.perf_counter()
     yield
     seconds[stage] = round(time.perf_counter() - start, 3)

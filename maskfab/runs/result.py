@@ -75,7 +75,6 @@ class Result:
     accounts: tuple[Account, ...] = ()
 
     def __fspath__(self) -> str:
-        """Its directory, wherever a path is taken."""
         return str(self.directory)
 
     @property
@@ -145,7 +144,6 @@ class Result:
         return f"<Result in {self.directory}: {', '.join(self.report.dies)}; {'; '.join(self.verdicts.lines)}>"
 
     def _repr_html_(self) -> str:
-        """The overview over every number."""
         picture = self.directory / OVERVIEW
         shown = img(data_uri(picture.read_bytes()), "the plate", "overview") if picture.is_file() else ""
         return shown + self._every._repr_html_()
@@ -225,7 +223,6 @@ class PlateFindings:
         return Report(built.plate.title, job.digest, job.seeds, of_dies, of_plate, checks, files, seconds)
 
     def _of_footprint(self, die: Die) -> tuple[Quantity, ...]:
-        """The band of a die's emitters over the spread of the process."""
         rules, process = display_rules(self.job), self.job.spec.written
         if rules is None or process is None:
             return ()
@@ -263,7 +260,6 @@ class PlateFindings:
         return seconds_of
 
     def _of_dies(self) -> dict[str, Document]:
-        """The measurement, by the die that it is of."""
         names = () if self.measured is None else [die.name for die in self.plate.dies]
         documents = {name: self.measured.of_die(name, self.job.digest) for name in names if self.measured is not None}
         return {name: document for name, document in documents.items() if document is not None}

@@ -117,7 +117,6 @@ def _region(value: object) -> tuple[str, bytes] | None:
 
 
 def _parts(value: object) -> tuple[str, list[Any]]:
-    """Kind and parts of a value."""
     name = _name(type(value))
     match value:
         case tuple() | list():
@@ -433,7 +432,6 @@ class Store:
         return tuple(removed)
 
     def _files(self) -> Iterator[tuple[Path, os.stat_result]]:
-        """Files of all entries."""
         for path in sorted(self.folder.glob("[0-9a-f][0-9a-f]/" + "[0-9a-f]" * 64)):
             with suppress(OSError):
                 status = path.lstat()

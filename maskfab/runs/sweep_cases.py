@@ -265,7 +265,6 @@ def _only_opening(die: SweptDie) -> Opening:
 
 @lru_cache(maxsize=_SURROGATES)
 def _surrogate(camera: Camera, dots: int, dot_nm: int, settings: CaptureSettings) -> Surrogate:
-    """Surrogate of cells of such dots, for all cases of a process."""
     room = lattice(dots, dot_nm, camera=PhotoCamera.of(camera), where="die.dot")
     return surrogate_of(scene_statistics(scene_sets.bundled(), settings=settings), room)
 
@@ -373,6 +372,5 @@ def map_cases(
 
 
 def _failed(case: Case, error: Exception) -> Record:
-    """Record of a case that no worker finished."""
     lines = str(error).strip().splitlines() or [""]
     return {"key": case.key, "failed": f"{type(error).__name__}: {lines[0]}", "rows": []}

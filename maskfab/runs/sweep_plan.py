@@ -247,7 +247,6 @@ def _draws(fields: int, count: int, seed: int, *, latin: bool) -> NDArray[np.flo
 def _levels(
     section: FieldSection, draws: NDArray[np.float64] | None, paths: Sequence[KeyPath], job: JobSpec, where: str
 ) -> tuple[tuple[Level, ...], str]:
-    """Every value of a field, and their unit."""
     if section.values is not None:
         parts = [_number(value) for value in section.values]
         units = {unit for _, unit in parts}
@@ -304,7 +303,6 @@ def _ends(first: Value, last: Value, where: str) -> tuple[tuple[float, float], s
 
 
 def _stated(numbers: NDArray[np.float64], unit: str, *, whole: bool) -> tuple[Level, ...]:
-    """Values as a job file writes them."""
     levels = []
     for number in numbers.tolist():
         rounded: int | float = round(number) if whole else float(f"{number:.12g}") + 0.0
@@ -315,7 +313,6 @@ def _stated(numbers: NDArray[np.float64], unit: str, *, whole: bool) -> tuple[Le
 def _shapes(
     section: FieldSection, draws: NDArray[np.float64], paths: Sequence[KeyPath], job: JobSpec, where: str
 ) -> tuple[Level, ...]:
-    """Openings drawn among all shapes of the families."""
     asked = section.shapes
     assert asked is not None
     dies = {die.name: die for die in job.die}

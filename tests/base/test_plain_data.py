@@ -7,6 +7,7 @@ import json
 import math
 import pickle
 import struct
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
@@ -19,7 +20,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from typing_extensions import TypeAliasType, TypeVar
 
+from maskfab.base.files import RUN, read_state, save_state
 from maskfab.base.plain_data import from_data, to_data
 
 
@@ -86,6 +89,35 @@ def test_a_value_of_another_kind_is_no_data(value, kind):
         to_data(value, kind)
 
 
+Scalar = TypeVar("Scalar", bound=np.generic)
+Held = TypeVar("Held")
+Array = TypeAliasType("Array", np.ndarray[Any, np.dtype[Scalar]], type_params=(Scalar,))
+Named = TypeAliasType("Named", dict[str, Held], type_params=(Held,))
+Turned = TypeAliasType("Turned", tuple[Held, Scalar], type_params=(Scalar, Held))
+Itself = TypeAliasType("Itself", Held, type_params=(Held,))
+Fixed = TypeAliasType("Fixed", tuple[int, ...], type_params=(Held,))
+
+
+@pytest.mark.parametrize(
+    ("value", "kind"),
+    [(np.arange(3.0), Array[np.float64]), ({"a": 1}, Named[int]), ({"a": ({"b": 2},)}, Named[tuple[Named[int], ...]]),
+     ((1, "s"), Turned[str, int]), (3, Itself[int]), ((1, 2), Fixed[str]), ((), TypeAliasType("Void", tuple[()]))],
+)  # fmt: skip
+def test_a_kind_may_be_named_by_an_alias(value, kind):
+    found = again(value, kind)
+    assert type(found) is type(value)
+    np.testing.assert_array_equal(found, value)
+
+
+def test_an_alias_holds_what_it_stands_for():
+    with pytest.raises(TypeError):
+        to_data(np.arange(3), Array[np.float64])
+    with pytest.raises(TypeError):
+        to_data({"a": "x"}, Named[int])
+    with pytest.raises(TypeError):
+        to_data(np.arange(3.0), Array)
+
+
 def test_data_of_another_kind_are_refused():
     data = to_data(Small(1.0, {}, np.zeros(2)), Small)
     for kind in (Colour, int, tuple[Small, ...], NDArray[np.float64]):
@@ -102,6 +134,28 @@ def edited(data: bytes, **changes: Any) -> bytes:
     buffer = io.BytesIO()
     np.savez(buffer, **stored)
     return buffer.getvalue()
+
+
+def savez_of_numpy_2_0(file: Any, **arrays: Any) -> None:
+    """Every keyword is an array there."""
+    with zipfile.ZipFile(file, "w") as members:
+        for name, array in arrays.items():
+            with members.open(f"{name}.npy", "w") as member:
+                np.lib.format.write_array(member, np.asanyarray(array))
+
+
+def test_data_hold_nothing_more_where_savez_takes_every_keyword_for_an_array(monkeypatch, tmp_path):
+    monkeypatch.setattr(np, "savez", savez_of_numpy_2_0)
+    given = Small(1.0, {}, np.arange(2.0))
+    assert again(given, Small).of.tolist() == [0, 1]
+    save_state(tmp_path / "state.npz", "a", {"b": np.arange(3)})
+    assert set(read_state(tmp_path / "state.npz")) == {RUN, "b"}
+
+
+def test_objects_are_written_nowhere(tmp_path):
+    with pytest.raises(ValueError, match="objects"):
+        save_state(tmp_path / "state.npz", "a", {"b": np.array([None])})
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(

@@ -101,5 +101,5 @@ def test_a_judged_panel_has_the_number_if_it_is_asked_for(stub, slit_panel, tele
 
 def test_who_has_it_not_is_told_what_to_install(monkeypatch, slit_panel, telephone):
     monkeypatch.setitem(sys.modules, "pycvvdp", None)
-    with pytest.raises(JobError, match=r"MF152.*pip install 'maskfab\[eye\]'"):
+    with pytest.raises(JobError, match=r"MF152.*pip install .*\[eye\]'"):
         eye.judge("A", slit_panel(count=10), {eye.FLAT: pictures.flat(10)}, 6, telephone, with_jod=True)

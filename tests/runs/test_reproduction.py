@@ -67,7 +67,7 @@ def test_the_installation_is_examined_and_what_it_computes_wrong_is_told(capsys,
     assert told.code == 0
     assert told.document["facts"]["numpy"] == np.__version__
     names = {check["name"] for check in told.document["checks"]}
-    assert {"clear_stop_psf_error", "xor_area"} <= names
+    assert {"clear_stop_psf_error", "readback_xor_area", "part_works"} <= names
 
     right = Camera.psf
 

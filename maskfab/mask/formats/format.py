@@ -202,6 +202,7 @@ class Format:
         notes: whether notes stand in it as text that readers can see as such.
         takes_unit: whether a file may not say its unit, so that it can be stated.
         extra: whose packages write it or read it back; None where every installation can.
+        loads: of these packages, compiled modules that load libraries of the system.
         reading: how files are best read beside others: here, in a thread, for it takes long in a process of its own, or
             in a fork of this process, which it keeps busy.
     """
@@ -219,6 +220,7 @@ class Format:
     notes: bool = False
     takes_unit: bool = False
     extra: Literal["solid", "gerber"] | None = None
+    loads: tuple[str, ...] = ()
     reading: Literal["here", "thread", "fork"] = "here"
 
 

@@ -514,6 +514,7 @@ FORMATS = (
         compare_plate=lambda made, path: check_plate_step(made.plate, path),
         compare_die=_compare,
         extra="solid",
+        loads=("OCP",),
         reading="thread",
     ),
 )

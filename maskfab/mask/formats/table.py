@@ -13,6 +13,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 from pkgutil import iter_modules
 from typing import get_args
@@ -20,7 +21,7 @@ from typing import get_args
 from klayout import db
 
 from maskfab.base.errors import JobError, OutputError, SourceError
-from maskfab.base.extras import EXTRAS, require
+from maskfab.base.extras import EXTRAS, lacking_libraries, require
 from maskfab.job.values import MEASURED_FORMATS, FileFormat
 from maskfab.mask import formats as folder
 from maskfab.mask.figures import Figures
@@ -97,9 +98,15 @@ def require_packages(
     Raises:
         MissingPackageError: MF152.
     """
-    extras = {name: extra for name in formats if (extra := FORMATS[name].extra) is not None}
-    missing = [name for name, extra in extras.items() if EXTRAS[extra].missing]
-    require(*dict.fromkeys(extras.values()), what=f"writing {', '.join(missing)}", where=where, otherwise=otherwise)
+    forms = {name: form for name in formats if (form := FORMATS[name]).extra is not None}
+    extras = dict.fromkeys(form.extra for form in forms.values() if form.extra is not None)
+    loads = tuple(chain(*(form.loads for form in forms.values())))
+    missing = [
+        name
+        for name, form in forms.items()
+        if (form.extra is not None and EXTRAS[form.extra].missing) or lacking_libraries(*form.loads)
+    ]
+    require(*extras, what=f"writing {', '.join(missing)}", where=where, otherwise=otherwise, loads=loads)
 
 
 def format_of(path: Path, *, die: bool) -> FileFormat:

@@ -15,7 +15,7 @@ from functools import cache
 from jinja2 import Template
 from markupsafe import Markup
 
-from maskfab.base.provenance import versions
+from maskfab.base.provenance import environments, versions
 from maskfab.base.resources import template
 from maskfab.base.units import UM_PER_MM
 from maskfab.report.documents.numbers import methods
@@ -125,6 +125,9 @@ def html_page(
         places=linked_places,
         report_hash=hashlib.sha256(report_text(document).encode()).hexdigest(),
         versions=versions() if made_with is None else made_with,
+        environments=environments(
+            document["job_hash"], document["maskfab_version"], [file["sha256"] for file in document["files"]]
+        ),
         digits=SHORT_HASH,
     )
 
