@@ -132,17 +132,17 @@ def compared_once() -> Iterator[None]:
     compare = files._within_limits
 
     @contextmanager
-    def remembered(made: Any, product: Any, folder: Path, *, dots: bool) -> Iterator[Callable[[], Any]]:
+    def remembered(made: Any, product: Any, folder: Path, costs: Any, *, dots: bool) -> Iterator[Callable[[], Any]]:
         path = folder / product.name
         if not path.is_file():
-            with compare(made, product, folder, dots=dots) as answer:
+            with compare(made, product, folder, costs, dots=dots) as answer:
                 yield answer
             return
         key = "compared", _digest((made.plate, made.settings, product.name, sha256_of_file(path), dots))
 
         def found() -> Any:
             if key not in _KNOWN:
-                with compare(made, product, folder, dots=dots) as answer:
+                with compare(made, product, folder, costs, dots=dots) as answer:
                     _KNOWN[key] = answer()
             return replace(_KNOWN[key], path=path)
 

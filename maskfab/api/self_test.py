@@ -1,4 +1,4 @@
-"""What :func:`maskfab.doctor` tries: a PSF against its formula, a file of every format, a small use of every extra."""
+"""Trials of :func:`maskfab.doctor`: a PSF against its formula, a file of every format, a small use of every extra."""
 
 from __future__ import annotations
 

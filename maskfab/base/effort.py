@@ -17,7 +17,7 @@ _BYTES_PER_UNIT = 1 if sys.platform == "darwin" else 1024
 
 @dataclass
 class Effort:
-    """What work took so far.
+    """Cost of work so far.
 
     Attributes:
         seconds: of a processor, in this thread and in helpers that it waited for.
@@ -59,7 +59,7 @@ def add_helper(seconds: float) -> None:
 
 @dataclass(frozen=True)
 class FormatCost:
-    """What the files of a format took: seconds of a processor, and bytes of the largest process.
+    """Cost of the files of a format: seconds of a processor, and bytes of the largest process.
 
     Attributes:
         format: by its name in a job.
@@ -78,7 +78,7 @@ class FormatCost:
 
 @dataclass
 class Costs:
-    """What every format took so far, by its name."""
+    """Cost of every format so far, by its name."""
 
     of: dict[str, FormatCost] = field(default_factory=dict)
 

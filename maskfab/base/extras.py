@@ -108,7 +108,7 @@ def lacking_libraries(*modules: str) -> tuple[str, ...]:
 
 
 def install_command(*extras: str) -> str:
-    """What to do to install extras, as this installation itself was made: from a checkout, a wheel or a repository."""
+    """The way to install extras, as this installation itself was made: from a checkout, a wheel or a repository."""
     import json
     import shlex
     from importlib import metadata

@@ -115,7 +115,7 @@ def _form(kind: Any) -> _Form:
 
 
 def _meant(alias: Any, within: tuple[Any, ...]) -> Any:
-    """What an alias of types stands for, its parameters replaced."""
+    """The type that an alias stands for, its parameters replaced."""
     if not within:
         return alias.__value__
     given = dict(zip(alias.__type_params__, within, strict=True))

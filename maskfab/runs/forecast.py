@@ -417,7 +417,7 @@ _OTHER = _FileCost(file=(0.3, 0.8))
 """Pictures of a die."""
 _SOLIDS = (".step", ".glb", ".3mf", ".stl")
 _SOLID_BYTES, _MESH_BYTES = 250e6, 1500.0
-"""What the library of solids keeps, and of each vertex in all cells of the die that has most of them."""
+"""Bytes that the library of solids keeps, and of each vertex in all cells of the die that has most of them."""
 _HELPER_BYTES = 300e6
 """Of a process that reads a file beside others."""
 _DOTS_S = 0.08

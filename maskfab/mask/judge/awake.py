@@ -43,7 +43,7 @@ class _Fault:
 
 
 def planted(read: db.Layout, name: str, plate: Asked) -> Quantity:
-    """How many planted faults the judge has caught.
+    """The number of planted faults that the judge has caught.
 
     Args:
         read: a layout file, as :func:`maskfab.mask.judge.verdict.judged` takes it.

@@ -1,4 +1,4 @@
-"""What a file says beside its polygons, and a mask house reads: units, extents, and remarks on tone and job.
+"""Headers of files, which a mask house reads beside the polygons: units, extents, and remarks on tone and job.
 
 Readers take polygons, and turn units into lengths or leave them out; a drawing whose header speaks of inches, or of the
 other tone, has the right polygons all the same. Here the bytes are read, by no library.
@@ -31,7 +31,7 @@ _USER_UNIT, _DATABASE_UNIT = 1e-3, 1e-9
 
 @dataclass(frozen=True)
 class Stated:
-    """What headers have to say.
+    """Facts that headers have to state.
 
     Attributes:
         dark: whether data are the chrome.

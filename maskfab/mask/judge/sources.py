@@ -1,4 +1,4 @@
-"""What the files of a job say of its plate, read once more: tone, parity and bias, openings and maps, and its hash.
+"""Files of a job, read once more for what they say of its plate: tone, parity and bias, openings and maps, and its hash.
 
 Nothing here is taken from what the job was made into. A job of Python has no files, and one that a run keeps holds its
 openings and maps itself: then texts of the spec are read, and of [order] and [process] what they state.
@@ -21,12 +21,12 @@ from maskfab.base.units import NM_PER_UM, parse_length_um
 from maskfab.job.sections import JobSpec
 
 _ON_THE_PLATE = ("tone", "parity", "chrome")
-"""What [order] says of the data themselves; the rest is for papers, and a bias counts where the data have it."""
+"""Keys by which [order] speaks of the data themselves; the rest is for papers, and a bias counts where the data have it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sources:
-    """What is drawn, by the files that say so.
+    """The drawing, by the files that state it.
 
     Attributes:
         openings: dots of every die's openings, int64 [n, n] of 0 and 1, the lowest row first.
@@ -48,7 +48,7 @@ class Sources:
 
 
 def sources(spec: JobSpec, file: Path | None = None) -> Sources:
-    """What is drawn, of the resolved spec and the job file that it was read from, if it was."""
+    """The drawing, of the resolved spec and the job file that it was read from, if it was."""
     resolved = spec.dump()
     stated = resolved if file is None else _document(file)
     folder = Path() if file is None else file.parent

@@ -338,7 +338,7 @@ def _hull(lines: Sequence[Line], plate: Asked) -> tuple[int, int, int, int]:
 
 
 def _further_text(drawn: Boundary, plate: Asked) -> str:
-    """What stands where nothing should, if letters can be read."""
+    """That which stands where nothing should, if letters can be read."""
     (x0, y0), (x1, y1) = drawn.corners.min(axis=0), drawn.corners.max(axis=0)
     step, rest = divmod(int(y1 - y0), HEIGHT)
     letters = math.ceil((x1 - x0) / max(step, 1) / ADVANCE)
