@@ -24,6 +24,7 @@ from maskfab.mask.judge.sources import digest
 
 _ROW = re.compile(r'<tr>\s*<td title="(?P<name>[^"]+)">.*?</tr>', re.DOTALL)
 _CELL = re.compile(r'<td class="n" title="(?P<exact>[^"]*)">(?P<shown>[^<]*)')
+_EXACT = re.compile(r"(?P<number>-?\d+(\.\d+)?(e[-+]?\d+)?)( ± \S+)?( [^\d\s]\S*)?")
 _NUMBER = re.compile(r"(?P<digits>[-−]?\d+(?:\s\d{3})*(?:\.\d+)?)(?:\s×\s10(?P<power>[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+))?")
 _POWERS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 _COLUMNS = ("die", "name", "value", "error", "unit", "limit", "passed", "wavelength_nm", "level_db")
@@ -122,9 +123,9 @@ def _cells(page: str) -> Iterator[tuple[str, str, str]]:
     """Name, exact value and shown value of every number in the tables of a page."""
     for row in _ROW.finditer(page):
         for cell in _CELL.finditer(row[0]):
-            exact = re.match(r"[-+\w.]+", unescape(cell["exact"]))
-            if exact is not None and _is_number(exact[0]):
-                yield row["name"], exact[0], unescape(cell["shown"]).strip()
+            exact = _EXACT.fullmatch(unescape(cell["exact"]))
+            if exact is not None:
+                yield row["name"], exact["number"], unescape(cell["shown"]).strip()
 
 
 def _is_number(text: str) -> bool:

@@ -262,7 +262,7 @@ def test_every_package_that_is_imported_is_of_the_core_or_of_an_extra():
     assert set(re.findall(r"\w+", extras["all"][0].partition("[")[2])) == set(ALL)
     imported = grimp.build_graph("maskfab", include_external_packages=True, cache_dir=None).modules
     foreign = {name for name in imported if not name.startswith("maskfab")} - sys.stdlib_module_names
-    with_another = {"OCP", "pydantic_core"}  # which cadquery and pydantic bring
+    with_another = {"OCP", "numba", "pydantic_core"}  # which cadquery and pydantic bring
     assert foreign - with_another <= core | set(HEAVY) | {"distributed"}
     assert core <= foreign
 

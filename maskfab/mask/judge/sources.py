@@ -21,7 +21,7 @@ from maskfab.base.units import NM_PER_UM, parse_length_um
 from maskfab.job.sections import JobSpec
 
 _ON_THE_PLATE = ("tone", "parity", "chrome")
-"""Keys by which [order] speaks of the data themselves; the rest is for papers, and a bias counts where the data have it."""
+"""Keys by which [order] speaks of the data themselves, as a bias does that the data have; the rest is for papers."""
 
 
 @dataclass(frozen=True, eq=False)
