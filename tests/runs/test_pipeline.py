@@ -666,7 +666,7 @@ def test_what_a_shop_refuses_fails_the_run_and_its_files_are_there(capsys, tmp_p
     assert all(check["name"].startswith("shop_") and "die" not in check for check in failed)
     assert all("gesim" in check["method"] for check in failed)
     assert (out / "SMALL.gds").stat().st_size > 0
-    assert "shop_blank" in (out / "report.html").read_text(encoding="utf-8")
+    assert "Shop rule: blank" in (out / "report.html").read_text(encoding="utf-8")
     again = command(capsys, "verify", out, "--quiet")
     assert again.code == 1
     assert "FAIL shop_blank" in again.stderr

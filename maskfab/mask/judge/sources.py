@@ -1,4 +1,4 @@
-"""Files of a job, read once more for what they say of its plate: tone, parity and bias, openings and maps, and its hash.
+"""Files of a job, read once more for what they say of its plate: tone, parity, bias, openings, maps, and its hash.
 
 Nothing here is taken from what the job was made into. A job of Python has no files, and one that a run keeps holds its
 openings and maps itself: then texts of the spec are read, and of [order] and [process] what they state.
