@@ -147,7 +147,7 @@ def _make(
             plate = built.plate
             seen = plate_as_seen(job, plate)
         with stage("draw"):
-            made = draw_files(job, plate)
+            made = draw_files(job, plate, displays=built.displays)
         with stage("plan"):
             plans = plan_scenes(job, seen, progress)
         # Before anything is written, for it takes the most memory, and libraries of solids and what is read back stay.
@@ -223,8 +223,8 @@ def _taken(
         return None
     with _timed("read back", seconds), executor_of(job, cache, workers) as executor:
         # What is handed out is judged as it lies there, whoever wrote it.
-        plate = displays(job, executor=executor).plate
-        back = read_own(draw_files(job, plate), folder, progress)
+        built = displays(job, executor=executor)
+        back = read_own(draw_files(job, built.plate, displays=built.displays), folder, progress)
     made: _Made = entry.value
     if back.quantities != made.read:
         for path in folder.iterdir():
