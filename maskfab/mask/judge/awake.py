@@ -204,7 +204,7 @@ def _changed(box: db.Box, change: Callable[[db.Region], db.Region]) -> Callable[
     """A change of what a layout draws in a box."""
 
     def changed(layout: db.Layout) -> None:
-        for index in filter(None.__ne__, map(layout.find_layer, LAYERS)):
+        for index in [index for layer in LAYERS if (index := layout.find_layer(layer)) is not None]:
             drawn = layout.top_cell().shapes(index)
             touching = list(drawn.each_touching(box))
             near = db.Region([shape.polygon for shape in touching])

@@ -392,7 +392,7 @@ def _wrong_wires(
             strip = db.Box(x0 + at, y0, x0 + at + 2, y1) if axis == "x" else db.Box(x0, y0 + at, x1, y0 + at + 2)
             # Lines across the die may pass beside it, where nothing is clear.
             strip = strip.enlarged(*((0, die.pitch) if axis == "x" else (die.pitch, 0)))
-            count = (_within(read, layer, strip).merged() & db.Region(strip)).count()
+            count = (_within(read, layer, strip) & db.Region(strip)).merged().count()
             if count < opaque * pixels:
                 yield f"{layer} has {count} wires beside each other, not {opaque} for each of {pixels} pixels"
                 break
