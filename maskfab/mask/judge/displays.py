@@ -18,6 +18,7 @@ from klayout import db
 
 from maskfab.base.arrays import Ints
 from maskfab.base.model import CircuitBox, Emitters, Point, Quantity, Track
+from maskfab.base.units import NM_PER_UM
 from maskfab.job.sections import JobSpec
 from maskfab.mask.judge.dies import (
     AskedDie,
@@ -49,6 +50,8 @@ _WINDOW = 4
 _SQUARE = 2
 """KLayout's mode of sizing that keeps square corners, so that distances are the larger of those along x and y."""
 _MOST_NAMED = 4
+_LOOKED_AT = 30
+"""Cells that are searched for one that can be told in words."""
 
 _Placed = list[tuple[Boundary, Ints]]
 """Shapes, and the places at which they lie."""
@@ -241,7 +244,7 @@ def _misplaced(die: AskedDie, display: Display, drawn: Mapping[str, _Placed]) ->
         elif (shift := _shift(there[layer], wanted[layer])) is not None:
             yield f"{layer} {shift}"
         else:
-            yield _in_a_cell(layer, die, display, left[layer], there[layer], wanted[layer])
+            yield _in_a_cell(layer, die, display, left[layer], drawn[layer])
 
 
 def _equal(one: Boundary, other: Boundary) -> bool:
@@ -258,31 +261,40 @@ def _shift(there: Boundary, wanted: Boundary) -> str | None:
     return None
 
 
-def _in_a_cell(layer: str, die: AskedDie, display: Display, left: Boundary, there: Boundary, wanted: Boundary) -> str:
-    """A sentence on the lowest cell, and of those the leftmost, in which something is left."""
+def _in_a_cell(layer: str, die: AskedDie, display: Display, left: Boundary, drawn: _Placed) -> str:
+    """A sentence on the lowest cell, and of those the leftmost, that shows something else than it should."""
     rows, columns = die.turns.shape
     corners, origin = left.corners, np.array(die.box[:2])
     cells = np.clip((corners - origin) // die.pitch, 0, (columns - 1, rows - 1))
-    many = len(np.unique(packed(*cells.T)))
-    column, row = cells[np.lexsort(cells.T)[0]]
-    low = origin + die.pitch * np.array([column, row])
-    own, due = (
-        shapes.kept(((shapes.corners >= low) & (shapes.corners <= low + die.pitch)).all(axis=1))
-        for shapes in (there, wanted)
-    )
-    turn = int(die.turns[row, column])
-    place = f"cell {column}, {row} from the lower left" + (f", and {many - 1} more" if many > 1 else "")
-    shift = _shift(own, due)
-    if shift is not None:
-        return f"{layer} {shift} in {place}"
-    for other in range(8):
-        if _equal(own, display.unit(die, other).get(layer, Boundary.none()).at(low[None, :])):
+    touched = unpacked(np.unique(packed(*cells.T)))
+    many = f", and {len(touched) - 1} more" if len(touched) > 1 else ""
+    for column, row in touched[:_LOOKED_AT].tolist():
+        low = origin + die.pitch * np.array([column, row])
+        own, turn = _of_cell(drawn, low, die.pitch), int(die.turns[row, column])
+        units = [display.unit(die, each).get(layer, Boundary.none()).at(low[None, :]) for each in range(8)]
+        place = f"cell {column}, {row} from the lower left{many}"
+        if _equal(own, units[turn]):
+            continue
+        if (shift := _shift(own, units[turn])) is not None:
+            return f"{layer} {shift} in {place}"
+        if any(_equal(own, unit) for unit in units):
             return f"{layer} is not turned with {place}"
-    if layer == "CIRCUIT":
-        boxes = [low + _turned(_corners(box), turn, die.pitch) for box in display.answer.circuits]
-        kept = sum(not np.isin(packed(*box.T), packed(*corners.T)).any() for box in boxes)
-        return f"{layer}: {kept} of {len(boxes)} boxes at their places in {place}"
-    return f"{layer} has another shape in {place}"
+        if layer == "CIRCUIT":
+            boxes = [packed(*(low + _turned(_corners(box), turn, die.pitch)).T) for box in display.answer.circuits]
+            kept = sum(not np.isin(box, packed(*corners.T)).any() for box in boxes)
+            return f"{layer}: {kept} of {len(boxes)} boxes at their places in {place}"
+        return f"{layer} has another shape in {place}"
+    x, y = corners[np.lexsort(corners.T)[0]] / NM_PER_UM
+    return f"{layer} has another shape, the first at ({x:.3f}, {y:.3f}) um"
+
+
+def _of_cell(drawn: _Placed, low: Ints, pitch: int) -> Boundary:
+    """What is drawn of a cell: the shapes that are placed at its corner, or in a file without cells those within it."""
+    placed = [shape for shape, places in drawn if (places == low).all(axis=1).any()]
+    if placed:
+        return total(shape.at(low[None, :]) for shape in placed)
+    whole = _spread(drawn)
+    return whole.kept(((whole.corners >= low) & (whole.corners <= low + pitch)).all(axis=1))
 
 
 def _broken(read: db.Layout, die: AskedDie, display: Display) -> Iterator[str]:
