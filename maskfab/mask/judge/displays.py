@@ -244,7 +244,7 @@ def _misplaced(die: AskedDie, display: Display, drawn: Mapping[str, _Placed]) ->
         elif (shift := _shift(there[layer], wanted[layer])) is not None:
             yield f"{layer} {shift}"
         else:
-            yield _in_a_cell(layer, die, display, left[layer], drawn[layer])
+            yield _in_a_cell(layer, die, display, left[layer], drawn[layer], there[layer])
 
 
 def _equal(one: Boundary, other: Boundary) -> bool:
@@ -261,17 +261,18 @@ def _shift(there: Boundary, wanted: Boundary) -> str | None:
     return None
 
 
-def _in_a_cell(layer: str, die: AskedDie, display: Display, left: Boundary, drawn: _Placed) -> str:
+def _in_a_cell(layer: str, die: AskedDie, display: Display, left: Boundary, drawn: _Placed, there: Boundary) -> str:
     """A sentence on the lowest cell, and of those the leftmost, that shows something else than it should."""
     rows, columns = die.turns.shape
     corners, origin = left.corners, np.array(die.box[:2])
     cells = np.clip((corners - origin) // die.pitch, 0, (columns - 1, rows - 1))
     touched = unpacked(np.unique(packed(*cells.T)))
+    alone = [display.unit(die, turn).get(layer, Boundary.none()) for turn in range(8)]
     many = f", and {len(touched) - 1} more" if len(touched) > 1 else ""
     for column, row in touched[:_LOOKED_AT].tolist():
         low = origin + die.pitch * np.array([column, row])
-        own, turn = _of_cell(drawn, low, die.pitch), int(die.turns[row, column])
-        units = [display.unit(die, each).get(layer, Boundary.none()).at(low[None, :]) for each in range(8)]
+        own, turn = _of_cell(drawn, there, low, die.pitch), int(die.turns[row, column])
+        units = [unit.at(low[None, :]) for unit in alone]
         place = f"cell {column}, {row} from the lower left{many}"
         if _equal(own, units[turn]):
             continue
@@ -288,13 +289,13 @@ def _in_a_cell(layer: str, die: AskedDie, display: Display, left: Boundary, draw
     return f"{layer} has another shape, the first at ({x:.3f}, {y:.3f}) um"
 
 
-def _of_cell(drawn: _Placed, low: Ints, pitch: int) -> Boundary:
+def _of_cell(drawn: _Placed, there: Boundary, low: Ints, pitch: int) -> Boundary:
     """What is drawn of a cell: the shapes that are placed at its corner, or in a file without cells those within it."""
     placed = [shape for shape, places in drawn if (places == low).all(axis=1).any()]
     if placed:
         return total(shape.at(low[None, :]) for shape in placed)
-    whole = _spread(drawn)
-    return whole.kept(((whole.corners >= low) & (whole.corners <= low + pitch)).all(axis=1))
+    x, y = (there.corners - low).T
+    return there.kept((x >= 0) & (y >= 0) & (x <= pitch) & (y <= pitch))
 
 
 def _broken(read: db.Layout, die: AskedDie, display: Display) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Displays by what was found for a pixel: as found they pass, and what was composed or drawn otherwise fails by name."""
+"""Displays by what was found for a pixel: as found they pass; what was composed or drawn otherwise fails by name."""
 
 from __future__ import annotations
 
@@ -10,11 +10,14 @@ from asked_jobs import GUTTER, LETTER, RANDOM, asked_job
 
 from maskfab.base.model import Emitters, Panel
 from maskfab.base.work import silent
+from maskfab.display import wiring
 from maskfab.display.feasibility import displays
 from maskfab.mask import outlines
 from maskfab.mask.comparison.files import read_back
+from maskfab.mask.houses.files import files_of_job
+from maskfab.mask.houses.profiles import load_shop
 from maskfab.mask.judge.awake import missing
-from maskfab.mask.judge.verdict import judged
+from maskfab.mask.judge.verdict import asked, judged
 from maskfab.runs.plate_files import draw_files
 
 DISPLAY = """
@@ -87,9 +90,9 @@ JOBS = {
 
 @pytest.mark.parametrize("kind", JOBS)
 def test_displays_as_found_pass_however_they_are_drawn(kind):
-    asked = dict(JOBS[kind])
-    more = asked.pop("display", DISPLAY) + asked.pop("more", "")
-    job = asked_job(**asked, more=more)
+    stated = dict(JOBS[kind])
+    more = stated.pop("display", DISPLAY) + stated.pop("more", "")
+    job = asked_job(**stated, more=more)
     built = displays(job)
     rows = opinion(job, built)
     assert words(rows) == ""
@@ -234,8 +237,7 @@ def test_findings_that_break_the_jobs_own_rules_fail_by_name(number, job, built)
 
 
 def test_emitters_that_an_opening_states_are_those_of_its_text():
-    asked = dict(JOBS["emitters of the opening"])
-    job = asked_job(**asked, more=DISPLAY)
+    job = asked_job(**JOBS["emitters of the opening"], more=DISPLAY)
     built = displays(job)
     (found,) = built.displays.values()
     other = Emitters(exchanged(found.emitters.labels), found.emitters.cell_nm)
@@ -260,3 +262,42 @@ def test_every_file_that_shows_a_display_owes_a_row_on_it(tmp_path):
         assert len(caught) == good
     assert missing((), ["a.gds"], ["D0"], ["a.gds"])[-1] == "a.gds: judged_display of D0"
     assert len(missing((), ["a.gbr"], ["D0"], ["a.gds"])) == 3
+
+
+@pytest.fixture
+def laid(monkeypatch):
+    """No wires with which every pixel is drawn alike, so that all are laid across the die."""
+
+    def none(panel, opening, demand, wanted, *, whole):
+        return wiring.Wiring(demand.lines, 0, (0, 0), 0, None, None, ())
+
+    monkeypatch.setattr(wiring, "_alike", none)
+
+
+@pytest.mark.usefixtures("laid")
+@pytest.mark.parametrize("more", ["", '[export]\ngrid = "100 nm"\n[order]\nparity = "wrong reading"\n'])
+def test_wires_across_a_die_are_held_against_lines_as_they_were_laid(more):
+    job = asked_job(**ONE, more=DISPLAY + more)
+    built = displays(job)
+    assert words(opinion(job, built)) == ""
+    marks = [mark for mark in built.plate.marks if mark.kind == "wires"]
+    assert len(marks) == 2
+    for mark, metal in zip(marks, ("WIRE1", "WIRE2"), strict=True):
+        aside = replace(mark, polygons=tuple(tuple((x, y + 3000) for x, y in ring) for ring in mark.polygons))
+        plate = replace(built.plate, marks=tuple(aside if each is mark else each for each in built.plate.marks))
+        said = f"{metal} lies +0 nm along x and +3000 nm along y from its place"
+        assert said in words(opinion(job, built, plate))
+
+
+@pytest.mark.usefixtures("laid")
+def test_wires_across_a_die_follow_the_grid_of_a_house():
+    job = asked_job(**ONE, more=DISPLAY.replace('space = "1 um"', 'space = "1.01 um"'))
+    built = displays(job)
+    shop = load_shop("pog")
+    shop = shop.model_copy(update={"limits": shop.limits.model_copy(update={"grid_nm": (40,)})})
+    made = files_of_job(built.plate, job.spec, [], shop)
+    answers = draw_files(job, built.plate, displays=built.displays).asked.displays
+    plan = asked(job.spec, shop, answers={"D0": answers[0].answer})
+    rows = judged(made.figures.layout(), "drawn", plan)
+    assert plan.displays[0].grid == 40
+    assert [row.name for row in rows if not row.passed] == []
