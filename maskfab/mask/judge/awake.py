@@ -63,8 +63,9 @@ def planted(read: db.Layout, name: str, plate: Asked) -> Quantity:
     """
     shown = [number for number, display in enumerate(plate.displays) if display.shown]
     least = min(shown or range(len(plate.dies)), key=lambda number: plate.dies[number].clear.size)
-    small = replace(plate, dies=(plate.dies[least],), displays=plate.displays[least : least + 1])
-    drawn = _reduced(read, plate, least)
+    displays = tuple(display.wires_or_emitters for display in plate.displays[least : least + 1])
+    small = replace(plate, dies=(plate.dies[least],), displays=displays)
+    drawn = _reduced(read, plate, least, [layer for display in displays for layer in display.shown])
     names, missed = [], []
     # Faults that different words tell of share a copy.
     waiting = list(_faults(small))
@@ -91,21 +92,25 @@ def planted(read: db.Layout, name: str, plate: Asked) -> Quantity:
     return Quantity("judged_planted", len(names) - len(missed), method, limit=len(names), passed=not missed)
 
 
-def _reduced(read: db.Layout, plate: Asked, least: int) -> db.Layout:
-    """The plate without its other dies, in one cell."""
+def _reduced(read: db.Layout, plate: Asked, least: int, shown: Iterable[str]) -> db.Layout:
+    """The plate without its other dies, in one cell, and of the display some layers."""
     others = db.Region([db.Box(*die.box) for number, die in enumerate(plate.dies) if number != least])
     places = db.Region(read.top_cell().bbox()) - others
     reduced = db.Layout()
     reduced.dbu = read.dbu
     top = reduced.create_cell("TOP")
-    for layer in (*LAYERS, *(OF_DISPLAY.values() if plate.displays else ())):
+    for layer in (*LAYERS, *(OF_DISPLAY[name] for name in shown)):
         index = read.find_layer(layer)
         if index is None:
+            continue
+        if layer not in LAYERS:
+            own = db.Box(*plate.dies[least].box)
+            top.shapes(reduced.layer(layer)).insert(db.RecursiveShapeIterator(read, read.top_cell(), index, own, True))
             continue
         found = db.Region(db.RecursiveShapeIterator(read, read.top_cell(), index, places, True))
         found.merged_semantics = False
         # Of chrome nothing may lack where the other dies were: the reduced plate has no openings there.
-        shapes = found - others + others if plate.dark and layer in LAYERS else found.outside(others)
+        shapes = found - others + others if plate.dark else found.outside(others)
         if not shapes.is_empty():
             top.shapes(reduced.layer(layer)).insert(shapes)
     return reduced

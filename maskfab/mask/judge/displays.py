@@ -114,6 +114,13 @@ class Display:
         wires |= {_METALS[axis] for axis, paths in self.answer.laid if paths}
         return (*sorted(wires, reverse=True), *(_COLOURS if self.answer.emitters is not None else ()))
 
+    @property
+    def wires_or_emitters(self) -> Display:
+        """Its wires alone, which are soon judged, or its emitters where it has none."""
+        answer = replace(self.answer, circuits=(), found=self.answer.found - {"circuits", "emitters"})
+        alone = replace(self, answer=replace(answer, emitters=None))
+        return alone if alone.shown else replace(self, answer=answer)
+
     def unit(self, die: AskedDie, turn: int) -> dict[str, Boundary]:
         """Shapes of a cell by layer, its lower left corner the origin."""
         drawn: dict[str, list[Ints]] = defaultdict(list)

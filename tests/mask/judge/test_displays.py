@@ -16,6 +16,7 @@ from maskfab.mask import outlines
 from maskfab.mask.comparison.files import read_back
 from maskfab.mask.houses.files import files_of_job
 from maskfab.mask.houses.profiles import load_shop
+from maskfab.mask.judge import awake
 from maskfab.mask.judge.awake import missing
 from maskfab.mask.judge.verdict import asked, judged
 from maskfab.runs.plate_files import draw_files
@@ -262,6 +263,16 @@ def test_every_file_that_shows_a_display_owes_a_row_on_it(tmp_path):
         assert len(caught) == good
     assert missing((), ["a.gds"], ["D0"], ["a.gds"])[-1] == "a.gds: judged_display of D0"
     assert len(missing((), ["a.gbr"], ["D0"], ["a.gds"])) == 3
+
+
+@pytest.mark.parametrize("display", [DISPLAY, DISPLAY.partition("[wires]")[0]])
+def test_the_display_on_which_a_fault_is_tried_passes_without_it(display):
+    job = asked_job(**ONE, more=display)
+    _, made = made_of(job)
+    tried = replace(made.asked, displays=(made.asked.displays[0].wires_or_emitters,))
+    drawn = awake._reduced(made.figures.layout(), tried, 0, tried.displays[0].shown)
+    assert all(row.passed for row in judged(drawn, "drawn", tried))
+    assert awake.planted(made.figures.layout(), "drawn", made.asked).passed
 
 
 @pytest.fixture
