@@ -69,7 +69,7 @@ def draw_files(
 
 
 def _answer(found: Feasibility) -> Answer:
-    """What was found for a pixel, for the judge, who lays it over the die by himself."""
+    """Finding for a pixel, for the judge, which lays it over the die on its own."""
     circuits, wires = found.circuits, found.wiring
     parts = {
         "emitters": found.emitters is not None and found.footprint.verdict is Verdict.FITS and not found.broken,

@@ -297,7 +297,7 @@ def _in_a_cell(layer: str, die: AskedDie, display: Display, left: Boundary, draw
 
 
 def _of_cell(drawn: _Placed, there: Boundary, low: Ints, pitch: int) -> Boundary:
-    """What is drawn of a cell: the shapes that are placed at its corner, or in a file without cells those within it."""
+    """Shapes drawn of a cell: those placed at its corner, or in a file without cells those within it."""
     placed = [shape for shape, places in drawn if (places == low).all(axis=1).any()]
     if placed:
         return total(shape.at(low[None, :]) for shape in placed)
@@ -356,7 +356,7 @@ def _within(read: db.Layout, layer: str, box: db.Box) -> db.Region:
 
 
 def _clear(die: AskedDie, box: db.Box) -> db.Region:
-    """What is clear of a die in a box, by the job."""
+    """Clear parts of a die in a box, by the job."""
     left, right = np.searchsorted(die.x, (box.left, box.right))
     low, high = np.searchsorted(die.y, (box.bottom, box.top))
     row, column = np.nonzero(die.clear[low:high, left:right])
