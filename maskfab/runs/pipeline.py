@@ -148,7 +148,7 @@ def _make(
             plate = built.plate
             seen = plate_as_seen(job, plate)
         with stage("draw"):
-            made = draw_files(job, plate)
+            made = draw_files(job, plate, displays=built.displays)
         with stage("plan"):
             plans = plan_scenes(job, seen, progress)
         # Before anything is written, for it takes the most memory, and libraries of solids and what is read back stay.
@@ -224,17 +224,18 @@ def _taken(
         return None
     with _timed("read back", seconds), executor_of(job, cache, workers) as executor:
         # What is handed out is judged as it lies there, whoever wrote it.
-        plate = displays(job, executor=executor).plate
-        back = read_own(draw_files(job, plate), folder, progress, costs := Costs())
-    made: _Made = entry.value
-    if back.quantities != made.read:
+        built = displays(job, executor=executor)
+        made = draw_files(job, built.plate, displays=built.displays)
+        back = read_own(made, folder, progress, costs := Costs())
+    kept: _Made = entry.value
+    if back.quantities != kept.read:
         for path in folder.iterdir():
             path.unlink()
         return None
-    accounts = tuple(replace(account, kept=True, refused=None) for account in made.accounts)
+    accounts = tuple(replace(account, kept=True, refused=None) for account in kept.accounts)
     (folder / TIMES).write_text(times_text(job.digest, seconds, accounts, costs.rows), encoding="utf-8")
     progress("run taken from the cache", 1, 1)
-    return replace(made, report=replace(made.report, seconds=seconds), taken=(1, 1), accounts=accounts)
+    return replace(kept, report=replace(kept.report, seconds=seconds), taken=(1, 1), accounts=accounts)
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +19,8 @@ from maskfab.base.folders import APPENDIX, JOB_COPY, NUMBERS, OVERVIEW, PAGE, RE
 from maskfab.base.model import DieOptics, Plate, Quantity, WrittenFile
 from maskfab.base.processes import release_memory
 from maskfab.base.work import Progress
+from maskfab.display.emitter_rules import Verdict
+from maskfab.display.feasibility import Feasibility
 from maskfab.job.sections import ExportSection
 from maskfab.job.shop import Shop
 from maskfab.job.values import PICTURES, PLATE_BITMAPS, FileFormat
@@ -33,6 +35,7 @@ from maskfab.mask.houses.findings import check_written
 from maskfab.mask.houses.order import check_ordered
 from maskfab.mask.houses.profiles import shop_of
 from maskfab.mask.job import Job
+from maskfab.mask.judge.displays import Answer
 from maskfab.mask.judge.verdict import asked
 from maskfab.mask.layout import plate_names
 from maskfab.mask.plate_rules import check_plate, limits_as_rules, write_markers
@@ -50,17 +53,38 @@ MAX_MARKERS = 1000
 """Violations of a rule on a die that the markers place; all are counted."""
 
 
-def draw_files(job: Job, plate: Plate, version: str = __version__) -> PlateFiles:
+def draw_files(
+    job: Job, plate: Plate, version: str = __version__, *, displays: Mapping[str, Feasibility] | None = None
+) -> PlateFiles:
     """The files that a job's plate becomes, and what they are held against; the optics come from the first.
 
     Args:
         job: a loaded job.
         plate: as :meth:`maskfab.mask.job.Job.plate` lays it out.
         version: of maskfab that signs it.
+        displays: what was found of the display of each die, which the plate shows; None for a plate without.
     """
     shop = named_shop(job)
     made = files_of_job(plate, job.spec, [job.signature, plate.title], shop)
-    return replace(made, asked=asked(job.spec, shop, file=job.file, version=version))
+    answers = None if displays is None else {die: _answer(found) for die, found in displays.items()}
+    return replace(made, asked=asked(job.spec, shop, file=job.file, version=version, answers=answers))
+
+
+def _answer(found: Feasibility) -> Answer:
+    """Finding for a pixel, for the judge, which lays it over the die on its own."""
+    circuits, wires = found.circuits, found.wiring
+    parts = {
+        "emitters": found.emitters is not None and found.footprint.verdict is Verdict.FITS and not found.broken,
+        "circuits": circuits is not None and circuits.verdict is Verdict.FITS and not circuits.broken,
+        "wires": wires is not None and wires.verdict is Verdict.FITS,
+    }
+    return Answer(
+        found.emitters,
+        () if circuits is None else circuits.boxes,
+        () if wires is None else wires.tracks,
+        () if wires is None or wires.laid is None else tuple((lines.axis, lines.paths) for lines in wires.laid),
+        frozenset(part for part, fits in parts.items() if fits),
+    )
 
 
 def write_files(

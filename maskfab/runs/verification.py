@@ -199,7 +199,7 @@ def _drawn_again(folder: Path, version: str, progress: Progress) -> tuple[Job, P
     with executor_of(job) as executor:
         # A run takes its photographs beside its displays, before these are there.
         built = displays(job, bare, progress, executor=executor)
-    return job, bare, built, draw_files(job, built.plate, version)
+    return job, bare, built, draw_files(job, built.plate, version, displays=built.displays)
 
 
 def _made_again(

@@ -24,7 +24,7 @@ from klayout import db
 
 from maskfab.base.effort import Costs, Effort, measured
 from maskfab.base.errors import InputError, SourceError
-from maskfab.base.model import CLEAR, Quantity
+from maskfab.base.model import CIRCUIT, CLEAR, Quantity
 from maskfab.base.processes import release_memory
 from maskfab.base.work import Progress
 from maskfab.mask.comparison.roundtrip import RoundTrip, Sifted, compare_biased, compare_layout, named_chrome
@@ -34,7 +34,7 @@ from maskfab.mask.formats.table import layout_format, read_layout
 from maskfab.mask.houses.files import PlateFiles
 from maskfab.mask.judge.awake import missing, planted
 from maskfab.mask.judge.headers import header_row
-from maskfab.mask.judge.verdict import Asked, judged
+from maskfab.mask.judge.verdict import judged
 from maskfab.mask.layout import count_vertices, layer_info
 from maskfab.mask.sandbox import begun, library_errors, seconds_of
 
@@ -157,17 +157,26 @@ def read_back(
     if refused is not None:
         refused += [errors[number] for number in sorted(errors)]
     rows = tuple(chain.from_iterable(quantities[number] for number in sorted(quantities)))
-    rows += _owed(rows, [made.products[number].name for number in sorted(trips)], made.asked)
+    rows += _owed(rows, [made.products[number].name for number in sorted(trips)], made)
     return ReadBack(tuple(trips[number] for number in sorted(trips)), rows, read)
 
 
-def _owed(rows: Iterable[Quantity], files: Sequence[str], asked: Asked | None) -> tuple[Quantity, ...]:
+def _owed(rows: Iterable[Quantity], files: Sequence[str], made: PlateFiles) -> tuple[Quantity, ...]:
     """Whether the judge has given every row on every file; one that lacks is else read as nothing wrong."""
-    if asked is None or not files:
+    if made.asked is None or not files:
         return ()
-    lost = missing(rows, files, [die.name for die in asked.dies])
+    shown = [file for file in files if made.asked.displays and _shows_display(made, file)]
+    lost = missing(rows, files, [die.name for die in made.asked.dies], shown)
     method = f"rows that the judge owes for {', '.join(files)} and has not given{''.join(f'; {row}' for row in lost)}"
     return (Quantity("judged_rows", len(lost), method, limit=0, passed=not lost),)
+
+
+def _shows_display(made: PlateFiles, name: str) -> bool:
+    """Whether a file has layers that are not written, such as those of the display."""
+    form, names = layout_format(Path(name)), made.settings.drawing.layer_names
+    if form is None or form.layers == "named":
+        return names is None or CIRCUIT.name in names
+    return form.layers != "one"
 
 
 @contextmanager
@@ -245,7 +254,7 @@ def compare_mask(made: PlateFiles, read: db.Layout, path: Path, *, dots: bool = 
         SourceError: MF323 if the polygon library fails on the file.
     """
     names: Mapping[str, str] | None = None
-    form = layout_format(path)
+    form, asked = layout_format(path), made.asked
     if form is not None and form.layers == "one":
         names = {CLEAR.name: CLEAR.name}
         if made.figures.options.tone == "dark":
@@ -256,11 +265,13 @@ def compare_mask(made: PlateFiles, read: db.Layout, path: Path, *, dots: bool = 
     compare = partial(compare_biased, bias_nm=bias) if bias else compare_layout
     with library_errors(path):
         trip = compare(made.plate, made.design, read, path, dots=dots, drawn_polygons=polygons, layer_names=names)
-        if made.asked is None:
+        if asked is None:
             return trip
-        rows = (*judged(read, path.name, made.asked), header_row(path, made.asked.header))
+        if not _shows_display(made, path.name):
+            asked = replace(asked, displays=())
+        rows = (*judged(read, path.name, asked), header_row(path, asked.header))
         if dots and all(row.passed for row in rows):
-            rows += (planted(read, path.name, made.asked),)
+            rows += (planted(read, path.name, asked),)
         return replace(trip, judged=rows)
 
 

@@ -7,27 +7,38 @@ judgement that is missing is a fault like any other: the last one planted drops 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from klayout import db
 
 from maskfab.base.model import Quantity
+from maskfab.mask.judge.displays import LAYERS as OF_DISPLAY
 from maskfab.mask.judge.marks import Code, Line, Mark
 from maskfab.mask.judge.verdict import LAYERS, Asked, judged, line_box
 
 _OF_PLATE = ("judged_marks", "judged_text")
 
 
-def missing(rows: Iterable[Quantity], files: Iterable[str], dies: Sequence[str]) -> tuple[str, ...]:
-    """Rows that the judge owes for layout files and does not give: of every die, of marks, and of text."""
+def missing(
+    rows: Iterable[Quantity], files: Iterable[str], dies: Sequence[str], shown: Collection[str] = ()
+) -> tuple[str, ...]:
+    """Rows that the judge owes for layout files and does not give: of every die, of marks, and of text.
+
+    Args:
+        rows: that it gives.
+        files: by their names.
+        dies: by their names.
+        shown: those of the files that show displays, for which it owes a row on that of every die.
+    """
     given = {(row.method.partition(":")[0], row.name, row.die) for row in rows}
     owed = [("judged_die", die) for die in dies] + [(name, None) for name in _OF_PLATE]
+    further = [("judged_display", die) for die in dies]
     return tuple(
         f"{file}: {name}{'' if die is None else f' of {die}'}"
         for file in files
-        for name, die in owed
+        for name, die in (*owed, *(further if file in shown else ()))
         if (file, name, die) not in given
     )
 
@@ -50,9 +61,11 @@ def planted(read: db.Layout, name: str, plate: Asked) -> Quantity:
         name: of the file.
         plate: what the job asks for.
     """
-    least = min(range(len(plate.dies)), key=lambda number: plate.dies[number].clear.size)
-    small = replace(plate, dies=(plate.dies[least],))
-    drawn = _reduced(read, plate, least)
+    shown = [number for number, display in enumerate(plate.displays) if display.shown]
+    least = min(shown or range(len(plate.dies)), key=lambda number: plate.dies[number].clear.size)
+    displays = tuple(display.wires_or_emitters for display in plate.displays[least : least + 1])
+    small = replace(plate, dies=(plate.dies[least],), displays=displays)
+    drawn = _reduced(read, plate, least, [layer for display in displays for layer in display.shown])
     names, missed = [], []
     # Faults that different words tell of share a copy.
     waiting = list(_faults(small))
@@ -62,7 +75,9 @@ def planted(read: db.Layout, name: str, plate: Asked) -> Quantity:
         changed = drawn.dup()
         for fault in copy:
             fault.change(changed)
-        rows = judged(changed, name, small)
+        # Displays cost most, and what is done to openings says nothing of them.
+        looked = any(fault.row == "judged_display" for fault in copy)
+        rows = judged(changed, name, small if looked else replace(small, displays=()))
         names += [fault.name for fault in copy]
         missed += [
             fault.name
@@ -77,16 +92,20 @@ def planted(read: db.Layout, name: str, plate: Asked) -> Quantity:
     return Quantity("judged_planted", len(names) - len(missed), method, limit=len(names), passed=not missed)
 
 
-def _reduced(read: db.Layout, plate: Asked, least: int) -> db.Layout:
-    """The plate without its other dies, in one cell."""
+def _reduced(read: db.Layout, plate: Asked, least: int, shown: Iterable[str]) -> db.Layout:
+    """The plate without its other dies, in one cell, and of the display some layers."""
     others = db.Region([db.Box(*die.box) for number, die in enumerate(plate.dies) if number != least])
     places = db.Region(read.top_cell().bbox()) - others
     reduced = db.Layout()
     reduced.dbu = read.dbu
     top = reduced.create_cell("TOP")
-    for layer in LAYERS:
+    for layer in (*LAYERS, *(OF_DISPLAY[name] for name in shown)):
         index = read.find_layer(layer)
         if index is None:
+            continue
+        if layer not in LAYERS:
+            own = db.Box(*plate.dies[least].box)
+            top.shapes(reduced.layer(layer)).insert(db.RecursiveShapeIterator(read, read.top_cell(), index, own, True))
             continue
         found = db.Region(db.RecursiveShapeIterator(read, read.top_cell(), index, places, True))
         found.merged_semantics = False
@@ -108,6 +127,9 @@ def _faults(plate: Asked) -> Iterator[_Fault]:
         x, low, high = int(die.x[column + 1]) - half, int(die.y[row]) + abs(half), int(die.y[row + 1]) - abs(half)
         if low < high:
             yield _Fault("an edge moved by 1 nm", _toggled(db.Box(x, low, x + 1, high)), "judged_die")
+    for layer in [layer for display in plate.displays for layer in display.shown][:1]:
+        what = "a wire" if layer not in ("RED", "GREEN", "BLUE") else "an emitter"
+        yield _Fault(f"{what} moved by 1 nm", _display_moved(layer), "judged_display", layer)
     for mark in _first(plate.marks, lambda mark: mark.name == "PARITY"):
         box = db.Box(*(int(side) for side in mark.box)).enlarged(abs(half) + 1, abs(half) + 1)
         yield _Fault(f"{mark.name} mirrored", _mirrored(box), "judged_marks", mark.name)
@@ -116,6 +138,19 @@ def _faults(plate: Asked) -> Iterator[_Fault]:
     for line in plate.lines[:1]:
         box = db.Box(*line_box(_one_letter(line), plate))
         yield _Fault(f"a letter of {line.name} blotted", _blotted(box, dark=plate.dark), "judged_text", line.name)
+
+
+def _display_moved(layer: str) -> Callable[[db.Layout], None]:
+    """The first shape on a layer of the display, moved to the right by a nanometre."""
+
+    def changed(layout: db.Layout) -> None:
+        shapes = layout.top_cell().shapes(layout.layer(OF_DISPLAY[layer]))
+        shape = next(shapes.each())
+        moved = shape.polygon.moved(1, 0)
+        shapes.erase(shape)
+        shapes.insert(moved)
+
+    return changed
 
 
 def _first(marks: Sequence[Mark], which: Callable[[Mark], bool]) -> tuple[Mark, ...]:
@@ -174,7 +209,7 @@ def _changed(box: db.Box, change: Callable[[db.Region], db.Region]) -> Callable[
     """A change of what a layout draws in a box."""
 
     def changed(layout: db.Layout) -> None:
-        for index in layout.layer_indexes():
+        for index in [index for layer in LAYERS if (index := layout.find_layer(layer)) is not None]:
             drawn = layout.top_cell().shapes(index)
             touching = list(drawn.each_touching(box))
             near = db.Region([shape.polygon for shape in touching])

@@ -19,6 +19,7 @@ from klayout import db
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Ints, Mask
+from maskfab.base.model import Scalar
 from maskfab.base.units import NM_PER_UM
 from maskfab.job.die import DieSection
 from maskfab.job.sections import JobSpec
@@ -85,8 +86,7 @@ class Boundary:
         """Places at which something changes, int64 [n, 2] of x and y; of slanted lines the nanometre below."""
         dx, dy, line, x, _ = self.slanted.T
         y = (dy * x - line) // np.maximum(dx, 1)
-        flat = np.column_stack([(self.level + _HALF) % _ROW - _HALF, (self.level + _HALF) // _ROW])
-        return np.concatenate([flat, np.column_stack([x, y])])
+        return np.concatenate([unpacked(self.level), np.column_stack([x, y])])
 
     def times(self, factor: int) -> Boundary:
         """Boundary of these shapes, each counted so often."""
@@ -158,6 +158,11 @@ def total(parts: Iterable[Boundary]) -> Boundary:
     return Boundary(level, change, slanted)
 
 
+def unpacked(places: Ints) -> Ints:
+    """Places as they were before they were :func:`packed`, int64 [n, 2]."""
+    return np.column_stack([(places + _HALF) % _ROW - _HALF, (places + _HALF) // _ROW])
+
+
 def _walked(ring: Ints) -> Ints:
     """Edges of a polygon, clockwise."""
     following = np.roll(ring, -1, axis=0)
@@ -188,25 +193,27 @@ class Figures:
         return np.concatenate([self.boxes[:, :2].min(axis=0), self.boxes[:, 2:].max(axis=0)])
 
 
-def figures(layout: db.Layout, layer: db.LayerInfo) -> Iterator[Figures]:
-    """Everything that a file draws on a layer: the polygons of each cell once, and the places of the cell.
+def figures(layout: db.Layout, *layers: db.LayerInfo) -> Iterator[tuple[db.LayerInfo, Figures]]:
+    """Everything that a file draws on some layers: the polygons of each cell once, and the places of the cell.
 
     Args:
         layout: as it was read, with one top cell and a database unit of 1 nm; a layer is added for a while.
-        layer: its number and datatype.
+        layers: their numbers and datatypes.
     """
-    index = layout.find_layer(layer)
-    if index is None or layout.top_cell().bbox(index).empty():
-        return
-    drawn = [cell for cell in layout.each_cell() if not cell.shapes(index).is_empty()]
-    placed = _placements(layout, drawn)
-    if placed is None:
-        drawn, placed = [layout.top_cell()], [(0, np.eye(2, dtype=np.int64), np.zeros((1, 2), np.int64))]
-        shapes = [db.Region(layout.top_cell().begin_shapes_rec(index))]
-    else:
-        shapes = [db.Region(cell.shapes(index)) for cell in drawn]
-    for number, matrix, places in placed:
-        yield from _figures(shapes[number], matrix, places)
+    top = layout.top_cell()
+    there = [(layer, index) for layer in layers if (index := layout.find_layer(layer)) is not None]
+    there = [(layer, index) for layer, index in there if not top.bbox(index).empty()]
+    drawn = [cell for cell in layout.each_cell() if not all(cell.shapes(index).is_empty() for _, index in there)]
+    placed = _placements(layout, drawn) if there else []
+    for layer, index in there:
+        if placed is None:
+            region = db.Region(top.begin_shapes_rec(index))
+            found = _figures(region, np.eye(2, dtype=np.int64), np.zeros((1, 2), np.int64))
+            yield from ((layer, figure) for figure in found)
+            continue
+        for number, matrix, places in placed:
+            found = _figures(db.Region(drawn[number].shapes(index)), matrix, places)
+            yield from ((layer, figure) for figure in found)
 
 
 def _placements(layout: db.Layout, cells: Sequence[db.Cell]) -> list[tuple[int, Ints, Ints]] | None:
@@ -296,6 +303,8 @@ class AskedDie:
         slot: side of it.
         dot: side of a dot.
         pitch: of its cells.
+        gutter: between their dots.
+        turns: int64 [rows, columns], of every cell.
         x: lines along which dots and gutters end, int64 [nx + 1].
         y: int64 [ny + 1].
         clear: bool [ny, nx], between lines.
@@ -308,6 +317,8 @@ class AskedDie:
     slot: int
     dot: int
     pitch: int
+    gutter: int
+    turns: Ints
     x: Ints
     y: Ints
     clear: Mask
@@ -322,7 +333,7 @@ def asked_dies(spec: JobSpec, held: Sources) -> tuple[AskedDie, ...]:
     """Every die of a job, in its order, before the plate is mirrored."""
     section = spec.plate
     assert section is not None
-    slot, pitch = _nm(section.die_size), _nm(section.die_pitch)
+    slot, pitch = to_nm(section.die_size), to_nm(section.die_pitch)
     columns = min(section.columns, len(spec.die))
     rows = math.ceil(len(spec.die) / columns)
     left, top = math.floor(-(columns - 1) * pitch / 2), math.floor((rows - 1) * pitch / 2)
@@ -341,7 +352,7 @@ def asked_dies(spec: JobSpec, held: Sources) -> tuple[AskedDie, ...]:
 def _die(
     die: DieSection, shapes: list[Mask], given: Mapping[str, Any] | None, centre: tuple[int, int], slot: int
 ) -> AskedDie:
-    side, dot, gutter = slot if die.size is None else _nm(die.size), _nm(die.dot), _nm(die.gutter)
+    side, dot, gutter = slot if die.size is None else to_nm(die.size), to_nm(die.dot), to_nm(die.gutter)
     dots = len(shapes[0])
     rows = columns = side // (dots * dot + gutter)
     if die.tiling == "hexagonal":
@@ -367,16 +378,18 @@ def _die(
     pitch = dots * dot + gutter
     x, y = (_lines(count, dots, dot, gutter) for count in (columns, rows))
     clear, rim = np.zeros((len(y) - 1, len(x) - 1), dtype=np.bool_), 1 if gutter else 0
-    every = np.stack([_turned(shape, turn) for shape in shapes for turn in range(8)])[cells]
+    every = np.stack([turned(shape, turn) for shape in shapes for turn in range(8)])[cells]
     for row in range(dots):
         for column in range(dots):
             clear[row + rim :: dots + rim, column + rim :: dots + rim] = every[:, :, row, column]
     corner = centre[0] - columns * pitch // 2, centre[1] - rows * pitch // 2
     narrowest = min((run for shape in shapes for run in _runs(shape)), default=1) * dot
-    return AskedDie(die.name, die.label, centre, slot, dot, pitch, corner[0] + x, corner[1] + y, clear, narrowest)
+    x, y = corner[0] + x, corner[1] + y
+    return AskedDie(die.name, die.label, centre, slot, dot, pitch, gutter, cells % 8, x, y, clear, narrowest)
 
 
-def _nm(length_um: float) -> int:
+def to_nm(length_um: float) -> int:
+    """Whole nanometres of a length in micrometres."""
     return round(length_um * NM_PER_UM)
 
 
@@ -388,7 +401,7 @@ def _lines(cells: int, dots: int, dot: int, gutter: int) -> Ints:
     return np.concatenate([[0], np.cumsum(widths)]).astype(np.int64)
 
 
-def _turned(shape: Mask, turn: int) -> Mask:
+def turned(shape: NDArray[Scalar], turn: int) -> NDArray[Scalar]:
     """An opening mirrored left to right for turns 4 to 7, then turned counter-clockwise by quarters, turn modulo 4."""
     if turn >= 4:
         shape = shape[:, ::-1]
@@ -520,4 +533,46 @@ def boundary(die: AskedDie, bias: int) -> Boundary:
 
 def mirrored(die: AskedDie) -> AskedDie:
     """The die with left and right exchanged about the plate's middle."""
-    return replace(die, centre=(-die.centre[0], die.centre[1]), x=-die.x[::-1], clear=die.clear[:, ::-1])
+    # A mirror after a turn counter-clockwise is one clockwise after a mirror.
+    mirror, quarters = np.divmod(die.turns[:, ::-1], 4)
+    turns, centre = 4 * (1 - mirror) + -quarters % 4, (-die.centre[0], die.centre[1])
+    return replace(die, centre=centre, turns=turns, x=-die.x[::-1], clear=die.clear[:, ::-1])
+
+
+def by_die(figure: Figures, dies: Sequence[AskedDie]) -> Iterator[tuple[int, Boundary]]:
+    """The polygons that lie within a die, by its number, and all others under the number of dies."""
+    if len(figure.places) > 1:
+        whole = Boundary.of_edges(figure.edges)
+        for number, placed in groups(die_of(figure.box + np.tile(figure.places, 2), dies)):
+            yield number, whole.at(figure.places[placed])
+        return
+    owner = die_of(figure.boxes + np.tile(figure.places, 2), dies)[figure.owner]
+    for number, edges in groups(owner):
+        yield number, Boundary.of_edges(figure.edges[edges]).at(figure.places)
+
+
+def groups(owner: Ints) -> Iterator[tuple[int, Ints]]:
+    """Indices of all that have the same owner, by owner."""
+    order = np.argsort(owner, kind="stable")
+    for part in np.split(order, np.flatnonzero(np.diff(owner[order])) + 1):
+        yield int(owner[part[0]]), part
+
+
+def die_of(boxes: Ints, dies: Sequence[AskedDie]) -> Ints:
+    """The number of the die that holds each box, or how many dies there are."""
+    guess = nearest_die(boxes, dies)
+    limits = np.array([*(die.box for die in dies), (0, 0, -1, -1)], dtype=np.int64)[guess]
+    held = (boxes[:, :2] >= limits[:, :2]).all(axis=1) & (boxes[:, 2:] <= limits[:, 2:]).all(axis=1)
+    return np.where(held, guess, len(dies))
+
+
+def nearest_die(boxes: Ints, dies: Sequence[AskedDie]) -> Ints:
+    """The number of the die in whose slot's room each box has its middle, or how many dies there are."""
+    lines, nearest = [], []
+    for axis, middle in ((k, (boxes[:, k] + boxes[:, k + 2]) / 2) for k in (0, 1)):
+        lines.append(np.unique([die.centre[axis] for die in dies]))
+        nearest.append(np.searchsorted((lines[axis][1:] + lines[axis][:-1]) / 2, middle))
+    number = np.full([len(line) for line in lines], len(dies))
+    for count, die in enumerate(dies):
+        number[tuple(np.searchsorted(lines[axis], die.centre[axis]) for axis in (0, 1))] = count
+    return np.asarray(number[nearest[0], nearest[1]])

@@ -22,6 +22,7 @@ from maskfab.job.sections import JobSpec
 
 _ON_THE_PLATE = ("tone", "parity", "chrome")
 """Keys by which [order] speaks of the data themselves, as a bias does that the data have; the rest is for papers."""
+_COLOURS = str.maketrans("RGB", "123")
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +31,8 @@ class Sources:
 
     Attributes:
         openings: dots of every die's openings, int64 [n, n] of 0 and 1, the lowest row first.
+        labels: of the emitters in the text of every die's opening, int64 [n, n], 1 to 3 for red, green and blue; None
+            for one that states none.
         maps: facts of every die's map, as its file has them; None for a die without one.
         seeds: of every die.
         dark: whether polygons are chrome.
@@ -39,6 +42,7 @@ class Sources:
     """
 
     openings: tuple[tuple[Ints, ...], ...]
+    labels: tuple[Ints | None, ...]
     maps: tuple[Mapping[str, Any] | None, ...]
     seeds: tuple[int | None, ...]
     dark: bool
@@ -53,18 +57,21 @@ def sources(spec: JobSpec, file: Path | None = None) -> Sources:
     stated = resolved if file is None else _document(file)
     folder = Path() if file is None else file.parent
     openings: list[tuple[Ints, ...]] = []
+    labels: list[Ints | None] = []
     maps: list[Mapping[str, Any] | None] = []
     for die, own in zip(stated["die"], spec.die, strict=True):
         names = zip((die["opening"], *(die.get("others") or ())), (own.opening, *(own.others or ())), strict=True)
-        openings.append(
-            tuple(_opening(_text(name, stated, "openings", folder) or spec.openings[held]) for name, held in names)
-        )
+        texts = [_text(name, stated, "openings", folder) or spec.openings[held] for name, held in names]
+        facts = [tomllib.loads(text) for text in texts]
+        openings.append(tuple(digits(each["grid"]) for each in facts))
+        labels.append(digits(facts[0]["emitters"].translate(_COLOURS)) if "emitters" in facts[0] else None)
         held = own.map
         text = held and (_text(str(die["map"]), stated, "maps", folder) or spec.maps[held])
         maps.append(tomllib.loads(text) if text else None)
     order, process = stated.get("order") or {}, stated.get("process") or {}
     return Sources(
         tuple(openings),
+        tuple(labels),
         tuple(maps),
         tuple(die.get("seed", own.seed) for die, own in zip(stated["die"], spec.die, strict=True)),
         order.get("tone") == "dark",
@@ -86,10 +93,6 @@ def _text(name: str, stated: Mapping[str, Any], kind: str, folder: Path) -> str:
     held: Mapping[str, str] = stated.get(kind) or {}
     path = folder / name
     return held.get(name) or (path.read_text("utf-8-sig") if path.suffix.lower() == ".toml" else "")
-
-
-def _opening(text: str) -> Ints:
-    return digits(tomllib.loads(text)["grid"])
 
 
 def digits(text: str) -> Ints:

@@ -7,7 +7,7 @@ everything that it draws. Both are whole numbers, and what is left where they do
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -25,7 +25,8 @@ from maskfab.job.sections import JobSpec
 from maskfab.job.shop import Shop
 from maskfab.mask.judge import dies as of_dies
 from maskfab.mask.judge import marks as of_marks
-from maskfab.mask.judge.dies import AskedDie, Boundary, Figures, asked_dies, figures, packed, total
+from maskfab.mask.judge.dies import AskedDie, Boundary, asked_dies, by_die, figures, packed, total
+from maskfab.mask.judge.displays import Answer, Display, display_rows
 from maskfab.mask.judge.headers import Stated
 from maskfab.mask.judge.marks import (
     ADVANCE,
@@ -73,6 +74,7 @@ class Asked:
         bar: width of bars of chrome that may cross marks, so that none has a hole or touches itself, nanometres; 0 for
             none.
         header: what files have to say beside their polygons.
+        displays: of every die; none where a file shows no display.
     """
 
     dies: tuple[AskedDie, ...]
@@ -86,6 +88,7 @@ class Asked:
     bias: int
     bar: int
     header: Stated
+    displays: tuple[Display, ...] = ()
 
     @cached_property
     def boundaries(self) -> tuple[Boundary, ...]:
@@ -113,6 +116,7 @@ def asked(
     file: Path | None = None,
     sent: bool = False,
     version: str = __version__,
+    answers: Mapping[str, Answer] | None = None,
 ) -> Asked:
     """A plate from its job alone.
 
@@ -122,6 +126,7 @@ def asked(
         file: the job was read from; it and the openings and maps that it names are read once more.
         sent: whether it goes to the shop, which may ask for squares in the corners of a drawing.
         version: of maskfab that signs the plate.
+        answers: what was found of the display of each die that has pixels; None where none is drawn.
     """
     held = sources(spec, file)
     dies = asked_dies(spec, held)
@@ -134,6 +139,11 @@ def asked(
         marks += tuple(corner_squares(shop.plate.extent_mm, shop.plate.corner_square_um))
     for grid in grids:
         marks = tuple(on_grid(mark, grid) for mark in marks)
+    displays: tuple[Display, ...] = ()
+    if answers is not None and spec.emitters is not None:
+        of_wires = _house_grid(grids, spec, shop)
+        given = zip(dies, held.labels, strict=True)
+        displays = tuple(Display.of(answers.get(die.name), die, stated, spec, of_wires) for die, stated in given)
     # Bars open holes for a house where no two figures may share an edge.
     barred = shop is not None and shop.polygons.shared_boundaries is False
     least = 0 if shop is None else shop.limits.min_space_um or shop.limits.min_feature_um or 0
@@ -149,6 +159,7 @@ def asked(
         held.bias,
         max(4_000, 2 * round(least * NM_PER_UM)) if barred else 0,
         Stated(held.dark, held.digest, tuple(_extents(blank, shop)), _drawing_unit(shop)),
+        displays,
     )
 
 
@@ -178,8 +189,16 @@ def _grids(spec: JobSpec, dies: Sequence[AskedDie], shop: Shop | None) -> tuple[
     return (*own, max(grids))
 
 
+def _house_grid(grids: Sequence[int], spec: JobSpec, shop: Shop | None) -> int:
+    """Grid of wires across a die, which are laid after the job's own grid and before the house's."""
+    own = None if spec.export is None or spec.export.grid is None else round(spec.export.grid * NM_PER_UM)
+    if shop is None or not grids:
+        return 1
+    return grids[-1] if grids[-1] != own or own in (shop.limits.grid_nm or ()) else 1
+
+
 def judged(read: db.Layout, name: str, plate: Asked) -> tuple[Quantity, ...]:
-    """Rows of a report on one file: of every die, of all marks, and of all text.
+    """Rows of a report on one file: of every die, of its display if it is shown, of all marks, and of all text.
 
     Args:
         read: the file, read by a library that did not write it, layers under the plate's numbers; one top cell.
@@ -212,6 +231,7 @@ def judged(read: db.Layout, name: str, plate: Asked) -> tuple[Quantity, ...]:
     text_method = f"{len(plate.lines) + len(plate.codes)} lines and codes read back as text, each at its place"
     return (
         *rows,
+        *(display_rows(read, name, plate.dies, plate.displays) if plate.displays else ()),
         _plate_row("judged_marks", f"{name}: {marks_method}", wrong_marks),
         _plate_row("judged_text", f"{name}: {text_method}", wrong_text),
     )
@@ -226,10 +246,9 @@ def _plate_row(quantity: str, method: str, wrong: Sequence[str]) -> Quantity:
 def _left_over(read: db.Layout, plate: Asked) -> Boundary:
     """Difference of what the file makes clear and what the job asks for, its text apart."""
     drawn: list[list[Boundary]] = [[] for _ in range(len(plate.dies) + 1)]
-    for layer, factor in ((_CHROME if plate.dark else _CLEAR, 1), (_CUT, -1)):
-        for figure in figures(read, layer):
-            for number, part in _by_die(figure, plate.dies):
-                drawn[number].append(part.times(factor))
+    for layer, figure in figures(read, _CHROME if plate.dark else _CLEAR, _CUT):
+        for number, part in by_die(figure, plate.dies):
+            drawn[number].append(part.times(-1 if layer == _CUT else 1))
     *of_dies_drawn, rest = drawn
     if not plate.dark:
         marks = [*rest, *(mark.times(-1) for mark in plate.clear_marks)]
@@ -247,40 +266,6 @@ def _left_over(read: db.Layout, plate: Asked) -> Boundary:
 def _whole(x: Ints, y: Ints) -> Boundary:
     """Everything between the first and the last of some lines."""
     return Boundary.of_raster(x[[0, -1]], y[[0, -1]], np.ones((1, 1), np.bool_))
-
-
-def _by_die(figure: Figures, dies: Sequence[AskedDie]) -> Iterator[tuple[int, Boundary]]:
-    """The polygons that lie within a die, by its number, and all others under the number of dies."""
-    if len(figure.places) > 1:
-        whole = Boundary.of_edges(figure.edges)
-        for number, placed in _groups(_die_of(figure.box + np.tile(figure.places, 2), dies)):
-            yield number, whole.at(figure.places[placed])
-        return
-    owner = _die_of(figure.boxes + np.tile(figure.places, 2), dies)[figure.owner]
-    for number, edges in _groups(owner):
-        yield number, Boundary.of_edges(figure.edges[edges]).at(figure.places)
-
-
-def _groups(owner: Ints) -> Iterator[tuple[int, Ints]]:
-    """Indices of all that have the same owner, by owner."""
-    order = np.argsort(owner, kind="stable")
-    for part in np.split(order, np.flatnonzero(np.diff(owner[order])) + 1):
-        yield int(owner[part[0]]), part
-
-
-def _die_of(boxes: Ints, dies: Sequence[AskedDie]) -> Ints:
-    """The number of the die that holds each box, or how many dies there are."""
-    lines, nearest = [], []
-    for axis, middle in ((k, (boxes[:, k] + boxes[:, k + 2]) / 2) for k in (0, 1)):
-        lines.append(np.unique([die.centre[axis] for die in dies]))
-        nearest.append(np.searchsorted((lines[axis][1:] + lines[axis][:-1]) / 2, middle))
-    number = np.full([len(line) for line in lines], len(dies))
-    for count, die in enumerate(dies):
-        number[tuple(np.searchsorted(lines[axis], die.centre[axis]) for axis in (0, 1))] = count
-    guess = number[nearest[0], nearest[1]]
-    limits = np.array([*(die.box for die in dies), (0, 0, -1, -1)], dtype=np.int64)[guess]
-    held = (boxes[:, :2] >= limits[:, :2]).all(axis=1) & (boxes[:, 2:] <= limits[:, 2:]).all(axis=1)
-    return np.where(held, guess, len(dies))
 
 
 def _die_row(die: AskedDie, left: Boundary, name: str) -> Quantity:

@@ -25,7 +25,7 @@ def layout_of(*polygons: db.Polygon) -> tuple[db.Layout, db.Shapes]:
 
 
 def boundary(layout: db.Layout) -> Boundary:
-    return total(Boundary.of_edges(each.edges).at(each.places) for each in figures(layout, LAYER))
+    return total(Boundary.of_edges(each.edges).at(each.places) for _, each in figures(layout, LAYER))
 
 
 def merged(halves) -> db.Region:
