@@ -77,11 +77,7 @@ def notes_of(
     """Sentences on what a search leaves out of a job, and of the folder of its photographs.
 
     Args:
-        spec: of the job.
-        scenes: the folder.
         uses: keys that the search depends on, whatever its light and its scene.
-        settings: of the photographs that openings are compared by.
-        seen: conditions of the scene, as far as it is used.
     """
     if settings.is_f1:
         light = "Openings are compared in the light of protocol F1, code values taken for light"
@@ -199,11 +195,7 @@ def design(
     """Find the opening of the job's [design], and its map where one is asked for.
 
     Args:
-        spec: a validated job with [design].
-        command: what reproduces it, for its provenance.
-        where: the job, for errors.
         images: folder of photographs to design for; synthetic scenes if None.
-        progress: told where the work stands.
         clock: of its budget, after which the best so far is taken.
         checkpoint: file that saves the state of the search, from which it goes on if it exists.
         price_rules: search once more without each rule, beyond the budget.
@@ -292,11 +284,6 @@ def display_of(spec: JobSpec, where: str) -> Display | None:
 def stated_display(spec: JobSpec, section: SearchSection, where: str, *, key: str) -> Display:
     """The display of a job, whether or not its [design] must fit it, on a die of its plate or a usual one.
 
-    Args:
-        spec, section: the job and its [design].
-        where: the job, for errors.
-        key: that asks for it.
-
     Raises:
         JobError: as :func:`display_of`.
     """
@@ -370,7 +357,6 @@ def require_room(section: SearchSection, required: float, *, where: str) -> None
     Args:
         section: with its density or cluster, if it has any.
         required: least share of the pixel for each colour.
-        where: the section, for errors.
 
     Raises:
         JobError: MF104 for dots of a group that no pixels share; MF123 where emitters need more than is closed.
@@ -393,8 +379,6 @@ def require_cap(section: SearchSection, rules: Constraints, *, where: str) -> No
 
     Args:
         section: with its density or most_dots, if it has any.
-        rules: with the display.
-        where: the section, for errors.
 
     Raises:
         JobError: MF123, with the largest share that the bound leaves.
@@ -423,7 +407,6 @@ def densest(section: SearchSection, rules: Constraints, high: int) -> int:
 
     Args:
         section: with its families and the clear dots of one opening, below which it does not look.
-        rules: with the display.
         high: clear dots beside which there are none.
     """
     required = rules["emitters"].rules.emitters.required

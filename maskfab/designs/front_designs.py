@@ -31,7 +31,6 @@ class FrontDesign:
 
     Attributes:
         name: the job's, the clear dots and its place in the curve.
-        point: its numbers.
         opening: with its provenance; of two, the denser one.
         outer: the sparser one; None for one opening.
         map: of its cells, if it has one.
@@ -54,8 +53,6 @@ def designs(
     Args:
         pareto: by a sweep.
         spec: the job of that sweep, with [design], [emitters] and [pareto].
-        command: how a user repeats it.
-        camera, settings: of that sweep.
     """
     section = spec.design
     assert isinstance(section, SearchSection)

@@ -218,7 +218,6 @@ class AreaPenalty(Objective):
     Good for keeping a relaxed unit on the way to a count; a binary unit has its count anyway.
 
     Attributes:
-        target: final open ratio.
         weight: α.
         settled: share of the run after which c is the target; on the way there it falls evenly.
         stair: height of the published stairs, 0 for an even slope. Steps are then even in time too.
@@ -342,10 +341,6 @@ class TiledStop:
 
     Attributes:
         correlation: of the pupil, one dot farther than the lag of half a cycle per pixel at any wavelength.
-        camera: the lens, its wavelengths and the sensor.
-        dot_nm: side of a dot.
-        bare: dots of the stop.
-        dtype: of the constants.
     """
 
     correlation: Autocorrelation
@@ -429,10 +424,7 @@ def tiled_stop(
 
     Args:
         dots: dots along the unit's side.
-        dot_nm: side of one dot.
         orientations: int8 [cells, cells], elements of D4; the square of cells is centred on the stop and covers it.
-        camera: lens, wavelengths, sensor.
-        precision: of the computation.
         device: "cpu", "cuda", or "auto" for CUDA where there is any.
 
     Raises:
@@ -494,7 +486,6 @@ def invertibility_of(
     """The invertibility loss that shares this stop's autocorrelation with other objectives.
 
     Args:
-        stop: the layout.
         target: open ratio at which O(0) = 1.
         epsilon: noise-to-signal ratio of the Wiener filter; with 0 every frequency that is not nil counts as kept.
         worst_fraction: share of the frequencies that counts.

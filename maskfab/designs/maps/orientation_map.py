@@ -94,7 +94,6 @@ class DesignedMap:
     Attributes:
         orientations: int8 [cells, cells], 24 x 24 of 168 µm, 8 u + k for unit u under element k of D4, row 0 the
             lowest.
-        mode: of the search.
         psnr: expected restored PSNR in dB at each level.
         start_psnr: the same of the random map of the seed.
         clear_dots: inside the stop.
@@ -160,7 +159,6 @@ def design_map(
             refused.
         steps: after so many fields the map is taken as it is; None for as many as help.
         clock: when its time is over, the map is taken as it is after :data:`FIRST_STEPS` fields; None for no end.
-        progress: told after every descent.
 
     Raises:
         OpeningError: MF201 to MF203 as :func:`maskfab.camera.lens.lay`.
@@ -338,8 +336,6 @@ class _State:
 
     Attributes:
         chosen: what every cell holds, int64 [cells].
-        epsilons: the best of each level.
-        loss: with them.
         turns: of :meth:`_Search._turns`.
     """
 

@@ -80,8 +80,6 @@ def stated(uniform: Mask, error: PanelError, asked: Denser) -> Shares:
 
     Args:
         uniform: bool [dots, dots].
-        error: of panels of such units.
-        asked: with a share that is a number.
 
     Raises:
         JobError: MF104 for a share that is not between the uniform unit's and 1, or leaves nothing clear outside, or
@@ -124,8 +122,6 @@ def beside(dense: int, outer: tuple[int, ...], uniform_count: int, error: PanelE
     Args:
         dense: clear dots of the denser unit, more than ``uniform_count``.
         outer: clear dots beyond to choose from.
-        uniform_count: clear dots of the uniform unit.
-        error: of panels of such units.
     """
     held = np.cumsum(covered(error).ravel()[_order(error)])
     off = np.stack([np.abs(dense * held + sparse * (held[-1] - held) - uniform_count * held[-1]) for sparse in outer])

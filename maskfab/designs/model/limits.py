@@ -105,7 +105,6 @@ def auc_bound(around: Rings, clear_dots: int, *, periodic: bool, positive: bool 
     """No unit of this clear count has a larger expected area.
 
     Args:
-        around: the rings of the camera.
         clear_dots: of the unit, at least 1.
         periodic: the unit is repeated; otherwise turned at random.
         positive: use that autocorrelations are positive semidefinite (turned at random only).
@@ -220,7 +219,6 @@ class Gap:
     """Distance of a design from its bounds.
 
     Attributes:
-        bounds: for its clear count and tiling.
         psnr: dB, its expected interior PSNR at each level.
         head_room: dB, what at most could be gained in the interior; not below 0.
         auc: its expected area under the radial minimum of the blue MTF.
@@ -283,7 +281,6 @@ def optimality_gap(
     """A unit beside the bounds of its clear count.
 
     Args:
-        estimate: of the scenes.
         unit: bool [dots, dots].
         periodic: it is repeated; otherwise turned at random.
         levels: of light; None for the surrogate's own.

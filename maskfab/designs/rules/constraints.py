@@ -48,7 +48,6 @@ class Constraints:
         dots: along the cell's side.
         gutter_nm: opaque space between cells, outside the dots.
         orientations: elements of D4 in use; any two may be neighbours.
-        dot_nm: side of a dot.
         asked: values of the rules that ask for something.
     """
 

@@ -128,7 +128,6 @@ class Scan:
         ranked: everything evaluated, the best first; equals in the order in which they came.
         refused: how many candidates broke each rule first.
         repeated: candidates that had been seen, in this or another orientation.
-        evaluated: how often the objective was asked.
         complete: whether no budget ran out.
         bettered: how often it had been asked when the best was bettered, and by what value, each time.
     """
@@ -183,7 +182,6 @@ def scan(
         evaluations: most of them; None has no limit.
         clock: stop when it is over, at a whole batch of 64.
         executor: shares the judging with others where that takes long.
-        progress: told after each batch.
 
     Raises:
         OpeningError, JobError: MF203, MF204, MF123 for constraints that contradict each other, MF123 if no candidate
@@ -326,7 +324,6 @@ class Annealed:
 
     Attributes:
         unit, value: the best it has been at.
-        state: to go on from.
         complete: whether all evaluations were made; otherwise it was interrupted, or ``stuck``.
         stuck: no move that keeps the constraints was found in 5000 in a row.
     """
@@ -359,7 +356,6 @@ def anneal(
     Args:
         start: an opening, or where a former annealing with the same arguments stopped.
         objective: higher is better.
-        constraints: kept at every step.
         evaluations: of the whole annealing; they set the pace at which it cools.
         seed: of the walk; not looked at when it goes on.
         moves: kinds, drawn with equal chance.
@@ -501,7 +497,6 @@ def nearest(unit: Mask, constraints: Constraints, *, seed: int = 0) -> Mask:
     Args:
         unit: bool [dots, dots].
         constraints: to be kept; their count need not be the unit's.
-        seed: of the changes.
 
     Raises:
         OpeningError, JobError: MF203, MF204, MF123 if no opening keeps them, or no shape at hand does.

@@ -103,7 +103,6 @@ def _strips(inside: Mask, wanted: Mask, most: int) -> list[Indices]:
     Args:
         inside: bool [dots, dots].
         wanted: dots that should rather change.
-        most: of a strip.
     """
     dots = len(inside)
     places = np.arange(dots * dots).reshape(dots, dots)

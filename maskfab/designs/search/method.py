@@ -136,12 +136,8 @@ class Judges:
     """Judges of a search's openings and panels, each made when it is first asked for.
 
     Attributes:
-        section: of a job.
-        scenes: photographs whose spectrum and edges count.
-        room: cells before the stop.
         settings: of the photographs.
         seen: conditions of the scene; None where nothing of it must be modelled.
-        leak_scenes: pictures that the leak is computed on.
 
     Raises:
         JobError: MF121 for scenes without a spectrum; MF104, MF105 for weights that are none, when a judge is made.
@@ -249,12 +245,6 @@ def search(
     """Search as the section says.
 
     Args:
-        section: of a job.
-        scenes: photographs whose spectrum and edges count.
-        command: for the provenance.
-        progress: told where the work stands.
-        camera: that looks through the panel.
-        settings: of the photographs that openings are compared by.
         display: that the opening must hold; None for any or none.
         spread: over which the panel is appraised.
         seen: conditions of the scene; None where nothing of it must be modelled.
@@ -449,13 +439,10 @@ def shortlisted(
         state: its best is on the list, then those that were looked at, best first.
         most: openings on the list; 1 leaves everything as it is.
         error: of panels of such units; the levels weigh in it as they do in the scan.
-        rules: that all on the list keep.
         clock: no further map is begun or compared when its time is over.
-        progress: told after every map.
         judge: of openings whose cells are turned at random.
         mode, seed, positions: of :func:`maskfab.designs.maps.orientation_map.design_map`.
         start: of a search for a display; None for any other.
-        executor: shares the maps with others.
 
     Raises:
         JobError: as ``design_map``.
@@ -573,21 +560,16 @@ def mapped(
     """Lay the unit out as the section says.
 
     Args:
-        section: of a job.
         unit: bool [dots, dots].
-        rules: that every opening keeps.
         estimate: of the scenes.
         error: of panels, the same scenes; None where no map is wanted.
         facts: provenance of the map, to which its own is added.
         find: gives openings of so many clear dots, the best first, for a panel of two.
         clock: a map whose time is over is taken as it is after its first steps, which bring most of the gain.
-        progress: told where the work stands.
         groups: of groups of pixels; None unless they share their light.
         bounded: prove what no other map gains.
         guard: of the map, where it could break the display.
         begun: map to go on from; None starts at the random one.
-        alike: lay all cells alike.
-        executor: shares the bounds with others.
 
     Raises:
         JobError: MF115 for a map of too many cells, or of cells of too many dots; MF123 for openings that break the
@@ -972,13 +954,6 @@ def _account(section: SearchSection, state: Best, rules: Constraints, laid: Mapp
 
 def over_scene(section: SearchSection, laid: Mapped, dot_nm: int, judges: Judges, seen: SceneConditions) -> SceneDesign:
     """Appraise a panel in every condition.
-
-    Args:
-        section: of a job.
-        laid: the panel.
-        dot_nm: side of a dot.
-        judges: of panels.
-        seen: the conditions.
 
     Raises:
         JobError: as :func:`maskfab.designs.model.appraisal.appraise_over`.
