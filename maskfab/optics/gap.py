@@ -94,9 +94,6 @@ def shift_um(camera: Camera, gap_um: float, image_um: Place, distance_um: float 
     """Displacement of the openings' shadow in the stop's plane for an image point, g (x, y) / d.
 
     Args:
-        camera: lens.
-        gap_um: from panel to stop.
-        image_um: where the image of the source lies on the sensor.
         distance_um: d, from lens to sensor; the focal length if None.
 
     Raises:
@@ -192,10 +189,6 @@ def gap_psf(
 
     Args:
         openings: everything clear in front of the stop.
-        camera: lens, stop and window.
-        wavelength_nm: the line.
-        gap_um: from panel to stop.
-        image_um: where the image of the source lies on the sensor.
         samples_per_dot: how finely the stop's plane is sampled; twice as many cut the error by about three.
         waves: phase in the stop's plane, the axis at its origin; none if None.
         distance_um: from lens to sensor; the focal length if None.
@@ -259,9 +252,6 @@ def gap_change(openings: Aperture, camera: Camera, wavelength_nm: float, gap_um:
 
     Args:
         openings: everything clear in front of the stop, and some of what lies beyond.
-        camera: lens and stop.
-        wavelength_nm: the line.
-        gap_um: from panel to stop.
         u: float64 [n] frequencies from 0 on along either axis at which the two are compared, cycles per micrometre;
             opposite ones count as well.
 
@@ -494,7 +484,6 @@ class AmplitudeLags:
     """C(s) / C(0) at every cell lag and dot lag.
 
     Attributes:
-        x, y: lattices of the dots.
         sizes: lags of cells and dots, along y and along x.
         table: float32, or complex64 with a phase, [lags y, lags x], negative ones wrapped round; lag 0 first.
     """
@@ -590,7 +579,6 @@ def rim_crowding(openings: Aperture, inside: Pupil, distance_um: float) -> float
 
     Args:
         openings: as far as the stop reaches, and that distance beyond.
-        inside: what the stop leaves of them.
         distance_um: positive.
     """
     stop, clear_um2 = inside.stop, inside.field_integral_um2
@@ -666,7 +654,6 @@ def gap_error(mean: MeanPsf, share: Floats) -> float:
     against sqrt(λg): a bound to rule the gap out with, not a measure of it.
 
     Args:
-        mean: of the tiling.
         share: what :func:`share_across_gap` says of its samples.
     """
     return decorrelation_error(mean.variance, mean.psf.values, share)

@@ -370,7 +370,6 @@ def _halved(told: Floats, level: float, step: float, closely: _Closely) -> Float
         told: radii, what is told of the curve, what is known of it, the error of that, and of a line between, [5, n].
         level: modulation.
         step: from ring to ring; where radii are farther apart nothing is asked.
-        closely: how it is known closer.
 
     Returns:
         The same of more radii. What is told between is on the line that was told: only the error shrinks.
@@ -428,9 +427,7 @@ def worst_directions(mtf: Mtf, frequencies_cy_per_mm: Sequence[float], die: str 
     """The radial minimum at each frequency.
 
     Args:
-        mtf: of one wavelength.
         frequencies_cy_per_mm: on the sensor, at most half a cycle per pixel.
-        die: whose numbers these are.
 
     Notes:
         Between two rings the minimum is interpolated; it may lie anywhere between theirs, so that the error holds both.
@@ -506,7 +503,6 @@ def aliased_mtf(
     Args:
         table: lags up to the stop's diameter; one of shorter reach does not hold the aliases.
         camera: gives focal length, stop and pixel.
-        spectrum: the light.
         nu_x, nu_y: float64 [n], cycles per micrometre of sensor.
         sampled: whether the PSF is sampled at points or averaged over pixels first.
         phases: how many along each axis.
@@ -542,7 +538,6 @@ def phase_spread(aliased: AliasedMtf, presampled: Floats, die: str | None = None
     Args:
         aliased: see :func:`aliased_mtf`.
         presampled: float64 [n], the MTF with the same pixel but before sampling, at the same frequencies.
-        die: whose number this is.
     """
     distance = abs(aliased.values - presampled).max()
     return Quantity(
@@ -602,7 +597,6 @@ class EdgeSpread:
         values: float64 [2, n], n even, the step between the middle two.
         error: float64 [n], bound of the error of each.
         outside: share of the light of which it is not known where it falls.
-        wavelength_nm: the line.
     """
 
     values: Floats
@@ -622,7 +616,6 @@ def edge_spread(lags: tuple[AxisLags, AxisLags], table: LagTable, camera: Camera
         lags: along x and along y.
         table: of the same pupil; gives energy and error bound.
         camera: gives focal length, stop, pixel and window.
-        wavelength_nm: the line.
 
     Notes:
         An error of the OTF by ε(ν) moves the image at x by ∫ ε |sin 2πνx| / (πν) dν at most.

@@ -61,7 +61,6 @@ class Spectrum:
     Attributes:
         wavelengths_nm: float64 [k], 200 to 2000 nm.
         weights: float64 [k], not negative, summing to 1.
-        name: identifier for reports.
 
     Raises:
         JobError: MF112 for a wavelength out of range; MF104 if there is no line, if the arrays differ in length, or if
@@ -99,7 +98,6 @@ class Curve:
     Attributes:
         wavelengths_nm: float64 [n >= 2], ascending, 200 to 2000 nm.
         values: float64 [n], not negative and not all zero.
-        name: identifier for reports.
 
     Raises:
         JobError: MF112 for a wavelength out of range, MF104 for anything else in that list.
@@ -134,7 +132,6 @@ class Band:
 
     Attributes:
         curves: for instance a camera's response and an illuminant.
-        name: identifier for reports.
 
     Raises:
         JobError: MF104 if no wavelength passes all of the curves.
@@ -218,9 +215,7 @@ def quadrature(
     """The fewest lines, in powers of two, whose transfer function is within a tolerance of the band's.
 
     Args:
-        band: what is to be replaced by lines.
         table: lags as far as :func:`reach_um` asks at the longest wavelength.
-        camera: for its focal length.
         tolerance: largest absolute change of the OTF that counts as none.
         nu_x, nu_y: frequencies of equal shape at which the OTF is watched, cycles per micrometre of sensor.
 

@@ -127,7 +127,6 @@ class _Cell:
     Attributes:
         whole: float64 [intervals in a period, nodes] strengths from a dot that is clear; zero for the strip.
         rim: float64 [dots, orders, nodes] strengths from a dot's moments.
-        right_half: where the nodes of all cells are.
     """
 
     whole: Floats
@@ -196,7 +195,6 @@ class PrunedField:
     Attributes:
         pupil: dots on lattices without gutters.
         rim: the dots that the stop cuts, which fit no discrete transform; None if there are none.
-        precision: of transforms and products.
     """
 
     pupil: Pupil
@@ -337,7 +335,6 @@ class FieldTask:
     """A pupil and a grid of frequencies, as far as a path's cost depends on them.
 
     Attributes:
-        x, y: the pupil's lattices.
         radius_um: half the stop's width.
         rim: number of dots that the stop cuts.
         strips_clear: whether light passes between cells.
@@ -381,10 +378,8 @@ class FieldPath:
 
     Attributes:
         name: parity, direct, structure or pruned.
-        purpose: what it is good for.
         error: bound of the PSF's relative L2 error, by precision.
         refusal: why a task is not for this path; None if it is.
-        work: of a task.
         memory: bytes beyond the pupil's own.
         prepare: makes a pupil ready for frequencies up to two highest ones, in a precision.
     """
@@ -401,10 +396,8 @@ class FieldPath:
         """The field on the quadrant u, v >= 0, whose symmetric grid ``intensity`` and ``amplitude`` give.
 
         Args:
-            pupil: openings inside the stop.
             u, v: non-negative frequencies in cycles per micrometre, ascending, [nu] and [nv]; both begin at 0 or
                 neither does.
-            precision: of waves and products.
 
         Raises:
             InternalError: MF901 if the path refuses the task, or the frequencies are not as they must be.

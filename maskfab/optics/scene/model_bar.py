@@ -72,7 +72,6 @@ class Omission:
     """One thing that is not modelled.
 
     Attributes:
-        name: what.
         size: relative L2 change of the PSF, estimated.
         method: how it was estimated, and what was assumed.
     """
@@ -88,7 +87,6 @@ def model_bar(pupil: Pupil, camera: Camera, blank: MaskBlank) -> tuple[Omission,
     Args:
         pupil: openings inside the stop.
         camera: what looks through them; the middle one of its lines is taken.
-        blank: what the job states of the plate.
     """
     return _by_size(_on_axis(_DieField.of(pupil, camera), blank))
 
@@ -102,7 +100,6 @@ def scene_bar(pupil: Pupil, camera: Camera, field_um: float, blank: MaskBlank) -
         pupil: openings inside the stop.
         camera: what looks through them; the middle one of its lines is taken.
         field_um: largest image height; 0 for the axis.
-        blank: what the job states of the plate.
     """
     if not (field_um or Leak.of(blank, camera.stop)):
         return ()
@@ -178,8 +175,6 @@ class _DieField:
     """A die's field and intensity on the samples of its PSF, and the axes of frequency.
 
     Attributes:
-        pupil: openings inside the stop.
-        camera: with the one line.
         u: float64 [m] frequencies from 0, cycles per micrometre.
         field: complex [n, n], F.
     """
@@ -282,9 +277,7 @@ def leak_change(
 
     Args:
         openings: complex [n, n], the field without a leak.
-        pupil: whose field that is.
         axis: frequencies of the grid, [n].
-        density: optical density of the film.
         phase_waves: by how much light through the film lags; its amplitude is turned by exp(2πi) to that power.
     """
     leak = 10 ** (-density / 2)

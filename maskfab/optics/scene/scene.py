@@ -152,7 +152,6 @@ class Scene:
 
     Attributes:
         nearest_um, farthest_um: distances of objects from the lens.
-        focus_um: distance of what is in focus.
         field_um: largest image height.
         gap_um: from the panel to the stop, in air that spreads light as much.
         aberrations: pairs of Noll's number and waves at the camera's first line.
@@ -178,7 +177,6 @@ class Scene:
         Args:
             section: a job's [scene].
             curves: text of the tables that it names, by name, as ``JobSpec.curves`` holds them.
-            where: the job file, for errors.
 
         Raises:
             SourceError: MF302 or MF303 for an empty or damaged table.
