@@ -57,7 +57,6 @@ class MeasuredBlur:
     Attributes:
         kernels: [3, rows, columns] light of pixels, each colour's sum 1, row 0 the uppermost.
         centre: row and column of the point's image, of all colours.
-        told: sentences on where it comes from.
         pixel_um: side of a pixel; None where no file tells.
         of_cells: whether its pixels are cells of a mosaic, 2 x 2 pixels of the sensor.
         outside: share of the light beyond its pixels, the most of any colour; None of a capture, which tells none.
@@ -294,9 +293,7 @@ class WholeBlur:
     A capture's background was taken off, and with it halo as faint: m has as much of it as d at the window's border.
 
     Attributes:
-        design: as pictures show it.
         change: m - d.
-        told: sentences on it.
 
     Notes:
         Whether the design's halo is turned and scaled as the measured one changes a restored photograph by 0.01 dB:

@@ -57,7 +57,6 @@ class Patches:
     """The patches of a chart in a photograph.
 
     Attributes:
-        name: of the table.
         rows, columns: of their middles, the upper left pixel is 0, [n].
         sizes: of squares within them, in pixels, [n].
         colours: linear sRGB, white is 1, [n, 3].
@@ -146,7 +145,6 @@ def chart_matrix(
         patches: in pixels of the photograph as it was taken.
         light: of the restored photograph in balanced colours, [3, rows, columns].
         record: that it was restored from, of as many pixels.
-        balance: of the colours.
         binned: pixels of the photograph along the side of one of ``light``.
 
     Raises:

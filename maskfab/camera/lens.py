@@ -78,8 +78,6 @@ class PhotoCamera:
         """The parts of a job's camera that photographs depend on.
 
         Args:
-            camera: of a job.
-            where: of the job, for errors.
             colours: photographs are to be taken, in red, green and blue.
 
         Raises:
@@ -184,8 +182,6 @@ class CellGrid:
     Attributes:
         dots: along a cell's side.
         cells: along the panel's side.
-        dot_um: side of a dot.
-        camera: whose stop it is.
     """
 
     dots: int
@@ -235,9 +231,7 @@ def lattice(
     Args:
         dots: along a cell's side.
         dot_nm: side of a dot; None for cells of 168 um, however many dots they have.
-        camera: that looks through them.
         odd: the axis is in the middle of a cell; otherwise four cells meet there.
-        where: named in errors.
 
     Raises:
         JobError: MF104 for a number below 1, or dots so large that half a cycle per pixel is a lag of less than one;
@@ -327,12 +321,10 @@ def lay(
     """Lay one opening, or several, over the panel.
 
     Args:
-        name: of the design.
         units: bool [dots, dots] or [units, dots, dots], True is clear, row 0 the lowest.
         orientations: integers [cells, cells], 24 x 24 of 168 um, 8 u + k for unit u under element k of D4 as in
             :func:`maskfab.base.model.orient`; None draws them as protocol F1 does, with
             ``default_rng(seed).integers(8 · units)``.
-        seed: of that draw.
         dot_nm: side of a dot; None for cells of 168 um.
         room: the cells, in place of the fewest of such dots behind protocol F1's stop.
 

@@ -74,8 +74,6 @@ class Protocol:
     """A way to take photographs and to score them.
 
     Attributes:
-        name: in tables.
-        sensor: that records them.
         linear: scenes are linear light, and restored pictures are coded again before they are scored; otherwise code
             values are taken for light, as much of the literature does.
         whole: electrons of white behind the published display are rounded.
@@ -211,12 +209,8 @@ def evaluate(
     """Score every design on every test scene at every level, restored in every way.
 
     Args:
-        designs: with names of their own.
-        test: scenes to score on.
         tuning: scenes to choose ε on; they may be test scenes, though that flatters by a few hundredths of a decibel.
         levels: signal-to-noise ratios of white behind the published display, dB.
-        protocol: how photographs are taken.
-        restorers: of names of their own.
         choose: score the one that each photograph's record speaks for too, as :data:`AUTO`.
         details: score SSIM and S-CIELAB too, which takes half of the time.
         colours: of these, S-CIELAB.
@@ -316,8 +310,6 @@ class _Case:
     """One design at one level of light; scenes by their ``id``.
 
     Attributes:
-        protocol, design, level_db: of the case.
-        scenes: all of them.
         seen: light of scenes that are not large on the sensor.
         likenesses: of test scenes, empty where nobody asked for details.
         colours: whether S-CIELAB is scored of them.

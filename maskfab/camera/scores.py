@@ -161,9 +161,7 @@ class MeanDifference:
     """Mean of differences over photographs, with its 95 % interval by Student's t.
 
     Attributes:
-        mean: of the differences.
         half_width: of the interval, NaN for fewer than two photographs.
-        count: photographs.
 
     Notes:
         The interval holds the mean over all photographs of the kind in 95 % of all draws of so many, if differences are
@@ -207,10 +205,7 @@ class Score:
     """One design, level of light, scene and restorer.
 
     Attributes:
-        design: its name.
         level_db: signal-to-noise ratio of white behind the published display.
-        scene: its name.
-        epsilon: strength of the restorer's prior.
         psnr: of the whole frame, dB.
         ssim: of the whole frame; NaN where nobody asked for it.
         psnr_inner, ssim_inner: of the inner frame.

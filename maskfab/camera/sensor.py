@@ -140,7 +140,6 @@ class Exposure:
     Attributes:
         electrons: of white behind the published display.
         level_db: its signal-to-noise ratio there.
-        stated: how it was asked for, for reports.
     """
 
     electrons: float
@@ -153,7 +152,6 @@ class Exposure:
 
         Args:
             level_db: above 0, in decibels.
-            sensor: whose read noise it is.
             whole: round to whole electrons.
 
         Raises:
@@ -201,10 +199,6 @@ class Exposure:
 
     def check(self, sensor: Sensor, holds: Callable[[], str]) -> None:
         """Refuse white that overflows a full well, or a stated gain, behind the published display.
-
-        Args:
-            sensor: of the full well and the gain.
-            holds: says what it does hold, as it is stated.
 
         Raises:
             JobError: MF141.
@@ -340,8 +334,6 @@ def gain_of_file(sensor: Sensor, name: str, iso: float | None) -> float | None:
     """Analog gain that a file was taken at: as [sensor] states it, or the file's ISO over that of base gain.
 
     Args:
-        sensor: of the job.
-        name: of the file.
         iso: that the file states; None where it states none.
 
     Returns:
@@ -372,7 +364,6 @@ def counted(sensor: Sensor | None, frame: Frame) -> tuple[float, float] | None:
 
     Args:
         sensor: with a converter; None where the job states none.
-        frame: as it was read.
 
     Returns:
         None without a converter, a gain, or counts of white.

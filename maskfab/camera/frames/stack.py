@@ -241,10 +241,7 @@ class Gain:
     """Gain and read noise of a sensor, each with one standard error.
 
     Attributes:
-        electrons_per_count: K.
-        error: of it.
         read_noise_e: in electrons, without what rounding to counts adds.
-        read_noise_error_e: of it.
         misfit: chi² per degree of freedom of the line; errors are larger by its root where it is above 1.
         samples: variances of pixels that were used.
     """

@@ -242,7 +242,6 @@ class LensField:
     """The field of a die behind one lens, whatever the bias: its parts are made once.
 
     Attributes:
-        die: behind its stop.
         terms: the lens's errors, pairs of Noll's number and waves.
     """
 
@@ -374,7 +373,6 @@ class Pixels:
     """Pixels of one colour of a sensor, on a grid of their own.
 
     Attributes:
-        colour: of their filter.
         x_um, y_um: their middles, y upwards; [columns] and [rows], each in the order of the picture.
     """
 
@@ -388,11 +386,8 @@ class DieImage:
     """A die, one way round, before a camera.
 
     Attributes:
-        panel: of the die.
         way_round: element of D4 that takes it to how it stands.
-        camera: its lens and its pixel.
         light: what each colour of pixels sees of a point light.
-        pixels: for which pictures are made.
         light_um: standard deviation along each axis of a light that is a Gaussian on the sensor, 0 of a point.
     """
 
@@ -426,9 +421,7 @@ class DieImage:
             panel: of the die, its middle on the axis.
             way_round: element of D4 that takes the die as drawn to how it stands, as of
                 :func:`maskfab.base.model.orient`.
-            camera: its lens and its pixel.
             light: what each colour of pixels sees of a point light.
-            pixels: for which pictures are made.
             off_um: how far from their origin along an axis another lamp may lie.
         """
         openings = panel_aperture(panel, camera.stop.diameter_um / 2)
@@ -596,7 +589,6 @@ def gathered(lines: Spectrum, camera: Camera, reach_um: float) -> Spectrum:
     """Lines of a spectrum brought together where they part a picture by less than a speckle within a reach.
 
     Args:
-        lines: of the light.
         camera: behind whose stop a speckle is as wide as wavelength x focal length / diameter.
         reach_um: distance from the middle of the picture.
     """

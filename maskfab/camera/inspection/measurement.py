@@ -66,17 +66,12 @@ class Measured:
     """A capture and what it tells of the plate.
 
     Attributes:
-        merged: the exposures.
         taken: their pixels about the light, with the noise that the fit expects.
         identified: the die.
         image: of it.
         fit: of it, with as many of the lens's errors as the residuals ask for.
         bands: MTF of every grid of pixels.
         costs: of what is not as drawn; none where nothing can be told.
-        verdict: on the die.
-        explained: how far the frames were explained.
-        quantities: numbers that were found.
-        sentences: on what was found.
         if_numbers: numbers of the die and the lens that stand only if the model holds, where nothing can be told.
         if_sentences: alike.
         mirrored: whether the plate stands the other way round than the job says.
@@ -121,16 +116,12 @@ def measured(
 
     Args:
         merged: exposures, cropped about the light.
-        panels: of the dies that it may be, by name.
-        camera: its lens and its pixel.
         light: what each colour of pixels sees of the light.
         seen_mirrored: whether the lens sees the job's design as in a mirror, by the side of the chrome and its order.
         promise: how wide the job and its mask house say that features are.
         others: further dies of the plate, one of which it may be where none of the first explains the frames.
         sensor: that takes the photographs by which disagreements are priced.
         priced: whether what is not as drawn is priced by photographs.
-        seed: of the noise that bands are drawn with.
-        progress: told where the work stands.
 
     Raises:
         SourceError: MF334 if the light's centre is full in every exposure; MF339 if nothing in the picture is like any

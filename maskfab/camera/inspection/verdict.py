@@ -61,8 +61,6 @@ class Promise:
 
         Args:
             width_um: of the narrowest features, for which a promise is strictest.
-            bias_um: as it was measured.
-            half_um: half of its interval.
         """
         most = self.tolerance_um(width_um)
         if most is None:
@@ -96,11 +94,8 @@ class Verdict:
     """Answer of a measurement.
 
     Attributes:
-        answer: whether the die is as drawn.
-        reason: a sentence.
         cause: why nothing can be told; None of an answer.
         factor: root of chi² per pixel; 1 is noise alone.
-        next_step: what to do, in sentences.
     """
 
     answer: Answer
@@ -152,9 +147,6 @@ def judged_die(
     """The verdict on a die.
 
     Args:
-        found: the die.
-        told: the explanation of the frames.
-        promise: of the job and its mask house.
         cause: of what the explanation leaves, as far as it was found; None where it leaves noise.
         mirrored: whether the plate stands the other way round than the job says.
         width_um: of the die's narrowest features.
@@ -214,7 +206,6 @@ def seen_sentences(found: Identified, told: Explanation, *, mirrored: bool, drif
     """Sentences on what was found in the frames beside the die, whatever the verdict.
 
     Args:
-        found: the die.
         told: the explanation of the frames.
         mirrored: whether the plate stands the other way round than the job says.
         drift: of the exposure whose light differs most from what its time says.
@@ -258,9 +249,7 @@ def finding_sentences(told: Explanation, costs: Sequence[Cost], promise: Promise
     """Sentences on width, photographs, lens and scale: findings where the frames are explained.
 
     Args:
-        told: the explanation of the frames.
         costs: of what is not as drawn; none where nothing is stated.
-        promise: of the job and its mask house.
         line_nm: wavelength in whose waves the lens's errors are told.
     """
     fit = told.fit

@@ -65,7 +65,6 @@ class Seen:
     """A record on a frame that is wider than the sensor.
 
     Attributes:
-        margin: the frame, and the sensor in it.
         transfer: H, [colours, rows, columns / 2 + 1] of the frame.
         values: of the record, float32 [colours, sensor rows, sensor columns].
         weight: of every pixel, of the same shape, about 1; 0 where nothing is known.
@@ -220,7 +219,6 @@ class Smooth:
 
     Attributes:
         seen: all colours; clipped pixels weigh 0.
-        clipped: of its values.
         mirrored: spectrum of the record mirrored at its edges, [3, rows, columns / 2 + 1] of the frame.
         prior: (f / 0.1)² at the same frequencies.
     """
@@ -305,7 +303,6 @@ def _few_edges(problem: Smooth, scene: Spectrum, penalty: float, stiffness: floa
     """The scene of least total variation on the sensor, by alternating directions.
 
     Args:
-        problem: the record.
         scene: spectrum to start from, [3, rows, columns / 2 + 1] of the frame.
         penalty: μ.
         stiffness: of the constraint on gradients.
