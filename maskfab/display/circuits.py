@@ -51,7 +51,6 @@ class Circuits:
         wanted: boxes of a pixel.
         area_um2: of those wanted.
         certificate: why not all can be placed; None if they are, or it is not known.
-        cell_nm: side of the cells on which they were placed.
         broken: rules that their polygons break, measured by KLayout; empty where all is well.
     """
 
@@ -74,11 +73,6 @@ class Circuits:
 
 def place_circuits(panel: Panel, opening: Opening, rules: BoxRules) -> Circuits:
     """Boxes of a pixel of a panel in their places and measured, a proof that they have none, or neither.
-
-    Args:
-        panel: pitch, gutter and orientations.
-        opening: what is clear in any of its openings.
-        rules: of the circuits.
 
     Raises:
         JobError: MF117 as :func:`maskfab.display.circuit_boxes.check_boxes`.
@@ -123,8 +117,6 @@ class _Pixel:
 
     Attributes:
         panel, opening, rules: as for :func:`place_circuits`.
-        used: orientations in use.
-        cell_nm: side of the cells of its finest grid.
         exact: whether all lengths are whole numbers on that.
     """
 

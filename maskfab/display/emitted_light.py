@@ -28,7 +28,6 @@ class Viewing:
     """A display's pixels and an eye in front of them.
 
     Attributes:
-        pitch_um: from pixel to pixel.
         distance_um: from the eye to the display, 10 mm to 100 m.
 
     Raises:
@@ -69,7 +68,6 @@ class EmittedLight:
         rgb: float64 [3, y, x], row 0 the lowest; linear-light red, green and blue with the primaries of sRGB. The mean
             over a pixel is what the picture asks of it, so a white picture has the mean 1.
         samples: along the side of a pixel.
-        pitch_um: from pixel to pixel.
     """
 
     rgb: Floats
@@ -92,7 +90,6 @@ def show(panel: Panel, image: Floats, samples: int) -> EmittedLight:
     is brighter). Openings and gutters are dark.
 
     Args:
-        panel: with emitters.
         image: [rows, columns, 3] linear light 0 to 1, one value per pixel, row 0 the lowest.
         samples: along the side of a pixel.
 
@@ -182,9 +179,7 @@ class Tiled:
     """Pixels of a few kinds side by side, on which pictures are shown; the field repeats beyond its edges.
 
     Attributes:
-        tiles: every kind.
         held: int [rows, columns], the kind of each pixel, row 0 the lowest.
-        pitch_um: from pixel to pixel.
     """
 
     tiles: tuple[Tile, ...]

@@ -52,7 +52,6 @@ class EmitterGrid:
 
     Attributes:
         cells: along a side of the area that holds dots (the pixel less its gutter).
-        cell_nm: side of one cell.
         per_dot: cells along a dot.
         gutter_nm: opaque space between the dots of neighbouring pixels.
         to_opening, colour_gap, min_width: the rules in cells.
@@ -158,11 +157,9 @@ class Certificate:
     """A proof that something cannot be, which a reader can check by hand.
 
     Attributes:
-        proof: the kind.
         statement: one sentence with the numbers and their units.
         numbers: what the sentence was made from, by name.
         witness: bool [n, n] the cells to look at; None where there is nothing to draw.
-        cell_nm: side of the witness's cells.
         chain_nm: corners of a line across the panel to look along, from its lower left corner; none where the witness
             says it.
     """

@@ -124,7 +124,6 @@ def rectangle_footprints(
 
     Args:
         masks: bool [k, dots, dots] openings, True is clear.
-        grid: as for a single opening.
         ratio: relative areas of red, green and blue, which sum to 3.
         orientations: those in use; they matter where the gap to an opening is wider than the gutter.
         margin: cells kept free along each side.
@@ -326,7 +325,6 @@ def polish(
         orientations: those in use, if the emitters shall keep the gap to those of neighbouring pixels too; the
             region is then one without a margin.
         moves: in all; shared between the starts.
-        seed: of the random patches.
         enough: stop once area_k / ratio_k has reached this for every colour.
 
     Returns:

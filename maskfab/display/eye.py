@@ -146,7 +146,6 @@ def appearance(spectrum: Series, viewing: Viewing) -> Floats:
 
     Args:
         spectrum: up to :data:`~maskfab.display.eye.HIGHEST_CPD`.
-        viewing: where the eye is.
     """
     radius = spectrum.radius_cpd
     lightness, colour = _gain(GAUSSIANS[0][:2], radius), _gain(GAUSSIANS[1], radius)
@@ -240,7 +239,6 @@ def jod(test: Series, reference: Series, viewing: Viewing, white_cd_m2: float = 
     Args:
         test: what the display shows, up to 50 cycles per degree or more.
         reference: the same picture on an ideal display, of as many pixels.
-        viewing: where the eye is.
         white_cd_m2: luminance of the display's white, on the mean over a pixel.
 
     Notes:
@@ -366,13 +364,10 @@ def judge(
     """Show every image on a panel and look at it.
 
     Args:
-        name: the die's.
-        panel: with emitters.
         images: by name, [rows, columns, 3] linear light; grain is measured on ``flat``.
         samples: along the side of a pixel, of the light that is written and of the field at the die's border.
         viewing: its pitch may differ from the panel's own: then the whole panel is seen scaled to it.
         reference: the regular display round the die; by default three stripes, each a third of the pixel.
-        with_jod: ask ColorVideoVDP too.
         limits: of quantities, by name; whether they are kept is told.
 
     Raises:

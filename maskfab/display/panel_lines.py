@@ -67,10 +67,7 @@ def panel_lines(panel: Panel, rules: WireRules, count: int, axis: Axis) -> Panel
     A line's metal stays within its own pixel and the next to either side; beyond the panel nothing is open.
 
     Args:
-        panel: openings, orientations and gutters.
-        rules: width, space and clearance.
         count: of lines for each pixel.
-        axis: along which they run.
     """
     field = _Field.of(panel, rules, axis)
     if not field.low.size:
@@ -119,8 +116,6 @@ class _Field:
         band: int64 [slabs] of every slab.
         cuts: int64 [slabs + 1] where slabs begin and end along the lines.
         pixels: across.
-        pitch_nm: of a pixel.
-        rules: width, space and clearance.
     """
 
     low: Ints
@@ -364,11 +359,8 @@ def panel_cut(panel: Panel, rules: WireRules, count: int, axis: Axis) -> Certifi
     """A chain of openings that too few lines pass; None if every chain lets enough of them through.
 
     Args:
-        panel: openings, orientations and gutters.
-        rules: width, space and clearance.
         count: lines along the axis for every pixel across, which keep within that pixel and the next to either side;
             beyond the panel nothing is open.
-        axis: along which the lines run.
     """
     chains = _Chains.of(panel, rules, axis)
     if not chains.ends.size:
@@ -391,8 +383,6 @@ class _Chains:
         cells: what the cells of the panel are, rows along the lines.
         first: int64, of every cell, the number of its first opening.
         pieces: of every kind of cell, its openings as in :func:`_pieces`.
-        panel: whose they are.
-        rules: width, space and clearance.
     """
 
     ends: Ints

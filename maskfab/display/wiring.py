@@ -144,7 +144,6 @@ class WireDemand:
         rules: width, space and clearance of opaque lines.
         lines: that must cross every pixel along x, and along y.
         transparent_nm: width of a transparent wire along each axis; 0 for none.
-        transmission: share of light that it passes.
     """
 
     rules: WireRules
@@ -166,7 +165,6 @@ class Wiring:
         laid: opaque lines laid across the whole panel, along x and along y, one for each that is wanted and not
             transparent in every row and column of pixels; None where every pixel is drawn alike.
         failed: a proof that the lines asked for cannot be; None without.
-        tracks: the wires that every pixel is drawn with.
         broken: rules that the laid lines break, measured from their polygons.
     """
 
@@ -214,11 +212,6 @@ def wiring(panel: Panel, opening: Opening, demand: WireDemand) -> Wiring:
     First every pixel is drawn alike: gutters are filled, and what they cannot hold runs through closed area. Where
     that is too little, lines are laid across the whole panel as its cells lie, each within a pixel of its own, unless
     a chain of openings proves that they cannot be.
-
-    Args:
-        panel: pitch, gutter and orientations.
-        opening: what is clear in any of its openings.
-        demand: what is asked.
     """
     # Sets of ports that are too few are left out first: of all sets only so many are looked at.
     for whole in (True, False):
