@@ -50,7 +50,6 @@ class Compared:
         document: of all dies, those of several reports by ``REPORT:DIE``, in the form of report.json; with photographs
             only of those that were taken alike.
         left_out: sentences on what cannot be compared, and why.
-        differences: of the jobs.
     """
 
     reports: tuple[FinishedReport, ...]
@@ -87,7 +86,6 @@ def compare_reports(
     """Put the dies of reports side by side.
 
     Args:
-        reports: at least one.
         dies: by ``DIE`` or ``REPORT:DIE``; all if none is named.
         reference: that gains are over, named likewise; by default that of the first report.
 

@@ -88,7 +88,6 @@ class Made:
     """Origin of a design, beside what was found.
 
     Attributes:
-        job_hash: of the resolved job.
         wall_s, processor_s: seconds that it took.
     """
 
@@ -103,8 +102,6 @@ def designed_document(
     """The result as plain data; infinite values are null. Equal designs give equal documents but for ``time``.
 
     Args:
-        design: what a search found.
-        paths: of its files, by part.
         notes: what a user should know, as sentences.
         made: how it came about; null where that is not known.
     """
@@ -318,7 +315,6 @@ def rules_part(
         judged: openings in all.
         among: the best of these, among which rules are priced.
         without: dB that an annealing without a rule gained; None where there was none.
-        annealed: the opening was annealed under the rules.
     """
     rows = [
         {
@@ -577,8 +573,6 @@ def write_design(place: Place, document: Record, files: Mapping[str, str]) -> li
     """Write everything into a directory that appears whole, and return the paths.
 
     Args:
-        place: where.
-        document: what design.json says.
         files: texts of the opening and its map, by their names.
 
     Raises:

@@ -64,13 +64,10 @@ class Best:
     Where no die keeps all, it is the best without the verdicts that bind, and is not called best.
 
     Attributes:
-        name, label: of it.
-        level_db: of light.
         psnr: its mean, in dB.
         gain: over the reference; None where it is the reference, or there is none.
         reference: die that gains are over; None if there is none.
         stated: whether the job names the reference, which is else the first die.
-        scenes: names of the photographs of each die.
         others: dies that it was chosen from, without itself.
         ties: of these, dies that cannot be told from it.
         open_ratio: of the stop behind it, as a row of the report.

@@ -177,8 +177,6 @@ def capture_page(measured: Measured, document: Record, notes: Sequence[str]) -> 
     """The page, with nothing from outside it; equal captures give equal pages.
 
     Args:
-        measured: all that was read of the capture.
-        document: what measure.json says of it.
         notes: what a reader should know, as sentences.
     """
     return page_template("measure.html.j2").render(
@@ -401,9 +399,6 @@ def edge_document(
     """Everything that was measured; what measure.json and ``--json`` say.
 
     Args:
-        measured: the edges, or the curve.
-        name: of the file that they were read from.
-        digest: SHA-256 of that file.
         job_hash: of the job; None without one.
         notes: what a reader should know, as sentences.
     """
@@ -468,12 +463,7 @@ def _designed(designed: DesignedMtf) -> Document:
 
 
 def edge_page(measured: MeasuredEdges, document: Document) -> str:
-    """The page, with nothing from outside it; equal edges give equal pages.
-
-    Args:
-        measured: the edges, or the curve.
-        document: what measure.json says of it.
-    """
+    """The page, with nothing from outside it; equal edges give equal pages."""
     return page_template("edge.html.j2").render(
         style=style(),
         document=document,
@@ -491,9 +481,7 @@ def write_measured(
     """Write everything into a directory that appears whole, and return the paths.
 
     Args:
-        place: where.
         document: what measure.json says; its ``job_hash`` is None without a job.
-        page: HTML.
         more: writes other files into the folder that it is given.
 
     Raises:

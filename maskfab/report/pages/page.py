@@ -52,11 +52,9 @@ class JudgedDie:
     """One line of the table of dies.
 
     Attributes:
-        line: of its photographs.
         verdicts: FITS, LOOKS and LIVES, kept or not; None where it was not judged.
         cells: of :data:`_COLUMNS`; None where there is no such number.
         role: "best" or "reference", else empty.
-        failed: whether one of its checks failed.
     """
 
     line: DieLine

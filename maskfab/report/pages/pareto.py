@@ -216,12 +216,7 @@ _ABSENT = "The budget was over before they were compared."
 
 
 def pareto_page(pareto: Pareto, designs: Sequence[FrontDesign], document: Record) -> str:
-    """The page, with nothing from outside it; equal fronts give equal pages.
-
-    Args:
-        found, designs: of a sweep.
-        document: what pareto.json says of it.
-    """
+    """The page, with nothing from outside it; equal fronts give equal pages."""
     best = set(map(id, pareto.best))
     return page_template("pareto.html.j2").render(
         style=style(),
@@ -268,14 +263,7 @@ Designs = Sequence[FrontDesign]
 def pareto_document(
     pareto: Pareto, designs: Designs, job_hash: str, notes: Sequence[str], scenes: str
 ) -> dict[str, Any]:
-    """Everything that was found, and notes for a user; what pareto.json and ``--json`` say.
-
-    Args:
-        found, designs: of a sweep.
-        job_hash: of its job.
-        notes: as sentences.
-        scenes: that openings were judged by, in words.
-    """
+    """Everything that was found, and notes for a user; what pareto.json and ``--json`` say."""
     best = set(map(id, pareto.best))
     by_point = {id(design.point): design for design in designs}
 

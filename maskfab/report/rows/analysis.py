@@ -73,7 +73,6 @@ class Request:
         pitch_um, dot_um: the cell and its dots; where an opening does not state them itself.
         gutter_um: opaque space round every cell.
         tiling, seed: how an opening is laid out. For a layout file, a tiling says that it holds one opening.
-        layer, cell: where in a layout file to look.
         unit_um: one unit of a DXF; what it says itself if None.
         scene, accuracy: what the camera looks at, and the admissible error of its PSF; None for the standard numbers
             alone.

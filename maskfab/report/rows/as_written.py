@@ -86,7 +86,6 @@ class WrittenOptics(WrittenImage):
     """One reading of a written die, with its MTFs.
 
     Attributes:
-        mtfs: presampled, by wavelength of the camera.
         radial_errors: uncertainty of each MTF's radial mean and minimum, which average over directions or lie below
             the peaks that need the finest parts.
         auc_errors: uncertainty of the area under each MTF's radial minimum.
@@ -102,7 +101,6 @@ class Written:
     """A die as drawn and as written.
 
     Attributes:
-        die: the drawn one.
         process: the writer's.
         drawn_psf: of the drawing, at points, on the same grid as those of the readings.
         drawn: MTFs of the drawing, by wavelength, from the same parts, so that what the stop's rim adds cancels.
@@ -138,8 +136,6 @@ class _Vertices:
     Attributes:
         x_um, y_um: float64 [cells, dots + 1] where they are; one cell of many dots where there is no gutter.
         held: uint8 [cells y, dots + 1, cells x, dots + 1] configurations.
-        x, y: the lattices of the dots.
-        dot_um: side of a dot.
     """
 
     x_um: Floats
@@ -155,7 +151,6 @@ class _Parts:
     """The parts into which the dots of a panel, and a margin round every cell, are divided for the MTF.
 
     Attributes:
-        x, y: their lattices.
         margin: parts round every cell.
         stop: float64 [ny, nx] share of every part that the stop leaves; read-only 1 before any stop.
     """
@@ -183,8 +178,6 @@ def measure_written(die: Die, camera: Camera, process: Process, where: str = "")
     """PSF (at the middle wavelength), MTF (at every one) and open ratio of a die as written, in both readings.
 
     Args:
-        die: the drawing.
-        camera: what looks through it.
         process: the writer's corner radius and bias.
         where: the job's key, for errors.
 
@@ -243,7 +236,6 @@ def fused_optics(die: Die, camera: Camera, process: Process, like: Psf, where: s
 
     Args:
         die, camera, process, where: as for :func:`measure_written`.
-        like: on whose grid the PSF is.
 
     Raises:
         JobError: as :func:`measure_written`.

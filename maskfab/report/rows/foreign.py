@@ -87,11 +87,6 @@ def optics_of_like(
     """The PSF and MTF of a die of a file that is the design, or nearly.
 
     Args:
-        die: the die.
-        camera: what looks through it.
-        blank: what the plate is made of.
-        design: the plate's layout.
-        laid: the file, lying as the design does.
         equal: whether the file is the design all over the stop.
     """
     bare = _bare(die)
@@ -255,11 +250,7 @@ class Foreign:
     """A file held against a design.
 
     Attributes:
-        path: the file.
-        alignment: how it lies.
         trip: the comparison once it lies as the design does; None where it is not the design at all.
-        quantities: everything that is told.
-        layers: what was read as clear.
     """
 
     path: Path
@@ -307,10 +298,8 @@ def check_foreign(
         limits: the job's; the whole file keeps them, or is no worse than the design by the design's own smallest.
         path: the file, of any kind that :func:`read_layout` or :func:`read_picture` reads.
         how: what the file does not say itself.
-        progress: told where the work stands.
         blank: what the job states of the plate.
         max_vertices: of a polygon, as the job draws them; None where it leaves that open.
-        ordered: what the job says of layers.
 
     Raises:
         SourceError: MF301 to MF318 if the file cannot be read as it stands; MF309 if nothing of it is clear.

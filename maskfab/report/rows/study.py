@@ -93,10 +93,8 @@ class Finding:
     Attributes:
         of: the photographs, or the die alone for a number of the optics.
         over: those that they are compared with; None for a number that stands alone.
-        wavelength_nm: of a number of the optics.
         difference: the mean difference, or mean, with its 95 % interval; of the optics, with its error, and no
             photographs.
-        verdict: of the claim's limits.
     """
 
     of: Take
@@ -226,9 +224,6 @@ class Setting:
     """Conditions of some photographs of a study: one protocol in one case.
 
     Attributes:
-        case: its name.
-        job: with the scene of the case.
-        conditions: of the protocol.
         restorers: for every die.
         choose: whether one of them is chosen for each photograph too.
         colours: whether S-CIELAB is scored.
@@ -264,8 +259,6 @@ class Plan:
     """A study that was checked and can be made.
 
     Attributes:
-        job: with [study].
-        panels: of its dies.
         settings: protocols and cases that photographs are taken in.
         photographs: of a folder; drawn scenes are beside them.
         skipped: files of the folder that are no photographs, or do not serve.
@@ -312,9 +305,6 @@ class Study:
     """A study, made.
 
     Attributes:
-        plan: as it was asked for.
-        optics: of every die, where they are asked for.
-        scenes: names of the scenes.
         scores: of every scene in order, by what they are of.
         left_out: sentences on what the photographs of each protocol, case and die leave out.
         truth: part of the first scene, code values; None without photographs.
@@ -364,7 +354,6 @@ def planned(
     """Check all of a study before any work: its dies, cases, protocols, claims and photographs.
 
     Args:
-        job: with [study].
         given: photographs, beside the drawn scenes.
         learned: finds restorers that were trained behind dies, by their names.
         masks: files in place of the job's openings, as :func:`maskfab.mask.job.masks_in` gives them.

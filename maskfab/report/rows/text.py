@@ -73,7 +73,6 @@ def told(value: float | str | None, error: float | None = None, unit: str = "1",
     """A number and its error as a reader is told them: no digit that the error does not allow, and few at most.
 
     Args:
-        value: of a quantity.
         error: half width of its error bar; None or 0 for an exact number.
         unit: a number of decibels has two decimals at most.
         digits: as many at most.
