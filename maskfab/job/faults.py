@@ -108,14 +108,7 @@ MEANT: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 
 def problems(error: ValidationError, kind: type[AnySection], values: object, where: str) -> list[JobError]:
-    """All that pydantic found, as errors of ours that name the key, less what follows from another of them.
-
-    Args:
-        error: of validating.
-        kind: table that was validated.
-        values: that it was made of.
-        where: file, for errors.
-    """
+    """All that pydantic found, as errors of ours that name the key, less what follows from another of them."""
     found = [(_written(one["loc"]), one) for one in error.errors(include_url=False)]
     # An unknown key comes before the rest: a misspelt one is also missing under its true name.
     found.sort(key=lambda pair: pair[1]["type"] not in _UNKNOWN)

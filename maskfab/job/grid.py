@@ -32,8 +32,6 @@ class Grid:
 
     Attributes:
         dots: along the pixel less its gutter.
-        cell_nm: side of the cells.
-        pitch_nm: of the pixel.
         gutter_nm: opaque space between pixels.
         rules_nm: gaps and widths, in the order in which they were given.
     """
@@ -73,7 +71,6 @@ def nearest_grid(
     against a pixel of no cells.
 
     Args:
-        pitch_nm, rules_nm: as stated.
         dots: along the pixel, if they are given; 16 to 64 are looked at otherwise.
         gutter_nm: as stated; it grows as a rule does.
         widest_nm: widest dots that may be.
@@ -153,7 +150,6 @@ def check_grid(
 
     Args:
         pitch_um: of the pixel, as stated.
-        dots: along it.
         dot_nm: side of a dot, if it is stated.
         gutter_nm: opaque space between pixels.
         rules_um: gaps and widths of emitters by their keys; none without emitters.
@@ -161,7 +157,6 @@ def check_grid(
         dots_given: whether the dots are those of a file, which no other number can take the place of.
         widest_nm: widest dots that may be.
         also: other places that state the same pitch.
-        where: place of the table, for errors.
 
     Raises:
         JobError: MF106 for a pitch that is not its dots and gutter, MF107 if no dots of whole nanometres are; MF118 for

@@ -36,10 +36,8 @@ def check_dies(spec: JobSpec, faults: Faults, where: str) -> None:
     """Dies of different names, on the grid of 1 nm, before a fit camera; each is judged by itself.
 
     Args:
-        spec: of the job.
         faults: gets MF105 to MF131, see :func:`check_lens` and :func:`check_pupil` for the camera; its window is left
             to what shows a PSF, see :func:`check_windows`.
-        where: file, for errors.
     """
     with faults:
         check_lens(spec.camera, where=f"{where}: camera.stop")
@@ -94,9 +92,7 @@ def check_method(document: object, faults: Faults, where: str) -> Set[str]:
     """Keys of [design] that belong to the other method, told as such rather than as unknown.
 
     Args:
-        document: the job as plain data.
         faults: gets MF102; MF105 for a method that there is not.
-        where: file, for errors.
 
     Returns:
         Keys of [design] that are told.
@@ -377,7 +373,6 @@ def document(path: Path, kind: str) -> object:
 
     Args:
         path: of a .toml, or of the .json that a run keeps.
-        kind: of file, in words.
 
     Raises:
         SourceError: MF301, MF302, MF303, MF304 or MF308 if the file cannot be read.
@@ -423,11 +418,6 @@ def validate(document: object, *, where: str) -> JobSpec:
 
 def examined(document: object, faults: JobFaults, *, where: str) -> JobSpec:
     """A spec from parsed data, and all that is wrong with it.
-
-    Args:
-        document: the data.
-        faults: gets what is wrong.
-        where: file, for errors.
 
     Returns:
         The spec; with faults one of which no value that is at fault can be read (:class:`AtFault`).

@@ -117,7 +117,6 @@ def inserted(text: str, key: str, value: object, *, where: str) -> str:
         text: TOML, with or without a byte order mark.
         key: of the value, with the tables that it is in: ``order.contact.name``.
         value: text, number, truth value, day, or a list or table of these.
-        where: the file, for errors.
 
     Raises:
         JobError: MF105 if the key has a value already, or if its table is written in a way that nothing can be put
