@@ -38,7 +38,6 @@ class Job:
         openings: the openings of every die, by the die's name; most have one. A map that moves an opening makes
             several of the one that the spec holds.
         digest: SHA-256 of the resolved spec, as far as it shows in the data.
-        where: the file it came from.
         laid_out: dies of which Python stated an opening alone.
         camera_assumed: whether Python stated no camera, and that of protocol F1 stands for it.
         file: that holds all of the job, which was read from it as it is.
@@ -181,7 +180,6 @@ def resolve(stated: JobSpec, path: Path) -> Job:
     """The job of a validated spec, with the files that it names and does not hold itself.
 
     Args:
-        stated: the spec.
         path: the file that it came from; names of other files are relative to its folder.
 
     Raises:
@@ -422,8 +420,6 @@ def check_die_grid(
 
     Args:
         die, opening: the die and its first opening.
-        emitters: that it is to hold, if any.
-        where, key: file and die, for errors.
         pitch_alone: refuse a pitch that is not that of dots and gutter, and leave rules on too fine a grid.
 
     Raises:

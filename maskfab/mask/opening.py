@@ -406,7 +406,6 @@ def stripe(dots: int, width_dots: int, clear_dots: int | None = None) -> Mask:
 
     Args:
         dots: dots along the cell's side.
-        width_dots: width of the slit.
         clear_dots: its area; without it the slit runs through the whole cell.
 
     Raises:

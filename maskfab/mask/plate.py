@@ -198,7 +198,6 @@ def title_block(
     """A title centred on the anchor, with lines of smaller letters below.
 
     Args:
-        name: of the mark.
         title: first line.
         lines: further lines.
         anchor_nm: middle of the title's base line.
@@ -244,13 +243,10 @@ def die_map(
     where even these would be, there is no text. A frame is two brackets, so that no figure has a hole.
 
     Args:
-        name: of the mark.
-        centre_nm: of the drawing.
         side_nm: of the drawn blank.
         line_nm: width of the frames.
         blank_nm: side of the true blank.
         die_pitch_nm: true distance from die to die.
-        dies: of the plate, at least one.
     """
 
     def drawn(length_nm: int) -> int:
@@ -485,7 +481,6 @@ def compose(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], signatur
         spec: a validated job with [plate] and at least one [[die]].
         openings: the openings of every die, by the die's name.
         signature: who made this from what, noted in the files.
-        where: the job file, for errors.
 
     Raises:
         JobError: MF105 if there is nothing to lay out, or neither a template nor a blank to do it on; MF106 or MF107 if

@@ -74,10 +74,7 @@ def check_layout(
 
     Args:
         layout: one top cell, database unit 1 nm.
-        rules: what to check.
         layers: what is written; layers are joined, one that the layout lacks is empty.
-        most: how many violations of a rule are placed.
-        most_shapes: the largest number of shapes that is flattened.
 
     Raises:
         SourceError: MF305 if there is not one top cell, MF418 if the layout has more shapes than that.
@@ -148,8 +145,6 @@ def check_plate(plate: Plate, rules: DesignRules, *, most: int = 16) -> tuple[Ru
 
     Args:
         plate: the plate; only what is written counts.
-        rules: what to check.
-        most: how many violations of a rule are placed.
 
     Returns:
         For each die and then for the marks (``die`` is None) one result for each rule on geometry; then the rules on
@@ -265,7 +260,6 @@ class Smallest:
     """Least widths of one kind of shapes.
 
     Attributes:
-        of: which shapes, for people.
         fine: whether they are fine on purpose.
         clear_um: least width of what is clear; infinite where nothing is narrower than half a millimetre, 0 where
             it tapers to a point.
@@ -293,7 +287,6 @@ def smallest_of_plate(plate: Plate, of_die: Callable[[Die, Tone], Narrowest] = n
     Corners that only meet have a rule of their own and do not count.
 
     Args:
-        plate: what is written.
         of_die: as :func:`maskfab.mask.panel_rules.narrowest`, from which it may be kept.
 
     Returns:
@@ -363,7 +356,6 @@ def write_markers(results: Iterable[RuleResult], top_cell: str, path: Path) -> N
     Args:
         results: what :func:`maskfab.mask.plate_rules.check_plate` or ``check_layout`` returned.
         top_cell: name of the layout's top cell, in whose coordinates the places are.
-        path: the file to write.
     """
     database = rdb.ReportDatabase("design rules")
     database.description = f"Design rules of {top_cell}"

@@ -91,7 +91,6 @@ def placed_boxes(cell: db.Cell, layer: int, window: db.Box | None = None) -> Int
 
     Args:
         cell: where to start; boxes are in its coordinates.
-        layer: layer index.
         window: placements and shapes that do not touch this box may be left out.
 
     Returns:
@@ -315,10 +314,8 @@ def aperture_in_stop(
     """Aperture before a stop, on lattices about its axis.
 
     Args:
-        x, y: the lattices.
         shapes: what is clear, in nanometres of the plate, as far as the stop at least.
         edges_um: the same cut by the stop, see :func:`maskfab.optics.stop_edges.edges_in_stop`.
-        stop: what cuts it.
         axis: of the lattices, in nanometres of the plate.
         apart: see :func:`coverage`.
     """

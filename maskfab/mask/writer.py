@@ -217,7 +217,6 @@ def written_region(
 
     Args:
         drawn: what is clear; polygons may overlap or touch.
-        process: the writer's.
         reading: what becomes of corners that only touch.
         units_per_um: units of the region's coordinates in a micrometre.
         arc_sides: sides of a whole circle.
@@ -250,8 +249,6 @@ def written_corners(
     panel: what happens at a vertex depends on the four dots round it alone, across the borders of cells too.
 
     Args:
-        dot_um: side of a dot.
-        process: the writer's.
         reading: what becomes of corners that only touch.
         parts: k of :attr:`WrittenCorner.shares`.
         arc_sides: sides of a whole circle.

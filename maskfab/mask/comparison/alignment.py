@@ -158,8 +158,6 @@ class _Window:
     """A place of the design.
 
     Attributes:
-        box: the place.
-        clear: what is clear there, merged.
         most: shapes of a file that are looked at there; of more, only the middle is: a wrong scale shows whole files.
     """
 
@@ -290,9 +288,7 @@ def in_drawn_unit(
 
     Args:
         plate: the design, or one die of it.
-        design: its layout.
         read: the file, one top cell with the layer CLEAR.
-        alignment: how that lies.
         again: reads the file with a stated unit in um.
     """
     unit_um = drawn_unit_um(read)
@@ -389,10 +385,8 @@ def clear_only(
 
     Args:
         layout: what was read; it is changed.
-        path: its file.
         layer, cell: what is clear and where; the usual if None.
         ignored: layers that are not written, by number or name.
-        ordered: what the job says of layers.
 
     Raises:
         SourceError: MF305 to MF309 if cell or layer are not there, or could be several.

@@ -100,7 +100,6 @@ def drawn_figures(
 
     Args:
         layout: one top cell.
-        path: its file.
         max_vertices: what the job draws at most; None where it does not say.
         known: the design that it lies upon, and how little it differs; None where there is none.
     """
@@ -142,7 +141,6 @@ def reach(plate: Plate, box: db.Box, size: float) -> Quantity:
     """Distance by which the drawing extends beyond the blank.
 
     Args:
-        plate: the design.
         box: of all that the file draws, lying as the design does.
         size: nanometres of the plate that one of the file becomes.
     """
@@ -269,7 +267,6 @@ class Broken:
     """Where one rule is broken.
 
     Attributes:
-        count: at how many places.
         worst: the smallest value; None where it is kept.
         boxes_nm: int64 [n, 4], all of them, or the first.
     """
@@ -286,8 +283,6 @@ def asked(plate: Plate, limits: LimitsSection, scale: float = 1.0) -> Asked:
     """Width and space by the job's limits, else by the smallest features of the design itself.
 
     Args:
-        plate: the design.
-        limits: the job's.
         scale: what the file's coordinates are multiplied by to be the design's. Sizes are the file's own, unless it
             is so far off that its unit is mistaken.
     """
@@ -319,11 +314,8 @@ def rules_of_like(
     """The rows of a file that is the design, or nearly.
 
     Args:
-        plate: the design.
-        design: its layout.
         laid: the file, lying as the design does.
         differing: what only one of them makes clear, where rules are looked at.
-        wanted: what is asked of it.
     """
     rules = wanted.rules
     in_design = _of_plate(plate, rules)

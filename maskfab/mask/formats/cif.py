@@ -400,8 +400,6 @@ def write_cif(
     """Write a plate with all its layers as CIF, byte-identical between runs; notes that are text are left out.
 
     Args:
-        source: what to draw, or how it was drawn.
-        path: the file to write.
         comments: lines before what the figures' account has to say.
         limit_bytes: size beyond which nothing is written.
 

@@ -159,7 +159,6 @@ def look_through(path: Path, data: bytes, nm_per_unit: float) -> tuple[float, in
     """Refuse a drawing with open lines, curves or fills, or out of sight; on other layers if nothing lies on CLEAR.
 
     Args:
-        path: the file, for errors.
         data: its content, a text DXF.
         nm_per_unit: length of one unit of the drawing.
 

@@ -71,8 +71,6 @@ def write_dxf(
     layer with nothing on it is not in the file.
 
     Args:
-        source: what to draw, or how it was drawn.
-        path: the file to write.
         version: R12 carries no unit, so a comment and a note name it; R2010 also says it in $INSUNITS.
         comments: lines put at the top of the file (group code 999), before what the figures' account has to say.
         style: names of layers, unit and frame.
@@ -128,10 +126,7 @@ class _References:
     """A grid of references that is missing in its die's block.
 
     Attributes:
-        block: name of the die's block.
         owner: handle of its block record.
-        layer: name of the layer that references stand on.
-        style: of the drawing.
     """
 
     grid: CellArray
@@ -169,8 +164,6 @@ class _Polygons:
 
     Attributes:
         owner: handle of model space.
-        names: of the layers that are drawn.
-        style: of the drawing.
     """
 
     figures: Figures
@@ -234,8 +227,6 @@ class _Outline(DXFGraphic):  # type: ignore[misc]
 
     Args:
         points: its vertices, in the drawing's unit.
-        layer: name of its layer.
-        handles: of the drawing.
     """
 
     DXFTYPE = "POLYLINE"
@@ -266,7 +257,6 @@ class _LightOutline(DXFGraphic):  # type: ignore[misc]
 
     Args:
         points: its vertices, in the drawing's unit.
-        layer: name of its layer.
     """
 
     DXFTYPE = "LWPOLYLINE"

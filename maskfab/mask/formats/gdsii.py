@@ -59,7 +59,6 @@ def write_gdsii(layout: db.Layout, path: Path, max_vertices: int = MAX_VERTICES)
     Args:
         layout: from :func:`maskfab.mask.layout.plate_layout` or
             :meth:`maskfab.mask.figures.Figures.layout`.
-        path: the file to write.
         max_vertices: longer polygons, which only a layout from elsewhere has, are split by klayout.
 
     Raises:

@@ -133,8 +133,6 @@ def write_gerber(
     clear polarity after all else. The format has no cells that all readers know, so the file is flat.
 
     Args:
-        source: what to draw, or how it was drawn.
-        path: the file to write.
         comments: G04 lines, before what the figures' account has to say.
         limit_bytes: size beyond which nothing is written.
 

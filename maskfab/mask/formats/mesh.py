@@ -68,8 +68,6 @@ class _Run:
 
     Args:
         line: one, its numbers left out.
-        name: of what they stand in.
-        kind: of the numbers.
         digits: that numbers may have.
     """
 
@@ -217,13 +215,8 @@ def write_stl(
     remarks and of the first comment as fits.
 
     Args:
-        die: what to write.
-        path: the file.
         comments: lines about it.
         stack: thicknesses; those of the glass do not matter.
-        films: makes the film.
-        limit_bytes: the largest file that is written.
-        force: write it nonetheless.
 
     Raises:
         OutputError: MF401 if the file cannot be written; MF411 if it would be larger than ``limit_bytes``; MF436 as

@@ -243,7 +243,6 @@ class Bitmap:
     Attributes:
         width: pixels along x.
         height: pixels along y.
-        dots_per_um: pixels per micrometre.
         partly: pixels that are neither clear nor opaque all over; where there are none, the pixels are the mask.
     """
 
@@ -265,8 +264,6 @@ def write_preview(
     """Write a plate, or one of its dies alone, as 8-bit grey PNG: linear, white is clear.
 
     Args:
-        plate: what to draw.
-        path: the file to write, ``.png``.
         dots_per_um: pixels per micrometre, also in the file's resolution; the lower left corner of the blank or of the
             panel is that of a pixel.
         comments: provenance, put into the file's description.
@@ -397,7 +394,6 @@ class _Laid:
 
     Attributes:
         clear: float64 [y, x] on the die's own grid.
-        y_edges: of that grid.
         columns: the image's columns that the die reaches.
         across: share of each of these in each column of the grid.
     """
@@ -439,11 +435,6 @@ _MOST_SHIFT = 0.1
 def check_pixels(dies: Sequence[Die], dots_per_um: float, where: str) -> None:
     """Refuse pixels that are larger than the smallest feature of a die: no picture of them carries the design.
 
-    Args:
-        dies: what is to be pictured.
-        dots_per_um: pixels per micrometre.
-        where: the job file, for the error.
-
     Raises:
         JobError: MF104.
     """
@@ -472,9 +463,7 @@ def check_bitmap(die: Die, design: db.Layout, path: Path, dots_per_um: float) ->
     """Read a die's PNG or TIFF back and compare it with the plate.
 
     Args:
-        die: what the picture shows.
         design: the plate, as :func:`maskfab.mask.layout.plate_layout`.
-        path: the picture.
         dots_per_um: pixels per micrometre that it should have; its own resolution tags are what it is read by.
 
     Returns:

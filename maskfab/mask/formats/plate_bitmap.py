@@ -90,10 +90,7 @@ def write_plate_tiff(plate: Plate, path: Path, dpi: int, tone: Tone = "clear", c
     1 (white) is what the digitized data show: openings, or where they are dark the chrome of the writable area.
 
     Args:
-        plate: what to write.
-        path: the file, ``.tif``.
         dpi: dots per inch, also in the file's resolution.
-        tone: of the data.
         comments: provenance, put into the file's description.
 
     Returns:
@@ -401,11 +398,6 @@ _MOST_PRODUCT = 2.0**62
 def check_dots(dies: Sequence[Die], dpi: int, where: str) -> None:
     """Refuse dots that are larger than the smallest feature of a die, for they would lose openings.
 
-    Args:
-        dies: what is plotted.
-        dpi: dots per inch.
-        where: the job file, for the error.
-
     Raises:
         JobError: MF104.
     """
@@ -424,11 +416,8 @@ def check_plate_dots(plate: Plate, design: db.Layout, path: Path, dpi: int, tone
     """Read a plate's TIFF or BMP back and compare every dot with the design.
 
     Args:
-        plate: what was written.
         design: the plate, as :func:`maskfab.mask.layout.plate_layout`.
-        path: the bitmap.
         dpi: dots per inch that it should have.
-        tone: of the data.
 
     Returns:
         ``plate_bitmap_wrong_dots``, whose limit is 0; all dots if there are too many or too few, or of another size.
@@ -485,7 +474,6 @@ class _Dots:
 
     Attributes:
         blocks: int64 [n, 4] of the lowest row, the one above the highest, the first dot and the one beyond the last.
-        grid: of all dots.
         half: of the side of the writable area, in nanometres.
     """
 

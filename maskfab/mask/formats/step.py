@@ -154,9 +154,6 @@ def write_step(
     """Write a die: glass and chrome film, the centre of the die's slot the origin, one instance for each cell.
 
     Args:
-        die: what to write.
-        path: the file.
-        comments: lines for the header.
         stack: thicknesses; 100 nm of chrome on 2.3 mm of glass if None.
         most_vertices: of all outlines of the openings in use, as the cut takes 0.5 s for 230, 8 s for 2200.
         most_cells: of the panel, as a thousand take 0.6 s and 0.65 MB.

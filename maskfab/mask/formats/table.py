@@ -65,10 +65,6 @@ def products(
     """The files of a plate, in the order of the formats; STEP has one for the plate and one for each die.
 
     Args:
-        figures: the plate as it is drawn.
-        formats: what is asked for.
-        comments: provenance, for every format that can hold it.
-        settings: of drawings, solids and pictures.
         stem: how names of files begin; the plate's name by default.
     """
     films = SharedFilm(len({form.name for form in MESHES}.intersection(formats)))
@@ -91,8 +87,6 @@ def require_packages(
     """Refuse formats that this installation could not write, or not read back.
 
     Args:
-        formats: that are asked for.
-        where: they were.
         otherwise: what else could be done.
 
     Raises:

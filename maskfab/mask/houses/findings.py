@@ -50,12 +50,8 @@ class Finding:
             layer_number, biased_format, unwritten_layers, flashes, drawing, name, layer_name, block_name,
             block_transforms, self_crossing, self_touching, doubled_vertices, shared_boundaries or corner_touches.
         passed: whether the plate keeps it; None where the house decides, or publishes nothing to judge by.
-        value: what the plate has.
-        limit: what the house takes.
-        unit: of both.
         place: where it is broken first, in words.
         cure: what to do about it; empty where nothing needs to be done.
-        source: the pages where the house publishes it.
         question: to the house, where it has to be asked before anybody knows whether it takes the plate; else empty.
     """
 
@@ -180,7 +176,6 @@ def check_shop(
     Args:
         drawn: the plate, with all its layers, :func:`maskfab.mask.houses.adaptation.fitted` for the house; only what is
             written is looked at.
-        shop: the profile.
         formats: what is to be sent; the house's first format if empty.
         options: how polygons are drawn; None chooses as a package does.
         blank: what the job says of chrome and glass; None leaves them to the order.
