@@ -135,12 +135,9 @@ def advise(
 
     Args:
         stated: a validated job with [design], [emitters], [plate] and a die to compare with.
-        command: what reproduces it, for the design's provenance.
         path: the job, for errors; its files are named from its folder.
         images: folder of photographs to design for; synthetic scenes if None.
-        progress: told where the work stands.
         clock: of the budget; whoever ends it early gets the best so far, photographed.
-        notes: on the job, as sentences.
 
     Raises:
         JobError: as :func:`searched`, MF152 without torch, and for a light, a camera or a plate that cannot be.
@@ -385,7 +382,6 @@ def reaches(spec: JobSpec, where: str, images: Path | None, budget_s: float | No
 
     Args:
         spec: of the job, as :func:`searched` gives it.
-        where: the job, for errors.
         images: folder of photographs; synthetic scenes if None.
         budget_s: seconds; None for as many as it takes.
     """

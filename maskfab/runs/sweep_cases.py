@@ -50,8 +50,6 @@ class SweptDie:
     """One die of one case.
 
     Attributes:
-        job: of the case.
-        name: of the die.
         panel: of the die, without wires.
         works: all that is wanted of it; one may find what another is about on its way.
     """
@@ -270,13 +268,7 @@ def _surrogate(camera: Camera, dots: int, dot_nm: int, settings: CaptureSettings
 
 
 def find(key: str, document: Mapping[str, Any], quantities: tuple[str, ...]) -> Record:
-    """The numbers of a case, or why it has none.
-
-    Args:
-        key: of the case.
-        document: of its job, self-contained.
-        quantities: names of those that are wanted.
-    """
+    """The numbers of a case, or why it has none."""
     try:
         job = resolve(validate(document, where="case"), Path("case.toml"))
         rows = [_row(quantity) for quantity in measured(job, quantities)]
@@ -333,10 +325,7 @@ def map_cases(
 
     Args:
         cases: none of which is refused.
-        quantities: that are wanted.
         folder: of the files; made once nothing can be refused any more.
-        progress: told how many are found.
-        workers: who find them.
 
     Returns:
         Records in the order of the cases; one whose worker failed says so and has no file, so that it is tried again.

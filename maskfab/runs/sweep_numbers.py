@@ -48,8 +48,6 @@ class Series:
     """One number in every case.
 
     Attributes:
-        of: what it is of.
-        unit: of it.
         values: float64 [cases], NaN where a case failed, or has no such number.
     """
 
@@ -72,8 +70,6 @@ class Sensitivity:
     """Dependence of a number on a field.
 
     Attributes:
-        of: the number.
-        field: name of the field.
         unit: of the number by that of the field.
         slope: coefficient of the plane; NaN for a field that is no number.
         half_width: of its 95 % interval; NaN where there are no more cases than coefficients.
@@ -113,7 +109,6 @@ class Swept:
     """A sweep that was made.
 
     Attributes:
-        plan: as it was asked for.
         records: of every case, in order.
         remade: number of cases that were found this time.
     """
