@@ -74,11 +74,7 @@ def notes_of(
     settings: CaptureSettings = F1_SETTINGS,
     seen: SceneConditions | None = None,
 ) -> tuple[str, ...]:
-    """Sentences on what a search leaves out of a job, and of the folder of its photographs.
-
-    Args:
-        uses: keys that the search depends on, whatever its light and its scene.
-    """
+    """Sentences on what a search leaves out of a job, and of the folder of its photographs."""
     if settings.is_f1:
         light = "Openings are compared in the light of protocol F1, code values taken for light"
         named = isinstance(spec.design, SearchSection) and spec.design.protocol == "camera"
@@ -116,7 +112,6 @@ def check_possible(spec: JobSpec, *, where: str) -> None:
 
 
 def _possible(spec: JobSpec, where: str) -> tuple[Display | None, SceneConditions | None]:
-    """The display that the opening must hold, and the conditions of the scene, of a job that is possible."""
     section, faults = section_of(spec, where), JobFaults.of_spec(spec)
     display = rules = camera = seen = None
     with faults:
@@ -196,11 +191,9 @@ def design(
 
     Args:
         images: folder of photographs to design for; synthetic scenes if None.
-        clock: of its budget, after which the best so far is taken.
         checkpoint: file that saves the state of the search, from which it goes on if it exists.
         price_rules: search once more without each rule, beyond the budget.
         begin: opening that the search or the descent begins at, bool [dots, dots].
-        executor: shares the work of a search with others.
 
     Raises:
         JobError: as :func:`check_possible`; MF105 for a search for the AUC, or of several openings, that is to begin
@@ -376,9 +369,6 @@ def require_room(section: SearchSection, required: float, *, where: str) -> None
 
 def require_cap(section: SearchSection, rules: Constraints, *, where: str) -> None:
     """Refuse a share of denser pixels beside which a bound leaves no emitters, whatever shape they have.
-
-    Args:
-        section: with its density or most_dots, if it has any.
 
     Raises:
         JobError: MF123, with the largest share that the bound leaves.

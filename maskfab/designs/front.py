@@ -221,7 +221,6 @@ class Pareto:
         compared: the openings given, judged alike, in their order.
         levels: of light, dB.
         lines: numbers of lines that were asked about, rising.
-        designed_for: camera, sensor and light, in words.
         kept: rules of [design] that every opening keeps.
         limits: of the eye, by the name of the rule; designs of a denser middle that is sought need not keep them.
     """
@@ -275,14 +274,11 @@ def sweep(
     """Judge every shape of every size, and keep the designs that none betters.
 
     Args:
-        pareto: sizes of openings, numbers of lines, and how much to anneal.
-        section: grid, tiling, families, weights, map and rules.
         display: that every design must hold: its least footprint, its circuits, and the numbers of lines asked about.
         compared: openings on the same grid, judged as if laid in the same tiling.
         settings: of the photographs that openings are compared by.
         clock: of the budget; every size has its share of it, and at least 64 shapes. How long maps and dies take is
             measured, and fewer points are laid where it leaves no time for all.
-        workers: who shares the maps and dies of points.
 
     Raises:
         MissingPackageError: MF152 without torch.
@@ -330,9 +326,6 @@ def sweep(
 
 def rules_of(section: SearchSection, display: Display, compared: Sequence[Opening] = ()) -> Constraints:
     """Constraints of a sweep's openings; refuses, at no cost, what a sweep would refuse before it starts.
-
-    Args:
-        section, display, compared: as for :func:`sweep`.
 
     Raises:
         JobError: MF104, MF106, MF107 for numbers; MF105 for an opening on another grid; MF117, MF118 for the emitters'

@@ -30,7 +30,6 @@ class FrontDesign:
     """A design of a front with its name.
 
     Attributes:
-        name: the job's, the clear dots and its place in the curve.
         opening: with its provenance; of two, the denser one.
         outer: the sparser one; None for one opening.
         map: of its cells, if it has one.

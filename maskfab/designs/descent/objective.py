@@ -271,7 +271,6 @@ class Invertibility(Objective):
     photographs use :class:`maskfab.designs.descent.losses.ExpectedError`.
 
     Attributes:
-        correlation: autocorrelation of the stop filled with oriented cells, far enough for these lags.
         lags: per wavelength, int64 flat indices into the autocorrelation table: integer lags of a half plane (the
             other half is its mirror image).
         light: clear area of the stop, in dots, x target open ratio: AC(0) of an opening that meets the target.

@@ -297,7 +297,6 @@ class _Axis:
 
     @property
     def half(self) -> int:
-        """Sources right of the axis, one on it included."""
         return (self.position_um.size + 1) // 2
 
     def folded(self, source: Indices) -> tuple[Indices, Indices]:

@@ -176,7 +176,6 @@ class DescentResult:
         relaxed: the last start's last transmissions, [dots, dots].
         iterations: steps done, of all starts together.
         outcome: how it ended.
-        notes: what a user should know, as sentences.
     """
 
     unit: torch.Tensor
@@ -397,7 +396,6 @@ class _Run:
             self._begin()
 
     def found(self) -> DescentResult:
-        """The result so far."""
         best, loss = self.best, self.best_loss
         if self.overall is not None and not loss < self.overall_loss:
             best, loss = self.overall, self.overall_loss
@@ -414,7 +412,6 @@ class _Run:
         return hashlib.sha256(words.encode()).hexdigest()
 
     def state(self) -> dict[str, NDArray[np.generic]]:
-        """State that the next step depends on."""
         overall = self.best if self.overall is None else self.overall
         numbers = np.array([self.start, self.iteration, self.total, self.stale, self.ended, self.overall is not None])
         moments = self.optimiser.state_dict()["state"].get(0, {})
@@ -430,7 +427,6 @@ class _Run:
         }
 
     def restore(self, state: Mapping[str, NDArray[np.generic]]) -> None:
-        """Go back to a state."""
         start, iteration, total, stale, ended, has_overall = (int(v) for v in state["numbers"])
         self.start = start
         self._begin()
@@ -545,7 +541,6 @@ def paper(
         tiling: periodic, or random; the authors drew among four orientations, ``paper4``.
         clear_dots: of the binary unit; the authors' have 100 of 441, though 0.2 would be 88.
         dots, dot_nm: along the unit's side, and their width.
-        camera: with the wavelengths of red, green and blue.
         epochs: passes over the crops; the stairs of the area are as many epochs wide, in proportion.
         crops, batch: pictures in all and of one step.
         side: of a picture in pixels; half of it is dark margin on every side.

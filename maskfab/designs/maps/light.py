@@ -202,7 +202,6 @@ def _mapped(
 
 
 def _drawn_cells(shares: Shares, error: PanelError, seed: int) -> NDArray[np.int8]:
-    """The random map of two units."""
     drawn = np.random.default_rng(seed).integers(ORIENTATIONS, size=(error.cells, error.cells)).astype(np.int8)
     return np.asarray(drawn + ORIENTATIONS * ~shares.denser, dtype=np.int8)
 
@@ -403,7 +402,6 @@ def display_price(uniform: Mask, units: Mask, constraints: Constraints) -> tuple
     """Cost for the display, from the largest emitters found around one unit, and around both, in all orientations.
 
     Args:
-        uniform: bool [dots, dots].
         units: bool [2, dots, dots].
         constraints: whose rules of emitters hold, and whose display's light says how fast emitters age.
 

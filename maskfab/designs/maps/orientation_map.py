@@ -375,7 +375,6 @@ class _Search:
 
     @property
     def over(self) -> bool:
-        """Whether the map is taken as it is."""
         fields = len(self.history)
         return fields >= self.steps or ((fields >= FIRST_STEPS or self.clock.halt.is_set()) and self.clock.over)
 
@@ -385,11 +384,9 @@ class _Search:
         self.barred = units != drawn.ravel()[:, None] // ORIENTATIONS
 
     def held(self, chosen: NDArray[np.int64]) -> bool:
-        """Whether a map is allowed."""
         return self.holds(chosen.reshape(self.error.cells, self.error.cells).astype(np.int8))
 
     def pupil(self, chosen: NDArray[np.int64]) -> Floats:
-        """The stop filled with these."""
         cells = self.patterns[chosen.reshape(self.error.cells, self.error.cells)]
         return np.asarray(side_by_side(cells) * self.error.inside)
 
@@ -403,7 +400,6 @@ class _Search:
         return chosen
 
     def kicked(self, chosen: NDArray[np.int64], draw: np.random.Generator) -> NDArray[np.int64]:
-        """The map with some whole cells turned at random."""
         whole = np.setdiff1d(self.live, self.cut)
         turned = chosen.copy()
         if len(whole):

@@ -102,7 +102,6 @@ def designed_panel(
     Args:
         unit: bool [dots, dots].
         tiling: of the cells; where there is a map, of what is meant by it.
-        across: cells along the die's side.
         given: the map; None for a die of the tiling alone.
         outer: the sparser opening of two, bool [dots, dots].
     """
@@ -142,11 +141,7 @@ class Condition:
 
 @dataclass(frozen=True, eq=False)
 class SceneConditions:
-    """A job's scene before its camera, and what of it must be modelled.
-
-    Attributes:
-        scene: of the job, the plate's glass in its gap.
-    """
+    """A job's scene before its camera, and what of it must be modelled."""
 
     camera: Camera
     scene: Scene
@@ -364,7 +359,6 @@ def robustness(
     Args:
         units: bool [units, dots, dots].
         kinds: of the cells before the stop, 8 u + k for unit u under element k of D4, [cells, cells].
-        seed: of random tilings, and of cells beyond the map.
         periodic: every cell has the unit as it is.
         mapped: kinds are designed.
     """

@@ -181,11 +181,7 @@ class Residues:
 
 
 def residues(inner: Interior, *, periodic: bool) -> Residues:
-    """The classes for a unit repeated, or turned at random.
-
-    Args:
-        periodic: the unit is repeated.
-    """
+    """The classes for a unit repeated, or turned at random."""
     n = inner.dots
     every, size, transform = residue_classes(n)
     y, x = inner.lags

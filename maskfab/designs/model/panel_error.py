@@ -307,7 +307,6 @@ class PupilError(PanelError):
         return torch.stack(errors)
 
     def _tabulated(self, table: torch.Tensor) -> Floats:
-        """Expected PSNR by level and ε."""
         with torch.no_grad():
             transfer, low, light = self._transfers(table)
             errors = self._errors(transfer, low, self.strengths)

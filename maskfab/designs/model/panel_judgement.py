@@ -91,11 +91,7 @@ class PanelError(ABC):
 
 
 class MeanPanelError(PanelError):
-    """Judgement of panels by the mean over distances.
-
-    Attributes:
-        errors: at every distance, of one lattice and alike in levels and weights.
-    """
+    """Judgement of panels by the mean over distances."""
 
     def __init__(self, errors: tuple[PanelError, ...]) -> None:
         self.errors = errors

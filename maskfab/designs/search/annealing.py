@@ -181,7 +181,6 @@ def scan(
             objectives and constraints to which these are the same, as in a random tiling.
         evaluations: most of them; None has no limit.
         clock: stop when it is over, at a whole batch of 64.
-        executor: shares the judging with others where that takes long.
 
     Raises:
         OpeningError, JobError: MF203, MF204, MF123 for constraints that contradict each other, MF123 if no candidate
@@ -413,7 +412,6 @@ def anneal(
 
 
 def _size(unit: Mask) -> tuple[int, int]:
-    """Shorter and longer side of what is clear, in dots."""
     _, short, long = kind("annealed", unit)
     return short, long
 

@@ -222,7 +222,6 @@ def held_of(varied: Iterable[Candidate], rules: Constraints, clock: Clock) -> Ca
 
 
 def _varied(shapes: Iterable[Candidate]) -> Iterator[Candidate]:
-    """The first of every kind, then the second of each, and so on."""
     by_kind: dict[tuple[str, int, int], list[Candidate]] = {}
     for shape in shapes:
         by_kind.setdefault(kind(shape.name, shape.unit), []).append(shape)
@@ -371,7 +370,6 @@ def require_held(rules: Constraints, families: tuple[str, ...], clock: Clock, pr
 
 
 def _apart(shapes: Iterable[Candidate], orientations: Iterable[int]) -> list[Candidate]:
-    """Shapes of which none is another one turned."""
     turns = tuple(orientations)
     return list({turned_key(shape.unit, turns): shape for shape in reversed(list(shapes))}.values())[::-1]
 

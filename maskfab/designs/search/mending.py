@@ -62,7 +62,6 @@ def _kernels(unit: Mask) -> Iterator[Mask]:
 
 
 def _alike(one: Mask, other: Mask) -> int:
-    """Dots in which two openings agree."""
     return int(np.count_nonzero(one == other))
 
 

@@ -209,7 +209,6 @@ class Mapped:
         psnr: expected restored PSNR in dB by level of a panel of two; one is judged without its panel, and has None.
         head_room: by level, dB that no layout of as much light in every cell can gain over the map; None without one,
             for groups, over several distances, of many dots, and where the budget leaves no time for bounds.
-        notes: what a user should know, as sentences.
         cut: the budget cut it short.
         fit: of the display on a die, for a panel of two that must hold one.
     """
@@ -401,7 +400,6 @@ class Listed:
     """An opening that a map is designed for.
 
     Attributes:
-        shape: with what it is worth, its cells turned at random.
         rules: that it keeps; of a display, in the kind of panel that suits it.
         guard: of its map; None where no map breaks what it must hold.
         alike: whether all cells are laid alike, for want of another map in which lines are found.
@@ -563,12 +561,10 @@ def mapped(
         unit: bool [dots, dots].
         estimate: of the scenes.
         error: of panels, the same scenes; None where no map is wanted.
-        facts: provenance of the map, to which its own is added.
         find: gives openings of so many clear dots, the best first, for a panel of two.
         clock: a map whose time is over is taken as it is after its first steps, which bring most of the gain.
         groups: of groups of pixels; None unless they share their light.
         bounded: prove what no other map gains.
-        guard: of the map, where it could break the display.
         begun: map to go on from; None starts at the random one.
 
     Raises:
@@ -713,7 +709,6 @@ def _of_two(
     notes: tuple[str, ...],
     room: tuple[float, ...] | None = None,
 ) -> Mapped:
-    """Two openings at equal light, and what the display pays for them."""
     facts = {
         **facts,
         **by_level("graded_gain_db", made.gain_db, error.levels),
@@ -886,7 +881,6 @@ def _with_seeds(laid: Mapped, fit: DieFit | None) -> tuple[Mapped, DieFit | None
 
 
 def _appraised(section: SearchSection, laid: Mapped, error: PupilError, spread: Spread) -> Robustness:
-    """The panel beside those that are made instead of it."""
     seed, shape = map_seed(section), (error.cells, error.cells)
     kinds = orientations(section.tiling, *shape, seed) if laid.designed is None else laid.designed.orientations
     units = [laid.unit, laid.outer] if laid.outer is not None else [laid.unit]

@@ -110,8 +110,6 @@ class Designed:
             picture's edge; None without a map, for one of groups, of several distances or of many dots, and as above.
         gap: the opening beside all its bounds; None for a panel of two, where there is no other opening, and as above.
         outer: the opening of the outer half of the stop; None unless the density was asked to differ.
-        notes: what a user should know, as sentences.
-        camera: lens, sensor and light that PSNRs are expected for, in words.
         levels: of light, dB.
         robust: the panel beside those that are made instead of it; None where the budget is shorter than bounds take,
             and for a descent.
@@ -225,7 +223,6 @@ class Alternative:
         unit: bool [dots, dots].
         value: expected restored PSNR, dB, weighted mean over the levels, cells turned at random or all alike.
         emitters: largest footprint, share of the pixel that each colour covers; None where no emitters suit the pixel.
-        rim_um: closed border that the opening leaves all round its cell.
         moved_db: by how much a bias moves the PSNR; None where it was not judged.
         alike: openings of its kind among those within reach, this one included.
     """
@@ -343,9 +340,6 @@ def constraints_of(
     display: Display | None = None,
 ) -> Constraints:
     """The section's rules.
-
-    Args:
-        display: that the opening must hold.
 
     Raises:
         JobError: MF104, MF106 or MF107 for a pitch that is no whole number of dots on the grid, or rules out of range;

@@ -66,7 +66,6 @@ class Best:
     Attributes:
         best: keeps the rules; its name says where it came from.
         looked: openings among which the rules are priced; empty where they are not judged in dB.
-        notes: what a user should know, as sentences.
         cut: the budget cut it short.
         near: openings judged that lie within reach of the best, whether or not they keep the rules; empty where
             ``looked`` is.
