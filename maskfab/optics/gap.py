@@ -188,7 +188,6 @@ def gap_psf(
     the stop (samples at its rim weighted with their share inside), and transformed to the sensor.
 
     Args:
-        openings: everything clear in front of the stop.
         samples_per_dot: how finely the stop's plane is sampled; twice as many cut the error by about three.
         waves: phase in the stop's plane, the axis at its origin; none if None.
         distance_um: from lens to sensor; the focal length if None.
@@ -652,8 +651,5 @@ def gap_error(mean: MeanPsf, share: Floats) -> float:
     sqrt(λg); the share of openings that enter or leave is new speckle. The notes of
     :func:`shift_error` hold here too, and the truth may be down to 0.05 of the estimate for openings that are large
     against sqrt(λg): a bound to rule the gap out with, not a measure of it.
-
-    Args:
-        share: what :func:`share_across_gap` says of its samples.
     """
     return decorrelation_error(mean.variance, mean.psf.values, share)

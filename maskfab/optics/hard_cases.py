@@ -79,11 +79,7 @@ def clear_region(laid_out: Panel) -> db.Region:
 
 @dataclass(frozen=True)
 class Case:
-    """A problem with a known answer.
-
-    Attributes:
-        slow: whether it takes more than five seconds.
-    """
+    """A problem with a known answer."""
 
     name: str
     method: str

@@ -197,11 +197,7 @@ class LagTable:
         return max(self.coarse_errors)
 
     def bounded_otf(self, lag_x_um: Floats, lag_y_um: Floats, coarse: Floats | None = None) -> tuple[Floats, Floats]:
-        """C(s) / C(0) at lags [n], exact where that costs little, and the error of each.
-
-        Args:
-            coarse: ``coarse_otf`` there, if known.
-        """
+        """C(s) / C(0) at lags [n], exact where that costs little, and the error of each."""
         near = np.hypot(lag_x_um, lag_y_um) < self.near_um
         coarse = self.coarse_otf(lag_x_um, lag_y_um) if coarse is None else coarse
         if not self.rims:

@@ -126,7 +126,6 @@ def falls_to(mtf: Mtf, level: float, die: str | None) -> Quantity:
 
 
 def _per_pixel(quantity: Quantity, pixel_um: float) -> Quantity:
-    """A frequency in cycles per millimetre as one in cycles per pixel."""
     value, error = (
         None if number is None else float(cy_per_pixel(np.array(number), pixel_um))
         for number in (quantity.value, quantity.uncertainty)
@@ -270,7 +269,6 @@ def aliasing_quantities(
 
 
 def _of_largest(values: Floats, errors: Floats) -> float:
-    """Error of the largest of some values, from that of each."""
     largest = float(values.max())
     return max(float((values + errors).max()) - largest, largest - float((values - errors).max()))
 
@@ -338,7 +336,6 @@ def shape_quantities(points: Psf, pixels: Psf, camera: Camera, die: str | None) 
     Args:
         points: sampled at points over the window.
         pixels: averaged over pixels.
-        camera: gives focal length and stop.
     """
     highest = cutoff(camera, points.wavelength_nm)
     core = min(_CORE_PIXELS, pixels.values.shape[0]) * pixels.step_um
@@ -356,7 +353,6 @@ def shape_quantities(points: Psf, pixels: Psf, camera: Camera, die: str | None) 
 
 
 def _closer_halo(halo: Quantity, points: Psf, pixels: Psf, highest: float) -> Quantity:
-    """The halo with the error of counting whole pixels, as the points between them tell it."""
     inside, error = within_circle(points, min(_HALO_UM, pixels.step_um * pixels.values.shape[0] / 2), highest)
     counted = float(halo.value or 0.0)
     return replace(halo, uncertainty=min(halo.uncertainty or 0.0, abs(1 - inside - counted) + error))

@@ -157,7 +157,6 @@ class _View:
         return np.asarray(optics * self.pixel(nu_x, nu_y))
 
     def bounded(self, nu_x: Floats, nu_y: Floats) -> tuple[Floats, Floats]:
-        """Modulation, and an error bar for each."""
         optics, error = self.table.bounded_otf(self.scale_um2 * nu_x, self.scale_um2 * nu_y)
         pixel = self.pixel(nu_x, nu_y)
         return abs(optics) * pixel, error * pixel
@@ -285,7 +284,6 @@ def _falls(view: _View, rings: _Rings, step: float, levels: Sequence[float]) -> 
 
 
 def _directions(view: _View, lag_um: float) -> int:
-    """Number of directions that tell the mean of a ring of lags."""
     wanted = _DIRECTIONS_PER_DOT * math.pi * lag_um / view.table.x.dot_um
     return 1 << math.ceil(math.log2(min(max(wanted, _FEWEST_DIRECTIONS), _MOST_DIRECTIONS)))
 
@@ -333,7 +331,6 @@ class _Closely:
         return np.array([self.at(float(radius)) for radius in radii]).T
 
     def at(self, radius: float) -> tuple[float, float]:
-        """Mean at one radius, and a bound of its error."""
         view, table = self.view, self.view.table
         lag = view.scale_um2 * radius
         count = 4 * _directions(view, lag)
@@ -398,7 +395,6 @@ def _halved(told: Floats, level: float, step: float, closely: _Closely) -> Float
 
 
 def _between(told: Floats, radii: Floats, closely: _Closely) -> Floats:
-    """The curve told at more radii."""
     mean, line = (np.interp(radii, told[0], curve) for curve in told[1:3])
     known, error = closely(radii)
     more = np.stack([radii, mean, known, error, abs(known - line)])
@@ -613,7 +609,6 @@ def edge_spread(lags: tuple[AxisLags, AxisLags], table: LagTable, camera: Camera
     """The image of an edge over the camera's window, from lags, whatever falls outside.
 
     Args:
-        lags: along x and along y.
         table: of the same pupil; gives energy and error bound.
         camera: gives focal length, stop, pixel and window.
 

@@ -85,9 +85,6 @@ class OutlineLags:
     def on_lattice(self, step_um: float, count: int) -> tuple[Floats, Floats]:
         """The autocorrelation at whole steps, and a bound of the error of each, in square micrometres.
 
-        Args:
-            count: number of lags from 0 on.
-
         Returns:
             float64 [count, 2 count - 1] each, lags from 0 on along y, and from -(count - 1) steps on along x.
         """
@@ -326,7 +323,6 @@ def _left(strip: _Strip, share: Floats) -> Floats:
 
 
 def _right(strip: _Strip, share: Floats) -> Floats:
-    """Where they end."""
     (own, other), (above, other_above) = strip.right
     return np.asarray(np.minimum(own + share * (above - own), other + share * (other_above - other)))
 

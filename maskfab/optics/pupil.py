@@ -466,7 +466,6 @@ def _parted(aperture: Aperture, stop: Stop) -> tuple[Floats, Floats, Indices, In
 
 
 def _middle(stop: Stop) -> Stop:
-    """The dark middle of an annulus."""
     return replace(stop.scaled(stop.inner_share, stop.inner_share), inner_share=0.0)
 
 
@@ -632,7 +631,6 @@ def _slices(boxes: Floats, radius: float) -> tuple[Indices, Floats, Floats]:
 
 
 def _add_by_box(moments: Floats, box: Indices, slices: Floats) -> None:
-    """Add what slices hold to the boxes that they are of, ascending."""
     turn = np.arange(box.size) - np.searchsorted(box, box)
     for k in range(int(turn.max(initial=-1)) + 1):
         moments[box[turn == k]] += slices[turn == k]

@@ -38,9 +38,6 @@ _COLUMNS = "wavelength_nm, then one column per curve"
 def curves_text(path: Path, where: str, columns: str = _COLUMNS) -> str:
     """The text of a file of curves, its lines ended by ``\\n``; nothing of it is judged yet.
 
-    Args:
-        where: the key or option that names it, for errors.
-
     Raises:
         SourceError: MF308 if the suffix is not ``.csv``, MF301 missing, MF302 empty, MF304 not text.
     """
@@ -67,9 +64,6 @@ def parse_curves(text: str, where: str) -> Mapping[str, Curve]:
     Lines that begin with ``#`` and empty lines are skipped. The first other line names the columns, ``wavelength_nm``
     first; wavelengths ascend, and values are relative signal per unit of radiant energy (or relative radiant energy,
     for an illuminant), never negative. A curve is straight between rows and zero outside them.
-
-    Args:
-        where: the file or key it came from, for errors.
 
     Raises:
         SourceError: MF302 if there is no table, MF303 for a header, row or number that is damaged, or wavelengths out

@@ -63,7 +63,6 @@ class SensorSquare:
 
     Attributes:
         modulation: float64 [n / 2, n]; the lower half is alike, because the PSF is real.
-        uncertainty: bound on the absolute error of any value.
         wavelength_nm: the line, or None for a spectrum of several.
         exact: what is better known; None for several lines, or where all is exact.
     """

@@ -128,7 +128,6 @@ def _in_disc(sides: Floats) -> Floats:
 
 
 def _height(place: Floats) -> Floats:
-    """Height of a unit circle above its axis."""
     height = 1 - place
     height *= 1 + place
     return np.sqrt(height, out=height)
@@ -378,7 +377,6 @@ class _Lines(NamedTuple):
 
 
 def _part_height(place: Floats) -> Floats:
-    """Height of the rim."""
     height = place * place
     np.subtract(1, height, out=height)
     return np.sqrt(height, out=height)

@@ -130,9 +130,6 @@ class Curve:
 class Band:
     """A continuous spectrum: the product of curves where all of them are defined.
 
-    Attributes:
-        curves: for instance a camera's response and an illuminant.
-
     Raises:
         JobError: MF104 if no wavelength passes all of the curves.
     """
@@ -392,7 +389,6 @@ def beyond(reach_um: float, highest: float) -> float:
 
 
 def _grid(reach_um: float, highest: float) -> tuple[float, int]:
-    """Step and number of samples."""
     step = 1 / (4 * _OVERSAMPLING * reach_um)
     return step, math.ceil(highest / step) + _TAPS
 

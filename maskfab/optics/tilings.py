@@ -75,7 +75,6 @@ def mean_psf(
 
     Args:
         panel: opening, pitch and extent; its own orientations do not matter.
-        camera: stop, focal length and window.
         elements: orientations to draw from, in the numbering of :func:`maskfab.base.model.orient`; repeats weigh more.
 
     Raises:
@@ -115,7 +114,6 @@ def layout_psf(panel: Panel, pilot: Psf, camera: Camera) -> MeanPsf:
 
     Args:
         pilot: its PSF at points over the camera's window.
-        camera: stop, focal length and window.
     """
     stop, scale = camera.stop, image_scale_um2(camera, pilot.wavelength_nm)
     frame = panel_aperture(panel, stop.diameter_um / 2)
@@ -223,7 +221,6 @@ class _RandomCells:
 
     @property
     def cut_cells(self) -> tuple[Indices, Indices]:
-        """Rows and columns of the cells that the stop cuts."""
         row, column = np.nonzero((self.share > 0) & (self.share < 1))
         return row, column
 

@@ -399,7 +399,6 @@ def _whole(parts: Reals, on_axis: bool) -> ParityField:
 def _waves_by_source(
     sources: Sequence[Positions], frequency: Floats, precision: Precision, shared: Mapping[int, Waves]
 ) -> dict[int, Waves]:
-    """Waves of each different object among the sources, by its id."""
     waves = dict(shared)
     for source in sources:
         if id(source) not in waves:

@@ -179,7 +179,6 @@ def _whole_strengths(pupil: Pupil, along_x: _Cell, along_y: _Cell) -> Floats:
 
 
 def _strips(lattice: Lattice) -> Indices:
-    """Numbers of the intervals between cells."""
     if not lattice.has_gutter:
         return np.zeros(0, dtype=np.intp)
     return (lattice.dots + 1) * np.arange(1, lattice.cells, dtype=np.intp) - 1
@@ -377,7 +376,6 @@ class FieldPath:
     """One way to the far field.
 
     Attributes:
-        name: parity, direct, structure or pruned.
         error: bound of the PSF's relative L2 error, by precision.
         refusal: why a task is not for this path; None if it is.
         memory: bytes beyond the pupil's own.
@@ -493,7 +491,6 @@ def _rim_cores(task: FieldTask) -> list[tuple[int, int]]:
 
 
 def _rim_flops(task: FieldTask, cores: Sequence[tuple[int, int]]) -> float:
-    """Flops of gathering the rim to its bands."""
     if not cores:
         return 0.0
     long, narrow = cores[0]

@@ -165,7 +165,6 @@ class CostModel:
 
     Attributes:
         pupil: openings inside the stop.
-        camera: its lines are those that set the samples.
         tasks: by (grey rim, scale modelled, times finer for distortion).
         steepest: most waves that defocus and aberrations turn over a micrometre of the stop, at any line.
     """
@@ -288,7 +287,6 @@ class CostModel:
         return replace(task, x=x, rim=task.rim if choice.grey_rim else max(task.rim, 1))
 
     def _one(self, choice: Choice) -> tuple[Work, float]:
-        """Work of a pupil and of one PSF, and bytes."""
         task = self._task(choice)
         # The dots that the stop cuts mirror each other on the axis alone.
         dots, rim = self.pupil.whole.size, self.pupil.rim_row.size * (1 if choice.places == 1 else 2)
@@ -363,11 +361,7 @@ class CostModel:
 
 
 def resamplings(left_out: float, accuracy: float) -> tuple[int, ...]:
-    """Values of :attr:`Choice.distortion` that may meet an accuracy, and the finest.
-
-    Args:
-        left_out: error of leaving the distortion out.
-    """
+    """Values of :attr:`Choice.distortion` that may meet an accuracy, and the finest."""
     if not left_out:
         return (0,)
     fine = tuple(finer for finer, error in RESAMPLED.items() if finer == FINEST or error < accuracy)
@@ -375,7 +369,6 @@ def resamplings(left_out: float, accuracy: float) -> tuple[int, ...]:
 
 
 def _pupil_flops(dots: float, rim: float, grey: bool) -> float:
-    """Work of cutting a pupil, and of making one grey."""
     return _CUT + (_DOT + grey * _GREY_DOT) * dots + _RIM_DOT * rim
 
 
@@ -475,7 +468,6 @@ def plan(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Plan:
     Of equally cheap ones the one that errs least.
 
     Args:
-        camera: lens, stop, window and lines.
         accuracy: admissible relative L2 error of the point PSF over the window, in (0, 1).
 
     Raises:
@@ -557,7 +549,6 @@ def full_tolerance(accuracy: float) -> float:
 
 
 def _nearer_focus(scene: Scene, object_um: float, share: float) -> float:
-    """Distance of which the defocus is so large a share of an object's."""
     vergence = (1 - share) / scene.focus_um + share / object_um
     return 1 / vergence if vergence else math.inf
 
