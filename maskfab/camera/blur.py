@@ -194,7 +194,6 @@ def _of_design(files: Sequence[Channels], paths: Sequence[Path]) -> MeasuredBlur
 
 
 def _pixels(channels: Channels, path: Path) -> Psf:
-    """Means over pixels of intensity at points."""
     facts: dict[str, Any] = channels.facts
     step, pixel = float(facts["step_um"]), float(facts["sensor_pixel_um"])
     stride = pixel / step
@@ -224,7 +223,6 @@ def _of_fit(channels: Channels, path: Path) -> MeasuredBlur:
 
 
 def _of_capture(channels: Channels, path: Path) -> MeasuredBlur:
-    """The blur of the light of pixels about one point light."""
     mosaic = str(channels.facts.get("mosaic", "none"))
     order = [channels.names.index(name) for name in "RGB"] if len(channels.names) == _COLOURS else [0]
     planes = channels.values[order]

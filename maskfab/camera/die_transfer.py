@@ -168,7 +168,6 @@ class StopView:
         return line_nm * UM_PER_NM * self._distance_um / self.camera.pixel_um
 
     def _near(self, times: int) -> Aperture:
-        """The openings whose shadow the stop sees, so many times finer."""
         near = moved_aperture(self.openings, self._moved_um, self.camera.stop.diameter_um / 2)
         return finer_aperture(near, times) if times > 1 else near
 
@@ -185,7 +184,6 @@ class StopView:
 
     @cached_property
     def _plain(self) -> AmplitudeLags:
-        """Lags of every line without a phase."""
         return self._shadow(None, 1)
 
     @property
@@ -387,7 +385,6 @@ def _bands(camera: Camera, scene: Scene, name: str) -> list[Band | float]:
 
 
 def _everything(scene: Scene) -> Choice:
-    """Everything of a scene that a transfer can hold."""
     diffracts = scene.gap_um > 0
     return Choice(
         path=SPECTRUM if diffracts else PHASED,
@@ -472,7 +469,6 @@ def _require_room(openings: Aperture, camera: Camera, times: int, error: float =
 
 
 def _lines(view: StopView, samples: Samples, light: Band | float) -> tuple[Lines, float]:
-    """The fewest lines that stand for light, on so many samples, and the error of H by them."""
     if not isinstance(light, Band):
         line = line_spectrum([light])
         return Lines(line, line), 0.0
@@ -505,18 +501,13 @@ def left_out(panel: Panel, scene: Scene, blank: MaskBlank, plan: Plan | None = N
     """Sentences on what the photographs of a die leave out; none where they hold all that the job states.
 
     Args:
-        scene: of the job, the plate's glass in its gap.
         plan: that the transfer follows; None if it holds all of the scene.
     """
     return (*by_plan(scene, plan), *_by_lens(scene), *_by_plate(panel, scene, blank))
 
 
 def by_sentence(left_out: Mapping[str, Sequence[str]]) -> list[str]:
-    """Every sentence once, with the dies that it is about where these are not all.
-
-    Args:
-        left_out: by die, what its photographs leave out.
-    """
+    """Every sentence once, with the dies that it is about where these are not all."""
     dies: dict[str, list[str]] = {}
     for name, sentences in left_out.items():
         for sentence in sentences:

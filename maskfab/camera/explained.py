@@ -361,7 +361,6 @@ class _Comparison:
         return float((factor - 1 - np.log(factor)).sum())
 
     def share(self, at: NDArray[np.int64], setting: Fitted) -> float:
-        """Likeliest share of the structure, of power."""
         structure = self.structure(at, setting.scale, setting.turn)
         found = optimize.minimize_scalar(
             lambda share: -_likelihood(self.seen.seen[:, at], self.seen.signal[:, at], share * structure),
@@ -620,7 +619,6 @@ def _wrong(square: Record, blur: Blur, strength: float) -> tuple[float, float]:
 
 
 def _middle(record: Record, most: int) -> Record:
-    """A square from the record's middle."""
     side = min(*record.values.shape[1:], most) // 2 * 2
     top, left = ((whole - side) // 2 for whole in record.values.shape[1:])
     return replace(record, values=record.values[:, top : top + side, left : left + side])

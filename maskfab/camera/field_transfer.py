@@ -180,11 +180,7 @@ class FieldChange:
 
 @dataclass(frozen=True, eq=False)
 class OverField:
-    """A die whose point spread changes over the field; a camera that knows only that of the axis restores by it.
-
-    Attributes:
-        plan: that says how accurate its point spread must be.
-    """
+    """A die whose point spread changes over the field; a camera that knows only that of the axis restores by it."""
 
     transfer: DieTransfer
     plan: Plan
@@ -281,7 +277,6 @@ class _Places:
 
     @property
     def phased(self) -> bool:
-        """Whether places take long."""
         return any(self.view.has_phase(line.shadow.centroid_nm) for line in self.lines)
 
     def change(self, place: Place) -> Singles:

@@ -139,7 +139,7 @@ class Design(Blur, Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Isoplanatic(ABC):
-    """A design through which every point of a scene spreads alike; its transfers are kept for the scenes that follow."""
+    """A design through which every point of a scene spreads alike; its transfers are kept for later scenes."""
 
     name: str
     _kept: dict[tuple[int, int], Transfer] = field(default_factory=dict, init=False, repr=False)

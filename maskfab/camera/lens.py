@@ -77,9 +77,6 @@ class PhotoCamera:
     def of(cls, camera: Camera, *, where: str = "", colours: bool = False) -> PhotoCamera:
         """The parts of a job's camera that photographs depend on.
 
-        Args:
-            colours: photographs are to be taken, in red, green and blue.
-
         Raises:
             JobError: MF133 as for the type; MF134 for other than three wavelengths where colours are wanted.
         """
@@ -289,7 +286,6 @@ class Laid(Isoplanatic):
 
     Attributes:
         pupil: float64 [side, side], amplitude of every dot, 0 outside the stop.
-        lattice: of its cells, behind the camera that looks through them.
     """
 
     pupil: Floats

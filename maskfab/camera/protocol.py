@@ -312,7 +312,6 @@ class _Case:
     Attributes:
         seen: light of scenes that are not large on the sensor.
         likenesses: of test scenes, empty where nobody asked for details.
-        colours: whether S-CIELAB is scored of them.
     """
 
     protocol: Protocol
@@ -337,7 +336,6 @@ class _Case:
     def scored(
         self, test: Sequence[Photograph], tuning: Sequence[Photograph], restorers: Sequence[Restorer], *, choose: bool
     ) -> Iterator[tuple[Score, Singles]]:
-        """Scores and pictures of every restorer with its best ε, and of the one chosen for each scene."""
         keys, strengths, ready, start = [*map(id, tuning)], self.protocol.strengths, dict[int, Ready](), 0
         if len(strengths) > 1:
             ready = {key: Wiener().prepare(self._record(key), self.design) for key in keys}
@@ -368,7 +366,6 @@ class _Case:
         return self._records[key]
 
     def _restored(self, restorer: Restorer, key: int) -> Callable[[float], Singles]:
-        """Code values of a scene restored, as a function of ε."""
         prepared = restorer.prepare(self._record(key), self.design)
         return lambda epsilon: self.protocol.shown(prepared(epsilon))
 

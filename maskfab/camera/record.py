@@ -255,11 +255,7 @@ def _mean(ordered: Sequence[Record], light: Singles) -> Singles:
 
 @dataclass(frozen=True, eq=False)
 class BinnedBlur:
-    """Blur of means over 2 x 2 pixels.
-
-    Attributes:
-        fine: that of the pixels.
-    """
+    """Blur of means over 2 x 2 pixels."""
 
     fine: Blur
 

@@ -168,7 +168,6 @@ def scene(
 
 
 def _middle(shape: tuple[int, ...], *, whole: bool = False) -> tuple[slice, slice]:
-    """Rows and columns of a scene in a picture."""
     rows, columns = shape
     most = shape if whole else (SHORT, LONG) if columns >= rows else (LONG, SHORT)
     sides = [min(have, limit) // _STEP * _STEP for have, limit in zip(shape, most, strict=True)]

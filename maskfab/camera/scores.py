@@ -91,7 +91,6 @@ class Truth:
         return difference
 
     def _moments(self, lines: slice) -> tuple[Singles, Singles]:
-        """Local mean and variance of some rows."""
         moments = self._local.get(lines.start)
         if moments is None:
             true = self.values[:, lines]

@@ -333,9 +333,6 @@ _ISO_ALIKE = 0.05
 def gain_of_file(sensor: Sensor, name: str, iso: float | None) -> float | None:
     """Analog gain that a file was taken at: as [sensor] states it, or the file's ISO over that of base gain.
 
-    Args:
-        iso: that the file states; None where it states none.
-
     Returns:
         None where neither tells.
 

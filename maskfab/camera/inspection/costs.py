@@ -135,7 +135,6 @@ def costs(image: DieImage, setting: Setting, seen: Sequence[str], drawn_way_roun
 
 
 def _only(setting: Setting, name: str) -> Setting:
-    """A die as drawn but for one value of a setting."""
     terms = tuple(term for term in setting.terms if f"z{term[0]}" == name)
     return Setting(terms=terms) if terms else replace(Setting(), **{name: getattr(setting, name)})
 

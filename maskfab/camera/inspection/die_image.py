@@ -130,7 +130,6 @@ Middles of the dots along x and y [k], waves of every order along x on the symme
 
 
 def _rim(pupil: Pupil, x: Floats, y: Floats, frequencies: Floats) -> _Rim:
-    """The rim of a pupil whose dots have these middles."""
     both = np.concatenate([-frequencies[:0:-1], frequencies])
     orders = np.arange(_RIM_DEGREE + 1)
 
@@ -239,11 +238,7 @@ class DieField:
 
 @dataclass(frozen=True, eq=False)
 class LensField:
-    """The field of a die behind one lens, whatever the bias: its parts are made once.
-
-    Attributes:
-        terms: the lens's errors, pairs of Noll's number and waves.
-    """
+    """The field of a die behind one lens, whatever the bias: its parts are made once."""
 
     die: DieField
     terms: _Terms
@@ -515,7 +510,6 @@ class DieImage:
         return self._lens[key]
 
     def _fields(self, setting: Setting) -> list[Complexes]:
-        """Field at each node."""
         key = setting.bias_um, setting.terms
         if key not in self._amplitude:
             self._amplitude.clear()
@@ -523,7 +517,6 @@ class DieImage:
         return self._amplitude[key]
 
     def _intensities(self, setting: Setting) -> list[Floats]:
-        """Intensity at each node, turned."""
         # A picture that is only moved or stretched is of the same light.
         key = setting.turn_rad, setting.bias_um, setting.terms
         if key not in self._last:
@@ -537,7 +530,6 @@ class DieImage:
     def _changed(
         self, setting: Setting, by: Sequence[Complexes], factors: Sequence[float] | None = None
     ) -> list[Floats]:
-        """Change of the intensity at each node with that of the field, times a factor of the node."""
         factors = factors or [1.0] * len(by)
         flat = (
             2 * factor / self._field.energy_um2 * (here.real * change.real + here.imag * change.imag)
@@ -605,7 +597,6 @@ def gathered(lines: Spectrum, camera: Camera, reach_um: float) -> Spectrum:
 
 
 def _between(nodes: Floats, values: Sequence[Floats], wavelength_nm: float) -> Floats:
-    """A polynomial in the inverse wavelength through values at its nodes."""
     if len(values) == 1:
         return values[0]
     place, at = 1 / nodes, 1 / wavelength_nm

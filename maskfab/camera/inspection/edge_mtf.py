@@ -254,7 +254,6 @@ class EdgeDesign:
     """Design that a measured MTF is held against.
 
     Attributes:
-        lights: of the colours that were measured, each a band or a line in nanometres.
         orientation: how the panel stood, as :func:`maskfab.base.model.orient` counts.
     """
 
@@ -374,7 +373,6 @@ def measured_edges(
 
 
 def _within(values: Floats, counts: Mask, grid: Grid, region: Region | None, where: str) -> tuple[Floats, Mask, Grid]:
-    """The samples within a region, and where they lie."""
     if region is None:
         return values, counts, grid
     box = grid.of_samples(region)
@@ -427,7 +425,6 @@ def mtf50(curve: EdgeMtf | MtfCurve, die: str | None = None) -> list[Quantity]:
 
 
 def _at_shown(curve: EdgeMtf | MtfCurve, die: str | None) -> list[Quantity]:
-    """The measured MTF at a few frequencies, those that the curve holds."""
     frequency, numbers = curve.frequency_cy_per_px, []
     for at in _SHOWN_CY_PER_PX:
         if not frequency[0] <= at <= frequency[-1]:
@@ -489,7 +486,6 @@ def frame_edges(
     Args:
         frame: linear counts.
         region: box of sensor pixels to look in; the whole frame if None.
-        window_px: largest reach to either side of an edge.
         designs: for each colour of the frame, all of one die; None to hold nothing beside.
 
     Raises:

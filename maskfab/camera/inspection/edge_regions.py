@@ -169,7 +169,6 @@ def noise_of(values: Floats, valid: Mask) -> float:
 
 
 def _of_sign(direction: Direction, chosen: Mask, over: Floats, along: Floats) -> Iterator[tuple[float, FoundEdge]]:
-    """Edges of one sign in a picture whose rows cross them, each with its weight."""
     labels, _ = scipy.ndimage.label(chosen, np.ones((3, 3)))
     for number, box in enumerate(scipy.ndimage.find_objects(labels), 1):
         weight = np.where(labels[box] == number, over[box], 0.0)

@@ -51,11 +51,7 @@ quarter of a million."""
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A die that may have stood before the camera.
-
-    Attributes:
-        way_round: one of :data:`WAYS_ROUND`.
-    """
+    """A die that may have stood before the camera."""
 
     die: str
     way_round: int
@@ -271,7 +267,6 @@ def _widened(
 
 
 def _step(image: DieImage, taken: Sequence[Taken], fit: Fit) -> _Step:
-    """A step along the square of the width together with all that is fitted."""
     pictures, slopes = image.pictures(fit.setting), image.slopes(fit.setting)
     apart = (_APART_PX * image.camera.pixel_um) ** 2
     farther = replace(image, light_um=math.sqrt(image.light_um**2 + apart)).pictures(fit.setting)

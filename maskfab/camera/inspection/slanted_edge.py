@@ -148,11 +148,7 @@ def window(distance_px: Floats, half_px: float) -> Floats:
 
 
 def settled_px(sums: NormalSums, spread: Floats, noise: float, samples: int) -> float:
-    """Reach of a window beyond which the edge spread no longer changes, with a margin; all that there is if it does.
-
-    Args:
-        noise: one standard deviation of a sample.
-    """
+    """Reach of a window beyond which the edge spread no longer changes, with a margin; all that there is if it does."""
     half, step = float(sums.knots_px[-1]), sums.step_px
     block = round(_BLOCK_PX / step)
     mean = np.convolve(spread, np.full(block, 1 / block), "same")

@@ -148,7 +148,6 @@ def judged_die(
 
     Args:
         cause: of what the explanation leaves, as far as it was found; None where it leaves noise.
-        mirrored: whether the plate stands the other way round than the job says.
         width_um: of the die's narrowest features.
     """
 
@@ -207,7 +206,6 @@ def seen_sentences(found: Identified, told: Explanation, *, mirrored: bool, drif
 
     Args:
         told: the explanation of the frames.
-        mirrored: whether the plate stands the other way round than the job says.
         drift: of the exposure whose light differs most from what its time says.
     """
     best, sentences = found.best, []
@@ -271,7 +269,6 @@ def finding_sentences(told: Explanation, costs: Sequence[Cost], promise: Promise
 
 
 def _cost_sentences(costs: Sequence[Cost]) -> list[str]:
-    """Loss of restoring by the design, and what to restore by."""
     if not costs:
         return []
     whole = next(cost.by_design for cost in costs if cost.of == ALL)
@@ -289,7 +286,6 @@ def _cost_sentences(costs: Sequence[Cost]) -> list[str]:
 
 
 def _lens_sentence(fit: Fit, line_nm: float) -> str:
-    """Errors of the lens that are above their own error bars."""
     half = {term: NORMAL_95 * fit.errors[f"z{term}"] for term, _ in fit.setting.terms}
     seen = [
         f"{TERM_NAMES.get(term, f'Zernike {term}')} {_by_error(waves, half[term])}"

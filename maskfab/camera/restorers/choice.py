@@ -352,7 +352,6 @@ def _restored(record: Record, blur: Blur, tried: Sequence[Tried]) -> list[Single
 
 
 def _least(tried: Sequence[Tried], errors: Floats) -> dict[str, float]:
-    """The least of its strengths' errors, for every restorer's name."""
     least: dict[str, float] = {}
     for (restorer, _), error in zip(tried, errors.tolist(), strict=True):
         least[restorer.name] = min(error, least.get(restorer.name, error))

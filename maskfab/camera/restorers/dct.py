@@ -257,11 +257,7 @@ EPSILON = (20 / 35) ** 10
 
 @dataclass(frozen=True)
 class Published:
-    """The restoration of the published protocol.
-
-    Attributes:
-        width: pixels of darkness round the record.
-    """
+    """The restoration of the published protocol."""
 
     width: int = MARGIN
     name: str = "published"

@@ -163,7 +163,6 @@ def _finer(spectrum: Spectrum, fine: tuple[int, int], shape: tuple[int, ...]) ->
 
 
 def _blocks(values: Singles) -> Singles:
-    """Means over blocks of pixels."""
     rows, columns = values.shape[1] // _COARSER, values.shape[2] // _COARSER
     return np.asarray(values.reshape(-1, rows, _COARSER, columns, _COARSER).mean(axis=(2, 4), dtype=np.float32))
 
@@ -271,11 +270,7 @@ _STILL = 0.02
 
 @dataclass(frozen=True)
 class TotalVariation:
-    """Least squares with a penalty on gradients.
-
-    Attributes:
-        width: of the surroundings, pixels on every side; less than the sensor's sides.
-    """
+    """Least squares with a penalty on gradients."""
 
     width: int = MARGIN
     name: str = "tv"

@@ -90,11 +90,7 @@ def _filters(blur: Blur, shape: tuple[int, int], epsilon: float) -> Transfer:
 
 @dataclass(frozen=True)
 class Wiener:
-    """The filter as a restorer.
-
-    Attributes:
-        width: pixels by which the record is mirrored beyond its edges.
-    """
+    """The filter as a restorer."""
 
     width: int = MARGIN
     name: str = "wiener"
