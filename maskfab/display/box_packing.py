@@ -154,7 +154,6 @@ class Packing:
         return None
 
     def _of(self, kinds: Sequence[int]) -> list[int]:
-        """Shapes of some kinds."""
         return [index for index, shape in enumerate(self.shapes) if shape.kind in kinds]
 
     # --- proofs ----------------------------------------------------------------------------------------------------
@@ -270,7 +269,6 @@ class Packing:
         return Packed(best, False)
 
     def _by_group(self) -> tuple[int, ...]:
-        """Boxes by kind, group by group, the largest of each first."""
         group = [number for number, kind in enumerate(self.kinds) for _ in range(kind.count // self.groups)]
         steps = [kind.step for kind in self.kinds]
         return tuple(sorted(group, key=lambda number: -steps[number][0] * steps[number][1])) * self.groups
@@ -423,7 +421,6 @@ class Packing:
         return counts
 
     def _lay(self, left: Sequence[Mask], place: Place) -> None:
-        """Take all places that a box leaves no room for."""
         index, row, column = place
         high, wide = self.shapes[index].step
         for anchors, shape in zip(left, self.shapes, strict=True):
@@ -523,7 +520,6 @@ class _Lines:
 
     @property
     def marks(self) -> Mask:
-        """The points, as cells of the area."""
         marks = np.zeros_like(self.area)
         for row, start, end in zip(*_runs(self.area), strict=True):
             if row in self.rows:

@@ -94,9 +94,6 @@ def place_circuits(panel: Panel, opening: Opening, rules: BoxRules) -> Circuits:
 def no_place(panel: Panel, opening: Opening, rules: BoxRules) -> Certificate | None:
     """A proof, by what costs little, that the boxes of a pixel have no place; None where there is none.
 
-    Args:
-        panel, opening, rules: as for :func:`place_circuits`.
-
     Raises:
         JobError: MF117 as :func:`place_circuits`.
     """
@@ -117,7 +114,6 @@ class _Pixel:
 
     Attributes:
         panel, opening, rules: as for :func:`place_circuits`.
-        exact: whether all lengths are whole numbers on that.
     """
 
     panel: Panel
@@ -163,7 +159,6 @@ class _Pixel:
         return inner, found, None if short is None else _too_few(outer, self.rules, short)
 
     def _grid(self, cell_nm: int, *, up: bool) -> _Grid:
-        """Boxes on cells of a size, lengths rounded up to them, or down."""
         rules = self.rules
 
         def cells(length_nm: int, *, more: bool = up) -> int:
@@ -215,7 +210,6 @@ def _drawn(grid: _Grid, places: tuple[Place, ...], rules: BoxRules, half_nm: int
 
 
 def _by_search(grid: _Grid, rules: BoxRules) -> Certificate:
-    """A proof by a search that has ended."""
     statement = (
         f"A search that tried every place of every box, on a grid of {grid.cell_nm / NM_PER_UM:g} um on which "
         f"dots, sizes and gaps are whole numbers, found none for all {rules.boxes}"

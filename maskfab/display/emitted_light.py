@@ -342,7 +342,6 @@ def _checked_emitters(panel: Panel, opening: Opening) -> Emitters:
 
 
 def _checked(image: Floats) -> tuple[int, int]:
-    """Rows and columns of an image that can be shown."""
     if image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
         what = f"an array of shape {image.shape} is not a picture"
         raise JobError("MF121", what, cure="Give [rows, columns, 3], not empty")

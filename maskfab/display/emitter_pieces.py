@@ -325,7 +325,6 @@ class _Annealing:
         return edges
 
     def _take(self, changes: list[_Change]) -> None:
-        """Make a move of which the length was asked last."""
         lights, part = self.lights, 3
         for k, self.held[k], self.covers[k], _, more in changes:
             if more > 0:

@@ -207,7 +207,6 @@ def _of_lattice(pixels: list[Emitters], shares: Floats, pitch_nm: int, ppd: floa
 
 
 def _mean_length(variances: Floats) -> float:
-    """Mean length of a normal vector of independent components with these variances."""
     w = np.maximum(variances, 0.0)
     if not w.max() > 0:
         return 0.0

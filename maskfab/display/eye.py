@@ -289,7 +289,6 @@ class PictureView:
         seen: linear light [y, x, 3] as it appears to the eye, row 0 the lowest, for a reader to look at.
         reference: the same of an ideal display.
         samples: along a pixel, of both.
-        delta_e: mean S-CIELAB difference of the two.
         delta_e_95: its 95th percentile.
         delta_e_aligned: its mean after the reference moved by the mean centroid of the pixels.
         fringe: largest difference in a* and b* after that move.

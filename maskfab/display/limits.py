@@ -219,9 +219,6 @@ def judgement(
 ) -> Judgement:
     """Look at a display, and hold its emitters against those of its reference.
 
-    Args:
-        of_map: rows and columns of the die's orientation map, if it has one.
-
     Raises:
         JobError: MF121, MF119 for emitters that cannot be shown, MF117 as :meth:`EyeAndLife.reference`.
     """
@@ -268,5 +265,4 @@ def _lives(shares: Triple, reference: Triple, light: LightDemand, section: Lives
 
 
 def _limit(stated: float | None, default: float | None, source: str) -> tuple[float | None, bool, str]:
-    """Limit, whether the job states it, and its source."""
     return (default, False, source) if stated is None else (stated, True, _STATED)

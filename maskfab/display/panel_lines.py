@@ -65,9 +65,6 @@ def panel_lines(panel: Panel, rules: WireRules, count: int, axis: Axis) -> Panel
     """``count`` lines along an axis for every pixel across, through the panel's own cells.
 
     A line's metal stays within its own pixel and the next to either side; beyond the panel nothing is open.
-
-    Args:
-        count: of lines for each pixel.
     """
     field = _Field.of(panel, rules, axis)
     if not field.low.size:
@@ -251,7 +248,6 @@ class _Field:
 
     @cached_property
     def _slabs(self) -> Ints:
-        """Where bands begin."""
         return np.searchsorted(self.band, np.arange(self.begins.size - 1))
 
     @cached_property
@@ -286,7 +282,6 @@ def _met(low: Ints, high: Ints, band: Ints) -> tuple[Ints, Ints]:
 
 
 def _used(begin: Ints, after: Ints, ends: tuple[Mask, Mask]) -> Mask:
-    """Stretches on a way from one end to the other, from those that each leads to."""
     many = np.maximum(after - begin, 0)
     tail = np.repeat(np.arange(many.size), many)
     head = np.repeat(begin - (np.cumsum(many) - many), many) + np.arange(many.sum())
@@ -325,7 +320,6 @@ def _led(way: Ints, links: Ints, side: Literal[1, -1]) -> Ints:
 
 
 def _dot_edges(panel: Panel, count: int) -> Ints:
-    """Lower edges of dots along a side of a panel."""
     cell, dot = np.divmod(np.arange(count, dtype=np.int64), panel.opening.dots)
     return np.asarray(cell * panel.pitch_nm + panel.cell_size.dot_edges_nm[dot])
 
@@ -340,7 +334,6 @@ def _cuts(edges: Ints, dot_nm: int, end: int, reach: int, lane: int) -> Ints:
 
 
 def _corners(turns: Ints, places: Ints, cuts: Ints, axis: Axis) -> tuple[Point, ...]:
-    """The middle of a line, corner by corner."""
     x = np.repeat(places, 2)
     y = np.concatenate((cuts[:1], np.repeat(cuts[turns[1:]], 2), cuts[-1:]))
     apart = np.concatenate(([True], (np.diff(x) != 0) | (np.diff(y) != 0)))
@@ -435,12 +428,10 @@ class _Chains:
 
     @property
     def pixels(self) -> int:
-        """Pixels across."""
         return int(self.cells.shape[1])
 
     @property
     def pitch_nm(self) -> int:
-        """Pitch of the pixels."""
         return self.panel.pitch_nm
 
     def beside(self, count: int, side: Literal[1, -1]) -> Ints:
@@ -542,7 +533,6 @@ class _Chains:
 
 
 def _passing(gap: Ints, rules: WireRules) -> Ints:
-    """Lines that pass between openings a gap apart."""
     room = gap + rules.space_nm - 2 * rules.clearance_nm
     return np.asarray(np.maximum(room // (rules.line_nm + rules.space_nm), 0))
 

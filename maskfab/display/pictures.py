@@ -164,7 +164,6 @@ def _shares(size: int, count: int, scale: float) -> Floats:
 
 
 def _channels(spec: Any, where: str) -> list[int]:
-    """Which channels are the colours, and alpha if there is one."""
     try:
         names = [str(name).upper() for name in spec.channelnames]
     except UnicodeDecodeError as error:

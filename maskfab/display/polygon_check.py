@@ -117,7 +117,6 @@ def circuit_violations(panel: Panel, rules: BoxRules) -> tuple[Violation, ...]:
 
 
 def _frame(panel: Panel, cells: Sequence[tuple[int, tuple[int, int]]]) -> db.Region:
-    """The pixels of a tile."""
     return db.Region([_pixel(panel, place) for _, place in cells])
 
 

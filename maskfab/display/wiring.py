@@ -141,7 +141,6 @@ class WireDemand:
     """Wires required by the display maker.
 
     Attributes:
-        rules: width, space and clearance of opaque lines.
         lines: that must cross every pixel along x, and along y.
         transparent_nm: width of a transparent wire along each axis; 0 for none.
     """
@@ -248,11 +247,7 @@ def wired_alike(panel: Panel, opening: Opening, demand: WireDemand, *, whole: bo
 
 
 def most_lines(panel: Panel, opening: Opening, demand: WireDemand) -> int:
-    """Lines that can be drawn for every pixel along each axis, if those asked for can: so many, and not one more.
-
-    Args:
-        panel, opening, demand: as for :func:`wiring`.
-    """
+    """Lines that can be drawn for every pixel along each axis, if those asked for can: so many, and not one more."""
     lines = demand.lines
     while wiring(panel, opening, replace(demand, lines=lines + 1)).verdict is Verdict.FITS:
         lines += 1
@@ -260,7 +255,6 @@ def most_lines(panel: Panel, opening: Opening, demand: WireDemand) -> int:
 
 
 def _alike(panel: Panel, opening: Opening, demand: WireDemand, wanted: int, *, whole: bool) -> Wiring:
-    """Opaque wires that every pixel is drawn with, as many as can be."""
     rules = demand.rules
     # Lines of a gutter also keep half a space from those in the closed area beside it.
     beside = replace(rules, clearance_nm=max(rules.clearance_nm, -(-rules.space_nm // 2)))
