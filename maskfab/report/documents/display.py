@@ -587,7 +587,6 @@ def check_document(
     Args:
         gaps: the largest ones that displays bear, by die.
         unused: what of the job the answer does not depend on.
-        passed: whether every display but that of the reference fits, and keeps the limits that the job states.
     """
     return CheckPart.document(
         job_hash=digest,

@@ -445,7 +445,6 @@ class FinishedReport:
 
     Attributes:
         job: the resolved job beside it; None for a report that stands alone.
-        proved: whether the manifest beside it says that nobody changed it since.
     """
 
     name: str

@@ -677,7 +677,6 @@ def _transfer(written: Written) -> tuple[Figure, str]:
 
 
 def _shown(written: Written) -> tuple[Reading, ...]:
-    """Both readings, or one where no corners kiss and they are alike."""
     return tuple(Reading) if written.kissing else (Reading.FUSED,)
 
 

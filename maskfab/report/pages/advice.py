@@ -87,7 +87,6 @@ class Advised:
         alike_psnr: expected restored PSNR of its opening with all cells laid alike, dB, by level.
         misfit: why no display fits; None where one does.
         displays: of both dies.
-        photographs: through both dies, at the job's light and at less and more of it.
         level_db: the job's light, or the middle one of several.
         unobstructed: gain over the reference of a clear stop of the design's light.
         reaches: larger openings; none where time was over.

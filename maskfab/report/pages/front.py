@@ -248,7 +248,6 @@ def _candidates(dies: Mapping[str, Record], means: Mapping[str, float]) -> list[
 
 
 def _limit_words(dies: Mapping[str, Record], name: str, free: str, cost: MeanDifference) -> str:
-    """Cost of the limits of displays in dB, or that none is kept and which bind."""
     missed = broken(dies[name])
     if all("display" not in die for die in dies.values()):
         return ""
@@ -354,7 +353,6 @@ def _of_displays(document: Record, name: str) -> Stamp:
 
 
 def _whose(document: Record, name: str) -> str:
-    """Basis of a verdict, in words."""
     verdicts = document["verdicts"]
     if name == FITS:
         return str(verdicts["display"].get("circuits", "placed and wired"))
@@ -376,6 +374,5 @@ def _missing(taken: Record, name: str, photographed: int) -> str:
 
 
 def _refusal(why: str) -> str:
-    """A refusal with its cure."""
     code, _, what = why.partition(" ")
     return f"{what}. {explained(code).cure}" if code in CATALOGUE else f"{why}."

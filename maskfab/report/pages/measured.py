@@ -91,13 +91,11 @@ def captured_drawing(measured: Measured) -> Drawing:
 
 
 def _found(measured: Measured) -> list[str]:
-    """Names of what is marked in the picture."""
     there = {"a second lamp": _lamp_um(measured), "dust": measured.explained.dusty}
     return [name for name, found in there.items() if found]
 
 
 def _lamp_um(measured: Measured) -> tuple[float, float] | None:
-    """Place of a second lamp on the sensor."""
     setting = measured.fit.setting
     lamp = setting.lamp
     return None if lamp is None else (setting.x_um + lamp.x_um, setting.y_um + lamp.y_um)
@@ -174,11 +172,7 @@ _PRICES = ("captured_cost", "captured_loss")
 
 
 def capture_page(measured: Measured, document: Record, notes: Sequence[str]) -> str:
-    """The page, with nothing from outside it; equal captures give equal pages.
-
-    Args:
-        notes: what a reader should know, as sentences.
-    """
+    """The page, with nothing from outside it; equal captures give equal pages."""
     return page_template("measure.html.j2").render(
         style=style(),
         version=document["maskfab_version"],
@@ -215,7 +209,6 @@ def _rows(quantities: Sequence[Quantity]) -> list[tuple[Quantity, Entry]]:
 
 
 def _zero(quantities: Sequence[Quantity]) -> list[Quantity]:
-    """Terms of the lens that cannot be told from zero."""
     terms = [each for each in quantities if each.name == _TERM]
     return [each for each in terms if abs(float(each.value or 0.0)) <= (each.uncertainty or 0.0)]
 
@@ -400,7 +393,6 @@ def edge_document(
 
     Args:
         job_hash: of the job; None without one.
-        notes: what a reader should know, as sentences.
     """
     return {
         "schema_version": SCHEMA_VERSION,

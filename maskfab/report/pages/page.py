@@ -84,7 +84,6 @@ def html_page(
         pictures: ``<img>`` elements by die and figure, as :func:`maskfab.report.figures.die.pictures` makes them;
             a figure that is missing is left out.
         made_with: versions of the programs that made it; by default those that are installed.
-        view: whether the page that shows the plate lies beside it.
 
     Equal documents and pictures give equal pages.
     """

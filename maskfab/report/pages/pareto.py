@@ -144,7 +144,6 @@ def _field(axes: Axes, pareto: Pareto, lines: int) -> None:
 
 
 def _denser(axes: Axes, serving: list[FrontPoint], colour: object, mark: str) -> None:
-    """Hollow marks with the clear share of the middle beside them."""
     for point in serving:
         x, y = 100 * point.footprint, point.value
         axes.plot(
@@ -196,7 +195,6 @@ def _seen(axes: Axes, pareto: Pareto, rule: str, value: str, label: str) -> None
 
 
 def _curve(axes: Axes, serving: list[FrontPoint], left: float, colour: object, mark: str, label: str) -> None:
-    """The stair of those that none betters in this field, and marks for all that serve."""
     across = [100 * point.footprint for point in serving]
     up = [point.value for point in serving]
     widest, stair_x, stair_y = left, [left], []

@@ -47,7 +47,6 @@ class Line:
 
     Attributes:
         cells: one for each column, None where there is no such number.
-        unit: of numbers, as report.json spells it.
     """
 
     name: str
@@ -281,7 +280,6 @@ def _few_digits(frequencies: Sequence[str]) -> Iterator[tuple[str, str]]:
 
 
 def _columns(document: Record) -> dict[tuple[str, ...], Callable[[Record], Cell | None]]:
-    """Functions that find the cell of a die, by heading."""
     lines = document["camera"]["wavelengths_nm"]
     middle = lines[len(lines) // 2]
     names = dict.fromkeys(row["name"] for die in document["dies"] for row in die["quantities"])
@@ -365,7 +363,6 @@ class ModelLine:
         seconds: that one thread is expected to take for the die; None where nothing is computed.
         error: of it; None where it is not known.
         at_most: whether the truth may lie far below the error.
-        unit: of the error, as report.json spells it.
     """
 
     title: str

@@ -329,7 +329,6 @@ def _unchanged(folder: Path, row: Record) -> Path:
 
 
 def _dies(report: Record, layout: db.Layout, pictures: Mapping[str, tuple[str, str]]) -> list[Document]:
-    """Dies of a report in its order, each with its numbers, its place in the layout, nm, and its PSF."""
     table = die_table(report)
     lines, in_report = {line.name: line for line in table.lines}, shown_dies(report)
     documents = []

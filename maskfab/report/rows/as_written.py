@@ -177,10 +177,6 @@ class _Parts:
 def measure_written(die: Die, camera: Camera, process: Process, where: str = "") -> Written:
     """PSF (at the middle wavelength), MTF (at every one) and open ratio of a die as written, in both readings.
 
-    Args:
-        process: the writer's corner radius and bias.
-        where: the job's key, for errors.
-
     Raises:
         JobError: MF104, MF127 for a process that dots or gutters do not bear; MF115 for too many dots across the stop.
     """
@@ -210,9 +206,6 @@ def measure_written(die: Die, camera: Camera, process: Process, where: str = "")
 
 def written_psf_quantities(die: Die, camera: Camera, process: Process, where: str = "") -> tuple[Quantity, ...]:
     """The quantities of :func:`measure_written` that need no MTF, equal to them, in a fifth of the time.
-
-    Args:
-        die, camera, process, where: as for :func:`measure_written`.
 
     Raises:
         JobError: MF104, MF127 for a process that dots or gutters do not bear.
@@ -330,7 +323,6 @@ def _image(
     reading: Reading,
     like: Psf,
 ) -> tuple[WrittenImage, float]:
-    """The image by the outlines, and their clear area in the stop."""
     inside, area = _edges_in_stop(vertices, corners, camera.stop)
     outline = stop_boundary(inside, area, replace(camera, wavelengths_nm=(like.wavelength_nm,)))
     psf = polygon_psf(outline, camera, like)
@@ -409,7 +401,6 @@ def _vertices(aperture: Aperture) -> _Vertices:
 
 
 def _blocks(lattice: Lattice) -> tuple[int, int]:
-    """Cells that a gutter parts, and the dots of each."""
     return (lattice.cells, lattice.dots) if lattice.has_gutter else (1, lattice.cells * lattice.dots)
 
 
@@ -550,14 +541,12 @@ def _stop_share(parts: _Parts, stop: Stop) -> _Parts:
 
 
 def _paired(lattice: Lattice) -> Lattice:
-    """The lattice of parts twice as wide."""
     step = 2 * lattice.dot_um
     pitch = lattice.pitch_um if lattice.has_gutter else lattice.dots // 2 * step
     return Lattice(lattice.start_um, lattice.cells, lattice.dots // 2, step, pitch)
 
 
 def _means(shares: Floats) -> Floats:
-    """The means over pairs of parts along both axes."""
     cells_y, rows, cells_x, columns = shares.shape
     pairs = shares.reshape(cells_y, rows // 2, 2, cells_x, columns // 2, 2)
     means: Floats = pairs.mean(axis=(2, 5))

@@ -423,9 +423,6 @@ def restored_expansion(
 ) -> Expansion | str:
     """The change of a die's restored PSNR from the drawing to what the process makes of it, in dB.
 
-    Args:
-        conditions: of the job's photographs, by protocol ``camera``.
-
     Returns:
         The expansion, at the middle level of light; missed are a case wider and rounder, and what the width of
         parts of dots makes of it. A sentence, with its code, where the die cannot be photographed, its dots cannot be
@@ -458,11 +455,7 @@ def restored_expansion(
 def restored_bands(
     photographs: Photographs, name: str, changes: Mapping[str, Expansion | str], process: Process, spread: ProcessSpread
 ) -> Iterator[Quantity]:
-    """The bands of a die's PSNR and gain, and its sensitivity, as rows of a report.
-
-    Args:
-        changes: of every die, of :func:`restored_expansion`.
-    """
+    """The bands of a die's PSNR and gain, and its sensitivity, as rows of a report."""
     own, level = changes[name], middle_level(photographs.conditions.levels)
     if isinstance(own, str):
         yield Quantity("band_restored_psnr", None, f"not found: {own}", die=name, level_db=level)
@@ -486,5 +479,4 @@ def restored_bands(
 
 
 def _band(name: str, drawn: float, change: Expansion, process: Process, spread: ProcessSpread) -> Band:
-    """The band of a number of the die as drawn that changes."""
     return Band.of(name, None, replace(change, nominal=drawn + change.nominal), process, spread)

@@ -84,11 +84,7 @@ _TOLD_OF_UNLIKE = frozenset({"auc_radial_min", "mtf50", "mtf30", "mtf10", "peak_
 def optics_of_like(
     die: Die, camera: Camera, blank: MaskBlank, design: db.Layout, laid: db.Layout, equal: bool
 ) -> Iterator[Quantity]:
-    """The PSF and MTF of a die of a file that is the design, or nearly.
-
-    Args:
-        equal: whether the file is the design all over the stop.
-    """
+    """The PSF and MTF of a die of a file that is the design, or nearly."""
     bare = _bare(die)
     box = light_box(die, camera.stop)
     # A layout in cells is seen through faster than one without, where both are the same.
@@ -386,7 +382,6 @@ def _turn_over(read: db.Layout, alignment: Alignment, path: Path) -> None:
 
 
 def _own_cds(plate: Plate, design: db.Layout, read: db.Layout, alignment: Alignment) -> tuple[CdCheck, ...]:
-    """The gauges of a plate, measured in the file where it lies, at the size that it has."""
     back = alignment.trans.inverted()
     quantities = []
     for gauge in plate.gauges:

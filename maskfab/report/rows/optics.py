@@ -175,7 +175,6 @@ def measure_pupils(
         design: the pupil that the polygons are held against, and whose points are told of. None where there is none:
             then they are held against ``read``, a raster of them, and what is told of points and pixels is their own.
         lit: the lags of ``read``, its leak included.
-        limit: largest admissible error of the invariants.
         difference: makes a quantity of the polygons' difference to the design and the wavelength.
     """
     table, leak, lags = lit.table, lit.leak, lit.axis_lags
@@ -225,7 +224,6 @@ class LitPupils:
     """The lags of what passes light: of the openings, and of the film where its leak is stated.
 
     Attributes:
-        axis_lags: lags along x and along y.
         leak: of the film; None where nothing passes it.
     """
 

@@ -231,7 +231,6 @@ def uses_of(job: Job, protocol: str = "camera") -> Keys:
 
 
 def _lit(protocol: Protocol, levels: Sequence[float]) -> Protocol:
-    """The protocol, if it has light of all these levels."""
     for level in levels:
         protocol.exposure(level)
     return protocol

@@ -161,7 +161,6 @@ def of_photographs(claim: ClaimSection, scores: Mapping[Take, Sequence[Score]]) 
 
 
 def _of_levels(scores: Mapping[Take, Sequence[Score]], takes: Sequence[Take], measure: str) -> NDArray[np.float64]:
-    """The mean score of every photograph over takes that differ in their level alone."""
     return np.asarray(np.mean([[getattr(score, measure) for score in scores[take]] for take in takes], axis=0))
 
 
@@ -170,7 +169,6 @@ def of_optics(claim: ClaimSection, numbers: Mapping[tuple[str, float | None], tu
 
     Args:
         claim: about one that needs no photographs, but for the difference of PSFs.
-        numbers: value and error, by die and wavelength.
     """
     findings = []
     for die, over in pairs(claim):
@@ -228,7 +226,6 @@ class Setting:
         choose: whether one of them is chosen for each photograph too.
         colours: whether S-CIELAB is scored.
         reference: whose blur restorers are given; None for its own.
-        learned: restorers trained behind dies, by their names.
     """
 
     case: str
@@ -259,10 +256,8 @@ class Plan:
     """A study that was checked and can be made.
 
     Attributes:
-        settings: protocols and cases that photographs are taken in.
         photographs: of a folder; drawn scenes are beside them.
         skipped: files of the folder that are no photographs, or do not serve.
-        masks: files that stand in place of openings, by the openings' names.
         idle_masks: names of given ones that no opening has.
     """
 
@@ -355,7 +350,6 @@ def planned(
 
     Args:
         given: photographs, beside the drawn scenes.
-        learned: finds restorers that were trained behind dies, by their names.
         masks: files in place of the job's openings, as :func:`maskfab.mask.job.masks_in` gives them.
 
     Raises:
@@ -424,7 +418,6 @@ def _serving(given: Folder | None, settings: Sequence[Setting]) -> tuple[tuple[P
 
 
 def _in_case(job: Job, case: CaseSection, i: int) -> Job:
-    """The job with the scene of a case."""
     if not case.scene:
         return job
     section = job.spec.scene

@@ -262,7 +262,6 @@ def _error(quantity: Quantity) -> str:
 
 
 def _plain(text: str) -> str:
-    """A number as terminals and programs read it."""
     mantissa, power, exponent = text.replace("\u202f", "").replace("−", "-").partition(" × 10")
     if not power and mantissa.startswith("10") and mantissa[2:].translate(_PLAIN) != mantissa[2:]:
         mantissa, exponent = "1", mantissa[2:]
@@ -427,7 +426,6 @@ def by_level(levels: Sequence[float], values: Sequence[float]) -> dict[str, floa
 
 
 def _most(designed: Designed, values: Sequence[float]) -> str:
-    """Bounds by level, of those that tell anything."""
     by = by_level(designed.levels, values).items()
     return ", ".join(f"at most {value:.2f} dB at {level}" for level, value in by if value <= USEFUL_DB)
 
