@@ -308,7 +308,6 @@ class Snapped:
     Attributes:
         brief: with the lengths as moved, and the clear share of whole dots.
         dots: along the pixel.
-        cell_nm: side of the cells on which dots and rules are whole numbers.
         slit: width and height of a plain slit in dots, which has as many clear dots as the design.
     """
 

@@ -285,7 +285,6 @@ def _addition(place: Place) -> str:
 
 
 def _unknown(kind: type[AnySection], values: object, place: Place) -> str:
-    """The key that is likely meant, with the value that the unknown one has."""
     table, key, value = _table(kind, values, place[:-1]), str(place[-1]), _value(values, place)
     meant = _meant(kind, values, place)
     if meant is not None:
@@ -298,7 +297,6 @@ def _unknown(kind: type[AnySection], values: object, place: Place) -> str:
 
 
 def _renamed(key: str, meant: Place, value: object) -> str:
-    """The line to write in place of one with another key."""
     name, number = meant[-1], isinstance(value, int | float)
     if name == "stop" and number:
         return f'Write stop = "f/{value:g}"' if cast(float, value) < 100 else 'Write stop = "f/1.8", or its diameter'

@@ -100,7 +100,6 @@ def _grids(asked: Grid, widest_nm: float) -> Iterator[Grid]:
 
 
 def _of_dots(asked: Grid) -> Iterator[Grid]:
-    """Grids for a number of dots, whose side moves by little."""
     side = (asked.pitch_nm - asked.gutter_nm) / asked.dots
     near = range(math.floor(side * 0.95 / _DOT_STEP_NM), math.ceil(side * 1.05 / _DOT_STEP_NM) + 1)
     for dot in sorted({max(1, round(side)), *(step * _DOT_STEP_NM for step in near if step > 0)}):
@@ -153,7 +152,6 @@ def check_grid(
         dot_nm: side of a dot, if it is stated.
         gutter_nm: opaque space between pixels.
         rules_um: gaps and widths of emitters by their keys; none without emitters.
-        key: of the table that states pitch and dots.
         dots_given: whether the dots are those of a file, which no other number can take the place of.
         widest_nm: widest dots that may be.
         also: other places that state the same pitch.

@@ -214,7 +214,6 @@ class Key:
 
     Attributes:
         section: its table, such as ``camera.stop``; of a method of [design], ``design (method = "relax")``.
-        form: kind of value, with range or choices.
         default: value as a job file writes it; None for a required key, empty where leaving it out means none.
     """
 

@@ -159,7 +159,6 @@ def _with(values: Mapping[str, Any], path: list[str], value: object) -> dict[str
 
 
 def _guesses(text: str, path: list[str], value: str) -> Iterator[tuple[int, str]]:
-    """Places, and what to insert there, the innermost table first."""
     end = "\r\n" if "\r\n" in text else "\n"
     for depth in range(len(path) - 1, 0, -1):
         name, rest = path[depth - 1], f"{'.'.join(path[depth:])} = {value}"
