@@ -159,7 +159,6 @@ class Account:
         parted: outlines that touched themselves and were parted there.
         split: outlines cut for their number of vertices.
         paired: dies drawn with two pixels in each cell.
-        snapped: marks that were moved to the data grid.
     """
 
     polygons: int
@@ -347,7 +346,6 @@ class _Drawing:
         return self._told(figures) if CUT in figures.layers else figures
 
     def _told(self, figures: Figures) -> Figures:
-        """The figures with a note that says how to expose them."""
         half = self._plate.blank_nm // 2
         layer, what = self._options.layer, "EXPOSED" if self._options.tone == "clear" else "CHROME"
         text = f"{what} = {layer.name} {layer.number}/{layer.datatype} MINUS {CUT.name} {CUT.number}/{CUT.datatype}"

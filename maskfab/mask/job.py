@@ -199,7 +199,6 @@ class _Sound(dict[str, Any]):
 
 
 def _job(stated: JobSpec, path: Path, faults: JobFaults) -> Job:
-    """The job, as far as spec and files are sound."""
     openings, drawings = _Sound(), dict[str, str]()
     spec = stated.model_copy(update={"openings": drawings})
     with faults:
@@ -407,7 +406,6 @@ def _with_shop(stated: JobSpec, path: Path) -> JobSpec:
 
 
 def _resolved(die: DieSection, held: tuple[Opening, ...]) -> DieSection:
-    """The die with its openings by name, whatever files they came from."""
     first, *others = (opening.name for opening in held)
     names = {"opening": first, "others": tuple(others) or None}
     return die.model_copy(update={**names, "opening_layer": None, "opening_cell": None})

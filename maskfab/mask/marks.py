@@ -36,7 +36,6 @@ class Setting:
 
     Attributes:
         signature: who made it from what.
-        digest: hexadecimal hash of the resolved job.
         feature_nm: the smallest feature, of which test figures are multiples.
         chrome: side from which the plate reads right, marks included.
     """
@@ -328,11 +327,7 @@ def modules(text: str) -> Mask:
 
 
 def data_matrix(name: str, centre_nm: Point, text: str, module_nm: int) -> Mark:
-    """The symbol in clear light modules; dark ones stay chrome.
-
-    Args:
-        module_nm: side of a module.
-    """
+    """The symbol in clear light modules; dark ones stay chrome."""
     light = modules(text)
     corner = centre_nm[0] - light.shape[1] * module_nm // 2, centre_nm[1] - light.shape[0] * module_nm // 2
     return Mark(name, "code", CLEAR, outline(light, module_nm, corner))

@@ -209,7 +209,6 @@ class _Pen:
                 self.longest = max(self.longest, count)
 
     def _closed(self, polygon: db.Polygon) -> Iterator[db.Polygon]:
-        """The polygon without holes."""
         if polygon.holes() and self._holes == "keyhole":
             yield polygon.resolved_holes()
         elif polygon.holes() and self._holes == "trapezoids":

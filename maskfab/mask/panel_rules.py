@@ -436,7 +436,6 @@ def _compositions(cells: PanelCells, islands: Islands) -> tuple[list[Drawing], I
 
 
 def _distinct(rows: Ints) -> tuple[Ints, Ints]:
-    """Distinct rows of an array, and which of them each row is."""
     span = int(rows.max()) + 1
     packed = rows
     if rows.shape[1] * np.log2(span) < 62:

@@ -127,11 +127,7 @@ class DieSeeds:
         return {key: " ".join(map(str, sorted(seeds))) for key, seeds in named.items() if seeds}
 
     def against(self, seed: int, name: str) -> str | None:
-        """Sentence on a die of another seed; None for one that fits, and where every seed that was tried does.
-
-        Args:
-            name: of the map, or of the opening, that names the seeds.
-        """
+        """Sentence on a die of another seed; None for one that fits, and where every seed that was tried does."""
         if seed in self.fit or not self.unfit:
             return None
         tried = "does not fit" if seed in self.unfit else "was not tried on"
@@ -468,9 +464,6 @@ def laid_out(spec: JobSpec, *, where: str) -> tuple[JobSection, PlateSection]:
 def die_panels(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], *, where: str) -> dict[str, Panel]:
     """The panel of every die, by the die's name.
 
-    Args:
-        spec: a validated job with [plate] and at least one [[die]].
-
     Raises:
         JobError: MF105 if there is nothing to lay out; MF106 or MF107 if a die's pitch is not its dots and gutter, or
             off the grid; MF108 if no cell fits a die; MF114 if a stop is wider than its panel, or
@@ -497,7 +490,6 @@ def die_panels(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], *, wh
 
 
 def _side_nm(die: DieSection, slot_nm: int, where: str) -> int:
-    """Side of a die's panel, at most that of its slot."""
     side_nm = slot_nm if die.size is None else to_nm(die.size, where=f"{where}.size", name="size")
     if side_nm > slot_nm:
         raise JobError(

@@ -457,7 +457,6 @@ def _for_text(mark: MarkSection) -> int:
 
 
 def _check_room(mark: MarkSection, drawn: DrawnMarks, where: str) -> None:
-    """Refuse a mark of which a figure leaves its room."""
     boxes = [bounding_box(figure.polygons) for figure in drawn.marks if figure.polygons]
     x0, y0, x1, y1 = mark.room_nm
     over = max((max(x0 - a, y0 - b, c - x1, d - y1) for a, b, c, d in boxes), default=0)
@@ -479,7 +478,6 @@ def compose(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], signatur
 
     Args:
         spec: a validated job with [plate] and at least one [[die]].
-        openings: the openings of every die, by the die's name.
         signature: who made this from what, noted in the files.
 
     Raises:

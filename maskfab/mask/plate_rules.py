@@ -49,7 +49,6 @@ def checked_extent(boxes: Iterable[Box], extent_nm: tuple[int, int]) -> RuleResu
 
     Args:
         boxes: of everything that is written, in plate coordinates.
-        extent_nm: width and height of the box that should hold them.
     """
     width, height = extent_nm
     out = []
@@ -190,7 +189,6 @@ def _written_marks(plate: Plate) -> list[Polygon]:
 
 
 def _clear_boxes(plate: Plate) -> Iterator[Box]:
-    """Hull of what is clear in each die."""
     for die in plate.dies:
         cells = PanelCells.of(die.panel)
         hulls = np.zeros((len(cells.held), 4), dtype=np.int64)
@@ -355,7 +353,6 @@ def write_markers(results: Iterable[RuleResult], top_cell: str, path: Path) -> N
 
     Args:
         results: what :func:`maskfab.mask.plate_rules.check_plate` or ``check_layout`` returned.
-        top_cell: name of the layout's top cell, in whose coordinates the places are.
     """
     database = rdb.ReportDatabase("design rules")
     database.description = f"Design rules of {top_cell}"

@@ -160,7 +160,6 @@ def _placements(instances: Iterable[db.Instance]) -> dict[tuple[int, int, bool],
 
 
 def _reaching(box: db.Box, offsets: Ints, window: db.Box) -> Ints:
-    """The displacements that bring the box to touch the window."""
     if box.empty():
         return offsets[:0]
     low, high = np.array([box.left, box.bottom]), np.array([box.right, box.top])
@@ -170,7 +169,6 @@ def _reaching(box: db.Box, offsets: Ints, window: db.Box) -> Ints:
 
 
 def _turned(boxes: Ints, turn: db.Trans) -> Ints:
-    """The boxes under a turn about the origin."""
     axes = [turn * db.Vector(1, 0), turn * db.Vector(0, 1)]
     matrix = np.array([[axis.x, axis.y] for axis in axes], dtype=np.int64)
     corners = np.stack([boxes[:, :2] @ matrix, boxes[:, 2:] @ matrix])
@@ -238,7 +236,6 @@ def _add_differences(differences: Floats, segments: Floats, x_edges: Floats, y_e
 
 
 def _cut(segments: Floats, edges: Floats, axis: Literal["x", "y"]) -> tuple[Floats, Indices]:
-    """Segments cut at every grid line that crosses them, and for each piece the index of its segment."""
     along, across = (0, 1) if axis == "x" else (1, 0)
     start, stop = segments[:, along], segments[:, along + 2]
     low, high = np.minimum(start, stop), np.maximum(start, stop)

@@ -267,7 +267,6 @@ def library_errors(path: Path) -> Iterator[None]:
 
 
 def _said(path: Path, error: Exception) -> Exception:
-    """Errors of the libraries, and a lack of memory, as errors of the file."""
     if is_lack_of_memory(error):
         return _too_much(path, "needs more memory than it may take")
     if type(error) is not RuntimeError:

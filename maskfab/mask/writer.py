@@ -104,7 +104,6 @@ def _moved(shapes: db.Region, by_nm: int) -> db.Region:
 
 
 def _kept(plate: Plate) -> db.Region:
-    """Written marks that stay as they are drawn."""
     unsized = db.Region()
     for mark in plate.marks:
         if mark.layer.written and not _sized(mark):

@@ -436,7 +436,6 @@ def draws(layout: db.Layout, index: int) -> bool:
 
 
 def _called(layout: db.Layout, info: db.LayerInfo) -> str | None:
-    """The name of a layer where only names tell layers, and this one is there."""
     named = any(item.layer < 0 and item.name == info.name for item in layout.layer_infos())
     return str(info.name) if named else None
 

@@ -366,7 +366,6 @@ def rules_of_unlike(read: db.Layout, wanted: Asked) -> Iterator[Quantity]:
 
 
 def _of_plate(plate: Plate, rules: DesignRules) -> dict[str, Broken]:
-    """Rules broken by the design, all its dies and marks together."""
     broken: dict[str, Broken] = {}
     for result in check_plate(plate, rules, most=_TOLD):
         before = broken.get(result.rule, NOTHING)
@@ -464,7 +463,6 @@ def _weight(layout: db.Layout, places: db.Region, most: int) -> int:
 
 
 def _shapes(layout: db.Layout, places: db.Region) -> db.Region:
-    """Shapes of a layout in some boxes, not cut at their sides."""
     return db.Region() if places.is_empty() else db.Region(_within_places(layout, places))
 
 
@@ -501,7 +499,6 @@ def _corners(polygons: Iterable[db.Polygon]) -> Ints:
 
 
 def _whole(islands: list[db.Polygon], ring: db.Region) -> list[db.Polygon]:
-    """Those that the ring does not cut."""
     if not islands:
         return []
     drawn = db.Region(islands)
@@ -510,7 +507,6 @@ def _whole(islands: list[db.Polygon], ring: db.Region) -> list[db.Polygon]:
 
 
 def _within(places: Ints, boxes: Ints, values: NDArray[np.float64]) -> Broken:
-    """Those of some violations that meet the places."""
     step = max(1, _AT_A_TIME // max(1, len(places)))
     keep = np.zeros(len(boxes), dtype=np.bool_)
     for k in range(0, len(boxes), step):

@@ -424,7 +424,6 @@ def _settle(read: db.Layout, names: Mapping[str, str] | None) -> None:
 
 
 def _further_layers(read: db.Layout) -> Iterator[Layer]:
-    """Layers with something on them of which the plate knows nothing."""
     planned = [layer_info(layer) for layer in DRAWN_LAYERS]
     for info in read.layer_infos():
         index = read.find_layer(info)
@@ -435,13 +434,11 @@ def _further_layers(read: db.Layout) -> Iterator[Layer]:
 
 
 def _exposed(layout: db.Layout, box_nm: Box) -> db.Region:
-    """Exposed shapes of the file in a box."""
     clear = region(layout, CLEAR, box_nm)
     return clear if layout.find_layer(layer_info(CUT)) is None else clear - region(layout, CUT, box_nm)
 
 
 def _drawn_regions(layout: db.Layout, layer: Layer, store: db.DeepShapeStore | None) -> db.Region:
-    """Exposed shapes of a layout, in hierarchy if there is a store to hold it."""
     deep = () if store is None else (store,)
     index = layout.find_layer(layer_info(layer))
     if index is None:
@@ -452,7 +449,6 @@ def _drawn_regions(layout: db.Layout, layer: Layer, store: db.DeepShapeStore | N
 
 
 def _within(layout: db.Layout, layer: Layer, places: db.Region) -> db.Region:
-    """Exposed shapes in some places."""
     drawn = []
     for part in (layer, CUT) if layer is CLEAR else (layer,):
         index = layout.find_layer(layer_info(part))
@@ -516,13 +512,11 @@ def _read_raster(die: Die, read: db.Layout) -> Floats:
 
 
 def _written(layout: db.Layout, counts: Mapping[int, int]) -> int:
-    """Polygons on written layers as drawn, of a layout that comes with its counts."""
     wanted = [layout.find_layer(layer_info(layer)) for layer in DRAWN_LAYERS if layer.written]
     return sum(counts[index] for index in wanted if index is not None)
 
 
 def _counts(layout: db.Layout) -> dict[int, int]:
-    """Shapes by index of layer, every reference followed."""
     times = dict.fromkeys(layout.each_cell_top_down(), 0)
     times[layout.top_cell().cell_index()] = 1
     for index, placed in times.items():

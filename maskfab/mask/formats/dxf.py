@@ -393,11 +393,7 @@ class DrawingGrid:
         }
 
     def drawing(self, counts: Callable[[str], bool]) -> set[str]:
-        """Names of the blocks that draw something that counts, or place a block that does.
-
-        Args:
-            counts: whether the geometry on a layer of that name does.
-        """
+        """Names of the blocks that draw something that counts, or place a block that does."""
         blocks = {block for block, layer in self._lines if counts(layer)}
         for block in TopologicalSorter(self._graph()).static_order():
             if not blocks.isdisjoint(self._placed.get(block, ())):
@@ -405,11 +401,7 @@ class DrawingGrid:
         return blocks - {_DRAWING}
 
     def rounding_nm(self, counts: Callable[[str], bool]) -> float:
-        """The largest distance by which klayout moves a coordinate, seen in the drawing.
-
-        Args:
-            counts: whether the geometry on a layer of that name does.
-        """
+        """The largest distance by which klayout moves a coordinate, seen in the drawing."""
         own: dict[str, float] = {}
         for (block, layer), lines in self._lines.items():
             if counts(layer):

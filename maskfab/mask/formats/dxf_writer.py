@@ -123,11 +123,7 @@ def flat_bytes(figures: Figures, version: Version) -> int:
 
 @dataclass(frozen=True)
 class _References:
-    """A grid of references that is missing in its die's block.
-
-    Attributes:
-        owner: handle of its block record.
-    """
+    """A grid of references that is missing in its die's block."""
 
     grid: CellArray
     block: str
@@ -144,7 +140,6 @@ class _References:
         return text.index("  0\nENDBLK\n", start)
 
     def records(self, version: Version, handles: Iterator[int]) -> Iterator[str]:
-        """One INSERT record for each cell."""
         form, (dx, dy), (x0, y0) = _REFERENCE[version], self.grid.step_nm, self.grid.origin_nm
         for row, kinds in enumerate(self.grid.index.tolist()):
             for column, kind in enumerate(kinds):
@@ -160,11 +155,7 @@ class _References:
 
 @dataclass(frozen=True)
 class _Polygons:
-    """Everything on the layers of a drawing without blocks.
-
-    Attributes:
-        owner: handle of model space.
-    """
+    """Everything on the layers of a drawing without blocks."""
 
     figures: Figures
     owner: str
@@ -173,7 +164,6 @@ class _Polygons:
 
     @property
     def handles(self) -> int:
-        """As many as there are polygons."""
         figures, total = self.figures, 0
         for grid in (grid for die in figures.dies for grid in die.grids):
             sizes = [sum(len(shapes) for shapes in figures.cells[name].values()) for name in grid.cells]
@@ -185,7 +175,6 @@ class _Polygons:
         return text.index("  0\nENDSEC\n", text.index("\nENTITIES\n"))
 
     def records(self, version: Version, handles: Iterator[int]) -> Iterator[str]:
-        """One closed polyline for each polygon."""
         for layer in self.figures.layers:
             if layer in self.names:
                 yield from polygon_lines(
@@ -224,9 +213,6 @@ class _Outline(DXFGraphic):  # type: ignore[misc]
     """A closed polyline without width that writes itself at once.
 
     In ezdxf's own of R12 every vertex is an entity, which takes a hundred times as long.
-
-    Args:
-        points: its vertices, in the drawing's unit.
     """
 
     DXFTYPE = "POLYLINE"

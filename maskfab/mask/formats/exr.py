@@ -52,9 +52,6 @@ class Channels:
 def read_channels(path: Path, prefix: str, cure: str) -> Channels:
     """Read a file.
 
-    Args:
-        prefix: of the entries of the header that are kept.
-
     Raises:
         SourceError: MF301 if there is no such file, MF303 if it cannot be read.
     """

@@ -184,7 +184,6 @@ class Format:
     """A format of files, and all that is known of it.
 
     Attributes:
-        tail: ending of a file's name, behind the plate's name or the die's.
         write_plate: writes a file of the whole plate; None where there is none.
         write_die: the same of one die, for a file of each.
         compare_plate: rows that hold a file of the plate against it; None where the polygons of ``read`` are compared.

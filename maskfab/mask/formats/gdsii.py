@@ -191,7 +191,6 @@ def refuse_many_in_gdsii(path: Path) -> None:
 
 
 def _layers(data: NDArray[np.uint8]) -> int:
-    """Number of distinct pairs of layer and datatype in the records."""
     # The rarest byte first: of what is left to look at it leaves least.
     places = np.flatnonzero(data[2 : max(2, len(data) - len(_LAYER) + 3)] == _LAYER[2])
     for place, byte in enumerate(_LAYER):

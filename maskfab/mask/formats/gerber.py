@@ -134,7 +134,6 @@ def write_gerber(
 
     Args:
         comments: G04 lines, before what the figures' account has to say.
-        limit_bytes: size beyond which nothing is written.
 
     Raises:
         OutputError: MF401 if the file cannot be written, MF415 if it would be too large.
@@ -173,7 +172,6 @@ def _head(figures: Figures, comments: Sequence[str]) -> Iterator[str]:
 
 
 def _attribute(name: str, *fields: str) -> str:
-    """An attribute of the file."""
     return f"G04 #@! TF.{','.join((name, *fields))}*\n"
 
 

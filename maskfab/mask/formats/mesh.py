@@ -310,7 +310,6 @@ def _mesh_xml(number: int, name: str, mesh: Mesh) -> Iterator[str]:
 
 
 def _store(package: zipfile.ZipFile, name: str, texts: Iterable[str]) -> None:
-    """Add a part without the time of day."""
     entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
     entry.compress_type = zipfile.ZIP_DEFLATED
     with package.open(entry, "w") as part:

@@ -266,9 +266,7 @@ def write_preview(
     Args:
         dots_per_um: pixels per micrometre, also in the file's resolution; the lower left corner of the blank or of the
             panel is that of a pixel.
-        comments: provenance, put into the file's description.
         die: the only die to show, by its name.
-        limit_bytes: raw size beyond which nothing is written.
 
     Raises:
         OutputError: MF401 if the file cannot be written, MF413 if ``dots_per_um`` is not positive and finite, MF415 if
@@ -421,7 +419,6 @@ class _Laid:
 
 
 def _reached(edges: Floats, pixels: Floats) -> slice:
-    """The pixels that an interval reaches into."""
     first = int(np.searchsorted(pixels, edges[0], side="right")) - 1
     last = int(np.searchsorted(pixels, edges[-1], side="left"))
     return slice(max(0, first), min(pixels.size - 1, last))
@@ -547,7 +544,6 @@ def _lengths_nm(die: Die) -> tuple[int, int]:
 
 
 def _rounded_up(value: float) -> str:
-    """The number to six digits, never less than it is."""
     text = f"{value:.6g}"
     digits = 5 - int(np.floor(np.log10(value)))
     return text if float(text) >= value else f"{np.ceil(value * 10.0**digits) / 10.0**digits:.6g}"

@@ -91,7 +91,6 @@ def write_plate_tiff(plate: Plate, path: Path, dpi: int, tone: Tone = "clear", c
 
     Args:
         dpi: dots per inch, also in the file's resolution.
-        comments: provenance, put into the file's description.
 
     Returns:
         The dots.
@@ -449,7 +448,6 @@ def check_plate_dots(plate: Plate, design: db.Layout, path: Path, dpi: int, tone
 
 
 def _compared(read: PlateDots, drawn: Iterator[tuple[bytes, int]]) -> tuple[int, tuple[int, int] | None]:
-    """Dots that differ, and the first of them in the order of the file."""
     wrong, first, done = 0, None, 0
     row, left = b"", 0
     for dots, repeats in read.rows:
@@ -496,7 +494,6 @@ class _Dots:
         return cls(np.concatenate([np.empty((0, 4), dtype=np.int64), *blocks]), grid, plate.writable_nm // 2)
 
     def rows(self, tone: Tone, *, upwards: bool) -> Iterator[tuple[bytes, int]]:
-        """Rows as they should be, and how often each comes."""
         side = self.grid.side
         low, high = np.searchsorted(
             _centres(self.grid), [-self.half * 2 * self.grid.dpi, self.half * 2 * self.grid.dpi]

@@ -227,7 +227,6 @@ class _Assembly:
         return self._named(self._shapes.AddShape(shape, False), name)
 
     def group(self, name: str) -> Any:
-        """An empty assembly."""
         return self._named(self._shapes.NewShape(), name)
 
     def place(
@@ -238,7 +237,6 @@ class _Assembly:
         position_nm: Floats,
         turn: Floats | None = None,
     ) -> None:
-        """Put a part or an assembly into an assembly."""
         from OCP.gp import gp_Trsf, gp_Vec
         from OCP.TopLoc import TopLoc_Location
 

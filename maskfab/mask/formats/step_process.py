@@ -180,7 +180,6 @@ def _axes(along_z: tuple[float, ...], near_x: tuple[float, ...]) -> Floats:
 
 
 def _shape(breps: list[Any], model: Any) -> ReadShape:
-    """The solids of one part as one shape."""
     from OCP.BRepCheck import BRepCheck_Analyzer
     from OCP.BRepGProp import BRepGProp
     from OCP.BRepMesh import BRepMesh_IncrementalMesh

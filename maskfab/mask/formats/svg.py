@@ -268,7 +268,6 @@ def _path(polygon: Polygon) -> str:
 
 
 def _mm(nm: int) -> str:
-    """The length in millimetres, exact."""
     whole, rest = divmod(abs(nm), NM_PER_MM)
     sign = "-" if nm < 0 else ""
     return f"{sign}{whole}.{rest:06d}".rstrip("0").rstrip(".")

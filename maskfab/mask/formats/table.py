@@ -86,9 +86,6 @@ def require_packages(
 ) -> None:
     """Refuse formats that this installation could not write, or not read back.
 
-    Args:
-        otherwise: what else could be done.
-
     Raises:
         MissingPackageError: MF152.
     """

@@ -56,7 +56,6 @@ class Order:
     """An order, complete or with blanks.
 
     Attributes:
-        tone: of the data, in the words of the house's form.
         parity: reading of the data as they are sent.
         mirrored: whether those data are the mirror image of the design, which reads right through the glass.
         day: of the order; None if the job states none.
@@ -277,7 +276,6 @@ def unpublished(spec: JobSpec, drawn: Plate, shop: Shop, facts: PlateFacts) -> t
 def _open_questions(
     spec: JobSpec, drawn: Plate, shop: Shop, facts: PlateFacts
 ) -> Iterator[tuple[str, str | float, str, str]]:
-    """Rule, value, unit and question."""
     order, usual = spec.order, shop.order.default
     glass, film = (None if order is None else getattr(order, key) or getattr(usual, key) for key in ("glass", "film"))
     if glass is not None and shop.offers.glasses is None:
@@ -440,9 +438,6 @@ class OrderForm:
     def answered(self, key: str, text: str, where: str = "") -> OrderForm:
         """The form with one more line.
 
-        Args:
-            key: in [order].
-
         Raises:
             JobError: MF102 to MF110 for an answer that no job may hold, MF105 for a key that has one, MF128 for one
                 that contradicts the job or that the house does not offer.
@@ -526,7 +521,6 @@ def write_answers(path: Path, answers: Mapping[str, str], form: OrderForm, shop:
 
 
 def _as_written(said: Any, path: list[str], text: str) -> str | int | float:
-    """A number as such, and all else as it was typed."""
     for name in path:
         said = said[name]
     return text.strip() if isinstance(said, str) else said
