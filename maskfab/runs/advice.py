@@ -274,16 +274,13 @@ class _Work:
         return job, displays(job, alone, self.progress, executor=self.executor)
 
     def photographed(self, job: Job, name: str, conditions: Conditions) -> Task[Restored]:
-        """Photographs through a die, as a run takes them."""
         panel = next(die.panel for die in plate_as_seen(job, job.plate()).dies if die.name == name)
         return self.executor.submit(Call(photograph_die, lambda: (conditions, Surroundings.of(job), name, panel, True)))
 
     def judges(self, spec: JobSpec) -> Judges:
-        """Judges of openings of a job by its photographs."""
         return _judges(spec, str(self.path), scenes_of(self.images, self.section).photographs)
 
     def told(self, stage: str, task: Task[Any]) -> Any:
-        """The finding of a task, with its progress."""
         self.progress(stage, 0, 1)
         found = task.result()
         self.progress(stage, 1, 1)

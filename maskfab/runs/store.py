@@ -260,11 +260,7 @@ class Store:
         return self._path(origin.key).is_file()
 
     def get(self, origin: Origin, kind: Any) -> KeptFinding | Refused | None:
-        """The finding of an origin; None if there is no entry.
-
-        Args:
-            origin: that the entry must name as its own.
-        """
+        """The finding of an origin; None if there is no entry."""
         path = self._path(origin.key)
         try:
             with self._opened(path) as stream:

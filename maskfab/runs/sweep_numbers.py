@@ -221,7 +221,6 @@ def _plane(fields: Floats, values: Floats) -> list[tuple[float, float]]:
 
 
 def _means(numbers: Floats | None, field: Field, stated: Sequence[Any], values: Floats) -> Floats:
-    """Means over the cases of every value of a field, or of every fifth of what was drawn."""
     if numbers is not None and field.drawn:
         groups = np.minimum(np.argsort(np.argsort(numbers)) * _PARTS // numbers.size, _PARTS - 1)
     else:
