@@ -348,7 +348,6 @@ def require_room(section: SearchSection, required: float, *, where: str) -> None
     """Refuse denser pixels whose openings and emitters are more than a pixel.
 
     Args:
-        section: with its density or cluster, if it has any.
         required: least share of the pixel for each colour.
 
     Raises:

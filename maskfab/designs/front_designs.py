@@ -47,12 +47,7 @@ class FrontDesign:
 def designs(
     pareto: Pareto, spec: JobSpec, command: str, camera: PhotoCamera = F1, settings: CaptureSettings = F1_SETTINGS
 ) -> tuple[FrontDesign, ...]:
-    """Every design on a curve, curve after curve.
-
-    Args:
-        pareto: by a sweep.
-        spec: the job of that sweep, with [design], [emitters] and [pareto].
-    """
+    """Every design on a curve, curve after curve."""
     section = spec.design
     assert isinstance(section, SearchSection)
     named = []

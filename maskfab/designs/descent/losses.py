@@ -250,7 +250,6 @@ def expected_error(
     Args:
         estimate: of the scenes and the unit's dots.
         orientations: int8 [cells, cells] of the surrogate's lattice, elements of D4.
-        levels: dB, keys of :data:`maskfab.camera.sensor.ELECTRONS`.
         epsilons: constants of the filter to choose from.
         with_leak: count the halo across the sensor's edge.
 

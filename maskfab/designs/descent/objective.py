@@ -98,7 +98,6 @@ def autocorrelation(dots: int, orientations: Labels, inside: Mask, reach: int) -
     """The autocorrelation of units of ``dots`` dots a side, laid in these orientations.
 
     Args:
-        dots: dots along the unit's side.
         orientations: int8 [rows, columns], elements of D4, row 0 lowest.
         inside: bool [rows x dots, columns x dots], dots inside the stop.
         reach: longest lag in dots, shorter than the pupil.
@@ -422,7 +421,6 @@ def tiled_stop(
     """Fill a stop with units of ``dots`` dots a side.
 
     Args:
-        dots: dots along the unit's side.
         orientations: int8 [cells, cells], elements of D4; the square of cells is centred on the stop and covers it.
         device: "cpu", "cuda", or "auto" for CUDA where there is any.
 

@@ -491,7 +491,6 @@ def clustered(
         uniform: bool [dots, dots], the unit of the panel that is compared with.
         most_dots: clear dots of the denser unit; the sparser one has as many fewer.
         find: gives units of so many clear dots that keep the constraints, bool [dots, dots], the best first.
-        constraints: that each unit keeps for its own count of clear dots, and both beside one another.
         kicks: as of :func:`maskfab.designs.maps.orientation_map.design_map`.
 
     Raises:

@@ -260,7 +260,6 @@ def appraise_over(panel: Panel, seen: SceneConditions, errors: Sequence[PupilErr
     """Appraise a panel.
 
     Args:
-        panel: that covers the stop from every place.
         errors: for each distance, that of panels in its light, or one for all; scenes and noise are taken from it.
 
     Raises:

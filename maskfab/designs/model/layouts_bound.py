@@ -263,7 +263,6 @@ def layout_limit(inner: Interior, light: CellLight, level: float) -> float:
     """dB that no layout of this light reaches, whatever filter within the protocol's ε is best at each frequency.
 
     Args:
-        inner: of the camera.
         level: of light, dB.
     """
     dual = _Dual.of(inner, light, level)

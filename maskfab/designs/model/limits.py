@@ -85,7 +85,6 @@ def rings(dots: int = 21, wavelength_nm: float | None = None, *, room: CellGrid 
     """The rings of a camera.
 
     Args:
-        dots: along the unit's side.
         wavelength_nm: of the light; None for the camera's shortest.
         room: of the cells behind the stop, of so many dots; None for cells of 168 um behind protocol F1's.
     """
@@ -241,8 +240,6 @@ def bounds(
 
     Args:
         estimate: of the scenes, by :func:`maskfab.designs.model.expected_psnr.surrogate`.
-        clear_dots: of the unit.
-        periodic: the unit is repeated; otherwise turned at random.
         levels: of light; None for the surrogate's own.
 
     Raises:

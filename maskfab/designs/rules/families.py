@@ -161,7 +161,6 @@ def scattered_blobs(
     """Several bars of equal count, none touching another, at places drawn by chance.
 
     Args:
-        dots: along a side of the cell.
         clear_dots: of all blobs together; where it is no multiple of ``count``, the first ones have a dot more.
         seed: of the draw.
         most: sets of places to draw; those that touch or were drawn before are left out.

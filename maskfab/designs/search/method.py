@@ -136,7 +136,6 @@ class Judges:
     """Judges of a search's openings and panels, each made when it is first asked for.
 
     Attributes:
-        settings: of the photographs.
         seen: conditions of the scene; None where nothing of it must be modelled.
 
     Raises:
@@ -246,7 +245,6 @@ def search(
     Args:
         display: that the opening must hold; None for any or none.
         spread: over which the panel is appraised.
-        seen: conditions of the scene; None where nothing of it must be modelled.
         clock: ends every stage in time for those after it; bounds, appraisals and alternatives are left out where
             they would take most of what is left.
         checkpoint: file to go on from, and to keep.

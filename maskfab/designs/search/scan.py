@@ -230,7 +230,6 @@ def allowed(
     """Openings of the section's families that keep the rules, the best first; looked at as they are asked for.
 
     Args:
-        section, rules, objective, clock, progress: of the search.
         once: end where no shape keeps the rules, rather than look for some that are nearest to them.
 
     Raises:
