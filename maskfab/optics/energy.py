@@ -109,7 +109,6 @@ def ensquared_energy(psf: Psf, side_um: float, highest: float, die: str | None =
 
     Args:
         side_um: at most the window's side.
-        highest: the PSF's highest frequency along an axis, D / (λf) of the shortest wavelength.
 
     Raises:
         JobError: MF104 for a side that is not positive or wider than the window.

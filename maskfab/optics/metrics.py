@@ -335,7 +335,6 @@ def shape_quantities(points: Psf, pixels: Psf, camera: Camera, die: str | None) 
 
     Args:
         points: sampled at points over the window.
-        pixels: averaged over pixels.
     """
     highest = cutoff(camera, points.wavelength_nm)
     core = min(_CORE_PIXELS, pixels.values.shape[0]) * pixels.step_um

@@ -610,7 +610,6 @@ def edge_spread(lags: tuple[AxisLags, AxisLags], table: LagTable, camera: Camera
 
     Args:
         table: of the same pupil; gives energy and error bound.
-        camera: gives focal length, stop, pixel and window.
 
     Notes:
         An error of the OTF by ε(ν) moves the image at x by ∫ ε |sin 2πνx| / (πν) dν at most.

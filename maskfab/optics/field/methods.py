@@ -192,7 +192,6 @@ class PrunedField:
     """A pupil and the precision in which to transform it.
 
     Attributes:
-        pupil: dots on lattices without gutters.
         rim: the dots that the stop cuts, which fit no discrete transform; None if there are none.
     """
 

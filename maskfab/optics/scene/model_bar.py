@@ -85,7 +85,6 @@ def model_bar(pupil: Pupil, camera: Camera, blank: MaskBlank) -> tuple[Omission,
     """Effects that the numbers of a die on the axis omit, the largest first; those of size 0 are not listed.
 
     Args:
-        pupil: openings inside the stop.
         camera: what looks through them; the middle one of its lines is taken.
     """
     return _by_size(_on_axis(_DieField.of(pupil, camera), blank))
@@ -97,8 +96,6 @@ def scene_bar(pupil: Pupil, camera: Camera, field_um: float, blank: MaskBlank) -
     These are what light from the side sees, the gap aside, and a leak that only the numbers on the axis hold.
 
     Args:
-        pupil: openings inside the stop.
-        camera: what looks through them; the middle one of its lines is taken.
         field_um: largest image height; 0 for the axis.
     """
     if not (field_um or Leak.of(blank, camera.stop)):
