@@ -192,7 +192,6 @@ def _errors(
         true: code values.
         seen: light that was recorded.
         passed: share of a record's variance that the filter lets through, [3, rows, columns] or 1 of these.
-        linear: whether scenes are linear light.
     """
     means, ratios = _of_normal(linear)
     lights, apart = (_MOST - _LEAST) * _PER_LIGHT, math.log(_SPREADS[1] / _SPREADS[0])

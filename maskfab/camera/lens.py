@@ -226,7 +226,6 @@ def lattice(
     """The fewest cells of ``dots`` dots a side that cover the stop.
 
     Args:
-        dots: along a cell's side.
         dot_nm: side of a dot; None for cells of 168 um, however many dots they have.
         odd: the axis is in the middle of a cell; otherwise four cells meet there.
 

@@ -113,7 +113,6 @@ def explained(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progr
     """The best explanation of frames by a die, its lens, a light of some width, another lamp, dust and drift.
 
     Args:
-        taken: what the camera took.
         fit: of it, with few terms, that the search begins with.
     """
     dust = tuple(np.zeros(capture.valid.shape, dtype=np.bool_) for capture in taken)

@@ -416,7 +416,6 @@ class DieImage:
             panel: of the die, its middle on the axis.
             way_round: element of D4 that takes the die as drawn to how it stands, as of
                 :func:`maskfab.base.model.orient`.
-            light: what each colour of pixels sees of a point light.
             off_um: how far from their origin along an axis another lamp may lie.
         """
         openings = panel_aperture(panel, camera.stop.diameter_um / 2)

@@ -443,12 +443,7 @@ def _method(curve: EdgeMtf | MtfCurve) -> str:
 
 
 def differences(curve: EdgeMtf | MtfCurve, designed: DesignedMtf, die: str | None = None) -> list[Quantity]:
-    """Largest difference of a measured MTF from the designed one up to half a cycle per pixel, and where they part.
-
-    Args:
-        curve: what was measured.
-        designed: at the same frequencies.
-    """
+    """Largest difference of a measured MTF from the designed one up to half a cycle per pixel, and where they part."""
     resolved = (curve.frequency_cy_per_px > 0) & (curve.frequency_cy_per_px <= _LIMIT_CY_PER_PX)
     gap = curve.mtf - designed.seen
     size = np.where(resolved, abs(gap), -1.0)

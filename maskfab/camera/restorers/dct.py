@@ -201,7 +201,6 @@ def _mean_of_windows(picture: Singles, guess: Singles | None, variance: Singles,
         picture: what is filtered.
         guess: of it without noise, for the second pass; None for the first.
         variance: of the noise in every coefficient of a window, [8, 8].
-        threshold: of the first pass, in standard deviations.
     """
     total, weights = np.zeros_like(picture), np.zeros_like(picture)
     for top in range(0, len(picture) - WINDOW + 1, _STRIP):
