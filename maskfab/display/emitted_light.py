@@ -91,7 +91,6 @@ def show(panel: Panel, image: Floats, samples: int) -> EmittedLight:
 
     Args:
         image: [rows, columns, 3] linear light 0 to 1, one value per pixel, row 0 the lowest.
-        samples: along the side of a pixel.
 
     Raises:
         JobError: MF121 if the panel has no emitters or too few pixels, or the image is none; MF119 if an emitter lies

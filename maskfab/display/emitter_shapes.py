@@ -290,8 +290,6 @@ def guillotine(region: Mask, grid: EmitterGrid, ratio: Ratio) -> tuple[float, La
 
     Args:
         region: bool [n, n] cells in which an emitter may lie.
-        grid: the gap between colours and the least width, in cells.
-        ratio: relative areas of red, green and blue.
 
     Returns:
         The least of area_k / ratio_k in cells (0 if three do not fit), and int8 [n, n] labels 1 to 3, trimmed to it.

@@ -146,7 +146,6 @@ class EyeAndLife:
     """Everything of a job that judges how its displays look and live.
 
     Attributes:
-        lives: limits of life and power.
         stated: whether the job states any of it, so that a reference that cannot be drawn is refused.
     """
 

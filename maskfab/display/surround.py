@@ -79,12 +79,7 @@ class Surrounded:
         return replace(own, tiles=(*own.tiles, *regular.tiles), held=held)
 
     def quantities(self, name: str, lab: Floats, even: Floats, viewing: Viewing) -> list[Quantity]:
-        """Numbers of the border, from S-CIELAB's response to the field and to light without structure, [y, x, 3].
-
-        Args:
-            lab: of the field.
-            even: of the same without structure.
-        """
+        """Numbers of the border, from S-CIELAB's response to the field and to light without structure, [y, x, 3]."""
         samples = len(lab) // self.pixels
         off = lab - even
         seen = np.linalg.norm(off, axis=-1)
