@@ -150,10 +150,8 @@ def check_grid(
     Args:
         pitch_um: of the pixel, as stated.
         dot_nm: side of a dot, if it is stated.
-        gutter_nm: opaque space between pixels.
         rules_um: gaps and widths of emitters by their keys; none without emitters.
         dots_given: whether the dots are those of a file, which no other number can take the place of.
-        widest_nm: widest dots that may be.
         also: other places that state the same pitch.
 
     Raises:

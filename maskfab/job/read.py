@@ -351,7 +351,6 @@ def read(path: Path, further: Callable[[JobSpec], None] | None = None) -> JobSpe
     """Load and validate a job file (.toml, or the .json that a run keeps).
 
     Args:
-        path: of the file.
         further: what a verb refuses before any work; called where there are faults, to tell it with them.
 
     Raises:

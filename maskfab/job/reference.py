@@ -248,7 +248,6 @@ def keys_of(path: str, *, or_word: bool = False) -> tuple[Key, ...]:
     """The keys of a path such as ``camera.stop.diameter``, or of a table such as ``camera`` or ``[camera]``.
 
     Args:
-        path: of a key or table.
         or_word: take a word such as ``diameter``, too: every key that it ends, and those of every table that it ends.
 
     Raises:
