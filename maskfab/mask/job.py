@@ -265,10 +265,6 @@ def masks_in(folder: Path) -> dict[str, Path]:
 def with_masks(job: Job, masks: Mapping[str, Path]) -> tuple[Job, dict[str, Path]]:
     """The job with files in place of its openings of those names, and which were used.
 
-    Args:
-        job: to change.
-        masks: files as :func:`masks_in` gives them.
-
     Returns:
         The job, and the file of every opening that was replaced, by the opening's name.
 
@@ -417,7 +413,6 @@ def check_die_grid(
     """Refuse the lengths of a die and its emitters that share no grid; see :func:`maskfab.job.grid.check_grid`.
 
     Args:
-        die, opening: the die and its first opening.
         pitch_alone: refuse a pitch that is not that of dots and gutter, and leave rules on too fine a grid.
 
     Raises:

@@ -432,7 +432,6 @@ def blobs(dots: int, clear_dots: int, *, size_ratio: float = 0.7, aspect: float 
     rectangle. Large blobs lie (width = aspect x height), small ones stand, so that the cell has no fourfold symmetry.
 
     Args:
-        dots: dots along the cell's side.
         clear_dots: clear dots of all four blobs.
         size_ratio: side of a small blob over that of a large one, 0 to 1; 0 leaves out the small ones.
         aspect: the longer side of a blob over its shorter one, 1 to 4.
@@ -461,7 +460,6 @@ def diamond_discs(dots: int, clear_dots: int) -> Mask:
     """Two equal discs per cell, at its corner and its centre: a square lattice turned by 45 degrees.
 
     Args:
-        dots: dots along the cell's side.
         clear_dots: clear dots of both discs.
 
     Raises:

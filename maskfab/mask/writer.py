@@ -248,9 +248,7 @@ def written_corners(
     panel: what happens at a vertex depends on the four dots round it alone, across the borders of cells too.
 
     Args:
-        reading: what becomes of corners that only touch.
         parts: k of :attr:`WrittenCorner.shares`.
-        arc_sides: sides of a whole circle.
 
     Returns:
         By configuration, the sum of 1, 2, 4, 8 for lower left, lower right, upper left, upper right clear.

@@ -287,7 +287,6 @@ def in_drawn_unit(
     """The file in the unit that it was drawn in, and how it then lies; as they are if that is the one it was read in.
 
     Args:
-        plate: the design, or one die of it.
         read: the file, one top cell with the layer CLEAR.
         again: reads the file with a stated unit in um.
     """

@@ -294,12 +294,7 @@ class Unseen:
         self._drawn[entity.kind, entity.layer, placed, _out_of_sight(entity)] += 1 + len(entity.copies) // 2
 
     def told(self, counts: Callable[[str], bool], drawing: set[str]) -> list[str]:
-        """Hidden shapes with the reason, in words.
-
-        Args:
-            counts: whether the geometry on a layer of that name does.
-            drawing: the blocks that hold geometry that counts.
-        """
+        """Hidden shapes with the reason, in words."""
         unseen: Counter[str] = Counter()
         for (kind, layer, placed, why), count in self._drawn.items():
             hidden = self._layers.get(layer.upper(), "")
@@ -337,11 +332,7 @@ _DRAWING = "\n"
 
 
 class DrawingGrid:
-    """The coordinates of a drawing, collected entity by entity, in nanometres.
-
-    Args:
-        nm_per_unit: length of one unit of the drawing.
-    """
+    """The coordinates of a drawing, collected entity by entity, in nanometres."""
 
     def __init__(self, nm_per_unit: float) -> None:
         self._scale = nm_per_unit

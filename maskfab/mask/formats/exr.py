@@ -131,7 +131,6 @@ def write_exr(light: Floats, path: Path, facts: Facts) -> None:
 
     Args:
         light: [3, y, x] or [y, x, 3], row 0 the lowest; linear, primaries of sRGB.
-        path: where to; nothing is left there if it fails.
         facts: go into the header, each under ``maskfab:`` and its name.
 
     Raises:
@@ -145,7 +144,6 @@ def write_png(light: Floats, path: Path, white: float = 1.0) -> None:
 
     Args:
         light: [3, y, x] or [y, x, 3], row 0 the lowest.
-        path: where to; nothing is left there if it fails.
         white: positive.
 
     Raises:

@@ -215,7 +215,6 @@ def write_stl(
     remarks and of the first comment as fits.
 
     Args:
-        comments: lines about it.
         stack: thicknesses; those of the glass do not matter.
 
     Raises:

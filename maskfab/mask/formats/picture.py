@@ -135,12 +135,7 @@ def _unknown(path: Path) -> float:
 
 
 def _pixels(path: Path, shown: Path) -> tuple[NDArray[np.float64] | NDArray[np.uint8], float | None]:
-    """Mean brightness of every pixel, 0 to 255, the top row first; pixels in a micrometre that the file states.
-
-    Args:
-        path: the file, as it is told.
-        shown: the same, or what is read in its place.
-    """
+    """Mean brightness of every pixel, 0 to 255, the top row first; pixels in a micrometre that the file states."""
     import OpenImageIO as oiio  # noqa: N813 - its customary name
 
     where = str(path)

@@ -240,10 +240,6 @@ class PlateDots:
 def read_plate_dots(path: Path, file: BinaryIO) -> PlateDots:
     """Begin to read a bitmap; its rows are read from the file as they are asked for.
 
-    Args:
-        path: the file, as it is told.
-        file: the same, open.
-
     Raises:
         SourceError: MF303 damaged, MF308 not of a kind that maskfab writes plates in; from the rows too.
     """

@@ -364,7 +364,6 @@ def cadquery_assembly(die: Die, stack: Stack | None = None) -> cadquery.Assembly
 
     Args:
         die: what to model; the centre of its slot is the origin, chrome lies round z = 0.
-        stack: thicknesses; 100 nm of chrome on 2.3 mm of glass if None.
 
     Raises:
         OutputError: MF410 or MF412 as :func:`maskfab.mask.formats.solid.check_solid_size`.
@@ -387,10 +386,6 @@ def cadquery_assembly(die: Die, stack: Stack | None = None) -> cadquery.Assembly
 
 def trimesh_scene(die: Die, stack: Stack | None = None) -> trimesh.Scene:
     """A die as a scene of two closed meshes, ``GLASS`` and ``FILM``: see :func:`maskfab.mask.formats.solid.film`.
-
-    Args:
-        die: what to model; the centre of its slot is the origin, chrome lies round z = 0.
-        stack: thicknesses; 100 nm of chrome on 2.3 mm of glass if None.
 
     Raises:
         OutputError: MF410 or MF412 as :func:`maskfab.mask.formats.solid.check_mesh_size`; MF436 as

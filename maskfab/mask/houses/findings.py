@@ -207,7 +207,6 @@ def check_written(
     Args:
         shop: the profile.
         formats: of the files; those that no house is sent, SVG, solids and pictures, are not looked at.
-        blank: what the job says of chrome and glass; None leaves them to the order.
     """
     sent, plate = tuple(form for form in SHOP_FORMATS if form in formats), figures.plate
     layers = [*figures.layers, *([NOTE] if figures.notes and NOTE not in figures.layers else [])]

@@ -488,7 +488,6 @@ def write_answers(path: Path, answers: Mapping[str, str], form: OrderForm, shop:
     """Put answers into a job file, and the day and the house where the job names none; nothing else in it changes.
 
     Args:
-        path: of the job, a TOML file.
         answers: to keys of [order], as they were typed; the form has them already.
 
     Returns:
