@@ -321,11 +321,7 @@ def spread_of(spec: JobSpec, where: str) -> Spread:
 
 
 def section_of(spec: JobSpec, where: str) -> DesignSection:
-    """The [design] of a job.
-
-    Raises:
-        JobError: MF105 without one.
-    """
+    """The [design] of a job. Raises JobError MF105 without one."""
     if spec.design is None:
         what = "the job has no [design] section"
         raise JobError("MF105", what, where=where, cure="Add a [design] section, as in layouts/design_bar.toml")
@@ -333,11 +329,7 @@ def section_of(spec: JobSpec, where: str) -> DesignSection:
 
 
 def require_weights(section: SearchSection, settings: CaptureSettings, where: str) -> None:
-    """Refuse weights that are not one for each level of light.
-
-    Raises:
-        JobError: MF105.
-    """
+    """Refuse weights that are not one for each level of light. Raises JobError MF105."""
     if section.weights is not None and len(section.weights) != len(settings.levels):
         levels = ", ".join(f"{level:g}" for level in settings.levels)
         what = f"{len(section.weights)} weights for {len(settings.levels)} levels of light, {levels} dB"
@@ -421,11 +413,7 @@ def _shapes(section: SearchSection, count: int) -> Iterator[Candidate]:
 
 
 def require_closed(closed: float, required: float, stated: str, *, where: str) -> None:
-    """Refuse pixels whose closed share is less than three emitters need.
-
-    Raises:
-        JobError: MF123.
-    """
+    """Refuse pixels whose closed share is less than three emitters need. Raises JobError MF123."""
     needed = 3 * required
     if needed > closed + 1e-9:
         what = (

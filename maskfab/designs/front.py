@@ -343,11 +343,7 @@ def rules_of(section: SearchSection, display: Display, compared: Sequence[Openin
 
 
 def lines_of(pareto: ParetoSection, display: Display, *, where: str = "pareto.lines") -> tuple[int, ...]:
-    """Numbers of lines that a sweep asks about, rising.
-
-    Raises:
-        JobError: MF105 for lines without the rules of any.
-    """
+    """Numbers of lines that a sweep asks about, rising. Raises JobError MF105 for lines without the rules of any."""
     wires = display.rules.wires
     if pareto.lines is None:
         return (0 if wires is None else wires.lines,)

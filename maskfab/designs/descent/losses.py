@@ -107,11 +107,7 @@ class MtfAuc(Objective):
 
 
 def mtf_auc(stop: TiledStop, temperature: float = 0.01) -> MtfAuc:
-    """The AUC of units in a stop.
-
-    Raises:
-        JobError: MF104 for a temperature that is not above 0.
-    """
+    """The AUC of units in a stop. Raises JobError MF104 for a temperature that is not above 0."""
     if not temperature > 0:
         what = f"temperature = {temperature:g} is not above 0"
         raise JobError("MF104", what, where="design.temperature", cure="Use 0.01")

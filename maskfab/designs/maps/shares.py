@@ -106,11 +106,7 @@ def stated(uniform: Mask, error: PanelError, asked: Denser) -> Shares:
 
 
 def require_outer(outer: int, uniform_count: int, *, where: str = "outer_dots") -> None:
-    """Refuse outer dots that are not fewer than those of the uniform unit.
-
-    Raises:
-        JobError: MF104.
-    """
+    """Refuse outer dots that are not fewer than those of the uniform unit. Raises JobError MF104."""
     if not 1 <= outer < uniform_count:
         what = f"outer_dots = {outer} is not 1 or more and below the {uniform_count} clear dots of the mean"
         raise JobError("MF104", what, where=where, cure=f"Choose 1 to {uniform_count - 1}")

@@ -80,11 +80,7 @@ class CaptureSettings:
         return noise
 
     def require(self, levels: Sequence[float]) -> None:
-        """Refuse levels whose light is not known.
-
-        Raises:
-            JobError: MF104.
-        """
+        """Refuse levels whose light is not known. Raises JobError MF104."""
         if unknown := [level for level in levels if level not in self.electrons]:
             what = f"the level {unknown[0]:g} dB is not one of {', '.join(f'{level:g}' for level in self.electrons)}"
             raise JobError("MF104", what, where="design.levels", cure="Use levels from that list only")

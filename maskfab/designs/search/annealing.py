@@ -293,11 +293,7 @@ class State:
 
     @classmethod
     def of(cls, plain: Mapping[str, Any]) -> State:
-        """From what :meth:`plain` gave.
-
-        Raises:
-            JobError: MF105 if something is missing or of another kind.
-        """
+        """From what :meth:`plain` gave. Raises JobError MF105 if something is missing or of another kind."""
         try:
             fields = {name: plain[name] for name in cls.__dataclass_fields__}
             fields["bettered"] = tuple((int(number), float(value)) for number, value in fields["bettered"])

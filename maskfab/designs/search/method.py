@@ -851,11 +851,7 @@ def _fit(look: DieLook | None, laid: Mapped, rules: Constraints, progress: Progr
 
 
 def _require_fit(fit: DieFit | None, laid: Mapped) -> None:
-    """Refuse a display that fits no die that was tried.
-
-    Raises:
-        JobError: MF123.
-    """
+    """Refuse a display that fits no die that was tried. Raises JobError MF123."""
     if fit is None or fit.why is None:
         return
     seeds = f"seed {min(fit.failed)}" if len(fit.failed) == 1 else f"seeds {min(fit.failed)} to {max(fit.failed)}"
