@@ -312,11 +312,7 @@ def gap_guard_um(gap_um: float, wavelength_nm: float, sample_um: float) -> float
 
 
 def check_cover(openings: Aperture, stop: Stop, moved_um: Place) -> None:
-    """Refuse openings that, moved by (x, y), no longer cover the stop.
-
-    Raises:
-        JobError: MF114.
-    """
+    """Refuse openings that, moved by (x, y), no longer cover the stop. Raises JobError MF114."""
     radius = stop.diameter_um / 2
     ends = [_ends_um(lattice) for lattice in (openings.x, openings.y)]
     missing = max(

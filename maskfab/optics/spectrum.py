@@ -292,11 +292,7 @@ def check_wavelengths(wavelengths_nm: Floats, where: str) -> None:
 
 
 def check_weights(weights: Floats, where: str) -> None:
-    """Refuse weights that are negative, not finite, or all zero.
-
-    Raises:
-        JobError: MF104.
-    """
+    """Refuse weights that are negative, not finite, or all zero. Raises JobError MF104."""
     wrong = ~(np.isfinite(weights) & (weights >= 0))
     if wrong.any():
         what = f"weight {weights[wrong][0]:g} is not a finite number of at least 0"

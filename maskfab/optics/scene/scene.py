@@ -117,11 +117,7 @@ class DistortedWindow:
 
     @classmethod
     def about(cls, lens: Distortion, image_um: tuple[float, float], step_um: float, half: int) -> DistortedWindow:
-        """The window of 2 half + 1 samples along a side.
-
-        Raises:
-            JobError: MF104 where the lens folds the picture.
-        """
+        """The window of 2 half + 1 samples along a side. Raises JobError MF104 where the lens folds the picture."""
         offset = step_um * np.arange(-half, half + 1, dtype=np.float64)
         x, y = lens.undistorted(*np.meshgrid(image_um[0] + offset, image_um[1] + offset))
         middle_x, middle_y = (float(at) for at in lens.undistorted(np.array(image_um[0]), np.array(image_um[1])))
