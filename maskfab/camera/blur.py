@@ -339,11 +339,7 @@ def stand_words(way: int) -> str:
 
 
 def stand_named(name: str) -> int:
-    """The element of D4 of a name.
-
-    Raises:
-        JobError: MF105 for a name that none has.
-    """
+    """The element of D4 of a name. Raises JobError MF105 for a name that none has."""
     if name not in STANDS:
         what = f"{name!r} is no stand of a die"
         raise JobError("MF105", what, where="stands", cure=f"Use one of {', '.join(STANDS)}; turned is by 90 degrees")

@@ -396,11 +396,7 @@ class Checkpoint:
         }
 
     def write(self, path: Path) -> None:
-        """Keep it in a file, aside first and renamed.
-
-        Raises:
-            OutputError: MF401 if it cannot be written.
-        """
+        """Keep it in a file, aside first and renamed. Raises OutputError MF401 if it cannot be written."""
         about = np.array(json.dumps(self.about()))
         save_state(path, _KIND, {"about": about, "transfer": self.trade.transfer, **self.state})
 

@@ -100,11 +100,7 @@ class PhotoCamera:
 
     @property
     def colours_nm(self) -> tuple[float, ...]:
-        """Of red, green and blue.
-
-        Raises:
-            JobError: MF134 unless there are three.
-        """
+        """Of red, green and blue. Raises JobError MF134 unless there are three."""
         if len(self.wavelengths_nm) != COLOURS:
             what = f"photographs have red, green and blue, and the camera has {len(self.wavelengths_nm)} wavelengths"
             raise JobError("MF134", what, where="camera.wavelengths", cure="Give three")
@@ -296,11 +292,7 @@ class Laid(Isoplanatic):
         return float((self.pupil**2).sum() / self.lattice.stop.sum())
 
     def _transfer(self, shape: tuple[int, int]) -> NDArray[np.float32]:
-        """See :func:`pupil_transfer`.
-
-        Raises:
-            JobError: MF134 for a camera of other than three wavelengths.
-        """
+        """See :func:`pupil_transfer`. Raises JobError MF134 for a camera of other than three wavelengths."""
         return pupil_transfer(self.pupil, self.lattice, shape)
 
 

@@ -110,11 +110,7 @@ class Protocol:
             raise JobError("MF143", what, where="brackets", cure=cure)
 
     def exposure(self, level_db: float) -> Exposure:
-        """Light of a level.
-
-        Raises:
-            JobError: MF141 for no light, or for more than a full well.
-        """
+        """Light of a level. Raises JobError MF141 for no light, or for more than a full well."""
         return Exposure.at(level_db, self.sensor, whole=self.whole)
 
     def seen(self, design: Design, scene: Photograph) -> Singles:
@@ -164,11 +160,7 @@ class Protocol:
         return int(abs(np.log(np.multiply(self.strengths, white / usual))).argmin())
 
     def check(self, scene: Photograph) -> None:
-        """Refuse brackets of a scene that has no light above white.
-
-        Raises:
-            JobError: MF143.
-        """
+        """Refuse brackets of a scene that has no light above white. Raises JobError MF143."""
         if not self.brackets or (scene.measured is not None and scene.measured.max() > 1):
             return
         reason = "code values, which end at white" if scene.measured is None else "no light above white"

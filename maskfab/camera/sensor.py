@@ -168,11 +168,7 @@ class Exposure:
 
     @classmethod
     def of_white(cls, electrons: float, sensor: Sensor) -> Exposure:
-        """So many electrons of white behind the published display.
-
-        Raises:
-            JobError: MF141 as :meth:`at`.
-        """
+        """So many electrons of white behind the published display. Raises JobError MF141 as :meth:`at`."""
         stated = f"{electrons:g} electrons of white"
         return cls._of(electrons, sensor, stated, lambda: f"white = {sensor.ceiling:g} or less")
 

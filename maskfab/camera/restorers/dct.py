@@ -131,11 +131,7 @@ class Dct:
         return f"dct+{self.then.name}"
 
     def prepare(self, record: Record, blur: Blur) -> Callable[[float], Singles]:
-        """See :class:`maskfab.camera.record.Restorer`.
-
-        Raises:
-            JobError: MF121 for fewer than 8 pixels along a side.
-        """
+        """See :class:`maskfab.camera.record.Restorer`. Raises JobError MF121 for fewer than 8 pixels along a side."""
         calm = denoised(record, self.threshold)
         # A full well says only that there was more light; the neighbours' mean must not make it look measured.
         restored = self.then.prepare(replace(record, values=np.where(record.clipped, record.values, calm)), blur)
