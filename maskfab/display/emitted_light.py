@@ -253,11 +253,7 @@ class Tiled:
 
 
 def _frame(pixels: tuple[int, int], pitch_um: float, viewing: Viewing, highest_cpd: float) -> Series:
-    """A series of nothing, up to a frequency.
-
-    Raises:
-        JobError: MF115 for too many coefficients.
-    """
+    """A series of nothing, up to a frequency. Raises JobError MF115 for too many coefficients."""
     high, wide = (count / viewing.pixels_per_degree for count in pixels)
     most_y, most_x = (math.floor(highest_cpd * side) for side in (high, wide))
     _refuse_too_many(2 * most_y + 1, 2 * most_x + 1)

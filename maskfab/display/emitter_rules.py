@@ -81,11 +81,7 @@ def finest_cell(dots: int, dot_nm: int) -> int:
 
 
 def check_widths(rules: EmitterRules, side_nm: int, *, where: str) -> None:
-    """Refuse rules that are wider than a pixel less its gutter.
-
-    Raises:
-        JobError: MF117.
-    """
+    """Refuse rules that are wider than a pixel less its gutter. Raises JobError MF117."""
     side = f"{side_nm / NM_PER_UM:g} um"
     for name, value in (
         ("gap_to_opening", rules.gap_to_opening_nm),

@@ -219,11 +219,7 @@ _PASS_CPD, _STOP_CPD = 40.0, 50.0
 
 
 def metric() -> ModuleType:
-    """The installed ``pycvvdp``.
-
-    Raises:
-        JobError: MF152 if it is not installed, MF121 if it cannot be imported.
-    """
+    """The installed ``pycvvdp``. Raises JobError MF152 if it is not installed, MF121 if it cannot be imported."""
     require("eye", what="JOD", where="--jod", otherwise="leave --jod out")
     try:
         return importlib.import_module("pycvvdp")
