@@ -262,11 +262,7 @@ class Foreign:
 
 
 def only_die(plate: Plate, name: str) -> Plate:
-    """The plate with one die and nothing else.
-
-    Raises:
-        JobError: MF105 if there is no such die.
-    """
+    """The plate with one die and nothing else. Raises JobError MF105 if there is no such die."""
     dies = tuple(die for die in plate.dies if die.name == name)
     if not dies:
         what = f"there is no die {name!r}"
