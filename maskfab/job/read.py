@@ -60,11 +60,7 @@ def check_dies(spec: JobSpec, faults: Faults, where: str) -> None:
 
 
 def check_names(names: Sequence[str], *, where: str) -> None:
-    """Names of dies that differ, in more than their case.
-
-    Raises:
-        JobError: MF109.
-    """
+    """Names of dies that differ, in more than their case. Raises JobError MF109."""
     for name, count in Counter(names).items():
         if count > 1:
             what = f"{count} dies have the name {name!r}"
@@ -77,11 +73,7 @@ def check_names(names: Sequence[str], *, where: str) -> None:
 
 
 def check_display(spec: JobSpec, where: str) -> None:
-    """Circuits, wires and light belong to a display whose emitters the job describes.
-
-    Raises:
-        JobError: MF105.
-    """
+    """Circuits, wires and light belong to a display whose emitters the job describes. Raises JobError MF105."""
     for name in ("circuits", "wires", "light"):
         if getattr(spec, name) is not None and spec.emitters is None:
             cure = 'Add [emitters] with colour_gap = "8 um" and min_width = "8 um"'
@@ -254,11 +246,7 @@ def check_windows(spec: JobSpec, where: str) -> None:
 
 
 def check_order(spec: JobSpec, where: str) -> None:
-    """An [order] that does not contradict the plate, and asks for no bias that nobody states.
-
-    Raises:
-        JobError: MF128.
-    """
+    """An [order] that does not contradict the plate, and asks for no bias that nobody states. Raises JobError MF128."""
     order, plate = spec.order, spec.plate
     if order is None:
         return
@@ -287,11 +275,7 @@ def check_order(spec: JobSpec, where: str) -> None:
 
 
 def _check_biased_data(spec: JobSpec, where: str) -> None:
-    """Data that can be biased, by a multiple of their grid at either edge.
-
-    Raises:
-        JobError: MF107.
-    """
+    """Data that can be biased, by a multiple of their grid at either edge. Raises JobError MF107."""
     grid = 1 if spec.export is None or spec.export.grid is None else max(1, round(spec.export.grid * NM_PER_UM))
     bias_nm = 0.0 if spec.process is None else spec.process.cd_bias_um * NM_PER_UM
     step = 2 * grid
@@ -324,11 +308,7 @@ def check_report(spec: JobSpec, where: str) -> None:
 
 
 def check_film(spec: JobSpec, where: str) -> None:
-    """Chrome that solids can show, as thick as they draw it.
-
-    Raises:
-        JobError: MF104.
-    """
+    """Chrome that solids can show, as thick as they draw it. Raises JobError MF104."""
     section = spec.export
     if section is None or set(SOLIDS).isdisjoint(section.formats or ()):
         return
