@@ -382,11 +382,7 @@ def check_limits(layout: db.Layout, path: Path, placed: PlacedCells | None = Non
 
 
 def refuse_long(longest: int, path: Path) -> None:
-    """Refuse a polygon of too many vertices before it is drawn.
-
-    Raises:
-        SourceError: MF313.
-    """
+    """Refuse a polygon of too many vertices before it is drawn. Raises SourceError MF313."""
     if longest > MOST_VERTICES:
         raise SourceError(
             "MF313",

@@ -368,11 +368,7 @@ def labels_of_lines(lines: Rows, where: str) -> Labels:
 
 
 def check_emitters(labels: Labels, mask: Mask, where: str) -> None:
-    """Refuse emitters that are not on the dots, lie on an opening, or lack a colour.
-
-    Raises:
-        JobError: MF119.
-    """
+    """Refuse emitters that are not on the dots, lie on an opening, or lack a colour. Raises JobError MF119."""
     times, rest = divmod(labels.shape[0], mask.shape[0])
     if rest or not times:
         raise _refused(

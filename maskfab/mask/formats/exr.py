@@ -50,11 +50,7 @@ class Channels:
 
 
 def read_channels(path: Path, prefix: str, cure: str) -> Channels:
-    """Read a file.
-
-    Raises:
-        SourceError: MF301 if there is no such file, MF303 if it cannot be read.
-    """
+    """Read a file. Raises SourceError MF301 if there is no such file, MF303 if it cannot be read."""
     import OpenImageIO as oiio  # noqa: N813 - its customary name
 
     if not os.path.isfile(path):

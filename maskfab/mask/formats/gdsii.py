@@ -177,11 +177,7 @@ def _counted_by_klayout(path: Path) -> int:
 
 
 def refuse_many_in_gdsii(path: Path) -> None:
-    """Refuse a GDSII file of too many layers or structures.
-
-    Raises:
-        SourceError: MF313.
-    """
+    """Refuse a GDSII file of too many layers or structures. Raises SourceError MF313."""
     data = path.read_bytes()
     if _layers(np.frombuffer(data, dtype=np.uint8)) > MOST_LAYERS:
         raise too_many_layers(path)

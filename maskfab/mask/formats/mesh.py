@@ -251,11 +251,7 @@ def write_stl(
 
 
 def _float32(die: Die, kind: str, vertices: Floats) -> NDArray[np.float32]:
-    """Vertices as a format rounds them, [n, 3].
-
-    Raises:
-        OutputError: MF437 if two become one.
-    """
+    """Vertices as a format rounds them, [n, 3]. Raises OutputError MF437 if two become one."""
     rounded = vertices.astype("<f4")
     # Two numbers as one of twice the length, none of them -0.
     flat, heights = np.ascontiguousarray(rounded[:, :2] + np.float32(0)).view("<u8").ravel(), rounded[:, 2]
@@ -317,11 +313,7 @@ def _store(package: zipfile.ZipFile, name: str, texts: Iterable[str]) -> None:
 
 
 def read_scene(path: Path) -> ReadSolid:
-    """A GLB or 3MF file.
-
-    Raises:
-        SourceError: MF303 if it cannot be read.
-    """
+    """A GLB or 3MF file. Raises SourceError MF303 if it cannot be read."""
     try:
         meshes, index, matrices, scale = (_plain_3mf(path) if path.suffix == ".3mf" else None) or _by_trimesh(path)
         check_reach(path, matrices[:, :3, 3] * scale)

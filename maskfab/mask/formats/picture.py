@@ -285,11 +285,7 @@ def write_bilevel(
 
 
 def bitmap_size(plate: Plate, dots_per_um: float, die: str | None = None) -> tuple[int, int]:
-    """Pixels along x and y.
-
-    Raises:
-        OutputError: MF413 if ``dots_per_um`` is not positive and finite.
-    """
+    """Pixels along x and y. Raises OutputError MF413 if ``dots_per_um`` is not positive and finite."""
     if not (math.isfinite(dots_per_um) and dots_per_um > 0):
         raise OutputError("MF413", f"{dots_per_um} dots per um are not positive", cure="Give a number such as 1.0")
     box = _box(plate, die)

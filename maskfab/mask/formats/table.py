@@ -84,11 +84,7 @@ def products(
 def require_packages(
     formats: Sequence[FileFormat], *, where: str = "export.formats", otherwise: str = "leave these out"
 ) -> None:
-    """Refuse formats that this installation could not write, or not read back.
-
-    Raises:
-        MissingPackageError: MF152.
-    """
+    """Refuse formats that this installation could not write, or not read back. Raises MissingPackageError MF152."""
     forms = {name: form for name in formats if (form := FORMATS[name]).extra is not None}
     extras = dict.fromkeys(form.extra for form in forms.values() if form.extra is not None)
     loads = tuple(chain(*(form.loads for form in forms.values())))

@@ -321,11 +321,7 @@ def files_of_job(plate: Plate, spec: JobSpec, comments: Sequence[str], shop: Sho
 
 
 def check_stated(dpi: int | None, formats: Sequence[FileFormat]) -> None:
-    """Refuse bitmaps of a plate without dots per inch.
-
-    Raises:
-        JobError: MF105.
-    """
+    """Refuse bitmaps of a plate without dots per inch. Raises JobError MF105."""
     asked = [form for form in formats if form in PLATE_BITMAPS]
     if asked and dpi is None:
         raise JobError(
@@ -337,11 +333,7 @@ def check_stated(dpi: int | None, formats: Sequence[FileFormat]) -> None:
 
 
 def check_polygons(spec: JobSpec, formats: Sequence[FileFormat], where: str) -> None:
-    """Refuse biased data as pictures, whose dots are far coarser than a bias.
-
-    Raises:
-        JobError: MF128.
-    """
+    """Refuse biased data as pictures, whose dots are far coarser than a bias. Raises JobError MF128."""
     dots = [form for form in formats if form in (*PLATE_BITMAPS, *PICTURES)]
     if spec.data_bias_nm and dots:
         raise JobError(
