@@ -513,11 +513,7 @@ Record: TypeAlias = Mapping[str, Any]
 
 
 def make_folder(folder: Path) -> None:
-    """Make the folder of the cases, before the first is looked for.
-
-    Raises:
-        OutputError: MF401 if it cannot be made.
-    """
+    """Make the folder of the cases, before the first is looked for. Raises OutputError MF401 if it cannot be made."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -525,11 +521,7 @@ def make_folder(folder: Path) -> None:
 
 
 def keep(folder: Path, record: Record) -> None:
-    """Write a case under its key; nobody sees half a file.
-
-    Raises:
-        OutputError: MF401 if it cannot be written.
-    """
+    """Write a case under its key; nobody sees half a file. Raises OutputError MF401 if it cannot be written."""
     path = _path(folder, record["key"])
     path.parent.mkdir(parents=True, exist_ok=True)
     with partial(path) as aside:

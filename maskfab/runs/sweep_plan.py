@@ -436,11 +436,7 @@ def faults_of_plate(job: Job, faults: JobFaults) -> None:
 
 
 def require_quantities(spec: SweepSpec, where: str) -> None:
-    """Refuse quantities that no case has, and limits of others.
-
-    Raises:
-        JobError: MF161.
-    """
+    """Refuse quantities that no case has, and limits of others. Raises JobError MF161."""
     sweep = spec.sweep
     require_known(sweep.quantities, f"{where}: sweep.quantities")
     for i, limit in enumerate(spec.limit):
@@ -557,11 +553,7 @@ def _key(document: Mapping[str, Any], quantities: tuple[str, ...]) -> str:
 
 
 def _distinct(cases: tuple[Case, ...], fields: tuple[Field, ...], where: str) -> None:
-    """Refuse two cases that ask for one job.
-
-    Raises:
-        JobError: MF162.
-    """
+    """Refuse two cases that ask for one job. Raises JobError MF162."""
     first: dict[str, Case] = {}
     for case in cases:
         other = first.setdefault(case.key, case)
