@@ -609,7 +609,7 @@ def edge_spread(lags: tuple[AxisLags, AxisLags], table: LagTable, camera: Camera
     """The image of an edge over the camera's window, from lags, whatever falls outside.
 
     Args:
-        table: of the same pupil; gives energy and error bound.
+        table: of the pupil of the lags; gives energy and error bound.
 
     Notes:
         An error of the OTF by ε(ν) moves the image at x by ∫ ε |sin 2πνx| / (πν) dν at most.

@@ -85,7 +85,7 @@ def model_bar(pupil: Pupil, camera: Camera, blank: MaskBlank) -> tuple[Omission,
     """Effects that the numbers of a die on the axis omit, the largest first; those of size 0 are not listed.
 
     Args:
-        camera: what looks through them; the middle one of its lines is taken.
+        camera: what looks through the pupil; the middle one of its lines is taken.
     """
     return _by_size(_on_axis(_DieField.of(pupil, camera), blank))
 
