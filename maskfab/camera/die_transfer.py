@@ -168,6 +168,7 @@ class StopView:
         return line_nm * UM_PER_NM * self._distance_um / self.camera.pixel_um
 
     def _near(self, times: int) -> Aperture:
+        """The openings whose shadow the stop sees, so many times finer."""
         near = moved_aperture(self.openings, self._moved_um, self.camera.stop.diameter_um / 2)
         return finer_aperture(near, times) if times > 1 else near
 

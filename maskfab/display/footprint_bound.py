@@ -153,6 +153,7 @@ def _needs(a: float, grid: EmitterGrid, ratio: Sequence[float]) -> list[int]:
 
 
 def _shared_out(pieces: Sequence[_Piece], needs: Sequence[int], gap: int) -> bool:
+    """Whether the emitters can be given to the pieces so that none is overfull."""
     placed = {0}
     for piece in pieces:
         if piece.total < min(needs):

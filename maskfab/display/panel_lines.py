@@ -282,6 +282,7 @@ def _met(low: Ints, high: Ints, band: Ints) -> tuple[Ints, Ints]:
 
 
 def _used(begin: Ints, after: Ints, ends: tuple[Mask, Mask]) -> Mask:
+    """Stretches on a way from one end to the other, from those that each leads to."""
     many = np.maximum(after - begin, 0)
     tail = np.repeat(np.arange(many.size), many)
     head = np.repeat(begin - (np.cumsum(many) - many), many) + np.arange(many.sum())
@@ -533,6 +534,7 @@ class _Chains:
 
 
 def _passing(gap: Ints, rules: WireRules) -> Ints:
+    """Lines that pass between openings a gap apart."""
     room = gap + rules.space_nm - 2 * rules.clearance_nm
     return np.asarray(np.maximum(room // (rules.line_nm + rules.space_nm), 0))
 

@@ -222,6 +222,7 @@ def _across_borders(
 
 
 def _two_squares(squares: Squares) -> int:
+    """As many squares as fit at the gap, up to two."""
     ys, xs = squares.places()
     for along in (ys, xs):
         if len(along) and np.ptp(along) >= squares.width + squares.gap:

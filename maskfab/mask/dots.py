@@ -151,6 +151,7 @@ def _runs_of_marks(plate: Plate, grid: DotGrid) -> tuple[Ints, Ints]:
 
 
 def _changes(row: Ints, ends: Ints) -> Ints:
+    """Rows whose runs are not those of the row below."""
     rows, first, count = np.unique(row, return_index=True, return_counts=True)
     below = np.searchsorted(rows, rows - 1)
     has = (below < rows.size) & (rows[np.minimum(below, rows.size - 1)] == rows - 1)

@@ -236,6 +236,7 @@ def _add_differences(differences: Floats, segments: Floats, x_edges: Floats, y_e
 
 
 def _cut(segments: Floats, edges: Floats, axis: Literal["x", "y"]) -> tuple[Floats, Indices]:
+    """Segments cut at every grid line that crosses them, and for each piece the index of its segment."""
     along, across = (0, 1) if axis == "x" else (1, 0)
     start, stop = segments[:, along], segments[:, along + 2]
     low, high = np.minimum(start, stop), np.maximum(start, stop)

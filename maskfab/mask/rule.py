@@ -415,6 +415,7 @@ def _points(polygons: Sequence[Polygon]) -> Ints:
 
 
 def _neighbours(polygons: Sequence[Polygon], step: int) -> Ints:
+    """Index of the vertex so many steps on along its own polygon."""
     runs, before = [np.zeros(0, dtype=np.int64)], 0
     for polygon in polygons:
         runs.append(before + (np.arange(len(polygon)) + step) % len(polygon))

@@ -352,6 +352,7 @@ def shape_quantities(points: Psf, pixels: Psf, camera: Camera, die: str | None) 
 
 
 def _closer_halo(halo: Quantity, points: Psf, pixels: Psf, highest: float) -> Quantity:
+    """The halo with the error of counting whole pixels, as the points between them tell it."""
     inside, error = within_circle(points, min(_HALO_UM, pixels.step_um * pixels.values.shape[0] / 2), highest)
     counted = float(halo.value or 0.0)
     return replace(halo, uncertainty=min(halo.uncertainty or 0.0, abs(1 - inside - counted) + error))

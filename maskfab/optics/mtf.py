@@ -284,6 +284,7 @@ def _falls(view: _View, rings: _Rings, step: float, levels: Sequence[float]) -> 
 
 
 def _directions(view: _View, lag_um: float) -> int:
+    """Number of directions that tell the mean of a ring of lags."""
     wanted = _DIRECTIONS_PER_DOT * math.pi * lag_um / view.table.x.dot_um
     return 1 << math.ceil(math.log2(min(max(wanted, _FEWEST_DIRECTIONS), _MOST_DIRECTIONS)))
 

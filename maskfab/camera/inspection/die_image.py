@@ -529,6 +529,7 @@ class DieImage:
     def _changed(
         self, setting: Setting, by: Sequence[Complexes], factors: Sequence[float] | None = None
     ) -> list[Floats]:
+        """Change of the intensity at each node with that of the field, times a factor of the node."""
         factors = factors or [1.0] * len(by)
         flat = (
             2 * factor / self._field.energy_um2 * (here.real * change.real + here.imag * change.imag)

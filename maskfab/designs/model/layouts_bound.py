@@ -313,6 +313,7 @@ class _Dual:
         return float(priced.sum()) - self.light.most(weights, sharp=sharp)
 
     def best_bend(self) -> Floats:
+        """The difference at which the value is largest, as far as it was found."""
         start = np.zeros(len(self.bends))
         size = abs(self(start, sharp=False))
         found = optimize.minimize(

@@ -222,6 +222,7 @@ def held_of(varied: Iterable[Candidate], rules: Constraints, clock: Clock) -> Ca
 
 
 def _varied(shapes: Iterable[Candidate]) -> Iterator[Candidate]:
+    """The first of every kind, then the second of each, and so on."""
     by_kind: dict[tuple[str, int, int], list[Candidate]] = {}
     for shape in shapes:
         by_kind.setdefault(kind(shape.name, shape.unit), []).append(shape)

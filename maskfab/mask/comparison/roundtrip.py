@@ -439,6 +439,7 @@ def _exposed(layout: db.Layout, box_nm: Box) -> db.Region:
 
 
 def _drawn_regions(layout: db.Layout, layer: Layer, store: db.DeepShapeStore | None) -> db.Region:
+    """Exposed shapes of a layout, in hierarchy if there is a store to hold it."""
     deep = () if store is None else (store,)
     index = layout.find_layer(layer_info(layer))
     if index is None:

@@ -311,6 +311,7 @@ def _foreshortened(die: _DieField, field_um: float) -> Iterator[Omission]:
 
 
 def _at(die: _DieField, across: float, up: float) -> Complexes:
+    """The field at frequencies that many times as high."""
     return field(die.pupil, die.u * across, die.u * up, "single").amplitude()
 
 

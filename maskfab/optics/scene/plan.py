@@ -549,6 +549,7 @@ def full_tolerance(accuracy: float) -> float:
 
 
 def _nearer_focus(scene: Scene, object_um: float, share: float) -> float:
+    """Distance of which the defocus is so large a share of an object's."""
     vergence = (1 - share) / scene.focus_um + share / object_um
     return 1 / vergence if vergence else math.inf
 

@@ -401,6 +401,7 @@ def _vertices(aperture: Aperture) -> _Vertices:
 
 
 def _blocks(lattice: Lattice) -> tuple[int, int]:
+    """Cells that a gutter parts, and the dots of each."""
     return (lattice.cells, lattice.dots) if lattice.has_gutter else (1, lattice.cells * lattice.dots)
 
 
