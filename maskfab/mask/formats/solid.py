@@ -374,7 +374,7 @@ _WIDEST_NM = 1 << 25
 
 
 def _turner(corners: int, widest_nm: int) -> _Turn:
-    """What turns diagonals of a face with so many corners: compiled, where that pays and numba is installed."""
+    """Function that turns diagonals of a face with so many corners: compiled where that pays and numba is there."""
     fit = corners > _WORTH_COMPILING and widest_nm < _WIDEST_NM and find_spec("numba")
     return _compiled() if fit else _turn
 
