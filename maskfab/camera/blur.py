@@ -57,7 +57,6 @@ class MeasuredBlur:
     Attributes:
         kernels: [3, rows, columns] light of pixels, each colour's sum 1, row 0 the uppermost.
         centre: row and column of the point's image, of all colours.
-        told: sentences on where it comes from.
         pixel_um: side of a pixel; None where no file tells.
         of_cells: whether its pixels are cells of a mosaic, 2 x 2 pixels of the sensor.
         outside: share of the light beyond its pixels, the most of any colour; None of a capture, which tells none.
@@ -195,7 +194,6 @@ def _of_design(files: Sequence[Channels], paths: Sequence[Path]) -> MeasuredBlur
 
 
 def _pixels(channels: Channels, path: Path) -> Psf:
-    """Means over pixels of intensity at points."""
     facts: dict[str, Any] = channels.facts
     step, pixel = float(facts["step_um"]), float(facts["sensor_pixel_um"])
     stride = pixel / step
@@ -225,7 +223,6 @@ def _of_fit(channels: Channels, path: Path) -> MeasuredBlur:
 
 
 def _of_capture(channels: Channels, path: Path) -> MeasuredBlur:
-    """The blur of the light of pixels about one point light."""
     mosaic = str(channels.facts.get("mosaic", "none"))
     order = [channels.names.index(name) for name in "RGB"] if len(channels.names) == _COLOURS else [0]
     planes = channels.values[order]
@@ -294,9 +291,7 @@ class WholeBlur:
     A capture's background was taken off, and with it halo as faint: m has as much of it as d at the window's border.
 
     Attributes:
-        design: as pictures show it.
         change: m - d.
-        told: sentences on it.
 
     Notes:
         Whether the design's halo is turned and scaled as the measured one changes a restored photograph by 0.01 dB:
@@ -344,11 +339,7 @@ def stand_words(way: int) -> str:
 
 
 def stand_named(name: str) -> int:
-    """The element of D4 of a name.
-
-    Raises:
-        JobError: MF105 for a name that none has.
-    """
+    """The element of D4 of a name. Raises JobError MF105 for a name that none has."""
     if name not in STANDS:
         what = f"{name!r} is no stand of a die"
         raise JobError("MF105", what, where="stands", cure=f"Use one of {', '.join(STANDS)}; turned is by 90 degrees")

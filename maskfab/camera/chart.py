@@ -57,7 +57,6 @@ class Patches:
     """The patches of a chart in a photograph.
 
     Attributes:
-        name: of the table.
         rows, columns: of their middles, the upper left pixel is 0, [n].
         sizes: of squares within them, in pixels, [n].
         colours: linear sRGB, white is 1, [n, 3].
@@ -146,7 +145,6 @@ def chart_matrix(
         patches: in pixels of the photograph as it was taken.
         light: of the restored photograph in balanced colours, [3, rows, columns].
         record: that it was restored from, of as many pixels.
-        balance: of the colours.
         binned: pixels of the photograph along the side of one of ``light``.
 
     Raises:
@@ -202,7 +200,6 @@ class _Fit:
     weights: Floats
 
     def matrix(self, part: Mask | slice = slice(None)) -> Floats:
-        """The best matrix of some patches."""
         root = np.sqrt(self.weights[part])[:, None]
         return np.asarray(np.linalg.lstsq(self.seen[part] * root, self.true[part] * root, rcond=None)[0].T)
 
@@ -211,11 +208,9 @@ class _Fit:
         return delta_e_1976(lab_of_linear_srgb(self.seen @ matrix.T), lab_of_linear_srgb(self.true))
 
     def read(self, order: Indices) -> _Fit:
-        """The patches taken for others."""
         return _Fit(self.seen, self.true[order], self.weights[order])
 
     def left(self) -> float:
-        """The sum that the best matrix leaves."""
         return float(self.weights @ np.square(self.seen @ self.matrix().T - self.true).sum(axis=1))
 
     def nearest(self) -> Indices:

@@ -85,11 +85,7 @@ class StopView:
 
     Attributes:
         openings: everything clear in front of the stop, as an object at infinity would show it.
-        camera: of the job.
-        scene: what is looked at.
-        choice: what of it is modelled.
         gap_um: from openings to stop, as an object at infinity would show it.
-        object_um: distance of what is photographed.
         image_um: place on the sensor, from the axis.
 
     Raises:
@@ -189,7 +185,6 @@ class StopView:
 
     @cached_property
     def _plain(self) -> AmplitudeLags:
-        """Lags of every line without a phase."""
         return self._shadow(None, 1)
 
     @property
@@ -211,7 +206,6 @@ def line_transfer(lags: AmplitudeLags, cycle_um: float, y: Floats, x: Floats, we
         lags: of the amplitude behind the stop.
         cycle_um: the lag of one cycle per pixel, λd / pixel.
         y, x: frequencies in cycles per pixel.
-        weight: of the line.
     """
     up, across = (
         (_folded if frequency.size <= _MOST_KEPT else _folded.__wrapped__)(
@@ -271,7 +265,6 @@ class DieTransfer(Isoplanatic):
     """Transfer of one die before one camera, for the light of one place in the scene: a design to be photographed.
 
     Attributes:
-        view: what the light goes through.
         samples: of a phase on the axis.
         lines: that stand for red, green and blue light.
         by_samples, by_lines: error of H by either, measured at some frequencies; ``by_samples`` is None where there is
@@ -348,9 +341,6 @@ def die_transfer(
     """Prepare the transfer of a die: its own cells, drawn by its own seed, the panel's middle on the axis.
 
     Args:
-        name: of the die, for errors.
-        panel: of the die.
-        camera: of the job.
         scene: of the job, the plate's glass in its gap; None for one at infinity in the light of the camera's lines.
         plan: of that scene, panel and camera; what it leaves out is left out here. None models all of the scene.
         object_um: distance of what is photographed, all of it; None for the scene's distance nearest to focus.
@@ -396,7 +386,6 @@ def _bands(camera: Camera, scene: Scene, name: str) -> list[Band | float]:
 
 
 def _everything(scene: Scene) -> Choice:
-    """Everything of a scene that a transfer can hold."""
     diffracts = scene.gap_um > 0
     return Choice(
         path=SPECTRUM if diffracts else PHASED,
@@ -481,7 +470,6 @@ def _require_room(openings: Aperture, camera: Camera, times: int, error: float =
 
 
 def _lines(view: StopView, samples: Samples, light: Band | float) -> tuple[Lines, float]:
-    """The fewest lines that stand for light, on so many samples, and the error of H by them."""
     if not isinstance(light, Band):
         line = line_spectrum([light])
         return Lines(line, line), 0.0
@@ -514,20 +502,13 @@ def left_out(panel: Panel, scene: Scene, blank: MaskBlank, plan: Plan | None = N
     """Sentences on what the photographs of a die leave out; none where they hold all that the job states.
 
     Args:
-        panel: of the die.
-        scene: of the job, the plate's glass in its gap.
-        blank: of the plate.
         plan: that the transfer follows; None if it holds all of the scene.
     """
     return (*by_plan(scene, plan), *_by_lens(scene), *_by_plate(panel, scene, blank))
 
 
 def by_sentence(left_out: Mapping[str, Sequence[str]]) -> list[str]:
-    """Every sentence once, with the dies that it is about where these are not all.
-
-    Args:
-        left_out: by die, what its photographs leave out.
-    """
+    """Every sentence once, with the dies that it is about where these are not all."""
     dies: dict[str, list[str]] = {}
     for name, sentences in left_out.items():
         for sentence in sentences:

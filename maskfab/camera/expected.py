@@ -88,7 +88,6 @@ class Still:
         true: code values, [3, rows, columns].
         seen: light on the sensor, likewise.
         spectrum: of that light, mirrored, [3, rows, half].
-        margin: by which it is.
     """
 
     true: Singles
@@ -108,7 +107,6 @@ class Stills:
     """Scenes behind one design without noise, restored by a few ε, which tell every ε between them.
 
     Attributes:
-        blur: that the filter undoes.
         linear: whether scenes are linear light.
         nodes: these ε, ascending.
         stills: the scenes, by keys of their own.
@@ -194,8 +192,6 @@ def _errors(
         true: code values.
         seen: light that was recorded.
         passed: share of a record's variance that the filter lets through, [3, rows, columns] or 1 of these.
-        noise: of the record.
-        linear: whether scenes are linear light.
     """
     means, ratios = _of_normal(linear)
     lights, apart = (_MOST - _LEAST) * _PER_LIGHT, math.log(_SPREADS[1] / _SPREADS[0])

@@ -121,8 +121,6 @@ class _Plane:
         side: pixels of the square.
         use: [side, half] those that count: not the axes, which a frame's edges and rows of noise fill.
         y, x, f, cos, sin: of these, [n].
-        bins: of each.
-        counts: of every bin.
         basis: of the smooth spectra, mean over every bin, [bins, values].
         squares: mean of (2 f)^0, ^2 and ^4 over every bin.
     """
@@ -181,9 +179,6 @@ def _fitted(
     """Values of the smooth spectrum that are likeliest, log factors of the noise, and log-likelihood below 0.
 
     Args:
-        plane: of the bins.
-        power: mean of the periodogram in every bin.
-        noise: as it is expected in every bin.
         spread: of the log of its level, and of its change along f² and f⁴.
         stiff: weight of second differences over the knots.
     """
@@ -279,13 +274,10 @@ class _Seen:
     """A record's spectrum over its smooth fit, where the signal stands above the noise.
 
     Attributes:
-        plane: its frequencies.
         seen: periodogram over the smooth fit, [3, n].
         signal: share of the fit that is signal, [3, n].
         smooth: values of the signal's smooth power, of each colour.
-        noise: of each colour.
         power: mean periodogram in bins, of each colour.
-        counts: places that count.
     """
 
     plane: _Plane
@@ -369,7 +361,6 @@ class _Comparison:
         return float((factor - 1 - np.log(factor)).sum())
 
     def share(self, at: NDArray[np.int64], setting: Fitted) -> float:
-        """Likeliest share of the structure, of power."""
         structure = self.structure(at, setting.scale, setting.turn)
         found = optimize.minimize_scalar(
             lambda share: -_likelihood(self.seen.seen[:, at], self.seen.signal[:, at], share * structure),
@@ -429,15 +420,12 @@ class Explained:
 
     Attributes:
         verdict: :data:`EXPLAINED`, :data:`UNSURE` or :data:`FOREIGN`; then the record stays as it is.
-        setting: of the blur.
         share: of its structure that the record shows, of power.
         expected: gain of log-likelihood that a record of this blur would have.
         chance: mean and standard deviation of the gain at angles that no camera has.
         wrong: q, and what it would be if the blur were none, see the head of this file.
         rival: name and gain of another blur that explains the record better, if one does.
-        blur: that may be undone.
         strength: ε that goes with the record's own spectrum.
-        noise: of every colour.
         trusted: whether the blur was undone as it is said to be, whatever the record says.
     """
 
@@ -529,7 +517,6 @@ class FittedBlur:
 
     Attributes:
         transfer: on frequencies half as far apart as those of the square that it was fitted to.
-        setting: as fitted.
     """
 
     transfer: Transfer
@@ -565,7 +552,6 @@ def explain(
 
     Args:
         record: of at least 128 pixels along a side.
-        blur: that it is said to have been taken through.
         noise: of every colour, as :func:`maskfab.camera.noise_spectrum.noise_of` tells it.
         rivals: makers of other blurs by name, of which one may explain it better; tried where this one does not.
     """
@@ -633,7 +619,6 @@ def _wrong(square: Record, blur: Blur, strength: float) -> tuple[float, float]:
 
 
 def _middle(record: Record, most: int) -> Record:
-    """A square from the record's middle."""
     side = min(*record.values.shape[1:], most) // 2 * 2
     top, left = ((whole - side) // 2 for whole in record.values.shape[1:])
     return replace(record, values=record.values[:, top : top + side, left : left + side])

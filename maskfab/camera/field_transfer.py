@@ -54,7 +54,6 @@ class FieldNodes:
     Attributes:
         y_um, x_um: from the axis, which is the picture's middle, down and to the right; ascending, one or more.
         shape: rows and columns of the picture.
-        pixel_um: side of its pixels.
     """
 
     y_um: Floats
@@ -101,7 +100,6 @@ class FieldChange:
     """The change of a die's point spread over a picture, against that of the axis.
 
     Attributes:
-        nodes: places at which it was computed.
         spreads: V_k, float32 [components, 3, n, n] with n = 2 REACH + 1, no displacement first; their sum is 0.
         shares: a_k at the nodes, float32 [components, nodes y, nodes x].
         error: relative L2 error of the point spread, the largest measured.
@@ -182,12 +180,7 @@ class FieldChange:
 
 @dataclass(frozen=True, eq=False)
 class OverField:
-    """A die whose point spread changes over the field; a camera that knows only that of the axis restores by it.
-
-    Attributes:
-        transfer: of the die, on the axis.
-        plan: that says how accurate its point spread must be.
-    """
+    """A die whose point spread changes over the field; a camera that knows only that of the axis restores by it."""
 
     transfer: DieTransfer
     plan: Plan
@@ -250,8 +243,6 @@ class _Places:
 
     Attributes:
         view: on the axis; without diffraction over the gap where that is the axis's everywhere.
-        samples: of a phase.
-        lines: for changes.
         axis: point spread on the axis, [3 n n].
         scale: its norm, in whose units changes are.
         left_out: relative L2 error of taking diffraction over the gap as on the axis.
@@ -286,7 +277,6 @@ class _Places:
 
     @property
     def phased(self) -> bool:
-        """Whether places take long."""
         return any(self.view.has_phase(line.shadow.centroid_nm) for line in self.lines)
 
     def change(self, place: Place) -> Singles:

@@ -41,7 +41,6 @@ class Margin:
     """Where the sensor lies in the scene, [3, rows, columns], and the transforms that spare the rest.
 
     Attributes:
-        shape: rows and columns of the scene.
         width: pixels from its edge to the sensor's, less than the sensor's sides.
     """
 
@@ -135,17 +134,12 @@ class Design(Blur, Protocol):
 
         Args:
             light: of the scene, float32 [3, rows, columns], white is 1.
-            margin: where the sensor lies in it.
         """
 
 
 @dataclass(frozen=True, eq=False)
 class Isoplanatic(ABC):
-    """A design through which every point of a scene spreads alike; its transfers are kept for the scenes that follow.
-
-    Attributes:
-        name: in tables.
-    """
+    """A design through which every point of a scene spreads alike; its transfers are kept for later scenes."""
 
     name: str
     _kept: dict[tuple[int, int], Transfer] = field(default_factory=dict, init=False, repr=False)
@@ -191,7 +185,6 @@ class RestoredBy:
     are those of ``seen``.
 
     Attributes:
-        seen: what is photographed.
         known: whose transfer restorers are given.
     """
 

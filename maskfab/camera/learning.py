@@ -64,11 +64,7 @@ class Lessons:
 
     Attributes:
         protocol: that photographs are taken by, in linear light.
-        design: that they are taken through.
         levels: of light, one of which is drawn for each, dB.
-        view: of their records.
-        photographs: that are given.
-        seed: of all that is drawn.
         shape: rows and columns of drawn scenes.
     """
 
@@ -159,11 +155,8 @@ class Course:
     """Settings of a training.
 
     Attributes:
-        seed: of weights and patches.
-        widths: of the network.
         rate: of the descent.
         patch: rows and columns, at most those of a lesson.
-        patches: of a step.
         first: lessons to begin with.
         known: lessons at a time; beyond, the oldest makes way for a new one.
         fresh: steps after which a new one is given.
@@ -180,13 +173,7 @@ class Course:
 
 
 class Training:
-    """A network on its way.
-
-    Args:
-        course: that it takes.
-        lesson: by number.
-        device: of torch.
-    """
+    """A network on its way."""
 
     def __init__(self, course: Course, lesson: Callable[[int], Lesson], device: str = "cpu") -> None:
         self.course, self.device, self.step = course, torch.device(device), 0
@@ -326,11 +313,7 @@ class Trade:
     """The die, camera and light that a network is trained behind.
 
     Attributes:
-        job: its file.
         digest: SHA-256 of the resolved job.
-        die: by name.
-        camera: in one line.
-        sensor: in one line.
         light: of scenes, linear or code values taken for it.
         levels: of light, dB.
         images: names of the photographs, none where scenes were drawn alone.
@@ -350,11 +333,6 @@ class Trade:
     def require(self, other: Trade, where: str, cure: str = _USE) -> None:
         """Refuse a checkpoint for another die, camera, sensor or light; some of its levels may be asked for.
 
-        Args:
-            other: what it is wanted for.
-            where: the file.
-            cure: told with a refusal.
-
         Raises:
             JobError: MF148.
         """
@@ -373,12 +351,7 @@ class Checkpoint:
     """A network and where its training stands.
 
     Attributes:
-        trade: what it is trained behind.
-        course: of the training.
-        view: of records.
-        seconds: that were trained.
         history: rows of :data:`ROW`, one each time that it was judged by scenes that are not taught.
-        state: of the training.
     """
 
     trade: Trade
@@ -423,11 +396,7 @@ class Checkpoint:
         }
 
     def write(self, path: Path) -> None:
-        """Keep it in a file, aside first and renamed.
-
-        Raises:
-            OutputError: MF401 if it cannot be written.
-        """
+        """Keep it in a file, aside first and renamed. Raises OutputError MF401 if it cannot be written."""
         about = np.array(json.dumps(self.about()))
         save_state(path, _KIND, {"about": about, "transfer": self.trade.transfer, **self.state})
 
@@ -506,12 +475,6 @@ class Run:
     """A training, and how it went so far.
 
     Attributes:
-        path: of the checkpoint.
-        trade: the die, camera and light.
-        design: of the die.
-        training: where it stands.
-        view: of records.
-        scenes: that it is judged by.
         history: as of :class:`maskfab.camera.learning.Checkpoint`.
         clock: of the budget, from the beginning of the command's work.
         earlier_s: seconds that it took before.

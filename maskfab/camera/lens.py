@@ -77,11 +77,6 @@ class PhotoCamera:
     def of(cls, camera: Camera, *, where: str = "", colours: bool = False) -> PhotoCamera:
         """The parts of a job's camera that photographs depend on.
 
-        Args:
-            camera: of a job.
-            where: of the job, for errors.
-            colours: photographs are to be taken, in red, green and blue.
-
         Raises:
             JobError: MF133 as for the type; MF134 for other than three wavelengths where colours are wanted.
         """
@@ -105,11 +100,7 @@ class PhotoCamera:
 
     @property
     def colours_nm(self) -> tuple[float, ...]:
-        """Of red, green and blue.
-
-        Raises:
-            JobError: MF134 unless there are three.
-        """
+        """Of red, green and blue. Raises JobError MF134 unless there are three."""
         if len(self.wavelengths_nm) != COLOURS:
             what = f"photographs have red, green and blue, and the camera has {len(self.wavelengths_nm)} wavelengths"
             raise JobError("MF134", what, where="camera.wavelengths", cure="Give three")
@@ -184,8 +175,6 @@ class CellGrid:
     Attributes:
         dots: along a cell's side.
         cells: along the panel's side.
-        dot_um: side of a dot.
-        camera: whose stop it is.
     """
 
     dots: int
@@ -233,11 +222,8 @@ def lattice(
     """The fewest cells of ``dots`` dots a side that cover the stop.
 
     Args:
-        dots: along a cell's side.
         dot_nm: side of a dot; None for cells of 168 um, however many dots they have.
-        camera: that looks through them.
         odd: the axis is in the middle of a cell; otherwise four cells meet there.
-        where: named in errors.
 
     Raises:
         JobError: MF104 for a number below 1, or dots so large that half a cycle per pixel is a lag of less than one;
@@ -295,7 +281,6 @@ class Laid(Isoplanatic):
 
     Attributes:
         pupil: float64 [side, side], amplitude of every dot, 0 outside the stop.
-        lattice: of its cells, behind the camera that looks through them.
     """
 
     pupil: Floats
@@ -307,11 +292,7 @@ class Laid(Isoplanatic):
         return float((self.pupil**2).sum() / self.lattice.stop.sum())
 
     def _transfer(self, shape: tuple[int, int]) -> NDArray[np.float32]:
-        """See :func:`pupil_transfer`.
-
-        Raises:
-            JobError: MF134 for a camera of other than three wavelengths.
-        """
+        """See :func:`pupil_transfer`. Raises JobError MF134 for a camera of other than three wavelengths."""
         return pupil_transfer(self.pupil, self.lattice, shape)
 
 
@@ -327,12 +308,10 @@ def lay(
     """Lay one opening, or several, over the panel.
 
     Args:
-        name: of the design.
         units: bool [dots, dots] or [units, dots, dots], True is clear, row 0 the lowest.
         orientations: integers [cells, cells], 24 x 24 of 168 um, 8 u + k for unit u under element k of D4 as in
             :func:`maskfab.base.model.orient`; None draws them as protocol F1 does, with
             ``default_rng(seed).integers(8 · units)``.
-        seed: of that draw.
         dot_nm: side of a dot; None for cells of 168 um.
         room: the cells, in place of the fewest of such dots behind protocol F1's stop.
 

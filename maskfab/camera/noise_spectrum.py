@@ -145,12 +145,7 @@ def _whitening(noise: Sequence[NoiseSpectrum], shape: tuple[int, int]) -> Single
 
 @dataclass(frozen=True, eq=False)
 class WhitenedBlur:
-    """Blur of a record whose noise was made white.
-
-    Attributes:
-        blur: of the record as it was.
-        noise: of it.
-    """
+    """Blur of a record whose noise was made white."""
 
     blur: Blur
     noise: tuple[NoiseSpectrum, ...]

@@ -129,7 +129,6 @@ class Stated:
     Attributes:
         black, white: counts of no light, and of a full pixel.
         mosaic: ``rggb bggr grbg gbrg`` of a picture that holds a mosaic in grey.
-        electrons_per_count: gain.
         read_noise_e: in electrons; goes with the gain.
         sensor: of the job; where it has a converter, and its gain is known, it tells both.
     """
@@ -159,11 +158,9 @@ class Photo:
 
     Attributes:
         name: of its file, without suffix.
-        sha256: of its file.
         record: of three colours, each in units of its own white.
         balance: by which they are multiplied for a neutral white, the least of them 1.
         matrix: [3, 3] from balanced colours to linear sRGB.
-        told: sentences on how it was read.
         noise_stated: whether its noise was, and not estimated.
     """
 
@@ -180,8 +177,6 @@ def read_photo(path: Source, stated: Stated, *, cells: bool = False) -> Photo:
     """Read a file: RAW, TIFF and PNG of 16 bits and EXR as linear counts, any other picture as code values of sRGB.
 
     Args:
-        path: of it, or a frame in memory.
-        stated: what its file may lack.
         cells: take the cells of a mosaic for pixels, and interpolate nothing.
 
     Raises:
@@ -339,7 +334,6 @@ def developed(photo: Photo, light: Singles, stops: float = 0.0) -> Singles:
     """Linear sRGB within 0 to 1.
 
     Args:
-        photo: that was restored.
         light: [3, rows, columns] in units of each colour's own white.
         stops: by which the picture is brightened, a factor of 2 each.
 
@@ -380,8 +374,6 @@ def restored_light(
     Where the record speaks against the blur it stays as it is; trusted, the blur is undone as it is said to be.
 
     Args:
-        photo: as it was read.
-        blur: that is undone.
         restorers: of which the best is taken.
         chosen: whether the best is asked for, so that Wiener alone restores a large photograph.
         epsilon: strength of the prior, with which the blur is trusted; None for what each record speaks for.
@@ -433,18 +425,13 @@ class RestoredPhoto:
 
     Attributes:
         name: of its file, without suffix.
-        sha256: of its file.
         picture: float32 [3, rows, columns] linear sRGB within 0 to 1, row 0 on top.
         full: bool [rows, columns], where a colour of the photograph was full.
-        blur: sentences on the blur that was undone.
         restorer: that was used, or two with their shares.
         epsilon: strength of its prior, of two that of the larger share.
         electrons: of white, by which its noise is known.
         read_noise: in electrons.
         clipped: share of its values that were full.
-        told: sentences on how it was read.
-        before: the picture that the record is, as it was taken.
-        explained: what the record says of the PSF.
     """
 
     name: str
@@ -475,13 +462,9 @@ class RestoredPhoto:
         """The picture that restored light becomes.
 
         Args:
-            photo: as it was read, with the sentences on how it was restored.
-            record: that was restored.
             won: by the restorer that was chosen, in units of each colour's own white.
-            explained: what the record says of the blur.
             blur: sentences on it.
             colours: by a chart; None for those of the photograph.
-            stops: to brighten the picture by.
         """
         sentences = photo.told
         if colours is not None:

@@ -74,8 +74,6 @@ class Protocol:
     """A way to take photographs and to score them.
 
     Attributes:
-        name: in tables.
-        sensor: that records them.
         linear: scenes are linear light, and restored pictures are coded again before they are scored; otherwise code
             values are taken for light, as much of the literature does.
         whole: electrons of white behind the published display are rounded.
@@ -112,11 +110,7 @@ class Protocol:
             raise JobError("MF143", what, where="brackets", cure=cure)
 
     def exposure(self, level_db: float) -> Exposure:
-        """Light of a level.
-
-        Raises:
-            JobError: MF141 for no light, or for more than a full well.
-        """
+        """Light of a level. Raises JobError MF141 for no light, or for more than a full well."""
         return Exposure.at(level_db, self.sensor, whole=self.whole)
 
     def seen(self, design: Design, scene: Photograph) -> Singles:
@@ -166,11 +160,7 @@ class Protocol:
         return int(abs(np.log(np.multiply(self.strengths, white / usual))).argmin())
 
     def check(self, scene: Photograph) -> None:
-        """Refuse brackets of a scene that has no light above white.
-
-        Raises:
-            JobError: MF143.
-        """
+        """Refuse brackets of a scene that has no light above white. Raises JobError MF143."""
         if not self.brackets or (scene.measured is not None and scene.measured.max() > 1):
             return
         reason = "code values, which end at white" if scene.measured is None else "no light above white"
@@ -211,12 +201,8 @@ def evaluate(
     """Score every design on every test scene at every level, restored in every way.
 
     Args:
-        designs: with names of their own.
-        test: scenes to score on.
         tuning: scenes to choose ε on; they may be test scenes, though that flatters by a few hundredths of a decibel.
         levels: signal-to-noise ratios of white behind the published display, dB.
-        protocol: how photographs are taken.
-        restorers: of names of their own.
         choose: score the one that each photograph's record speaks for too, as :data:`AUTO`.
         details: score SSIM and S-CIELAB too, which takes half of the time.
         colours: of these, S-CIELAB.
@@ -316,11 +302,8 @@ class _Case:
     """One design at one level of light; scenes by their ``id``.
 
     Attributes:
-        protocol, design, level_db: of the case.
-        scenes: all of them.
         seen: light of scenes that are not large on the sensor.
         likenesses: of test scenes, empty where nobody asked for details.
-        colours: whether S-CIELAB is scored of them.
     """
 
     protocol: Protocol
@@ -345,7 +328,6 @@ class _Case:
     def scored(
         self, test: Sequence[Photograph], tuning: Sequence[Photograph], restorers: Sequence[Restorer], *, choose: bool
     ) -> Iterator[tuple[Score, Singles]]:
-        """Scores and pictures of every restorer with its best ε, and of the one chosen for each scene."""
         keys, strengths, ready, start = [*map(id, tuning)], self.protocol.strengths, dict[int, Ready](), 0
         if len(strengths) > 1:
             ready = {key: Wiener().prepare(self._record(key), self.design) for key in keys}
@@ -376,7 +358,6 @@ class _Case:
         return self._records[key]
 
     def _restored(self, restorer: Restorer, key: int) -> Callable[[float], Singles]:
-        """Code values of a scene restored, as a function of ε."""
         prepared = restorer.prepare(self._record(key), self.design)
         return lambda epsilon: self.protocol.shown(prepared(epsilon))
 

@@ -175,7 +175,6 @@ class Record:
 
     Attributes:
         values: float32 [3, rows, columns], white is 1, row 0 on top; below 0 where noise of the dark made it so.
-        noise: of every pixel.
         ceiling: what a full well reads, in units of white; infinite if nothing clips.
         interpolated: whether two colours of every pixel were found from its neighbours, so that noise is correlated as
             :func:`maskfab.camera.record.interpolated` makes it.
@@ -256,11 +255,7 @@ def _mean(ordered: Sequence[Record], light: Singles) -> Singles:
 
 @dataclass(frozen=True, eq=False)
 class BinnedBlur:
-    """Blur of means over 2 x 2 pixels.
-
-    Attributes:
-        fine: that of the pixels.
-    """
+    """Blur of means over 2 x 2 pixels."""
 
     fine: Blur
 

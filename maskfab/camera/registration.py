@@ -214,7 +214,6 @@ def registered(first: Singles, first_full: Mask, second: Singles, second_full: M
     Args:
         first, second: linear light, [3, rows, columns], of 128 pixels or more along a side.
         first_full, second_full: [rows, columns], pixels that were full, which are left out with what is near them.
-        name: of the second, for errors.
 
     Raises:
         SourceError: MF354 if they do not show one scene, up to a turn of 10 degrees and a tenth in scale, over a
@@ -358,7 +357,6 @@ class RegisteredPhoto:
 
     Attributes:
         name: of its file, without suffix.
-        onto: name of the other.
         registration: how it lay against that.
         picture: float32 [3, rows, columns] of the other's shape, within 0 to 1; 0 beyond its own edges.
         gain, offset: of each colour, by which the other's light becomes this one's in the mean.
@@ -398,7 +396,6 @@ def brought(
     """The second picture, resampled once, at the places of the first one's pixels.
 
     Args:
-        names: of both.
         first, second: linear light within 0 to 1, [3, rows, columns].
         first_full, second_full: [rows, columns], pixels that were full.
 

@@ -54,7 +54,6 @@ class Photograph:
     """A scene for a protocol.
 
     Attributes:
-        name: in tables.
         number: seeds its noise.
         values: float32 [3, rows, columns], code values within 0 to 1.
         measured: its light in units of white where a file holds that rather than code values, else None; highlights
@@ -103,7 +102,6 @@ class Folder:
     """Photographs of a folder, and files beside them.
 
     Attributes:
-        photographs: by name.
         skipped: names of files that are no pictures by their suffix; hidden ones are not counted.
     """
 
@@ -170,7 +168,6 @@ def scene(
 
 
 def _middle(shape: tuple[int, ...], *, whole: bool = False) -> tuple[slice, slice]:
-    """Rows and columns of a scene in a picture."""
     rows, columns = shape
     most = shape if whole else (SHORT, LONG) if columns >= rows else (LONG, SHORT)
     sides = [min(have, limit) // _STEP * _STEP for have, limit in zip(shape, most, strict=True)]
@@ -200,7 +197,6 @@ def folder(path: str | Path, white: float | None = None, *, whole: bool = False)
     """Every photograph of a folder, by name.
 
     Args:
-        path: of the folder.
         white: light that is white in pictures of light, as for :func:`scene`.
         whole: take whole pictures rather than their middle.
 

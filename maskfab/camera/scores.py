@@ -91,7 +91,6 @@ class Truth:
         return difference
 
     def _moments(self, lines: slice) -> tuple[Singles, Singles]:
-        """Local mean and variance of some rows."""
         moments = self._local.get(lines.start)
         if moments is None:
             true = self.values[:, lines]
@@ -161,9 +160,7 @@ class MeanDifference:
     """Mean of differences over photographs, with its 95 % interval by Student's t.
 
     Attributes:
-        mean: of the differences.
         half_width: of the interval, NaN for fewer than two photographs.
-        count: photographs.
 
     Notes:
         The interval holds the mean over all photographs of the kind in 95 % of all draws of so many, if differences are
@@ -207,10 +204,7 @@ class Score:
     """One design, level of light, scene and restorer.
 
     Attributes:
-        design: its name.
         level_db: signal-to-noise ratio of white behind the published display.
-        scene: its name.
-        epsilon: strength of the restorer's prior.
         psnr: of the whole frame, dB.
         ssim: of the whole frame; NaN where nobody asked for it.
         psnr_inner, ssim_inner: of the inner frame.

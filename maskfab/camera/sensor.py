@@ -140,7 +140,6 @@ class Exposure:
     Attributes:
         electrons: of white behind the published display.
         level_db: its signal-to-noise ratio there.
-        stated: how it was asked for, for reports.
     """
 
     electrons: float
@@ -153,7 +152,6 @@ class Exposure:
 
         Args:
             level_db: above 0, in decibels.
-            sensor: whose read noise it is.
             whole: round to whole electrons.
 
         Raises:
@@ -170,11 +168,7 @@ class Exposure:
 
     @classmethod
     def of_white(cls, electrons: float, sensor: Sensor) -> Exposure:
-        """So many electrons of white behind the published display.
-
-        Raises:
-            JobError: MF141 as :meth:`at`.
-        """
+        """So many electrons of white behind the published display. Raises JobError MF141 as :meth:`at`."""
         stated = f"{electrons:g} electrons of white"
         return cls._of(electrons, sensor, stated, lambda: f"white = {sensor.ceiling:g} or less")
 
@@ -201,10 +195,6 @@ class Exposure:
 
     def check(self, sensor: Sensor, holds: Callable[[], str]) -> None:
         """Refuse white that overflows a full well, or a stated gain, behind the published display.
-
-        Args:
-            sensor: of the full well and the gain.
-            holds: says what it does hold, as it is stated.
 
         Raises:
             JobError: MF141.
@@ -339,11 +329,6 @@ _ISO_ALIKE = 0.05
 def gain_of_file(sensor: Sensor, name: str, iso: float | None) -> float | None:
     """Analog gain that a file was taken at: as [sensor] states it, or the file's ISO over that of base gain.
 
-    Args:
-        sensor: of the job.
-        name: of the file.
-        iso: that the file states; None where it states none.
-
     Returns:
         None where neither tells.
 
@@ -372,7 +357,6 @@ def counted(sensor: Sensor | None, frame: Frame) -> tuple[float, float] | None:
 
     Args:
         sensor: with a converter; None where the job states none.
-        frame: as it was read.
 
     Returns:
         None without a converter, a gain, or counts of white.

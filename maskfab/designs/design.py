@@ -74,15 +74,7 @@ def notes_of(
     settings: CaptureSettings = F1_SETTINGS,
     seen: SceneConditions | None = None,
 ) -> tuple[str, ...]:
-    """Sentences on what a search leaves out of a job, and of the folder of its photographs.
-
-    Args:
-        spec: of the job.
-        scenes: the folder.
-        uses: keys that the search depends on, whatever its light and its scene.
-        settings: of the photographs that openings are compared by.
-        seen: conditions of the scene, as far as it is used.
-    """
+    """Sentences on what a search leaves out of a job, and of the folder of its photographs."""
     if settings.is_f1:
         light = "Openings are compared in the light of protocol F1, code values taken for light"
         named = isinstance(spec.design, SearchSection) and spec.design.protocol == "camera"
@@ -120,7 +112,6 @@ def check_possible(spec: JobSpec, *, where: str) -> None:
 
 
 def _possible(spec: JobSpec, where: str) -> tuple[Display | None, SceneConditions | None]:
-    """The display that the opening must hold, and the conditions of the scene, of a job that is possible."""
     section, faults = section_of(spec, where), JobFaults.of_spec(spec)
     display = rules = camera = seen = None
     with faults:
@@ -199,16 +190,10 @@ def design(
     """Find the opening of the job's [design], and its map where one is asked for.
 
     Args:
-        spec: a validated job with [design].
-        command: what reproduces it, for its provenance.
-        where: the job, for errors.
         images: folder of photographs to design for; synthetic scenes if None.
-        progress: told where the work stands.
-        clock: of its budget, after which the best so far is taken.
         checkpoint: file that saves the state of the search, from which it goes on if it exists.
         price_rules: search once more without each rule, beyond the budget.
         begin: opening that the search or the descent begins at, bool [dots, dots].
-        executor: shares the work of a search with others.
 
     Raises:
         JobError: as :func:`check_possible`; MF105 for a search for the AUC, or of several openings, that is to begin
@@ -292,11 +277,6 @@ def display_of(spec: JobSpec, where: str) -> Display | None:
 def stated_display(spec: JobSpec, section: SearchSection, where: str, *, key: str) -> Display:
     """The display of a job, whether or not its [design] must fit it, on a die of its plate or a usual one.
 
-    Args:
-        spec, section: the job and its [design].
-        where: the job, for errors.
-        key: that asks for it.
-
     Raises:
         JobError: as :func:`display_of`.
     """
@@ -341,11 +321,7 @@ def spread_of(spec: JobSpec, where: str) -> Spread:
 
 
 def section_of(spec: JobSpec, where: str) -> DesignSection:
-    """The [design] of a job.
-
-    Raises:
-        JobError: MF105 without one.
-    """
+    """The [design] of a job. Raises JobError MF105 without one."""
     if spec.design is None:
         what = "the job has no [design] section"
         raise JobError("MF105", what, where=where, cure="Add a [design] section, as in layouts/design_bar.toml")
@@ -353,11 +329,7 @@ def section_of(spec: JobSpec, where: str) -> DesignSection:
 
 
 def require_weights(section: SearchSection, settings: CaptureSettings, where: str) -> None:
-    """Refuse weights that are not one for each level of light.
-
-    Raises:
-        JobError: MF105.
-    """
+    """Refuse weights that are not one for each level of light. Raises JobError MF105."""
     if section.weights is not None and len(section.weights) != len(settings.levels):
         levels = ", ".join(f"{level:g}" for level in settings.levels)
         what = f"{len(section.weights)} weights for {len(settings.levels)} levels of light, {levels} dB"
@@ -368,9 +340,7 @@ def require_room(section: SearchSection, required: float, *, where: str) -> None
     """Refuse denser pixels whose openings and emitters are more than a pixel.
 
     Args:
-        section: with its density or cluster, if it has any.
         required: least share of the pixel for each colour.
-        where: the section, for errors.
 
     Raises:
         JobError: MF104 for dots of a group that no pixels share; MF123 where emitters need more than is closed.
@@ -390,11 +360,6 @@ def require_room(section: SearchSection, required: float, *, where: str) -> None
 
 def require_cap(section: SearchSection, rules: Constraints, *, where: str) -> None:
     """Refuse a share of denser pixels beside which a bound leaves no emitters, whatever shape they have.
-
-    Args:
-        section: with its density or most_dots, if it has any.
-        rules: with the display.
-        where: the section, for errors.
 
     Raises:
         JobError: MF123, with the largest share that the bound leaves.
@@ -423,7 +388,6 @@ def densest(section: SearchSection, rules: Constraints, high: int) -> int:
 
     Args:
         section: with its families and the clear dots of one opening, below which it does not look.
-        rules: with the display.
         high: clear dots beside which there are none.
     """
     required = rules["emitters"].rules.emitters.required
@@ -449,11 +413,7 @@ def _shapes(section: SearchSection, count: int) -> Iterator[Candidate]:
 
 
 def require_closed(closed: float, required: float, stated: str, *, where: str) -> None:
-    """Refuse pixels whose closed share is less than three emitters need.
-
-    Raises:
-        JobError: MF123.
-    """
+    """Refuse pixels whose closed share is less than three emitters need. Raises JobError MF123."""
     needed = 3 * required
     if needed > closed + 1e-9:
         what = (

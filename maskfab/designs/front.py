@@ -133,7 +133,6 @@ class FrontPoint:
 
     Attributes:
         judged: the opening; of two, the one on whose panel it passes as much light.
-        shape: of what is laid, in words.
         units: bool [1 or 2, dots, dots], what is laid, the denser one first.
         uneven: keys of [design] that ask for light shared unevenly, with their values; none for one opening.
         footprint: share of the pixel that each colour covers, mean over the emitters' ratio, alike in all cells.
@@ -190,7 +189,6 @@ class FrontCurve:
         refusal: why there is no design of so many dots, where ``front`` is empty.
         asked: parts of the display that every design holds, the least of each, with what it asks.
         prices: what these cost among the shapes judged; None where there is no design, and where the budget is over.
-        priced_among: shapes among which they are priced.
         alternatives: openings of nearly the PSNR of the best of ``front``; None as ``prices``.
     """
 
@@ -221,11 +219,8 @@ class Pareto:
     Attributes:
         curves: one for each number of clear dots, rising.
         compared: the openings given, judged alike, in their order.
-        dot_nm: side of a dot.
         levels: of light, dB.
         lines: numbers of lines that were asked about, rising.
-        designed_for: camera, sensor and light, in words.
-        seed: of the search.
         kept: rules of [design] that every opening keeps.
         limits: of the eye, by the name of the rule; designs of a denser middle that is sought need not keep them.
     """
@@ -279,17 +274,11 @@ def sweep(
     """Judge every shape of every size, and keep the designs that none betters.
 
     Args:
-        pareto: sizes of openings, numbers of lines, and how much to anneal.
-        section: grid, tiling, families, weights, map and rules.
-        scenes: photographs whose spectrum and edges count.
         display: that every design must hold: its least footprint, its circuits, and the numbers of lines asked about.
         compared: openings on the same grid, judged as if laid in the same tiling.
-        camera: that looks through the panel.
         settings: of the photographs that openings are compared by.
         clock: of the budget; every size has its share of it, and at least 64 shapes. How long maps and dies take is
             measured, and fewer points are laid where it leaves no time for all.
-        workers: who shares the maps and dies of points.
-        progress: told where the work stands.
 
     Raises:
         MissingPackageError: MF152 without torch.
@@ -338,9 +327,6 @@ def sweep(
 def rules_of(section: SearchSection, display: Display, compared: Sequence[Opening] = ()) -> Constraints:
     """Constraints of a sweep's openings; refuses, at no cost, what a sweep would refuse before it starts.
 
-    Args:
-        section, display, compared: as for :func:`sweep`.
-
     Raises:
         JobError: MF104, MF106, MF107 for numbers; MF105 for an opening on another grid; MF117, MF118 for the emitters'
             rules.
@@ -357,11 +343,7 @@ def rules_of(section: SearchSection, display: Display, compared: Sequence[Openin
 
 
 def lines_of(pareto: ParetoSection, display: Display, *, where: str = "pareto.lines") -> tuple[int, ...]:
-    """Numbers of lines that a sweep asks about, rising.
-
-    Raises:
-        JobError: MF105 for lines without the rules of any.
-    """
+    """Numbers of lines that a sweep asks about, rising. Raises JobError MF105 for lines without the rules of any."""
     wires = display.rules.wires
     if pareto.lines is None:
         return (0 if wires is None else wires.lines,)

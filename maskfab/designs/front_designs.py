@@ -30,8 +30,6 @@ class FrontDesign:
     """A design of a front with its name.
 
     Attributes:
-        name: the job's, the clear dots and its place in the curve.
-        point: its numbers.
         opening: with its provenance; of two, the denser one.
         outer: the sparser one; None for one opening.
         map: of its cells, if it has one.
@@ -49,14 +47,7 @@ class FrontDesign:
 def designs(
     pareto: Pareto, spec: JobSpec, command: str, camera: PhotoCamera = F1, settings: CaptureSettings = F1_SETTINGS
 ) -> tuple[FrontDesign, ...]:
-    """Every design on a curve, curve after curve.
-
-    Args:
-        pareto: by a sweep.
-        spec: the job of that sweep, with [design], [emitters] and [pareto].
-        command: how a user repeats it.
-        camera, settings: of that sweep.
-    """
+    """Every design on a curve, curve after curve."""
     section = spec.design
     assert isinstance(section, SearchSection)
     named = []

@@ -57,7 +57,6 @@ class Kind:
     """Boxes of one size.
 
     Attributes:
-        count: how many.
         size: (rows, columns) of cells that must be free.
         step: (rows, columns) from the lowest left cell of a box to that of the next above it and right of it.
         turnable: whether a box may lie on its side, and differs then.
@@ -71,14 +70,7 @@ class Kind:
 
 @dataclass(frozen=True)
 class Shape:
-    """A kind upright, or on its side.
-
-    Attributes:
-        kind: by number.
-        size: as of the kind.
-        step: as of the kind.
-        turned: whether it lies on its side.
-    """
+    """A kind upright, or on its side."""
 
     kind: int
     size: tuple[int, int]
@@ -91,7 +83,6 @@ class Shortage:
     """A proof that boxes cannot all be placed.
 
     Attributes:
-        kinds: of the boxes, by number.
         spacing: (along y, along x) between points at most, in cells.
         covered: points that the boxes cover at least.
         points: those that lie where the boxes may.
@@ -128,7 +119,6 @@ class Packing:
 
     Attributes:
         free: bool [n, n] cells on which boxes may lie.
-        kinds: of box.
         groups: of equal boxes, whose boxes should lie together where that costs nothing; divides every count.
     """
 
@@ -164,7 +154,6 @@ class Packing:
         return None
 
     def _of(self, kinds: Sequence[int]) -> list[int]:
-        """Shapes of some kinds."""
         return [index for index, shape in enumerate(self.shapes) if shape.kind in kinds]
 
     # --- proofs ----------------------------------------------------------------------------------------------------
@@ -236,7 +225,6 @@ class Packing:
 
         Args:
             nodes: boxes that the last search may lay, over all that it tries.
-            seed: of the orders that are tried.
         """
         best: tuple[Place, ...] = ()
         for order, view in self._orders(seed):
@@ -281,7 +269,6 @@ class Packing:
         return Packed(best, False)
 
     def _by_group(self) -> tuple[int, ...]:
-        """Boxes by kind, group by group, the largest of each first."""
         group = [number for number, kind in enumerate(self.kinds) for _ in range(kind.count // self.groups)]
         steps = [kind.step for kind in self.kinds]
         return tuple(sorted(group, key=lambda number: -steps[number][0] * steps[number][1])) * self.groups
@@ -434,7 +421,6 @@ class Packing:
         return counts
 
     def _lay(self, left: Sequence[Mask], place: Place) -> None:
-        """Take all places that a box leaves no room for."""
         index, row, column = place
         high, wide = self.shapes[index].step
         for anchors, shape in zip(left, self.shapes, strict=True):
@@ -485,9 +471,6 @@ class _Lines:
 
     Attributes:
         area: bool [rows, columns].
-        down, across: as above.
-        points: so many.
-        rows: in which they lie.
         turned: whether the area was transposed, so that rows are its columns.
     """
 
@@ -537,7 +520,6 @@ class _Lines:
 
     @property
     def marks(self) -> Mask:
-        """The points, as cells of the area."""
         marks = np.zeros_like(self.area)
         for row, start, end in zip(*_runs(self.area), strict=True):
             if row in self.rows:

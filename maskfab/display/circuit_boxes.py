@@ -13,7 +13,6 @@ class BoxKind:
     """Boxes of one size in one circuit.
 
     Attributes:
-        name: of what they hold.
         width_nm, height_nm: sides, contacts included.
         count: how many one circuit has.
     """
@@ -29,9 +28,7 @@ class BoxRules:
     """Boxes of the drive circuits of a pixel, and their gaps.
 
     Attributes:
-        kinds: of one circuit, that of a subpixel.
         gap_nm: between boxes, across pixels too.
-        to_opening_nm: between boxes and openings.
         turnable: whether a box may lie on its side.
         circuits: of one pixel, one for each subpixel.
         shared_by: pixels that take turns at one circuit.
@@ -68,7 +65,6 @@ def check_boxes(rules: BoxRules, side_nm: int) -> None:
     """Refuse boxes and gaps that no pixel can hold.
 
     Args:
-        rules: of the circuits.
         side_nm: of a pixel less its gutter.
 
     Raises:

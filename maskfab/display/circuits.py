@@ -51,7 +51,6 @@ class Circuits:
         wanted: boxes of a pixel.
         area_um2: of those wanted.
         certificate: why not all can be placed; None if they are, or it is not known.
-        cell_nm: side of the cells on which they were placed.
         broken: rules that their polygons break, measured by KLayout; empty where all is well.
     """
 
@@ -75,11 +74,6 @@ class Circuits:
 def place_circuits(panel: Panel, opening: Opening, rules: BoxRules) -> Circuits:
     """Boxes of a pixel of a panel in their places and measured, a proof that they have none, or neither.
 
-    Args:
-        panel: pitch, gutter and orientations.
-        opening: what is clear in any of its openings.
-        rules: of the circuits.
-
     Raises:
         JobError: MF117 as :func:`maskfab.display.circuit_boxes.check_boxes`.
     """
@@ -99,9 +93,6 @@ def place_circuits(panel: Panel, opening: Opening, rules: BoxRules) -> Circuits:
 
 def no_place(panel: Panel, opening: Opening, rules: BoxRules) -> Certificate | None:
     """A proof, by what costs little, that the boxes of a pixel have no place; None where there is none.
-
-    Args:
-        panel, opening, rules: as for :func:`place_circuits`.
 
     Raises:
         JobError: MF117 as :func:`place_circuits`.
@@ -123,9 +114,6 @@ class _Pixel:
 
     Attributes:
         panel, opening, rules: as for :func:`place_circuits`.
-        used: orientations in use.
-        cell_nm: side of the cells of its finest grid.
-        exact: whether all lengths are whole numbers on that.
     """
 
     panel: Panel
@@ -171,7 +159,6 @@ class _Pixel:
         return inner, found, None if short is None else _too_few(outer, self.rules, short)
 
     def _grid(self, cell_nm: int, *, up: bool) -> _Grid:
-        """Boxes on cells of a size, lengths rounded up to them, or down."""
         rules = self.rules
 
         def cells(length_nm: int, *, more: bool = up) -> int:
@@ -223,7 +210,6 @@ def _drawn(grid: _Grid, places: tuple[Place, ...], rules: BoxRules, half_nm: int
 
 
 def _by_search(grid: _Grid, rules: BoxRules) -> Certificate:
-    """A proof by a search that has ended."""
     statement = (
         f"A search that tried every place of every box, on a grid of {grid.cell_nm / NM_PER_UM:g} um on which "
         f"dots, sizes and gaps are whole numbers, found none for all {rules.boxes}"

@@ -189,7 +189,6 @@ def current_density(light: LightDemand, area_shares: Triple) -> Triple:
     """Current density of red, green and blue at white, in mA/cm².
 
     Args:
-        light: what is asked.
         area_shares: each emitter's area over the pixel's, gutter included.
 
     Raises:
@@ -243,7 +242,6 @@ def lives(light: LightDemand, shares: Triple, reference: Triple) -> Lives:
     supply, which serves all colours and is that of the densest current: 5 V + 1.5 V (J / 10 mA/cm²)^½.
 
     Args:
-        light: asked of both.
         shares: of the pixel that red, green and blue cover.
         reference: the same of the reference.
 

@@ -28,7 +28,6 @@ class Viewing:
     """A display's pixels and an eye in front of them.
 
     Attributes:
-        pitch_um: from pixel to pixel.
         distance_um: from the eye to the display, 10 mm to 100 m.
 
     Raises:
@@ -69,7 +68,6 @@ class EmittedLight:
         rgb: float64 [3, y, x], row 0 the lowest; linear-light red, green and blue with the primaries of sRGB. The mean
             over a pixel is what the picture asks of it, so a white picture has the mean 1.
         samples: along the side of a pixel.
-        pitch_um: from pixel to pixel.
     """
 
     rgb: Floats
@@ -92,9 +90,7 @@ def show(panel: Panel, image: Floats, samples: int) -> EmittedLight:
     is brighter). Openings and gutters are dark.
 
     Args:
-        panel: with emitters.
         image: [rows, columns, 3] linear light 0 to 1, one value per pixel, row 0 the lowest.
-        samples: along the side of a pixel.
 
     Raises:
         JobError: MF121 if the panel has no emitters or too few pixels, or the image is none; MF119 if an emitter lies
@@ -182,9 +178,7 @@ class Tiled:
     """Pixels of a few kinds side by side, on which pictures are shown; the field repeats beyond its edges.
 
     Attributes:
-        tiles: every kind.
         held: int [rows, columns], the kind of each pixel, row 0 the lowest.
-        pitch_um: from pixel to pixel.
     """
 
     tiles: tuple[Tile, ...]
@@ -259,11 +253,7 @@ class Tiled:
 
 
 def _frame(pixels: tuple[int, int], pitch_um: float, viewing: Viewing, highest_cpd: float) -> Series:
-    """A series of nothing, up to a frequency.
-
-    Raises:
-        JobError: MF115 for too many coefficients.
-    """
+    """A series of nothing, up to a frequency. Raises JobError MF115 for too many coefficients."""
     high, wide = (count / viewing.pixels_per_degree for count in pixels)
     most_y, most_x = (math.floor(highest_cpd * side) for side in (high, wide))
     _refuse_too_many(2 * most_y + 1, 2 * most_x + 1)
@@ -347,7 +337,6 @@ def _checked_emitters(panel: Panel, opening: Opening) -> Emitters:
 
 
 def _checked(image: Floats) -> tuple[int, int]:
-    """Rows and columns of an image that can be shown."""
     if image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
         what = f"an array of shape {image.shape} is not a picture"
         raise JobError("MF121", what, cure="Give [rows, columns, 3], not empty")

@@ -67,16 +67,11 @@ def in_pieces(
     """Emitters of at least ``least`` cells for each colour, times its ratio, that look most alike in all orientations.
 
     Args:
-        opening: the pixel's.
         grid: its cells and rules; where the gap between colours is wider than the gutter, half of the difference stays
             free along each side.
-        orientations: those in use.
-        ratio: of the colours.
         least: cells.
         viewing: where the eye is.
         limits: of which neither is worth more than the other.
-        seed: of the search.
-        moves: of it.
 
     Returns:
         A placement that keeps all rules; None if none so large was found.
@@ -148,11 +143,7 @@ def placed_in_pieces(
     """The answer about emitters that may lie in pieces, from that about emitters each of which is one area.
 
     Args:
-        whole: of emitters that are one area each.
-        drawn: what would be drawn of these.
-        opening, grid, orientations, rules: the pixel's.
         keep: share of the largest footprint that must be left.
-        viewing: where the eye is.
         limits: most that an even field may show.
         larger: whether pieces are to have the largest area found that keeps these.
 
@@ -225,10 +216,8 @@ class _Annealing:
         """No square of any colour yet.
 
         Args:
-            squares: of the region.
             seen: [3, n, n, terms] as :func:`maskfab.display.evenness.sight` has it.
             targets: least cells of each colour.
-            seed: of the moves.
         """
         n, stride, terms = squares.cells, squares.stride, seen.shape[-1]
         self.squares, self.targets, self.seed = squares, targets, seed
@@ -336,7 +325,6 @@ class _Annealing:
         return edges
 
     def _take(self, changes: list[_Change]) -> None:
-        """Make a move of which the length was asked last."""
         lights, part = self.lights, 3
         for k, self.held[k], self.covers[k], _, more in changes:
             if more > 0:

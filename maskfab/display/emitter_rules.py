@@ -52,7 +52,6 @@ class EmitterGrid:
 
     Attributes:
         cells: along a side of the area that holds dots (the pixel less its gutter).
-        cell_nm: side of one cell.
         per_dot: cells along a dot.
         gutter_nm: opaque space between the dots of neighbouring pixels.
         to_opening, colour_gap, min_width: the rules in cells.
@@ -82,11 +81,7 @@ def finest_cell(dots: int, dot_nm: int) -> int:
 
 
 def check_widths(rules: EmitterRules, side_nm: int, *, where: str) -> None:
-    """Refuse rules that are wider than a pixel less its gutter.
-
-    Raises:
-        JobError: MF117.
-    """
+    """Refuse rules that are wider than a pixel less its gutter. Raises JobError MF117."""
     side = f"{side_nm / NM_PER_UM:g} um"
     for name, value in (
         ("gap_to_opening", rules.gap_to_opening_nm),
@@ -158,11 +153,9 @@ class Certificate:
     """A proof that something cannot be, which a reader can check by hand.
 
     Attributes:
-        proof: the kind.
         statement: one sentence with the numbers and their units.
         numbers: what the sentence was made from, by name.
         witness: bool [n, n] the cells to look at; None where there is nothing to draw.
-        cell_nm: side of the witness's cells.
         chain_nm: corners of a line across the panel to look along, from its lower left corner; none where the witness
             says it.
     """

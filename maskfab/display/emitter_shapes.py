@@ -87,7 +87,6 @@ def three_rectangles(
         region: bool [n, n] cells in which an emitter may lie.
         grid: the gap between colours and the least width, in cells.
         ratio: relative areas of red, green and blue.
-        max_aspect: longest over shortest side of a rectangle.
 
     Returns:
         The least of area_k / ratio_k in cells (0 if three do not fit), and int8 [n, n] labels 1 to 3, whole lines
@@ -124,7 +123,6 @@ def rectangle_footprints(
 
     Args:
         masks: bool [k, dots, dots] openings, True is clear.
-        grid: as for a single opening.
         ratio: relative areas of red, green and blue, which sum to 3.
         orientations: those in use; they matter where the gap to an opening is wider than the gutter.
         margin: cells kept free along each side.
@@ -199,7 +197,6 @@ def _cuts(
 
 
 def _sides(length: int, n: int, min_width: int, max_aspect: float) -> tuple[int, int]:
-    """Shortest and longest other side of a rectangle with a side of this length."""
     # The slack keeps a limit such as 1.4 from losing 7 x 5 to rounding.
     longest = n if math.isinf(max_aspect) else min(n, math.floor(max_aspect * length + 1e-9))
     shortest = 0 if math.isinf(max_aspect) else math.ceil(length / max_aspect - 1e-9)
@@ -293,8 +290,6 @@ def guillotine(region: Mask, grid: EmitterGrid, ratio: Ratio) -> tuple[float, La
 
     Args:
         region: bool [n, n] cells in which an emitter may lie.
-        grid: the gap between colours and the least width, in cells.
-        ratio: relative areas of red, green and blue.
 
     Returns:
         The least of area_k / ratio_k in cells (0 if three do not fit), and int8 [n, n] labels 1 to 3, trimmed to it.
@@ -326,7 +321,6 @@ def polish(
         orientations: those in use, if the emitters shall keep the gap to those of neighbouring pixels too; the
             region is then one without a margin.
         moves: in all; shared between the starts.
-        seed: of the random patches.
         enough: stop once area_k / ratio_k has reached this for every colour.
 
     Returns:
@@ -590,11 +584,7 @@ def _score(areas: list[int], ratio: Ratio) -> float:
 def _pushed(
     squares: Squares, state: list[int], near: list[int], grows: int, rng: random.Random
 ) -> tuple[list[int], list[int]] | None:
-    """One shape takes a patch beside it; the others lose what is then too near, and their smaller pieces.
-
-    Args:
-        near: what lies too near to each shape; returned for the new ones.
-    """
+    """One shape takes a patch beside it; the others lose what is then too near, and their smaller pieces."""
     own = state[grows]
     border = squares.beside(own) & squares.free & ~own
     if not border:

@@ -91,10 +91,8 @@ def evenness_of(pixels: list[Emitters], shares: Floats, pitch_nm: int, viewing: 
     """Evenness of pixels drawn from a few kinds.
 
     Args:
-        pixels: emitters of each kind, as they lie.
         shares: of the pixels that are of each kind, [kinds].
         pitch_nm: from pixel to pixel; the panel may be seen at another scale, that of ``viewing``.
-        viewing: where the eye is.
     """
     ppd = viewing.pixels_per_degree
     step = min(_FINEST_STEP, _STEP_CPD / ppd)
@@ -209,7 +207,6 @@ def _of_lattice(pixels: list[Emitters], shares: Floats, pitch_nm: int, ppd: floa
 
 
 def _mean_length(variances: Floats) -> float:
-    """Mean length of a normal vector of independent components with these variances."""
     w = np.maximum(variances, 0.0)
     if not w.max() > 0:
         return 0.0

@@ -146,7 +146,6 @@ def appearance(spectrum: Series, viewing: Viewing) -> Floats:
 
     Args:
         spectrum: up to :data:`~maskfab.display.eye.HIGHEST_CPD`.
-        viewing: where the eye is.
     """
     radius = spectrum.radius_cpd
     lightness, colour = _gain(GAUSSIANS[0][:2], radius), _gain(GAUSSIANS[1], radius)
@@ -220,11 +219,7 @@ _PASS_CPD, _STOP_CPD = 40.0, 50.0
 
 
 def metric() -> ModuleType:
-    """The installed ``pycvvdp``.
-
-    Raises:
-        JobError: MF152 if it is not installed, MF121 if it cannot be imported.
-    """
+    """The installed ``pycvvdp``. Raises JobError MF152 if it is not installed, MF121 if it cannot be imported."""
     require("eye", what="JOD", where="--jod", otherwise="leave --jod out")
     try:
         return importlib.import_module("pycvvdp")
@@ -240,7 +235,6 @@ def jod(test: Series, reference: Series, viewing: Viewing, white_cd_m2: float = 
     Args:
         test: what the display shows, up to 50 cycles per degree or more.
         reference: the same picture on an ideal display, of as many pixels.
-        viewing: where the eye is.
         white_cd_m2: luminance of the display's white, on the mean over a pixel.
 
     Notes:
@@ -291,7 +285,6 @@ class PictureView:
         seen: linear light [y, x, 3] as it appears to the eye, row 0 the lowest, for a reader to look at.
         reference: the same of an ideal display.
         samples: along a pixel, of both.
-        delta_e: mean S-CIELAB difference of the two.
         delta_e_95: its 95th percentile.
         delta_e_aligned: its mean after the reference moved by the mean centroid of the pixels.
         fringe: largest difference in a* and b* after that move.
@@ -366,13 +359,10 @@ def judge(
     """Show every image on a panel and look at it.
 
     Args:
-        name: the die's.
-        panel: with emitters.
         images: by name, [rows, columns, 3] linear light; grain is measured on ``flat``.
         samples: along the side of a pixel, of the light that is written and of the field at the die's border.
         viewing: its pitch may differ from the panel's own: then the whole panel is seen scaled to it.
         reference: the regular display round the die; by default three stripes, each a third of the pixel.
-        with_jod: ask ColorVideoVDP too.
         limits: of quantities, by name; whether they are kept is told.
 
     Raises:

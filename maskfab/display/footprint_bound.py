@@ -90,7 +90,6 @@ class _Piece:
 
     Attributes:
         cells: bool [n, n].
-        total: how many.
         lanes: what every such line has at least.
         cuts: int64 [total + 1] the shortest line by the cells on one side of it, once measured.
     """
@@ -238,7 +237,6 @@ def shortest_cuts(piece: Mask, longest: int) -> Ints:
 
     Args:
         piece: bool [rows, columns], not empty, connected through cell sides.
-        longest: longest walk looked for.
 
     Returns:
         int64 [V + 1] with ``V`` the piece's cells. Never above the truth; what exceeds ``longest`` (or the work limit)

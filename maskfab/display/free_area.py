@@ -44,8 +44,6 @@ def free_region(mask: Mask, grid: EmitterGrid, orientations: Iterable[int] = EVE
 
     Args:
         mask: bool [..., dots, dots] openings, True is clear; leading axes are a batch.
-        grid: the pixel's cells and its rules in cells.
-        orientations: those in use.
         margin: cells kept free along each side, for rules between emitters of neighbouring pixels.
 
     Returns:
@@ -419,8 +417,6 @@ def borders(labels: Labels, opening: Mask, grid: EmitterGrid, orientations: Labe
     Args:
         labels: emitters of one pixel, int8 [n, n] on the grid's cells.
         opening: its clear cells, bool [n, n].
-        grid: cells and rules.
-        orientations: of the panel's pixels.
     """
     beside, across = meetings(orientations)
     turned = [(orient(labels, k), orient(opening, k)) for k in range(ORIENTATIONS)]

@@ -60,12 +60,9 @@ class Limited:
     """A number of a display, beside its reference and its limit.
 
     Attributes:
-        name: of the number.
-        value: of the display.
         reference: of its reference; None where there is none, or the value is relative to it.
         limit: None where nothing judges it.
         stated: whether the job states the limit, which is else a default.
-        source: of the limit, in words.
     """
 
     name: str
@@ -108,14 +105,10 @@ class Judgement:
     """Numbers of one display that limits of the eye and of life are held against.
 
     Attributes:
-        layout: of the reference display.
         reference_shares: of a pixel that its red, green and blue cover; None where the rules leave it no room.
-        looks: numbers of the eye.
         lives: of light, life and power; none without a reference.
         field: rows and columns of pixels that were looked at.
         of_map: whether these are those of the die's orientation map.
-        distance_um: from the eye to the display.
-        seen_pitch_um: pitch at which the display is looked at.
     """
 
     layout: str
@@ -153,8 +146,6 @@ class EyeAndLife:
     """Everything of a job that judges how its displays look and live.
 
     Attributes:
-        looks: the eye, its limits and the layout of the reference.
-        lives: limits of life and power.
         stated: whether the job states any of it, so that a reference that cannot be drawn is refused.
     """
 
@@ -227,13 +218,6 @@ def judgement(
 ) -> Judgement:
     """Look at a display, and hold its emitters against those of its reference.
 
-    Args:
-        panel: with emitters of every colour.
-        asked: by the job.
-        rules: of emitters, by which the reference is drawn.
-        light: asked of the display.
-        of_map: rows and columns of the die's orientation map, if it has one.
-
     Raises:
         JobError: MF121, MF119 for emitters that cannot be shown, MF117 as :meth:`EyeAndLife.reference`.
     """
@@ -280,5 +264,4 @@ def _lives(shares: Triple, reference: Triple, light: LightDemand, section: Lives
 
 
 def _limit(stated: float | None, default: float | None, source: str) -> tuple[float | None, bool, str]:
-    """Limit, whether the job states it, and its source."""
     return (default, False, source) if stated is None else (stated, True, _STATED)

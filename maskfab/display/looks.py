@@ -62,7 +62,6 @@ def looks(shown: Tiled, viewing: Viewing) -> Looks:
     """Look at the pixels of a die; the field repeats beyond its edges.
 
     Args:
-        shown: the field.
         viewing: its pitch may differ from the display's own, which is then seen scaled to it.
 
     Raises:
@@ -104,7 +103,6 @@ def seen(shown: Tiled, viewing: Viewing, picture: str) -> Singles:
 
     Args:
         shown: the field, of die or reference, square and at least eight pixels wide for text.
-        viewing: where the eye is.
         picture: "flat", even grey of half the light, or "text".
 
     Raises:

@@ -65,12 +65,6 @@ def panel_lines(panel: Panel, rules: WireRules, count: int, axis: Axis) -> Panel
     """``count`` lines along an axis for every pixel across, through the panel's own cells.
 
     A line's metal stays within its own pixel and the next to either side; beyond the panel nothing is open.
-
-    Args:
-        panel: openings, orientations and gutters.
-        rules: width, space and clearance.
-        count: of lines for each pixel.
-        axis: along which they run.
     """
     field = _Field.of(panel, rules, axis)
     if not field.low.size:
@@ -119,8 +113,6 @@ class _Field:
         band: int64 [slabs] of every slab.
         cuts: int64 [slabs + 1] where slabs begin and end along the lines.
         pixels: across.
-        pitch_nm: of a pixel.
-        rules: width, space and clearance.
     """
 
     low: Ints
@@ -256,7 +248,6 @@ class _Field:
 
     @cached_property
     def _slabs(self) -> Ints:
-        """Where bands begin."""
         return np.searchsorted(self.band, np.arange(self.begins.size - 1))
 
     @cached_property
@@ -330,7 +321,6 @@ def _led(way: Ints, links: Ints, side: Literal[1, -1]) -> Ints:
 
 
 def _dot_edges(panel: Panel, count: int) -> Ints:
-    """Lower edges of dots along a side of a panel."""
     cell, dot = np.divmod(np.arange(count, dtype=np.int64), panel.opening.dots)
     return np.asarray(cell * panel.pitch_nm + panel.cell_size.dot_edges_nm[dot])
 
@@ -345,7 +335,6 @@ def _cuts(edges: Ints, dot_nm: int, end: int, reach: int, lane: int) -> Ints:
 
 
 def _corners(turns: Ints, places: Ints, cuts: Ints, axis: Axis) -> tuple[Point, ...]:
-    """The middle of a line, corner by corner."""
     x = np.repeat(places, 2)
     y = np.concatenate((cuts[:1], np.repeat(cuts[turns[1:]], 2), cuts[-1:]))
     apart = np.concatenate(([True], (np.diff(x) != 0) | (np.diff(y) != 0)))
@@ -364,11 +353,8 @@ def panel_cut(panel: Panel, rules: WireRules, count: int, axis: Axis) -> Certifi
     """A chain of openings that too few lines pass; None if every chain lets enough of them through.
 
     Args:
-        panel: openings, orientations and gutters.
-        rules: width, space and clearance.
         count: lines along the axis for every pixel across, which keep within that pixel and the next to either side;
             beyond the panel nothing is open.
-        axis: along which the lines run.
     """
     chains = _Chains.of(panel, rules, axis)
     if not chains.ends.size:
@@ -391,8 +377,6 @@ class _Chains:
         cells: what the cells of the panel are, rows along the lines.
         first: int64, of every cell, the number of its first opening.
         pieces: of every kind of cell, its openings as in :func:`_pieces`.
-        panel: whose they are.
-        rules: width, space and clearance.
     """
 
     ends: Ints
@@ -445,12 +429,10 @@ class _Chains:
 
     @property
     def pixels(self) -> int:
-        """Pixels across."""
         return int(self.cells.shape[1])
 
     @property
     def pitch_nm(self) -> int:
-        """Pitch of the pixels."""
         return self.panel.pitch_nm
 
     def beside(self, count: int, side: Literal[1, -1]) -> Ints:

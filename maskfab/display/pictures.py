@@ -33,7 +33,6 @@ class Picture:
         values: float32 [rows, columns, 1 to 4], row 0 on top; grey or red, green, blue, then alpha if there is one.
         coded: whether the colours are sRGB code values (integers of any depth) rather than linear light (floats).
         associated: whether the colours are already multiplied by alpha.
-        where: the file.
         sensitivity: ISO speed of its EXIF; None where it has none.
     """
 
@@ -165,7 +164,6 @@ def _shares(size: int, count: int, scale: float) -> Floats:
 
 
 def _channels(spec: Any, where: str) -> list[int]:
-    """Which channels are the colours, and alpha if there is one."""
     try:
         names = [str(name).upper() for name in spec.channelnames]
     except UnicodeDecodeError as error:

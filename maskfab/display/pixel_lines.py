@@ -31,7 +31,6 @@ class WireRules:
     """Width and space rules for drawing lines; the defaults are a judgement, no source was found.
 
     Attributes:
-        line_nm: width of a line.
         space_nm: least distance between lines of one layer.
         clearance_nm: least distance from an opaque line to any opening.
 
@@ -194,7 +193,6 @@ def ports(
 
     Args:
         closed: bool [n, n], True where a line may run; one line per dot and layer.
-        directions: which of them share the ports.
         symmetric: whether the places must be mirror images of each other.
         enough: stop at so many; one more may come out where places are symmetric.
         least: fewer are of no use, so that none come out where there are no more.

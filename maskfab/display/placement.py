@@ -58,9 +58,6 @@ def footprint(
     panels in which any two of the orientations meet, and for shapes on the grid's cells.
 
     Args:
-        opening: the pixel's opening.
-        dot_nm, gutter_nm: as laid out.
-        orientations: those in use.
         rules: the maker's; ``required`` decides the verdict.
         largest: work on the placement even if a smaller one answers the question.
         seed: of the search over crooked borders; the same seed gives the same placement.
@@ -282,9 +279,6 @@ def centred(
 
     Args:
         largest: the largest placement that keeps the rules; None if there is none.
-        opening: the pixel's.
-        grid: its cells and rules.
-        orientations: of the panel's pixels.
         rules: the ratio, and the footprint below which no placement goes that is required and found.
         keep: share of the footprint found that must be left, 0 to 1.
 

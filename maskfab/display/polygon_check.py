@@ -35,7 +35,6 @@ class Violation:
     """Violation of a rule.
 
     Attributes:
-        rule: which one.
         area_um2: of what breaks it, on the whole tile.
         place_nm: of the first such area on the tile.
         outlines: of these areas in a pixel of orientation 0, its lower left corner the origin; empty without one.
@@ -118,7 +117,6 @@ def circuit_violations(panel: Panel, rules: BoxRules) -> tuple[Violation, ...]:
 
 
 def _frame(panel: Panel, cells: Sequence[tuple[int, tuple[int, int]]]) -> db.Region:
-    """The pixels of a tile."""
     return db.Region([_pixel(panel, place) for _, place in cells])
 
 
@@ -138,8 +136,6 @@ def left_of_emitters(panel: Panel, rules: EmitterRules, growth_nm: int) -> tuple
     In the middle of the panel, where every pixel has all of its neighbours; as a share of what the emitters have there.
 
     Args:
-        panel: with emitters.
-        rules: that state the gap.
         growth_nm: by which every edge of the openings has moved outwards; negative inwards.
     """
     held, pitch = _middle(panel), panel.pitch_nm

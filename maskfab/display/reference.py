@@ -45,8 +45,6 @@ class Reference:
 
     Attributes:
         layout: one of :data:`LAYOUTS`.
-        pitch_nm: from pixel to pixel.
-        tile: a pixel.
         turns: int [2, 2], element of D4 of the pixels of a square that repeats, row 0 the lowest.
     """
 
@@ -61,9 +59,7 @@ class Reference:
 
         Args:
             layout: one of :data:`LAYOUTS`.
-            pitch_nm: of the die.
             rules: gap between colours, least width, ratio of areas.
-            where: the key that asks for it.
 
         Raises:
             JobError: MF117 if an emitter would be narrower than ``min_width``.

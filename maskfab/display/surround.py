@@ -33,8 +33,6 @@ class Surrounded:
     """The middle of a panel in the regular display.
 
     Attributes:
-        panel: with emitters.
-        reference: the regular display.
         inside: pixels of the panel along a side.
         around: pixels of the regular display on every side.
     """
@@ -49,8 +47,6 @@ class Surrounded:
         """As many pixels of a panel as there are, up to ``most``, and as can be shown with a surround.
 
         Args:
-            panel: with emitters.
-            reference: of the panel's pitch.
             most: pixels along a side.
             samples: along a pixel, of the light.
             seen_samples: along a pixel, of what the eye takes in.
@@ -83,14 +79,7 @@ class Surrounded:
         return replace(own, tiles=(*own.tiles, *regular.tiles), held=held)
 
     def quantities(self, name: str, lab: Floats, even: Floats, viewing: Viewing) -> list[Quantity]:
-        """Numbers of the border, from S-CIELAB's response to the field and to light without structure, [y, x, 3].
-
-        Args:
-            name: the die's.
-            lab: of the field.
-            even: of the same without structure.
-            viewing: where the eye is.
-        """
+        """Numbers of the border, from S-CIELAB's response to the field and to light without structure, [y, x, 3]."""
         samples = len(lab) // self.pixels
         off = lab - even
         seen = np.linalg.norm(off, axis=-1)

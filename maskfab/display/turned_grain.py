@@ -38,7 +38,6 @@ def turned_grain(
 
     Args:
         emitters: of a pixel; colours without area send nothing.
-        viewing: the pitch of the pixels, and where the eye is.
         elements: of D4, equally likely.
         highest_cpd: cycles per degree.
     """

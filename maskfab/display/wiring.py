@@ -141,10 +141,8 @@ class WireDemand:
     """Wires required by the display maker.
 
     Attributes:
-        rules: width, space and clearance of opaque lines.
         lines: that must cross every pixel along x, and along y.
         transparent_nm: width of a transparent wire along each axis; 0 for none.
-        transmission: share of light that it passes.
     """
 
     rules: WireRules
@@ -166,7 +164,6 @@ class Wiring:
         laid: opaque lines laid across the whole panel, along x and along y, one for each that is wanted and not
             transparent in every row and column of pixels; None where every pixel is drawn alike.
         failed: a proof that the lines asked for cannot be; None without.
-        tracks: the wires that every pixel is drawn with.
         broken: rules that the laid lines break, measured from their polygons.
     """
 
@@ -214,11 +211,6 @@ def wiring(panel: Panel, opening: Opening, demand: WireDemand) -> Wiring:
     First every pixel is drawn alike: gutters are filled, and what they cannot hold runs through closed area. Where
     that is too little, lines are laid across the whole panel as its cells lie, each within a pixel of its own, unless
     a chain of openings proves that they cannot be.
-
-    Args:
-        panel: pitch, gutter and orientations.
-        opening: what is clear in any of its openings.
-        demand: what is asked.
     """
     # Sets of ports that are too few are left out first: of all sets only so many are looked at.
     for whole in (True, False):
@@ -255,11 +247,7 @@ def wired_alike(panel: Panel, opening: Opening, demand: WireDemand, *, whole: bo
 
 
 def most_lines(panel: Panel, opening: Opening, demand: WireDemand) -> int:
-    """Lines that can be drawn for every pixel along each axis, if those asked for can: so many, and not one more.
-
-    Args:
-        panel, opening, demand: as for :func:`wiring`.
-    """
+    """Lines that can be drawn for every pixel along each axis, if those asked for can: so many, and not one more."""
     lines = demand.lines
     while wiring(panel, opening, replace(demand, lines=lines + 1)).verdict is Verdict.FITS:
         lines += 1
@@ -267,7 +255,6 @@ def most_lines(panel: Panel, opening: Opening, demand: WireDemand) -> int:
 
 
 def _alike(panel: Panel, opening: Opening, demand: WireDemand, wanted: int, *, whole: bool) -> Wiring:
-    """Opaque wires that every pixel is drawn with, as many as can be."""
     rules = demand.rules
     # Lines of a gutter also keep half a space from those in the closed area beside it.
     beside = replace(rules, clearance_nm=max(rules.clearance_nm, -(-rules.space_nm // 2)))

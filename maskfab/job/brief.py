@@ -192,9 +192,6 @@ class Question:
     """One question of a display engineer's brief.
 
     Attributes:
-        key: of the answer.
-        text: the question.
-        why: reason of the default.
         default: answer for none; empty for none that is stated.
         of_pitch: part, least, most and step of a default that follows the pitch; ``unit`` is its unit.
         needed: whether it must be answered where nobody sees the default.
@@ -290,9 +287,7 @@ class Move:
     """A number that differs from what was answered.
 
     Attributes:
-        name: key of the answer.
         asked, got: in ``unit``.
-        why: it had to move.
     """
 
     name: str
@@ -313,9 +308,7 @@ class Snapped:
     Attributes:
         brief: with the lengths as moved, and the clear share of whole dots.
         dots: along the pixel.
-        cell_nm: side of the cells on which dots and rules are whole numbers.
         slit: width and height of a plain slit in dots, which has as many clear dots as the design.
-        moves: what was moved, and by how much.
     """
 
     brief: Brief

@@ -64,11 +64,7 @@ def check_die(die: DieSection, where: str) -> None:
 
 
 def check_tiling(die: DieSection, where: str) -> None:
-    """A tiling with the map, the openings and the gutter that go with it.
-
-    Raises:
-        JobError: MF122.
-    """
+    """A tiling with the map, the openings and the gutter that go with it. Raises JobError MF122."""
     if (die.tiling is Tiling.MAP) != (die.map is not None):
         without = die.map is None
         what = f"die {die.name!r} is tiled {die.tiling} and has {'no' if without else 'a'} map"
@@ -81,11 +77,7 @@ def check_tiling(die: DieSection, where: str) -> None:
 
 
 def check_seed(die: DieSection, where: str) -> None:
-    """A seed where chance is asked for.
-
-    Raises:
-        JobError: MF111.
-    """
+    """A seed where chance is asked for. Raises JobError MF111."""
     if (die.tiling.seeded or die.others) and die.seed is None:
         what = f"is tiled {die.tiling}" if die.tiling.seeded else f"chooses among {1 + len(die.others or ())} openings"
         cure = "Add seed = 1"
@@ -125,11 +117,7 @@ def check_lens(camera: Camera, *, where: str) -> None:
 
 
 def check_lines(camera: Camera, *, where: str) -> None:
-    """Refuse a wavelength that is there twice.
-
-    Raises:
-        JobError: MF105.
-    """
+    """Refuse a wavelength that is there twice. Raises JobError MF105."""
     twice = [line for line, count in Counter(camera.wavelengths_nm).items() if count > 1]
     if twice:
         what = f"the wavelength {twice[0]:g} nm is given more than once"

@@ -108,14 +108,7 @@ MEANT: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 
 def problems(error: ValidationError, kind: type[AnySection], values: object, where: str) -> list[JobError]:
-    """All that pydantic found, as errors of ours that name the key, less what follows from another of them.
-
-    Args:
-        error: of validating.
-        kind: table that was validated.
-        values: that it was made of.
-        where: file, for errors.
-    """
+    """All that pydantic found, as errors of ours that name the key, less what follows from another of them."""
     found = [(_written(one["loc"]), one) for one in error.errors(include_url=False)]
     # An unknown key comes before the rest: a misspelt one is also missing under its true name.
     found.sort(key=lambda pair: pair[1]["type"] not in _UNKNOWN)
@@ -292,7 +285,6 @@ def _addition(place: Place) -> str:
 
 
 def _unknown(kind: type[AnySection], values: object, place: Place) -> str:
-    """The key that is likely meant, with the value that the unknown one has."""
     table, key, value = _table(kind, values, place[:-1]), str(place[-1]), _value(values, place)
     meant = _meant(kind, values, place)
     if meant is not None:
@@ -305,7 +297,6 @@ def _unknown(kind: type[AnySection], values: object, place: Place) -> str:
 
 
 def _renamed(key: str, meant: Place, value: object) -> str:
-    """The line to write in place of one with another key."""
     name, number = meant[-1], isinstance(value, int | float)
     if name == "stop" and number:
         return f'Write stop = "f/{value:g}"' if cast(float, value) < 100 else 'Write stop = "f/1.8", or its diameter'

@@ -32,8 +32,6 @@ class Grid:
 
     Attributes:
         dots: along the pixel less its gutter.
-        cell_nm: side of the cells.
-        pitch_nm: of the pixel.
         gutter_nm: opaque space between pixels.
         rules_nm: gaps and widths, in the order in which they were given.
     """
@@ -73,7 +71,6 @@ def nearest_grid(
     against a pixel of no cells.
 
     Args:
-        pitch_nm, rules_nm: as stated.
         dots: along the pixel, if they are given; 16 to 64 are looked at otherwise.
         gutter_nm: as stated; it grows as a rule does.
         widest_nm: widest dots that may be.
@@ -103,7 +100,6 @@ def _grids(asked: Grid, widest_nm: float) -> Iterator[Grid]:
 
 
 def _of_dots(asked: Grid) -> Iterator[Grid]:
-    """Grids for a number of dots, whose side moves by little."""
     side = (asked.pitch_nm - asked.gutter_nm) / asked.dots
     near = range(math.floor(side * 0.95 / _DOT_STEP_NM), math.ceil(side * 1.05 / _DOT_STEP_NM) + 1)
     for dot in sorted({max(1, round(side)), *(step * _DOT_STEP_NM for step in near if step > 0)}):
@@ -153,15 +149,10 @@ def check_grid(
 
     Args:
         pitch_um: of the pixel, as stated.
-        dots: along it.
         dot_nm: side of a dot, if it is stated.
-        gutter_nm: opaque space between pixels.
         rules_um: gaps and widths of emitters by their keys; none without emitters.
-        key: of the table that states pitch and dots.
         dots_given: whether the dots are those of a file, which no other number can take the place of.
-        widest_nm: widest dots that may be.
         also: other places that state the same pitch.
-        where: place of the table, for errors.
 
     Raises:
         JobError: MF106 for a pitch that is not its dots and gutter, MF107 if no dots of whole nanometres are; MF118 for

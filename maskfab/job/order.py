@@ -65,11 +65,7 @@ Email = Annotated[str, parsed(_email)]
 
 
 def _day(value: object) -> object:
-    """A day, also from its text, which JSON has instead.
-
-    Raises:
-        JobError: MF105 for a text that is none.
-    """
+    """A day, also from its text, which JSON has instead. Raises JobError MF105 for a text that is none."""
     if not isinstance(value, str):
         return value
     try:

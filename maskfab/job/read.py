@@ -36,10 +36,8 @@ def check_dies(spec: JobSpec, faults: Faults, where: str) -> None:
     """Dies of different names, on the grid of 1 nm, before a fit camera; each is judged by itself.
 
     Args:
-        spec: of the job.
         faults: gets MF105 to MF131, see :func:`check_lens` and :func:`check_pupil` for the camera; its window is left
             to what shows a PSF, see :func:`check_windows`.
-        where: file, for errors.
     """
     with faults:
         check_lens(spec.camera, where=f"{where}: camera.stop")
@@ -62,11 +60,7 @@ def check_dies(spec: JobSpec, faults: Faults, where: str) -> None:
 
 
 def check_names(names: Sequence[str], *, where: str) -> None:
-    """Names of dies that differ, in more than their case.
-
-    Raises:
-        JobError: MF109.
-    """
+    """Names of dies that differ, in more than their case. Raises JobError MF109."""
     for name, count in Counter(names).items():
         if count > 1:
             what = f"{count} dies have the name {name!r}"
@@ -79,11 +73,7 @@ def check_names(names: Sequence[str], *, where: str) -> None:
 
 
 def check_display(spec: JobSpec, where: str) -> None:
-    """Circuits, wires and light belong to a display whose emitters the job describes.
-
-    Raises:
-        JobError: MF105.
-    """
+    """Circuits, wires and light belong to a display whose emitters the job describes. Raises JobError MF105."""
     for name in ("circuits", "wires", "light"):
         if getattr(spec, name) is not None and spec.emitters is None:
             cure = 'Add [emitters] with colour_gap = "8 um" and min_width = "8 um"'
@@ -94,9 +84,7 @@ def check_method(document: object, faults: Faults, where: str) -> Set[str]:
     """Keys of [design] that belong to the other method, told as such rather than as unknown.
 
     Args:
-        document: the job as plain data.
         faults: gets MF102; MF105 for a method that there is not.
-        where: file, for errors.
 
     Returns:
         Keys of [design] that are told.
@@ -258,11 +246,7 @@ def check_windows(spec: JobSpec, where: str) -> None:
 
 
 def check_order(spec: JobSpec, where: str) -> None:
-    """An [order] that does not contradict the plate, and asks for no bias that nobody states.
-
-    Raises:
-        JobError: MF128.
-    """
+    """An [order] that does not contradict the plate, and asks for no bias that nobody states. Raises JobError MF128."""
     order, plate = spec.order, spec.plate
     if order is None:
         return
@@ -291,11 +275,7 @@ def check_order(spec: JobSpec, where: str) -> None:
 
 
 def _check_biased_data(spec: JobSpec, where: str) -> None:
-    """Data that can be biased, by a multiple of their grid at either edge.
-
-    Raises:
-        JobError: MF107.
-    """
+    """Data that can be biased, by a multiple of their grid at either edge. Raises JobError MF107."""
     grid = 1 if spec.export is None or spec.export.grid is None else max(1, round(spec.export.grid * NM_PER_UM))
     bias_nm = 0.0 if spec.process is None else spec.process.cd_bias_um * NM_PER_UM
     step = 2 * grid
@@ -328,11 +308,7 @@ def check_report(spec: JobSpec, where: str) -> None:
 
 
 def check_film(spec: JobSpec, where: str) -> None:
-    """Chrome that solids can show, as thick as they draw it.
-
-    Raises:
-        JobError: MF104.
-    """
+    """Chrome that solids can show, as thick as they draw it. Raises JobError MF104."""
     section = spec.export
     if section is None or set(SOLIDS).isdisjoint(section.formats or ()):
         return
@@ -355,7 +331,6 @@ def read(path: Path, further: Callable[[JobSpec], None] | None = None) -> JobSpe
     """Load and validate a job file (.toml, or the .json that a run keeps).
 
     Args:
-        path: of the file.
         further: what a verb refuses before any work; called where there are faults, to tell it with them.
 
     Raises:
@@ -377,7 +352,6 @@ def document(path: Path, kind: str) -> object:
 
     Args:
         path: of a .toml, or of the .json that a run keeps.
-        kind: of file, in words.
 
     Raises:
         SourceError: MF301, MF302, MF303, MF304 or MF308 if the file cannot be read.
@@ -423,11 +397,6 @@ def validate(document: object, *, where: str) -> JobSpec:
 
 def examined(document: object, faults: JobFaults, *, where: str) -> JobSpec:
     """A spec from parsed data, and all that is wrong with it.
-
-    Args:
-        document: the data.
-        faults: gets what is wrong.
-        where: file, for errors.
 
     Returns:
         The spec; with faults one of which no value that is at fault can be read (:class:`AtFault`).

@@ -124,12 +124,7 @@ USES: Mapping[str, Keys] = MappingProxyType({
 
 
 def unused(spec: JobSpec, *uses: str) -> tuple[str, ...]:
-    """Names of all that a job states and a verb does not depend on, in the order of the job; see :func:`named`.
-
-    Args:
-        spec: of the job.
-        uses: keys and tables that are used.
-    """
+    """Names of all that a job states and a verb does not depend on, in the order of the job; see :func:`named`."""
     return tuple(dict.fromkeys(_unused(spec, "", frozenset((*_NAMES, *uses)))))
 
 
@@ -219,10 +214,7 @@ class Key:
 
     Attributes:
         section: its table, such as ``camera.stop``; of a method of [design], ``design (method = "relax")``.
-        name: the key.
-        form: kind of value, with range or choices.
         default: value as a job file writes it; None for a required key, empty where leaving it out means none.
-        meaning: one or two sentences.
     """
 
     section: str
@@ -256,7 +248,6 @@ def keys_of(path: str, *, or_word: bool = False) -> tuple[Key, ...]:
     """The keys of a path such as ``camera.stop.diameter``, or of a table such as ``camera`` or ``[camera]``.
 
     Args:
-        path: of a key or table.
         or_word: take a word such as ``diameter``, too: every key that it ends, and those of every table that it ends.
 
     Raises:

@@ -239,11 +239,7 @@ class ShopTolerance(Section):
     long_um: Positive | None = None
 
     def of_width(self, width_um: float) -> float | None:
-        """Largest deviation of a feature's width, a short distance where widths have no rows; None without a promise.
-
-        Args:
-            width_um: as drawn.
-        """
+        """Largest deviation of a width, a short distance where widths have no rows; None without a promise."""
         rows = sorted(self.cd_um)
         return next((deviation for most, deviation in rows if width_um <= most), None if rows else self.short_um)
 

@@ -18,11 +18,7 @@ Value: TypeAlias = Scalar | tuple[Scalar, ...]
 
 
 def read_value(stated: object, where: str = "") -> Value:
-    """A value of a key from what a file or a caller states.
-
-    Raises:
-        JobError: MF105 for what is none.
-    """
+    """A value of a key from what a file or a caller states. Raises JobError MF105 for what is none."""
     if isinstance(stated, list | tuple) and stated and all(isinstance(item, Scalar) for item in stated):
         return tuple(stated)
     if isinstance(stated, Scalar):

@@ -117,7 +117,6 @@ def inserted(text: str, key: str, value: object, *, where: str) -> str:
         text: TOML, with or without a byte order mark.
         key: of the value, with the tables that it is in: ``order.contact.name``.
         value: text, number, truth value, day, or a list or table of these.
-        where: the file, for errors.
 
     Raises:
         JobError: MF105 if the key has a value already, or if its table is written in a way that nothing can be put
@@ -160,7 +159,6 @@ def _with(values: Mapping[str, Any], path: list[str], value: object) -> dict[str
 
 
 def _guesses(text: str, path: list[str], value: str) -> Iterator[tuple[int, str]]:
-    """Places, and what to insert there, the innermost table first."""
     end = "\r\n" if "\r\n" in text else "\n"
     for depth in range(len(path) - 1, 0, -1):
         name, rest = path[depth - 1], f"{'.'.join(path[depth:])} = {value}"

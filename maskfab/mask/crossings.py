@@ -109,7 +109,6 @@ class _Sides:
         return above
 
     def _at(self, sides: Indices, height: Floats | float) -> Floats:
-        """Where lines through sides have these heights."""
         x, y = self.ends[0].T
         return np.asarray(x[sides] + (height - y[sides]) * self.slope[sides])
 

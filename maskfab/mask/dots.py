@@ -72,7 +72,6 @@ class DotGrid:
     """Dots of a square picture, their distance the whole part of an inch.
 
     Attributes:
-        dpi: dots per inch.
         side: dots along x and along y.
     """
 
@@ -110,9 +109,6 @@ def dot_rows(plate: Plate, grid: DotGrid, tone: Tone, *, upwards: bool) -> Itera
     A dot is 1 where the digitized data are: in openings, or where they are dark in the chrome of the writable area.
 
     Args:
-        plate: what is written.
-        grid: of dots over its blank.
-        tone: of the data.
         upwards: the lowest row first, or the highest.
     """
     # Of every die its raster, the dots in each column of it, the first of them, and the first dot of each row.

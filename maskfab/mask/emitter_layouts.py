@@ -430,7 +430,6 @@ def _empty(dots: int) -> tuple[Mask, Labels]:
 
 
 def _centred(cells: int) -> tuple[Floats, Floats]:
-    """x and y of each cell's middle from the middle of all, in cells."""
     middle = np.arange(cells) + 0.5 - cells / 2
     x, y = np.meshgrid(middle, middle)
     return x, y

@@ -153,16 +153,12 @@ class Account:
     """Counts of what was drawn on written layers and of the changes made; every reference is followed.
 
     Attributes:
-        polygons: figures in all.
-        vertices: their vertices.
         definitions: cells below the dies.
         references: placements of them, an array of a periodic die counted once.
         holed: outlines that had holes, by what ``holes`` did to them.
         parted: outlines that touched themselves and were parted there.
         split: outlines cut for their number of vertices.
         paired: dies drawn with two pixels in each cell.
-        options: what was asked for.
-        snapped: marks that were moved to the data grid.
     """
 
     polygons: int
@@ -229,15 +225,11 @@ class Figures:
     """Everything that a file of polygons holds.
 
     Attributes:
-        plate: what is drawn.
-        options: how.
-        top: name of the top cell.
         cells: shapes of every cell that grids place, in its own coordinates, in the order of first use.
         dies: in plate order.
         marks: in plate order.
         notes: texts.
         merged: written layers joined across pixels, in plate coordinates and raw; cells and marks then lack them.
-        account: what was done.
     """
 
     plate: Plate
@@ -290,7 +282,6 @@ def draw(plate: Plate, options: PolygonOptions | None = None) -> Figures:
     """Draw a plate's polygons in the way that a mask house wants them.
 
     Args:
-        plate: what to draw.
         options: how; by default cells whose outlines are bisected and apart.
 
     Raises:
@@ -355,7 +346,6 @@ class _Drawing:
         return self._told(figures) if CUT in figures.layers else figures
 
     def _told(self, figures: Figures) -> Figures:
-        """The figures with a note that says how to expose them."""
         half = self._plate.blank_nm // 2
         layer, what = self._options.layer, "EXPOSED" if self._options.tone == "clear" else "CHROME"
         text = f"{what} = {layer.name} {layer.number}/{layer.datatype} MINUS {CUT.name} {CUT.number}/{CUT.datatype}"
@@ -659,9 +649,6 @@ def polygon_lines(figures: Figures, layer: Layer, pen: Pen, die: DieFigures | No
     """The text of everything on a layer, in pieces of about one cell.
 
     Args:
-        figures: the plate.
-        layer: what is written of it.
-        pen: the format.
         die: only this one, and no marks.
     """
     for drawn in figures.dies if die is None else (die,):

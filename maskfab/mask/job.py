@@ -38,7 +38,6 @@ class Job:
         openings: the openings of every die, by the die's name; most have one. A map that moves an opening makes
             several of the one that the spec holds.
         digest: SHA-256 of the resolved spec, as far as it shows in the data.
-        where: the file it came from.
         laid_out: dies of which Python stated an opening alone.
         camera_assumed: whether Python stated no camera, and that of protocol F1 stands for it.
         file: that holds all of the job, which was read from it as it is.
@@ -181,7 +180,6 @@ def resolve(stated: JobSpec, path: Path) -> Job:
     """The job of a validated spec, with the files that it names and does not hold itself.
 
     Args:
-        stated: the spec.
         path: the file that it came from; names of other files are relative to its folder.
 
     Raises:
@@ -201,7 +199,6 @@ class _Sound(dict[str, Any]):
 
 
 def _job(stated: JobSpec, path: Path, faults: JobFaults) -> Job:
-    """The job, as far as spec and files are sound."""
     openings, drawings = _Sound(), dict[str, str]()
     spec = stated.model_copy(update={"openings": drawings})
     with faults:
@@ -267,10 +264,6 @@ def masks_in(folder: Path) -> dict[str, Path]:
 
 def with_masks(job: Job, masks: Mapping[str, Path]) -> tuple[Job, dict[str, Path]]:
     """The job with files in place of its openings of those names, and which were used.
-
-    Args:
-        job: to change.
-        masks: files as :func:`masks_in` gives them.
 
     Returns:
         The job, and the file of every opening that was replaced, by the opening's name.
@@ -409,7 +402,6 @@ def _with_shop(stated: JobSpec, path: Path) -> JobSpec:
 
 
 def _resolved(die: DieSection, held: tuple[Opening, ...]) -> DieSection:
-    """The die with its openings by name, whatever files they came from."""
     first, *others = (opening.name for opening in held)
     names = {"opening": first, "others": tuple(others) or None}
     return die.model_copy(update={**names, "opening_layer": None, "opening_cell": None})
@@ -421,9 +413,6 @@ def check_die_grid(
     """Refuse the lengths of a die and its emitters that share no grid; see :func:`maskfab.job.grid.check_grid`.
 
     Args:
-        die, opening: the die and its first opening.
-        emitters: that it is to hold, if any.
-        where, key: file and die, for errors.
         pitch_alone: refuse a pitch that is not that of dots and gutter, and leave rules on too fine a grid.
 
     Raises:

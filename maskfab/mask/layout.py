@@ -128,10 +128,8 @@ class CellArray:
     """Cells in rows and columns, none mirrored, turned or scaled.
 
     Attributes:
-        cells: names.
         index: int64 [rows, columns] into ``cells``, row 0 lowest.
         origin_nm: of the cell [0, 0], in coordinates of the die.
-        step_nm: along x and y.
     """
 
     cells: tuple[str, ...]
@@ -226,8 +224,6 @@ class LeftOut:
     """Content of a file without any effect on its geometry.
 
     Attributes:
-        repeated_vertices: vertices that repeat the one before.
-        empty_polygons: polygons without area.
         curves: arcs and circles that were made polygons, none further than 1 nm from the curve.
         grey_pixels: pixels of an image between black and white, taken for the nearer.
         texts: on the layer that is clear, which are no polygons.
@@ -364,11 +360,6 @@ def _count(layout: db.Layout, own: Callable[[db.Cell], int], placed: PlacedCells
 def check_limits(layout: db.Layout, path: Path, placed: PlacedCells | None = None) -> None:
     """Refuse what cannot be worked with in reasonable time, and what could mean two things.
 
-    Args:
-        layout: what was read.
-        path: of its file.
-        placed: by :func:`placed_cells`, where that is known.
-
     Raises:
         SourceError: MF312 a polygon crosses or covers itself, MF313 too many shapes or too deep a hierarchy, MF326
             shapes that cover one place many times over.
@@ -391,11 +382,7 @@ def check_limits(layout: db.Layout, path: Path, placed: PlacedCells | None = Non
 
 
 def refuse_long(longest: int, path: Path) -> None:
-    """Refuse a polygon of too many vertices before it is drawn.
-
-    Raises:
-        SourceError: MF313.
-    """
+    """Refuse a polygon of too many vertices before it is drawn. Raises SourceError MF313."""
     if longest > MOST_VERTICES:
         raise SourceError(
             "MF313",
@@ -634,7 +621,6 @@ class PlateNames:
     """Cell names of a plate, the same in every format.
 
     Attributes:
-        top: the top cell.
         dies: one for each die, in plate order.
         marks: one for each mark, in plate order.
         units: one for each unit cell, ``OPENING_D<dot>_G<gutter>_R<orientation>``.

@@ -25,7 +25,6 @@ def limit_share(
     """Called by a script that only reads: let the system end it for more than a whole file takes, and with its starter.
 
     Args:
-        path: the file.
         memory: in bytes, for any file.
         memory_per_byte: of the file, besides.
         seconds: of the processor, for any file.

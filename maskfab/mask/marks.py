@@ -35,15 +35,8 @@ class Setting:
     """A plate before its marks.
 
     Attributes:
-        title: of the plate.
         signature: who made it from what.
-        digest: hexadecimal hash of the resolved job.
-        blank_nm: side of the blank.
-        writable_nm: side of the writable area.
-        die_pitch_nm: from die to die.
-        dies: at their places.
         feature_nm: the smallest feature, of which test figures are multiples.
-        tone: of the data.
         chrome: side from which the plate reads right, marks included.
     """
 
@@ -124,8 +117,6 @@ def alignment_cross(name: str, centre_nm: Point, length_nm: int, line_nm: int) -
     The broad arms find a panel under a microscope, the thin middle sets it.
 
     Args:
-        name: of the mark.
-        centre_nm: of the cross.
         length_nm: from tip to tip, a multiple of 4.
         line_nm: width of the inner half of the arms, even and less than a sixth of the length.
     """
@@ -191,7 +182,6 @@ def line_space(
 
     Args:
         name: first part of the names of groups and gauges.
-        centre_nm: of all groups together.
         feature_nm: the smallest feature of the plate.
         multiples: of it, the widths of lines and of the spaces between them, rounded to nanometres.
         lines: clear lines in a group.
@@ -337,14 +327,7 @@ def modules(text: str) -> Mask:
 
 
 def data_matrix(name: str, centre_nm: Point, text: str, module_nm: int) -> Mark:
-    """The symbol in clear light modules; dark ones stay chrome.
-
-    Args:
-        name: of the mark.
-        centre_nm: of the symbol.
-        text: what it says.
-        module_nm: side of a module.
-    """
+    """The symbol in clear light modules; dark ones stay chrome."""
     light = modules(text)
     corner = centre_nm[0] - light.shape[1] * module_nm // 2, centre_nm[1] - light.shape[0] * module_nm // 2
     return Mark(name, "code", CLEAR, outline(light, module_nm, corner))
@@ -539,7 +522,6 @@ def plate_template(name: str, *, where: str = "") -> PlateTemplate:
 
     Args:
         name: one of :func:`template_names`.
-        where: what asks for it, for errors.
 
     Raises:
         JobError: MF124 if the file cannot be used, MF125 if there is none of that name.

@@ -368,11 +368,7 @@ def labels_of_lines(lines: Rows, where: str) -> Labels:
 
 
 def check_emitters(labels: Labels, mask: Mask, where: str) -> None:
-    """Refuse emitters that are not on the dots, lie on an opening, or lack a colour.
-
-    Raises:
-        JobError: MF119.
-    """
+    """Refuse emitters that are not on the dots, lie on an opening, or lack a colour. Raises JobError MF119."""
     times, rest = divmod(labels.shape[0], mask.shape[0])
     if rest or not times:
         raise _refused(
@@ -406,7 +402,6 @@ def stripe(dots: int, width_dots: int, clear_dots: int | None = None) -> Mask:
 
     Args:
         dots: dots along the cell's side.
-        width_dots: width of the slit.
         clear_dots: its area; without it the slit runs through the whole cell.
 
     Raises:
@@ -433,7 +428,6 @@ def blobs(dots: int, clear_dots: int, *, size_ratio: float = 0.7, aspect: float 
     rectangle. Large blobs lie (width = aspect x height), small ones stand, so that the cell has no fourfold symmetry.
 
     Args:
-        dots: dots along the cell's side.
         clear_dots: clear dots of all four blobs.
         size_ratio: side of a small blob over that of a large one, 0 to 1; 0 leaves out the small ones.
         aspect: the longer side of a blob over its shorter one, 1 to 4.
@@ -462,7 +456,6 @@ def diamond_discs(dots: int, clear_dots: int) -> Mask:
     """Two equal discs per cell, at its corner and its centre: a square lattice turned by 45 degrees.
 
     Args:
-        dots: dots along the cell's side.
         clear_dots: clear dots of both discs.
 
     Raises:

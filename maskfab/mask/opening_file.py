@@ -81,7 +81,6 @@ def load_opening(
       the origin; where geometry lies left of it or below it, the pixel is centred on the origin.
 
     Args:
-        path: the file.
         dots: dots along a side; needed for polygons, checked against the grid elsewhere.
         dot_nm: side of one dot; needed for all but TOML, which states its pitch (checked if given).
         layer: layer of a layout file; may be omitted where there is only one.
@@ -355,11 +354,8 @@ def facts_of(text: str, owner: str, keys: Sequence[str], where: str, **options: 
     """Keys and values of a TOML text.
 
     Args:
-        text: as it was read.
         owner: what it describes, such as ``A map``, for errors.
         keys: that it may have.
-        where: names it in errors.
-        options: of the reader.
 
     Raises:
         JobError: MF101 no TOML, MF102 another key.

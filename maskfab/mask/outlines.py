@@ -58,7 +58,6 @@ def outline(mask: Mask, dot_nm: int, origin_nm: Point = (0, 0)) -> tuple[Polygon
 
     Args:
         mask: bool [y, x], row 0 lowest, True is clear.
-        dot_nm: side of a dot.
         origin_nm: lower left corner of dot [0, 0].
 
     Returns:
@@ -99,9 +98,6 @@ class Recut:
         holed: polygons that had a hole.
         parted: polygons that touched themselves in a point and were parted there.
         split: polygons with more vertices than allowed, cut into several.
-        polygons: how many were drawn.
-        vertices: of all of them.
-        longest: the largest number of vertices of one.
     """
 
     pieces: db.Region
@@ -213,7 +209,6 @@ class _Pen:
                 self.longest = max(self.longest, count)
 
     def _closed(self, polygon: db.Polygon) -> Iterator[db.Polygon]:
-        """The polygon without holes."""
         if polygon.holes() and self._holes == "keyhole":
             yield polygon.resolved_holes()
         elif polygon.holes() and self._holes == "trapezoids":
@@ -468,7 +463,6 @@ def text_polygons(
         text: characters from ``!`` to ``~`` and spaces; the font draws small letters as capitals.
         height_nm: height of a letter, at least 28 nm; it is rounded to a multiple of 28 nm, so that all 45-degree
             strokes keep to the database grid.
-        anchor_nm: where the text stands.
         align: ``left`` or ``centre``: of the letters' cells, whatever a letter leaves blank in its own.
 
     Returns:

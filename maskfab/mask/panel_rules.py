@@ -49,7 +49,6 @@ class PanelCells:
     """Contents of the cells of a panel.
 
     Attributes:
-        panel: the panel.
         held: the distinct entries of its orientations, ascending.
         codes: int64 [rows, columns], index into ``held``.
     """
@@ -128,7 +127,6 @@ class Islands:
     """Connected areas that reach from cell to cell, and those that do not.
 
     Attributes:
-        parts: what they are composed of.
         cells: int64 [nodes], the cell (row-major) of every part that meets its cell's border, panel-wide.
         nodes: int64 [nodes], that part.
         islands: int64 [nodes], the island it belongs to.
@@ -392,11 +390,7 @@ def within_polygons(
     percolate through it.
 
     Args:
-        cells: the panel's cells.
-        islands: its clear islands.
-        checks: what to run on merged polygons.
         reach_nm: no check looks further.
-        most: how many violations are placed.
     """
     parts = islands.parts
     singles = _checked(cells, parts, [[(part, 0, 0)] for part in range(len(parts.owners))], checks, reach_nm)
@@ -442,7 +436,6 @@ def _compositions(cells: PanelCells, islands: Islands) -> tuple[list[Drawing], I
 
 
 def _distinct(rows: Ints) -> tuple[Ints, Ints]:
-    """Distinct rows of an array, and which of them each row is."""
     span = int(rows.max()) + 1
     packed = rows
     if rows.shape[1] * np.log2(span) < 62:
@@ -578,8 +571,6 @@ def narrowest(die: Die, tone: Tone, *, placed: bool = False) -> Narrowest:
     so only what is less than it has to be looked for, and nothing that is no kiss is less than a dot or a gutter.
 
     Args:
-        die: the die, alone.
-        tone: "clear" for widths, "opaque" for spaces.
         placed: whether the place is asked for, too.
     """
     runs = smallest_runs(die_raster(die), *die_edges_nm(die))

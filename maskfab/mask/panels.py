@@ -66,7 +66,6 @@ def hexagonal_sheet(opening: Opening, dots: int, seed: int) -> Opening:
     half a cell. A dot belongs to the nearest cell's centre; what the unit has outside the hexagon is never seen.
 
     Args:
-        opening: the unit.
         dots: along a side of the sheet.
         seed: of ``numpy.random.default_rng``, which draws every cell's turn.
     """
@@ -128,12 +127,7 @@ class DieSeeds:
         return {key: " ".join(map(str, sorted(seeds))) for key, seeds in named.items() if seeds}
 
     def against(self, seed: int, name: str) -> str | None:
-        """Sentence on a die of another seed; None for one that fits, and where every seed that was tried does.
-
-        Args:
-            seed: of the die.
-            name: of the map, or of the opening, that names the seeds.
-        """
+        """Sentence on a die of another seed; None for one that fits, and where every seed that was tried does."""
         if seed in self.fit or not self.unfit:
             return None
         tried = "does not fit" if seed in self.unfit else "was not tried on"
@@ -169,7 +163,6 @@ class CellMap:
     """Orientation map: contents of the cells round the axis.
 
     Attributes:
-        name: identifier.
         cells: int8 [rows, columns], 8 u + k for a die's opening u under element k of D4, row 0 the lowest.
         provenance: who made it, with which command, seed and version.
         shifts: (right, up) in dots for every opening of the map, which is the die's one opening moved by that; empty
@@ -296,11 +289,6 @@ def shifted_openings(cells: CellMap, held: tuple[Opening, ...], *, where: str) -
 
     A moved one has the name of the first with its number behind it.
 
-    Args:
-        cells: the map.
-        held: the openings of the die.
-        where: the die, for errors.
-
     Raises:
         JobError: MF122 if a map with shifts belongs to a die of several openings, or moves a clear dot out of its cell;
             MF119 if it moves an opening with drawn emitters.
@@ -349,12 +337,7 @@ def placed(cells: CellMap, rows: int, columns: int, seed: int | None, *, opening
     Where it says nothing, that is drawn at random. A map larger than the panel loses its rim.
 
     Args:
-        cells: the map.
         rows: of the panel; :func:`panel_shape` has the right ones.
-        columns: of the panel.
-        seed: of what is drawn.
-        openings: how many the die has.
-        where: the die, for errors.
 
     Raises:
         JobError: MF111 without a seed that is needed; MF122 if the map and the panel cannot share their middle, or the
@@ -481,11 +464,6 @@ def laid_out(spec: JobSpec, *, where: str) -> tuple[JobSection, PlateSection]:
 def die_panels(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], *, where: str) -> dict[str, Panel]:
     """The panel of every die, by the die's name.
 
-    Args:
-        spec: a validated job with [plate] and at least one [[die]].
-        openings: the openings of every die, by the die's name.
-        where: the job file, for errors.
-
     Raises:
         JobError: MF105 if there is nothing to lay out; MF106 or MF107 if a die's pitch is not its dots and gutter, or
             off the grid; MF108 if no cell fits a die; MF114 if a stop is wider than its panel, or
@@ -512,7 +490,6 @@ def die_panels(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], *, wh
 
 
 def _side_nm(die: DieSection, slot_nm: int, where: str) -> int:
-    """Side of a die's panel, at most that of its slot."""
     side_nm = slot_nm if die.size is None else to_nm(die.size, where=f"{where}.size", name="size")
     if side_nm > slot_nm:
         raise JobError(
@@ -540,11 +517,7 @@ def tiled(die: DieSection, held: tuple[Opening, ...], side_nm: int, given: CellM
     """The panel of a die, whatever camera looks through it.
 
     Args:
-        die: how it is tiled.
-        held: its openings.
         side_nm: of the square that it may fill.
-        given: its map, for the tiling of that name.
-        where: the die, for errors.
 
     Raises:
         JobError: as :func:`die_panels`, but for the stop.

@@ -198,7 +198,6 @@ def title_block(
     """A title centred on the anchor, with lines of smaller letters below.
 
     Args:
-        name: of the mark.
         title: first line.
         lines: further lines.
         anchor_nm: middle of the title's base line.
@@ -244,13 +243,10 @@ def die_map(
     where even these would be, there is no text. A frame is two brackets, so that no figure has a hole.
 
     Args:
-        name: of the mark.
-        centre_nm: of the drawing.
         side_nm: of the drawn blank.
         line_nm: width of the frames.
         blank_nm: side of the true blank.
         die_pitch_nm: true distance from die to die.
-        dies: of the plate, at least one.
     """
 
     def drawn(length_nm: int) -> int:
@@ -461,7 +457,6 @@ def _for_text(mark: MarkSection) -> int:
 
 
 def _check_room(mark: MarkSection, drawn: DrawnMarks, where: str) -> None:
-    """Refuse a mark of which a figure leaves its room."""
     boxes = [bounding_box(figure.polygons) for figure in drawn.marks if figure.polygons]
     x0, y0, x1, y1 = mark.room_nm
     over = max((max(x0 - a, y0 - b, c - x1, d - y1) for a, b, c, d in boxes), default=0)
@@ -483,9 +478,7 @@ def compose(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], signatur
 
     Args:
         spec: a validated job with [plate] and at least one [[die]].
-        openings: the openings of every die, by the die's name.
         signature: who made this from what, noted in the files.
-        where: the job file, for errors.
 
     Raises:
         JobError: MF105 if there is nothing to lay out, or neither a template nor a blank to do it on; MF106 or MF107 if

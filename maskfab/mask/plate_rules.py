@@ -49,7 +49,6 @@ def checked_extent(boxes: Iterable[Box], extent_nm: tuple[int, int]) -> RuleResu
 
     Args:
         boxes: of everything that is written, in plate coordinates.
-        extent_nm: width and height of the box that should hold them.
     """
     width, height = extent_nm
     out = []
@@ -74,10 +73,7 @@ def check_layout(
 
     Args:
         layout: one top cell, database unit 1 nm.
-        rules: what to check.
         layers: what is written; layers are joined, one that the layout lacks is empty.
-        most: how many violations of a rule are placed.
-        most_shapes: the largest number of shapes that is flattened.
 
     Raises:
         SourceError: MF305 if there is not one top cell, MF418 if the layout has more shapes than that.
@@ -148,8 +144,6 @@ def check_plate(plate: Plate, rules: DesignRules, *, most: int = 16) -> tuple[Ru
 
     Args:
         plate: the plate; only what is written counts.
-        rules: what to check.
-        most: how many violations of a rule are placed.
 
     Returns:
         For each die and then for the marks (``die`` is None) one result for each rule on geometry; then the rules on
@@ -195,7 +189,6 @@ def _written_marks(plate: Plate) -> list[Polygon]:
 
 
 def _clear_boxes(plate: Plate) -> Iterator[Box]:
-    """Hull of what is clear in each die."""
     for die in plate.dies:
         cells = PanelCells.of(die.panel)
         hulls = np.zeros((len(cells.held), 4), dtype=np.int64)
@@ -265,7 +258,6 @@ class Smallest:
     """Least widths of one kind of shapes.
 
     Attributes:
-        of: which shapes, for people.
         fine: whether they are fine on purpose.
         clear_um: least width of what is clear; infinite where nothing is narrower than half a millimetre, 0 where
             it tapers to a point.
@@ -293,7 +285,6 @@ def smallest_of_plate(plate: Plate, of_die: Callable[[Die, Tone], Narrowest] = n
     Corners that only meet have a rule of their own and do not count.
 
     Args:
-        plate: what is written.
         of_die: as :func:`maskfab.mask.panel_rules.narrowest`, from which it may be kept.
 
     Returns:
@@ -362,8 +353,6 @@ def write_markers(results: Iterable[RuleResult], top_cell: str, path: Path) -> N
 
     Args:
         results: what :func:`maskfab.mask.plate_rules.check_plate` or ``check_layout`` returned.
-        top_cell: name of the layout's top cell, in whose coordinates the places are.
-        path: the file to write.
     """
     database = rdb.ReportDatabase("design rules")
     database.description = f"Design rules of {top_cell}"

@@ -91,7 +91,6 @@ def placed_boxes(cell: db.Cell, layer: int, window: db.Box | None = None) -> Int
 
     Args:
         cell: where to start; boxes are in its coordinates.
-        layer: layer index.
         window: placements and shapes that do not touch this box may be left out.
 
     Returns:
@@ -161,7 +160,6 @@ def _placements(instances: Iterable[db.Instance]) -> dict[tuple[int, int, bool],
 
 
 def _reaching(box: db.Box, offsets: Ints, window: db.Box) -> Ints:
-    """The displacements that bring the box to touch the window."""
     if box.empty():
         return offsets[:0]
     low, high = np.array([box.left, box.bottom]), np.array([box.right, box.top])
@@ -171,7 +169,6 @@ def _reaching(box: db.Box, offsets: Ints, window: db.Box) -> Ints:
 
 
 def _turned(boxes: Ints, turn: db.Trans) -> Ints:
-    """The boxes under a turn about the origin."""
     axes = [turn * db.Vector(1, 0), turn * db.Vector(0, 1)]
     matrix = np.array([[axis.x, axis.y] for axis in axes], dtype=np.int64)
     corners = np.stack([boxes[:, :2] @ matrix, boxes[:, 2:] @ matrix])
@@ -315,10 +312,8 @@ def aperture_in_stop(
     """Aperture before a stop, on lattices about its axis.
 
     Args:
-        x, y: the lattices.
         shapes: what is clear, in nanometres of the plate, as far as the stop at least.
         edges_um: the same cut by the stop, see :func:`maskfab.optics.stop_edges.edges_in_stop`.
-        stop: what cuts it.
         axis: of the lattices, in nanometres of the plate.
         apart: see :func:`coverage`.
     """

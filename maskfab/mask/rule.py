@@ -25,7 +25,6 @@ class RuleResult:
     Attributes:
         rule: width, space, notch, area, chrome_area, grid, manhattan, acute_angle, corner_touch, overlap, vertices,
             references, name_pattern, forbidden_name, name_length or extent.
-        limit: what the rule asks for.
         unit: of limit and value; empty for names.
         value: the worst that breaks the rule; None where nothing does.
         count: how many places break it.
@@ -53,7 +52,6 @@ class Found:
     """Violations of a rule.
 
     Attributes:
-        count: how many there are.
         value: the worst; None where there are none.
         boxes_nm: int64 [n, 4] of the first, sorted by lower left corner.
     """
@@ -433,9 +431,6 @@ def flat_results(
     Args:
         region: what is clear, merged with kissing corners apart (see :func:`merged`).
         polygons: the same as it is drawn.
-        rules: what to check.
-        most: how many violations are placed.
-        die: who owns the violations.
     """
     results: list[tuple[str, int, str, Found]] = []
     for name, (limit, check) in distance_checks(rules).items():

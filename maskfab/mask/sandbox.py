@@ -87,9 +87,6 @@ def read_message(message: bytes, kind: Any, path: Path, progress: Callable[[str,
 
     Args:
         message: of a process that nobody trusts.
-        kind: of the answer.
-        path: of the file that it reads.
-        progress: told where the work stands.
 
     Raises:
         MaskfabError: that of the process; InternalError MF901 for a fault of another kind.
@@ -180,8 +177,6 @@ def bounded(
 
     Args:
         path: the file that the work reads: the larger, the longer it may take.
-        work: told what to tell of its progress.
-        progress: told what the work tells.
         kind: of the answer, plain data of which come back, see :mod:`maskfab.base.plain_data`.
         seconds: of the processor, for a small file; :data:`SECONDS` if None.
 
@@ -272,7 +267,6 @@ def library_errors(path: Path) -> Iterator[None]:
 
 
 def _said(path: Path, error: Exception) -> Exception:
-    """Errors of the libraries, and a lack of memory, as errors of the file."""
     if is_lack_of_memory(error):
         return _too_much(path, "needs more memory than it may take")
     if type(error) is not RuntimeError:
@@ -328,8 +322,6 @@ def read_apart(path: Path, script: Path, *arguments: str, kind: Any, seconds: fl
         script: a Python file, which limits what it takes by :func:`maskfab.mask.limits.limit_share`; a
             warning in it is a failure.
         arguments: of the script, before the path.
-        kind: of the answer.
-        seconds: that it may take.
 
     Raises:
         SourceError: MF316 if it takes longer, MF303 with the last thing it says if it ends in any other way than well.

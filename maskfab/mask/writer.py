@@ -104,7 +104,6 @@ def _moved(shapes: db.Region, by_nm: int) -> db.Region:
 
 
 def _kept(plate: Plate) -> db.Region:
-    """Written marks that stay as they are drawn."""
     unsized = db.Region()
     for mark in plate.marks:
         if mark.layer.written and not _sized(mark):
@@ -217,7 +216,6 @@ def written_region(
 
     Args:
         drawn: what is clear; polygons may overlap or touch.
-        process: the writer's.
         reading: what becomes of corners that only touch.
         units_per_um: units of the region's coordinates in a micrometre.
         arc_sides: sides of a whole circle.
@@ -250,11 +248,7 @@ def written_corners(
     panel: what happens at a vertex depends on the four dots round it alone, across the borders of cells too.
 
     Args:
-        dot_um: side of a dot.
-        process: the writer's.
-        reading: what becomes of corners that only touch.
         parts: k of :attr:`WrittenCorner.shares`.
-        arc_sides: sides of a whole circle.
 
     Returns:
         By configuration, the sum of 1, 2, 4, 8 for lower left, lower right, upper left, upper right clear.

@@ -189,7 +189,6 @@ class Workload:
     Attributes:
         panel: without gutters, wide enough for the stop.
         diameter_um: of the stop; a dot counts as open if its centre lies inside.
-        wavelength_nm, focal_um: of the camera.
         step_um: distance between samples on the sensor.
         samples: along each axis, even.
     """
@@ -220,7 +219,6 @@ class Timing:
     """Time and error of one contestant.
 
     Attributes:
-        name, precision: who.
         kind: ours, peer, or published.
         milliseconds: processor time of a call that finds what the last one kept; median over the rounds.
         spread: lower and upper quartile of it, milliseconds.

@@ -66,7 +66,6 @@ def encircled_energy(psf: Psf, radius_um: float, highest: float, die: str | None
         psf: any kind; its pixels, if it has such, are taken as they are.
         radius_um: at most half the window.
         highest: the PSF's highest frequency along an axis, D / (λf) of the shortest wavelength.
-        die: whose number this is.
 
     Raises:
         JobError: MF104 for a radius that is not positive or reaches beyond the window.
@@ -109,10 +108,7 @@ def ensquared_energy(psf: Psf, side_um: float, highest: float, die: str | None =
     For pixel means and an odd number of whole pixels this is a plain sum, and as good as they are.
 
     Args:
-        psf: any kind.
         side_um: at most the window's side.
-        highest: the PSF's highest frequency along an axis, D / (λf) of the shortest wavelength.
-        die: whose number this is.
 
     Raises:
         JobError: MF104 for a side that is not positive or wider than the window.
@@ -315,7 +311,6 @@ def streak_index(psf: Psf, inner_um: float, outer_um: float, die: str | None = N
     Args:
         psf: sampled or averaged over pixels.
         inner_um, outer_um: the annulus, at most half the window.
-        die: whose number this is.
 
     Raises:
         JobError: MF104 for an annulus that is empty, reaches beyond the window, or holds no light.

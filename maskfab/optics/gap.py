@@ -94,9 +94,6 @@ def shift_um(camera: Camera, gap_um: float, image_um: Place, distance_um: float 
     """Displacement of the openings' shadow in the stop's plane for an image point, g (x, y) / d.
 
     Args:
-        camera: lens.
-        gap_um: from panel to stop.
-        image_um: where the image of the source lies on the sensor.
         distance_um: d, from lens to sensor; the focal length if None.
 
     Raises:
@@ -191,11 +188,6 @@ def gap_psf(
     the stop (samples at its rim weighted with their share inside), and transformed to the sensor.
 
     Args:
-        openings: everything clear in front of the stop.
-        camera: lens, stop and window.
-        wavelength_nm: the line.
-        gap_um: from panel to stop.
-        image_um: where the image of the source lies on the sensor.
         samples_per_dot: how finely the stop's plane is sampled; twice as many cut the error by about three.
         waves: phase in the stop's plane, the axis at its origin; none if None.
         distance_um: from lens to sensor; the focal length if None.
@@ -259,9 +251,6 @@ def gap_change(openings: Aperture, camera: Camera, wavelength_nm: float, gap_um:
 
     Args:
         openings: everything clear in front of the stop, and some of what lies beyond.
-        camera: lens and stop.
-        wavelength_nm: the line.
-        gap_um: from panel to stop.
         u: float64 [n] frequencies from 0 on along either axis at which the two are compared, cycles per micrometre;
             opposite ones count as well.
 
@@ -323,11 +312,7 @@ def gap_guard_um(gap_um: float, wavelength_nm: float, sample_um: float) -> float
 
 
 def check_cover(openings: Aperture, stop: Stop, moved_um: Place) -> None:
-    """Refuse openings that, moved by (x, y), no longer cover the stop.
-
-    Raises:
-        JobError: MF114.
-    """
+    """Refuse openings that, moved by (x, y), no longer cover the stop. Raises JobError MF114."""
     radius = stop.diameter_um / 2
     ends = [_ends_um(lattice) for lattice in (openings.x, openings.y)]
     missing = max(
@@ -494,7 +479,6 @@ class AmplitudeLags:
     """C(s) / C(0) at every cell lag and dot lag.
 
     Attributes:
-        x, y: lattices of the dots.
         sizes: lags of cells and dots, along y and along x.
         table: float32, or complex64 with a phase, [lags y, lags x], negative ones wrapped round; lag 0 first.
     """
@@ -590,7 +574,6 @@ def rim_crowding(openings: Aperture, inside: Pupil, distance_um: float) -> float
 
     Args:
         openings: as far as the stop reaches, and that distance beyond.
-        inside: what the stop leaves of them.
         distance_um: positive.
     """
     stop, clear_um2 = inside.stop, inside.field_integral_um2
@@ -664,9 +647,5 @@ def gap_error(mean: MeanPsf, share: Floats) -> float:
     sqrt(λg); the share of openings that enter or leave is new speckle. The notes of
     :func:`shift_error` hold here too, and the truth may be down to 0.05 of the estimate for openings that are large
     against sqrt(λg): a bound to rule the gap out with, not a measure of it.
-
-    Args:
-        mean: of the tiling.
-        share: what :func:`share_across_gap` says of its samples.
     """
     return decorrelation_error(mean.variance, mean.psf.values, share)

@@ -79,15 +79,7 @@ def clear_region(laid_out: Panel) -> db.Region:
 
 @dataclass(frozen=True)
 class Case:
-    """A problem with a known answer.
-
-    Attributes:
-        name: what is hard.
-        method: what is compared with what, and how the error is measured.
-        measure: runs the case and returns the error.
-        limit: the largest error that passes.
-        slow: whether it takes more than five seconds.
-    """
+    """A problem with a known answer."""
 
     name: str
     method: str

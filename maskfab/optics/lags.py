@@ -197,12 +197,7 @@ class LagTable:
         return max(self.coarse_errors)
 
     def bounded_otf(self, lag_x_um: Floats, lag_y_um: Floats, coarse: Floats | None = None) -> tuple[Floats, Floats]:
-        """C(s) / C(0) at lags [n], exact where that costs little, and the error of each.
-
-        Args:
-            lag_x_um, lag_y_um: the lags.
-            coarse: ``coarse_otf`` there, if known.
-        """
+        """C(s) / C(0) at lags [n], exact where that costs little, and the error of each."""
         near = np.hypot(lag_x_um, lag_y_um) < self.near_um
         coarse = self.coarse_otf(lag_x_um, lag_y_um) if coarse is None else coarse
         if not self.rims:
@@ -247,7 +242,6 @@ def lag_table(pupil: Pupil, reach_um: float = np.inf, outline: OutlineLags | Non
     """Autocorrelate a pupil by FFT over cells and dots at once.
 
     Args:
-        pupil: openings inside the stop.
         reach_um: the largest lag along either axis that will be asked for; a shorter reach is a smaller transform.
         outline: polygons of which the pupil is a raster.
     """
@@ -298,7 +292,6 @@ def shape_errors(pupil: Pupil, energy_um2: float, *, cut_dots: bool) -> tuple[fl
     """Error of C(s) / C(0), near lag 0 and beyond, where of dots that are clear in part only the means are known.
 
     Args:
-        pupil: holds them.
         energy_um2: C(0).
         cut_dots: whether the shapes of dots that the stop cuts are unknown, too.
 
@@ -487,7 +480,6 @@ class AxisLags:
     """The pupil's autocorrelation along one axis, the lag along the other being 0.
 
     Attributes:
-        lattice: the pupil's lattice along the axis.
         values: float64 [cells, dots] in square micrometres, negative lags wrapped round, good for every lag.
         bounds: float64 [cells], of what the means of dots do not tell, from each whole-dot lag to the next; of a raster
             of polygons.
@@ -542,7 +534,6 @@ def axis_lags(pupil: Pupil, energy_um2: float, *, raster: bool = False) -> tuple
     """Autocorrelations along x and along y at every lag up to the pupil's width.
 
     Args:
-        pupil: openings inside the stop.
         energy_um2: the value at lag 0, which dots that the stop cuts do not give by their means.
         raster: whether it is one of polygons, without gutters.
     """

@@ -126,7 +126,6 @@ def falls_to(mtf: Mtf, level: float, die: str | None) -> Quantity:
 
 
 def _per_pixel(quantity: Quantity, pixel_um: float) -> Quantity:
-    """A frequency in cycles per millimetre as one in cycles per pixel."""
     value, error = (
         None if number is None else float(cy_per_pixel(np.array(number), pixel_um))
         for number in (quantity.value, quantity.uncertainty)
@@ -146,8 +145,6 @@ def energy_in_window(psf: Psf, camera: Camera, difference: float, die: str | Non
     Args:
         psf: averaged over pixels.
         camera: for the highest frequency, with which the pixels' own error grows.
-        difference: of the PSF to that of the polygons.
-        die: whose number this is.
     """
     width = psf.step_um * psf.values.shape[0]
     return Quantity(
@@ -175,12 +172,9 @@ def strehl_quantities(
 
     Args:
         psf: sampled at points, its middle on the axis.
-        camera: for its focal length and stop.
         energy_um2: clear area inside the stop by which the PSF was normalised, the leak aside.
         area_um2: clear area inside the stop from another source than the PSF.
-        die: whose numbers these are.
         limit: largest admissible relative error.
-        leak: of the film.
     """
     scale = image_scale_um2(camera, psf.wavelength_nm)
     stop = camera.stop
@@ -242,7 +236,6 @@ def aliasing_quantities(
         table: of the same pupil; gives energy and error bound.
         mtf: presampled, of the same table; gives frequencies and wavelength.
         camera: gives focal length, stop and pixel.
-        die: whose numbers these are.
     """
     aliased = aliased_cuts(lags, table, mtf, camera)
     # From the same lags as the aliases, or their errors would count as aliasing.
@@ -276,7 +269,6 @@ def aliasing_quantities(
 
 
 def _of_largest(values: Floats, errors: Floats) -> float:
-    """Error of the largest of some values, from that of each."""
     largest = float(values.max())
     return max(float((values + errors).max()) - largest, largest - float((values - errors).max()))
 
@@ -343,9 +335,6 @@ def shape_quantities(points: Psf, pixels: Psf, camera: Camera, die: str | None) 
 
     Args:
         points: sampled at points over the window.
-        pixels: averaged over pixels.
-        camera: gives focal length and stop.
-        die: whose numbers these are.
     """
     highest = cutoff(camera, points.wavelength_nm)
     core = min(_CORE_PIXELS, pixels.values.shape[0]) * pixels.step_um
@@ -385,7 +374,6 @@ def colour_quantities(pixels: Sequence[Psf], die: str | None, edges: Sequence[Ed
 
     Args:
         pixels: averaged over pixels, one of each colour.
-        die: whose numbers these are.
         edges: an edge in each colour; none where only the window tells it.
     """
     if len(pixels) != 3:

@@ -157,7 +157,6 @@ class _View:
         return np.asarray(optics * self.pixel(nu_x, nu_y))
 
     def bounded(self, nu_x: Floats, nu_y: Floats) -> tuple[Floats, Floats]:
-        """Modulation, and an error bar for each."""
         optics, error = self.table.bounded_otf(self.scale_um2 * nu_x, self.scale_um2 * nu_y)
         pixel = self.pixel(nu_x, nu_y)
         return abs(optics) * pixel, error * pixel
@@ -333,7 +332,6 @@ class _Closely:
         return np.array([self.at(float(radius)) for radius in radii]).T
 
     def at(self, radius: float) -> tuple[float, float]:
-        """Mean at one radius, and a bound of its error."""
         view, table = self.view, self.view.table
         lag = view.scale_um2 * radius
         count = 4 * _directions(view, lag)
@@ -370,7 +368,6 @@ def _halved(told: Floats, level: float, step: float, closely: _Closely) -> Float
         told: radii, what is told of the curve, what is known of it, the error of that, and of a line between, [5, n].
         level: modulation.
         step: from ring to ring; where radii are farther apart nothing is asked.
-        closely: how it is known closer.
 
     Returns:
         The same of more radii. What is told between is on the line that was told: only the error shrinks.
@@ -399,7 +396,6 @@ def _halved(told: Floats, level: float, step: float, closely: _Closely) -> Float
 
 
 def _between(told: Floats, radii: Floats, closely: _Closely) -> Floats:
-    """The curve told at more radii."""
     mean, line = (np.interp(radii, told[0], curve) for curve in told[1:3])
     known, error = closely(radii)
     more = np.stack([radii, mean, known, error, abs(known - line)])
@@ -428,9 +424,7 @@ def worst_directions(mtf: Mtf, frequencies_cy_per_mm: Sequence[float], die: str 
     """The radial minimum at each frequency.
 
     Args:
-        mtf: of one wavelength.
         frequencies_cy_per_mm: on the sensor, at most half a cycle per pixel.
-        die: whose numbers these are.
 
     Notes:
         Between two rings the minimum is interpolated; it may lie anywhere between theirs, so that the error holds both.
@@ -506,7 +500,6 @@ def aliased_mtf(
     Args:
         table: lags up to the stop's diameter; one of shorter reach does not hold the aliases.
         camera: gives focal length, stop and pixel.
-        spectrum: the light.
         nu_x, nu_y: float64 [n], cycles per micrometre of sensor.
         sampled: whether the PSF is sampled at points or averaged over pixels first.
         phases: how many along each axis.
@@ -542,7 +535,6 @@ def phase_spread(aliased: AliasedMtf, presampled: Floats, die: str | None = None
     Args:
         aliased: see :func:`aliased_mtf`.
         presampled: float64 [n], the MTF with the same pixel but before sampling, at the same frequencies.
-        die: whose number this is.
     """
     distance = abs(aliased.values - presampled).max()
     return Quantity(
@@ -602,7 +594,6 @@ class EdgeSpread:
         values: float64 [2, n], n even, the step between the middle two.
         error: float64 [n], bound of the error of each.
         outside: share of the light of which it is not known where it falls.
-        wavelength_nm: the line.
     """
 
     values: Floats
@@ -619,10 +610,7 @@ def edge_spread(lags: tuple[AxisLags, AxisLags], table: LagTable, camera: Camera
     """The image of an edge over the camera's window, from lags, whatever falls outside.
 
     Args:
-        lags: along x and along y.
-        table: of the same pupil; gives energy and error bound.
-        camera: gives focal length, stop, pixel and window.
-        wavelength_nm: the line.
+        table: of the pupil of the lags; gives energy and error bound.
 
     Notes:
         An error of the OTF by ε(ν) moves the image at x by ∫ ε |sin 2πνx| / (πν) dν at most.

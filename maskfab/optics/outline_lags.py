@@ -49,7 +49,6 @@ class OutlineLags:
 
     Attributes:
         stop: which cuts them, if it is round; any other stop has cut them.
-        raster: of what they leave clear inside the stop.
         y: float64 [2, n], lower and upper side.
         left, right: float64 [2, n], ends of the lower and of the upper side.
         box: float64 [2, n], the lesser of the left ends and the greater of the right ones.
@@ -85,10 +84,6 @@ class OutlineLags:
 
     def on_lattice(self, step_um: float, count: int) -> tuple[Floats, Floats]:
         """The autocorrelation at whole steps, and a bound of the error of each, in square micrometres.
-
-        Args:
-            step_um: of the lattice.
-            count: number of lags from 0 on.
 
         Returns:
             float64 [count, 2 count - 1] each, lags from 0 on along y, and from -(count - 1) steps on along x.
@@ -161,7 +156,6 @@ def outline_lags(shapes: db.Region, stop: Stop, centre_nm: tuple[float, float], 
 
     Args:
         shapes: what is clear, in nanometres.
-        stop: cuts them.
         centre_nm: where the optical axis meets the plate, to half a nanometre.
         raster: of the same.
     """
@@ -329,7 +323,6 @@ def _left(strip: _Strip, share: Floats) -> Floats:
 
 
 def _right(strip: _Strip, share: Floats) -> Floats:
-    """Where they end."""
     (own, other), (above, other_above) = strip.right
     return np.asarray(np.minimum(own + share * (above - own), other + share * (other_above - other)))
 

@@ -177,7 +177,6 @@ def phased(pupil: Pupil, waves: Waves, highest: float, tolerance: float = 1e-6) 
     """A pupil times exp(2πi W).
 
     Args:
-        pupil: openings inside the stop.
         waves: W, smooth on the scale of a dot.
         highest: highest frequency along either axis that will be asked for, cycles per micrometre.
         tolerance: largest L2 error of the field below it, relative to all energy; the PSF's is at most twice it in L1.
@@ -219,7 +218,6 @@ def phased_flops(pupil: Pupil, u: Floats, steepest: float, tolerance: float) -> 
     tries until it has enough follows from the steepest one.
 
     Args:
-        pupil: openings inside the stop.
         u: float64 [n] frequencies from 0 along either axis, cycles per micrometre.
         steepest: most waves that the phase turns over a micrometre.
         tolerance: as for :func:`phased`.
@@ -266,9 +264,6 @@ def phased_psf(
     """Point intensity of a pupil with a phase, sampled as :func:`maskfab.optics.psf.point_psf` samples it.
 
     Args:
-        source: pupil and phase.
-        camera: gives the samples and the window.
-        wavelength_nm: the line.
         distance_um: from lens to sensor; the focal length if None.
         margin: points beyond the window.
     """
@@ -522,7 +517,6 @@ def aberration_error(wavefront: Wavefront, wavelength_nm: float, mean: MeanPsf |
 
     Args:
         wavefront: weak, up to about a tenth of a wave rms.
-        wavelength_nm: the line.
         mean: of the tiling; without it the answer is the most that any tiling shows.
     """
     parts = [
@@ -580,8 +574,6 @@ def defocus_error(
     """Estimated relative L2 error of the PSF if the defocus is left out (:func:`ensemble.phase_error`).
 
     Args:
-        camera: lens and stop.
-        wavelength_nm: the line.
         object_um, focus_um: distances of the object and of what is in focus.
         mean: of the tiling; without it the answer is the most that any tiling shows, and needs no PSF.
 
@@ -625,8 +617,6 @@ def scale_error(psf: Psf, camera: Camera, object_um: float) -> float:
     Args:
         psf: at infinity, sampled at points; of one averaged over pixels too wide for its speckle the gradients alias,
             and the answer comes out up to twice too high.
-        camera: lens.
-        object_um: distance of the object.
 
     Raises:
         JobError: MF104 for an object within the focal length.
@@ -640,7 +630,6 @@ def nearest_object_um(psf: Psf, camera: Camera, error: float) -> float:
 
     Args:
         psf: at infinity.
-        camera: lens.
         error: relative L2, in (0, 1).
 
     Raises:

@@ -164,7 +164,6 @@ def gauss_rules(places: Floats, weights: Floats, starts: Indices, nodes: int) ->
         places: float64 [k], the runs one behind the other.
         weights: float64 [k], not negative; in every run some are positive.
         starts: intp [r], ascending, the first 0: where each run begins.
-        nodes: of every rule.
 
     Returns:
         Places, ascending, and weights, float64 [r, nodes] each. A run that has fewer points than nodes, or whose points

@@ -71,7 +71,6 @@ class Leak:
 
     Attributes:
         amplitude: τ.
-        stop: the lens stop.
     """
 
     amplitude: complex
@@ -174,8 +173,6 @@ def image_scale_um2(camera: Camera, wavelength_nm: float, distance_um: float | N
     """λz in square micrometres: sensor position divided by it is spatial frequency in cycles per micrometre.
 
     Args:
-        camera: gives the focal length.
-        wavelength_nm: the line.
         distance_um: z, from lens to sensor; the focal length if None.
     """
     return wavelength_nm * UM_PER_NM * (camera.focal_um if distance_um is None else distance_um)
@@ -219,10 +216,7 @@ class ReadyPupil:
 
     Attributes:
         pupil: with a leak that of the openings of a binary mask, to which the film's light is added.
-        camera: whose samples all lines share.
-        lines: some of the camera's wavelengths.
         frequencies: of every line, from the axis to the window's edge and the margin beyond it.
-        prepared: the pupil on that path.
     """
 
     pupil: Pupil
@@ -286,7 +280,6 @@ def pixel_psf(points: Psf, camera: Camera) -> Psf:
 
     Args:
         points: sampled at ``point_step_um`` with a margin of at least :func:`pixel_margin`.
-        camera: gives the pixel and the window.
     """
     gather = pixel_means(camera, points.step_um, points.values.shape[0], points.wavelength_nm)
     return Psf(gather @ points.values @ gather.T, camera.pixel_um, points.wavelength_nm, "pixel")
@@ -407,7 +400,6 @@ def halo_um3(across: Floats, along: Floats, roughness: Roughness) -> Floats:
 
     Args:
         across, along: cycles per micrometre across the edge and along it.
-        roughness: of the edge.
     """
     a = (2 * np.pi * across * roughness.sigma_um) ** 2
     decay = (np.pi * along * roughness.correlation_um) ** 2
@@ -431,7 +423,6 @@ def rough_psf(smooth: Psf, edges: EdgeLengths, area_um2: float, scale_um2: float
         edges: all of them inside the stop, without the stop's own.
         area_um2: what is clear in the stop.
         scale_um2: wavelength times image distance: micrometres on the sensor for a cycle per micrometre.
-        roughness: of the edges.
     """
     half = smooth.values.shape[0] // 2
     f = smooth.step_um / scale_um2 * np.arange(-half, half + 1, dtype=np.float64)

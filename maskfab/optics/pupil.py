@@ -82,7 +82,6 @@ class Lattice:
 
     Attributes:
         start_um: lower edge of the first dot.
-        dot_um: side of a dot.
         pitch_um: distance between cells, at least dots x dot.
     """
 
@@ -137,7 +136,6 @@ class Aperture:
     """Transmission of the openings before the stop cuts them.
 
     Attributes:
-        x, y: the lattices whose edges bound the intervals.
         transmission: float64 [ny, nx] mean amplitude in [0, 1] of every interval pair; uint8 if asked for so.
         variance: float64 [ny, nx] variance of the amplitude within each; zero where an interval is uniform.
     """
@@ -183,7 +181,6 @@ def panel_aperture(panel: Panel, half_width_um: float = np.inf, *, as_bytes: boo
     """The design's own aperture: dots straight from the opening and the orientation map, no polygons involved.
 
     Args:
-        panel: what is laid out.
         half_width_um: cells farther than this from the axis are left out.
         as_bytes: dots that are clear or dark are uint8, an eighth of the memory; enough for a table of lags.
     """
@@ -276,7 +273,6 @@ def polygon_moments(boxes: Floats, corners: Floats, orders: int) -> Floats:
     Args:
         boxes: [k, 4], x0, x1, y0, y1.
         corners: [n, 2] of a polygon whose sides do not cross, counter-clockwise.
-        orders: of the moments.
     """
     moments = np.zeros((len(boxes), orders, orders))
     nodes, weights = gauss_legendre(orders + 1)
@@ -336,14 +332,12 @@ class Pupil:
     """Clear dots inside the stop.
 
     Attributes:
-        x, y: lattices whose edges bound the intervals.
         whole: float64 [ny, nx] transmission of the intervals that the stop leaves whole; 0 elsewhere.
         whole_variance: float64 [ny, nx] its variance within each of them.
         rim_row, rim_column: intp [k] intervals that the stop cuts and that transmit, row by row.
         rim_moments: float64 [k, orders, orders]; ``[i, q, p]`` is the mean over interval i of
             transmission x P_q(eta) x P_p(xi) inside the stop, xi and eta in [-1, 1].
         rim_transmission: float64 [k], amplitude of the cut intervals.
-        stop: the lens stop.
         stop_um: where in the lattices its middle is.
     """
 
@@ -472,7 +466,6 @@ def _parted(aperture: Aperture, stop: Stop) -> tuple[Floats, Floats, Indices, In
 
 
 def _middle(stop: Stop) -> Stop:
-    """The dark middle of an annulus."""
     return replace(stop.scaled(stop.inner_share, stop.inner_share), inner_share=0.0)
 
 
@@ -638,7 +631,6 @@ def _slices(boxes: Floats, radius: float) -> tuple[Indices, Floats, Floats]:
 
 
 def _add_by_box(moments: Floats, box: Indices, slices: Floats) -> None:
-    """Add what slices hold to the boxes that they are of, ascending."""
     turn = np.arange(box.size) - np.searchsorted(box, box)
     for k in range(int(turn.max(initial=-1)) + 1):
         moments[box[turn == k]] += slices[turn == k]

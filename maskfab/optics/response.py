@@ -38,11 +38,6 @@ _COLUMNS = "wavelength_nm, then one column per curve"
 def curves_text(path: Path, where: str, columns: str = _COLUMNS) -> str:
     """The text of a file of curves, its lines ended by ``\\n``; nothing of it is judged yet.
 
-    Args:
-        path: the file.
-        where: the key or option that names it, for errors.
-        columns: that it should have, for errors.
-
     Raises:
         SourceError: MF308 if the suffix is not ``.csv``, MF301 missing, MF302 empty, MF304 not text.
     """
@@ -69,10 +64,6 @@ def parse_curves(text: str, where: str) -> Mapping[str, Curve]:
     Lines that begin with ``#`` and empty lines are skipped. The first other line names the columns, ``wavelength_nm``
     first; wavelengths ascend, and values are relative signal per unit of radiant energy (or relative radiant energy,
     for an illuminant), never negative. A curve is straight between rows and zero outside them.
-
-    Args:
-        text: the table.
-        where: the file or key it came from, for errors.
 
     Raises:
         SourceError: MF302 if there is no table, MF303 for a header, row or number that is damaged, or wavelengths out
@@ -120,7 +111,6 @@ def black_body(temperature_k: float, low_nm: float = 300.0, high_nm: float = 110
 
     Args:
         temperature_k: 1000 to 100 000 K; 2856 is a tungsten lamp, 6500 close to daylight.
-        low_nm, high_nm: ends of the curve.
 
     Raises:
         JobError: MF104 for a temperature or a range out of bounds, MF112 for a wavelength.

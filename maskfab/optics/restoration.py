@@ -63,8 +63,6 @@ class SensorSquare:
 
     Attributes:
         modulation: float64 [n / 2, n]; the lower half is alike, because the PSF is real.
-        step_cy_per_um: distance between frequencies.
-        uncertainty: bound on the absolute error of any value.
         wavelength_nm: the line, or None for a spectrum of several.
         exact: what is better known; None for several lines, or where all is exact.
     """
@@ -97,7 +95,6 @@ def sensor_square(table: LagTable, camera: Camera, spectrum: Spectrum, samples: 
     Args:
         table: lags up to half a cycle per pixel at the longest wavelength.
         camera: gives focal length and pixel.
-        spectrum: the light.
         samples: along a side of the square, even.
 
     Raises:

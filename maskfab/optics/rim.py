@@ -128,7 +128,6 @@ def _in_disc(sides: Floats) -> Floats:
 
 
 def _height(place: Floats) -> Floats:
-    """Height of a unit circle above its axis."""
     height = 1 - place
     height *= 1 + place
     return np.sqrt(height, out=height)
@@ -225,7 +224,6 @@ class RimParts:
         mirrored: int8 [2, m], 1 for parts mirrored along x, and along y.
         table: float64 [8, 2, m]: where the parts lie along either axis, see :class:`_Along`; last, what areas of the
             stretched stop count, and the clear one of each part.
-        round: whether the stop is.
     """
 
     dot: Indices
@@ -379,7 +377,6 @@ class _Lines(NamedTuple):
 
 
 def _part_height(place: Floats) -> Floats:
-    """Height of the rim."""
     height = place * place
     np.subtract(1, height, out=height)
     return np.sqrt(height, out=height)
@@ -407,7 +404,6 @@ class RimLags:
     """The cut dots of a pupil, as a correction of the autocorrelation of mean transmissions.
 
     Attributes:
-        x, y: the pupil's lattices.
         dots: the cut dots.
         kind: uint8 [ny, nx], what of an interval and the next ones along x and y a bit each tells: whether they are
             unlike, whether one of them is cut, and whether the first is; and in a binary mask which ones are whole and
@@ -491,7 +487,6 @@ class CutDots:
         row, column: intp [k], intervals, row by row.
         transmission, mean: float64 [k], amplitude, and its mean over what the stop leaves and takes.
         start_um: float64 [2, k], where they begin along x and y.
-        stop: the lens stop.
         parts: of the dots, in the quadrants of the stop.
     """
 
@@ -586,7 +581,6 @@ class _Shift:
     """Where lags along one axis take a dot.
 
     Attributes:
-        lattice: along that axis.
         cells, dots: intp [n], whole cells and then whole dots onward.
         edge: float64 [n], the share of a dot at which the part on the interval met first ends.
         limit: most intervals that count; farther on all is dark.
@@ -623,8 +617,6 @@ class _Meeting:
     """Parts of cut dots that lags move onto dots that matter.
 
     Attributes:
-        rim: whose dots they are.
-        along_x, along_y: where the lags take them.
         at, part, where: intp [n], which lag, which part, ascending, and the flat index of the interval met first.
         kind: uint8 [n], of that interval.
     """

@@ -61,7 +61,6 @@ class Spectrum:
     Attributes:
         wavelengths_nm: float64 [k], 200 to 2000 nm.
         weights: float64 [k], not negative, summing to 1.
-        name: identifier for reports.
 
     Raises:
         JobError: MF112 for a wavelength out of range; MF104 if there is no line, if the arrays differ in length, or if
@@ -99,7 +98,6 @@ class Curve:
     Attributes:
         wavelengths_nm: float64 [n >= 2], ascending, 200 to 2000 nm.
         values: float64 [n], not negative and not all zero.
-        name: identifier for reports.
 
     Raises:
         JobError: MF112 for a wavelength out of range, MF104 for anything else in that list.
@@ -131,10 +129,6 @@ class Curve:
 @dataclass(frozen=True, eq=False)
 class Band:
     """A continuous spectrum: the product of curves where all of them are defined.
-
-    Attributes:
-        curves: for instance a camera's response and an illuminant.
-        name: identifier for reports.
 
     Raises:
         JobError: MF104 if no wavelength passes all of the curves.
@@ -218,9 +212,7 @@ def quadrature(
     """The fewest lines, in powers of two, whose transfer function is within a tolerance of the band's.
 
     Args:
-        band: what is to be replaced by lines.
         table: lags as far as :func:`reach_um` asks at the longest wavelength.
-        camera: for its focal length.
         tolerance: largest absolute change of the OTF that counts as none.
         nu_x, nu_y: frequencies of equal shape at which the OTF is watched, cycles per micrometre of sensor.
 
@@ -300,11 +292,7 @@ def check_wavelengths(wavelengths_nm: Floats, where: str) -> None:
 
 
 def check_weights(weights: Floats, where: str) -> None:
-    """Refuse weights that are negative, not finite, or all zero.
-
-    Raises:
-        JobError: MF104.
-    """
+    """Refuse weights that are negative, not finite, or all zero. Raises JobError MF104."""
     wrong = ~(np.isfinite(weights) & (weights >= 0))
     if wrong.any():
         what = f"weight {weights[wrong][0]:g} is not a finite number of at least 0"
@@ -397,7 +385,6 @@ def beyond(reach_um: float, highest: float) -> float:
 
 
 def _grid(reach_um: float, highest: float) -> tuple[float, int]:
-    """Step and number of samples."""
     step = 1 / (4 * _OVERSAMPLING * reach_um)
     return step, math.ceil(highest / step) + _TAPS
 

@@ -107,7 +107,6 @@ def stop_nodes(stop: Stop, count: int = _NODES) -> tuple[Floats, Floats, Floats]
     """Places x, y and weights whose sums are integrals over the stop; weights of a polygon may be negative.
 
     Args:
-        stop: the stop.
         count: of Gauss-Legendre nodes along each of two coordinates: along the sides of a rectangle; radius and angle
             of an ellipse; distance from the axis and along the edge for each side of a polygon.
     """

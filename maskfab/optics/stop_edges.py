@@ -27,7 +27,6 @@ def edges_in_stop(
     Args:
         shapes: what is clear, in nanometres; see :func:`stop_box` for how much of it is needed. Either a region, or
             int64 [n, 4] disjoint boxes, of which only those that the stop cuts are turned into polygons.
-        stop: the lens stop.
         centre_nm: where the optical axis meets the plate, to half a nanometre.
         apart: whether polygons of a region are known not to overlap, so that they need not be merged.
 
@@ -58,7 +57,6 @@ def _sides(forth: Ints, back: Ints, start: Ints, end: Ints) -> Ints:
     Args:
         forth, back: lines along which a box has a side from start to end, and one from end to start, each less than
             half a metre from 0.
-        start, end: of the boxes.
     """
     lines, ends = np.concatenate([forth, forth, back, back]), np.concatenate([start, end, end, start])
     # A bit tells what begins from what ends, so that whole numbers are sorted by themselves.

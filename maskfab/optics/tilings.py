@@ -75,8 +75,6 @@ def mean_psf(
 
     Args:
         panel: opening, pitch and extent; its own orientations do not matter.
-        camera: stop, focal length and window.
-        wavelength_nm: the line.
         elements: orientations to draw from, in the numbering of :func:`maskfab.base.model.orient`; repeats weigh more.
 
     Raises:
@@ -115,9 +113,7 @@ def layout_psf(panel: Panel, pilot: Psf, camera: Camera) -> MeanPsf:
     the sheet of a hexagonal tiling does, are held against a clear stop dimmed to their mean.
 
     Args:
-        panel: what is laid out.
         pilot: its PSF at points over the camera's window.
-        camera: stop, focal length and window.
     """
     stop, scale = camera.stop, image_scale_um2(camera, pilot.wavelength_nm)
     frame = panel_aperture(panel, stop.diameter_um / 2)
@@ -143,8 +139,6 @@ def mean_lag_table(
     """Autocorrelation of a random tiling averaged over all layouts: its ``otf`` is the mean OTF, weighted by energy.
 
     Args:
-        panel: opening, pitch and extent.
-        stop: the lens stop.
         reach_um: as for :func:`maskfab.optics.lags.lag_table`.
         elements: orientations to draw from.
 
@@ -179,7 +173,6 @@ def decorrelation_error(fluctuation: Floats, reference: Floats, correlation: Flo
 
     Args:
         fluctuation: variance of the intensity, or half the squared intensity of one layout without a mean.
-        reference: the intensity.
         correlation: ρ, of the field, at every sample or one for all.
     """
     changed = (2 * (1 - np.minimum(np.abs(correlation), 1.0) ** 2) * fluctuation).sum()
@@ -216,7 +209,6 @@ class _RandomCells:
         patterns: float64 [elements, dots, dots].
         share: float64 [cells y, cells x], how much of each cell lies inside the stop; 1 for whole ones.
         clear: the clear stop's cut, for the exact shapes of cut dots.
-        energy_um2: mean transmitted energy.
         is_group: whether the orientations are all eight, each once.
     """
 
@@ -229,7 +221,6 @@ class _RandomCells:
 
     @property
     def cut_cells(self) -> tuple[Indices, Indices]:
-        """Rows and columns of the cells that the stop cuts."""
         row, column = np.nonzero((self.share > 0) & (self.share < 1))
         return row, column
 

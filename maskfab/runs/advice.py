@@ -135,12 +135,9 @@ def advise(
 
     Args:
         stated: a validated job with [design], [emitters], [plate] and a die to compare with.
-        command: what reproduces it, for the design's provenance.
         path: the job, for errors; its files are named from its folder.
         images: folder of photographs to design for; synthetic scenes if None.
-        progress: told where the work stands.
         clock: of the budget; whoever ends it early gets the best so far, photographed.
-        notes: on the job, as sentences.
 
     Raises:
         JobError: as :func:`searched`, MF152 without torch, and for a light, a camera or a plate that cannot be.
@@ -277,16 +274,13 @@ class _Work:
         return job, displays(job, alone, self.progress, executor=self.executor)
 
     def photographed(self, job: Job, name: str, conditions: Conditions) -> Task[Restored]:
-        """Photographs through a die, as a run takes them."""
         panel = next(die.panel for die in plate_as_seen(job, job.plate()).dies if die.name == name)
         return self.executor.submit(Call(photograph_die, lambda: (conditions, Surroundings.of(job), name, panel, True)))
 
     def judges(self, spec: JobSpec) -> Judges:
-        """Judges of openings of a job by its photographs."""
         return _judges(spec, str(self.path), scenes_of(self.images, self.section).photographs)
 
     def told(self, stage: str, task: Task[Any]) -> Any:
-        """The finding of a task, with its progress."""
         self.progress(stage, 0, 1)
         found = task.result()
         self.progress(stage, 1, 1)
@@ -385,7 +379,6 @@ def reaches(spec: JobSpec, where: str, images: Path | None, budget_s: float | No
 
     Args:
         spec: of the job, as :func:`searched` gives it.
-        where: the job, for errors.
         images: folder of photographs; synthetic scenes if None.
         budget_s: seconds; None for as many as it takes.
     """

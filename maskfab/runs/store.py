@@ -179,7 +179,6 @@ class Origin:
     """Everything that a finding depends on.
 
     Attributes:
-        what: function that finds it, in words.
         parts: fingerprints of the installation, of the function, and of each of its arguments.
     """
 
@@ -197,9 +196,7 @@ class KeptFinding:
     """A finding that was kept.
 
     Attributes:
-        value: that was found.
         since: when it was found, UTC by ISO 8601.
-        version: of maskfab that found it.
     """
 
     value: Any
@@ -209,11 +206,7 @@ class KeptFinding:
 
 @dataclass(frozen=True)
 class Refused:
-    """An entry that is there and is not used.
-
-    Attributes:
-        why: in words.
-    """
+    """An entry that is there and is not used."""
 
     why: str
 
@@ -223,9 +216,6 @@ class Entry:
     """One finding that is kept.
 
     Attributes:
-        path: of its file.
-        what: it is, in words.
-        bytes: of the file.
         used: when it was used last, seconds since 1970.
         seconds: of a processor that finding it took; None if it does not say.
         expected_s: that it was expected to take on the machine of the reference numbers; None likewise.
@@ -270,12 +260,7 @@ class Store:
         return self._path(origin.key).is_file()
 
     def get(self, origin: Origin, kind: Any) -> KeptFinding | Refused | None:
-        """The finding of an origin; None if there is no entry.
-
-        Args:
-            origin: that the entry must name as its own.
-            kind: of the finding, as a type hint states it.
-        """
+        """The finding of an origin; None if there is no entry."""
         path = self._path(origin.key)
         try:
             with self._opened(path) as stream:
@@ -489,10 +474,8 @@ def keep_result(store: Store, origin: Origin, folder: Path, summary: object, kin
     """Keep every file of a finished directory but that of its times, and make room for it.
 
     Args:
-        store: that keeps it.
         origin: everything that the files depend on.
         folder: which nobody changes meanwhile.
-        summary: kept with it.
         kind: of the summary, as a type hint states it.
     """
     hashes = {path.name: sha256_of_file(path) for path in sorted(folder.iterdir()) if path.name != TIMES}
@@ -530,11 +513,7 @@ Record: TypeAlias = Mapping[str, Any]
 
 
 def make_folder(folder: Path) -> None:
-    """Make the folder of the cases, before the first is looked for.
-
-    Raises:
-        OutputError: MF401 if it cannot be made.
-    """
+    """Make the folder of the cases, before the first is looked for. Raises OutputError MF401 if it cannot be made."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -542,11 +521,7 @@ def make_folder(folder: Path) -> None:
 
 
 def keep(folder: Path, record: Record) -> None:
-    """Write a case under its key; nobody sees half a file.
-
-    Raises:
-        OutputError: MF401 if it cannot be written.
-    """
+    """Write a case under its key; nobody sees half a file. Raises OutputError MF401 if it cannot be written."""
     path = _path(folder, record["key"])
     path.parent.mkdir(parents=True, exist_ok=True)
     with partial(path) as aside:

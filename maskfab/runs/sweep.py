@@ -53,9 +53,6 @@ def made(
     """Make a sweep in a folder; what is in it of an earlier one, killed or finished, is not found again.
 
     Args:
-        plan: that was checked.
-        out: the folder.
-        progress: told where the work stands.
         engine, scheduler, workers: as for :func:`maskfab.runs.sweep_cases.workers_of`.
 
     Raises:

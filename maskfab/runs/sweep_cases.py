@@ -50,8 +50,6 @@ class SweptDie:
     """One die of one case.
 
     Attributes:
-        job: of the case.
-        name: of the die.
         panel: of the die, without wires.
         works: all that is wanted of it; one may find what another is about on its way.
     """
@@ -148,11 +146,7 @@ def written_mtf(die: SweptDie) -> Iterable[Quantity]:
 
 
 def scatter(die: SweptDie) -> Iterable[Quantity]:
-    """Light that rough edges scatter.
-
-    Raises:
-        JobError: MF105 without roughness.
-    """
+    """Light that rough edges scatter. Raises JobError MF105 without roughness."""
     if die.process.roughness is None:
         where, cure = die.job.where, "Add it, or vary process.roughness.sigma and process.roughness.correlation"
         raise JobError("MF105", "rough edges scatter, and the job has no [process.roughness]", where=where, cure=cure)
@@ -174,11 +168,7 @@ def photographs(die: SweptDie) -> Iterable[Quantity]:
 
 
 def expected(die: SweptDie) -> Iterable[Quantity]:
-    """Score that the surrogate expects, by level of light.
-
-    Raises:
-        JobError: MF161 for cells of several openings.
-    """
+    """Score that the surrogate expects, by level of light. Raises JobError MF161 for cells of several openings."""
     from maskfab.designs.design import capture_settings
 
     opening = _only_opening(die)
@@ -252,11 +242,7 @@ def scene(die: SweptDie) -> Iterable[Quantity]:
 
 
 def _only_opening(die: SweptDie) -> Opening:
-    """The opening of all cells.
-
-    Raises:
-        JobError: MF161 for cells of several.
-    """
+    """The opening of all cells. Raises JobError MF161 for cells of several."""
     if die.panel.others:
         what = f"die {die.name} has several openings, of which no surrogate knows"
         raise JobError("MF161", what, where=die.job.where, cure="Ask for restored_psnr instead of expected_psnr")
@@ -270,13 +256,7 @@ def _surrogate(camera: Camera, dots: int, dot_nm: int, settings: CaptureSettings
 
 
 def find(key: str, document: Mapping[str, Any], quantities: tuple[str, ...]) -> Record:
-    """The numbers of a case, or why it has none.
-
-    Args:
-        key: of the case.
-        document: of its job, self-contained.
-        quantities: names of those that are wanted.
-    """
+    """The numbers of a case, or why it has none."""
     try:
         job = resolve(validate(document, where="case"), Path("case.toml"))
         rows = [_row(quantity) for quantity in measured(job, quantities)]
@@ -286,11 +266,7 @@ def find(key: str, document: Mapping[str, Any], quantities: tuple[str, ...]) -> 
 
 
 def _row(quantity: Quantity) -> dict[str, Any]:
-    """A number as data.
-
-    Raises:
-        JobError: MF163 for one that is not finite.
-    """
+    """A number as data. Raises JobError MF163 for one that is not finite."""
     value = quantity.value
     if isinstance(value, float) and not math.isfinite(value):
         raise JobError("MF163", f"{quantity.name} is not finite", cure="Leave these values out")
@@ -333,10 +309,7 @@ def map_cases(
 
     Args:
         cases: none of which is refused.
-        quantities: that are wanted.
         folder: of the files; made once nothing can be refused any more.
-        progress: told how many are found.
-        workers: who find them.
 
     Returns:
         Records in the order of the cases; one whose worker failed says so and has no file, so that it is tried again.

@@ -48,8 +48,6 @@ class Series:
     """One number in every case.
 
     Attributes:
-        of: what it is of.
-        unit: of it.
         values: float64 [cases], NaN where a case failed, or has no such number.
     """
 
@@ -72,8 +70,6 @@ class Sensitivity:
     """Dependence of a number on a field.
 
     Attributes:
-        of: the number.
-        field: name of the field.
         unit: of the number by that of the field.
         slope: coefficient of the plane; NaN for a field that is no number.
         half_width: of its 95 % interval; NaN where there are no more cases than coefficients.
@@ -113,7 +109,6 @@ class Swept:
     """A sweep that was made.
 
     Attributes:
-        plan: as it was asked for.
         records: of every case, in order.
         remade: number of cases that were found this time.
     """
@@ -226,7 +221,6 @@ def _plane(fields: Floats, values: Floats) -> list[tuple[float, float]]:
 
 
 def _means(numbers: Floats | None, field: Field, stated: Sequence[Any], values: Floats) -> Floats:
-    """Means over the cases of every value of a field, or of every fifth of what was drawn."""
     if numbers is not None and field.drawn:
         groups = np.minimum(np.argsort(np.argsort(numbers)) * _PARTS // numbers.size, _PARTS - 1)
     else:

@@ -92,12 +92,8 @@ class Field:
     """A key of the job, or several that take the same value.
 
     Attributes:
-        name: as the study file writes it.
-        paths: places in the job's document.
         unit: of its numbers; empty for numbers without one, and where values are no numbers.
-        numeric: whether every value is a number.
         levels: values, of a drawn field one for each draw.
-        drawn: whether they were drawn by chance.
     """
 
     name: str
@@ -129,12 +125,6 @@ class Field:
 
 def fields_of(spec: SweepSpec, job: JobSpec, dies: Sequence[str], where: str) -> tuple[Field, ...]:
     """The fields of a study, with every value that they take.
-
-    Args:
-        spec: of the study.
-        job: that it varies.
-        dies: names of the dies that are looked at.
-        where: the study file, for errors.
 
     Raises:
         JobError: MF105 for a key that no job has; MF109 for one that two fields vary; MF103 for units that are missing
@@ -358,7 +348,6 @@ class Case:
 
     Attributes:
         key: SHA-256 of its job, of the quantities wanted, and of the code that finds them.
-        levels: its value of every field.
         document: of the job, self-contained; None if there is no such job.
         refused: why there is none; None if there is one.
     """
@@ -379,8 +368,6 @@ class Plan:
     """A sweep that was checked and can be made.
 
     Attributes:
-        spec: of the study.
-        where: the study file.
         job: that is varied, with the dies that are looked at.
         fields: that take several values.
         cases: every one, in order.
@@ -449,11 +436,7 @@ def faults_of_plate(job: Job, faults: JobFaults) -> None:
 
 
 def require_quantities(spec: SweepSpec, where: str) -> None:
-    """Refuse quantities that no case has, and limits of others.
-
-    Raises:
-        JobError: MF161.
-    """
+    """Refuse quantities that no case has, and limits of others. Raises JobError MF161."""
     sweep = spec.sweep
     require_known(sweep.quantities, f"{where}: sweep.quantities")
     for i, limit in enumerate(spec.limit):
@@ -468,9 +451,7 @@ def planned_of(spec: SweepSpec, loaded: Job, path: Path, where: str) -> Plan:
 
     Args:
         spec: of the study, its quantities checked.
-        loaded: the job that is varied.
         path: that names of files in the study's values are relative to, as of the job's file.
-        where: the study, for errors.
     """
     sweep = spec.sweep
     job = _of_dies(loaded, sweep.dies, path, where)
@@ -572,11 +553,7 @@ def _key(document: Mapping[str, Any], quantities: tuple[str, ...]) -> str:
 
 
 def _distinct(cases: tuple[Case, ...], fields: tuple[Field, ...], where: str) -> None:
-    """Refuse two cases that ask for one job.
-
-    Raises:
-        JobError: MF162.
-    """
+    """Refuse two cases that ask for one job. Raises JobError MF162."""
     first: dict[str, Case] = {}
     for case in cases:
         other = first.setdefault(case.key, case)

@@ -41,7 +41,6 @@ class Lattice:
     """Pixels of one colour in a frame.
 
     Attributes:
-        colour: of them.
         channel: of a frame of three planes; None of one that is a mosaic or has no colours.
         first: row and column of the uppermost left one.
         step: rows and columns from one to the next, 1 or 2.
@@ -199,7 +198,6 @@ def frame_of_array(given: ArrayLike, name: str) -> Frame:
     Args:
         given: [rows, columns], [rows, columns, 3] or [3, rows, columns], whole numbers of 16 bits or more, or floats;
             white is 65535 of uint16, and unknown of others, black 0.
-        name: what it is called.
 
     Raises:
         SourceError: MF330 for 8 bits, stretched ones too, which are codes of a display; MF331 for another shape, or

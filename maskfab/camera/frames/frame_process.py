@@ -160,7 +160,6 @@ def _of_picture(path: Path, shown: Path) -> Frame:
 
 
 def _check_kind(path: Path, spec: Any, pages: int) -> None:
-    """Refuse what is not one frame of counts."""
     kind, bits = str(spec.format), spec.get_int_attribute("oiio:BitsPerSample")
     packing = str(spec.get_string_attribute("compression", "")).partition(":")[0].lower()
     if kind not in ("uint16", "half", "float") or (kind == "uint16" and bits not in (0, 16)):

@@ -80,9 +80,6 @@ def _response(
 
     Args:
         frames: of the flat field, none of them full.
-        place: of the lattice among those of a frame.
-        lattice: of the colour.
-        electrons_per_count: gain.
         dark_e2: variance without light, in electrons squared.
 
     Raises:
@@ -111,8 +108,6 @@ def alone(light: Floats, sigma: Floats, valid: Mask) -> Mask:
 
     Args:
         light: [rows, columns] of one colour.
-        sigma: its standard deviation.
-        valid: pixels that are looked at.
     """
     beside = mean_beside(light, valid)
     expected = mean_beside(np.where(valid, sigma, 0.0) ** 2, valid)
@@ -284,10 +279,7 @@ class Used:
     """One exposure as it was used.
 
     Attributes:
-        name: of its file.
-        sha256: of its file.
         exposure_s: its time; None where it is not known.
-        drift: of its light.
         full: pixels that are full, or beside one.
     """
 
@@ -309,8 +301,6 @@ class Merged:
         shape: rows and columns of the frames.
         corner: row and column of the files that is pixel (0, 0).
         pattern: of the mosaic, or None.
-        used: every exposure.
-        electrons_per_count: gain.
         read_noise_e: in electrons.
         hot: places that dark frames tell as hot; not valid.
         disagreeing: places where exposures disagree by six standard deviations, hot pixels or hits among them; not
@@ -347,7 +337,6 @@ def merged(
 
     Args:
         frames: of exposures that differ, in any order, or a single one.
-        electrons_per_count: gain.
         read_noise_e: in electrons, without what rounding adds.
         dark: frames without light, of the same sensor and crop.
         flat: frames of even light, of the same sensor and crop.
@@ -552,9 +541,7 @@ def write_merged(merged: Merged, light: Path, sigma: Path) -> None:
     Pixels that are not valid have light 0 and an infinite standard deviation.
 
     Args:
-        merged: what to write.
         light: the file of the light, electrons a second.
-        sigma: the file of its standard deviation.
 
     Raises:
         OutputError: MF401 if a file cannot be written; nothing is left under its name.

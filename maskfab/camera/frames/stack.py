@@ -241,10 +241,7 @@ class Gain:
     """Gain and read noise of a sensor, each with one standard error.
 
     Attributes:
-        electrons_per_count: K.
-        error: of it.
         read_noise_e: in electrons, without what rounding to counts adds.
-        read_noise_error_e: of it.
         misfit: chi² per degree of freedom of the line; errors are larger by its root where it is above 1.
         samples: variances of pixels that were used.
     """
@@ -276,7 +273,6 @@ class _Pixels:
     freedom: Floats
 
     def of(self, part: Mask) -> _Pixels:
-        """Part of them."""
         return _Pixels(*(column[part] for column in self._columns()))
 
     def expected(self, slope: float, floor: float) -> Floats:
@@ -285,7 +281,6 @@ class _Pixels:
 
     @classmethod
     def joined(cls, groups: Sequence[_Pixels]) -> _Pixels:
-        """Pixels of several groups."""
         return cls(*(np.concatenate(columns) for columns in zip(*(group._columns() for group in groups), strict=True)))
 
     def _columns(self) -> tuple[Floats, ...]:
@@ -321,7 +316,6 @@ def photon_transfer(frames: Sequence[Frame], dark: Sequence[Frame] = ()) -> Gain
 
 
 def _colours(frames: Sequence[Frame], *, dark: bool) -> Iterator[_Pixels]:
-    """Pixels of each colour, none that is full in any frame."""
     full = np.any([frame.full for frame in frames], axis=0)
     for place, lattice in enumerate(frames[0].lattices):
         usable = ~full[lattice.first[0] :: lattice.step, lattice.first[1] :: lattice.step]
@@ -349,7 +343,6 @@ def _in_light(stack: Floats, usable: Mask) -> _Pixels:
 
 
 def _factors(stack: Floats, usable: Mask) -> Floats:
-    """Light of each frame in that of their mean."""
     sums = stack[:, usable].sum(axis=1)
     if not (sums > 0).all():
         raise _unknown("a frame has no light above black", "Give frames with light, or state their black level")

@@ -87,7 +87,6 @@ class Explanation:
     Attributes:
         image: of the die, in light as wide as residuals ask for.
         taken: what was fitted, without dust, merged with the gains that were found.
-        fit: of it.
         width: full width of the light at half maximum and its standard error, um; None of a point.
         dust: pixels of every grid that were left out.
         factor: root of chi² per pixel.
@@ -114,10 +113,7 @@ def explained(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progr
     """The best explanation of frames by a die, its lens, a light of some width, another lamp, dust and drift.
 
     Args:
-        image: of the die, in light of a point.
-        taken: what the camera took.
         fit: of it, with few terms, that the search begins with.
-        progress: told after every step of a fit.
     """
     dust = tuple(np.zeros(capture.valid.shape, dtype=np.bool_) for capture in taken)
     taken, width = tuple(taken), None
@@ -223,8 +219,6 @@ def _dark(taken: Sequence[Taken], fit: Fit, core: float = _CORE) -> tuple[Mask, 
     """Pixels that are darker than the fit beyond any noise, with their neighbours; none if they are too many.
 
     Args:
-        taken: what was fitted.
-        fit: the fit.
         core: share of the peak from which light is left alone.
     """
     masks = []

@@ -80,7 +80,6 @@ def costs(image: DieImage, setting: Setting, seen: Sequence[str], drawn_way_roun
         setting: that was fitted.
         seen: names of the setting's values that are above their errors; place and those below cost nothing alone.
         drawn_way_round: element of D4 by which the die would stand if it were as the job says.
-        sensor: that takes the photographs.
     """
     centred = replace(setting, x_um=0.0, y_um=0.0)
     alone = [(name, _only(centred, name), drawn_way_round) for name in seen if not name.endswith("_um") or name == BIAS]
@@ -136,7 +135,6 @@ def costs(image: DieImage, setting: Setting, seen: Sequence[str], drawn_way_roun
 
 
 def _only(setting: Setting, name: str) -> Setting:
-    """A die as drawn but for one value of a setting."""
     terms = tuple(term for term in setting.terms if f"z{term[0]}" == name)
     return Setting(terms=terms) if terms else replace(Setting(), **{name: getattr(setting, name)})
 
@@ -152,11 +150,7 @@ _NAMES = {BIAS: "CD bias", "scale": "scale", "turn_rad": "turn"}
 
 
 def disagreement(name: str) -> str:
-    """A disagreement in words.
-
-    Args:
-        name: of a cost.
-    """
+    """A disagreement in words."""
     if name in _NAMES or not name.startswith("z"):
         return _NAMES.get(name, name)
     return TERM_NAMES.get(int(name[1:]), f"Zernike {name[1:]}")

@@ -130,7 +130,6 @@ Middles of the dots along x and y [k], waves of every order along x on the symme
 
 
 def _rim(pupil: Pupil, x: Floats, y: Floats, frequencies: Floats) -> _Rim:
-    """The rim of a pupil whose dots have these middles."""
     both = np.concatenate([-frequencies[:0:-1], frequencies])
     orders = np.arange(_RIM_DEGREE + 1)
 
@@ -239,12 +238,7 @@ class DieField:
 
 @dataclass(frozen=True, eq=False)
 class LensField:
-    """The field of a die behind one lens, whatever the bias: its parts are made once.
-
-    Attributes:
-        die: behind its stop.
-        terms: the lens's errors, pairs of Noll's number and waves.
-    """
+    """The field of a die behind one lens, whatever the bias: its parts are made once."""
 
     die: DieField
     terms: _Terms
@@ -374,7 +368,6 @@ class Pixels:
     """Pixels of one colour of a sensor, on a grid of their own.
 
     Attributes:
-        colour: of their filter.
         x_um, y_um: their middles, y upwards; [columns] and [rows], each in the order of the picture.
     """
 
@@ -388,11 +381,8 @@ class DieImage:
     """A die, one way round, before a camera.
 
     Attributes:
-        panel: of the die.
         way_round: element of D4 that takes it to how it stands.
-        camera: its lens and its pixel.
         light: what each colour of pixels sees of a point light.
-        pixels: for which pictures are made.
         light_um: standard deviation along each axis of a light that is a Gaussian on the sensor, 0 of a point.
     """
 
@@ -426,9 +416,6 @@ class DieImage:
             panel: of the die, its middle on the axis.
             way_round: element of D4 that takes the die as drawn to how it stands, as of
                 :func:`maskfab.base.model.orient`.
-            camera: its lens and its pixel.
-            light: what each colour of pixels sees of a point light.
-            pixels: for which pictures are made.
             off_um: how far from their origin along an axis another lamp may lie.
         """
         openings = panel_aperture(panel, camera.stop.diameter_um / 2)
@@ -522,7 +509,6 @@ class DieImage:
         return self._lens[key]
 
     def _fields(self, setting: Setting) -> list[Complexes]:
-        """Field at each node."""
         key = setting.bias_um, setting.terms
         if key not in self._amplitude:
             self._amplitude.clear()
@@ -530,7 +516,6 @@ class DieImage:
         return self._amplitude[key]
 
     def _intensities(self, setting: Setting) -> list[Floats]:
-        """Intensity at each node, turned."""
         # A picture that is only moved or stretched is of the same light.
         key = setting.turn_rad, setting.bias_um, setting.terms
         if key not in self._last:
@@ -596,7 +581,6 @@ def gathered(lines: Spectrum, camera: Camera, reach_um: float) -> Spectrum:
     """Lines of a spectrum brought together where they part a picture by less than a speckle within a reach.
 
     Args:
-        lines: of the light.
         camera: behind whose stop a speckle is as wide as wavelength x focal length / diameter.
         reach_um: distance from the middle of the picture.
     """
@@ -613,7 +597,6 @@ def gathered(lines: Spectrum, camera: Camera, reach_um: float) -> Spectrum:
 
 
 def _between(nodes: Floats, values: Sequence[Floats], wavelength_nm: float) -> Floats:
-    """A polynomial in the inverse wavelength through values at its nodes."""
     if len(values) == 1:
         return values[0]
     place, at = 1 / nodes, 1 / wavelength_nm

@@ -45,7 +45,6 @@ class MtfCurve:
     """A measured MTF.
 
     Attributes:
-        name: of its file.
         pixel_um: side of the sensor pixel that its frequencies refer to.
         frequency_cy_per_px: float64 [n >= 2], ascending.
         mtf: float64 [n].
@@ -125,13 +124,11 @@ class DesignedMtf:
     Attributes:
         light: the band's name, or the line.
         wavelength_nm: the line; None of a band.
-        pixel_um: side of the camera's pixel.
         frequency_cy_per_px: float64 [n].
         mtf: float64 [n].
         seen: float64 [n], through the window of the measurement, 1 at 0: what a perfect measurement shows; ``mtf``
             itself where nothing is known of a window.
         uncertainty: bound of the error of the transfer function.
-        method: in words.
     """
 
     light: str
@@ -161,9 +158,6 @@ def designed_mtf(
     """The MTF of a panel in focus, along one direction.
 
     Args:
-        panel: as designed.
-        camera: what looked through it.
-        light: of the colour that was measured.
         frequency_cy_per_px: float64 [n], 0 first.
         normal_deg: direction of the waves in the picture, from right towards up: an edge's normal.
         half_px: reach of the measurement's window to either side of the edge; None if nothing is known of one.
@@ -260,10 +254,6 @@ class EdgeDesign:
     """Design that a measured MTF is held against.
 
     Attributes:
-        die: name of the one that was before the camera.
-        panel: of that die, as designed.
-        camera: what looked through it.
-        lights: of the colours that were measured, each a band or a line in nanometres.
         orientation: how the panel stood, as :func:`maskfab.base.model.orient` counts.
     """
 
@@ -291,7 +281,6 @@ class MeasuredEdge:
     Attributes:
         edge: its MTF.
         designed: the die's, one for each light; none without a die.
-        quantities: its numbers.
         colour: of the pixels that saw it; ``-`` where they have none, or nothing tells.
     """
 
@@ -344,13 +333,10 @@ def measured_edges(
         pixel_um: side of a sensor pixel; None where it is not known, for cycles per pixel alone.
         colour: of the pixels.
         valid: which of them count; all that are finite if None.
-        grid: where the samples lie on the sensor.
         region: box of sensor pixels to look in; the whole picture if None.
         order: of the polynomial that an edge follows, 1 to 3; None lets the edge decide.
         window_px: largest reach to either side of an edge; less lets in less noise and fewer diffraction orders.
         clipped_at: values from it on are clipped.
-        design: what they are held against.
-        where: name of the picture, for errors.
         seed: of the resamples that the bands come from.
 
     Raises:
@@ -387,7 +373,6 @@ def measured_edges(
 
 
 def _within(values: Floats, counts: Mask, grid: Grid, region: Region | None, where: str) -> tuple[Floats, Mask, Grid]:
-    """The samples within a region, and where they lie."""
     if region is None:
         return values, counts, grid
     box = grid.of_samples(region)
@@ -440,7 +425,6 @@ def mtf50(curve: EdgeMtf | MtfCurve, die: str | None = None) -> list[Quantity]:
 
 
 def _at_shown(curve: EdgeMtf | MtfCurve, die: str | None) -> list[Quantity]:
-    """The measured MTF at a few frequencies, those that the curve holds."""
     frequency, numbers = curve.frequency_cy_per_px, []
     for at in _SHOWN_CY_PER_PX:
         if not frequency[0] <= at <= frequency[-1]:
@@ -459,13 +443,7 @@ def _method(curve: EdgeMtf | MtfCurve) -> str:
 
 
 def differences(curve: EdgeMtf | MtfCurve, designed: DesignedMtf, die: str | None = None) -> list[Quantity]:
-    """Largest difference of a measured MTF from the designed one up to half a cycle per pixel, and where they part.
-
-    Args:
-        curve: what was measured.
-        designed: at the same frequencies.
-        die: whose it is.
-    """
+    """Largest difference of a measured MTF from the designed one up to half a cycle per pixel, and where they part."""
     resolved = (curve.frequency_cy_per_px > 0) & (curve.frequency_cy_per_px <= _LIMIT_CY_PER_PX)
     gap = curve.mtf - designed.seen
     size = np.where(resolved, abs(gap), -1.0)
@@ -502,9 +480,7 @@ def frame_edges(
 
     Args:
         frame: linear counts.
-        pixel_um: side of a sensor pixel, or None.
         region: box of sensor pixels to look in; the whole frame if None.
-        window_px: largest reach to either side of an edge.
         designs: for each colour of the frame, all of one die; None to hold nothing beside.
 
     Raises:

@@ -95,7 +95,6 @@ def found_edges(values: Floats, valid: Mask) -> tuple[list[FoundEdge], list[Sour
 
     Args:
         values: linear light, float64 [rows, columns], row 0 the top.
-        valid: which of them count.
     """
     if min(values.shape) < 2 * NARROWEST_PX or not valid.any():
         return [], []
@@ -170,7 +169,6 @@ def noise_of(values: Floats, valid: Mask) -> float:
 
 
 def _of_sign(direction: Direction, chosen: Mask, over: Floats, along: Floats) -> Iterator[tuple[float, FoundEdge]]:
-    """Edges of one sign in a picture whose rows cross them, each with its weight."""
     labels, _ = scipy.ndimage.label(chosen, np.ones((3, 3)))
     for number, box in enumerate(scipy.ndimage.find_objects(labels), 1):
         weight = np.where(labels[box] == number, over[box], 0.0)
@@ -273,7 +271,6 @@ def fitted_line(lines: Floats, places: Floats, order: Order | None = None) -> Ed
     """The polynomial through places on lines, [n] each, robust against a few that are far off (Huber's weights).
 
     Args:
-        lines: their numbers.
         places: NaN where a line has none.
         order: 1 to 3; None for the one with the least Bayesian information criterion.
     """

@@ -54,10 +54,8 @@ class Taken:
     """Signal of the pixels of one grid, with its noise.
 
     Attributes:
-        pixels: which.
         light: their signal, [rows, columns], in any one unit of light.
         sigma: standard deviation of each, in the same unit.
-        valid: bool, those that count.
         plane: that knows the noise of other light than was measured; None where sigma is the truth.
     """
 
@@ -105,7 +103,6 @@ def taken_of(merged: Merged, pixel_um: float, middle: tuple[float, float]) -> tu
     """Every colour of merged exposures, seen from a place among their pixels.
 
     Args:
-        merged: the exposures.
         pixel_um: side of a pixel of the sensor, of whatever colour.
         middle: row and column that is the origin.
     """
@@ -174,7 +171,6 @@ class Fit:
     """A die's setting as a camera saw it.
 
     Attributes:
-        setting: the estimate.
         covariance: of its values, float64 [n, n], for the noise alone.
         light: of every colour, in the unit of the signal: what a sensor without ends would take.
         beneath: signal of every colour that is there without the light.
@@ -182,7 +178,6 @@ class Fit:
         freedom: pixels less all that was solved for.
         residuals: of every grid of pixels, in standard deviations, 0 where a pixel does not count.
         predicted: of every grid, in the unit of the signal.
-        steps: that were tried.
         between: [n, n] what the scatter from exposure to exposure adds to the covariance; None where it is not known.
     """
 
@@ -221,9 +216,7 @@ def fitted(image: DieImage, taken: Sequence[Taken], start: Setting, progress: Pr
 
     Args:
         image: of the die, one way round; its pixels are those of ``taken``.
-        taken: what the camera took.
         start: with every term that is to be fit, 0 where nothing is known.
-        progress: told after every step.
     """
     pictures = image.pictures(start)
     here, damping, since, slopes = judged(taken, pictures, start), _FIRST_DAMPING, math.inf, []
@@ -421,13 +414,7 @@ _RIDGE = 1e-9
 
 
 def with_frames(image: DieImage, taken: Sequence[Taken], fit: Fit) -> Fit:
-    """The fit with the scatter between exposures in its errors, where there are three or more.
-
-    Args:
-        image: of the die.
-        taken: what was fitted, merged of exposures.
-        fit: the fit.
-    """
+    """The fit with the scatter between exposures in its errors, where there are three or more."""
     frames = [frame for frame in _frames(image, taken, fit) if frame.information.any()]
     if len(frames) < LEAST_FRAMES:
         return fit
@@ -456,11 +443,6 @@ def frame_gains(image: DieImage, taken: Sequence[Taken], fit: Fit) -> Gains | No
     """A gain for each exposure, fitted beside all else by one step; None of a single one.
 
     Along the direction in which a frame's own light grows nothing is asked of it: its information is that of the rest.
-
-    Args:
-        image: of the die.
-        taken: what was fitted, merged of exposures.
-        fit: the fit.
     """
     frames, size, colours = _frames(image, taken, fit), fit.setting.values.size, colours_of(taken)
     along = np.zeros(size + 2 * len(colours))
@@ -559,7 +541,6 @@ class MtfBand:
     """MTF of one grid of pixels, mean and minimum over all directions.
 
     Attributes:
-        colour: of the pixels.
         frequencies: middles of rings, cycles per millimetre of sensor, [n].
         measured: [2, n], mean and minimum over a ring.
         expected: [2, n], the same of the fitted die with the same noise, mean over draws of it.

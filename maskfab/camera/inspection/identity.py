@@ -51,12 +51,7 @@ quarter of a million."""
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A die that may have stood before the camera.
-
-    Attributes:
-        die: its name.
-        way_round: one of :data:`WAYS_ROUND`.
-    """
+    """A die that may have stood before the camera."""
 
     die: str
     way_round: int
@@ -99,10 +94,8 @@ def identified(
 
     Args:
         panels: of the dies that it may be, by name; those that are not square are tried as drawn and mirrored alone.
-        camera: its lens and its pixel.
         light: what each colour of pixels sees of a point light.
         taken: what it took, the light near the middle of the pixels.
-        progress: told for every die, and every fit.
     """
 
     def seen(colour: str) -> float:
@@ -207,7 +200,6 @@ class _Step:
     """Where residuals would take the square of a light's width, um².
 
     Attributes:
-        change: of it.
         error: one standard error, inflated as the fit's.
         gain: fall of chi² that it brings.
         noise: chi² per pixel, 1 or more.
@@ -237,12 +229,6 @@ def with_width_and_terms(
     image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progress = silent
 ) -> tuple[DieImage, Fit, tuple[float, float] | None]:
     """The image in light as wide as residuals ask for, the fit of it with further terms, and that width.
-
-    Args:
-        image: of the die, in light of a point.
-        taken: what the camera took.
-        fit: of it, with few terms.
-        progress: told after every step of a fit.
 
     Returns:
         The width is the full one at half maximum, as the light's picture without a plate would have it on the sensor,
@@ -281,7 +267,6 @@ def _widened(
 
 
 def _step(image: DieImage, taken: Sequence[Taken], fit: Fit) -> _Step:
-    """A step along the square of the width together with all that is fitted."""
     pictures, slopes = image.pictures(fit.setting), image.slopes(fit.setting)
     apart = (_APART_PX * image.camera.pixel_um) ** 2
     farther = replace(image, light_um=math.sqrt(image.light_um**2 + apart)).pictures(fit.setting)

@@ -66,17 +66,12 @@ class Measured:
     """A capture and what it tells of the plate.
 
     Attributes:
-        merged: the exposures.
         taken: their pixels about the light, with the noise that the fit expects.
         identified: the die.
         image: of it.
         fit: of it, with as many of the lens's errors as the residuals ask for.
         bands: MTF of every grid of pixels.
         costs: of what is not as drawn; none where nothing can be told.
-        verdict: on the die.
-        explained: how far the frames were explained.
-        quantities: numbers that were found.
-        sentences: on what was found.
         if_numbers: numbers of the die and the lens that stand only if the model holds, where nothing can be told.
         if_sentences: alike.
         mirrored: whether the plate stands the other way round than the job says.
@@ -121,16 +116,11 @@ def measured(
 
     Args:
         merged: exposures, cropped about the light.
-        panels: of the dies that it may be, by name.
-        camera: its lens and its pixel.
         light: what each colour of pixels sees of the light.
         seen_mirrored: whether the lens sees the job's design as in a mirror, by the side of the chrome and its order.
         promise: how wide the job and its mask house say that features are.
         others: further dies of the plate, one of which it may be where none of the first explains the frames.
-        sensor: that takes the photographs by which disagreements are priced.
         priced: whether what is not as drawn is priced by photographs.
-        seed: of the noise that bands are drawn with.
-        progress: told where the work stands.
 
     Raises:
         SourceError: MF334 if the light's centre is full in every exposure; MF339 if nothing in the picture is like any
@@ -283,7 +273,6 @@ def _unlike(setting: Setting, panel: Panel) -> bool:
 
 
 def _none(setting: Setting, die: str, panel: Panel, there: str | None) -> SourceError:
-    """Refusal of a light that is like none of the dies, with the one of the plate that it is like."""
     what = (
         f"the light is like none of the dies: the nearest, {die}, would have features {setting.bias_um:+.1f} um "
         f"wider than drawn, its dots being {panel.dot_nm * UM_PER_NM:g} um, and a picture {setting.scale:+.0%} larger"
@@ -377,7 +366,6 @@ def _quantities(best: Hypothesis, fit: Fit, promise: Promise, width_um: float, *
 
 
 def _seen_quantities(best: Hypothesis, told: Explanation, outside: Mapping[str, float]) -> Iterator[Quantity]:
-    """Numbers of what the frames hold beside the die."""
     fit, die = told.fit, best.die
     lamp = fit.setting.lamp
     if lamp is not None:
@@ -400,7 +388,6 @@ def _seen_quantities(best: Hypothesis, told: Explanation, outside: Mapping[str, 
 
 
 def _method(fit: Fit, name: str) -> str:
-    """Method by which a value and its error were found."""
     method = "weighted least squares on the pixels, 95 % by Fisher's information"
     method += " x root of chi² per pixel" if fit.inflation > 1 else ""
     return method + (" and the scatter between exposures" if fit.scatters(name) else "")

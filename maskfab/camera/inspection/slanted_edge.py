@@ -104,11 +104,9 @@ def normal_sums(distance_px: Floats, values: Floats, counts: Mask, half_px: floa
     """Sums for samples of lines at distances from the edge, [lines, samples] each.
 
     Args:
-        distance_px: along the edge's normal.
         values: of the samples.
         counts: which of them are used; those farther than ``half_px`` are not.
         half_px: a whole number of steps.
-        step_px: between knots.
     """
     side = round(half_px / step_px)
     size = 2 * side + 1
@@ -150,14 +148,7 @@ def window(distance_px: Floats, half_px: float) -> Floats:
 
 
 def settled_px(sums: NormalSums, spread: Floats, noise: float, samples: int) -> float:
-    """Reach of a window beyond which the edge spread no longer changes, with a margin; all that there is if it does.
-
-    Args:
-        sums: of all lines.
-        spread: the edge spread at its knots.
-        noise: one standard deviation of a sample.
-        samples: their number.
-    """
+    """Reach of a window beyond which the edge spread no longer changes, with a margin; all that there is if it does."""
     half, step = float(sums.knots_px[-1]), sums.step_px
     block = round(_BLOCK_PX / step)
     mean = np.convolve(spread, np.full(block, 1 / block), "same")
@@ -185,11 +176,8 @@ def mtf_with_band(
     """MTF, and the ends of its pointwise band, [n] each.
 
     Args:
-        sums: of the lines across the edge.
         spread: the edge spread at the knots, of all lines.
         frequency_cy_per_px: 0 first.
-        half_px: reach of the window.
-        seed: of the resamples.
     """
     between = sums.knots_px[:-1] + sums.step_px / 2
     waves = np.exp(-2j * np.pi * frequency_cy_per_px[:, None] * between) * window(between, half_px)
@@ -247,7 +235,6 @@ def noise_about(sums: NormalSums, spread: Floats, distance_px: Floats, values: F
     """One robust standard deviation of samples about the edge spread.
 
     Args:
-        sums, spread: of the edge.
         distance_px, values, used: of the samples, [lines, samples].
     """
     rest = values[used] - np.interp(distance_px[used], sums.knots_px, spread)
@@ -258,7 +245,6 @@ def light_slope(sums: NormalSums, spread: Floats, distance_px: Floats, values: F
     """Share by which the light grows per pixel along the edge's normal; 0 where noise explains it.
 
     Args:
-        sums, spread: of the edge.
         distance_px, values, used: of the samples, [lines, samples]; black is 0.
     """
     half = float(sums.knots_px[-1])
@@ -305,7 +291,6 @@ class EdgeMtf:
         frequency_cy_per_px: float64 [n], 0 first.
         mtf: float64 [n], noise's share subtracted.
         low, high: float64 [n], ends of the pointwise 95 % band.
-        method: in words.
     """
 
     direction: Direction
@@ -386,13 +371,9 @@ def edge_mtf(
 
     Args:
         values: linear light, float64 [rows, columns], row 0 the top, of any unit; black is 0.
-        valid: which of them count.
         found: the edge, as :func:`maskfab.camera.inspection.edge_regions.found_edges` has it.
-        pixel_um: side of a sensor pixel, or None.
-        grid: where the samples lie on the sensor.
         order: of the polynomial that the edge follows; None lets the centroids decide.
         clipped_at: values from it on are clipped.
-        seed: of the resamples.
 
     Raises:
         SourceError: MF341 for an angle at which the lines meet the edge in too few places between pixels, MF342 for too

@@ -61,8 +61,6 @@ class Promise:
 
         Args:
             width_um: of the narrowest features, for which a promise is strictest.
-            bias_um: as it was measured.
-            half_um: half of its interval.
         """
         most = self.tolerance_um(width_um)
         if most is None:
@@ -96,11 +94,8 @@ class Verdict:
     """Answer of a measurement.
 
     Attributes:
-        answer: whether the die is as drawn.
-        reason: a sentence.
         cause: why nothing can be told; None of an answer.
         factor: root of chi² per pixel; 1 is noise alone.
-        next_step: what to do, in sentences.
     """
 
     answer: Answer
@@ -152,11 +147,7 @@ def judged_die(
     """The verdict on a die.
 
     Args:
-        found: the die.
-        told: the explanation of the frames.
-        promise: of the job and its mask house.
         cause: of what the explanation leaves, as far as it was found; None where it leaves noise.
-        mirrored: whether the plate stands the other way round than the job says.
         width_um: of the die's narrowest features.
     """
 
@@ -214,9 +205,7 @@ def seen_sentences(found: Identified, told: Explanation, *, mirrored: bool, drif
     """Sentences on what was found in the frames beside the die, whatever the verdict.
 
     Args:
-        found: the die.
         told: the explanation of the frames.
-        mirrored: whether the plate stands the other way round than the job says.
         drift: of the exposure whose light differs most from what its time says.
     """
     best, sentences = found.best, []
@@ -258,9 +247,7 @@ def finding_sentences(told: Explanation, costs: Sequence[Cost], promise: Promise
     """Sentences on width, photographs, lens and scale: findings where the frames are explained.
 
     Args:
-        told: the explanation of the frames.
         costs: of what is not as drawn; none where nothing is stated.
-        promise: of the job and its mask house.
         line_nm: wavelength in whose waves the lens's errors are told.
     """
     fit = told.fit
@@ -282,7 +269,6 @@ def finding_sentences(told: Explanation, costs: Sequence[Cost], promise: Promise
 
 
 def _cost_sentences(costs: Sequence[Cost]) -> list[str]:
-    """Loss of restoring by the design, and what to restore by."""
     if not costs:
         return []
     whole = next(cost.by_design for cost in costs if cost.of == ALL)
@@ -300,7 +286,6 @@ def _cost_sentences(costs: Sequence[Cost]) -> list[str]:
 
 
 def _lens_sentence(fit: Fit, line_nm: float) -> str:
-    """Errors of the lens that are above their own error bars."""
     half = {term: NORMAL_95 * fit.errors[f"z{term}"] for term, _ in fit.setting.terms}
     seen = [
         f"{TERM_NAMES.get(term, f'Zernike {term}')} {_by_error(waves, half[term])}"

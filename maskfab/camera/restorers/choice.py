@@ -139,8 +139,6 @@ class Judge:
         Args:
             scene: light, [3, rows, columns].
             like: a record with that noise; full wells are not imagined.
-            blur: that the scene is seen through.
-            draw: of the noise.
             width: as in :meth:`of`.
         """
         margin, left = _frame(scene.shape, width)
@@ -221,7 +219,6 @@ class Chosen:
 
     Attributes:
         name: of the restorer that has the largest share.
-        epsilon: its strength.
         picture: float32 [3, rows, columns] within 0 to 1.
         criteria: for every restorer, at the best of its strengths, the mean squared error where it was judged, of
             light or of code values, white is 1, less the same unknown number for all; empty where there was nothing to
@@ -269,8 +266,6 @@ class Choice:
 
         Args:
             record: of at least 8 pixels along a side.
-            blur: that it was taken through.
-            epsilons: for every restorer's name, its strength.
 
         Raises:
             JobError: MF105 without restorers, for two of one name, or one without an ε; MF121 for a smaller record.
@@ -335,7 +330,6 @@ def mixed(errors: Floats, apart: Floats, tried: Sequence[Tried]) -> dict[int, fl
     Args:
         errors: of each that is tried, [n].
         apart: mean squares of the differences between their pictures, [n, n].
-        tried: all of them.
     """
     first = int(np.argmin(errors))
     least, shares = float(errors[first]), {first: 1.0}
@@ -358,7 +352,6 @@ def _restored(record: Record, blur: Blur, tried: Sequence[Tried]) -> list[Single
 
 
 def _least(tried: Sequence[Tried], errors: Floats) -> dict[str, float]:
-    """The least of its strengths' errors, for every restorer's name."""
     least: dict[str, float] = {}
     for (restorer, _), error in zip(tried, errors.tolist(), strict=True):
         least[restorer.name] = min(error, least.get(restorer.name, error))
@@ -404,8 +397,6 @@ def restored(
 
     Args:
         record: of at least 128 pixels along a side.
-        blur: that it was taken through.
-        restorers: with names of their own.
         epsilon: strength of all; None for the one that the record speaks for.
         least: of the strengths to begin from, as a blur that may be another than is said leaves no smaller one.
         known: whether that is about the strength, so that none is looked for.

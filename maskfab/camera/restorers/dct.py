@@ -131,11 +131,7 @@ class Dct:
         return f"dct+{self.then.name}"
 
     def prepare(self, record: Record, blur: Blur) -> Callable[[float], Singles]:
-        """See :class:`maskfab.camera.record.Restorer`.
-
-        Raises:
-            JobError: MF121 for fewer than 8 pixels along a side.
-        """
+        """See :class:`maskfab.camera.record.Restorer`. Raises JobError MF121 for fewer than 8 pixels along a side."""
         calm = denoised(record, self.threshold)
         # A full well says only that there was more light; the neighbours' mean must not make it look measured.
         restored = self.then.prepare(replace(record, values=np.where(record.clipped, record.values, calm)), blur)
@@ -201,7 +197,6 @@ def _mean_of_windows(picture: Singles, guess: Singles | None, variance: Singles,
         picture: what is filtered.
         guess: of it without noise, for the second pass; None for the first.
         variance: of the noise in every coefficient of a window, [8, 8].
-        threshold: of the first pass, in standard deviations.
     """
     total, weights = np.zeros_like(picture), np.zeros_like(picture)
     for top in range(0, len(picture) - WINDOW + 1, _STRIP):
@@ -257,11 +252,7 @@ EPSILON = (20 / 35) ** 10
 
 @dataclass(frozen=True)
 class Published:
-    """The restoration of the published protocol.
-
-    Attributes:
-        width: pixels of darkness round the record.
-    """
+    """The restoration of the published protocol."""
 
     width: int = MARGIN
     name: str = "published"

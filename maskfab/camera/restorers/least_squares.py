@@ -65,7 +65,6 @@ class Seen:
     """A record on a frame that is wider than the sensor.
 
     Attributes:
-        margin: the frame, and the sensor in it.
         transfer: H, [colours, rows, columns / 2 + 1] of the frame.
         values: of the record, float32 [colours, sensor rows, sensor columns].
         weight: of every pixel, of the same shape, about 1; 0 where nothing is known.
@@ -164,7 +163,6 @@ def _finer(spectrum: Spectrum, fine: tuple[int, int], shape: tuple[int, ...]) ->
 
 
 def _blocks(values: Singles) -> Singles:
-    """Means over blocks of pixels."""
     rows, columns = values.shape[1] // _COARSER, values.shape[2] // _COARSER
     return np.asarray(values.reshape(-1, rows, _COARSER, columns, _COARSER).mean(axis=(2, 4), dtype=np.float32))
 
@@ -220,7 +218,6 @@ class Smooth:
 
     Attributes:
         seen: all colours; clipped pixels weigh 0.
-        clipped: of its values.
         mirrored: spectrum of the record mirrored at its edges, [3, rows, columns / 2 + 1] of the frame.
         prior: (f / 0.1)² at the same frequencies.
     """
@@ -273,11 +270,7 @@ _STILL = 0.02
 
 @dataclass(frozen=True)
 class TotalVariation:
-    """Least squares with a penalty on gradients.
-
-    Attributes:
-        width: of the surroundings, pixels on every side; less than the sensor's sides.
-    """
+    """Least squares with a penalty on gradients."""
 
     width: int = MARGIN
     name: str = "tv"
@@ -305,7 +298,6 @@ def _few_edges(problem: Smooth, scene: Spectrum, penalty: float, stiffness: floa
     """The scene of least total variation on the sensor, by alternating directions.
 
     Args:
-        problem: the record.
         scene: spectrum to start from, [3, rows, columns / 2 + 1] of the frame.
         penalty: μ.
         stiffness: of the constraint on gradients.

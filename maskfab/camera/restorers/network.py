@@ -148,12 +148,7 @@ _AROUND = 64
 
 @dataclass(frozen=True, eq=False)
 class Learned:
-    """A network, and how records are shown to it.
-
-    Attributes:
-        network: that mends them.
-        view: of records.
-    """
+    """A network, and how records are shown to it."""
 
     network: Network
     view: View

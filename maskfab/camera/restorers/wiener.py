@@ -42,7 +42,6 @@ def restore(mirrored: NDArray[np.complex64], filtered: Transfer, margin: Margin)
     Args:
         mirrored: of :meth:`Margin.mirrored`.
         filtered: G of :func:`wiener`, [3, rows, half].
-        margin: of the scene.
     """
     return np.clip(margin.blurred(mirrored, filtered), 0.0, 1.0)
 
@@ -52,8 +51,6 @@ class Ready:
     """A record that is transformed, for every strength; colour by colour, so that a large picture takes a third.
 
     Attributes:
-        record: as taken.
-        blur: that the filter undoes.
         margin: by which the record is mirrored.
         spectra: mirrored, of every colour; None where they are made again.
     """
@@ -93,11 +90,7 @@ def _filters(blur: Blur, shape: tuple[int, int], epsilon: float) -> Transfer:
 
 @dataclass(frozen=True)
 class Wiener:
-    """The filter as a restorer.
-
-    Attributes:
-        width: pixels by which the record is mirrored beyond its edges.
-    """
+    """The filter as a restorer."""
 
     width: int = MARGIN
     name: str = "wiener"

@@ -76,7 +76,6 @@ class MtfAuc(Objective):
     """The smoothed AUC, negative.
 
     Attributes:
-        correlation: of the pupil.
         points: per wavelength, the transfer at the points of all rings, ring by ring, filled up to equal length.
         filled: bool [rings, longest], places that are no point.
         count: [rings], points of each.
@@ -108,11 +107,7 @@ class MtfAuc(Objective):
 
 
 def mtf_auc(stop: TiledStop, temperature: float = 0.01) -> MtfAuc:
-    """The AUC of units in a stop.
-
-    Raises:
-        JobError: MF104 for a temperature that is not above 0.
-    """
+    """The AUC of units in a stop. Raises JobError MF104 for a temperature that is not above 0."""
     if not temperature > 0:
         what = f"temperature = {temperature:g} is not above 0"
         raise JobError("MF104", what, where="design.temperature", cure="Use 0.01")
@@ -193,8 +188,6 @@ class ExpectedError(Objective):
     """Minus the expected restored PSNR in dB, mean over the levels.
 
     Attributes:
-        correlation: of the pupil.
-        stop: the layout, for its share of light.
         lags: int64 [m], flat table indices of the sampled frequencies.
         pixel: [m], the pixel's sinc there.
         folded: [m], what sampling folds back from a grey panel of share 1.
@@ -253,10 +246,8 @@ def expected_error(
     Args:
         estimate: of the scenes and the unit's dots.
         orientations: int8 [cells, cells] of the surrogate's lattice, elements of D4.
-        levels: dB, keys of :data:`maskfab.camera.sensor.ELECTRONS`.
         epsilons: constants of the filter to choose from.
         with_leak: count the halo across the sensor's edge.
-        precision, device: of the computation.
 
     Raises:
         JobError: MF104 for a level that is not known or an ε that is not above 0, MF122 for another number of cells.
@@ -344,8 +335,6 @@ class TopResidual(Objective):
     """The loss of a batch of crops.
 
     Attributes:
-        correlation: of the pupil.
-        stop: the layout.
         transfer: H on the crops' frequencies, margins included.
         crops: [pictures, 3, rows, columns] with margins; 0 to 1.
         spectra: their ``rfft2``.
@@ -356,8 +345,6 @@ class TopResidual(Objective):
         level: dB, key of :data:`maskfab.camera.sensor.ELECTRONS`; None is noiseless.
         share: of the residuals that counts, the largest.
         batch: pictures of a step; a pass over all of them in a new order follows the last.
-        seed: of the orders.
-        chosen: numbers of the pictures of this step.
     """
 
     correlation: Autocorrelation
@@ -433,11 +420,9 @@ def top_residual(
         side: of the sensor, pixels.
         margin: round it, pixels; less than the side.
         crops: how many, at random places, taken from the scenes in turn.
-        batch: crops of one step.
         beyond: what lies outside the sensor.
         nsr: noise-to-signal ratio of the filter, above 0: nothing restores a frequency that is nil.
         level: dB of noise; None is none.
-        share: of the residuals that counts.
         seed: of the places, the noise and the order.
 
     Raises:

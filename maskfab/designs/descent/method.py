@@ -85,11 +85,6 @@ def relax(
     """Descend as the section says.
 
     Args:
-        section: of a job.
-        camera: that looks through the panel.
-        scenes: photographs, for the objectives that look at some and for the expected PSNR.
-        command: for the provenance.
-        progress: told where the work stands.
         clock: of the budget for the descent and what follows it. Without a checkpoint the schedule is made so short;
             with one the whole schedule is begun, and left to be gone on with.
         checkpoint: file of the descent to go on from, and to keep.

@@ -98,7 +98,6 @@ def autocorrelation(dots: int, orientations: Labels, inside: Mask, reach: int) -
     """The autocorrelation of units of ``dots`` dots a side, laid in these orientations.
 
     Args:
-        dots: dots along the unit's side.
         orientations: int8 [rows, columns], elements of D4, row 0 lowest.
         inside: bool [rows x dots, columns x dots], dots inside the stop.
         reach: longest lag in dots, shorter than the pupil.
@@ -218,7 +217,6 @@ class AreaPenalty(Objective):
     Good for keeping a relaxed unit on the way to a count; a binary unit has its count anyway.
 
     Attributes:
-        target: final open ratio.
         weight: α.
         settled: share of the run after which c is the target; on the way there it falls evenly.
         stair: height of the published stairs, 0 for an even slope. Steps are then even in time too.
@@ -272,7 +270,6 @@ class Invertibility(Objective):
     photographs use :class:`maskfab.designs.descent.losses.ExpectedError`.
 
     Attributes:
-        correlation: autocorrelation of the stop filled with oriented cells, far enough for these lags.
         lags: per wavelength, int64 flat indices into the autocorrelation table: integer lags of a half plane (the
             other half is its mirror image).
         light: clear area of the stop, in dots, x target open ratio: AC(0) of an opening that meets the target.
@@ -342,10 +339,6 @@ class TiledStop:
 
     Attributes:
         correlation: of the pupil, one dot farther than the lag of half a cycle per pixel at any wavelength.
-        camera: the lens, its wavelengths and the sensor.
-        dot_nm: side of a dot.
-        bare: dots of the stop.
-        dtype: of the constants.
     """
 
     correlation: Autocorrelation
@@ -428,11 +421,7 @@ def tiled_stop(
     """Fill a stop with units of ``dots`` dots a side.
 
     Args:
-        dots: dots along the unit's side.
-        dot_nm: side of one dot.
         orientations: int8 [cells, cells], elements of D4; the square of cells is centred on the stop and covers it.
-        camera: lens, wavelengths, sensor.
-        precision: of the computation.
         device: "cpu", "cuda", or "auto" for CUDA where there is any.
 
     Raises:
@@ -494,7 +483,6 @@ def invertibility_of(
     """The invertibility loss that shares this stop's autocorrelation with other objectives.
 
     Args:
-        stop: the layout.
         target: open ratio at which O(0) = 1.
         epsilon: noise-to-signal ratio of the Wiener filter; with 0 every frequency that is not nil counts as kept.
         worst_fraction: share of the frequencies that counts.

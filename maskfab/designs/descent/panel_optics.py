@@ -70,7 +70,6 @@ class Layout:
     """Where in a stop the dots of a panel's unit lie.
 
     Attributes:
-        pupil: of the panel with all dots clear.
         place: intp [ny, nx], the unit's dot at every interval of the pupil; -1 in gutters.
         dots: along the unit's side.
         turned: int8 [cells y, cells x], orientations of the pupil's cells.
@@ -240,9 +239,7 @@ def point_image(
     Args:
         panel: gives dots, gutters and orientations; of one opening, without wires.
         camera: gives lens, window and pixel; its wavelengths decide how close samples lie.
-        wavelength_nm: one of them.
         pixels: means over sensor pixels instead of intensity at points.
-        dtype, device: of the constants.
     """
     step, scale = point_step_um(camera), image_scale_um2(camera, wavelength_nm)
     reach = odd_samples(camera.window_um, step) // 2 + (pixel_margin(camera) if pixels else 0)
@@ -273,7 +270,6 @@ class _Axis:
         position_um: [n], ascending.
         width_um: of each, which is a whole dot or a whole part of one.
         first: intp [intervals], the first source of each dot of the lattice; -1 for gutters.
-        parts: sources of a dot.
     """
 
     position_um: Floats
@@ -301,7 +297,6 @@ class _Axis:
 
     @property
     def half(self) -> int:
-        """Sources right of the axis, one on it included."""
         return (self.position_um.size + 1) // 2
 
     def folded(self, source: Indices) -> tuple[Indices, Indices]:
@@ -500,7 +495,6 @@ class CellLags:
         index: int64 [cells y, dots y, cells x, dots x], the unit's dot at each place.
         share: of each inside the stop.
         spread: [dots²], what lag 0 gains with the square of each dot over that of its mean.
-        sizes: of the transforms.
     """
 
     index: torch.Tensor
@@ -530,7 +524,6 @@ class Modulation:
     """The presampled MTF of one layout behind one camera at one wavelength, a function of the unit's dots.
 
     Attributes:
-        table: of lags.
         rows, columns: of the lags of all frequencies.
         pixel: [rows, columns], the square pixel's own transfer.
     """

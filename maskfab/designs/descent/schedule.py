@@ -104,16 +104,12 @@ class Descent:
 
     Attributes:
         dots: along the unit's side.
-        clear_dots: how many are clear in the end.
-        iterations: steps of one start.
         seed: of the first start; the k-th takes seed + k.
         starts: how many; the best result counts.
         optimiser: Adam (Kingma & Ba 2015), or plain gradient descent with momentum.
         rate: learning rate, on logits.
         momentum: Adam's β1, or that of gradient descent.
         start_logit: mean of the start; +1 is 0.73 open.
-        start_noise: its standard deviation.
-        final_gain: of the sigmoid, at the end.
         settled: share of the steps after which the gain begins to grow.
         straight_through: the objective sees the binary unit, the gradient goes to the relaxed one.
         judged_every: steps between judgements of the binary unit; 0 takes the last one as it is.
@@ -156,10 +152,8 @@ class RelaxStep:
 
     Attributes:
         iteration: 0 to iterations - 1.
-        iterations: how many there will be.
         loss: of the relaxed opening, without the area penalty.
         open_ratio: mean transmission of the relaxed opening.
-        gain: of the sigmoid.
         best_loss: loss of the best binary opening so far; infinite before the first.
         start: number of the start, from 0.
     """
@@ -179,11 +173,9 @@ class DescentResult:
 
     Attributes:
         unit: float [dots, dots], 0 and 1, exactly as many clear as asked for; on the CPU.
-        loss: the objective's judgement of it.
         relaxed: the last start's last transmissions, [dots, dots].
         iterations: steps done, of all starts together.
         outcome: how it ended.
-        notes: what a user should know, as sentences.
     """
 
     unit: torch.Tensor
@@ -217,10 +209,8 @@ def descend(
     Args:
         objective: lower is better.
         penalty: leads the open ratio; the judgement of binary units is without it.
-        how: the schedule.
         progress: told after every step.
         checkpoint: file of the state; if it is there the run goes on from it, and it is kept up to date.
-        saved_every: steps between states.
         stop_after: steps of this call, for a run in portions; the state is saved then.
 
     Raises:
@@ -406,7 +396,6 @@ class _Run:
             self._begin()
 
     def found(self) -> DescentResult:
-        """The result so far."""
         best, loss = self.best, self.best_loss
         if self.overall is not None and not loss < self.overall_loss:
             best, loss = self.overall, self.overall_loss
@@ -423,7 +412,6 @@ class _Run:
         return hashlib.sha256(words.encode()).hexdigest()
 
     def state(self) -> dict[str, NDArray[np.generic]]:
-        """State that the next step depends on."""
         overall = self.best if self.overall is None else self.overall
         numbers = np.array([self.start, self.iteration, self.total, self.stale, self.ended, self.overall is not None])
         moments = self.optimiser.state_dict()["state"].get(0, {})
@@ -439,7 +427,6 @@ class _Run:
         }
 
     def restore(self, state: Mapping[str, NDArray[np.generic]]) -> None:
-        """Go back to a state."""
         start, iteration, total, stale, ended, has_overall = (int(v) for v in state["numbers"])
         self.start = start
         self._begin()
@@ -504,10 +491,7 @@ class Recipe:
     """An objective with the schedule that belongs to it.
 
     Attributes:
-        name: of the recipe, or of its objectives.
-        objective: what is minimised.
         penalty: leads the open ratio; None leaves it alone.
-        descent: the schedule.
         orientations: int8 [rows, columns], the layout that a published recipe is made for.
     """
 
@@ -555,16 +539,13 @@ def paper(
         scenes: photographs, or ``imaging.scenes.bundled()``.
         losses: L2 alone, or with the invertibility loss.
         tiling: periodic, or random; the authors drew among four orientations, ``paper4``.
-        tiling_seed: of the draw.
         clear_dots: of the binary unit; the authors' have 100 of 441, though 0.2 would be 88.
         dots, dot_nm: along the unit's side, and their width.
-        camera: with the wavelengths of red, green and blue.
         epochs: passes over the crops; the stairs of the area are as many epochs wide, in proportion.
         crops, batch: pictures in all and of one step.
         side: of a picture in pixels; half of it is dark margin on every side.
         start_noise: published is none.
         seed: of the crops, their order, and the start's noise.
-        precision, device: of the computation.
 
     Raises:
         JobError: MF104, MF105, MF111, MF115 as of its parts.

@@ -81,7 +81,6 @@ def joint(
 
     Args:
         unit: bool [dots, dots] to start from; it keeps the constraints.
-        error: of panels of such units.
         constraints: that every unit keeps, at every place that ``positions`` move it to.
         rounds: of unit and map; fewer are made where one brings nothing. 0 designs the map alone.
         seed: as of :func:`maskfab.designs.maps.orientation_map.design_map`.
@@ -90,7 +89,6 @@ def joint(
         positions: the same; the places stay those of the first map.
         start, shifts, holds, steps: the same, of the first map; where ``holds`` depends on the unit, make no rounds.
         clock: the same; no round is begun when its time is over.
-        progress: told after every round.
 
     Raises:
         JobError: MF104 for fewer rounds than 0; MF123 for a unit that breaks the constraints, and for ``positions``
@@ -154,7 +152,6 @@ def dot_slopes(slope: Slope, orientations: NDArray[np.int8], shifts: tuple[Shift
     """Change by opening each dot of the unit in every cell, to first order, dB; [dots, dots].
 
     Args:
-        slope: of the panel's loss.
         orientations: integers [cells, cells], :attr:`maskfab.designs.maps.orientation_map.DesignedMap.orientations`.
         shifts: of the map; empty without positions.
         inside: the stop, bool [cells dots, cells dots].

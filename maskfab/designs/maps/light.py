@@ -117,14 +117,11 @@ def graded(
 
     Args:
         uniform: bool [dots, dots], the unit of the panel that is compared with.
-        error: of panels of such units.
         asked: share of the denser unit's dots that are clear, above the uniform unit's, or a search for it.
         find: gives units of so many clear dots that keep the constraints, bool [dots, dots], the best first; for a
             search those of the eye need not be kept.
         constraints: that each unit keeps for its own count of clear dots, and both beside one another.
-        seed: of the random map.
         kicks: as of :func:`maskfab.designs.maps.orientation_map.design_map`.
-        progress: as ``design_map`` tells.
 
     Raises:
         JobError: MF104 for a share that is not between the uniform unit's and 1, or leaves nothing clear outside;
@@ -205,7 +202,6 @@ def _mapped(
 
 
 def _drawn_cells(shares: Shares, error: PanelError, seed: int) -> NDArray[np.int8]:
-    """The random map of two units."""
     drawn = np.random.default_rng(seed).integers(ORIENTATIONS, size=(error.cells, error.cells)).astype(np.int8)
     return np.asarray(drawn + ORIENTATIONS * ~shares.denser, dtype=np.int8)
 
@@ -216,7 +212,6 @@ class Middle:
 
     Attributes:
         units: bool [2, dots, dots], the denser one first.
-        shares: of the light, and where each lies.
         value: expected restored PSNR in dB on the random map, weighted mean over the levels.
         grain: slow grain of an even field of pixels turned at random; 0 where no display must be held.
         centroid_px: distance of the light's centroid from the pixel's middle; 0 likewise.
@@ -407,7 +402,6 @@ def display_price(uniform: Mask, units: Mask, constraints: Constraints) -> tuple
     """Cost for the display, from the largest emitters found around one unit, and around both, in all orientations.
 
     Args:
-        uniform: bool [dots, dots].
         units: bool [2, dots, dots].
         constraints: whose rules of emitters hold, and whose display's light says how fast emitters age.
 
@@ -495,15 +489,9 @@ def clustered(
 
     Args:
         uniform: bool [dots, dots], the unit of the panel that is compared with.
-        error: of panels of such units.
         most_dots: clear dots of the denser unit; the sparser one has as many fewer.
         find: gives units of so many clear dots that keep the constraints, bool [dots, dots], the best first.
-        worth: of a group.
-        groups: error of panels of groups.
-        constraints: that each unit keeps for its own count of clear dots, and both beside one another.
-        seed: of the random map, and of the arrangements.
         kicks: as of :func:`maskfab.designs.maps.orientation_map.design_map`.
-        progress: as ``design_map`` tells.
 
     Raises:
         JobError: MF104 for dots that are not more than the uniform unit's and less than twice as many; MF123 for units

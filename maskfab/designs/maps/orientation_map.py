@@ -94,7 +94,6 @@ class DesignedMap:
     Attributes:
         orientations: int8 [cells, cells], 24 x 24 of 168 µm, 8 u + k for unit u under element k of D4, row 0 the
             lowest.
-        mode: of the search.
         psnr: expected restored PSNR in dB at each level.
         start_psnr: the same of the random map of the seed.
         clear_dots: inside the stop.
@@ -160,7 +159,6 @@ def design_map(
             refused.
         steps: after so many fields the map is taken as it is; None for as many as help.
         clock: when its time is over, the map is taken as it is after :data:`FIRST_STEPS` fields; None for no end.
-        progress: told after every descent.
 
     Raises:
         OpeningError: MF201 to MF203 as :func:`maskfab.camera.lens.lay`.
@@ -338,8 +336,6 @@ class _State:
 
     Attributes:
         chosen: what every cell holds, int64 [cells].
-        epsilons: the best of each level.
-        loss: with them.
         turns: of :meth:`_Search._turns`.
     """
 
@@ -379,7 +375,6 @@ class _Search:
 
     @property
     def over(self) -> bool:
-        """Whether the map is taken as it is."""
         fields = len(self.history)
         return fields >= self.steps or ((fields >= FIRST_STEPS or self.clock.halt.is_set()) and self.clock.over)
 
@@ -389,11 +384,9 @@ class _Search:
         self.barred = units != drawn.ravel()[:, None] // ORIENTATIONS
 
     def held(self, chosen: NDArray[np.int64]) -> bool:
-        """Whether a map is allowed."""
         return self.holds(chosen.reshape(self.error.cells, self.error.cells).astype(np.int8))
 
     def pupil(self, chosen: NDArray[np.int64]) -> Floats:
-        """The stop filled with these."""
         cells = self.patterns[chosen.reshape(self.error.cells, self.error.cells)]
         return np.asarray(side_by_side(cells) * self.error.inside)
 
@@ -407,7 +400,6 @@ class _Search:
         return chosen
 
     def kicked(self, chosen: NDArray[np.int64], draw: np.random.Generator) -> NDArray[np.int64]:
-        """The map with some whole cells turned at random."""
         whole = np.setdiff1d(self.live, self.cut)
         turned = chosen.copy()
         if len(whole):

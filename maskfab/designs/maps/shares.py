@@ -80,8 +80,6 @@ def stated(uniform: Mask, error: PanelError, asked: Denser) -> Shares:
 
     Args:
         uniform: bool [dots, dots].
-        error: of panels of such units.
-        asked: with a share that is a number.
 
     Raises:
         JobError: MF104 for a share that is not between the uniform unit's and 1, or leaves nothing clear outside, or
@@ -108,11 +106,7 @@ def stated(uniform: Mask, error: PanelError, asked: Denser) -> Shares:
 
 
 def require_outer(outer: int, uniform_count: int, *, where: str = "outer_dots") -> None:
-    """Refuse outer dots that are not fewer than those of the uniform unit.
-
-    Raises:
-        JobError: MF104.
-    """
+    """Refuse outer dots that are not fewer than those of the uniform unit. Raises JobError MF104."""
     if not 1 <= outer < uniform_count:
         what = f"outer_dots = {outer} is not 1 or more and below the {uniform_count} clear dots of the mean"
         raise JobError("MF104", what, where=where, cure=f"Choose 1 to {uniform_count - 1}")
@@ -124,8 +118,6 @@ def beside(dense: int, outer: tuple[int, ...], uniform_count: int, error: PanelE
     Args:
         dense: clear dots of the denser unit, more than ``uniform_count``.
         outer: clear dots beyond to choose from.
-        uniform_count: clear dots of the uniform unit.
-        error: of panels of such units.
     """
     held = np.cumsum(covered(error).ravel()[_order(error)])
     off = np.stack([np.abs(dense * held + sparse * (held[-1] - held) - uniform_count * held[-1]) for sparse in outer])

@@ -101,10 +101,7 @@ def designed_panel(
 
     Args:
         unit: bool [dots, dots].
-        dot_nm: side of a dot.
         tiling: of the cells; where there is a map, of what is meant by it.
-        seed: of all that is drawn.
-        across: cells along the die's side.
         given: the map; None for a die of the tiling alone.
         outer: the sparser opening of two, bool [dots, dots].
     """
@@ -133,7 +130,6 @@ class Condition:
     """One place of one photograph.
 
     Attributes:
-        object_um: distance of all that is photographed.
         image_um: place on the sensor, from the axis to the right and down the picture.
         weight: its share of all; they sum to 1.
     """
@@ -145,13 +141,7 @@ class Condition:
 
 @dataclass(frozen=True, eq=False)
 class SceneConditions:
-    """A job's scene before its camera, and what of it must be modelled.
-
-    Attributes:
-        camera: of the job.
-        scene: of the job, the plate's glass in its gap.
-        plan: of a stand-in.
-    """
+    """A job's scene before its camera, and what of it must be modelled."""
 
     camera: Camera
     scene: Scene
@@ -270,8 +260,6 @@ def appraise_over(panel: Panel, seen: SceneConditions, errors: Sequence[PupilErr
     """Appraise a panel.
 
     Args:
-        panel: that covers the stop from every place.
-        seen: the conditions.
         errors: for each distance, that of panels in its light, or one for all; scenes and noise are taken from it.
 
     Raises:
@@ -333,7 +321,6 @@ class Varied:
     """PSNR where something is off by one standard deviation, by level, dB.
 
     Attributes:
-        deviation_um: that deviation.
         psnr: at each of its points; of a bias, narrower and wider.
         loss: the panel's own PSNR less the mean over the spread; negative where it gains.
     """
@@ -371,9 +358,6 @@ def robustness(
     Args:
         units: bool [units, dots, dots].
         kinds: of the cells before the stop, 8 u + k for unit u under element k of D4, [cells, cells].
-        error: of panels of such units.
-        spread: over which means are taken.
-        seed: of random tilings, and of cells beyond the map.
         periodic: every cell has the unit as it is.
         mapped: kinds are designed.
     """
@@ -426,7 +410,6 @@ def moved_by_bias(unit: Mask, kinds: Labels, error: PupilError, bias_um: float) 
     Args:
         unit: bool [dots, dots].
         kinds: elements of D4 of the cells before the stop, [cells, cells].
-        error: of panels of such units.
         bias_um: less than a dot.
     """
     picture = laid_picture(unit[None], kinds)

@@ -47,7 +47,6 @@ def least_refined(rough: Sequence[float], refined: Callable[[int], float]) -> fl
     """The least of bounds on several errors, with the dear ones found only where they decide.
 
     Args:
-        rough: a bound on each that was cheap.
         refined: a dearer one of the error that stands at a place; where it is lower, the cheap one counts.
     """
     least, done = np.array(rough), set[int]()
@@ -182,12 +181,7 @@ class Residues:
 
 
 def residues(inner: Interior, *, periodic: bool) -> Residues:
-    """The classes for a unit repeated, or turned at random.
-
-    Args:
-        inner: whose lags are put into classes.
-        periodic: the unit is repeated.
-    """
+    """The classes for a unit repeated, or turned at random."""
     n = inner.dots
     every, size, transform = residue_classes(n)
     y, x = inner.lags
@@ -226,7 +220,6 @@ class ResidueDual:
     """The dual function for one ε and level.
 
     Attributes:
-        classes: for the tiling.
         ratio: ρ.
         nodes: [k], of A/S.
         short: [s, k], cost of each short lag; none of a unit repeated.
@@ -304,8 +297,6 @@ def residue_errors(
     """No unit of this clear share has a smaller error at each σ², whatever the ε.
 
     Args:
-        inner: of the camera.
-        classes: of its lags, for the tiling.
         ratio: ρ.
         variances: σ².
         periodic: the unit is repeated; otherwise turned at random.
@@ -339,7 +330,6 @@ def residue_error(
         nodes: [k], of A/S, the last is 1.
         cost: [m, k], lowered as in :func:`maskfab.designs.model.duals.wiener_cost`.
         classes: for the tiling.
-        ratio: ρ.
         periodic: C(0) = 1.
         refined: use that pairs within a cell number c² (turned at random only).
         positive: use that C is positive semidefinite, by a linear programme whose multipliers are then checked.

@@ -99,7 +99,6 @@ class Errors:
     """Mean squared errors behind one unit, by ε.
 
     Attributes:
-        pixels: whose noise it is.
         noise: of the noise, over its variance.
         bias: of what the filter holds back.
         leak: of the low-passed scenes.
@@ -120,7 +119,6 @@ class Surrogate:
     """Everything that no opening changes; call it with an opening.
 
     Attributes:
-        lattice: of the cells behind the stop.
         lags: int64 [2, m], y and x of the sampled lags.
         clear: [m], S times the pixel's sinc at them.
         folded: [m], what sampling folds back at them from a uniform grey panel.
@@ -131,7 +129,6 @@ class Surrogate:
         along: matrices from these lags to the low frequencies of y and x, the pixel's sinc in them.
         low: complex64 [scenes, 128, 97], low-passed scenes; their own part on the sensor is ``low_truth``.
         low_prior: (f / 0.1)² at their frequencies.
-        noise: of the photographs' pixels.
         strengths: ε to choose from, ascending.
         leak_every: step between those at which the leak is computed; in between it is interpolated.
         amplitude: behind the open stop, [side, side], where light has a phase; then ``clear``, ``folded`` and ``near``
@@ -275,10 +272,8 @@ def surrogate(
     frequencies are used as they are.
 
     Args:
-        scenes: photographs, or drawn ones.
         dots: along the unit's side.
         dot_nm: side of a dot; None for cells of 168 um, however many dots they have.
-        camera: that looks through the panel.
         settings: of the photographs.
         leak_scenes: pictures that the leak is computed on; what is designed on few fits them and not others.
 
@@ -408,7 +403,6 @@ class Interior:
     """The lags 0 <= y <= x within the square of frequencies, and all that no opening changes at them.
 
     Attributes:
-        lattice: of the cells behind the stop.
         lags: int64 [2, m], y and x in dots.
         count: [m], lags of the whole plane that each stands for: 1, 4 or 8.
         weight: [m], share of the square of frequencies; sums to 1.
@@ -417,10 +411,8 @@ class Interior:
         folded: [m], what sampling folds back at them from a uniform grey panel.
         power: [m], P at them, white is 1.
         inverse_prior: [m], (f / 0.1)².
-        noise: of the photographs' pixels.
         strengths: ε to choose from.
         per_cycle: lag in dots that belongs to one cycle per pixel.
-        stop_dots: dots within the stop.
         stop_table: [2 n - 1, 2 n - 1], the open stop's autocorrelation at every lag, lag 0 in the middle; the panel
             has n dots along its side.
     """
@@ -465,7 +457,6 @@ class Interior:
 
         Args:
             modulation: the pupil's autocorrelation at the lags, 1 at lag 0, [m] or [images, m] to take the mean over.
-            open_share: clear share of the stop, for the light.
             grey: modulation between far dots, which sampling folds back.
             levels: of light; None for the photographs' own.
         """

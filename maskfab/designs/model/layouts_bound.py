@@ -87,10 +87,8 @@ def layout_gap(
     """A panel that is laid, beside what the light of its cells allows; None for so many dots that it takes minutes.
 
     Args:
-        estimate: of the scenes, in focus.
         pupil: of :func:`maskfab.camera.lens.lay`, 0 and 1, 0 outside the stop.
         levels: of light; None for the surrogate's own.
-        executor: shares the levels with others.
 
     Raises:
         JobError: MF122 for a pupil of other dots than the surrogate's panel.
@@ -265,8 +263,6 @@ def layout_limit(inner: Interior, light: CellLight, level: float) -> float:
     """dB that no layout of this light reaches, whatever filter within the protocol's ε is best at each frequency.
 
     Args:
-        inner: of the camera.
-        light: of the cells.
         level: of light, dB.
     """
     dual = _Dual.of(inner, light, level)
@@ -278,7 +274,6 @@ class _Dual:
     """The dual function at one level.
 
     Attributes:
-        light: of the cells.
         nodes: [k], of A/S.
         cost: [m, k], as :func:`maskfab.designs.model.duals.wiener_cost` gives it; at lag 0 its least.
         unit: [m], A by A/S, summed over the images of a lag; 0 at lag 0.

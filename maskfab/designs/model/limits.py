@@ -85,7 +85,6 @@ def rings(dots: int = 21, wavelength_nm: float | None = None, *, room: CellGrid 
     """The rings of a camera.
 
     Args:
-        dots: along the unit's side.
         wavelength_nm: of the light; None for the camera's shortest.
         room: of the cells behind the stop, of so many dots; None for cells of 168 um behind protocol F1's.
     """
@@ -105,7 +104,6 @@ def auc_bound(around: Rings, clear_dots: int, *, periodic: bool, positive: bool 
     """No unit of this clear count has a larger expected area.
 
     Args:
-        around: the rings of the camera.
         clear_dots: of the unit, at least 1.
         periodic: the unit is repeated; otherwise turned at random.
         positive: use that autocorrelations are positive semidefinite (turned at random only).
@@ -220,7 +218,6 @@ class Gap:
     """Distance of a design from its bounds.
 
     Attributes:
-        bounds: for its clear count and tiling.
         psnr: dB, its expected interior PSNR at each level.
         head_room: dB, what at most could be gained in the interior; not below 0.
         auc: its expected area under the radial minimum of the blue MTF.
@@ -243,8 +240,6 @@ def bounds(
 
     Args:
         estimate: of the scenes, by :func:`maskfab.designs.model.expected_psnr.surrogate`.
-        clear_dots: of the unit.
-        periodic: the unit is repeated; otherwise turned at random.
         levels: of light; None for the surrogate's own.
 
     Raises:
@@ -283,7 +278,6 @@ def optimality_gap(
     """A unit beside the bounds of its clear count.
 
     Args:
-        estimate: of the scenes.
         unit: bool [dots, dots].
         periodic: it is repeated; otherwise turned at random.
         levels: of light; None for the surrogate's own.

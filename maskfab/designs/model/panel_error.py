@@ -66,7 +66,6 @@ class PupilError(PanelError):
     """Everything that no layout changes.
 
     Attributes:
-        lattice: of the cells behind the stop.
         size: points of the transforms along each side; no lag wraps.
         reach: largest whole lag that is asked for.
         levels: of light, dB.
@@ -81,7 +80,6 @@ class PupilError(PanelError):
         along: matrices from the lags that reach the low frequencies, [.., 2 k + 1], to these, of y and x.
         low, low_truth, low_prior: the low-passed scenes as in :class:`maskfab.designs.model.expected_psnr.Surrogate`.
         mirror: for y and x, where the mirrored record takes its rows and columns from.
-        noise: of the photographs' pixels.
         strengths: ε to choose from.
         amplitude: complex64 behind the open stop, [side, side], where light has a phase.
     """
@@ -309,7 +307,6 @@ class PupilError(PanelError):
         return torch.stack(errors)
 
     def _tabulated(self, table: torch.Tensor) -> Floats:
-        """Expected PSNR by level and ε."""
         with torch.no_grad():
             transfer, low, light = self._transfers(table)
             errors = self._errors(transfer, low, self.strengths)

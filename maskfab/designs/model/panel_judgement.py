@@ -46,7 +46,6 @@ class PanelError(ABC):
     """Judgement of panels of cells, by which maps are designed.
 
     Attributes:
-        lattice: of the cells behind the stop.
         levels: of light, dB.
         weights: of the levels in the loss; they sum to 1.
     """
@@ -92,11 +91,7 @@ class PanelError(ABC):
 
 
 class MeanPanelError(PanelError):
-    """Judgement of panels by the mean over distances.
-
-    Attributes:
-        errors: at every distance, of one lattice and alike in levels and weights.
-    """
+    """Judgement of panels by the mean over distances."""
 
     def __init__(self, errors: tuple[PanelError, ...]) -> None:
         self.errors = errors

@@ -80,11 +80,7 @@ class CaptureSettings:
         return noise
 
     def require(self, levels: Sequence[float]) -> None:
-        """Refuse levels whose light is not known.
-
-        Raises:
-            JobError: MF104.
-        """
+        """Refuse levels whose light is not known. Raises JobError MF104."""
         if unknown := [level for level in levels if level not in self.electrons]:
             what = f"the level {unknown[0]:g} dB is not one of {', '.join(f'{level:g}' for level in self.electrons)}"
             raise JobError("MF104", what, where="design.levels", cure="Use levels from that list only")
@@ -106,7 +102,6 @@ class PixelNoise:
     """Noise of a pixel before restoration, and the PSNR that an error of restored pictures stands for.
 
     Attributes:
-        settings: of the photographs.
         shot: mean of the scenes, white is 1: variance of the shot noise times the electrons of white.
         flat: the same of what a pixel adds, over its own square; 1 where all scenes count alike.
         coded_db: by level, what the PSNR of code values has above that of what errors are computed of.
@@ -158,7 +153,6 @@ class SceneStatistics:
     """Knowledge of a surrogate about its scenes, whatever cells they are seen through.
 
     Attributes:
-        noise: of their pixels.
         factor, power: c and p of their spectrum c f^-p.
         low: complex64 [scenes, 128, 97], low-passed scenes.
         pixels: of every scene, before it was brought to one contrast with the others, and by what factor it was; empty
@@ -213,11 +207,6 @@ def scene_statistics(
     scenes: Sequence[Photograph], *, leak_scenes: int = 2, settings: CaptureSettings = F1_SETTINGS
 ) -> SceneStatistics:
     """Statistics of scenes of 1024 x 1536 pixels (others are left out); of bundled ones as they are kept.
-
-    Args:
-        scenes: photographs, or drawn ones.
-        leak_scenes: pictures that the leak is computed on.
-        settings: of the photographs.
 
     Raises:
         JobError: MF121 if no scene has that size, or one is the same grey everywhere.

@@ -48,7 +48,6 @@ class Constraints:
         dots: along the cell's side.
         gutter_nm: opaque space between cells, outside the dots.
         orientations: elements of D4 in use; any two may be neighbours.
-        dot_nm: side of a dot.
         asked: values of the rules that ask for something.
     """
 
@@ -257,7 +256,6 @@ class Constraints:
         raise JobError("MF123", what, where=where, cure=cure)
 
     def _broken(self, unit: Mask, *, quick: bool) -> Iterator[tuple[str, str]]:
-        """The rules that are broken, by name, and what each says."""
         unit = np.asarray(unit, dtype=np.bool_)
         if unit.shape != (self.dots, self.dots):
             raise JobError(
@@ -274,7 +272,6 @@ class Constraints:
                 yield rule.name, what
 
     def _by_looking(self) -> Conflict | None:
-        """A look at every opening of the count, where they are few."""
         few = _FEW_IF_SLOW if any(rule.slow for rule in self.rules) else _FEW
         members = self.members
         if all(len(orbit) == 1 for orbit in members) and math.comb(len(members), self.clear_dots) > few:
@@ -297,7 +294,6 @@ class Constraints:
 
 
 def _every(members: list[NDArray[np.intp]], total: int, dots: int) -> Iterator[Mask]:
-    """Every union of orbits with the count."""
     rest = sums([len(orbit) for orbit in members])
     unit = np.zeros(dots * dots, dtype=np.bool_)
     waiting: list[tuple[int, int, tuple[int, ...]]] = [(0, total, ())]

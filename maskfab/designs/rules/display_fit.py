@@ -87,10 +87,7 @@ class Display:
     """A display that an opening must hold.
 
     Attributes:
-        rules: its maker's.
         cells: int8 [rows, columns] orientations that openings are tried in: of the cells before the stop.
-        tiling: that these are of.
-        seed: of the tiling.
         across: cells along a side of the die on which the opening is tried at last.
         wired: where its lines must pass; but for the job's tiling, emitters must suit any two neighbours.
         crooked: whether a search looks for crooked emitters too, as the check does, where straight ones nearly do.
@@ -288,9 +285,7 @@ class Footprints:
     """Largest footprints behind openings of one grid, and a bound on them.
 
     Attributes:
-        rules: the display maker's.
         dots: along the cell's side.
-        dot_nm: side of a dot.
         orientations: elements of D4 in use; any two may be neighbours.
 
     Raises:
@@ -533,8 +528,6 @@ def most_beside(units: Mask, cells: Labels, dot_nm: int, rules: WireRules) -> In
     Args:
         units: bool [units, dots, dots], some of each clear; cells have no gutter.
         cells: orientations of the panel, [rows, columns].
-        dot_nm: side of a dot.
-        rules: width, space and clearance.
     """
     pieces = []
     for unit in units:
@@ -632,13 +625,9 @@ def fitting_die(
     hold the display even by itself.
 
     Args:
-        display: with the size of the die.
         unit: bool [dots, dots].
-        dot_nm: side of a dot.
         cells: the opening's map; None for none.
         outer: the opening beside it, bool [dots, dots]; None for none.
-        most: dies to try.
-        progress: told how many were tried.
 
     Raises:
         JobError: as :func:`maskfab.display.feasibility.feasibility`.

@@ -69,7 +69,6 @@ class Candidate:
     """An opening to try.
 
     Attributes:
-        name: its family, size and place.
         unit: bool [dots, dots], True is clear, row 0 the lowest.
     """
 
@@ -101,8 +100,6 @@ def discs(
 
     Args:
         dots: along a side of the cell.
-        clear_dots: exact count.
-        symmetry: that every opening has.
         free: bool [dots, dots], where dots may be clear; None is everywhere.
 
     Raises:
@@ -164,9 +161,7 @@ def scattered_blobs(
     """Several bars of equal count, none touching another, at places drawn by chance.
 
     Args:
-        dots: along a side of the cell.
         clear_dots: of all blobs together; where it is no multiple of ``count``, the first ones have a dot more.
-        count: of blobs.
         seed: of the draw.
         most: sets of places to draw; those that touch or were drawn before are left out.
 

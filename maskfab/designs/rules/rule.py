@@ -35,7 +35,6 @@ class Conflict:
 
     Attributes:
         rules: their names; without any of them this proof falls.
-        statement: why, with the numbers.
         certificate: what the layout's own bound says; None where counting is enough.
     """
 
@@ -80,7 +79,6 @@ class Rule:
     rule whose value differs from the default is asked anything.
 
     Attributes:
-        name: its key.
         unit: of its value; empty for a word or a drawing.
         check: what the opening, bool [dots, dots], breaks and by how much; None if it keeps the rule.
         quick: the same for the search, and no laxer; None where ``check`` is quick enough.
@@ -95,7 +93,6 @@ class Rule:
         slow: takes milliseconds to judge rather than microseconds.
         read: value from that of the key, the section and the place for errors.
         checked: value from the one that was given, refused if it does not suit the cell.
-        section: the table of the job that has its key.
         key: in that table, where several rules have one; its name if left out.
         asker: what of the job asks for it, where that is more than its name.
     """

@@ -128,7 +128,6 @@ class Scan:
         ranked: everything evaluated, the best first; equals in the order in which they came.
         refused: how many candidates broke each rule first.
         repeated: candidates that had been seen, in this or another orientation.
-        evaluated: how often the objective was asked.
         complete: whether no budget ran out.
         bettered: how often it had been asked when the best was bettered, and by what value, each time.
     """
@@ -182,8 +181,6 @@ def scan(
             objectives and constraints to which these are the same, as in a random tiling.
         evaluations: most of them; None has no limit.
         clock: stop when it is over, at a whole batch of 64.
-        executor: shares the judging with others where that takes long.
-        progress: told after each batch.
 
     Raises:
         OpeningError, JobError: MF203, MF204, MF123 for constraints that contradict each other, MF123 if no candidate
@@ -296,11 +293,7 @@ class State:
 
     @classmethod
     def of(cls, plain: Mapping[str, Any]) -> State:
-        """From what :meth:`plain` gave.
-
-        Raises:
-            JobError: MF105 if something is missing or of another kind.
-        """
+        """From what :meth:`plain` gave. Raises JobError MF105 if something is missing or of another kind."""
         try:
             fields = {name: plain[name] for name in cls.__dataclass_fields__}
             fields["bettered"] = tuple((int(number), float(value)) for number, value in fields["bettered"])
@@ -326,7 +319,6 @@ class Annealed:
 
     Attributes:
         unit, value: the best it has been at.
-        state: to go on from.
         complete: whether all evaluations were made; otherwise it was interrupted, or ``stuck``.
         stuck: no move that keeps the constraints was found in 5000 in a row.
     """
@@ -359,7 +351,6 @@ def anneal(
     Args:
         start: an opening, or where a former annealing with the same arguments stopped.
         objective: higher is better.
-        constraints: kept at every step.
         evaluations: of the whole annealing; they set the pace at which it cools.
         seed: of the walk; not looked at when it goes on.
         moves: kinds, drawn with equal chance.
@@ -417,7 +408,6 @@ def anneal(
 
 
 def _size(unit: Mask) -> tuple[int, int]:
-    """Shorter and longer side of what is clear, in dots."""
     _, short, long = kind("annealed", unit)
     return short, long
 
@@ -501,7 +491,6 @@ def nearest(unit: Mask, constraints: Constraints, *, seed: int = 0) -> Mask:
     Args:
         unit: bool [dots, dots].
         constraints: to be kept; their count need not be the unit's.
-        seed: of the changes.
 
     Raises:
         OpeningError, JobError: MF203, MF204, MF123 if no opening keeps them, or no shape at hand does.

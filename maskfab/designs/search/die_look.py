@@ -20,8 +20,6 @@ class DieLook:
     """The last check of a display, on a die.
 
     Attributes:
-        display: with the size of the die.
-        clock: of the whole budget.
         pixel_s: seconds for each pixel of a die; 0 without a budget.
     """
 

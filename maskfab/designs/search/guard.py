@@ -33,7 +33,6 @@ class Guard:
     Attributes:
         display: with wires; they pass where all cells are laid alike.
         unit: bool [dots, dots].
-        dot_nm: side of a dot.
     """
 
     display: Display

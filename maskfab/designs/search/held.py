@@ -113,8 +113,6 @@ def straight_lines(units: Mask, dot_nm: int, rules: WireRules, *, turned: bool) 
 
     Args:
         units: bool [units, dots, dots], some of each clear.
-        dot_nm: side of a dot.
-        rules: width, space and clearance.
         turned: whether they must pass in all eight orientations.
     """
     lane, dots = rules.line_nm + rules.space_nm, units.shape[1]
@@ -186,7 +184,6 @@ def finer(shapes: Sequence[Candidate], judged: Sequence[Ranked], kinds: int = _K
     Args:
         shapes: before they were thinned.
         judged: those that were left, the best first.
-        kinds: so many.
     """
     best: dict[str, tuple[int, int]] = {}
     for one in judged:
@@ -239,8 +236,6 @@ class Start:
 
     Attributes:
         rules: with the kind of panel, and the count, for which an opening was found.
-        families: among which it was.
-        first: that opening.
         shortfall: where it is of fewer dots than were asked for.
     """
 
@@ -279,8 +274,6 @@ def start_of(
     """The first opening that a display fits, of as many dots as are asked for, or of as many as can be.
 
     Args:
-        rules: with a display.
-        families: of the job.
         clock: the best so far is taken when it is over.
         progress: told when an opening is found, and by every step of the bisection.
         more_than: clear dots that are known to fit; only more are looked for.
@@ -345,8 +338,6 @@ def require_held(rules: Constraints, families: tuple[str, ...], clock: Clock, pr
     Every shape is asked that bounds leave, the roomiest first, so that one that fits is soon found.
 
     Args:
-        rules: with a display, of the job's tiling.
-        families: of the job.
         clock: a look that it ends refuses nothing.
         progress: told by every step of the bisection for the most dots that do fit.
 
@@ -380,7 +371,6 @@ def require_held(rules: Constraints, families: tuple[str, ...], clock: Clock, pr
 
 
 def _apart(shapes: Iterable[Candidate], orientations: Iterable[int]) -> list[Candidate]:
-    """Shapes of which none is another one turned."""
     turns = tuple(orientations)
     return list({turned_key(shape.unit, turns): shape for shape in reversed(list(shapes))}.values())[::-1]
 
@@ -399,8 +389,6 @@ def best_held(
     Args:
         ranked: judged openings, the best first.
         start: of the search; its first opening is one of them.
-        value: of that.
-        most: kinds.
         clock: ends the walk.
         tried: openings whose rules are asked at most.
     """

@@ -62,7 +62,6 @@ def _kernels(unit: Mask) -> Iterator[Mask]:
 
 
 def _alike(one: Mask, other: Mask) -> int:
-    """Dots in which two openings agree."""
     return int(np.count_nonzero(one == other))
 
 
@@ -103,7 +102,6 @@ def _strips(inside: Mask, wanted: Mask, most: int) -> list[Indices]:
     Args:
         inside: bool [dots, dots].
         wanted: dots that should rather change.
-        most: of a strip.
     """
     dots = len(inside)
     places = np.arange(dots * dots).reshape(dots, dots)

@@ -136,12 +136,7 @@ class Judges:
     """Judges of a search's openings and panels, each made when it is first asked for.
 
     Attributes:
-        section: of a job.
-        scenes: photographs whose spectrum and edges count.
-        room: cells before the stop.
-        settings: of the photographs.
         seen: conditions of the scene; None where nothing of it must be modelled.
-        leak_scenes: pictures that the leak is computed on.
 
     Raises:
         JobError: MF121 for scenes without a spectrum; MF104, MF105 for weights that are none, when a judge is made.
@@ -213,7 +208,6 @@ class Mapped:
         psnr: expected restored PSNR in dB by level of a panel of two; one is judged without its panel, and has None.
         head_room: by level, dB that no layout of as much light in every cell can gain over the map; None without one,
             for groups, over several distances, of many dots, and where the budget leaves no time for bounds.
-        notes: what a user should know, as sentences.
         cut: the budget cut it short.
         fit: of the display on a die, for a panel of two that must hold one.
     """
@@ -249,15 +243,8 @@ def search(
     """Search as the section says.
 
     Args:
-        section: of a job.
-        scenes: photographs whose spectrum and edges count.
-        command: for the provenance.
-        progress: told where the work stands.
-        camera: that looks through the panel.
-        settings: of the photographs that openings are compared by.
         display: that the opening must hold; None for any or none.
         spread: over which the panel is appraised.
-        seen: conditions of the scene; None where nothing of it must be modelled.
         clock: ends every stage in time for those after it; bounds, appraisals and alternatives are left out where
             they would take most of what is left.
         checkpoint: file to go on from, and to keep.
@@ -411,7 +398,6 @@ class Listed:
     """An opening that a map is designed for.
 
     Attributes:
-        shape: with what it is worth, its cells turned at random.
         rules: that it keeps; of a display, in the kind of panel that suits it.
         guard: of its map; None where no map breaks what it must hold.
         alike: whether all cells are laid alike, for want of another map in which lines are found.
@@ -449,13 +435,10 @@ def shortlisted(
         state: its best is on the list, then those that were looked at, best first.
         most: openings on the list; 1 leaves everything as it is.
         error: of panels of such units; the levels weigh in it as they do in the scan.
-        rules: that all on the list keep.
         clock: no further map is begun or compared when its time is over.
-        progress: told after every map.
         judge: of openings whose cells are turned at random.
         mode, seed, positions: of :func:`maskfab.designs.maps.orientation_map.design_map`.
         start: of a search for a display; None for any other.
-        executor: shares the maps with others.
 
     Raises:
         JobError: as ``design_map``.
@@ -573,21 +556,14 @@ def mapped(
     """Lay the unit out as the section says.
 
     Args:
-        section: of a job.
         unit: bool [dots, dots].
-        rules: that every opening keeps.
         estimate: of the scenes.
         error: of panels, the same scenes; None where no map is wanted.
-        facts: provenance of the map, to which its own is added.
         find: gives openings of so many clear dots, the best first, for a panel of two.
         clock: a map whose time is over is taken as it is after its first steps, which bring most of the gain.
-        progress: told where the work stands.
         groups: of groups of pixels; None unless they share their light.
         bounded: prove what no other map gains.
-        guard: of the map, where it could break the display.
         begun: map to go on from; None starts at the random one.
-        alike: lay all cells alike.
-        executor: shares the bounds with others.
 
     Raises:
         JobError: MF115 for a map of too many cells, or of cells of too many dots; MF123 for openings that break the
@@ -731,7 +707,6 @@ def _of_two(
     notes: tuple[str, ...],
     room: tuple[float, ...] | None = None,
 ) -> Mapped:
-    """Two openings at equal light, and what the display pays for them."""
     facts = {
         **facts,
         **by_level("graded_gain_db", made.gain_db, error.levels),
@@ -876,11 +851,7 @@ def _fit(look: DieLook | None, laid: Mapped, rules: Constraints, progress: Progr
 
 
 def _require_fit(fit: DieFit | None, laid: Mapped) -> None:
-    """Refuse a display that fits no die that was tried.
-
-    Raises:
-        JobError: MF123.
-    """
+    """Refuse a display that fits no die that was tried. Raises JobError MF123."""
     if fit is None or fit.why is None:
         return
     seeds = f"seed {min(fit.failed)}" if len(fit.failed) == 1 else f"seeds {min(fit.failed)} to {max(fit.failed)}"
@@ -904,7 +875,6 @@ def _with_seeds(laid: Mapped, fit: DieFit | None) -> tuple[Mapped, DieFit | None
 
 
 def _appraised(section: SearchSection, laid: Mapped, error: PupilError, spread: Spread) -> Robustness:
-    """The panel beside those that are made instead of it."""
     seed, shape = map_seed(section), (error.cells, error.cells)
     kinds = orientations(section.tiling, *shape, seed) if laid.designed is None else laid.designed.orientations
     units = [laid.unit, laid.outer] if laid.outer is not None else [laid.unit]
@@ -972,13 +942,6 @@ def _account(section: SearchSection, state: Best, rules: Constraints, laid: Mapp
 
 def over_scene(section: SearchSection, laid: Mapped, dot_nm: int, judges: Judges, seen: SceneConditions) -> SceneDesign:
     """Appraise a panel in every condition.
-
-    Args:
-        section: of a job.
-        laid: the panel.
-        dot_nm: side of a dot.
-        judges: of panels.
-        seen: the conditions.
 
     Raises:
         JobError: as :func:`maskfab.designs.model.appraisal.appraise_over`.

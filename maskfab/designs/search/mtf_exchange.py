@@ -73,14 +73,12 @@ def best_for_auc(
 
     Args:
         dots: along the unit's side.
-        clear_dots: how many are clear, exactly.
         periodic: the unit is repeated; otherwise turned at random.
         seed: of the start and of the chances; the same seed and steps give the same unit.
         steps: exchanges, the whole budget; None takes :data:`STEPS`.
         scatter: standard deviations of one panel of 24 x 24 cells by which its modulation may fall short of what is
             expected; units turned at random only.
         room: of the cells behind the stop, of so many dots; None for cells of 168 um behind protocol F1's.
-        progress: told every 20 steps.
 
     Raises:
         JobError: MF104 for no dots, negative steps, or a scatter that is negative or not finite.

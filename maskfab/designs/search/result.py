@@ -96,7 +96,6 @@ class Designed:
     """Result of a design.
 
     Attributes:
-        opening: the best that keeps all rules.
         shape: how it was found: the family, size and place it came from, or the objectives that were descended.
         psnr: expected restored PSNR in dB, by level, cells turned at random (or not at all, if periodic); of a scene's
             depth the mean over its distances.
@@ -111,8 +110,6 @@ class Designed:
             picture's edge; None without a map, for one of groups, of several distances or of many dots, and as above.
         gap: the opening beside all its bounds; None for a panel of two, where there is no other opening, and as above.
         outer: the opening of the outer half of the stop; None unless the density was asked to differ.
-        notes: what a user should know, as sentences.
-        camera: lens, sensor and light that PSNRs are expected for, in words.
         levels: of light, dB.
         robust: the panel beside those that are made instead of it; None where the budget is shorter than bounds take,
             and for a descent.
@@ -120,7 +117,6 @@ class Designed:
         scene: the panel in the conditions that it is designed for; None where nothing of a scene must be modelled, and
             where the budget is shorter than bounds take.
         cut: a budget cut the search short, so that it depends on the clock.
-        account: how it was found.
         alternatives: openings of nearly its PSNR; None for a panel of two openings, for a descent, where openings were
             not judged in dB, and where the budget is shorter than bounds take.
         shortfall: where the display was found to hold fewer clear dots than were asked for.
@@ -171,16 +167,11 @@ class Account:
     """The way to a design.
 
     Attributes:
-        method: by which it was searched, in words.
-        seed: of its random numbers.
         stages: what was tried, and how often, in the order in which it was.
         value: what the values of ``bettered`` are, with their unit; empty where there are none.
         bettered: evaluations made when the best value was bettered, and that value.
-        stopped: what ended it.
         tiling, tiling_seed: of the panel; with a map, of the cells that it does not design.
-        asked: the rules that were asked for, with what each asks.
         budget_s: seconds; None without a budget.
-        scenes: photographs that it was judged by, in words.
         priced_among: openings among which the rules are priced.
         without: gain in dB of searches once more without each rule over the best found, by the rule left out, 0 or
             more, and the seconds of processor that they took; None where these were not asked for, or are not made.
@@ -206,7 +197,6 @@ class Price:
     """Cost of one constraint, in the objective's unit.
 
     Attributes:
-        rule: its name.
         alone: the best of all, less the best that keeps this rule; inf if none does.
         last: the best that keeps all others, less the best that keeps all; inf if none keeps all.
     """
@@ -233,7 +223,6 @@ class Alternative:
         unit: bool [dots, dots].
         value: expected restored PSNR, dB, weighted mean over the levels, cells turned at random or all alike.
         emitters: largest footprint, share of the pixel that each colour covers; None where no emitters suit the pixel.
-        rim_um: closed border that the opening leaves all round its cell.
         moved_db: by how much a bias moves the PSNR; None where it was not judged.
         alike: openings of its kind among those within reach, this one included.
     """
@@ -268,7 +257,6 @@ class Alternatives:
     """The opening that was chosen, and those that were judged within reach of it.
 
     Attributes:
-        chosen: with its own numbers.
         others: of different kinds, PSNR falling.
         within: openings within reach that were judged, of every kind, before rules were asked.
         kinds: of these.
@@ -295,7 +283,6 @@ class Stages:
 
     Attributes:
         search: of scan, annealing, shortlist or descent.
-        map: of the map.
         bounded: whether there is time for bounds, appraisals and alternatives.
         bounds_s: seconds that they take.
     """
@@ -321,8 +308,6 @@ class Stages:
         Args:
             judge: of openings.
             unit: one of them, bool [dots, dots].
-            clock: of the whole budget.
-            mapped: whether a map is designed.
             fitted: whether a display must fit.
             die_s: seconds of the look at a die, as they were measured.
 
@@ -355,11 +340,6 @@ def constraints_of(
     display: Display | None = None,
 ) -> Constraints:
     """The section's rules.
-
-    Args:
-        section: of a job.
-        where: it stands, for errors.
-        display: that the opening must hold.
 
     Raises:
         JobError: MF104, MF106 or MF107 for a pitch that is no whole number of dots on the grid, or rules out of range;
@@ -525,9 +505,7 @@ def alternatives(
     Args:
         chosen: with its value.
         visited: openings that were judged by the same objective, whether or not they keep the rules.
-        rules: that an alternative keeps.
         moved: decibels, mean over the levels, by which a bias moves an opening's PSNR; None where that is not judged.
-        bias_um: of that.
     """
     seen = {turned_key(chosen.unit)}
     kinds: dict[tuple[object, ...], list[Ranked]] = {}

@@ -66,8 +66,6 @@ class Best:
     Attributes:
         best: keeps the rules; its name says where it came from.
         looked: openings among which the rules are priced; empty where they are not judged in dB.
-        evaluated: openings judged so far.
-        notes: what a user should know, as sentences.
         cut: the budget cut it short.
         near: openings judged that lie within reach of the best, whether or not they keep the rules; empty where
             ``looked`` is.
@@ -142,13 +140,8 @@ def scanned(
     """The best of the section's families that keeps the rules; half of a budget where annealing follows.
 
     Args:
-        section, rules: of a job.
         objective: higher is better.
-        clock: of the search.
-        store: of a whole scan.
-        progress: told after every batch.
         start: of a search whose display keeps its rules before any map; None where openings are asked as they come.
-        executor: shares the judging with others.
 
     Raises:
         JobError: MF123 if none keeps the rules.
@@ -213,7 +206,6 @@ def begun(unit: Mask, section: SearchSection, rules: Constraints, objective: Obj
 
     Args:
         unit: bool [dots, dots].
-        section, rules, objective, progress: of the search.
 
     Raises:
         JobError, OpeningError: as :func:`maskfab.designs.search.annealing.nearest`.
@@ -238,7 +230,6 @@ def allowed(
     """Openings of the section's families that keep the rules, the best first; looked at as they are asked for.
 
     Args:
-        section, rules, objective, clock, progress: of the search.
         once: end where no shape keeps the rules, rather than look for some that are nearest to them.
 
     Raises:
@@ -374,13 +365,6 @@ def annealed_without(
     """Gains of annealings without each rule over the best found, dB by the rule left out, and the seconds they took.
 
     Each annealing is as long as the search's own, has its seed, and begins at the best opening that keeps the others.
-
-    Args:
-        state: the search after its annealing.
-        section: of a job, with its evaluations and its seed.
-        rules: that the search kept.
-        objective: of the search.
-        progress: told at every multiple of 64 evaluations.
     """
     gains, begun_s = {}, time.process_time()
     for left_out in rules.active:
@@ -414,12 +398,8 @@ def reduced_opening(
 
     Args:
         opening: what to reduce; its emitters are left out, as they may lie where there was light.
-        clear_dots: how many stay clear.
-        camera: that looks through it.
-        scenes: photographs whose spectrum and edges count.
         command: for the provenance.
         periodic: whether all cells are laid alike; otherwise each is turned at random.
-        progress: told where the work stands.
 
     Raises:
         JobError, OpeningError: as :func:`reduced`; MF104, MF106, MF121, MF135 as a search for such an opening.
@@ -437,9 +417,7 @@ def reduced(
 
     Args:
         unit: bool [dots, dots].
-        clear_dots: how many stay clear.
         objective: higher is better; asked for every clear dot at every step.
-        progress: told how many dots are closed.
 
     Raises:
         JobError, OpeningError: as :func:`require_count`.

@@ -158,8 +158,6 @@ class _Window:
     """A place of the design.
 
     Attributes:
-        box: the place.
-        clear: what is clear there, merged.
         most: shapes of a file that are looked at there; of more, only the middle is: a wrong scale shows whole files.
     """
 
@@ -289,10 +287,7 @@ def in_drawn_unit(
     """The file in the unit that it was drawn in, and how it then lies; as they are if that is the one it was read in.
 
     Args:
-        plate: the design, or one die of it.
-        design: its layout.
         read: the file, one top cell with the layer CLEAR.
-        alignment: how that lies.
         again: reads the file with a stated unit in um.
     """
     unit_um = drawn_unit_um(read)
@@ -389,10 +384,8 @@ def clear_only(
 
     Args:
         layout: what was read; it is changed.
-        path: its file.
         layer, cell: what is clear and where; the usual if None.
         ignored: layers that are not written, by number or name.
-        ordered: what the job says of layers.
 
     Raises:
         SourceError: MF305 to MF309 if cell or layer are not there, or could be several.
@@ -442,7 +435,6 @@ def draws(layout: db.Layout, index: int) -> bool:
 
 
 def _called(layout: db.Layout, info: db.LayerInfo) -> str | None:
-    """The name of a layer where only names tell layers, and this one is there."""
     named = any(item.layer < 0 and item.name == info.name for item in layout.layer_infos())
     return str(info.name) if named else None
 

@@ -100,7 +100,6 @@ def drawn_figures(
 
     Args:
         layout: one top cell.
-        path: its file.
         max_vertices: what the job draws at most; None where it does not say.
         known: the design that it lies upon, and how little it differs; None where there is none.
     """
@@ -142,7 +141,6 @@ def reach(plate: Plate, box: db.Box, size: float) -> Quantity:
     """Distance by which the drawing extends beyond the blank.
 
     Args:
-        plate: the design.
         box: of all that the file draws, lying as the design does.
         size: nanometres of the plate that one of the file becomes.
     """
@@ -269,7 +267,6 @@ class Broken:
     """Where one rule is broken.
 
     Attributes:
-        count: at how many places.
         worst: the smallest value; None where it is kept.
         boxes_nm: int64 [n, 4], all of them, or the first.
     """
@@ -286,8 +283,6 @@ def asked(plate: Plate, limits: LimitsSection, scale: float = 1.0) -> Asked:
     """Width and space by the job's limits, else by the smallest features of the design itself.
 
     Args:
-        plate: the design.
-        limits: the job's.
         scale: what the file's coordinates are multiplied by to be the design's. Sizes are the file's own, unless it
             is so far off that its unit is mistaken.
     """
@@ -319,11 +314,8 @@ def rules_of_like(
     """The rows of a file that is the design, or nearly.
 
     Args:
-        plate: the design.
-        design: its layout.
         laid: the file, lying as the design does.
         differing: what only one of them makes clear, where rules are looked at.
-        wanted: what is asked of it.
     """
     rules = wanted.rules
     in_design = _of_plate(plate, rules)
@@ -374,7 +366,6 @@ def rules_of_unlike(read: db.Layout, wanted: Asked) -> Iterator[Quantity]:
 
 
 def _of_plate(plate: Plate, rules: DesignRules) -> dict[str, Broken]:
-    """Rules broken by the design, all its dies and marks together."""
     broken: dict[str, Broken] = {}
     for result in check_plate(plate, rules, most=_TOLD):
         before = broken.get(result.rule, NOTHING)
@@ -472,7 +463,6 @@ def _weight(layout: db.Layout, places: db.Region, most: int) -> int:
 
 
 def _shapes(layout: db.Layout, places: db.Region) -> db.Region:
-    """Shapes of a layout in some boxes, not cut at their sides."""
     return db.Region() if places.is_empty() else db.Region(_within_places(layout, places))
 
 
@@ -509,7 +499,6 @@ def _corners(polygons: Iterable[db.Polygon]) -> Ints:
 
 
 def _whole(islands: list[db.Polygon], ring: db.Region) -> list[db.Polygon]:
-    """Those that the ring does not cut."""
     if not islands:
         return []
     drawn = db.Region(islands)
@@ -518,7 +507,6 @@ def _whole(islands: list[db.Polygon], ring: db.Region) -> list[db.Polygon]:
 
 
 def _within(places: Ints, boxes: Ints, values: NDArray[np.float64]) -> Broken:
-    """Those of some violations that meet the places."""
     step = max(1, _AT_A_TIME // max(1, len(places)))
     keep = np.zeros(len(boxes), dtype=np.bool_)
     for k in range(0, len(boxes), step):

@@ -141,7 +141,6 @@ class Difference:
 
     Attributes:
         owner: the die or mark that it belongs to or lies nearest to.
-        layer: where it is drawn.
         area_um2: area that only one of the two covers.
         first_nm: lower left corner of the first such polygon, lowest first, then leftmost.
     """
@@ -161,7 +160,6 @@ class DieCheck:
     """One die of the file.
 
     Attributes:
-        name: the die's name.
         xor_area_um2: area on written layers that only one of file and design covers.
         wrong_dots: grid cells whose share of clear differs from what opening and orientations say; None if not asked.
         corner_touches: vertices at which two clear dots meet by a corner only; None if not asked.
@@ -192,13 +190,11 @@ class RoundTrip:
     """Result of reading a file back.
 
     Attributes:
-        path: the file.
         layout: its content; the file's only top cell is the plate.
         polygons: polygons on written layers, all references counted.
         drawn_polygons: the same for the design.
         rounding_nm: largest distance by which a coordinate of the file was off the nanometre grid.
         differences: one for each die or mark and layer that differs; empty if all is well.
-        dies: in plate order.
         cds: in the order of the plate's gauges.
         differing: all that only one of file and plate makes clear, merged.
         slivers: of that, what is no wider than the tolerance and so no difference.
@@ -303,10 +299,8 @@ def compare_layout(
     differs on the layer CLEAR and is no wider than ``tolerance_nm`` is told apart, and no difference.
 
     Args:
-        plate: what was to be written.
         design: its :func:`maskfab.mask.layout.plate_layout`.
         read: the file's content; it is changed.
-        path: names the file.
         dots: also compare every dot of every die, about a second for 10 000 cells.
         drawn_polygons: how many polygons were written, as an account of figures says; those of the design by default.
         layer_names: names in a DXF by names of the model; layers that it left out are not compared.
@@ -430,7 +424,6 @@ def _settle(read: db.Layout, names: Mapping[str, str] | None) -> None:
 
 
 def _further_layers(read: db.Layout) -> Iterator[Layer]:
-    """Layers with something on them of which the plate knows nothing."""
     planned = [layer_info(layer) for layer in DRAWN_LAYERS]
     for info in read.layer_infos():
         index = read.find_layer(info)
@@ -441,7 +434,6 @@ def _further_layers(read: db.Layout) -> Iterator[Layer]:
 
 
 def _exposed(layout: db.Layout, box_nm: Box) -> db.Region:
-    """Exposed shapes of the file in a box."""
     clear = region(layout, CLEAR, box_nm)
     return clear if layout.find_layer(layer_info(CUT)) is None else clear - region(layout, CUT, box_nm)
 
@@ -458,7 +450,6 @@ def _drawn_regions(layout: db.Layout, layer: Layer, store: db.DeepShapeStore | N
 
 
 def _within(layout: db.Layout, layer: Layer, places: db.Region) -> db.Region:
-    """Exposed shapes in some places."""
     drawn = []
     for part in (layer, CUT) if layer is CLEAR else (layer,):
         index = layout.find_layer(layer_info(part))
@@ -522,13 +513,11 @@ def _read_raster(die: Die, read: db.Layout) -> Floats:
 
 
 def _written(layout: db.Layout, counts: Mapping[int, int]) -> int:
-    """Polygons on written layers as drawn, of a layout that comes with its counts."""
     wanted = [layout.find_layer(layer_info(layer)) for layer in DRAWN_LAYERS if layer.written]
     return sum(counts[index] for index in wanted if index is not None)
 
 
 def _counts(layout: db.Layout) -> dict[int, int]:
-    """Shapes by index of layer, every reference followed."""
     times = dict.fromkeys(layout.each_cell_top_down(), 0)
     times[layout.top_cell().cell_index()] = 1
     for index, placed in times.items():

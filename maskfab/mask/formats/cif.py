@@ -319,7 +319,6 @@ class _Reading:
         self._now.calls.append((int(match[1]), turn))
 
     def _turned(self, turn: _Quarter, step: re.Match[str]) -> _Quarter:
-        """The transformation, and after it one step more."""
         a, b, c, d, e, f = turn
         if step[1]:
             return a, b, c, d, e + int(step[1]), f + int(step[2])
@@ -398,12 +397,6 @@ def write_cif(
     source: Plate | Figures, path: Path, comments: Sequence[str] = (), *, limit_bytes: int = LARGEST_BYTES
 ) -> None:
     """Write a plate with all its layers as CIF, byte-identical between runs; notes that are text are left out.
-
-    Args:
-        source: what to draw, or how it was drawn.
-        path: the file to write.
-        comments: lines before what the figures' account has to say.
-        limit_bytes: size beyond which nothing is written.
 
     Raises:
         OutputError: MF401 if the file cannot be written, MF415 if it would be too large.

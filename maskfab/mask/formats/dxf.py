@@ -159,7 +159,6 @@ def look_through(path: Path, data: bytes, nm_per_unit: float) -> tuple[float, in
     """Refuse a drawing with open lines, curves or fills, or out of sight; on other layers if nothing lies on CLEAR.
 
     Args:
-        path: the file, for errors.
         data: its content, a text DXF.
         nm_per_unit: length of one unit of the drawing.
 
@@ -295,12 +294,7 @@ class Unseen:
         self._drawn[entity.kind, entity.layer, placed, _out_of_sight(entity)] += 1 + len(entity.copies) // 2
 
     def told(self, counts: Callable[[str], bool], drawing: set[str]) -> list[str]:
-        """Hidden shapes with the reason, in words.
-
-        Args:
-            counts: whether the geometry on a layer of that name does.
-            drawing: the blocks that hold geometry that counts.
-        """
+        """Hidden shapes with the reason, in words."""
         unseen: Counter[str] = Counter()
         for (kind, layer, placed, why), count in self._drawn.items():
             hidden = self._layers.get(layer.upper(), "")
@@ -338,11 +332,7 @@ _DRAWING = "\n"
 
 
 class DrawingGrid:
-    """The coordinates of a drawing, collected entity by entity, in nanometres.
-
-    Args:
-        nm_per_unit: length of one unit of the drawing.
-    """
+    """The coordinates of a drawing, collected entity by entity, in nanometres."""
 
     def __init__(self, nm_per_unit: float) -> None:
         self._scale = nm_per_unit
@@ -394,11 +384,7 @@ class DrawingGrid:
         }
 
     def drawing(self, counts: Callable[[str], bool]) -> set[str]:
-        """Names of the blocks that draw something that counts, or place a block that does.
-
-        Args:
-            counts: whether the geometry on a layer of that name does.
-        """
+        """Names of the blocks that draw something that counts, or place a block that does."""
         blocks = {block for block, layer in self._lines if counts(layer)}
         for block in TopologicalSorter(self._graph()).static_order():
             if not blocks.isdisjoint(self._placed.get(block, ())):
@@ -406,11 +392,7 @@ class DrawingGrid:
         return blocks - {_DRAWING}
 
     def rounding_nm(self, counts: Callable[[str], bool]) -> float:
-        """The largest distance by which klayout moves a coordinate, seen in the drawing.
-
-        Args:
-            counts: whether the geometry on a layer of that name does.
-        """
+        """The largest distance by which klayout moves a coordinate, seen in the drawing."""
         own: dict[str, float] = {}
         for (block, layer), lines in self._lines.items():
             if counts(layer):

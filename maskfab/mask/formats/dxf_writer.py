@@ -71,8 +71,6 @@ def write_dxf(
     layer with nothing on it is not in the file.
 
     Args:
-        source: what to draw, or how it was drawn.
-        path: the file to write.
         version: R12 carries no unit, so a comment and a note name it; R2010 also says it in $INSUNITS.
         comments: lines put at the top of the file (group code 999), before what the figures' account has to say.
         style: names of layers, unit and frame.
@@ -125,14 +123,7 @@ def flat_bytes(figures: Figures, version: Version) -> int:
 
 @dataclass(frozen=True)
 class _References:
-    """A grid of references that is missing in its die's block.
-
-    Attributes:
-        block: name of the die's block.
-        owner: handle of its block record.
-        layer: name of the layer that references stand on.
-        style: of the drawing.
-    """
+    """A grid of references that is missing in its die's block."""
 
     grid: CellArray
     block: str
@@ -149,7 +140,6 @@ class _References:
         return text.index("  0\nENDBLK\n", start)
 
     def records(self, version: Version, handles: Iterator[int]) -> Iterator[str]:
-        """One INSERT record for each cell."""
         form, (dx, dy), (x0, y0) = _REFERENCE[version], self.grid.step_nm, self.grid.origin_nm
         for row, kinds in enumerate(self.grid.index.tolist()):
             for column, kind in enumerate(kinds):
@@ -165,13 +155,7 @@ class _References:
 
 @dataclass(frozen=True)
 class _Polygons:
-    """Everything on the layers of a drawing without blocks.
-
-    Attributes:
-        owner: handle of model space.
-        names: of the layers that are drawn.
-        style: of the drawing.
-    """
+    """Everything on the layers of a drawing without blocks."""
 
     figures: Figures
     owner: str
@@ -180,7 +164,6 @@ class _Polygons:
 
     @property
     def handles(self) -> int:
-        """As many as there are polygons."""
         figures, total = self.figures, 0
         for grid in (grid for die in figures.dies for grid in die.grids):
             sizes = [sum(len(shapes) for shapes in figures.cells[name].values()) for name in grid.cells]
@@ -192,7 +175,6 @@ class _Polygons:
         return text.index("  0\nENDSEC\n", text.index("\nENTITIES\n"))
 
     def records(self, version: Version, handles: Iterator[int]) -> Iterator[str]:
-        """One closed polyline for each polygon."""
         for layer in self.figures.layers:
             if layer in self.names:
                 yield from polygon_lines(
@@ -231,11 +213,6 @@ class _Outline(DXFGraphic):  # type: ignore[misc]
     """A closed polyline without width that writes itself at once.
 
     In ezdxf's own of R12 every vertex is an entity, which takes a hundred times as long.
-
-    Args:
-        points: its vertices, in the drawing's unit.
-        layer: name of its layer.
-        handles: of the drawing.
     """
 
     DXFTYPE = "POLYLINE"
@@ -266,7 +243,6 @@ class _LightOutline(DXFGraphic):  # type: ignore[misc]
 
     Args:
         points: its vertices, in the drawing's unit.
-        layer: name of its layer.
     """
 
     DXFTYPE = "LWPOLYLINE"

@@ -39,7 +39,6 @@ class Channels:
 
     Attributes:
         values: float64 [channels, rows, columns], row 0 the uppermost.
-        names: of the channels.
         stored: type of the values in the file, ``half`` or ``float``.
         facts: entries of the header whose name begins with a prefix, without it.
     """
@@ -51,16 +50,7 @@ class Channels:
 
 
 def read_channels(path: Path, prefix: str, cure: str) -> Channels:
-    """Read a file.
-
-    Args:
-        path: of it.
-        prefix: of the entries of the header that are kept.
-        cure: told where it cannot be read.
-
-    Raises:
-        SourceError: MF301 if there is no such file, MF303 if it cannot be read.
-    """
+    """Read a file. Raises SourceError MF301 if there is no such file, MF303 if it cannot be read."""
     import OpenImageIO as oiio  # noqa: N813 - its customary name
 
     if not os.path.isfile(path):
@@ -109,10 +99,8 @@ def write_channels(
 
     Args:
         pixels: [y, x, channels], the top row first.
-        channels: their names.
         path: where to; nothing is left there if it fails.
         facts: go into the header, each under :data:`PREFIX` and its name; numbers as float32.
-        software: who made it.
 
     Raises:
         OutputError: MF401 if the file cannot be written.
@@ -139,7 +127,6 @@ def write_exr(light: Floats, path: Path, facts: Facts) -> None:
 
     Args:
         light: [3, y, x] or [y, x, 3], row 0 the lowest; linear, primaries of sRGB.
-        path: where to; nothing is left there if it fails.
         facts: go into the header, each under ``maskfab:`` and its name.
 
     Raises:
@@ -153,7 +140,6 @@ def write_png(light: Floats, path: Path, white: float = 1.0) -> None:
 
     Args:
         light: [3, y, x] or [y, x, 3], row 0 the lowest.
-        path: where to; nothing is left there if it fails.
         white: positive.
 
     Raises:
@@ -185,14 +171,7 @@ AXES = (
 
 @dataclass(frozen=True, eq=False)
 class PsfFile:
-    """One PSF of a die, as a file.
-
-    Attributes:
-        name: of the file.
-        die: whose PSF it is.
-        psf: what it holds.
-        facts: of its header.
-    """
+    """One PSF of a die, as a file."""
 
     name: str
     die: Die
@@ -207,15 +186,7 @@ class PsfFile:
 def psf_files(
     job: Job, plate: Plate, optics: Sequence[DieOptics], source: str, version: str = __version__
 ) -> tuple[PsfFile, ...]:
-    """One file for each die and wavelength.
-
-    Args:
-        job: what was asked for.
-        plate: what was made of it.
-        optics: what was measured of dies.
-        source: name of the file whose polygons were measured.
-        version: of the maskfab that writes, or has written, them.
-    """
+    """One file for each die and wavelength."""
     common = {"plate": plate.name, "source": source, "job_sha256": job.digest, "maskfab_version": version}
     return tuple(
         PsfFile(
@@ -268,10 +239,8 @@ def write_psf(psf: Psf, path: Path, facts: Facts, software: str) -> None:
     """Write a PSF as one float32 channel, intensity per square micrometre of sensor; row 0 of the file is the top.
 
     Args:
-        psf: what to write.
         path: the file; nothing is left under its name if it fails.
         facts: of the header; those of :func:`psf_facts` at least.
-        software: who made it.
 
     Raises:
         OutputError: MF401 if the file cannot be written.

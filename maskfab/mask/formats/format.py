@@ -39,8 +39,6 @@ class Stack:
     """Thicknesses of a mask.
 
     Attributes:
-        chrome_nm: of the film.
-        glass_nm: of the substrate.
         exaggeration: factor on the film's thickness, for viewers that cannot show 100 nm; files say so.
         corners: what openings that touch by a corner get in a mesh: a gap of chrome between them, or a neck that joins
             them. No closed surface has a corner of no width.
@@ -99,7 +97,6 @@ class DrawingStyle:
 
     Attributes:
         layer_names: names in the file by names of the model; layers without one are left out. All by default.
-        unit: of the drawing.
         unit_text: versions in which a line of text names the unit as well.
         frame_nm: box to which text and the header's extents keep, in plate coordinates; the blank by default.
     """
@@ -128,7 +125,6 @@ class FileSettings:
     """Settings of the writers beyond the figures of a plate.
 
     Attributes:
-        stack: thicknesses of chrome and glass.
         stl_limit_bytes: larger STL files are refused.
         dots_per_um: pixels per micrometre of PNG and TIFF.
         dpi: dots per inch of a plotter; None where no format needs them.
@@ -188,9 +184,6 @@ class Format:
     """A format of files, and all that is known of it.
 
     Attributes:
-        name: in a job.
-        title: for people.
-        tail: ending of a file's name, behind the plate's name or the die's.
         write_plate: writes a file of the whole plate; None where there is none.
         write_die: the same of one die, for a file of each.
         compare_plate: rows that hold a file of the plate against it; None where the polygons of ``read`` are compared.
@@ -229,9 +222,6 @@ class Product:
     """One file of a result.
 
     Attributes:
-        name: of the file.
-        form: its format.
-        write: writes it to a path.
         die: what it is about; None for the whole plate.
     """
 

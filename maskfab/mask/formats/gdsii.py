@@ -59,7 +59,6 @@ def write_gdsii(layout: db.Layout, path: Path, max_vertices: int = MAX_VERTICES)
     Args:
         layout: from :func:`maskfab.mask.layout.plate_layout` or
             :meth:`maskfab.mask.figures.Figures.layout`.
-        path: the file to write.
         max_vertices: longer polygons, which only a layout from elsewhere has, are split by klayout.
 
     Raises:
@@ -178,11 +177,7 @@ def _counted_by_klayout(path: Path) -> int:
 
 
 def refuse_many_in_gdsii(path: Path) -> None:
-    """Refuse a GDSII file of too many layers or structures.
-
-    Raises:
-        SourceError: MF313.
-    """
+    """Refuse a GDSII file of too many layers or structures. Raises SourceError MF313."""
     data = path.read_bytes()
     if _layers(np.frombuffer(data, dtype=np.uint8)) > MOST_LAYERS:
         raise too_many_layers(path)
@@ -192,7 +187,6 @@ def refuse_many_in_gdsii(path: Path) -> None:
 
 
 def _layers(data: NDArray[np.uint8]) -> int:
-    """Number of distinct pairs of layer and datatype in the records."""
     # The rarest byte first: of what is left to look at it leaves least.
     places = np.flatnonzero(data[2 : max(2, len(data) - len(_LAYER) + 3)] == _LAYER[2])
     for place, byte in enumerate(_LAYER):

@@ -133,10 +133,7 @@ def write_gerber(
     clear polarity after all else. The format has no cells that all readers know, so the file is flat.
 
     Args:
-        source: what to draw, or how it was drawn.
-        path: the file to write.
         comments: G04 lines, before what the figures' account has to say.
-        limit_bytes: size beyond which nothing is written.
 
     Raises:
         OutputError: MF401 if the file cannot be written, MF415 if it would be too large.
@@ -175,7 +172,6 @@ def _head(figures: Figures, comments: Sequence[str]) -> Iterator[str]:
 
 
 def _attribute(name: str, *fields: str) -> str:
-    """An attribute of the file."""
     return f"G04 #@! TF.{','.join((name, *fields))}*\n"
 
 

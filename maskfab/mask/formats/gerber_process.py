@@ -217,7 +217,6 @@ class _Outlines:
         return corners, sizes - 1
 
     def _stroked(self, item: Any) -> Iterator[tuple[NDArray[np.float64], NDArray[np.int64]]]:
-        """A flash or a stroke."""
         aperture = getattr(item, "aperture", None)
         if hasattr(item, "x1") and type(aperture).__name__ != "CircleAperture":
             what = f"{self._path.name} draws a line with an aperture that is not a circle"

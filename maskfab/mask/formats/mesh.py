@@ -68,8 +68,6 @@ class _Run:
 
     Args:
         line: one, its numbers left out.
-        name: of what they stand in.
-        kind: of the numbers.
         digits: that numbers may have.
     """
 
@@ -217,13 +215,7 @@ def write_stl(
     remarks and of the first comment as fits.
 
     Args:
-        die: what to write.
-        path: the file.
-        comments: lines about it.
         stack: thicknesses; those of the glass do not matter.
-        films: makes the film.
-        limit_bytes: the largest file that is written.
-        force: write it nonetheless.
 
     Raises:
         OutputError: MF401 if the file cannot be written; MF411 if it would be larger than ``limit_bytes``; MF436 as
@@ -259,11 +251,7 @@ def write_stl(
 
 
 def _float32(die: Die, kind: str, vertices: Floats) -> NDArray[np.float32]:
-    """Vertices as a format rounds them, [n, 3].
-
-    Raises:
-        OutputError: MF437 if two become one.
-    """
+    """Vertices as a format rounds them, [n, 3]. Raises OutputError MF437 if two become one."""
     rounded = vertices.astype("<f4")
     # Two numbers as one of twice the length, none of them -0.
     flat, heights = np.ascontiguousarray(rounded[:, :2] + np.float32(0)).view("<u8").ravel(), rounded[:, 2]
@@ -317,7 +305,6 @@ def _mesh_xml(number: int, name: str, mesh: Mesh) -> Iterator[str]:
 
 
 def _store(package: zipfile.ZipFile, name: str, texts: Iterable[str]) -> None:
-    """Add a part without the time of day."""
     entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
     entry.compress_type = zipfile.ZIP_DEFLATED
     with package.open(entry, "w") as part:
@@ -326,11 +313,7 @@ def _store(package: zipfile.ZipFile, name: str, texts: Iterable[str]) -> None:
 
 
 def read_scene(path: Path) -> ReadSolid:
-    """A GLB or 3MF file.
-
-    Raises:
-        SourceError: MF303 if it cannot be read.
-    """
+    """A GLB or 3MF file. Raises SourceError MF303 if it cannot be read."""
     try:
         meshes, index, matrices, scale = (_plain_3mf(path) if path.suffix == ".3mf" else None) or _by_trimesh(path)
         check_reach(path, matrices[:, :3, 3] * scale)

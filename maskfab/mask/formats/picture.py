@@ -135,12 +135,7 @@ def _unknown(path: Path) -> float:
 
 
 def _pixels(path: Path, shown: Path) -> tuple[NDArray[np.float64] | NDArray[np.uint8], float | None]:
-    """Mean brightness of every pixel, 0 to 255, the top row first; pixels in a micrometre that the file states.
-
-    Args:
-        path: the file, as it is told.
-        shown: the same, or what is read in its place.
-    """
+    """Mean brightness of every pixel, 0 to 255, the top row first; pixels in a micrometre that the file states."""
     import OpenImageIO as oiio  # noqa: N813 - its customary name
 
     where = str(path)
@@ -243,7 +238,6 @@ class Bitmap:
     Attributes:
         width: pixels along x.
         height: pixels along y.
-        dots_per_um: pixels per micrometre.
         partly: pixels that are neither clear nor opaque all over; where there are none, the pixels are the mask.
     """
 
@@ -265,13 +259,9 @@ def write_preview(
     """Write a plate, or one of its dies alone, as 8-bit grey PNG: linear, white is clear.
 
     Args:
-        plate: what to draw.
-        path: the file to write, ``.png``.
         dots_per_um: pixels per micrometre, also in the file's resolution; the lower left corner of the blank or of the
             panel is that of a pixel.
-        comments: provenance, put into the file's description.
         die: the only die to show, by its name.
-        limit_bytes: raw size beyond which nothing is written.
 
     Raises:
         OutputError: MF401 if the file cannot be written, MF413 if ``dots_per_um`` is not positive and finite, MF415 if
@@ -295,11 +285,7 @@ def write_bilevel(
 
 
 def bitmap_size(plate: Plate, dots_per_um: float, die: str | None = None) -> tuple[int, int]:
-    """Pixels along x and y.
-
-    Raises:
-        OutputError: MF413 if ``dots_per_um`` is not positive and finite.
-    """
+    """Pixels along x and y. Raises OutputError MF413 if ``dots_per_um`` is not positive and finite."""
     if not (math.isfinite(dots_per_um) and dots_per_um > 0):
         raise OutputError("MF413", f"{dots_per_um} dots per um are not positive", cure="Give a number such as 1.0")
     box = _box(plate, die)
@@ -397,7 +383,6 @@ class _Laid:
 
     Attributes:
         clear: float64 [y, x] on the die's own grid.
-        y_edges: of that grid.
         columns: the image's columns that the die reaches.
         across: share of each of these in each column of the grid.
     """
@@ -425,7 +410,6 @@ class _Laid:
 
 
 def _reached(edges: Floats, pixels: Floats) -> slice:
-    """The pixels that an interval reaches into."""
     first = int(np.searchsorted(pixels, edges[0], side="right")) - 1
     last = int(np.searchsorted(pixels, edges[-1], side="left"))
     return slice(max(0, first), min(pixels.size - 1, last))
@@ -438,11 +422,6 @@ _MOST_SHIFT = 0.1
 
 def check_pixels(dies: Sequence[Die], dots_per_um: float, where: str) -> None:
     """Refuse pixels that are larger than the smallest feature of a die: no picture of them carries the design.
-
-    Args:
-        dies: what is to be pictured.
-        dots_per_um: pixels per micrometre.
-        where: the job file, for the error.
 
     Raises:
         JobError: MF104.
@@ -472,9 +451,7 @@ def check_bitmap(die: Die, design: db.Layout, path: Path, dots_per_um: float) ->
     """Read a die's PNG or TIFF back and compare it with the plate.
 
     Args:
-        die: what the picture shows.
         design: the plate, as :func:`maskfab.mask.layout.plate_layout`.
-        path: the picture.
         dots_per_um: pixels per micrometre that it should have; its own resolution tags are what it is read by.
 
     Returns:
@@ -558,7 +535,6 @@ def _lengths_nm(die: Die) -> tuple[int, int]:
 
 
 def _rounded_up(value: float) -> str:
-    """The number to six digits, never less than it is."""
     text = f"{value:.6g}"
     digits = 5 - int(np.floor(np.log10(value)))
     return text if float(text) >= value else f"{np.ceil(value * 10.0**digits) / 10.0**digits:.6g}"

@@ -90,11 +90,7 @@ def write_plate_tiff(plate: Plate, path: Path, dpi: int, tone: Tone = "clear", c
     1 (white) is what the digitized data show: openings, or where they are dark the chrome of the writable area.
 
     Args:
-        plate: what to write.
-        path: the file, ``.tif``.
         dpi: dots per inch, also in the file's resolution.
-        tone: of the data.
-        comments: provenance, put into the file's description.
 
     Returns:
         The dots.
@@ -243,10 +239,6 @@ class PlateDots:
 
 def read_plate_dots(path: Path, file: BinaryIO) -> PlateDots:
     """Begin to read a bitmap; its rows are read from the file as they are asked for.
-
-    Args:
-        path: the file, as it is told.
-        file: the same, open.
 
     Raises:
         SourceError: MF303 damaged, MF308 not of a kind that maskfab writes plates in; from the rows too.
@@ -401,11 +393,6 @@ _MOST_PRODUCT = 2.0**62
 def check_dots(dies: Sequence[Die], dpi: int, where: str) -> None:
     """Refuse dots that are larger than the smallest feature of a die, for they would lose openings.
 
-    Args:
-        dies: what is plotted.
-        dpi: dots per inch.
-        where: the job file, for the error.
-
     Raises:
         JobError: MF104.
     """
@@ -424,11 +411,8 @@ def check_plate_dots(plate: Plate, design: db.Layout, path: Path, dpi: int, tone
     """Read a plate's TIFF or BMP back and compare every dot with the design.
 
     Args:
-        plate: what was written.
         design: the plate, as :func:`maskfab.mask.layout.plate_layout`.
-        path: the bitmap.
         dpi: dots per inch that it should have.
-        tone: of the data.
 
     Returns:
         ``plate_bitmap_wrong_dots``, whose limit is 0; all dots if there are too many or too few, or of another size.
@@ -460,7 +444,6 @@ def check_plate_dots(plate: Plate, design: db.Layout, path: Path, dpi: int, tone
 
 
 def _compared(read: PlateDots, drawn: Iterator[tuple[bytes, int]]) -> tuple[int, tuple[int, int] | None]:
-    """Dots that differ, and the first of them in the order of the file."""
     wrong, first, done = 0, None, 0
     row, left = b"", 0
     for dots, repeats in read.rows:
@@ -485,7 +468,6 @@ class _Dots:
 
     Attributes:
         blocks: int64 [n, 4] of the lowest row, the one above the highest, the first dot and the one beyond the last.
-        grid: of all dots.
         half: of the side of the writable area, in nanometres.
     """
 
@@ -508,7 +490,6 @@ class _Dots:
         return cls(np.concatenate([np.empty((0, 4), dtype=np.int64), *blocks]), grid, plate.writable_nm // 2)
 
     def rows(self, tone: Tone, *, upwards: bool) -> Iterator[tuple[bytes, int]]:
-        """Rows as they should be, and how often each comes."""
         side = self.grid.side
         low, high = np.searchsorted(
             _centres(self.grid), [-self.half * 2 * self.grid.dpi, self.half * 2 * self.grid.dpi]

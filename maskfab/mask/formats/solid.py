@@ -200,11 +200,7 @@ def film(die: Die, stack: Stack) -> tuple[Mesh, int]:
 
 
 class SharedFilm:
-    """Films for formats that are written of a die one after the other: made once, and let go when each has had it.
-
-    Args:
-        formats: that share it.
-    """
+    """Films for formats that are written of a die one after the other: made once, and let go when each has had it."""
 
     def __init__(self, formats: int) -> None:
         self._formats, self._left = formats, 0
@@ -332,7 +328,6 @@ def triangulated(contours: Sequence[Polygon], turn: _Turn) -> Ints:
     Args:
         contours: hull counter-clockwise, holes clockwise, in nanometres. They may touch themselves in a corner, where
             the polygon is parted; no corner lies on a side.
-        turn: what turns diagonals.
     """
     from manifold3d import triangulate
 
@@ -379,7 +374,7 @@ _WIDEST_NM = 1 << 25
 
 
 def _turner(corners: int, widest_nm: int) -> _Turn:
-    """The function that turns diagonals of a face: compiled, where so many corners repay that and numba is there."""
+    """Function that turns diagonals of a face with so many corners: compiled where that pays and numba is there."""
     fit = corners > _WORTH_COMPILING and widest_nm < _WIDEST_NM and find_spec("numba")
     return _compiled() if fit else _turn
 
@@ -401,7 +396,6 @@ def _turn(x: Any, y: Any, start: Any, following: Any, twin: Any, triangle: Any, 
         start: corner that each side starts from.
         following: side that comes after each in its triangle.
         twin: the same side in the neighbour; -1 for none.
-        triangle: of each side.
         first: side of each triangle that its corners are told from.
     """
     turns = [0] * len(start)

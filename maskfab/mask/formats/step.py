@@ -154,9 +154,6 @@ def write_step(
     """Write a die: glass and chrome film, the centre of the die's slot the origin, one instance for each cell.
 
     Args:
-        die: what to write.
-        path: the file.
-        comments: lines for the header.
         stack: thicknesses; 100 nm of chrome on 2.3 mm of glass if None.
         most_vertices: of all outlines of the openings in use, as the cut takes 0.5 s for 230, 8 s for 2200.
         most_cells: of the panel, as a thousand take 0.6 s and 0.65 MB.
@@ -230,7 +227,6 @@ class _Assembly:
         return self._named(self._shapes.AddShape(shape, False), name)
 
     def group(self, name: str) -> Any:
-        """An empty assembly."""
         return self._named(self._shapes.NewShape(), name)
 
     def place(
@@ -241,7 +237,6 @@ class _Assembly:
         position_nm: Floats,
         turn: Floats | None = None,
     ) -> None:
-        """Put a part or an assembly into an assembly."""
         from OCP.gp import gp_Trsf, gp_Vec
         from OCP.TopLoc import TopLoc_Location
 
@@ -369,7 +364,6 @@ def cadquery_assembly(die: Die, stack: Stack | None = None) -> cadquery.Assembly
 
     Args:
         die: what to model; the centre of its slot is the origin, chrome lies round z = 0.
-        stack: thicknesses; 100 nm of chrome on 2.3 mm of glass if None.
 
     Raises:
         OutputError: MF410 or MF412 as :func:`maskfab.mask.formats.solid.check_solid_size`.
@@ -392,10 +386,6 @@ def cadquery_assembly(die: Die, stack: Stack | None = None) -> cadquery.Assembly
 
 def trimesh_scene(die: Die, stack: Stack | None = None) -> trimesh.Scene:
     """A die as a scene of two closed meshes, ``GLASS`` and ``FILM``: see :func:`maskfab.mask.formats.solid.film`.
-
-    Args:
-        die: what to model; the centre of its slot is the origin, chrome lies round z = 0.
-        stack: thicknesses; 100 nm of chrome on 2.3 mm of glass if None.
 
     Raises:
         OutputError: MF410 or MF412 as :func:`maskfab.mask.formats.solid.check_mesh_size`; MF436 as

@@ -41,7 +41,6 @@ class ReadShape:
     Attributes:
         vertices_nm: float64 [n, 3].
         triangles: int64 [m, 3], counter-clockwise seen from outside.
-        volume_nm3: within it.
         sound: whether it is closed: as :func:`maskfab.mask.formats.mesh.is_manifold` asks of a mesh, as the reading
             library asks of a solid.
     """
@@ -57,7 +56,6 @@ class ReadSolid:
     """Content of a solid file, z away from the glass, the middle of the die's slot the origin.
 
     Attributes:
-        shapes: everything that is placed.
         index: int64 [n], which shape each placement has.
         turns: float64 [n, 3, 3]; they may scale, too.
         places_nm: float64 [n, 3].
@@ -74,7 +72,6 @@ class Placed:
     """A part in its place.
 
     Attributes:
-        name: of the occurrence in the root.
         part: number of the part in the order of the file.
         matrix: float64 [4, 4], from the part to the root, in nanometres.
     """
@@ -183,7 +180,6 @@ def _axes(along_z: tuple[float, ...], near_x: tuple[float, ...]) -> Floats:
 
 
 def _shape(breps: list[Any], model: Any) -> ReadShape:
-    """The solids of one part as one shape."""
     from OCP.BRepCheck import BRepCheck_Analyzer
     from OCP.BRepGProp import BRepGProp
     from OCP.BRepMesh import BRepMesh_IncrementalMesh

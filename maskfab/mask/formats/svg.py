@@ -152,11 +152,7 @@ def write_svg(
     figures are joined across pixels and belong to no die.
 
     Args:
-        source: what to draw, or how it was drawn.
-        path: the file to write.
-        comments: provenance, put into the description.
         die: the only die to show, by its name on the plate.
-        limit_bytes: size beyond which nothing is written.
 
     Raises:
         OutputError: MF401 if the file cannot be written, MF415 if it would be too large.
@@ -272,7 +268,6 @@ def _path(polygon: Polygon) -> str:
 
 
 def _mm(nm: int) -> str:
-    """The length in millimetres, exact."""
     whole, rest = divmod(abs(nm), NM_PER_MM)
     sign = "-" if nm < 0 else ""
     return f"{sign}{whole}.{rest:06d}".rstrip("0").rstrip(".")

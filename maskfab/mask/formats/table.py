@@ -65,10 +65,6 @@ def products(
     """The files of a plate, in the order of the formats; STEP has one for the plate and one for each die.
 
     Args:
-        figures: the plate as it is drawn.
-        formats: what is asked for.
-        comments: provenance, for every format that can hold it.
-        settings: of drawings, solids and pictures.
         stem: how names of files begin; the plate's name by default.
     """
     films = SharedFilm(len({form.name for form in MESHES}.intersection(formats)))
@@ -88,16 +84,7 @@ def products(
 def require_packages(
     formats: Sequence[FileFormat], *, where: str = "export.formats", otherwise: str = "leave these out"
 ) -> None:
-    """Refuse formats that this installation could not write, or not read back.
-
-    Args:
-        formats: that are asked for.
-        where: they were.
-        otherwise: what else could be done.
-
-    Raises:
-        MissingPackageError: MF152.
-    """
+    """Refuse formats that this installation could not write, or not read back. Raises MissingPackageError MF152."""
     forms = {name: form for name in formats if (form := FORMATS[name]).extra is not None}
     extras = dict.fromkeys(form.extra for form in forms.values() if form.extra is not None)
     loads = tuple(chain(*(form.loads for form in forms.values())))

@@ -134,7 +134,6 @@ def _directory(path: Path) -> _Directory:
 
 
 def _header(start: bytes) -> tuple[str, bool, int]:
-    """Order of bytes, whether it is a BigTIFF, and where the first directory stands."""
     order = "<" if start.startswith(b"II") else ">"
     (version,) = struct.unpack(order + "H", start[2:4])
     big = version == _BIG

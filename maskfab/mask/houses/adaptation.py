@@ -37,8 +37,6 @@ def stencilled(mark: Mark, holes: Holes, narrowest_nm: int = 0) -> Mark:
     need that only where something clear stands in them, for the figure that is subtracted would have a hole itself.
 
     Args:
-        mark: one that is written.
-        holes: how the house has holes drawn.
         narrowest_nm: the narrowest space that the house writes; bars are twice as wide, and at least 4 um.
 
     Returns:

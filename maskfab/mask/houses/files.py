@@ -47,10 +47,8 @@ class EdgeError:
     """Errors of the edges along x and y of a die, or of marks.
 
     Attributes:
-        of: the die, or which marks, in words.
         die: its name; None for marks.
         judged: whether its widths count: those of dies and CD structures, and not of letters, codes and test figures.
-        largest_um: of any.
         rms_um: root of the mean square, each edge by its length.
     """
 
@@ -66,8 +64,6 @@ class DotEdges:
     """Errors of all edges of a plate's bitmap, and what they may be.
 
     Attributes:
-        dpi: dots per inch.
-        errors: of dies and marks.
         limit_um: most that an edge may be off; None where neither job nor house says.
         limit_by: who says so.
         even_dpi: fewest dots per inch, no fewer than these, of which no judged edge is moved; None beyond what a
@@ -137,10 +133,8 @@ def dot_edges(
     """Errors of the edges of a plate's bitmap; None if none is among the formats.
 
     Args:
-        plate: what is plotted.
         spec: of its job, whose [order] may state a tolerance of widths.
         shop: the house, which may have published one.
-        formats: of the files.
         dpi: dots per inch of the plotter.
     """
     if dpi is None or not set(PLATE_BITMAPS) & set(formats):
@@ -169,12 +163,6 @@ def check_plotter(plate: Plate, spec: JobSpec, shop: Shop, formats: Sequence[str
     """Judge a bitmap that a house is sent: its dots per inch by those that the house states, and what they do to edges.
 
     Nothing where no bitmap is sent, or nobody states dots per inch.
-
-    Args:
-        plate: what is plotted.
-        spec: of its job.
-        shop: the house.
-        formats: of the files.
     """
     dpi, offered = plotted_dpi(spec.export, shop), shop.accepts.dpi
     edges = dot_edges(plate, spec, shop, formats, dpi)
@@ -239,9 +227,6 @@ def check_package(
     """The house's rules, what its plotter does to the plate, and what it offers.
 
     Args:
-        spec: of the job.
-        plate: laid out of it.
-        shop: the house.
         formats: of the mask files; the house's first if empty.
         facts: as of :func:`maskfab.mask.houses.findings.check_shop`.
     """
@@ -272,10 +257,6 @@ class PlateFiles:
         plate: the plate, its marks as the house takes them.
         design: the plate as :func:`maskfab.mask.layout.plate_layout` builds it. It is made from the plate and
             not from the figures, so that a fault of what draws them shows when files are read back.
-        figures: cells and polygons.
-        products: the files.
-        settings: of drawings, solids and pictures.
-        formats: of the files.
         edges: what a plotter's dots make of edges; None where no file is of dots.
         asked: what the job asks for, derived without the plate; None of a plate that no job has laid out.
     """
@@ -340,11 +321,7 @@ def files_of_job(plate: Plate, spec: JobSpec, comments: Sequence[str], shop: Sho
 
 
 def check_stated(dpi: int | None, formats: Sequence[FileFormat]) -> None:
-    """Refuse bitmaps of a plate without dots per inch.
-
-    Raises:
-        JobError: MF105.
-    """
+    """Refuse bitmaps of a plate without dots per inch. Raises JobError MF105."""
     asked = [form for form in formats if form in PLATE_BITMAPS]
     if asked and dpi is None:
         raise JobError(
@@ -356,11 +333,7 @@ def check_stated(dpi: int | None, formats: Sequence[FileFormat]) -> None:
 
 
 def check_polygons(spec: JobSpec, formats: Sequence[FileFormat], where: str) -> None:
-    """Refuse biased data as pictures, whose dots are far coarser than a bias.
-
-    Raises:
-        JobError: MF128.
-    """
+    """Refuse biased data as pictures, whose dots are far coarser than a bias. Raises JobError MF128."""
     dots = [form for form in formats if form in (*PLATE_BITMAPS, *PICTURES)]
     if spec.data_bias_nm and dots:
         raise JobError(
@@ -386,15 +359,7 @@ def files_for_shop(
     """Draw a plate that is :func:`maskfab.mask.houses.adaptation.fitted` as its house takes it.
 
     Args:
-        plate: what is sent.
-        shop: whom it is sent to.
-        formats: of the mask files.
-        comments: provenance.
-        stem: of their names.
-        spec: of its job.
-        facts: of the plate, shared by houses that it is drawn for.
         file: the job was read from, for the judge.
-        version: of maskfab that signs the plate.
 
     Raises:
         OutputError, JobError: as :func:`files_of_job`.

@@ -50,12 +50,8 @@ class Finding:
             layer_number, biased_format, unwritten_layers, flashes, drawing, name, layer_name, block_name,
             block_transforms, self_crossing, self_touching, doubled_vertices, shared_boundaries or corner_touches.
         passed: whether the plate keeps it; None where the house decides, or publishes nothing to judge by.
-        value: what the plate has.
-        limit: what the house takes.
-        unit: of both.
         place: where it is broken first, in words.
         cure: what to do about it; empty where nothing needs to be done.
-        source: the pages where the house publishes it.
         question: to the house, where it has to be asked before anybody knows whether it takes the plate; else empty.
     """
 
@@ -180,7 +176,6 @@ def check_shop(
     Args:
         drawn: the plate, with all its layers, :func:`maskfab.mask.houses.adaptation.fitted` for the house; only what is
             written is looked at.
-        shop: the profile.
         formats: what is to be sent; the house's first format if empty.
         options: how polygons are drawn; None chooses as a package does.
         blank: what the job says of chrome and glass; None leaves them to the order.
@@ -210,10 +205,8 @@ def check_written(
     """Judge the layouts that a job writes by every rule that a house publishes, with all that is in them.
 
     Args:
-        figures: the plate as its files draw it, layers for orientation included.
         shop: the profile.
         formats: of the files; those that no house is sent, SVG, solids and pictures, are not looked at.
-        blank: what the job says of chrome and glass; None leaves them to the order.
     """
     sent, plate = tuple(form for form in SHOP_FORMATS if form in formats), figures.plate
     layers = [*figures.layers, *([NOTE] if figures.notes and NOTE not in figures.layers else [])]
@@ -239,12 +232,10 @@ def check_written(
 
 
 def _texted(plate: Plate, shop: Shop, sent: Sequence[ShopFormat]) -> list[Layer]:
-    """The layer of a drawing's line of text, where it has one."""
     return [NOTE] if _unit_texts(plate, shop, sent) else []
 
 
 def _unit_texts(plate: Plate, shop: Shop, sent: Sequence[ShopFormat]) -> list[ShopFormat]:
-    """Drawings that name their unit in a line of text."""
     versions = drawing_style(plate, shop).unit_text
     return [form for form in sent if form.startswith("dxf") and form.removeprefix("dxf_").upper() in versions]
 
@@ -326,7 +317,6 @@ def _of_texts(shop: Shop, plate: Plate, sent: Sequence[ShopFormat], *, noted: bo
 
 
 def _reach(plate: Plate) -> Box:
-    """The box of everything on a plate, layers for orientation included."""
     visible = tuple(replace(mark, layer=CLEAR) for mark in plate.marks)
     return written_box(replace(plate, marks=visible))
 
@@ -380,13 +370,11 @@ def extent(box_nm: Box, asked_nm: tuple[int, int]) -> Finding:
 
 
 def _templates(fits: Callable[[PlateTemplate], bool]) -> str:
-    """The beginning of a cure that names the plate templates which fit."""
     named = [f'"{name}"' for name in template_names() if fits(plate_template(name))]
     return f"set plate.template to {' or '.join(named)}, or " if named else ""
 
 
 def _of_blank(blank: Blank, shop: Shop) -> Iterator[Finding]:
-    """Chrome and glass as the job says them."""
     chrome, glass = shop.plate.chrome_nm, shop.plate.glass_mm
     if chrome is not None:
         cure = f'Set export.chrome to between "{chrome[0]:g} nm" and "{chrome[1]:g} nm"'
@@ -444,7 +432,6 @@ def _of_features(
 
 
 def _biased_clear(figures: Figures) -> db.Region:
-    """Biased data as clear shapes, also where they draw chrome."""
     layout = plate_layout(figures.plate)
     return biased_data(region(layout, CLEAR), figures.plate, figures.options.bias_nm or 0)
 
@@ -550,7 +537,6 @@ def _of_figures(
     limits, outlines, options, plate = shop.limits, shop.polygons, figures.options, figures.plate
 
     def crowded() -> str:
-        """The die with most references."""
         most = max(figures.dies, key=lambda die: sum(g.index.size if len(g.cells) > 1 else 1 for g in die.grids))
         return f"die {most.name}"
 
@@ -634,7 +620,6 @@ def _touches(results: Sequence[RuleResult], allowed: bool | None) -> Finding:
 
 
 def _of_names(plate: str, cells: Sequence[str], used: Sequence[Layer], shop: Shop) -> Iterator[Finding]:
-    """Names of the plate and its cells, and of its layers as the profile has them called."""
     rules, every = shop.names, (plate, *cells)
     called = {shop.layer_names[layer.name]: layer.name for layer in used}
     layers = list(called)

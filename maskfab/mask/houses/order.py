@@ -42,9 +42,7 @@ class Answer:
 
     Attributes:
         key: of [order], such as ``contact.name``.
-        label: for people.
         text: the answer; :data:`BLANK` where nobody has given one.
-        source: who gave it.
     """
 
     key: str
@@ -58,7 +56,6 @@ class Order:
     """An order, complete or with blanks.
 
     Attributes:
-        tone: of the data, in the words of the house's form.
         parity: reading of the data as they are sent.
         mirrored: whether those data are the mirror image of the design, which reads right through the glass.
         day: of the order; None if the job states none.
@@ -81,8 +78,6 @@ def order_of(spec: JobSpec, plate: Plate, shop: Shop, corner_touches: int = 0) -
     """The order that a job makes.
 
     Args:
-        spec: of the job.
-        plate: laid out of it.
         shop: whose defaults answer what the job leaves out.
         corner_touches: places at which clear dots meet by a corner alone, for which the house must know what to do.
     """
@@ -240,11 +235,7 @@ def check_ordered(
 
     Args:
         findings: by :func:`maskfab.mask.houses.findings.check_shop`.
-        spec: of the job.
-        plate: laid out of it.
         drawn: the plate :func:`maskfab.mask.houses.adaptation.fitted` for the shop.
-        shop: whose rules they are.
-        facts: of the plate, shared by houses.
     """
     touches = (None if spec.order is None else spec.order.corner_touches) or shop.order.default.corner_touches
     cure = f"By the order they must {touches}"
@@ -285,7 +276,6 @@ def unpublished(spec: JobSpec, drawn: Plate, shop: Shop, facts: PlateFacts) -> t
 def _open_questions(
     spec: JobSpec, drawn: Plate, shop: Shop, facts: PlateFacts
 ) -> Iterator[tuple[str, str | float, str, str]]:
-    """Rule, value, unit and question."""
     order, usual = spec.order, shop.order.default
     glass, film = (None if order is None else getattr(order, key) or getattr(usual, key) for key in ("glass", "film"))
     if glass is not None and shop.offers.glasses is None:
@@ -390,9 +380,7 @@ class Question:
 
     Attributes:
         key: in [order], such as ``contact.name``.
-        label: for people.
         choices: answers that there are; empty where any text or number may be.
-        hint: to an answer without choices.
     """
 
     key: str
@@ -409,9 +397,6 @@ class OrderForm:
     """An order as far as it is filled in for a house.
 
     Attributes:
-        spec: of the job.
-        plate: laid out of it.
-        shop: whom it is for.
         touches: places of the plate at which clear shapes meet by a corner only.
     """
 
@@ -452,11 +437,6 @@ class OrderForm:
 
     def answered(self, key: str, text: str, where: str = "") -> OrderForm:
         """The form with one more line.
-
-        Args:
-            key: in [order].
-            text: of the answer, as it is typed.
-            where: whence it comes, for errors.
 
         Raises:
             JobError: MF102 to MF110 for an answer that no job may hold, MF105 for a key that has one, MF128 for one
@@ -508,11 +488,7 @@ def write_answers(path: Path, answers: Mapping[str, str], form: OrderForm, shop:
     """Put answers into a job file, and the day and the house where the job names none; nothing else in it changes.
 
     Args:
-        path: of the job, a TOML file.
         answers: to keys of [order], as they were typed; the form has them already.
-        form: that they filled in.
-        shop: the house, as the job is to name it.
-        day: of the order.
 
     Returns:
         The keys that were written, with their tables.
@@ -544,7 +520,6 @@ def write_answers(path: Path, answers: Mapping[str, str], form: OrderForm, shop:
 
 
 def _as_written(said: Any, path: list[str], text: str) -> str | int | float:
-    """A number as such, and all else as it was typed."""
     for name in path:
         said = said[name]
     return text.strip() if isinstance(said, str) else said

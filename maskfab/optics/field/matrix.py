@@ -114,7 +114,6 @@ class _Side:
     """One axis of a band: its nodes, and what the intervals that it holds send to them.
 
     Attributes:
-        positions: of the nodes.
         index: intp [k] numbers of the intervals, ascending.
         moments: float64 [k, orders, count], see :meth:`Nodes.moments`.
     """
@@ -288,8 +287,6 @@ def multiplications(
 
     Args:
         cores: shapes [ny, nx] of what is added up.
-        nu, nv: frequencies that are asked for.
-        nodes_u, nodes_v: that would give the field there.
     """
     plain = sum(min(_orders_of_sums(core, nu, nv)) for core in cores)
     by_nodes = sum(min(_orders_of_sums(core, nodes_u.count, nodes_v.count)) for core in cores)
@@ -302,9 +299,7 @@ class PreparedField:
     """A pupil folded into a quadrant, ready for any wavelength.
 
     Attributes:
-        terms: what to add up.
         highest_u, highest_v: frequencies up to which the terms hold, cycles per micrometre.
-        precision: of waves and products.
     """
 
     terms: tuple[WaveProduct, ...]
@@ -355,7 +350,6 @@ class SampledField:
     """A field at so few frequencies that they give it at all others up to the highest, for many wavelengths.
 
     Attributes:
-        nodes_u, nodes_v: where it is known.
         parts: [2, 2, nodes v, nodes u] the parts that are even or odd in v and in u.
     """
 
@@ -405,7 +399,6 @@ def _whole(parts: Reals, on_axis: bool) -> ParityField:
 def _waves_by_source(
     sources: Sequence[Positions], frequency: Floats, precision: Precision, shared: Mapping[int, Waves]
 ) -> dict[int, Waves]:
-    """Waves of each different object among the sources, by its id."""
     waves = dict(shared)
     for source in sources:
         if id(source) not in waves:
@@ -443,7 +436,6 @@ def parity_field(pupil: Pupil, u: Floats, v: Floats, precision: Precision = "dou
     """The field of a pupil whose lattices are symmetric about the axis.
 
     Args:
-        pupil: openings inside the stop.
         u, v: non-negative frequencies in cycles per micrometre, ascending, [nu] and [nv]; both begin at 0 or neither.
         precision: of the products; single errs by 3e-7 to 3e-6 of the PSF.
 

@@ -127,7 +127,6 @@ class _Cell:
     Attributes:
         whole: float64 [intervals in a period, nodes] strengths from a dot that is clear; zero for the strip.
         rim: float64 [dots, orders, nodes] strengths from a dot's moments.
-        right_half: where the nodes of all cells are.
     """
 
     whole: Floats
@@ -180,7 +179,6 @@ def _whole_strengths(pupil: Pupil, along_x: _Cell, along_y: _Cell) -> Floats:
 
 
 def _strips(lattice: Lattice) -> Indices:
-    """Numbers of the intervals between cells."""
     if not lattice.has_gutter:
         return np.zeros(0, dtype=np.intp)
     return (lattice.dots + 1) * np.arange(1, lattice.cells, dtype=np.intp) - 1
@@ -194,9 +192,7 @@ class PrunedField:
     """A pupil and the precision in which to transform it.
 
     Attributes:
-        pupil: dots on lattices without gutters.
         rim: the dots that the stop cuts, which fit no discrete transform; None if there are none.
-        precision: of transforms and products.
     """
 
     pupil: Pupil
@@ -337,7 +333,6 @@ class FieldTask:
     """A pupil and a grid of frequencies, as far as a path's cost depends on them.
 
     Attributes:
-        x, y: the pupil's lattices.
         radius_um: half the stop's width.
         rim: number of dots that the stop cuts.
         strips_clear: whether light passes between cells.
@@ -380,11 +375,8 @@ class FieldPath:
     """One way to the far field.
 
     Attributes:
-        name: parity, direct, structure or pruned.
-        purpose: what it is good for.
         error: bound of the PSF's relative L2 error, by precision.
         refusal: why a task is not for this path; None if it is.
-        work: of a task.
         memory: bytes beyond the pupil's own.
         prepare: makes a pupil ready for frequencies up to two highest ones, in a precision.
     """
@@ -401,10 +393,8 @@ class FieldPath:
         """The field on the quadrant u, v >= 0, whose symmetric grid ``intensity`` and ``amplitude`` give.
 
         Args:
-            pupil: openings inside the stop.
             u, v: non-negative frequencies in cycles per micrometre, ascending, [nu] and [nv]; both begin at 0 or
                 neither does.
-            precision: of waves and products.
 
         Raises:
             InternalError: MF901 if the path refuses the task, or the frequencies are not as they must be.
@@ -500,7 +490,6 @@ def _rim_cores(task: FieldTask) -> list[tuple[int, int]]:
 
 
 def _rim_flops(task: FieldTask, cores: Sequence[tuple[int, int]]) -> float:
-    """Flops of gathering the rim to its bands."""
     if not cores:
         return 0.0
     long, narrow = cores[0]

@@ -133,7 +133,6 @@ def boundary(edges_um: Floats, area_um2: float, highest: float, edges_at_a_time:
 
     Args:
         edges_um: [n, 4] edges x0, y0, x1, y1 with the clear side on their left; they close up.
-        area_um2: clear area.
         highest: highest frequency that will be asked for, diagonals included, cycles per micrometre.
         edges_at_a_time: bounds the memory, as the number of nodes does; the field is the same to rounding.
     """

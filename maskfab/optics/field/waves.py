@@ -189,7 +189,6 @@ class FrequencyNodes:
         highest: frequency in cycles per micrometre.
         stretch: γ, what makes the nodes even: polynomials in u at 0, evenly spaced at π / 2.
         count: r, how many.
-        precision: of the interpolation.
     """
 
     highest: float
@@ -244,12 +243,7 @@ _SPARE_NODES = 2
 
 @dataclass(frozen=True)
 class Nodes:
-    """Chebyshev nodes of the first kind on an interval.
-
-    Attributes:
-        low_um, high_um: the interval.
-        count: how many nodes.
-    """
+    """Chebyshev nodes of the first kind on an interval."""
 
     low_um: float
     high_um: float

@@ -72,7 +72,6 @@ class Omission:
     """One thing that is not modelled.
 
     Attributes:
-        name: what.
         size: relative L2 change of the PSF, estimated.
         method: how it was estimated, and what was assumed.
     """
@@ -86,9 +85,7 @@ def model_bar(pupil: Pupil, camera: Camera, blank: MaskBlank) -> tuple[Omission,
     """Effects that the numbers of a die on the axis omit, the largest first; those of size 0 are not listed.
 
     Args:
-        pupil: openings inside the stop.
-        camera: what looks through them; the middle one of its lines is taken.
-        blank: what the job states of the plate.
+        camera: what looks through the pupil; the middle one of its lines is taken.
     """
     return _by_size(_on_axis(_DieField.of(pupil, camera), blank))
 
@@ -99,10 +96,7 @@ def scene_bar(pupil: Pupil, camera: Camera, field_um: float, blank: MaskBlank) -
     These are what light from the side sees, the gap aside, and a leak that only the numbers on the axis hold.
 
     Args:
-        pupil: openings inside the stop.
-        camera: what looks through them; the middle one of its lines is taken.
         field_um: largest image height; 0 for the axis.
-        blank: what the job states of the plate.
     """
     if not (field_um or Leak.of(blank, camera.stop)):
         return ()
@@ -178,8 +172,6 @@ class _DieField:
     """A die's field and intensity on the samples of its PSF, and the axes of frequency.
 
     Attributes:
-        pupil: openings inside the stop.
-        camera: with the one line.
         u: float64 [m] frequencies from 0, cycles per micrometre.
         field: complex [n, n], F.
     """
@@ -282,9 +274,7 @@ def leak_change(
 
     Args:
         openings: complex [n, n], the field without a leak.
-        pupil: whose field that is.
         axis: frequencies of the grid, [n].
-        density: optical density of the film.
         phase_waves: by how much light through the film lags; its amplitude is turned by exp(2πi) to that power.
     """
     leak = 10 ** (-density / 2)

@@ -89,7 +89,6 @@ class Estimate:
 
     Attributes:
         error: relative L2 of the PSF, safety included.
-        method: how it was estimated.
         safety: factor in ``error``; 1 where the estimate is exact.
     """
 
@@ -114,7 +113,6 @@ class Estimates:
         in_bands: how many bands there are; 0 for the camera's lines.
         crowding: of openings at the stop's rim (:func:`maskfab.optics.gap.rim_crowding`), as far as
             diffraction over the gap blurs it; 1 without a gap.
-        range_nm: shortest and longest wavelength.
     """
 
     scale: Estimate
@@ -165,10 +163,7 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene) -> Estima
     They do not depend on the accuracy that is asked for, so that a plan never costs more where it may err more.
 
     Args:
-        panel: opening, tiling and extent.
         pupil: its openings inside the stop, the rim exact.
-        camera: lens, window and lines.
-        scene: what is looked at.
 
     Raises:
         JobError: MF104 for a distance within the focal length, a gap that is no distance or a wrong aberration.

@@ -109,9 +109,7 @@ class Choice:
 
     Attributes:
         path: a field path's name, ``phased`` or ``angular spectrum``.
-        precision: of waves and products.
         grey_rim: whether cut dots are taken as whole ones of their mean transmission.
-        scale, defocus, aberrations, diffraction: what is modelled.
         places: along each axis of the field; 1 takes the axis's PSF everywhere.
         lines: for each band; 0 for the camera's own lines.
         samples_per_dot: in the stop's plane, where diffraction is modelled; else 0.
@@ -148,11 +146,8 @@ class Ingredient:
     """A row of the plan.
 
     Attributes:
-        name: what could be modelled.
         modelled: whether it is.
         error: estimated relative L2 error of the PSF without it; of what is left of it in ``remaining`` if modelled.
-        method: how it was estimated.
-        safety: factor in ``error``.
         remaining: what counts towards the plan's error: ``error`` if left out, else what modelling leaves.
     """
 
@@ -170,12 +165,7 @@ class CostModel:
 
     Attributes:
         pupil: openings inside the stop.
-        camera: its lines are those that set the samples.
-        scene: what is looked at.
-        accuracy: admissible error.
-        estimates: errors of omissions.
         tasks: by (grey rim, scale modelled, times finer for distortion).
-        lines: how many lines the camera has.
         steepest: most waves that defocus and aberrations turn over a micrometre of the stop, at any line.
     """
 
@@ -297,7 +287,6 @@ class CostModel:
         return replace(task, x=x, rim=task.rim if choice.grey_rim else max(task.rim, 1))
 
     def _one(self, choice: Choice) -> tuple[Work, float]:
-        """Work of a pupil and of one PSF, and bytes."""
         task = self._task(choice)
         # The dots that the stop cuts mirror each other on the axis alone.
         dots, rim = self.pupil.whole.size, self.pupil.rim_row.size * (1 if choice.places == 1 else 2)
@@ -372,12 +361,7 @@ class CostModel:
 
 
 def resamplings(left_out: float, accuracy: float) -> tuple[int, ...]:
-    """Values of :attr:`Choice.distortion` that may meet an accuracy, and the finest.
-
-    Args:
-        left_out: error of leaving the distortion out.
-        accuracy: admissible error.
-    """
+    """Values of :attr:`Choice.distortion` that may meet an accuracy, and the finest."""
     if not left_out:
         return (0,)
     fine = tuple(finer for finer, error in RESAMPLED.items() if finer == FINEST or error < accuracy)
@@ -385,7 +369,6 @@ def resamplings(left_out: float, accuracy: float) -> tuple[int, ...]:
 
 
 def _pupil_flops(dots: float, rim: float, grey: bool) -> float:
-    """Work of cutting a pupil, and of making one grey."""
     return _CUT + (_DOT + grey * _GREY_DOT) * dots + _RIM_DOT * rim
 
 
@@ -409,13 +392,9 @@ class Plan:
 
     Attributes:
         accuracy: admissible relative L2 error of the PSF.
-        choice: what to do.
-        price: what that takes.
         ingredients: what is modelled and what is left out, and how large that is.
         step_um, samples: of the point PSF, along each axis of the window.
         pixel_margin: samples beyond the window that the pixel filter gathers.
-        wavelengths: how many are computed.
-        depths: distances at which the PSF is computed.
         phase_tolerance: to hand to a phased PSF; 0 where there is none.
         nearest_object_um: focused nearer than this, the change of scale alone exceeds the accuracy.
         fullest: all of the scene that can be computed, to hold the choice against: the rim exact, every image point its
@@ -489,9 +468,6 @@ def plan(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Plan:
     Of equally cheap ones the one that errs least.
 
     Args:
-        panel: openings, tiling and extent.
-        camera: lens, stop, window and lines.
-        scene: what is looked at.
         accuracy: admissible relative L2 error of the point PSF over the window, in (0, 1).
 
     Raises:

@@ -69,9 +69,6 @@ def scene_psf(
 
     Args:
         openings: everything clear in front of the stop: a panel's aperture, or what was read back.
-        camera: as the plan was made for.
-        scene: as the plan was made for.
-        plan: what to model and how.
         wavelength_nm: the line, not shorter than the plan's shortest, whose samples it shares.
         image_um: where the image lies on the sensor; it borrows the PSF of the nearest of the plan's places.
         object_um: distance of the object, within the scene's depth; in focus if None.

@@ -51,8 +51,6 @@ def phased_error(
     """Relative L2 error of phased PSFs over the camera's window, safety included.
 
     Args:
-        pupil: openings inside the stop.
-        camera: gives the samples and the window.
         phases: wavelengths in nanometres, and the phase at each.
         tolerance: of the fields, relative to all energy.
         distance_um: from lens to sensor.
@@ -85,7 +83,6 @@ def single_error(pupil: Pupil, path: FieldPath, highest: float, count: int, line
     """Relative L2 error of the PSF by a path in single precision, safety included; None if it refuses the frequencies.
 
     Args:
-        pupil: openings inside the stop.
         path: one that has single precision.
         highest: of the window at the shortest line, cycles per micrometre.
         count: samples from the axis to the window's edge.

@@ -117,11 +117,7 @@ class DistortedWindow:
 
     @classmethod
     def about(cls, lens: Distortion, image_um: tuple[float, float], step_um: float, half: int) -> DistortedWindow:
-        """The window of 2 half + 1 samples along a side.
-
-        Raises:
-            JobError: MF104 where the lens folds the picture.
-        """
+        """The window of 2 half + 1 samples along a side. Raises JobError MF104 where the lens folds the picture."""
         offset = step_um * np.arange(-half, half + 1, dtype=np.float64)
         x, y = lens.undistorted(*np.meshgrid(image_um[0] + offset, image_um[1] + offset))
         middle_x, middle_y = (float(at) for at in lens.undistorted(np.array(image_um[0]), np.array(image_um[1])))
@@ -152,7 +148,6 @@ class Scene:
 
     Attributes:
         nearest_um, farthest_um: distances of objects from the lens.
-        focus_um: distance of what is in focus.
         field_um: largest image height.
         gap_um: from the panel to the stop, in air that spreads light as much.
         aberrations: pairs of Noll's number and waves at the camera's first line.
@@ -178,7 +173,6 @@ class Scene:
         Args:
             section: a job's [scene].
             curves: text of the tables that it names, by name, as ``JobSpec.curves`` holds them.
-            where: the job file, for errors.
 
         Raises:
             SourceError: MF302 or MF303 for an empty or damaged table.

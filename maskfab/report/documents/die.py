@@ -44,9 +44,7 @@ class Stated:
 
     Attributes:
         opening: provenance of the die's first opening.
-        dot_um: side of a dot that it was designed for.
         cells: provenance of the die's map; None if it has none.
-        cells_name: of that map.
     """
 
     opening: Facts
@@ -137,8 +135,6 @@ def stated_design(said: Stated, levels_db: Sequence[float], restored: Restored |
     """One die's design; all PSNRs and their differences in dB.
 
     Args:
-        said: by its files.
-        levels_db: of light.
         restored: photographs behind the die; None if it is not known.
     """
     opening, cells = said.opening, said.cells or {}
@@ -355,8 +351,6 @@ class Beside:
     """The measurement that lies beside a job.
 
     Attributes:
-        content: of its file.
-        job_hash: of the job that it was made for.
         die: that it is of; None if that could not be told.
         verdict: sentences on it, the answer first.
         rows: by colour and frequency, the MTF in its worst direction as captured and as expected.

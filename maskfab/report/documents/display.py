@@ -95,8 +95,6 @@ def display_quantities(
     """The numbers of one die's display; limits that the job states are judged, broken rules always.
 
     Args:
-        die: with its emitters and wires.
-        feasibility: what was found of it.
         camera: what looks through its wires; without one nothing is told of what they do to the picture.
         exempt: whether it is the die that others are compared with, which no limit of the job is held against.
     """
@@ -309,15 +307,7 @@ _ROUNDING_UM = 1 / NM_PER_UM
 def footprint_band(
     die: Die, feasibility: Feasibility, rules: EmitterRules, process: Process, spread: ProcessSpread
 ) -> tuple[Quantity, ...]:
-    """The band of a die's footprint, as a row of a report; none without emitters or a spread of the bias.
-
-    Args:
-        die: with its emitters.
-        feasibility: of its display.
-        rules: of its emitters.
-        process: of the openings, as stated.
-        spread: of it.
-    """
+    """The band of a die's footprint, as a row of a report; none without emitters or a spread of the bias."""
     drawn = feasibility.emitters
     if drawn is None or not spread.bias_um:
         return ()
@@ -595,12 +585,8 @@ def check_document(
     """Document that ``maskfab check --json`` prints.
 
     Args:
-        built: the plate with its displays.
         gaps: the largest ones that displays bear, by die.
-        digest: of the job.
         unused: what of the job the answer does not depend on.
-        notes: on dies.
-        passed: whether every display but that of the reference fits, and keeps the limits that the job states.
     """
     return CheckPart.document(
         job_hash=digest,

@@ -75,7 +75,6 @@ _CLAUSE = re.compile(r"(?<=[;:]) ")
 
 
 def _common(sentences: Sequence[tuple[str, ...]]) -> int:
-    """Clauses from the start that all sentences have."""
     return next(
         (count for count, clauses in enumerate(zip(*sentences, strict=False)) if len(set(clauses)) > 1),
         min(map(len, sentences)),

@@ -348,10 +348,7 @@ def designed_document(
     """Dies as designed, of which no file was written, as far as reports are compared: camera, numbers, photographs.
 
     Args:
-        digest: of the job.
         dies: alone, each about the origin.
-        quantities: by die.
-        camera: that looks through them.
         photographs: of :func:`maskfab.report.documents.die.photographs_document`.
     """
     plain: Document = _plain(
@@ -447,10 +444,7 @@ class FinishedReport:
     """One report.
 
     Attributes:
-        name: of its folder.
-        document: of report.json.
         job: the resolved job beside it; None for a report that stands alone.
-        proved: whether the manifest beside it says that nobody changed it since.
     """
 
     name: str

@@ -80,9 +80,6 @@ def pictures(
     """Every figure of a report: by die name, then by figure name; the whole plate's under :data:`PLATE`.
 
     Args:
-        plate: what is on it.
-        dies: those that were measured.
-        document: the report's.
         more: what else there is to draw.
         executor: who draws.
         stressed: dies that the comparison of all shows before the others.
@@ -106,7 +103,6 @@ class Figures:
     Attributes:
         die: its name, or :data:`PLATE`.
         function: of a module; finds ``<img>`` elements by the names of figures.
-        given: its arguments.
     """
 
     die: str
@@ -212,10 +208,6 @@ def mtf_comparison(dies: Sequence[DieOptics], stressed: Sequence[str] = ()) -> D
     """Radial-minimum MTF of every die at its middle wavelength, each with its name at the end of its curve.
 
     Colour says the opening, dashes a tiling that turns it; marks and names tell the dies apart in grey, too.
-
-    Args:
-        dies: to compare.
-        stressed: names of those whose curves are thick.
     """
     figure = Figure(figsize=(10.8, 4.6))
     axes = place(figure, (0.7, 0.5, 8.2, 3.4))
@@ -685,7 +677,6 @@ def _transfer(written: Written) -> tuple[Figure, str]:
 
 
 def _shown(written: Written) -> tuple[Reading, ...]:
-    """Both readings, or one where no corners kiss and they are alike."""
     return tuple(Reading) if written.kissing else (Reading.FUSED,)
 
 

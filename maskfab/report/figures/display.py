@@ -194,7 +194,6 @@ def _two() -> tuple[Figure, tuple[Axes, Axes]]:
 
 
 def _middle(panel: Panel, cells: int) -> tuple[slice, slice]:
-    """Rows and columns of the pixels in the panel's middle."""
     rows, columns = panel.orientations.shape
     high, wide = min(rows, cells), min(columns, cells)
     bottom, left = (rows - high) // 2, (columns - wide) // 2

@@ -39,9 +39,6 @@ class _Tiles:
     Attributes:
         levels: [rows][columns] of float64 [n, n], log10, from -decades to 0.
         numbers: what stands under each; none where nothing does.
-        columns, rows: what stands along the edges.
-        width_um: side of one picture.
-        colours, decades, title: how they are shown.
     """
 
     levels: Sequence[Sequence[Floats]]
@@ -296,7 +293,6 @@ def sheet(truth: Singles, scene: str, taken: Mapping[str, Sequence[Shot]], how: 
         truth: part of the scene, float32 [3, rows, columns] within 0 to 1, row 0 on top.
         scene: its name.
         taken: by die, the same part of its restored photographs; every die at the same levels.
-        how: they were taken, in a few words.
     """
     levels = [shot.score.level_db for shot in next(iter(taken.values()))]
     columns, high = 1 + len(taken), _WIDTH * truth.shape[1] / truth.shape[2]

@@ -231,9 +231,7 @@ def scale(
     Args:
         axes: gets them, and loses its own along that side.
         side: ``bottom``, ``top``, ``left`` or ``right``.
-        words: beside the numbers.
         named: what stands at which places; by default the round numbers that matplotlib chooses.
-        numbers: whether it stands there.
         grid: draw a line across from every tick, too.
     """
     right, up, mark, ends = _SIDES[side]

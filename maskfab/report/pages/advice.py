@@ -56,7 +56,6 @@ class Reach:
     """The largest opening that was found to fit a display, its rules as they stand or with one of them eased.
 
     Attributes:
-        name: of what is eased, in words.
         clear_dots: in a pixel; None where none was found.
         dots: along the pixel's side.
         shape: of the opening; empty where the display holds no more than without easing.
@@ -88,15 +87,12 @@ class Advised:
         alike_psnr: expected restored PSNR of its opening with all cells laid alike, dB, by level.
         misfit: why no display fits; None where one does.
         displays: of both dies.
-        photographs: through both dies, at the job's light and at less and more of it.
         level_db: the job's light, or the middle one of several.
         unobstructed: gain over the reference of a clear stop of the design's light.
-        bids: of mask houses.
         reaches: larger openings; none where time was over.
         unkept: limits of the eye that an earlier, freer design breaks, and what became of one that keeps them; None
             where the first design keeps all.
         limit_cost_db: expected restored PSNR that keeping them costs; None where no design was found that does.
-        notes: on what of the job was not used.
         budget_s: seconds that were asked for; None for no end.
     """
 
@@ -471,9 +467,6 @@ def advice_document(
     """The content of advice.json; equal answers give equal documents but for ``time``.
 
     Args:
-        advised: what was found.
-        command: that repeats it.
-        files: names of those beside it.
         time: seconds that it took; None where that is not told.
     """
     reasons, answers = why_not(advised), []

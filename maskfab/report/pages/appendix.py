@@ -65,7 +65,6 @@ def appendix_page(document: Record, pictures: Mapping[str, Mapping[str, str]], *
         document: report.json, as :func:`maskfab.report.documents.report.to_document` makes it.
         pictures: ``<img>`` elements by die and figure, as :func:`maskfab.report.figures.die.pictures` makes them;
             a figure that is missing is left out.
-        view: whether the page that shows the plate lies beside it.
 
     Equal documents and pictures give equal pages.
     """
@@ -137,7 +136,6 @@ def by_name(checks: Iterable[Record]) -> list[tuple[str, list[Record], Record]]:
 
 
 def _wavelengths(die: Record) -> list[float]:
-    """The wavelengths at which a die has numbers, in their order of appearance."""
     return list(dict.fromkeys(row["wavelength_nm"] for row in die["quantities"] if "wavelength_nm" in row))
 
 
@@ -171,7 +169,6 @@ def _plain(die: Record, folded: bool) -> list[Record]:
 
 
 def _left_out(die: Record) -> list[Record]:
-    """Effects not modelled for a die, the largest first."""
     return [row for row in die["quantities"] if row["name"].startswith(MODEL_BAR)]
 
 

@@ -50,7 +50,6 @@ class Compared:
         document: of all dies, those of several reports by ``REPORT:DIE``, in the form of report.json; with photographs
             only of those that were taken alike.
         left_out: sentences on what cannot be compared, and why.
-        differences: of the jobs.
     """
 
     reports: tuple[FinishedReport, ...]
@@ -87,7 +86,6 @@ def compare_reports(
     """Put the dies of reports side by side.
 
     Args:
-        reports: at least one.
         dies: by ``DIE`` or ``REPORT:DIE``; all if none is named.
         reference: that gains are over, named likewise; by default that of the first report.
 
@@ -176,12 +174,10 @@ def _photographs(
 
 
 def _made(report: FinishedReport) -> tuple[object, object]:
-    """Process and spread that the bands of a report are over."""
     return report.document.get("process"), report.document.get("spread")
 
 
 def _taken(photographs: Record) -> Record:
-    """Conditions and scenes of photographs."""
     return {key: value for key, value in photographs.items() if key not in _WORDS} | {"scenes": photographs["scenes"]}
 
 
@@ -246,7 +242,6 @@ def _fields(value: object, path: str = "") -> Iterator[tuple[str, str]]:
 
 
 def _parted(one: Record, other: Record) -> Iterator[str]:
-    """Names of what differs."""
     for key in dict.fromkeys([*one, *other]):
         if one.get(key) != other.get(key):
             yield key.replace("_", " ")
@@ -261,7 +256,6 @@ def _name(report: FinishedReport, die: str, alone: bool) -> str:
 
 
 def _found(name: str, chosen: Mapping[str, object], where: str) -> str:
-    """The full name of a die that may be named without its report."""
     if name in chosen:
         return name
     alike = [candidate for candidate in chosen if candidate.rpartition(":")[2] == name]
@@ -420,7 +414,6 @@ def compare_text(compared: Compared) -> Iterator[str]:
 
 
 def _said(compared: Compared) -> Iterator[str]:
-    """The verdict, what is left out, and where the jobs differ."""
     yield verdict(compared)
     yield from compared.left_out
     names = [report.name for report in compared.reports]

@@ -88,7 +88,6 @@ class Made:
     """Origin of a design, beside what was found.
 
     Attributes:
-        job_hash: of the resolved job.
         wall_s, processor_s: seconds that it took.
     """
 
@@ -103,9 +102,6 @@ def designed_document(
     """The result as plain data; infinite values are null. Equal designs give equal documents but for ``time``.
 
     Args:
-        design: what a search found.
-        paths: of its files, by part.
-        notes: what a user should know, as sentences.
         made: how it came about; null where that is not known.
     """
     designed, account = design.designed, design.account
@@ -262,7 +258,6 @@ def _search(account: Account) -> dict[str, Any]:
 
 
 def _panel(design: Designed, account: Account) -> dict[str, Any]:
-    """The middle of the panel, its rows from the top."""
     designed, unit = design.designed, design.opening.mask
     units = [unit] if design.outer is None else [unit, design.outer.mask]
     if designed is None:
@@ -318,7 +313,6 @@ def rules_part(
         judged: openings in all.
         among: the best of these, among which rules are priced.
         without: dB that an annealing without a rule gained; None where there was none.
-        annealed: the opening was annealed under the rules.
     """
     rows = [
         {
@@ -418,11 +412,7 @@ def stages(bettered: Sequence[Sequence[float]]) -> list[list[Sequence[float]]]:
 
 
 def design_page(document: Record) -> str:
-    """The page, with nothing from outside it; equal documents give equal pages.
-
-    Args:
-        document: design.json, as :func:`maskfab.report.pages.design.designed_document` makes it.
-    """
+    """The page, with nothing from outside it; equal documents give equal pages."""
     search, panel, bounds = document["search"], document["panel"], document["bounds"]
     laid = document["map"]["expected_psnr_db"] if document["map"] else document["expected_psnr_db"]
     levels = list(laid)
@@ -503,7 +493,6 @@ def _useful(values: Mapping[str, float]) -> Mapping[str, float]:
 
 
 def _room(document: Record, levels: Sequence[str]) -> str:
-    """In one line, of the opening in the picture's interior."""
     if not document["head_room_db"]:
         return "not proved"
     useful = _useful(document["head_room_db"])
@@ -522,7 +511,6 @@ def _rules_line(document: Record, search: Record | None) -> str:
 
 
 def _restored(document: Record) -> list[tuple[str, Mapping[str, str]]]:
-    """Rows of decibels by level."""
     rows: list[tuple[str, Mapping[str, float]]] = []
     if not (document["map"] and document["outer"]):
         rows.append((f"Cells {_turned(document['panel'])}", document["expected_psnr_db"]))
@@ -554,7 +542,6 @@ def _restored(document: Record) -> list[tuple[str, Mapping[str, str]]]:
 
 
 def _bounds(document: Record, levels: Sequence[str]) -> list[dict[str, Any]]:
-    """Head rooms that tell anything, and what they hold for."""
     cells = document["map"]
     proved = [("Opening", document["head_room_db"], "any opening of as many clear dots")]
     if cells:
@@ -575,11 +562,6 @@ DOCUMENT, PAGE = "design.json", "design.html"
 
 def write_design(place: Place, document: Record, files: Mapping[str, str]) -> list[Path]:
     """Write everything into a directory that appears whole, and return the paths.
-
-    Args:
-        place: where.
-        document: what design.json says.
-        files: texts of the opening and its map, by their names.
 
     Raises:
         OutputError: MF401 or MF404 as :func:`maskfab.base.folders.staged`.

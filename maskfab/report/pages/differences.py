@@ -44,7 +44,6 @@ def differences(then: str, now: str, pictures: Mapping[str, Mapping[str, str]]) 
     """Differences between two pages: :data:`TEXT`, the names of pictures, as ``die figure``, or :data:`NOISE`.
 
     Args:
-        then: the page that is there.
         now: the page made again.
         pictures: those that ``now`` was made with.
     """

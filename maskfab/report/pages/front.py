@@ -64,13 +64,10 @@ class Best:
     Where no die keeps all, it is the best without the verdicts that bind, and is not called best.
 
     Attributes:
-        name, label: of it.
-        level_db: of light.
         psnr: its mean, in dB.
         gain: over the reference; None where it is the reference, or there is none.
         reference: die that gains are over; None if there is none.
         stated: whether the job names the reference, which is else the first die.
-        scenes: names of the photographs of each die.
         others: dies that it was chosen from, without itself.
         ties: of these, dies that cannot be told from it.
         open_ratio: of the stop behind it, as a row of the report.
@@ -251,7 +248,6 @@ def _candidates(dies: Mapping[str, Record], means: Mapping[str, float]) -> list[
 
 
 def _limit_words(dies: Mapping[str, Record], name: str, free: str, cost: MeanDifference) -> str:
-    """Cost of the limits of displays in dB, or that none is kept and which bind."""
     missed = broken(dies[name])
     if all("display" not in die for die in dies.values()):
         return ""
@@ -357,7 +353,6 @@ def _of_displays(document: Record, name: str) -> Stamp:
 
 
 def _whose(document: Record, name: str) -> str:
-    """Basis of a verdict, in words."""
     verdicts = document["verdicts"]
     if name == FITS:
         return str(verdicts["display"].get("circuits", "placed and wired"))
@@ -379,6 +374,5 @@ def _missing(taken: Record, name: str, photographed: int) -> str:
 
 
 def _refusal(why: str) -> str:
-    """A refusal with its cure."""
     code, _, what = why.partition(" ")
     return f"{what}. {explained(code).cure}" if code in CATALOGUE else f"{why}."

@@ -27,13 +27,7 @@ class LimitLine:
     """One number of a display beside the maker's own layout and its limit.
 
     Attributes:
-        verdict: that it counts for.
-        name: as report.json has it.
-        title: in words.
         value, reference, limit: as they are told; "" for none.
-        unit: as report.json spells it.
-        source: of the limit.
-        stated: whether the job states it.
         passed: None where nothing is required.
     """
 

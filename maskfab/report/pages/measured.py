@@ -91,13 +91,11 @@ def captured_drawing(measured: Measured) -> Drawing:
 
 
 def _found(measured: Measured) -> list[str]:
-    """Names of what is marked in the picture."""
     there = {"a second lamp": _lamp_um(measured), "dust": measured.explained.dusty}
     return [name for name, found in there.items() if found]
 
 
 def _lamp_um(measured: Measured) -> tuple[float, float] | None:
-    """Place of a second lamp on the sensor."""
     setting = measured.fit.setting
     lamp = setting.lamp
     return None if lamp is None else (setting.x_um + lamp.x_um, setting.y_um + lamp.y_um)
@@ -174,13 +172,7 @@ _PRICES = ("captured_cost", "captured_loss")
 
 
 def capture_page(measured: Measured, document: Record, notes: Sequence[str]) -> str:
-    """The page, with nothing from outside it; equal captures give equal pages.
-
-    Args:
-        measured: all that was read of the capture.
-        document: what measure.json says of it.
-        notes: what a reader should know, as sentences.
-    """
+    """The page, with nothing from outside it; equal captures give equal pages."""
     return page_template("measure.html.j2").render(
         style=style(),
         version=document["maskfab_version"],
@@ -217,7 +209,6 @@ def _rows(quantities: Sequence[Quantity]) -> list[tuple[Quantity, Entry]]:
 
 
 def _zero(quantities: Sequence[Quantity]) -> list[Quantity]:
-    """Terms of the lens that cannot be told from zero."""
     terms = [each for each in quantities if each.name == _TERM]
     return [each for each in terms if abs(float(each.value or 0.0)) <= (each.uncertainty or 0.0)]
 
@@ -401,11 +392,7 @@ def edge_document(
     """Everything that was measured; what measure.json and ``--json`` say.
 
     Args:
-        measured: the edges, or the curve.
-        name: of the file that they were read from.
-        digest: SHA-256 of that file.
         job_hash: of the job; None without one.
-        notes: what a reader should know, as sentences.
     """
     return {
         "schema_version": SCHEMA_VERSION,
@@ -468,12 +455,7 @@ def _designed(designed: DesignedMtf) -> Document:
 
 
 def edge_page(measured: MeasuredEdges, document: Document) -> str:
-    """The page, with nothing from outside it; equal edges give equal pages.
-
-    Args:
-        measured: the edges, or the curve.
-        document: what measure.json says of it.
-    """
+    """The page, with nothing from outside it; equal edges give equal pages."""
     return page_template("edge.html.j2").render(
         style=style(),
         document=document,
@@ -491,9 +473,7 @@ def write_measured(
     """Write everything into a directory that appears whole, and return the paths.
 
     Args:
-        place: where.
         document: what measure.json says; its ``job_hash`` is None without a job.
-        page: HTML.
         more: writes other files into the folder that it is given.
 
     Raises:

@@ -52,11 +52,9 @@ class JudgedDie:
     """One line of the table of dies.
 
     Attributes:
-        line: of its photographs.
         verdicts: FITS, LOOKS and LIVES, kept or not; None where it was not judged.
         cells: of :data:`_COLUMNS`; None where there is no such number.
         role: "best" or "reference", else empty.
-        failed: whether one of its checks failed.
     """
 
     line: DieLine
@@ -86,7 +84,6 @@ def html_page(
         pictures: ``<img>`` elements by die and figure, as :func:`maskfab.report.figures.die.pictures` makes them;
             a figure that is missing is left out.
         made_with: versions of the programs that made it; by default those that are installed.
-        view: whether the page that shows the plate lies beside it.
 
     Equal documents and pictures give equal pages.
     """

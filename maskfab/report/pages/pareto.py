@@ -144,7 +144,6 @@ def _field(axes: Axes, pareto: Pareto, lines: int) -> None:
 
 
 def _denser(axes: Axes, serving: list[FrontPoint], colour: object, mark: str) -> None:
-    """Hollow marks with the clear share of the middle beside them."""
     for point in serving:
         x, y = 100 * point.footprint, point.value
         axes.plot(
@@ -196,7 +195,6 @@ def _seen(axes: Axes, pareto: Pareto, rule: str, value: str, label: str) -> None
 
 
 def _curve(axes: Axes, serving: list[FrontPoint], left: float, colour: object, mark: str, label: str) -> None:
-    """The stair of those that none betters in this field, and marks for all that serve."""
     across = [100 * point.footprint for point in serving]
     up = [point.value for point in serving]
     widest, stair_x, stair_y = left, [left], []
@@ -216,12 +214,7 @@ _ABSENT = "The budget was over before they were compared."
 
 
 def pareto_page(pareto: Pareto, designs: Sequence[FrontDesign], document: Record) -> str:
-    """The page, with nothing from outside it; equal fronts give equal pages.
-
-    Args:
-        found, designs: of a sweep.
-        document: what pareto.json says of it.
-    """
+    """The page, with nothing from outside it; equal fronts give equal pages."""
     best = set(map(id, pareto.best))
     return page_template("pareto.html.j2").render(
         style=style(),
@@ -268,14 +261,7 @@ Designs = Sequence[FrontDesign]
 def pareto_document(
     pareto: Pareto, designs: Designs, job_hash: str, notes: Sequence[str], scenes: str
 ) -> dict[str, Any]:
-    """Everything that was found, and notes for a user; what pareto.json and ``--json`` say.
-
-    Args:
-        found, designs: of a sweep.
-        job_hash: of its job.
-        notes: as sentences.
-        scenes: that openings were judged by, in words.
-    """
+    """Everything that was found, and notes for a user; what pareto.json and ``--json`` say."""
     best = set(map(id, pareto.best))
     by_point = {id(design.point): design for design in designs}
 

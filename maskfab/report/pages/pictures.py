@@ -61,9 +61,6 @@ def comparison(panels: Sequence[SeenPanel]) -> bytes:
 
     All pictures of a row have one scale in micrometres per inch. The first row is the light itself, close up; the
     others are what the eye takes in.
-
-    Args:
-        panels: at least one, all of the same pictures.
     """
     names = tuple(panels[0].views)
     columns, rows = 1 + len(panels), 1 + len(names)
@@ -167,7 +164,6 @@ def _label(axes: Axes, words: str) -> None:
 
 
 def _scale_bar(axes: Axes, side_um: float) -> None:
-    """A bar of a round length under a picture."""
     decade = 10.0 ** np.floor(np.log10(side_um / 3))
     length = decade * max(step for step in (1, 2, 5) if step * decade <= side_um / 3)
     words = f"{length / UM_PER_MM:g} mm" if length >= UM_PER_MM else f"{length:g} µm"

@@ -29,7 +29,6 @@ def restored_page(
     """The page, with nothing from outside it; equal photographs give equal pages.
 
     Args:
-        document: restore.json.
         pictures: of each photograph as it was taken, and restored: linear sRGB [3, rows, columns], row 0 on top.
         brought: sentences and pictures of those that lie on the first.
         chart: a sentence on the colours of a chart, if there is one.

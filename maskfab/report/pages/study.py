@@ -356,7 +356,6 @@ def _captioned(study: Study, take: Take | None) -> str:
 
 
 def _minus(words: str) -> str:
-    """A number's words with a minus for its hyphen."""
     return words.replace("-", "−")
 
 

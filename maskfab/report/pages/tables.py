@@ -30,9 +30,6 @@ class Cell:
     """One number of a table.
 
     Attributes:
-        text: as it is printed.
-        full: with all its digits.
-        failed: whether its check failed.
         made: edges of its band over the displays made; empty without.
         best: whether no other die is better for sure, and some are worse.
     """
@@ -49,10 +46,7 @@ class Line:
     """One line of a table.
 
     Attributes:
-        name: of a die, or a number in words.
         cells: one for each column, None where there is no such number.
-        unit: of numbers, as report.json spells it.
-        note: what is said of it.
     """
 
     name: str
@@ -67,7 +61,6 @@ class DieLine(Line):
 
     Attributes:
         psnr: mean of its restored photographs, dB.
-        gain: over the reference, with its interval.
         display: verdict; None where no display was asked for.
     """
 
@@ -84,11 +77,8 @@ class Table(Generic[AnyLine]):
     """Lines under headings.
 
     Attributes:
-        columns: headings.
-        lines: from the top.
         level_db: light of the photographs; None without any, or where columns tell it.
         reference: die that gains are over; None if there is none.
-        notes: sentences on it.
     """
 
     columns: tuple[Any, ...]
@@ -290,7 +280,6 @@ def _few_digits(frequencies: Sequence[str]) -> Iterator[tuple[str, str]]:
 
 
 def _columns(document: Record) -> dict[tuple[str, ...], Callable[[Record], Cell | None]]:
-    """Functions that find the cell of a die, by heading."""
     lines = document["camera"]["wavelengths_nm"]
     middle = lines[len(lines) // 2]
     names = dict.fromkeys(row["name"] for die in document["dies"] for row in die["quantities"])
@@ -374,8 +363,6 @@ class ModelLine:
         seconds: that one thread is expected to take for the die; None where nothing is computed.
         error: of it; None where it is not known.
         at_most: whether the truth may lie far below the error.
-        unit: of the error, as report.json spells it.
-        note: what the error is.
     """
 
     title: str

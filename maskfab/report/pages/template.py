@@ -21,11 +21,7 @@ from maskfab.report.rows.text import EXACT, rounded, short, told
 
 
 def page_environment(**filters: Callable[..., Any]) -> Environment:
-    """Texts are escaped, a name that nobody gives is an error, and lines that only steer leave nothing behind.
-
-    Args:
-        filters: by the names that templates call them by.
-    """
+    """Texts are escaped, a name that nobody gives is an error, and lines that only steer leave nothing behind."""
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
     )

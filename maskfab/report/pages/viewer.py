@@ -245,7 +245,6 @@ def shown_run(folder: Path, beside: str | None = "", report: Record | None = Non
     """A finished directory, its mask file read back: all that the page draws and tells.
 
     Args:
-        folder: the directory.
         beside: address of the directory from where the page will lie, "" or ending in a slash; None without links.
         report: content of report.json, if it is not that of the directory.
 
@@ -280,10 +279,7 @@ def shown_plate(
     """As :func:`shown_run`, of a directory that is still being made.
 
     Args:
-        folder: with the files of its plate.
         files: their rows, of which one is a mask file with polygons.
-        report: content of report.json.
-        page: the report.
         beside: as of :func:`shown_run`.
         read: layouts of files that are read already, by their names.
     """
@@ -333,7 +329,6 @@ def _unchanged(folder: Path, row: Record) -> Path:
 
 
 def _dies(report: Record, layout: db.Layout, pictures: Mapping[str, tuple[str, str]]) -> list[Document]:
-    """Dies of a report in its order, each with its numbers, its place in the layout, nm, and its PSF."""
     table = die_table(report)
     lines, in_report = {line.name: line for line in table.lines}, shown_dies(report)
     documents = []

@@ -73,11 +73,9 @@ class Request:
         pitch_um, dot_um: the cell and its dots; where an opening does not state them itself.
         gutter_um: opaque space round every cell.
         tiling, seed: how an opening is laid out. For a layout file, a tiling says that it holds one opening.
-        layer, cell: where in a layout file to look.
         unit_um: one unit of a DXF; what it says itself if None.
         scene, accuracy: what the camera looks at, and the admissible error of its PSF; None for the standard numbers
             alone.
-        blank: what the plate is made of, as far as it is known.
     """
 
     camera: Camera
@@ -227,7 +225,6 @@ def sized(opening: Opening, request: Request) -> Opening:
 
 
 def _is_measured(path: Path) -> bool:
-    """Whether a file is a layout whose optics can be measured."""
     if path.suffix.lower() == ".toml":
         return False
     from maskfab.mask.formats.table import MEASURED_SUFFIXES  # slow to load, with every format
@@ -264,7 +261,6 @@ def _load(path: Path, request: Request) -> Opening:
 
 
 def _dots(request: Request) -> int | None:
-    """Dots along a cell, if the request says both of what they follow from."""
     if request.pitch_um is None or request.dot_um is None:
         return None
     if request.gutter_um >= request.pitch_um:
@@ -291,7 +287,6 @@ def _no_room(request: Request) -> JobError:
 
 
 def _scaled(opening: Opening, request: Request) -> Opening:
-    """The opening with the dot that its number of dots gives the requested pitch."""
     assert request.pitch_um is not None
     if request.gutter_um >= request.pitch_um:
         raise _no_room(request)

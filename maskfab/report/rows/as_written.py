@@ -86,7 +86,6 @@ class WrittenOptics(WrittenImage):
     """One reading of a written die, with its MTFs.
 
     Attributes:
-        mtfs: presampled, by wavelength of the camera.
         radial_errors: uncertainty of each MTF's radial mean and minimum, which average over directions or lie below
             the peaks that need the finest parts.
         auc_errors: uncertainty of the area under each MTF's radial minimum.
@@ -102,7 +101,6 @@ class Written:
     """A die as drawn and as written.
 
     Attributes:
-        die: the drawn one.
         process: the writer's.
         drawn_psf: of the drawing, at points, on the same grid as those of the readings.
         drawn: MTFs of the drawing, by wavelength, from the same parts, so that what the stop's rim adds cancels.
@@ -138,8 +136,6 @@ class _Vertices:
     Attributes:
         x_um, y_um: float64 [cells, dots + 1] where they are; one cell of many dots where there is no gutter.
         held: uint8 [cells y, dots + 1, cells x, dots + 1] configurations.
-        x, y: the lattices of the dots.
-        dot_um: side of a dot.
     """
 
     x_um: Floats
@@ -155,7 +151,6 @@ class _Parts:
     """The parts into which the dots of a panel, and a margin round every cell, are divided for the MTF.
 
     Attributes:
-        x, y: their lattices.
         margin: parts round every cell.
         stop: float64 [ny, nx] share of every part that the stop leaves; read-only 1 before any stop.
     """
@@ -181,12 +176,6 @@ class _Parts:
 
 def measure_written(die: Die, camera: Camera, process: Process, where: str = "") -> Written:
     """PSF (at the middle wavelength), MTF (at every one) and open ratio of a die as written, in both readings.
-
-    Args:
-        die: the drawing.
-        camera: what looks through it.
-        process: the writer's corner radius and bias.
-        where: the job's key, for errors.
 
     Raises:
         JobError: MF104, MF127 for a process that dots or gutters do not bear; MF115 for too many dots across the stop.
@@ -218,9 +207,6 @@ def measure_written(die: Die, camera: Camera, process: Process, where: str = "")
 def written_psf_quantities(die: Die, camera: Camera, process: Process, where: str = "") -> tuple[Quantity, ...]:
     """The quantities of :func:`measure_written` that need no MTF, equal to them, in a fifth of the time.
 
-    Args:
-        die, camera, process, where: as for :func:`measure_written`.
-
     Raises:
         JobError: MF104, MF127 for a process that dots or gutters do not bear.
     """
@@ -243,7 +229,6 @@ def fused_optics(die: Die, camera: Camera, process: Process, like: Psf, where: s
 
     Args:
         die, camera, process, where: as for :func:`measure_written`.
-        like: on whose grid the PSF is.
 
     Raises:
         JobError: as :func:`measure_written`.
@@ -338,7 +323,6 @@ def _image(
     reading: Reading,
     like: Psf,
 ) -> tuple[WrittenImage, float]:
-    """The image by the outlines, and their clear area in the stop."""
     inside, area = _edges_in_stop(vertices, corners, camera.stop)
     outline = stop_boundary(inside, area, replace(camera, wavelengths_nm=(like.wavelength_nm,)))
     psf = polygon_psf(outline, camera, like)
@@ -558,14 +542,12 @@ def _stop_share(parts: _Parts, stop: Stop) -> _Parts:
 
 
 def _paired(lattice: Lattice) -> Lattice:
-    """The lattice of parts twice as wide."""
     step = 2 * lattice.dot_um
     pitch = lattice.pitch_um if lattice.has_gutter else lattice.dots // 2 * step
     return Lattice(lattice.start_um, lattice.cells, lattice.dots // 2, step, pitch)
 
 
 def _means(shares: Floats) -> Floats:
-    """The means over pairs of parts along both axes."""
     cells_y, rows, cells_x, columns = shares.shape
     pairs = shares.reshape(cells_y, rows // 2, 2, cells_x, columns // 2, 2)
     means: Floats = pairs.mean(axis=(2, 5))

@@ -140,7 +140,6 @@ class Cases(Generic[Case]):
     """Full cases about the nominal one.
 
     Attributes:
-        nominal: as stated.
         bias: narrower and wider by two deviations; the nominal one twice without a spread.
         radius: sharper and rounder likewise, or rounder twice.
         sides: their deviations.
@@ -224,10 +223,8 @@ class Band:
     """The band of one number.
 
     Attributes:
-        name: of the band.
         wavelength_nm: that it holds for; None for all.
         nominal: number of the process as stated; 0 for a change.
-        low, high: edges.
         error: of either edge.
         by_bias, by_radius: change of the number by one standard deviation of each, to first order.
     """
@@ -290,11 +287,7 @@ def band_quantities(
     """The bands of a written die's numbers and the sensitivity of its PSF, as rows of a report; none without a spread.
 
     Args:
-        written: the die as the process makes it.
-        camera: what looks through it.
-        spread: of the process.
         frequencies: at which the MTF in its worst direction is told, cycles per millimetre of sensor.
-        where: the job's key, for errors.
 
     Raises:
         JobError: MF104, MF127 for a spread that dots or gutters do not bear.
@@ -389,9 +382,6 @@ class _Photographed:
     """A die whose processes are photographed, each restored by the filter of the die as drawn.
 
     Attributes:
-        die: in front of the camera.
-        camera: of the job.
-        drawn: the die as drawn.
         conditions: of the photographs.
         half_width_um: of the openings that light comes through; None for those in front of the stop.
         parts: of a dot.
@@ -433,14 +423,6 @@ def restored_expansion(
 ) -> Expansion | str:
     """The change of a die's restored PSNR from the drawing to what the process makes of it, in dB.
 
-    Args:
-        conditions: of the job's photographs, by protocol ``camera``.
-        around: what lies about the die.
-        die: the drawing.
-        process: the writer's, as stated.
-        spread: of it.
-        where: the job's key, for errors.
-
     Returns:
         The expansion, at the middle level of light; missed are a case wider and rounder, and what the width of
         parts of dots makes of it. A sentence, with its code, where the die cannot be photographed, its dots cannot be
@@ -473,15 +455,7 @@ def restored_expansion(
 def restored_bands(
     photographs: Photographs, name: str, changes: Mapping[str, Expansion | str], process: Process, spread: ProcessSpread
 ) -> Iterator[Quantity]:
-    """The bands of a die's PSNR and gain, and its sensitivity, as rows of a report.
-
-    Args:
-        photographs: of the report.
-        name: of the die.
-        changes: of every die, of :func:`restored_expansion`.
-        process: the writer's, as stated.
-        spread: of it.
-    """
+    """The bands of a die's PSNR and gain, and its sensitivity, as rows of a report."""
     own, level = changes[name], middle_level(photographs.conditions.levels)
     if isinstance(own, str):
         yield Quantity("band_restored_psnr", None, f"not found: {own}", die=name, level_db=level)
@@ -505,5 +479,4 @@ def restored_bands(
 
 
 def _band(name: str, drawn: float, change: Expansion, process: Process, spread: ProcessSpread) -> Band:
-    """The band of a number of the die as drawn that changes."""
     return Band.of(name, None, replace(change, nominal=drawn + change.nominal), process, spread)

@@ -84,16 +84,7 @@ _TOLD_OF_UNLIKE = frozenset({"auc_radial_min", "mtf50", "mtf30", "mtf10", "peak_
 def optics_of_like(
     die: Die, camera: Camera, blank: MaskBlank, design: db.Layout, laid: db.Layout, equal: bool
 ) -> Iterator[Quantity]:
-    """The PSF and MTF of a die of a file that is the design, or nearly.
-
-    Args:
-        die: the die.
-        camera: what looks through it.
-        blank: what the plate is made of.
-        design: the plate's layout.
-        laid: the file, lying as the design does.
-        equal: whether the file is the design all over the stop.
-    """
+    """The PSF and MTF of a die of a file that is the design, or nearly."""
     bare = _bare(die)
     box = light_box(die, camera.stop)
     # A layout in cells is seen through faster than one without, where both are the same.
@@ -255,11 +246,7 @@ class Foreign:
     """A file held against a design.
 
     Attributes:
-        path: the file.
-        alignment: how it lies.
         trip: the comparison once it lies as the design does; None where it is not the design at all.
-        quantities: everything that is told.
-        layers: what was read as clear.
     """
 
     path: Path
@@ -275,11 +262,7 @@ class Foreign:
 
 
 def only_die(plate: Plate, name: str) -> Plate:
-    """The plate with one die and nothing else.
-
-    Raises:
-        JobError: MF105 if there is no such die.
-    """
+    """The plate with one die and nothing else. Raises JobError MF105 if there is no such die."""
     dies = tuple(die for die in plate.dies if die.name == name)
     if not dies:
         what = f"there is no die {name!r}"
@@ -307,10 +290,8 @@ def check_foreign(
         limits: the job's; the whole file keeps them, or is no worse than the design by the design's own smallest.
         path: the file, of any kind that :func:`read_layout` or :func:`read_picture` reads.
         how: what the file does not say itself.
-        progress: told where the work stands.
         blank: what the job states of the plate.
         max_vertices: of a polygon, as the job draws them; None where it leaves that open.
-        ordered: what the job says of layers.
 
     Raises:
         SourceError: MF301 to MF318 if the file cannot be read as it stands; MF309 if nothing of it is clear.
@@ -397,7 +378,6 @@ def _turn_over(read: db.Layout, alignment: Alignment, path: Path) -> None:
 
 
 def _own_cds(plate: Plate, design: db.Layout, read: db.Layout, alignment: Alignment) -> tuple[CdCheck, ...]:
-    """The gauges of a plate, measured in the file where it lies, at the size that it has."""
     back = alignment.trans.inverted()
     quantities = []
     for gauge in plate.gauges:

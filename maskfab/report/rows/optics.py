@@ -103,8 +103,6 @@ def measure(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank = UNSTATE
     """PSF, MTF, invariants and the difference to the design, at every wavelength of the camera.
 
     Args:
-        die: the design.
-        camera: what looks through it.
         blank: what the plate is made of; a leak whose phase is stated is part of every number.
         shapes: everything clear in front of the stop as read back, in plate coordinates: a merged region, or disjoint
             boxes, see :func:`maskfab.mask.layout.clear_shapes`.
@@ -177,12 +175,7 @@ def measure_pupils(
         design: the pupil that the polygons are held against, and whose points are told of. None where there is none:
             then they are held against ``read``, a raster of them, and what is told of points and pixels is their own.
         lit: the lags of ``read``, its leak included.
-        outline: the polygons, cut by the stop.
-        camera: what looks through them.
-        limit: largest admissible error of the invariants.
         difference: makes a quantity of the polygons' difference to the design and the wavelength.
-        die: whose numbers these are.
-        progress: told after every wavelength.
     """
     table, leak, lags = lit.table, lit.leak, lit.axis_lags
     margin = pixel_margin(camera)
@@ -231,8 +224,6 @@ class LitPupils:
     """The lags of what passes light: of the openings, and of the film where its leak is stated.
 
     Attributes:
-        table: lags of the plane.
-        axis_lags: lags along x and along y.
         leak: of the film; None where nothing passes it.
     """
 
@@ -247,11 +238,8 @@ def lit_pupils(
     """The lags that the camera needs.
 
     Args:
-        pupil: openings inside the stop.
         parts: of the amplitude of openings and film, see :meth:`maskfab.optics.psf.Leak.pupils`; none without a
             leak.
-        leak: of the film.
-        camera: what looks through them.
         outline: polygons of which the pupil is a raster.
     """
     reach = longest_lag_um(camera)

@@ -58,7 +58,6 @@ class Surroundings:
     Attributes:
         scene: of the camera; None for a job without one.
         accuracy: to which it is asked for; None likewise.
-        blank: the mask blank.
     """
 
     scene: Scene | None
@@ -77,7 +76,6 @@ class Conditions:
     """Camera, sensor and light that photographs are taken with.
 
     Attributes:
-        protocol: how they are taken and scored.
         camera: lens, pixels and wavelengths; of a fixed protocol where it is a :class:`PhotoCamera`.
         levels: of light, signal-to-noise ratios of white behind the published display, dB.
         stated: how the light was asked for.
@@ -233,7 +231,6 @@ def uses_of(job: Job, protocol: str = "camera") -> Keys:
 
 
 def _lit(protocol: Protocol, levels: Sequence[float]) -> Protocol:
-    """The protocol, if it has light of all these levels."""
     for level in levels:
         protocol.exposure(level)
     return protocol
@@ -257,7 +254,6 @@ class Restored:
 
     Attributes:
         scores: of every scene at every level of light; none if it cannot be photographed.
-        left_out: sentences on what the photographs leave out.
         refused: why the die cannot be photographed; None if it can.
         scene: of the photographs that are shown; None if none are.
         truth: part of that scene, float32 [3, rows, columns], row 0 on top; None likewise.
@@ -294,7 +290,6 @@ class Photographs:
     """Photographs behind the dies of one plate.
 
     Attributes:
-        conditions: that they were taken under.
         dies: by name, in the plate's order.
         stated: the die that the job wants gains to be over; None if it names none.
     """
@@ -374,10 +369,6 @@ def photograph_die(conditions: Conditions, around: Surroundings, name: str, pane
     """Photograph the drawn scenes through one die.
 
     Args:
-        conditions: of the job.
-        around: what lies about the die.
-        name: of the die.
-        panel: of it.
         shown: keep part of the first scene in least light and in most, not at the middle level alone.
     """
     protocol, levels = conditions.protocol, {middle_level(conditions.levels)}

@@ -48,7 +48,6 @@ class PointView:
     """The picture of one point of the scene.
 
     Attributes:
-        image_um: where it lies on the sensor.
         object_um: how far the object is from the lens; may be infinite.
         psf: on pixels.
         change: relative L2 distance of ``psf`` from that of the axis in focus.
@@ -72,13 +71,9 @@ class SceneOptics:
     """Optics of a scene behind one die.
 
     Attributes:
-        die: the design.
-        scene: what is looked at.
-        plan: how it was modelled.
         field: views of objects in focus, [y][x] over the field; none where the plan gives every place one PSF.
         depth: views on the axis, nearest first; none where the plan gives every distance one PSF.
         colours: PSF on pixels of each band, on the axis in focus; none for lines.
-        quantities: what is told of all this.
     """
 
     die: Die
@@ -139,9 +134,6 @@ def measure_scene(
     """Views over the field, the depth and the colours of a scene, and their numbers.
 
     Args:
-        die: the design.
-        camera: what looks through it.
-        scene: what is looked at.
         openings: as read back, as far as :func:`scene_reach_um`.
         plan: how to model the scene.
         blank: what the plate is made of; of it a scene holds the glass alone.

@@ -93,10 +93,8 @@ class Finding:
     Attributes:
         of: the photographs, or the die alone for a number of the optics.
         over: those that they are compared with; None for a number that stands alone.
-        wavelength_nm: of a number of the optics.
         difference: the mean difference, or mean, with its 95 % interval; of the optics, with its error, and no
             photographs.
-        verdict: of the claim's limits.
     """
 
     of: Take
@@ -163,7 +161,6 @@ def of_photographs(claim: ClaimSection, scores: Mapping[Take, Sequence[Score]]) 
 
 
 def _of_levels(scores: Mapping[Take, Sequence[Score]], takes: Sequence[Take], measure: str) -> NDArray[np.float64]:
-    """The mean score of every photograph over takes that differ in their level alone."""
     return np.asarray(np.mean([[getattr(score, measure) for score in scores[take]] for take in takes], axis=0))
 
 
@@ -172,7 +169,6 @@ def of_optics(claim: ClaimSection, numbers: Mapping[tuple[str, float | None], tu
 
     Args:
         claim: about one that needs no photographs, but for the difference of PSFs.
-        numbers: value and error, by die and wavelength.
     """
     findings = []
     for die, over in pairs(claim):
@@ -226,14 +222,10 @@ class Setting:
     """Conditions of some photographs of a study: one protocol in one case.
 
     Attributes:
-        case: its name.
-        job: with the scene of the case.
-        conditions: of the protocol.
         restorers: for every die.
         choose: whether one of them is chosen for each photograph too.
         colours: whether S-CIELAB is scored.
         reference: whose blur restorers are given; None for its own.
-        learned: restorers trained behind dies, by their names.
     """
 
     case: str
@@ -264,12 +256,8 @@ class Plan:
     """A study that was checked and can be made.
 
     Attributes:
-        job: with [study].
-        panels: of its dies.
-        settings: protocols and cases that photographs are taken in.
         photographs: of a folder; drawn scenes are beside them.
         skipped: files of the folder that are no photographs, or do not serve.
-        masks: files that stand in place of openings, by the openings' names.
         idle_masks: names of given ones that no opening has.
     """
 
@@ -312,9 +300,6 @@ class Study:
     """A study, made.
 
     Attributes:
-        plan: as it was asked for.
-        optics: of every die, where they are asked for.
-        scenes: names of the scenes.
         scores: of every scene in order, by what they are of.
         left_out: sentences on what the photographs of each protocol, case and die leave out.
         truth: part of the first scene, code values; None without photographs.
@@ -364,9 +349,7 @@ def planned(
     """Check all of a study before any work: its dies, cases, protocols, claims and photographs.
 
     Args:
-        job: with [study].
         given: photographs, beside the drawn scenes.
-        learned: finds restorers that were trained behind dies, by their names.
         masks: files in place of the job's openings, as :func:`maskfab.mask.job.masks_in` gives them.
 
     Raises:
@@ -435,7 +418,6 @@ def _serving(given: Folder | None, settings: Sequence[Setting]) -> tuple[tuple[P
 
 
 def _in_case(job: Job, case: CaseSection, i: int) -> Job:
-    """The job with the scene of a case."""
     if not case.scene:
         return job
     section = job.spec.scene

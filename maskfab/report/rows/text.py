@@ -73,7 +73,6 @@ def told(value: float | str | None, error: float | None = None, unit: str = "1",
     """A number and its error as a reader is told them: no digit that the error does not allow, and few at most.
 
     Args:
-        value: of a quantity.
         error: half width of its error bar; None or 0 for an exact number.
         unit: a number of decibels has two decimals at most.
         digits: as many at most.
@@ -263,7 +262,6 @@ def _error(quantity: Quantity) -> str:
 
 
 def _plain(text: str) -> str:
-    """A number as terminals and programs read it."""
     mantissa, power, exponent = text.replace("\u202f", "").replace("−", "-").partition(" × 10")
     if not power and mantissa.startswith("10") and mantissa[2:].translate(_PLAIN) != mantissa[2:]:
         mantissa, exponent = "1", mantissa[2:]
@@ -428,7 +426,6 @@ def by_level(levels: Sequence[float], values: Sequence[float]) -> dict[str, floa
 
 
 def _most(designed: Designed, values: Sequence[float]) -> str:
-    """Bounds by level, of those that tell anything."""
     by = by_level(designed.levels, values).items()
     return ", ".join(f"at most {value:.2f} dB at {level}" for level, value in by if value <= USEFUL_DB)
 

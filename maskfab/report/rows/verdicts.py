@@ -21,12 +21,7 @@ from maskfab.display.limits import Limited, kept
 
 @dataclass(frozen=True)
 class Tally:
-    """Checks of one subject.
-
-    Attributes:
-        checks: how many were made.
-        failed: how many of them failed.
-    """
+    """Checks of one subject."""
 
     checks: int
     failed: int
@@ -43,10 +38,8 @@ class Displays:
 
     Attributes:
         dies: on the plate, less the reference where it is not counted; 0 where files alone were looked at.
-        fits: dies whose display fits.
         does_not_fit: dies whose display provably does not, or breaks a rule.
         unknown: dies for which neither is known.
-        circuits: how those of displays were judged.
         aside: words on the reference, where it is not counted.
     """
 
@@ -90,7 +83,6 @@ class Limits:
         dies: whose displays were held against them, less the reference where it is not counted.
         kept: how many keep them all.
         stated: whether the job states any of them, which are else defaults.
-        names: limits that are broken.
         aside: words on the reference, where it is not counted.
     """
 
@@ -136,11 +128,6 @@ class Verdicts:
 
     Attributes:
         files: checks of the files, against the design and against a mask house's rules.
-        optics: checks of what was measured in the files.
-        display: what fits.
-        looks: limits of the eye.
-        lives: limits of life and power.
-        house: whether the rules of a mask house were asked.
         tried: words on faults that were planted for the judge of the files; empty where none were.
     """
 
@@ -165,8 +152,6 @@ class Verdicts:
         """From the checks of a plate, and what was found of the displays of those of its ``dies`` that have one.
 
         Args:
-            checks: of the plate.
-            displays: by die.
             dies: on the plate.
             reference: die that the others are compared with, which is counted only where it is the only one.
             house: whether the rules of a mask house were asked elsewhere; else the checks tell.
