@@ -16,6 +16,7 @@ ends. Two drawings that are equal leave nothing, however they are cut into polyg
 """
 
 import array
+import copy
 import hashlib
 import io
 import json
@@ -32,6 +33,7 @@ UNITS = {"nm": 1, "um": 1000, "µm": 1000, "mm": MM, "cm": 10 * MM, "m": 1000 * 
 SPAN = 1 << 33  # a point is one number, x SPAN + y
 HALF = SPAN >> 1
 WRONG, CANNOT = 1, 2
+CUT = 2, 0  # a layer that is cut out of the data's, for houses that take no holes
 
 
 class CannotTell(Exception):
@@ -222,20 +224,15 @@ class Sum:
         if area2 < 0:
             sign = -sign
         self.area2 += sign * area2
-        flat, slant = self.flat, self.slant
+        flat = self.flat
         for x1, y1 in points:
             if y1 == y0:
                 if x1 != x0:
                     start, end = x0 * SPAN + y0, x1 * SPAN + y1
                     flat[start] = flat.get(start, 0) + sign
                     flat[end] = flat.get(end, 0) - sign
-            elif x1 != x0:
-                dx, dy = x1 - x0, y1 - y0
-                common = math.gcd(dx, dy) if dx > 0 else -math.gcd(dx, dy)
-                dx, dy = dx // common, dy // common
-                line = slant.setdefault((dx, dy, dx * y0 - dy * x0), {})
-                line[x0] = line.get(x0, 0) + sign
-                line[x1] = line.get(x1, 0) - sign
+            else:
+                self.edge(x0, y0, x1, y1, sign)
             x0, y0 = x1, y1
 
     def box(self, x0, y0, x1, y1, sign=1):
@@ -258,6 +255,79 @@ class Sum:
         for key, count in self.flat.items():
             if count:
                 yield ((key + HALF) // SPAN, (key + HALF) % SPAN - HALF), count
+
+    def edges(self):
+        """(x0, y0, x1, y1, count), x0 < x1: what fills the plane above it by its count."""
+        lines = {}
+        for (x, y), count in self.points():
+            lines.setdefault((1, 0, y), {})[x] = count
+        for (dx, dy, c), ends in [*lines.items(), *self.slant.items()]:
+            before, weight = None, 0
+            for x in sorted(x for x, count in ends.items() if count):
+                if weight:
+                    yield before, (c + dy * before) // dx, x, (c + dy * x) // dx, weight
+                before, weight = x, weight + ends[x]
+
+    def snapped(self, grid, mirrored):
+        """Every corner on the nearest line, the upper of two; of x in the file's sense."""
+
+        def near(at):
+            return (2 * at + grid) // (2 * grid) * grid
+
+        found = Sum()
+        for x0, y0, x1, y1, count in self.edges():
+            x0, x1 = (-near(-x) if mirrored else near(x) for x in (x0, x1))
+            found.edge(x0, near(y0), x1, near(y1), count)
+        return found
+
+    def edge(self, x0, y0, x1, y1, count):
+        if x0 == x1:
+            return
+        if y0 == y1:
+            for x, sign in ((x0, count), (x1, -count)):
+                self.flat[x * SPAN + y0] = self.flat.get(x * SPAN + y0, 0) + sign
+            return
+        dx, dy = x1 - x0, y1 - y0
+        common = math.gcd(dx, dy) if dx > 0 else -math.gcd(dx, dy)
+        dx, dy = dx // common, dy // common
+        line = self.slant.setdefault((dx, dy, dx * y0 - dy * x0), {})
+        line[x0] = line.get(x0, 0) + count
+        line[x1] = line.get(x1, 0) - count
+
+    def within(self, box):
+        """The part with all ends in a box."""
+        found, (x0, y0, x1, y1) = Sum(), box
+        for edge in self.edges():
+            if x0 <= edge[0] and edge[2] <= x1 and y0 <= min(edge[1::2][:2]) and max(edge[1::2][:2]) <= y1:
+                found.edge(*edge)
+        return found
+
+    def thin_chrome(self, most):
+        """Whether it is nothing but missing area, in which no square of more than ``most`` has room; and that area."""
+        edges, tall, area = list(self.edges()), [], 0
+        xs = sorted({x for edge in edges for x in (edge[0], edge[2])})
+        for left, right in zip(xs, xs[1:]):
+            here = []
+            for x0, y0, x1, y1, count in edges:
+                if x0 <= left and right <= x1:
+                    low, high = (y0 + Fraction((x - x0) * (y1 - y0), x1 - x0) for x in (left, right))
+                    here.append((low + high, low, high, count))
+            here.sort()
+            depth, until = 0, []
+            for (_, low, high, count), (_, top, above, _) in zip(here, here[1:]):
+                depth += count
+                if depth not in (0, -1) or top < low or above < high:
+                    return False, 0
+                if depth:
+                    area += Fraction((top - low + above - high) * (right - left), 2)
+                    if max(top - low, above - high) > most:
+                        bottom, end = min(low, high), max(top, above)
+                        wide = [w for a, b, w in tall if min(b, end) - max(a, bottom) > 0]
+                        until.append((bottom, end, max(wide, default=0) + right - left))
+                        if until[-1][2] > most:
+                            return False, 0
+            tall = until
+        return True, area
 
     def dark_modules(self, x, y, n, m):
         """Rows from above of the modules about a place, without the quiet zone of one."""
@@ -487,15 +557,14 @@ class Drawing:
             return list(zip(flat[::2], flat[1::2]))
         return [(a * x + b * y, c * x + d * y) for x, y in zip(flat[::2], flat[1::2])]
 
-    def sum(self, share, into):
+    def sum(self, share, into, sign):
         for item in share:
             if len(item) == 3:
-                into.add(*item)
+                into.add(*item, sign)
             else:
                 at, turn, x, y = item
                 outline = self.turned(at, turn)
-                into.polygon([(u + x, v + y) for u, v in outline] if x or y else outline)
-        return into
+                into.polygon([(u + x, v + y) for u, v in outline] if x or y else outline, sign)
 
 
 # --- layout.md, "Dies", and "What a cell shows" ---
@@ -509,6 +578,11 @@ class Opening:
         self.n = len(self.rows)
         if any(len(row) != self.n for row in self.rows):
             raise CannotTell("an opening that is not square")
+
+    def shifted(self, right, up):
+        found, n = copy.copy(self), self.n
+        found.rows = [[self.rows[(r - up) % n][(c - right) % n] for c in range(n)] for r in range(n)]
+        return found
 
     def turned(self, turn):
         rows = [row[::-1] for row in self.rows] if turn >= 4 else self.rows
@@ -529,22 +603,35 @@ class Opening:
                     yield from map(len, re.findall("#+", marks))
 
 
-def raster(rows, xs, ys):
-    """The sum of clear dots, rows from below, between the lines xs and ys."""
-    found, blank = Sum(), [False] * len(rows[0])
-    flat = found.flat
-    below = blank
-    for j in range(len(rows) + 1):
-        here = rows[j] if j < len(rows) else blank
-        before = 0
-        for i in range(len(xs)):
-            step = here[i] - below[i] if i < len(here) else 0
-            if step != before:
-                flat[xs[i] * SPAN + ys[j]] = step - before
-                before = step
-        below = here
-    for j, row in enumerate(rows):
-        found.area2 += 2 * (ys[j + 1] - ys[j]) * sum(xs[i + 1] - xs[i] for i, dot in enumerate(row) if dot)
+def corner(inset):
+    """What a line crossing adds, by the clear dots below it left and right, and above it: moves and counts."""
+    e, join, table = abs(inset), max if inset < 0 else min, {}
+    for number in range(16):
+        a, b, c, d = near = [number >> k & 1 for k in range(4)]
+        if e:  # the middles of sides, and of all, take part in the move
+            q = (a, join(a, b), b), (join(a, c), join(near), join(b, d)), (c, join(c, d), d)
+            ends = [
+                ((2 * u - 1) * e, (2 * v - 1) * e, q[v + 1][u + 1] - q[v + 1][u] - q[v][u + 1] + q[v][u])
+                for u in (0, 1)
+                for v in (0, 1)
+            ]
+        else:
+            ends = [(0, 0, d - c - b + a)]
+        table[tuple(map(bool, near))] = [end for end in ends if end[2]]
+    return table
+
+
+def raster(rows, xs, ys, inset=0):
+    """The sum of clear dots, rows from below, between the lines xs and ys; their edges moved inwards."""
+    found, blank, ends = Sum(), [False] * len(rows[0]), corner(inset)
+    below = [False, *blank, False]
+    for y, row in zip(ys, [*rows, blank]):
+        above = [False, *row, False]
+        for x, *near in zip(xs, below, below[1:], above, above[1:]):
+            for u, v, count in ends[tuple(near)]:
+                key = (x + u) * SPAN + y + v
+                found.flat[key] = found.flat.get(key, 0) + count
+        below = above
     return found
 
 
@@ -592,7 +679,7 @@ def blue_noise(draw, rows, columns, openings):
 class Die:
     """A die as the job asks for it: ``cells`` are opening and turn of each, rows from below."""
 
-    def __init__(self, job, number, say):
+    def __init__(self, job, number):
         die, plate = job["die"][number], job["plate"]
         self.name, self.label, self.number = die["name"], die.get("label", ""), number
         self.dot, self.gutter, self.tiling = nm(die["dot"]), nm(die.get("gutter", "0 um")), die["tiling"]
@@ -603,12 +690,14 @@ class Die:
         self.x = -(columns - 1) * pitch // 2 + number % columns * pitch
         self.y = (lines - 1) * pitch // 2 - number // columns * pitch
         names = [die["opening"], *die.get("others", [])]
-        seed, chart, self.shifts = die.get("seed"), None, None
+        seed, chart, shifts = die.get("seed"), None, None
         if die.get("map"):
             chart = toml(job["maps"][die["map"]])
-            names = self.of_map(chart, names, say)
+            shifts = chart.get("shifts") or shifts
         texts = [job["openings"][name] for name in names]
         self.openings = [Opening(text) for text in texts]
+        if shifts:
+            self.openings = [self.openings[0].shifted(*shift) for shift in shifts]
         fits = (chart or toml(texts[0])).get("die_seeds_fit") if seed is None else None
         self.seed = fits[0] if fits else seed or 0
         self.n = self.openings[0].n
@@ -637,11 +726,6 @@ class Die:
                         self.cells[i][j] = tuple(chart["beyond"])
         self.height, self.width = rows * self.pitch, columns * self.pitch
         self.left, self.below = self.x - self.width // 2, self.y - self.height // 2
-
-    def of_map(self, chart, names, say):
-        if chart.get("shifts"):
-            raise CannotTell("shifts")
-        return names
 
     def drawn(self, rows, columns, openings, others):
         """Table of the tilings."""
@@ -674,7 +758,7 @@ class Die:
         self.left, self.below = self.x - self.width // 2, self.y - self.height // 2
         rows, columns = math.ceil(m / h) + 3, math.ceil(m / n) + 3
         turns, clear = Random(self.seed).table(6, rows, columns), self.openings[0].rows
-        cosines, sines = (1, 0.5, -0.5, -1, -0.5, 0.5), (0, *[math.sqrt(0.75)] * 2, 0, *[-math.sqrt(0.75)] * 2)
+        cosines, sines = ([f(k * math.pi / 3) for k in range(6)] for f in (math.cos, math.sin))
         self.dots = []
         for v in range(m):
             y, row = v + 0.5 - m / 2, []
@@ -693,13 +777,27 @@ class Die:
                 row.append(0 <= a < n and 0 <= b < n and clear[b][a])
             self.dots.append(row)
 
-    def take(self, into):
-        """Take what is asked for away from a sum."""
+    def take(self, into, inset=0):
+        """Take what is asked for away from a sum, its edges moved inwards."""
         if not self.cells:
             xs, ys = ([at + k * self.dot for k in range(len(self.dots) + 1)] for at in (self.left, self.below))
-            into.add(raster(self.dots, xs, ys), 0, 0, -1)
+            into.add(raster(self.dots, xs, ys, inset), 0, 0, -1)
             return
-        known, half = {}, self.gutter // 2
+        half, turned = self.gutter // 2, {}
+        if inset:  # dots of two cells meet
+            for pair in {pair for row in self.cells for pair in row}:
+                dots = self.openings[pair[0]].turned(pair[1])
+                turned[pair] = [row + [False] for row in dots] + [[False] * (self.n + 1)] if self.gutter else dots
+            rows = [sum((turned[pair][k] for pair in row), []) for row in self.cells for k in range(len(turned[row[0]]))]
+            lines = [half + k * self.dot for k in range(self.n + bool(self.gutter))]
+            counts = len(self.cells[0]), len(self.cells)
+            xs, ys = (
+                [at + j * self.pitch + k for j in range(count) for k in lines] + [at + count * self.pitch + half]
+                for at, count in zip((self.left, self.below), counts)
+            )
+            into.add(raster(rows, xs, ys, inset), 0, 0, -1)
+            return
+        known = {}
         for i, row in enumerate(self.cells):
             for j, (opening, turn) in enumerate(row):
                 if (opening, turn) not in known:
@@ -999,11 +1097,12 @@ def annex_f(n):
 # --- layout.md, "Marks" ---
 
 
-def boxes(items):
-    total = Sum()
-    for item in items:
-        total.box(*item)
-    return total
+def boxes(items, inset=0):
+    """The sum of boxes' union, its edges moved inwards."""
+    items = list(items)
+    xs, ys = (sorted({each[k] for each in items for k in axis}) for axis in ((0, 2), (1, 3)))
+    rows = [[any(a <= x < c and b <= y < d for a, b, c, d in items) for x in xs[:-1]] for y in ys[:-1]]
+    return raster(rows, xs, ys, inset)
 
 
 def cross(x, y, length, arm):
@@ -1022,8 +1121,9 @@ def number(x):
 class Marks:
     """Marks of a plate by name, as sums."""
 
-    def __init__(self, job, dies, template, version, digest):
-        self.job, self.dies, self.found, self.codes = job, dies, {}, {}
+    def __init__(self, job, dies, template, version, digest, inset):
+        self.job, self.dies, self.found, self.codes, self.inset = job, dies, {}, {}, inset
+        self.texts = set()
         plate = job["plate"]
         source = template or plate
         self.blank, self.writable = (
@@ -1046,6 +1146,7 @@ class Marks:
         ]
         for die in dies:
             text = f"{die.name}  {die.label}" if die.label else die.name
+            self.texts.add(f"LABEL_{die.name}")
             self.found[f"LABEL_{die.name}"] = line(text, 420_000, die.x, die.y - die.size // 2 - 600_000, die.size)
         for mark in template["mark"] if template else ():
             x, y = (nm(at) for at in mark["at"])
@@ -1063,6 +1164,7 @@ class Marks:
         return min(50_000, *found) if found else 50_000
 
     def caption(self, mark, x, y, h, text, w):
+        self.texts.add(f"{mark['name']}_TEXT")
         self.found[f"{mark['name']}_TEXT"] = line(f"{mark['name']}  {text}", 150_000, x, y - h // 2, w * 999 // 1000)
 
     def multiples(self, mark, x, y, h, w):
@@ -1076,20 +1178,22 @@ class Marks:
         total = line(self.job["job"].get("title") or self.job["job"]["name"], high, x, base, room)
         for i, text in enumerate(self.lines, 1):
             total.add(line(text, small, x, base - 2 * i * small, room), 0, 0)
+        self.texts.add(mark["name"])
         self.found[mark["name"]] = total
 
     def fiducial(self, mark, x, y, w, h):
-        self.found[mark["name"]] = boxes(cross(x, y, nm(mark["length"]), nm(mark["line"])))
+        self.found[mark["name"]] = boxes(cross(x, y, nm(mark["length"]), nm(mark["line"])), self.inset)
 
     def alignment(self, mark, x, y, w, h):
         length, arm = nm(mark["length"]), nm(mark["line"])
         n, f, half, side = arm // 2, 3 * arm // 2, length // 2, length // 4
-        total = boxes(cross(x, y, 2 * side, arm))
-        total.box(x - half, y - f, x - side, y - f + 3 * arm)
-        total.box(x + side, y - f, x - half + length, y - f + 3 * arm)
-        total.box(x - f, y - half, x - f + 3 * arm, y - side)
-        total.box(x - f, y + side, x - f + 3 * arm, y - half + length)
-        self.found[mark["name"]] = total
+        ends = [
+            (x - half, y - f, x - side, y - f + 3 * arm),
+            (x + side, y - f, x - half + length, y - f + 3 * arm),
+            (x - f, y - half, x - f + 3 * arm, y - side),
+            (x - f, y + side, x - f + 3 * arm, y - half + length),
+        ]
+        self.found[mark["name"]] = boxes([*cross(x, y, 2 * side, arm), *ends], self.inset)
 
     def parity(self, mark, x, y, w, h):
         height = nm(mark["height"])
@@ -1103,7 +1207,8 @@ class Marks:
                 (left, below, left + s, top),
                 (left + s, top - s, left + 3 * s, top),
                 (left + s, below + 2 * s, left + 2 * s, below + 3 * s),
-            ]
+            ],
+            self.inset,
         )
 
     def cd_bars(self, mark, x, y, w, h):
@@ -1116,7 +1221,7 @@ class Marks:
                 u, v = (wide, length) if axis == "X" else (length, wide)
                 at = left + (2 * i + j) * 2 * length
                 self.found[f"{name}_{axis}_{called}X"] = boxes(
-                    [(at - u // 2, y - v // 2, at - u // 2 + u, y - v // 2 + v)]
+                    [(at - u // 2, y - v // 2, at - u // 2 + u, y - v // 2 + v)], self.inset
                 )
 
     def row(self, sizes, x):
@@ -1136,11 +1241,11 @@ class Marks:
             below = y - (2 * largest + 300_000) // 2 + (largest - side) // 2
             above = below + largest + 300_000
             self.found[f"{mark['name']}_V_{called}X"] = boxes(
-                (start + 2 * k * wide, above, start + (2 * k + 1) * wide, above + side) for k in range(n)
+                [(start + 2 * k * wide, above, start + (2 * k + 1) * wide, above + side) for k in range(n)], self.inset
             )
             start = below + (side - group) // 2
             self.found[f"{mark['name']}_H_{called}X"] = boxes(
-                (left, start + 2 * k * wide, left + side, start + (2 * k + 1) * wide) for k in range(n)
+                [(left, start + 2 * k * wide, left + side, start + (2 * k + 1) * wide) for k in range(n)], self.inset
             )
 
     def siemens_star(self, mark, x, y, w, h):
@@ -1162,7 +1267,7 @@ class Marks:
             below = y - side // 2
             rows = [[(i + j) % 2 == 0 for j in range(n)] for i in range(n)]
             xs, ys = [left + k * wide for k in range(n + 1)], [below + k * wide for k in range(n + 1)]
-            self.found[f"{mark['name']}_{called}X"] = raster(rows, xs, ys)
+            self.found[f"{mark['name']}_{called}X"] = raster(rows, xs, ys, self.inset)
 
     def corners(self, mark, x, y, w, h):
         multiples = self.multiples(mark, x, y, h, w)
@@ -1170,7 +1275,7 @@ class Marks:
         below = y - max(sides) // 2
         for (called, wide), side, left in zip(multiples, sides, self.row(sides, x)):
             self.found[f"{mark['name']}_{called}X"] = boxes(
-                [(left, below, left + wide, below + side), (left + wide, below, left + side, below + wide)]
+                [(left, below, left + wide, below + side), (left + wide, below, left + side, below + wide)], self.inset
             )
 
     def data_matrix(self, mark, x, y, w, h):
@@ -1182,7 +1287,8 @@ class Marks:
         _, m, x, y = self.codes[name]
         n = len(rows) + 2
         light = [[True] * n, *([True, *(not dark for dark in row), True] for row in reversed(rows)), [True] * n]
-        self.found[name] = raster(light, *([at - n * m // 2 + k * m for k in range(n + 1)] for at in (x, y)))
+        xs, ys = ([at - n * m // 2 + k * m for k in range(n + 1)] for at in (x, y))
+        self.found[name] = raster(light, xs, ys, self.inset)
 
     def read_codes(self, drawn):
         """Take each matrix in the encodation in which it is drawn, as far as it holds the text asked for."""
@@ -1242,11 +1348,12 @@ class Marks:
         tone = self.job.get("order", {}).get("tone", "clear")
         total = line(self.job["job"].get("title") or self.job["job"]["name"], 1_500_000, 0, half - 2_750_000, room)
         total.add(line(f"{self.lines[0]} | digitized data = {tone}", 420_000, 0, half - 3_590_000, room), 0, 0)
+        self.texts.add("TITLE")
         self.found["TITLE"] = total
         for u in (-1, 1):
             for v in (-1, 1):
                 x, y = u * (half - 2 * MM), v * (half - 2 * MM)
-                self.found[f"FIDUCIAL_{u}_{v}"] = boxes(cross(x, y, MM, 50_000))
+                self.found[f"FIDUCIAL_{u}_{v}"] = boxes(cross(x, y, MM, 50_000), self.inset)
         left, below = -half + 6 * MM, -half + 2 * MM
         self.f_at("PARITY", left, below, 400_000, 2_000_000)
         self.bars("CD", [(str(m), m * self.f) for m in (1, 2, 5)], 500_000, 0, below)
@@ -1290,71 +1397,84 @@ class Verdict:
         return points
 
 
-def judge(job, template, version, data, manifest=None):
+def house_grid(grids, own, dies):
+    """The coarsest of a house's grids on which all dies lie; 1 where the job's own or 1 nm is among them."""
+    lies = [at for die in dies for at in (die.left, die.below, die.width, die.dot, die.pitch, die.gutter // 2)]
+    return 1 if own in grids or 1 in grids else max((g for g in grids if not any(at % g for at in lies)), default=1)
+
+
+def check_units(units, verdict):
+    wanted = real8(struct.pack(">Q", 0x3E4189374BC6A7F0)), real8(struct.pack(">Q", 0x3944B82FA09B5A54))
+    near = [abs(a / b - 1) < Fraction(1, 10**12) for a, b in zip(units or (0, 0), wanted)]
+    if not all(near):
+        verdict.wrong.append(f"units: database and user unit {[float(u) for u in units or ()]}, not 0.001 and 1e-9 m")
+
+
+def judge(job, template, version, data, manifest=None, shop=None):
     """A verdict, and what the plate is in a sentence."""
-    verdict = Verdict()
-    order = job.get("order", {})
+    verdict, shop = Verdict(), shop or {}
+    order, export = job.get("order", {}), job.get("export", {})
     tone = order.get("tone") or "clear"
     mirrored = (order.get("parity") == "wrong reading") != (order.get("chrome") == "down")
-    for key, why in (("bias", order.get("bias") == "data"), ("grid", bool(job.get("export", {}).get("grid")))):
-        if why:
-            raise CannotTell(f"a job with {key} in its data, which this file does not derive")
+    bias = nm(job.get("process", {}).get("cd_bias", "0 um")) if order.get("bias") == "data" else 0
+    if bias % 2:
+        raise CannotTell(f"a bias of {bias} nm, which has no half")
     cells, units = read_gds(data, {})
-    if units != (Fraction(real8(struct.pack(">Q", 0x3E4189374BC6A7F0))), real8(struct.pack(">Q", 0x3944B82FA09B5A54))):
-        if (
-            units is None
-            or abs(units[1] * 10**9 - 1) > Fraction(1, 10**12)
-            or abs(units[0] * 1000 - 1) > Fraction(1, 10**12)
-        ):
-            verdict.wrong.append(
-                f"units: database and user unit {[float(u) for u in units or ()]}, not 1e-9 m and 0.001"
-            )
+    check_units(units, verdict)
     layer = (1, 0) if tone == "clear" else (3, 0)
-    for other in sorted({layer for cell in cells.values() for layer in cell.outlines} - {layer}):
+    for other in sorted({layer for cell in cells.values() for layer in cell.outlines} - {layer, CUT}):
         if other[0] in (1, 3):
             verdict.wrong.append(
                 f"layer {other[0]}/{other[1]}: holds shapes, and the tone is {tone} (layer {layer[0]}/0)"
             )
         else:
             verdict.unjudged.append(f"layer {other[0]}/{other[1]}, which is not written on the plate")
-    dies = [Die(job, i, print) for i in range(len(job["die"]))]
+    dies = [Die(job, i) for i in range(len(job["die"]))]
     digest = digest_of(job)
     if manifest and manifest.get("job_hash") not in (None, digest):
         verdict.wrong.append(f"job: its hash is {digest}, and the manifest says {manifest.get('job_hash')}")
-    marks = Marks(job, dies, template, version, digest)
-    drawing = Drawing(data, cells, layer, mirrored)
-    if tone == "clear":
-        shares = drawing.split([die.box() for die in dies])
-        totals = [drawing.sum(share, Sum()) for share in shares[:0]]
-        rest = drawing.sum(shares[-1], Sum())
-    else:
-        rest, all_dark = Sum(), drawing.sum(drawing.split([])[0], Sum())
-        half = marks.writable // 2
+    marks = Marks(job, dies, template, version, digest, bias // 2)
+    regions = [die.box() for die in dies] if tone == "clear" else []
+    shares = [Sum() for _ in range(len(regions) + 1)]
+    for each, sign in ((layer, 1), (CUT, -1)):
+        drawing = Drawing(data, cells, each, mirrored)
+        for share, total in zip(drawing.split(regions), shares):
+            drawing.sum(share, total, sign)
+    area2, rest = sum(share.area2 for share in shares), shares.pop()
+    half = marks.writable // 2
+    if tone != "clear":
+        dark, rest = rest, Sum()
         rest.box(-half, -half, marks.writable - half, marks.writable - half)
-        rest.add(all_dark, 0, 0, -1)
-    area2, bad = 0, set()
+        area2 = rest.area2 - area2
+        rest.add(dark, 0, 0, -1)
+    bad = set()
     for i, die in enumerate(dies):
-        if tone == "clear":
-            total = drawing.sum(shares[i], Sum())
-            area2 += total.area2
-            if die.tiling == "hexagonal":
-                verdict.unknown.append(f"die {die.name}: hexagonal, which this file does not derive to the last dot")
-                continue
-            die.take(total)
-            verdict.left(total, f"die {die.name}", None, die)
-        else:
-            if die.tiling == "hexagonal":
-                raise CannotTell(f"die {die.name}: hexagonal in dark data")
-            die.take(rest)
-            bad.update(verdict.left(rest, f"die {die.name}", die.box(), die))
-    area2 += rest.area2 if tone == "clear" else 8 * (marks.writable // 2) ** 2 - all_dark.area2
+        total = shares[i] if tone == "clear" else rest
+        die.take(total, bias // 2)
+        bad.update(verdict.left(total, f"die {die.name}", None if tone == "clear" else die.box(), die))
     marks.read_codes(rest)
+    own = nm(export["grid"]) if export.get("grid") else 1
+    for grid in (own, house_grid(shop.get("limits", {}).get("grid_nm", [1]), own, dies)):
+        if grid > 1:
+            marks.found = {name: each.snapped(grid, mirrored) for name, each in marks.found.items()}
     for each in marks.found.values():
         rest.add(each, 0, 0, -1)
+    plate = shop.get("plate", {})
+    if plate.get("corner_square_um"):
+        side, (w, h) = round(1000 * plate["corner_square_um"]), (round(MM * at) for at in plate["extent_mm"])
+        for x, y in ((x, y) for x in (-(w // 2), w - w // 2 - side) for y in (-(h // 2), h - h // 2 - side)):
+            rest.box(x, y, x + side, y + side, -1)
+    apart = shop.get("polygons", {}).get("shared_boundaries", True) is False
+    bar = max(4000, round(2000 * shop.get("limits", {}).get("min_space_um", 0)))
     for name, each in marks.found.items():
         points = [p for p, _ in each.points()]
         if points:
             box = [f(axis) for f in (min, max) for axis in zip(*points)]
+            if apart:
+                left = rest.within(box)
+                thin, area = left.thin_chrome(bar)
+                if thin and area and (name not in marks.texts or 16 * area <= abs(each.area2)):
+                    rest.add(left, 0, 0, -1)
             bad.update(verdict.left(rest, f"mark {name}", box))
     stray = Sum()
     stray.flat = {x * SPAN + y: 1 for x, y in rest.left() if (x, y) not in bad}
@@ -1362,7 +1482,7 @@ def judge(job, template, version, data, manifest=None):
     side = "chrome side" if not mirrored else "glass side"
     share = area2 / 2 / marks.writable**2
     kind = "openings in the chrome" if tone == "clear" else "chrome"
-    share = share if tone == "clear" else 1 - share
+    share = share if tone == "clear" else 1 - share  # of the chrome
     said = (
         f"seen from the {side}, F reads right; digitized data = {tone}: the drawn polygons are the {kind}, "
         f"they are {100 * share:.3f} % of the writable area of {marks.writable / MM:g} mm"
@@ -1406,10 +1526,11 @@ def main(args):
         template = toml(files["template.toml"].decode()) if "template.toml" in files else None
         if job["plate"].get("template") and template is None:
             raise CannotTell(f"the plate's template {job['plate']['template']} is not here (template.toml)")
+        shop = toml(files["shop.toml"].decode()) if "shop.toml" in files else {}
         plates = [name for name in files if name.lower().endswith(".gds")]
         if len(plates) != 1:
             raise CannotTell(f"{len(plates)} GDSII files here; this file reads one, and no other format")
-        verdict, said = judge(job, template, version, files[plates[0]], manifest if len(args) < 2 else None)
+        verdict, said = judge(job, template, version, files[plates[0]], manifest if len(args) < 2 else None, shop)
         for row in manifest.get("files", []) if len(args) < 2 else []:
             content = files.get(row["path"])
             if content is None or hashlib.sha256(content).hexdigest() != row["sha256"]:

@@ -513,16 +513,15 @@ def papers(ordered: MaskOrder) -> dict[str, bytes]:
         PROFILE: dump_shop(shop).encode(),
         JOB_COPY: (json.dumps(ordered.job.spec.dump(), indent=1) + "\n").encode(),
         CERTIFICATE: (json.dumps(_certificate(ordered), indent=1, ensure_ascii=False) + "\n").encode(),
-        **_referee(ordered.job.spec.plate.template),
+        **_referee(ordered.job),
     }
 
 
-def _referee(plate_template: str | None) -> dict[str, bytes]:
+def _referee(job: Job) -> dict[str, bytes]:
     """A judge of the plate that needs nothing but Python, and the plate's template, which it reads beside the job."""
-    files = {REFEREE: "referee.py"} | (
-        {} if plate_template is None else {"template.toml": f"plates/{plate_template}.toml"}
-    )
-    return {name: resources.template(source).encode() for name, source in files.items()}
+    plate = job.spec.plate
+    template = {} if plate is None or plate.template is None else {"template.toml": f"plates/{plate.template}.toml"}
+    return {name: resources.template(each).encode() for name, each in {REFEREE: "referee.py", **template}.items()}
 
 
 def package_facts(job: Job, shop: Shop, figures: Figures, order: Order) -> dict[str, Any]:
