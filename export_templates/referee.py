@@ -542,7 +542,8 @@ class Drawing:
             x0, y0, x1, y1 = min(xs), min(ys), max(xs), max(ys)
             for x, y in places:
                 here = home(x0 + x, y0 + y)
-                if here == home(x1 + x, y1 + y):
+                far = all(x1 + x < a or c < x0 + x or y1 + y < b or d < y0 + y for a, b, c, d in boxes)
+                if here == home(x1 + x, y1 + y) and (here < len(boxes) or far):
                     shares[here].append((whole, x, y))
                 else:
                     for at, outline in zip(self.cells[name].outlines[self.layer], outlines):
