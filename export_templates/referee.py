@@ -684,7 +684,8 @@ class Die:
         die, plate = job["die"][number], job["plate"]
         self.name, self.label, self.number = die["name"], die.get("label", ""), number
         self.dot, self.gutter, self.tiling = nm(die["dot"]), nm(die.get("gutter", "0 um")), die["tiling"]
-        self.size = nm(die.get("size") or plate["die_size"])
+        self.slot = nm(plate["die_size"])
+        self.size = nm(die["size"]) if die.get("size") else self.slot
         count, pitch = len(job["die"]), nm(plate["die_pitch"])
         columns = min(plate["columns"], count)
         lines = -(-count // columns)
@@ -712,7 +713,7 @@ class Die:
             table = [[int(k) for k in line] for line in reversed(chart["map"].split())]
             rows -= (rows - len(table)) % 2
             columns -= (columns - len(table[0])) % 2
-        self.cells = self.drawn(rows, columns, len(names), bool(die.get("others")))
+        self.cells = self.drawn(rows, columns)
         if chart:
             numbers = chart.get("openings")
             numbers = [[int(j) for j in line] for line in reversed(numbers.split())] if numbers else None
@@ -728,9 +729,9 @@ class Die:
         self.height, self.width = rows * self.pitch, columns * self.pitch
         self.left, self.below = self.x - self.width // 2, self.y - self.height // 2
 
-    def drawn(self, rows, columns, openings, others):
+    def drawn(self, rows, columns):
         """Table of the tilings."""
-        draw, tiling = Random(self.seed), self.tiling
+        draw, tiling, openings = Random(self.seed), self.tiling, len(self.openings)
         if tiling == "blue_noise":
             return blue_noise(draw, rows, columns, openings)
         if tiling in ("random", "map"):
@@ -745,11 +746,11 @@ class Die:
             turns = [[0] * columns for _ in range(rows)]
         else:
             raise CannotTell(f"tiling {tiling}")
-        chosen = draw.table(openings, rows, columns) if others else [[0] * columns for _ in range(rows)]
+        chosen = draw.table(openings, rows, columns)  # of one nothing is drawn
         return [list(zip(*pair)) for pair in zip(chosen, turns)]
 
-    def box(self):
-        return (self.left, self.below, self.left + self.width, self.below + self.height)
+    def box(self, out=0):
+        return self.left - out, self.below - out, self.left + self.width + out, self.below + self.height + out
 
     def sheet(self):
         """layout.md, "Hexagonal"."""
@@ -1132,23 +1133,20 @@ class Marks:
             nm(plate.get("writable") or source["writable"]),
         )
         self.f = self.feature()
-        order = job.get("order", {})
-        tone, parity, side = (
-            order.get(k) or d for k, d in (("tone", "clear"), ("parity", "right reading"), ("chrome", "up"))
-        )
+        tone, side = job.get("order", {}).get("tone") or "clear", "down" if mirrored(job) else "up"
         self.version, self.digest = version, digest
         thickness = source.get("thickness")
         size = [self.blank, self.blank] + ([nm(thickness)] if thickness else [])
         self.lines = [
             f"maskfab {version} | job {digest[:16]}",
-            f"digitized data = {tone} | {parity}, chrome {side} | "
+            f"digitized data = {tone} | right reading, chrome {side} | "
             + " x ".join(number(Fraction(s, MM)) for s in size)
             + " mm",
         ]
         for die in dies:
             text = f"{die.name}  {die.label}" if die.label else die.name
             self.texts.add(f"LABEL_{die.name}")
-            self.found[f"LABEL_{die.name}"] = line(text, 420_000, die.x, die.y - die.size // 2 - 600_000, die.size)
+            self.found[f"LABEL_{die.name}"] = line(text, 420_000, die.x, die.y - die.slot // 2 - 600_000, die.slot)
         for mark in template["mark"] if template else ():
             x, y = (nm(at) for at in mark["at"])
             w, h = (nm(at) for at in mark["room"])
@@ -1161,7 +1159,7 @@ class Marks:
         found = []
         for die in self.dies:
             runs = [run for opening in die.openings for run in opening.clear_runs(die.gutter)]
-            found.append(min(runs, default=1) * die.dot)
+            found.append((1 if die.tiling == "hexagonal" else min(runs, default=1)) * die.dot)
         return min(50_000, *found) if found else 50_000
 
     def caption(self, mark, x, y, h, text, w):
@@ -1316,7 +1314,7 @@ class Marks:
             ]
 
         total = boxes(frame(x, y, s))
-        places = [(die.x * s // self.blank, die.y * s // self.blank, die.size * s // self.blank) for die in self.dies]
+        places = [(die.x * s // self.blank, die.y * s // self.blank, die.slot * s // self.blank) for die in self.dies]
         for u, v, side in places:
             total.add(boxes(frame(x + u, y + v, side)), 0, 0)
         pitch = nm(self.job["plate"]["die_pitch"]) * s // self.blank
@@ -1398,6 +1396,12 @@ class Verdict:
         return points
 
 
+def mirrored(job):
+    """Whether the data hold the design mirrored about x = 0."""
+    order = job.get("order", {})
+    return (order.get("parity") == "wrong reading") != (order.get("chrome") == "down")
+
+
 def house_grid(grids, own, dies):
     """The coarsest of a house's grids on which all dies lie; 1 where the job's own or 1 nm is among them."""
     lies = [at for die in dies for at in (die.left, die.below, die.width, die.dot, die.pitch, die.gutter // 2)]
@@ -1416,7 +1420,6 @@ def judge(job, template, version, data, manifest=None, shop=None):
     verdict, shop = Verdict(), shop or {}
     order, export = job.get("order", {}), job.get("export", {})
     tone = order.get("tone") or "clear"
-    mirrored = (order.get("parity") == "wrong reading") != (order.get("chrome") == "down")
     bias = nm(job.get("process", {}).get("cd_bias", "0 um")) if order.get("bias") == "data" else 0
     if bias % 2:
         raise CannotTell(f"a bias of {bias} nm, which has no half")
@@ -1435,10 +1438,10 @@ def judge(job, template, version, data, manifest=None, shop=None):
     if manifest and manifest.get("job_hash") not in (None, digest):
         verdict.wrong.append(f"job: its hash is {digest}, and the manifest says {manifest.get('job_hash')}")
     marks = Marks(job, dies, template, version, digest, bias // 2)
-    regions = [die.box() for die in dies] if tone == "clear" else []
+    regions = [die.box(max(0, -bias // 2)) for die in dies] if tone == "clear" else []
     shares = [Sum() for _ in range(len(regions) + 1)]
     for each, sign in ((layer, 1), (CUT, -1)):
-        drawing = Drawing(data, cells, each, mirrored)
+        drawing = Drawing(data, cells, each, mirrored(job))
         for share, total in zip(drawing.split(regions), shares):
             drawing.sum(share, total, sign)
     area2, rest = sum(share.area2 for share in shares), shares.pop()
@@ -1452,12 +1455,12 @@ def judge(job, template, version, data, manifest=None, shop=None):
     for i, die in enumerate(dies):
         total = shares[i] if tone == "clear" else rest
         die.take(total, bias // 2)
-        bad.update(verdict.left(total, f"die {die.name}", None if tone == "clear" else die.box(), die))
+        bad.update(verdict.left(total, f"die {die.name}", None if tone == "clear" else die.box(max(0, -bias // 2)), die))
     marks.read_codes(rest)
     own = nm(export["grid"]) if export.get("grid") else 1
     for grid in (own, house_grid(shop.get("limits", {}).get("grid_nm", [1]), own, dies)):
         if grid > 1:
-            marks.found = {name: each.snapped(grid, mirrored) for name, each in marks.found.items()}
+            marks.found = {name: each.snapped(grid, mirrored(job)) for name, each in marks.found.items()}
     for each in marks.found.values():
         rest.add(each, 0, 0, -1)
     plate = shop.get("plate", {})
@@ -1480,7 +1483,7 @@ def judge(job, template, version, data, manifest=None, shop=None):
     stray = Sum()
     stray.flat = {x * SPAN + y: 1 for x, y in rest.left() if (x, y) not in bad}
     verdict.left(stray, "plate", None)
-    side = "chrome side" if not mirrored else "glass side"
+    side = "chrome side" if not mirrored(job) else "glass side"
     share = area2 / 2 / marks.writable**2
     kind = "openings in the chrome" if tone == "clear" else "chrome"
     share = share if tone == "clear" else 1 - share  # of the chrome
