@@ -329,6 +329,18 @@ class Sum:
             tall = until
         return True, area
 
+    def beside(self, raw, most):
+        """Whether all are oblique edges, and no farther than ``most`` from one of a sum."""
+        found = [(edge, Fraction(edge[3] - edge[1], edge[2] - edge[0])) for edge in raw.edges()]
+
+        def near(x, y):
+            return any(
+                a - most <= x <= c + most and abs(b + (x - a) * slope - y) <= (1 + abs(slope)) * most
+                for (a, b, c, _, _), slope in found
+            )
+
+        return all(y0 != y1 and near(x0, y0) and near(x1, y1) for x0, y0, x1, y1, _ in self.edges())
+
     def dark_modules(self, x, y, n, m):
         """Rows from above of the modules about a place, without the quiet zone of one."""
         left, below = x - n * m // 2, y - n * m // 2
@@ -1458,8 +1470,10 @@ def judge(job, template, version, data, manifest=None, shop=None):
         bad.update(verdict.left(total, f"die {die.name}", None if tone == "clear" else die.box(max(0, -bias // 2)), die))
     marks.read_codes(rest)
     own = nm(export["grid"]) if export.get("grid") else 1
+    drawn, grids = marks.found, 0
     for grid in (own, house_grid(shop.get("limits", {}).get("grid_nm", [1]), own, dies)):
         if grid > 1:
+            grids += grid
             marks.found = {name: each.snapped(grid, mirrored(job)) for name, each in marks.found.items()}
     for each in marks.found.values():
         rest.add(each, 0, 0, -1)
@@ -1474,6 +1488,10 @@ def judge(job, template, version, data, manifest=None, shop=None):
         points = [p for p, _ in each.points()]
         if points:
             box = [f(axis) for f in (min, max) for axis in zip(*points)]
+            if grids and name in marks.texts:  # a letter that is cut at its hole has a corner there that moves, too
+                left = rest.within([box[0] - grids, box[1] - grids, box[2] + grids, box[3] + grids])
+                if left.beside(drawn[name], grids):
+                    rest.add(left, 0, 0, -1)
             if apart:
                 left = rest.within(box)
                 thin, area = left.thin_chrome(bar)
