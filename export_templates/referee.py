@@ -18,7 +18,6 @@ ends. Two drawings that are equal leave nothing, however they are cut into polyg
 import array
 import copy
 import hashlib
-import io
 import json
 import math
 import os
@@ -437,7 +436,7 @@ def read_gds(data, notes):
             elif kind in (0x0A00, 0x0B00):
                 flat = struct.unpack_from(f">{(xy[1] - 4) // 4}i", data, xy[0])
                 cell.calls.append(call(called, strans, angle, magnification, grid, flat, kind == 0x0B00))
-            elif kind == 0x0900 or kind == 0x1500:
+            elif kind in (0x0900, 0x1500):
                 raise CannotTell(f"a {ENDS[kind]} in {name}, which no plate of maskfab holds")
             else:
                 notes.setdefault("texts", set()).add(layer)
@@ -801,8 +800,10 @@ class Die:
         if inset:  # dots of two cells meet
             for pair in {pair for row in self.cells for pair in row}:
                 dots = self.openings[pair[0]].turned(pair[1])
-                turned[pair] = [row + [False] for row in dots] + [[False] * (self.n + 1)] if self.gutter else dots
-            rows = [sum((turned[pair][k] for pair in row), []) for row in self.cells for k in range(len(turned[row[0]]))]
+                turned[pair] = [[*row, False] for row in [*dots, [False] * self.n]] if self.gutter else dots
+            rows = [
+                sum((turned[pair][k] for pair in row), []) for row in self.cells for k in range(len(turned[row[0]]))
+            ]
             lines = [half + k * self.dot for k in range(self.n + bool(self.gutter))]
             counts = len(self.cells[0]), len(self.cells)
             xs, ys = (
@@ -1467,7 +1468,9 @@ def judge(job, template, version, data, manifest=None, shop=None):
     for i, die in enumerate(dies):
         total = shares[i] if tone == "clear" else rest
         die.take(total, bias // 2)
-        bad.update(verdict.left(total, f"die {die.name}", None if tone == "clear" else die.box(max(0, -bias // 2)), die))
+        bad.update(
+            verdict.left(total, f"die {die.name}", None if tone == "clear" else die.box(max(0, -bias // 2)), die)
+        )
     marks.read_codes(rest)
     own = nm(export["grid"]) if export.get("grid") else 1
     drawn, grids = marks.found, 0
@@ -1515,14 +1518,16 @@ def judge(job, template, version, data, manifest=None, shop=None):
 # --- The package ---
 
 
+def content(path):
+    with open(path, "rb") as file:
+        return file.read()
+
+
 def files_of(path):
     """Files of a folder or of a zip, by their plain names."""
     if os.path.isdir(path):
-        return {
-            name: open(os.path.join(path, name), "rb").read()
-            for name in os.listdir(path)
-            if os.path.isfile(os.path.join(path, name))
-        }
+        paths = {name: os.path.join(path, name) for name in os.listdir(path)}
+        return {name: content(each) for name, each in paths.items() if os.path.isfile(each)}
     with zipfile.ZipFile(path) as archive:
         return {name.rpartition("/")[2]: archive.read(name) for name in archive.namelist() if not name.endswith("/")}
 
@@ -1535,11 +1540,9 @@ def main(args):
         del args[at : at + 2]
     try:
         if len(args) >= 2:
-            files = {"job.json": open(args[0], "rb").read(), "plate.gds": open(args[1], "rb").read()}
-            if len(args) > 2:
-                files["template.toml"] = open(args[2], "rb").read()
+            files = {name: content(path) for name, path in zip(("job.json", "plate.gds", "template.toml"), args)}
             beside = os.path.join(os.path.dirname(args[0]), "manifest.json")
-            manifest = json.load(open(beside, encoding="utf-8")) if os.path.isfile(beside) else {}
+            manifest = json.loads(content(beside)) if os.path.isfile(beside) else {}
         else:
             files = files_of(args[0] if args else os.path.dirname(os.path.abspath(__file__)))
             manifest = json.loads(files.get("manifest.json", b"{}"))
@@ -1554,10 +1557,19 @@ def main(args):
             raise CannotTell(f"{len(plates)} GDSII files here; this file reads one, and no other format")
         verdict, said = judge(job, template, version, files[plates[0]], manifest if len(args) < 2 else None, shop)
         for row in manifest.get("files", []) if len(args) < 2 else []:
-            content = files.get(row["path"])
-            if content is None or hashlib.sha256(content).hexdigest() != row["sha256"]:
+            held = files.get(row["path"])
+            if held is None or hashlib.sha256(held).hexdigest() != row["sha256"]:
                 verdict.wrong.append(f"file {row['path']}: is not what the manifest lists")
-    except (CannotTell, KeyError, ValueError, OSError, struct.error, zipfile.BadZipFile) as error:
+    except (
+        CannotTell,
+        LookupError,
+        ValueError,
+        AttributeError,
+        TypeError,
+        OSError,
+        struct.error,
+        zipfile.BadZipFile,
+    ) as error:
         print(f"CANNOT TELL: {error!r}" if not isinstance(error, CannotTell) else f"CANNOT TELL: {error}")
         return CANNOT
     for text in verdict.wrong:

@@ -182,6 +182,11 @@ def _path_mm(polygons: Sequence[Polygon]) -> Path:
     return Path(np.array(vertices, dtype=np.float64).reshape(-1, 2) / NM_PER_MM, codes)
 
 
+_REFEREE = (
+    "check of the GDSII",
+    "python3 referee.py in this folder says that it is the plate of job.json (exit code 0), what is not (1), "
+    "or that it cannot tell (2)",
+)
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 _NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?")
 _DATA, _MADE, _BUSINESS, _BUYER, _ASKED = "Data", "Plate", "Order", "Ordered by", "Please answer before you start"
@@ -326,6 +331,8 @@ def order_sheet(
     groups[_MADE] += _promised(shop)
     if questions:
         groups[_ASKED] = [(str(number), question) for number, question in enumerate(questions, 1)]
+    if "gdsii" in formats:
+        groups[_DATA].append(_REFEREE)
     plate = figures.plate
     return OrderSheet(
         f"Photomask order: {plate.name}, {shop.title}",
