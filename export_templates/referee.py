@@ -375,22 +375,6 @@ ENDS = {
     0x1500: "NODE",
     0x2D00: "BOX",
 }
-SKIPPED = (
-    0x0002,
-    0x0102,
-    0x0502,
-    0x1601,
-    0x1701,
-    0x1906,
-    0x1F06,
-    0x2206,
-    0x2306,
-    0x2601,
-    0x2B02,
-    0x2C06,
-    0x3602,
-    0x3706,
-)
 
 
 def real8(data):
@@ -403,19 +387,14 @@ class Cell:
     def __init__(self):
         self.outlines = {}  # layer: places of XY records in the file
         self.calls = []  # name, turn (x' = a x + b y, y' = c x + d y), places
-        self.known = {}  # sums of it, as turned
-
-    def points(self, data, at):
-        size = (data[at - 4] << 8 | data[at - 3]) - 4
-        flat = struct.unpack_from(f">{size // 4}i", data, at)
-        return list(zip(flat[:-2:2], flat[1:-2:2]))
 
 
-def read_gds(data, notes):
-    """Cells by name, and the layers' count of shapes; refuses what plates of maskfab never hold."""
+def read_gds(data):
+    """Cells by name, and units; refuses what plates of maskfab never hold."""
     cells, cell, at, end = {}, None, 0, len(data)
     header = struct.Struct(">HH").unpack_from
-    units = kind = None
+    units = kind = name = called = number = layer = xy = None
+    strans, angle, magnification, grid = 0, 0, 1, (1, 1)
     while at + 4 <= end:
         size, record = header(data, at)
         if size < 4 or at + size > end:
@@ -425,10 +404,7 @@ def read_gds(data, notes):
             xy = body, size
         elif record == 0x1100:
             if kind in (0x0800, 0x2D00):
-                if (
-                    cell.points(data, xy[0])[0:1]
-                    and data[xy[0] : xy[0] + 8] != data[xy[0] + xy[1] - 12 : xy[0] + xy[1] - 4]
-                ):
+                if data[xy[0] : xy[0] + 8] != data[xy[0] + xy[1] - 12 : xy[0] + xy[1] - 4]:
                     raise CannotTell(f"an outline that is not closed, in {name}")
                 if layer not in cell.outlines:
                     cell.outlines[layer] = array.array("Q")
@@ -438,8 +414,6 @@ def read_gds(data, notes):
                 cell.calls.append(call(called, strans, angle, magnification, grid, flat, kind == 0x0B00))
             elif kind in (0x0900, 0x1500):
                 raise CannotTell(f"a {ENDS[kind]} in {name}, which no plate of maskfab holds")
-            else:
-                notes.setdefault("texts", set()).add(layer)
             kind = None
         elif record in ENDS:
             kind, strans, angle, magnification, grid, layer = record, 0, 0, 1, (1, 1), None
@@ -802,7 +776,9 @@ class Die:
                 dots = self.openings[pair[0]].turned(pair[1])
                 turned[pair] = [[*row, False] for row in [*dots, [False] * self.n]] if self.gutter else dots
             rows = [
-                sum((turned[pair][k] for pair in row), []) for row in self.cells for k in range(len(turned[row[0]]))
+                [dot for pair in row for dot in turned[pair][k]]
+                for row in self.cells
+                for k in range(len(turned[row[0]]))
             ]
             lines = [half + k * self.dot for k in range(self.n + bool(self.gutter))]
             counts = len(self.cells[0]), len(self.cells)
@@ -888,8 +864,12 @@ def inked(picture):
     return {**cells, **filled}
 
 
-def letter(mark, known={}):
+DRAWN = {}
+
+
+def letter(mark):
     """The sum of a letter's outline, its step 1."""
+    known = DRAWN
     if mark not in known:
         total, known[mark] = Sum(), Sum()
         for (x, y), cell in inked(PICTURES[mark]).items():
@@ -1198,7 +1178,7 @@ class Marks:
 
     def alignment(self, mark, x, y, w, h):
         length, arm = nm(mark["length"]), nm(mark["line"])
-        n, f, half, side = arm // 2, 3 * arm // 2, length // 2, length // 4
+        f, half, side = 3 * arm // 2, length // 2, length // 4
         ends = [
             (x - half, y - f, x - side, y - f + 3 * arm),
             (x + side, y - f, x - half + length, y - f + 3 * arm),
@@ -1436,7 +1416,7 @@ def judge(job, template, version, data, manifest=None, shop=None):
     bias = nm(job.get("process", {}).get("cd_bias", "0 um")) if order.get("bias") == "data" else 0
     if bias % 2:
         raise CannotTell(f"a bias of {bias} nm, which has no half")
-    cells, units = read_gds(data, {})
+    cells, units = read_gds(data)
     check_units(units, verdict)
     layer = (1, 0) if tone == "clear" else (3, 0)
     for other in sorted({layer for cell in cells.values() for layer in cell.outlines} - {layer, CUT}):
