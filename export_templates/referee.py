@@ -5,10 +5,13 @@
     python3 referee.py                      in the unpacked folder of a package
     python3 referee.py FOLDER | PACKAGE.zip
     python3 referee.py JOB.json PLATE.gds [TEMPLATE.toml] [--version 0.1.0]
+    python3 referee.py JOB.toml PLATE.gds [TEMPLATE.toml] [--version 0.1.0]
 
-JOB.json is the resolved job. Exit code 0: it is this plate; 1: it is not; 2: cannot tell. Any Python from 3.9 on runs
-it; it needs nothing else, and shares nothing with maskfab but rules: docs/reference/layout.md, whose headings are
-named below. Lengths are whole nanometres, and nothing is compared but exactly.
+JOB.json is the resolved job; JOB.toml is its own text, with openings and maps beside it as it names them, and takes
+Python 3.11. Its hash is not computed then, but taken as the title prints it. Exit code 0: it is this plate; 1: it is
+not; 2: cannot tell. Any Python from 3.9 on runs it; it needs nothing else, and shares nothing with maskfab but rules:
+docs/reference/layout.md, whose headings are named below. Lengths are whole nanometres, and nothing is compared but
+exactly.
 
 How two drawings are compared: the sum of the indicators of all polygons is known by its upright derivative, which lives
 on edges that are not upright. Ends of edges are counted along each line, plus where an edge starts and minus where it
@@ -904,15 +907,20 @@ def width(text):
     return max(0, ADVANCE * len(text.rstrip()) - BETWEEN)
 
 
-def line(text, height, x, y, room=None):
-    """The sum of a line whose base line's middle is (x, y)."""
-    text = text.rstrip().upper()
-    steps, total = width(text), Sum()
+def fitted(text, height, x, room=None):
+    """Left end of a line about x, and its step."""
+    steps = width(text)
     step = (2 * height + HIGH) // (2 * HIGH)
     if room is not None and steps * step > room:
         height = height * room // (steps * step)
         step = (2 * height + HIGH) // (2 * HIGH)
-    left = x - steps * step // 2
+    return x - steps * step // 2, step
+
+
+def line(text, height, x, y, room=None):
+    """The sum of a line whose base line's middle is (x, y)."""
+    text, total = text.rstrip().upper(), Sum()
+    left, step = fitted(text, height, x, room)
     for i, mark in enumerate(text):
         total.add(scaled(letter(mark), step), left + ADVANCE * i * step, y)
     return total
@@ -1012,7 +1020,9 @@ def matrix(text, seen=None):
             if word < len(words) and seen[r // part * (part + 2) + 1 + r % part][c // part * (part + 2) + 1 + c % part]:
                 words[word] |= 128 >> bit
         data = words[:room]
-        if decoded(data) != text:
+        if not re.fullmatch(
+            re.escape(text) + f"[0-9a-f]{{{max(0, text.rindex(':') + 65 - len(text))}}}", decoded(data) or ""
+        ):
             return None
     else:
         data = codewords(text)
@@ -1170,8 +1180,28 @@ class Marks:
         total = line(self.job["job"].get("title") or self.job["job"]["name"], high, x, base, room)
         for i, text in enumerate(self.lines, 1):
             total.add(line(text, small, x, base - 2 * i * small, room), 0, 0)
+        self.hash_at(self.lines[0], small, x, base - 2 * small, room)
         self.texts.add(mark["name"])
         self.found[mark["name"]] = total
+
+    def hash_at(self, text, height, x, y, room):
+        """Where the digits of the hash stand in a line."""
+        (left, step), first = fitted(text, height, x, room), text.index("job ") + 4
+        self.digits = [(left + ADVANCE * k * step, y, step) for k in range(first, first + 16)]
+
+    def printed(self, drawn):
+        """The digits of the hash as they are drawn."""
+        found = ""
+        for x, y, step in self.digits:
+            here = drawn.within((x, y, x + (ADVANCE - BETWEEN) * step, y + HIGH * step))
+            for digit in "0123456789abcdef":
+                rest = scaled(letter(digit.upper()), step)
+                rest.add(here, -x, -y, -1)
+                if not any(rest.left()):
+                    found += digit
+        if len(found) != len(self.digits):
+            raise CannotTell("the hash in the title cannot be read")
+        return found
 
     def fiducial(self, mark, x, y, w, h):
         self.found[mark["name"]] = boxes(cross(x, y, nm(mark["length"]), nm(mark["line"])), self.inset)
@@ -1273,7 +1303,8 @@ class Marks:
     def data_matrix(self, mark, x, y, w, h):
         text, m = f"maskfab:{self.version}:{self.digest}", nm(mark["module"])
         self.codes[mark["name"]] = text, m, x, y
-        self.code(mark["name"], matrix(text))
+        if len(self.digest) == 64:
+            self.code(mark["name"], matrix(text))
 
     def code(self, name, rows):
         _, m, x, y = self.codes[name]
@@ -1339,7 +1370,9 @@ class Marks:
         room = self.writable - 8 * MM
         tone = self.job.get("order", {}).get("tone", "clear")
         total = line(self.job["job"].get("title") or self.job["job"]["name"], 1_500_000, 0, half - 2_750_000, room)
-        total.add(line(f"{self.lines[0]} | digitized data = {tone}", 420_000, 0, half - 3_590_000, room), 0, 0)
+        second = f"{self.lines[0]} | digitized data = {tone}"
+        total.add(line(second, 420_000, 0, half - 3_590_000, room), 0, 0)
+        self.hash_at(second, 420_000, 0, half - 3_590_000, room)
         self.texts.add("TITLE")
         self.found["TITLE"] = total
         for u in (-1, 1):
@@ -1427,7 +1460,7 @@ def judge(job, template, version, data, manifest=None, shop=None):
         else:
             verdict.unjudged.append(f"layer {other[0]}/{other[1]}, which is not written on the plate")
     dies = [Die(job, i) for i in range(len(job["die"]))]
-    digest = digest_of(job)
+    digest = digest_of(job) if "openings_read" not in job else "0" * 64
     if manifest and manifest.get("job_hash") not in (None, digest):
         verdict.wrong.append(f"job: its hash is {digest}, and the manifest says {manifest.get('job_hash')}")
     marks = Marks(job, dies, template, version, digest, bias // 2)
@@ -1444,6 +1477,10 @@ def judge(job, template, version, data, manifest=None, shop=None):
         rest.box(-half, -half, marks.writable - half, marks.writable - half)
         area2 = rest.area2 - area2
         rest.add(dark, 0, 0, -1)
+    if "openings_read" in job:
+        digest = marks.printed(rest)
+        marks = Marks(job, dies, template, version, digest, bias // 2)
+        verdict.unjudged.append(f"the job's hash, which its text alone does not tell: the title says {digest}")
     bad = set()
     for i, die in enumerate(dies):
         total = shares[i] if tone == "clear" else rest
@@ -1452,6 +1489,8 @@ def judge(job, template, version, data, manifest=None, shop=None):
             verdict.left(total, f"die {die.name}", None if tone == "clear" else die.box(max(0, -bias // 2)), die)
         )
     marks.read_codes(rest)
+    if set(marks.codes) - set(marks.found):
+        verdict.wrong.append(f"data matrix: holds no maskfab:{version}:{digest}...")
     own = nm(export["grid"]) if export.get("grid") else 1
     drawn, grids = marks.found, 0
     for grid in (own, house_grid(shop.get("limits", {}).get("grid_nm", [1]), own, dies)):
@@ -1512,6 +1551,26 @@ def files_of(path):
         return {name.rpartition("/")[2]: archive.read(name) for name in archive.namelist() if not name.endswith("/")}
 
 
+def raw_job(path):
+    """A job's own text, as far as drawing goes, as its resolved one; its hash needs what is written out there."""
+    try:
+        import tomllib
+    except ImportError:
+        raise CannotTell("a raw job.toml is read by Python from 3.11 on; use the resolved job.json") from None
+    job, folder = tomllib.loads(content(path).decode()), os.path.dirname(path)
+    job.update(openings={}, maps={}, openings_read=True)
+    for die in job["die"]:
+        die.setdefault("tiling", "periodic")
+        for name in [die["opening"], *die.get("others", [])]:
+            job["openings"][name] = content(os.path.join(folder, name)).decode()
+        if die.get("map"):
+            job["maps"][die["map"]] = content(os.path.join(folder, die["map"])).decode()
+        if "gutter" not in die and "pitch" in die:
+            dots = Opening(job["openings"][die["opening"]]).n
+            die["gutter"] = f"{nm(die['pitch']) - dots * nm(die['dot'])} nm"
+    return job
+
+
 def main(args):
     version = None
     if "--version" in args:
@@ -1527,7 +1586,7 @@ def main(args):
             files = files_of(args[0] if args else os.path.dirname(os.path.abspath(__file__)))
             manifest = json.loads(files.get("manifest.json", b"{}"))
         version = version or manifest.get("maskfab_version") or "0.1.0"
-        job = json.loads(files["job.json"])
+        job = raw_job(args[0]) if args and args[0].endswith(".toml") else json.loads(files["job.json"])
         template = toml(files["template.toml"].decode()) if "template.toml" in files else None
         if job["plate"].get("template") and template is None:
             raise CannotTell(f"the plate's template {job['plate']['template']} is not here (template.toml)")

@@ -197,6 +197,22 @@ def test_faults_in_the_making_are_found(tmp_path, monkeypatch, member, value, or
     assert wrong(*made(path)) != []
 
 
+@pytest.mark.parametrize(
+    ("order", "plate"), [("", 'template = "5in"'), ('tone = "dark"', 'blank = "5 in"\nwritable = "100 mm"')]
+)
+def test_a_job_s_own_text_is_read_beside_its_openings(tmp_path, capsys, order, plate):
+    path = written(tmp_path, [*PLAIN[:2], *MAPPED], order, plate)
+    job, data = made(path)
+    (tmp_path / "plate.gds").write_bytes(data)
+    template = [str(resources.path("export_templates/plates/5in.toml"))] if "template" in plate else []
+    asked = [str(path), str(tmp_path / "plate.gds"), *template, "--version", __version__]
+    assert referee().main(asked) == 0
+    assert f"the title says {referee().digest_of(job)[:16]}" in capsys.readouterr().out
+    path.write_text(path.read_text().replace("seed = 3", "seed = 4"))
+    assert referee().main([str(path), str(tmp_path / "plate.gds"), *template, "--version", __version__]) == 1
+    assert "WRONG die B" in capsys.readouterr().out
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("house", ["generic-chrome", "gesim", "heidelberg_dwl66", "jd_photo_data"])
 @pytest.mark.parametrize("layout", LAYOUTS)
