@@ -1465,12 +1465,17 @@ def judge(job, template, version, data, manifest=None, shop=None):
         verdict.wrong.append(f"job: its hash is {digest}, and the manifest says {manifest.get('job_hash')}")
     marks = Marks(job, dies, template, version, digest, bias // 2)
     regions = [die.box(max(0, -bias // 2)) for die in dies] if tone == "clear" else []
-    shares = [Sum() for _ in range(len(regions) + 1)]
-    for each, sign in ((layer, 1), (CUT, -1)):
-        drawing = Drawing(data, cells, each, mirrored(job))
-        for share, total in zip(drawing.split(regions), shares):
-            drawing.sum(share, total, sign)
-    area2, rest = sum(share.area2 for share in shares), shares.pop()
+    drawings = [(Drawing(data, cells, each, mirrored(job)), sign) for each, sign in ((layer, 1), (CUT, -1))]
+    shares = [(drawing, drawing.split(regions), sign) for drawing, sign in drawings]
+
+    def drawn_in(region):
+        total = Sum()
+        for drawing, parts, sign in shares:
+            drawing.sum(parts[region], total, sign)
+        return total
+
+    rest = drawn_in(-1)
+    area2 = rest.area2
     half = marks.writable // 2
     if tone != "clear":
         dark, rest = rest, Sum()
@@ -1483,7 +1488,8 @@ def judge(job, template, version, data, manifest=None, shop=None):
         verdict.unjudged.append(f"the job's hash, which its text alone does not tell: the title says {digest}")
     bad = set()
     for i, die in enumerate(dies):
-        total = shares[i] if tone == "clear" else rest
+        total = drawn_in(i) if tone == "clear" else rest
+        area2 += total.area2 if tone == "clear" else 0
         die.take(total, bias // 2)
         bad.update(
             verdict.left(total, f"die {die.name}", None if tone == "clear" else die.box(max(0, -bias // 2)), die)
