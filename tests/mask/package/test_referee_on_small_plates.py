@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from klayout import db
 
 from maskfab.base import __version__, resources
 from maskfab.job.sections import JobSpec
@@ -50,7 +51,7 @@ openings = \"\"\"
 \"\"\"
 shifts = [[0, 0], [3, -1], [7, -5]]
 """
-GRID, FLAT, MERGED = ('[export]\ngrid = "20 nm"', '[export]\nhierarchy = "flat"', '[export]\nhierarchy = "merged"')
+GRID = '[export]\ngrid = "20 nm"'
 LAYOUTS = sorted(
     path.stem for path in (Path(__file__).parents[3] / "layouts").glob("*.toml") if "[[die]]" in path.read_text()
 )
@@ -99,7 +100,6 @@ def wrong(job, data, house="generic-chrome"):
 @pytest.mark.parametrize(
     ("dies", "order"),
     [
-        (HEXAGONAL, ""),
         (HEXAGONAL, BIAS.format(200)),
         (OTHERS, ""),
         (MAPPED, ""),
@@ -108,9 +108,6 @@ def wrong(job, data, house="generic-chrome"):
         (PLAIN, 'tone = "dark"\nchrome = "down"\n' + BIAS.format(400)),
         (PLAIN, GRID),
         (PLAIN, 'chrome = "down"\n' + GRID),
-        (PLAIN, FLAT),
-        (PLAIN, 'tone = "dark"\n' + FLAT),
-        (PLAIN, MERGED),
         (PLAIN, 'parity = "wrong reading"'),
         (PLAIN, 'parity = "wrong reading"\nchrome = "down"'),
         ([(*PLAIN[0], 'size = "0.6 mm"')], ""),
@@ -120,7 +117,25 @@ def test_plates_that_are_right_are_taken(tmp_path, dies, order):
     assert wrong(*made(written(tmp_path, dies, order))) == []
 
 
-@pytest.mark.parametrize("order", ["", 'tone = "dark"', BIAS.format(400)])
+@pytest.mark.parametrize(("order", "merged"), [("", False), ("", True), ('tone = "dark"', False)])
+def test_flat_and_merged_files_are_taken_and_judged_alike(tmp_path, order, merged):
+    job, _ = made(written(tmp_path, PLAIN, order))
+    for moved in (0, 1):
+        layout = db.Layout()
+        layout.read(str(tmp_path / "SMALL.gds"))
+        top = layout.top_cell()
+        top.flatten(True)
+        for layer in layout.layer_indexes():
+            region = db.Region(top.begin_shapes_rec(layer))
+            first, *others = (region.merged() if merged else region).each()
+            top.shapes(layer).clear()
+            for polygon in (first.moved(moved, 0), *others):
+                top.shapes(layer).insert(polygon)
+        layout.write(str(tmp_path / "flat.gds"))
+        assert bool(wrong(job, (tmp_path / "flat.gds").read_bytes())) == bool(moved)
+
+
+@pytest.mark.parametrize("order", ['tone = "dark"', BIAS.format(400)])
 def test_plates_without_a_template_are_taken(tmp_path, order):
     assert wrong(*made(written(tmp_path, PLAIN, order, plate='blank = "5 in"\nwritable = "100 mm"'))) == []
 
@@ -139,7 +154,6 @@ def test_corner_squares_of_a_house_are_asked_for_there_and_nowhere_else(tmp_path
         ((PLAIN,), (PLAIN, "", 'template = "5in"', "SMALK"), "mark TITLE"),
         ((PLAIN,), (PLAIN, 'chrome = "down"'), "mark PARITY"),
         ((PLAIN,), (PLAIN, 'tone = "dark"'), "layer 3/0"),
-        ((PLAIN, BIAS.format(400)), (PLAIN, BIAS.format(-400)), "die A"),
         ((PLAIN, BIAS.format(400)), (PLAIN, BIAS.format(-400)), "mark CD_X_1X"),
         ((PLAIN, BIAS.format(400)), (PLAIN, BIAS.format(400).replace("data", "none")), "die B"),
         ((HEXAGONAL,), ([(*HEXAGONAL[0][:-1], "seed = 8"), HEXAGONAL[1]],), "die H1"),
