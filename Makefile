@@ -18,8 +18,8 @@ test-all: $(VENV)/docs.stamp
 # To let every assert explain itself takes each worker ten seconds in a fresh clone: those that fail do, in a second run.
 test test-all: export PYTHONDONTWRITEBYTECODE :=
 test test-all: $(VENV)/dev.stamp
-	$(BIN)/ruff format --check maskfab tests examples docs
-	$(BIN)/ruff check maskfab tests examples docs
+	$(BIN)/ruff format --check maskfab tests examples docs export_templates/referee.py
+	$(BIN)/ruff check maskfab tests examples docs export_templates/referee.py
 	$(BIN)/lint-imports
 	$(BIN)/mypy & types=$$!; \
 	export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1; \
@@ -38,8 +38,8 @@ golden-record: $(VENV)/dev.stamp
 	$(BIN)/python tests/golden_set.py record
 
 lint: $(VENV)/dev.stamp
-	$(BIN)/ruff format maskfab tests examples docs
-	$(BIN)/ruff check --fix maskfab tests examples docs
+	$(BIN)/ruff format maskfab tests examples docs export_templates/referee.py
+	$(BIN)/ruff check --fix maskfab tests examples docs export_templates/referee.py
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 

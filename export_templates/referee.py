@@ -5,10 +5,13 @@
     python3 referee.py                      in the unpacked folder of a package
     python3 referee.py FOLDER | PACKAGE.zip
     python3 referee.py JOB.json PLATE.gds [TEMPLATE.toml] [--version 0.1.0]
+    python3 referee.py JOB.toml PLATE.gds [TEMPLATE.toml] [--version 0.1.0]
 
-JOB.json is the resolved job. Exit code 0: it is this plate; 1: it is not; 2: cannot tell. Any Python from 3.9 on runs
-it; it needs nothing else, and shares nothing with maskfab but rules: docs/reference/layout.md, whose headings are
-named below. Lengths are whole nanometres, and nothing is compared but exactly.
+JOB.json is the resolved job; JOB.toml is its own text, with openings and maps beside it as it names them, and takes
+Python 3.11. Its hash is not computed then, but taken as the title prints it. Exit code 0: it is this plate; 1: it is
+not; 2: cannot tell. Any Python from 3.9 on runs it; it needs nothing else, and shares nothing with maskfab but rules:
+docs/reference/layout.md, whose headings are named below. Lengths are whole nanometres, and nothing is compared but
+exactly.
 
 How two drawings are compared: the sum of the indicators of all polygons is known by its upright derivative, which lives
 on edges that are not upright. Ends of edges are counted along each line, plus where an edge starts and minus where it
@@ -16,8 +19,8 @@ ends. Two drawings that are equal leave nothing, however they are cut into polyg
 """
 
 import array
+import copy
 import hashlib
-import io
 import json
 import math
 import os
@@ -32,6 +35,7 @@ UNITS = {"nm": 1, "um": 1000, "µm": 1000, "mm": MM, "cm": 10 * MM, "m": 1000 * 
 SPAN = 1 << 33  # a point is one number, x SPAN + y
 HALF = SPAN >> 1
 WRONG, CANNOT = 1, 2
+CUT = 2, 0  # a layer that is cut out of the data's, for houses that take no holes
 
 
 class CannotTell(Exception):
@@ -222,20 +226,15 @@ class Sum:
         if area2 < 0:
             sign = -sign
         self.area2 += sign * area2
-        flat, slant = self.flat, self.slant
+        flat = self.flat
         for x1, y1 in points:
             if y1 == y0:
                 if x1 != x0:
                     start, end = x0 * SPAN + y0, x1 * SPAN + y1
                     flat[start] = flat.get(start, 0) + sign
                     flat[end] = flat.get(end, 0) - sign
-            elif x1 != x0:
-                dx, dy = x1 - x0, y1 - y0
-                common = math.gcd(dx, dy) if dx > 0 else -math.gcd(dx, dy)
-                dx, dy = dx // common, dy // common
-                line = slant.setdefault((dx, dy, dx * y0 - dy * x0), {})
-                line[x0] = line.get(x0, 0) + sign
-                line[x1] = line.get(x1, 0) - sign
+            else:
+                self.edge(x0, y0, x1, y1, sign)
             x0, y0 = x1, y1
 
     def box(self, x0, y0, x1, y1, sign=1):
@@ -258,6 +257,91 @@ class Sum:
         for key, count in self.flat.items():
             if count:
                 yield ((key + HALF) // SPAN, (key + HALF) % SPAN - HALF), count
+
+    def edges(self):
+        """(x0, y0, x1, y1, count), x0 < x1: what fills the plane above it by its count."""
+        lines = {}
+        for (x, y), count in self.points():
+            lines.setdefault((1, 0, y), {})[x] = count
+        for (dx, dy, c), ends in [*lines.items(), *self.slant.items()]:
+            before, weight = None, 0
+            for x in sorted(x for x, count in ends.items() if count):
+                if weight:
+                    yield before, (c + dy * before) // dx, x, (c + dy * x) // dx, weight
+                before, weight = x, weight + ends[x]
+
+    def snapped(self, grid, mirrored):
+        """Every corner on the nearest line, the upper of two; of x in the file's sense."""
+
+        def near(at):
+            return (2 * at + grid) // (2 * grid) * grid
+
+        found = Sum()
+        for x0, y0, x1, y1, count in self.edges():
+            x0, x1 = (-near(-x) if mirrored else near(x) for x in (x0, x1))
+            found.edge(x0, near(y0), x1, near(y1), count)
+        return found
+
+    def edge(self, x0, y0, x1, y1, count):
+        if x0 == x1:
+            return
+        if y0 == y1:
+            for x, sign in ((x0, count), (x1, -count)):
+                self.flat[x * SPAN + y0] = self.flat.get(x * SPAN + y0, 0) + sign
+            return
+        dx, dy = x1 - x0, y1 - y0
+        common = math.gcd(dx, dy) if dx > 0 else -math.gcd(dx, dy)
+        dx, dy = dx // common, dy // common
+        line = self.slant.setdefault((dx, dy, dx * y0 - dy * x0), {})
+        line[x0] = line.get(x0, 0) + count
+        line[x1] = line.get(x1, 0) - count
+
+    def within(self, box):
+        """The part with all ends in a box."""
+        found, (x0, y0, x1, y1) = Sum(), box
+        for edge in self.edges():
+            if x0 <= edge[0] and edge[2] <= x1 and y0 <= min(edge[1::2][:2]) and max(edge[1::2][:2]) <= y1:
+                found.edge(*edge)
+        return found
+
+    def thin_chrome(self, most):
+        """Whether it is nothing but missing area, in which no square of more than ``most`` has room; and that area."""
+        edges, tall, area = list(self.edges()), [], 0
+        xs = sorted({x for edge in edges for x in (edge[0], edge[2])})
+        for left, right in zip(xs, xs[1:]):
+            here = []
+            for x0, y0, x1, y1, count in edges:
+                if x0 <= left and right <= x1:
+                    low, high = (y0 + Fraction((x - x0) * (y1 - y0), x1 - x0) for x in (left, right))
+                    here.append((low + high, low, high, count))
+            here.sort()
+            depth, until = 0, []
+            for (_, low, high, count), (_, top, above, _) in zip(here, here[1:]):
+                depth += count
+                if depth not in (0, -1) or top < low or above < high:
+                    return False, 0
+                if depth:
+                    area += Fraction((top - low + above - high) * (right - left), 2)
+                    if max(top - low, above - high) > most:
+                        bottom, end = min(low, high), max(top, above)
+                        wide = [w for a, b, w in tall if min(b, end) - max(a, bottom) > 0]
+                        until.append((bottom, end, max(wide, default=0) + right - left))
+                        if until[-1][2] > most:
+                            return False, 0
+            tall = until
+        return True, area
+
+    def beside(self, raw, most):
+        """Whether all are oblique edges, and no farther than ``most`` from one of a sum."""
+        found = [(edge, Fraction(edge[3] - edge[1], edge[2] - edge[0])) for edge in raw.edges()]
+
+        def near(x, y):
+            return any(
+                a - most <= x <= c + most and abs(b + (x - a) * slope - y) <= (1 + abs(slope)) * most
+                for (a, b, c, _, _), slope in found
+            )
+
+        return all(y0 != y1 and near(x0, y0) and near(x1, y1) for x0, y0, x1, y1, _ in self.edges())
 
     def dark_modules(self, x, y, n, m):
         """Rows from above of the modules about a place, without the quiet zone of one."""
@@ -294,22 +378,6 @@ ENDS = {
     0x1500: "NODE",
     0x2D00: "BOX",
 }
-SKIPPED = (
-    0x0002,
-    0x0102,
-    0x0502,
-    0x1601,
-    0x1701,
-    0x1906,
-    0x1F06,
-    0x2206,
-    0x2306,
-    0x2601,
-    0x2B02,
-    0x2C06,
-    0x3602,
-    0x3706,
-)
 
 
 def real8(data):
@@ -322,19 +390,14 @@ class Cell:
     def __init__(self):
         self.outlines = {}  # layer: places of XY records in the file
         self.calls = []  # name, turn (x' = a x + b y, y' = c x + d y), places
-        self.known = {}  # sums of it, as turned
-
-    def points(self, data, at):
-        size = (data[at - 4] << 8 | data[at - 3]) - 4
-        flat = struct.unpack_from(f">{size // 4}i", data, at)
-        return list(zip(flat[:-2:2], flat[1:-2:2]))
 
 
-def read_gds(data, notes):
-    """Cells by name, and the layers' count of shapes; refuses what plates of maskfab never hold."""
+def read_gds(data):
+    """Cells by name, and units; refuses what plates of maskfab never hold."""
     cells, cell, at, end = {}, None, 0, len(data)
     header = struct.Struct(">HH").unpack_from
-    units = kind = None
+    units = kind = name = called = number = layer = xy = None
+    strans, angle, magnification, grid = 0, 0, 1, (1, 1)
     while at + 4 <= end:
         size, record = header(data, at)
         if size < 4 or at + size > end:
@@ -344,10 +407,7 @@ def read_gds(data, notes):
             xy = body, size
         elif record == 0x1100:
             if kind in (0x0800, 0x2D00):
-                if (
-                    cell.points(data, xy[0])[0:1]
-                    and data[xy[0] : xy[0] + 8] != data[xy[0] + xy[1] - 12 : xy[0] + xy[1] - 4]
-                ):
+                if data[xy[0] : xy[0] + 8] != data[xy[0] + xy[1] - 12 : xy[0] + xy[1] - 4]:
                     raise CannotTell(f"an outline that is not closed, in {name}")
                 if layer not in cell.outlines:
                     cell.outlines[layer] = array.array("Q")
@@ -355,10 +415,8 @@ def read_gds(data, notes):
             elif kind in (0x0A00, 0x0B00):
                 flat = struct.unpack_from(f">{(xy[1] - 4) // 4}i", data, xy[0])
                 cell.calls.append(call(called, strans, angle, magnification, grid, flat, kind == 0x0B00))
-            elif kind == 0x0900 or kind == 0x1500:
+            elif kind in (0x0900, 0x1500):
                 raise CannotTell(f"a {ENDS[kind]} in {name}, which no plate of maskfab holds")
-            else:
-                notes.setdefault("texts", set()).add(layer)
             kind = None
         elif record in ENDS:
             kind, strans, angle, magnification, grid, layer = record, 0, 0, 1, (1, 1), None
@@ -472,7 +530,8 @@ class Drawing:
             x0, y0, x1, y1 = min(xs), min(ys), max(xs), max(ys)
             for x, y in places:
                 here = home(x0 + x, y0 + y)
-                if here == home(x1 + x, y1 + y):
+                far = all(x1 + x < a or c < x0 + x or y1 + y < b or d < y0 + y for a, b, c, d in boxes)
+                if here == home(x1 + x, y1 + y) and (here < len(boxes) or far):
                     shares[here].append((whole, x, y))
                 else:
                     for at, outline in zip(self.cells[name].outlines[self.layer], outlines):
@@ -487,15 +546,14 @@ class Drawing:
             return list(zip(flat[::2], flat[1::2]))
         return [(a * x + b * y, c * x + d * y) for x, y in zip(flat[::2], flat[1::2])]
 
-    def sum(self, share, into):
+    def sum(self, share, into, sign):
         for item in share:
             if len(item) == 3:
-                into.add(*item)
+                into.add(*item, sign)
             else:
                 at, turn, x, y = item
                 outline = self.turned(at, turn)
-                into.polygon([(u + x, v + y) for u, v in outline] if x or y else outline)
-        return into
+                into.polygon([(u + x, v + y) for u, v in outline] if x or y else outline, sign)
 
 
 # --- layout.md, "Dies", and "What a cell shows" ---
@@ -509,6 +567,11 @@ class Opening:
         self.n = len(self.rows)
         if any(len(row) != self.n for row in self.rows):
             raise CannotTell("an opening that is not square")
+
+    def shifted(self, right, up):
+        found, n = copy.copy(self), self.n
+        found.rows = [[self.rows[(r - up) % n][(c - right) % n] for c in range(n)] for r in range(n)]
+        return found
 
     def turned(self, turn):
         rows = [row[::-1] for row in self.rows] if turn >= 4 else self.rows
@@ -529,22 +592,35 @@ class Opening:
                     yield from map(len, re.findall("#+", marks))
 
 
-def raster(rows, xs, ys):
-    """The sum of clear dots, rows from below, between the lines xs and ys."""
-    found, blank = Sum(), [False] * len(rows[0])
-    flat = found.flat
-    below = blank
-    for j in range(len(rows) + 1):
-        here = rows[j] if j < len(rows) else blank
-        before = 0
-        for i in range(len(xs)):
-            step = here[i] - below[i] if i < len(here) else 0
-            if step != before:
-                flat[xs[i] * SPAN + ys[j]] = step - before
-                before = step
-        below = here
-    for j, row in enumerate(rows):
-        found.area2 += 2 * (ys[j + 1] - ys[j]) * sum(xs[i + 1] - xs[i] for i, dot in enumerate(row) if dot)
+def corner(inset):
+    """What a line crossing adds, by the clear dots below it left and right, and above it: moves and counts."""
+    e, join, table = abs(inset), max if inset < 0 else min, {}
+    for number in range(16):
+        a, b, c, d = near = [number >> k & 1 for k in range(4)]
+        if e:  # the middles of sides, and of all, take part in the move
+            q = (a, join(a, b), b), (join(a, c), join(near), join(b, d)), (c, join(c, d), d)
+            ends = [
+                ((2 * u - 1) * e, (2 * v - 1) * e, q[v + 1][u + 1] - q[v + 1][u] - q[v][u + 1] + q[v][u])
+                for u in (0, 1)
+                for v in (0, 1)
+            ]
+        else:
+            ends = [(0, 0, d - c - b + a)]
+        table[tuple(map(bool, near))] = [end for end in ends if end[2]]
+    return table
+
+
+def raster(rows, xs, ys, inset=0):
+    """The sum of clear dots, rows from below, between the lines xs and ys; their edges moved inwards."""
+    found, blank, ends = Sum(), [False] * len(rows[0]), corner(inset)
+    below = [False, *blank, False]
+    for y, row in zip(ys, [*rows, blank]):
+        above = [False, *row, False]
+        for x, *near in zip(xs, below, below[1:], above, above[1:]):
+            for u, v, count in ends[tuple(near)]:
+                key = (x + u) * SPAN + y + v
+                found.flat[key] = found.flat.get(key, 0) + count
+        below = above
     return found
 
 
@@ -592,23 +668,26 @@ def blue_noise(draw, rows, columns, openings):
 class Die:
     """A die as the job asks for it: ``cells`` are opening and turn of each, rows from below."""
 
-    def __init__(self, job, number, say):
+    def __init__(self, job, number):
         die, plate = job["die"][number], job["plate"]
         self.name, self.label, self.number = die["name"], die.get("label", ""), number
         self.dot, self.gutter, self.tiling = nm(die["dot"]), nm(die.get("gutter", "0 um")), die["tiling"]
-        self.size = nm(die.get("size") or plate["die_size"])
+        self.slot = nm(plate["die_size"])
+        self.size = nm(die["size"]) if die.get("size") else self.slot
         count, pitch = len(job["die"]), nm(plate["die_pitch"])
         columns = min(plate["columns"], count)
         lines = -(-count // columns)
         self.x = -(columns - 1) * pitch // 2 + number % columns * pitch
         self.y = (lines - 1) * pitch // 2 - number // columns * pitch
         names = [die["opening"], *die.get("others", [])]
-        seed, chart, self.shifts = die.get("seed"), None, None
+        seed, chart, shifts = die.get("seed"), None, None
         if die.get("map"):
             chart = toml(job["maps"][die["map"]])
-            names = self.of_map(chart, names, say)
+            shifts = chart.get("shifts") or shifts
         texts = [job["openings"][name] for name in names]
         self.openings = [Opening(text) for text in texts]
+        if shifts:
+            self.openings = [self.openings[0].shifted(*shift) for shift in shifts]
         fits = (chart or toml(texts[0])).get("die_seeds_fit") if seed is None else None
         self.seed = fits[0] if fits else seed or 0
         self.n = self.openings[0].n
@@ -622,7 +701,7 @@ class Die:
             table = [[int(k) for k in line] for line in reversed(chart["map"].split())]
             rows -= (rows - len(table)) % 2
             columns -= (columns - len(table[0])) % 2
-        self.cells = self.drawn(rows, columns, len(names), bool(die.get("others")))
+        self.cells = self.drawn(rows, columns)
         if chart:
             numbers = chart.get("openings")
             numbers = [[int(j) for j in line] for line in reversed(numbers.split())] if numbers else None
@@ -638,14 +717,9 @@ class Die:
         self.height, self.width = rows * self.pitch, columns * self.pitch
         self.left, self.below = self.x - self.width // 2, self.y - self.height // 2
 
-    def of_map(self, chart, names, say):
-        if chart.get("shifts"):
-            raise CannotTell("shifts")
-        return names
-
-    def drawn(self, rows, columns, openings, others):
+    def drawn(self, rows, columns):
         """Table of the tilings."""
-        draw, tiling = Random(self.seed), self.tiling
+        draw, tiling, openings = Random(self.seed), self.tiling, len(self.openings)
         if tiling == "blue_noise":
             return blue_noise(draw, rows, columns, openings)
         if tiling in ("random", "map"):
@@ -660,11 +734,11 @@ class Die:
             turns = [[0] * columns for _ in range(rows)]
         else:
             raise CannotTell(f"tiling {tiling}")
-        chosen = draw.table(openings, rows, columns) if others else [[0] * columns for _ in range(rows)]
+        chosen = draw.table(openings, rows, columns)  # of one nothing is drawn
         return [list(zip(*pair)) for pair in zip(chosen, turns)]
 
-    def box(self):
-        return (self.left, self.below, self.left + self.width, self.below + self.height)
+    def box(self, out=0):
+        return self.left - out, self.below - out, self.left + self.width + out, self.below + self.height + out
 
     def sheet(self):
         """layout.md, "Hexagonal"."""
@@ -674,7 +748,7 @@ class Die:
         self.left, self.below = self.x - self.width // 2, self.y - self.height // 2
         rows, columns = math.ceil(m / h) + 3, math.ceil(m / n) + 3
         turns, clear = Random(self.seed).table(6, rows, columns), self.openings[0].rows
-        cosines, sines = (1, 0.5, -0.5, -1, -0.5, 0.5), (0, *[math.sqrt(0.75)] * 2, 0, *[-math.sqrt(0.75)] * 2)
+        cosines, sines = ([f(k * math.pi / 3) for k in range(6)] for f in (math.cos, math.sin))
         self.dots = []
         for v in range(m):
             y, row = v + 0.5 - m / 2, []
@@ -693,13 +767,31 @@ class Die:
                 row.append(0 <= a < n and 0 <= b < n and clear[b][a])
             self.dots.append(row)
 
-    def take(self, into):
-        """Take what is asked for away from a sum."""
+    def take(self, into, inset=0):
+        """Take what is asked for away from a sum, its edges moved inwards."""
         if not self.cells:
             xs, ys = ([at + k * self.dot for k in range(len(self.dots) + 1)] for at in (self.left, self.below))
-            into.add(raster(self.dots, xs, ys), 0, 0, -1)
+            into.add(raster(self.dots, xs, ys, inset), 0, 0, -1)
             return
-        known, half = {}, self.gutter // 2
+        half, turned = self.gutter // 2, {}
+        if inset:  # dots of two cells meet
+            for pair in {pair for row in self.cells for pair in row}:
+                dots = self.openings[pair[0]].turned(pair[1])
+                turned[pair] = [[*row, False] for row in [*dots, [False] * self.n]] if self.gutter else dots
+            rows = [
+                [dot for pair in row for dot in turned[pair][k]]
+                for row in self.cells
+                for k in range(len(turned[row[0]]))
+            ]
+            lines = [half + k * self.dot for k in range(self.n + bool(self.gutter))]
+            counts = len(self.cells[0]), len(self.cells)
+            xs, ys = (
+                [at + j * self.pitch + k for j in range(count) for k in lines] + [at + count * self.pitch + half]
+                for at, count in zip((self.left, self.below), counts)
+            )
+            into.add(raster(rows, xs, ys, inset), 0, 0, -1)
+            return
+        known = {}
         for i, row in enumerate(self.cells):
             for j, (opening, turn) in enumerate(row):
                 if (opening, turn) not in known:
@@ -775,8 +867,12 @@ def inked(picture):
     return {**cells, **filled}
 
 
-def letter(mark, known={}):
+DRAWN = {}
+
+
+def letter(mark):
     """The sum of a letter's outline, its step 1."""
+    known = DRAWN
     if mark not in known:
         total, known[mark] = Sum(), Sum()
         for (x, y), cell in inked(PICTURES[mark]).items():
@@ -811,15 +907,20 @@ def width(text):
     return max(0, ADVANCE * len(text.rstrip()) - BETWEEN)
 
 
-def line(text, height, x, y, room=None):
-    """The sum of a line whose base line's middle is (x, y)."""
-    text = text.rstrip().upper()
-    steps, total = width(text), Sum()
+def fitted(text, height, x, room=None):
+    """Left end of a line about x, and its step."""
+    steps = width(text)
     step = (2 * height + HIGH) // (2 * HIGH)
     if room is not None and steps * step > room:
         height = height * room // (steps * step)
         step = (2 * height + HIGH) // (2 * HIGH)
-    left = x - steps * step // 2
+    return x - steps * step // 2, step
+
+
+def line(text, height, x, y, room=None):
+    """The sum of a line whose base line's middle is (x, y)."""
+    text, total = text.rstrip().upper(), Sum()
+    left, step = fitted(text, height, x, room)
     for i, mark in enumerate(text):
         total.add(scaled(letter(mark), step), left + ADVANCE * i * step, y)
     return total
@@ -919,7 +1020,9 @@ def matrix(text, seen=None):
             if word < len(words) and seen[r // part * (part + 2) + 1 + r % part][c // part * (part + 2) + 1 + c % part]:
                 words[word] |= 128 >> bit
         data = words[:room]
-        if decoded(data) != text:
+        if not re.fullmatch(
+            re.escape(text) + f"[0-9a-f]{{{max(0, text.rindex(':') + 65 - len(text))}}}", decoded(data) or ""
+        ):
             return None
     else:
         data = codewords(text)
@@ -999,11 +1102,12 @@ def annex_f(n):
 # --- layout.md, "Marks" ---
 
 
-def boxes(items):
-    total = Sum()
-    for item in items:
-        total.box(*item)
-    return total
+def boxes(items, inset=0):
+    """The sum of boxes' union, its edges moved inwards."""
+    items = list(items)
+    xs, ys = (sorted({each[k] for each in items for k in axis}) for axis in ((0, 2), (1, 3)))
+    rows = [[any(a <= x < c and b <= y < d for a, b, c, d in items) for x in xs[:-1]] for y in ys[:-1]]
+    return raster(rows, xs, ys, inset)
 
 
 def cross(x, y, length, arm):
@@ -1022,8 +1126,9 @@ def number(x):
 class Marks:
     """Marks of a plate by name, as sums."""
 
-    def __init__(self, job, dies, template, version, digest):
-        self.job, self.dies, self.found, self.codes = job, dies, {}, {}
+    def __init__(self, job, dies, template, version, digest, inset):
+        self.job, self.dies, self.found, self.codes, self.inset = job, dies, {}, {}, inset
+        self.texts = set()
         plate = job["plate"]
         source = template or plate
         self.blank, self.writable = (
@@ -1031,22 +1136,20 @@ class Marks:
             nm(plate.get("writable") or source["writable"]),
         )
         self.f = self.feature()
-        order = job.get("order", {})
-        tone, parity, side = (
-            order.get(k) or d for k, d in (("tone", "clear"), ("parity", "right reading"), ("chrome", "up"))
-        )
+        tone, side = job.get("order", {}).get("tone") or "clear", "down" if mirrored(job) else "up"
         self.version, self.digest = version, digest
         thickness = source.get("thickness")
         size = [self.blank, self.blank] + ([nm(thickness)] if thickness else [])
         self.lines = [
             f"maskfab {version} | job {digest[:16]}",
-            f"digitized data = {tone} | {parity}, chrome {side} | "
+            f"digitized data = {tone} | right reading, chrome {side} | "
             + " x ".join(number(Fraction(s, MM)) for s in size)
             + " mm",
         ]
         for die in dies:
             text = f"{die.name}  {die.label}" if die.label else die.name
-            self.found[f"LABEL_{die.name}"] = line(text, 420_000, die.x, die.y - die.size // 2 - 600_000, die.size)
+            self.texts.add(f"LABEL_{die.name}")
+            self.found[f"LABEL_{die.name}"] = line(text, 420_000, die.x, die.y - die.slot // 2 - 600_000, die.slot)
         for mark in template["mark"] if template else ():
             x, y = (nm(at) for at in mark["at"])
             w, h = (nm(at) for at in mark["room"])
@@ -1059,10 +1162,11 @@ class Marks:
         found = []
         for die in self.dies:
             runs = [run for opening in die.openings for run in opening.clear_runs(die.gutter)]
-            found.append(min(runs, default=1) * die.dot)
+            found.append((1 if die.tiling == "hexagonal" else min(runs, default=1)) * die.dot)
         return min(50_000, *found) if found else 50_000
 
     def caption(self, mark, x, y, h, text, w):
+        self.texts.add(f"{mark['name']}_TEXT")
         self.found[f"{mark['name']}_TEXT"] = line(f"{mark['name']}  {text}", 150_000, x, y - h // 2, w * 999 // 1000)
 
     def multiples(self, mark, x, y, h, w):
@@ -1076,20 +1180,42 @@ class Marks:
         total = line(self.job["job"].get("title") or self.job["job"]["name"], high, x, base, room)
         for i, text in enumerate(self.lines, 1):
             total.add(line(text, small, x, base - 2 * i * small, room), 0, 0)
+        self.hash_at(self.lines[0], small, x, base - 2 * small, room)
+        self.texts.add(mark["name"])
         self.found[mark["name"]] = total
 
+    def hash_at(self, text, height, x, y, room):
+        """Where the digits of the hash stand in a line."""
+        (left, step), first = fitted(text, height, x, room), text.index("job ") + 4
+        self.digits = [(left + ADVANCE * k * step, y, step) for k in range(first, first + 16)]
+
+    def printed(self, drawn):
+        """The digits of the hash as they are drawn."""
+        found = ""
+        for x, y, step in self.digits:
+            here = drawn.within((x, y, x + (ADVANCE - BETWEEN) * step, y + HIGH * step))
+            for digit in "0123456789abcdef":
+                rest = scaled(letter(digit.upper()), step)
+                rest.add(here, -x, -y, -1)
+                if not any(rest.left()):
+                    found += digit
+        if len(found) != len(self.digits):
+            raise CannotTell("the hash in the title cannot be read")
+        return found
+
     def fiducial(self, mark, x, y, w, h):
-        self.found[mark["name"]] = boxes(cross(x, y, nm(mark["length"]), nm(mark["line"])))
+        self.found[mark["name"]] = boxes(cross(x, y, nm(mark["length"]), nm(mark["line"])), self.inset)
 
     def alignment(self, mark, x, y, w, h):
         length, arm = nm(mark["length"]), nm(mark["line"])
-        n, f, half, side = arm // 2, 3 * arm // 2, length // 2, length // 4
-        total = boxes(cross(x, y, 2 * side, arm))
-        total.box(x - half, y - f, x - side, y - f + 3 * arm)
-        total.box(x + side, y - f, x - half + length, y - f + 3 * arm)
-        total.box(x - f, y - half, x - f + 3 * arm, y - side)
-        total.box(x - f, y + side, x - f + 3 * arm, y - half + length)
-        self.found[mark["name"]] = total
+        f, half, side = 3 * arm // 2, length // 2, length // 4
+        ends = [
+            (x - half, y - f, x - side, y - f + 3 * arm),
+            (x + side, y - f, x - half + length, y - f + 3 * arm),
+            (x - f, y - half, x - f + 3 * arm, y - side),
+            (x - f, y + side, x - f + 3 * arm, y - half + length),
+        ]
+        self.found[mark["name"]] = boxes([*cross(x, y, 2 * side, arm), *ends], self.inset)
 
     def parity(self, mark, x, y, w, h):
         height = nm(mark["height"])
@@ -1103,7 +1229,8 @@ class Marks:
                 (left, below, left + s, top),
                 (left + s, top - s, left + 3 * s, top),
                 (left + s, below + 2 * s, left + 2 * s, below + 3 * s),
-            ]
+            ],
+            self.inset,
         )
 
     def cd_bars(self, mark, x, y, w, h):
@@ -1116,7 +1243,7 @@ class Marks:
                 u, v = (wide, length) if axis == "X" else (length, wide)
                 at = left + (2 * i + j) * 2 * length
                 self.found[f"{name}_{axis}_{called}X"] = boxes(
-                    [(at - u // 2, y - v // 2, at - u // 2 + u, y - v // 2 + v)]
+                    [(at - u // 2, y - v // 2, at - u // 2 + u, y - v // 2 + v)], self.inset
                 )
 
     def row(self, sizes, x):
@@ -1136,11 +1263,11 @@ class Marks:
             below = y - (2 * largest + 300_000) // 2 + (largest - side) // 2
             above = below + largest + 300_000
             self.found[f"{mark['name']}_V_{called}X"] = boxes(
-                (start + 2 * k * wide, above, start + (2 * k + 1) * wide, above + side) for k in range(n)
+                [(start + 2 * k * wide, above, start + (2 * k + 1) * wide, above + side) for k in range(n)], self.inset
             )
             start = below + (side - group) // 2
             self.found[f"{mark['name']}_H_{called}X"] = boxes(
-                (left, start + 2 * k * wide, left + side, start + (2 * k + 1) * wide) for k in range(n)
+                [(left, start + 2 * k * wide, left + side, start + (2 * k + 1) * wide) for k in range(n)], self.inset
             )
 
     def siemens_star(self, mark, x, y, w, h):
@@ -1162,7 +1289,7 @@ class Marks:
             below = y - side // 2
             rows = [[(i + j) % 2 == 0 for j in range(n)] for i in range(n)]
             xs, ys = [left + k * wide for k in range(n + 1)], [below + k * wide for k in range(n + 1)]
-            self.found[f"{mark['name']}_{called}X"] = raster(rows, xs, ys)
+            self.found[f"{mark['name']}_{called}X"] = raster(rows, xs, ys, self.inset)
 
     def corners(self, mark, x, y, w, h):
         multiples = self.multiples(mark, x, y, h, w)
@@ -1170,19 +1297,21 @@ class Marks:
         below = y - max(sides) // 2
         for (called, wide), side, left in zip(multiples, sides, self.row(sides, x)):
             self.found[f"{mark['name']}_{called}X"] = boxes(
-                [(left, below, left + wide, below + side), (left + wide, below, left + side, below + wide)]
+                [(left, below, left + wide, below + side), (left + wide, below, left + side, below + wide)], self.inset
             )
 
     def data_matrix(self, mark, x, y, w, h):
         text, m = f"maskfab:{self.version}:{self.digest}", nm(mark["module"])
         self.codes[mark["name"]] = text, m, x, y
-        self.code(mark["name"], matrix(text))
+        if len(self.digest) == 64:
+            self.code(mark["name"], matrix(text))
 
     def code(self, name, rows):
         _, m, x, y = self.codes[name]
         n = len(rows) + 2
         light = [[True] * n, *([True, *(not dark for dark in row), True] for row in reversed(rows)), [True] * n]
-        self.found[name] = raster(light, *([at - n * m // 2 + k * m for k in range(n + 1)] for at in (x, y)))
+        xs, ys = ([at - n * m // 2 + k * m for k in range(n + 1)] for at in (x, y))
+        self.found[name] = raster(light, xs, ys, self.inset)
 
     def read_codes(self, drawn):
         """Take each matrix in the encodation in which it is drawn, as far as it holds the text asked for."""
@@ -1209,7 +1338,7 @@ class Marks:
             ]
 
         total = boxes(frame(x, y, s))
-        places = [(die.x * s // self.blank, die.y * s // self.blank, die.size * s // self.blank) for die in self.dies]
+        places = [(die.x * s // self.blank, die.y * s // self.blank, die.slot * s // self.blank) for die in self.dies]
         for u, v, side in places:
             total.add(boxes(frame(x + u, y + v, side)), 0, 0)
         pitch = nm(self.job["plate"]["die_pitch"]) * s // self.blank
@@ -1241,12 +1370,15 @@ class Marks:
         room = self.writable - 8 * MM
         tone = self.job.get("order", {}).get("tone", "clear")
         total = line(self.job["job"].get("title") or self.job["job"]["name"], 1_500_000, 0, half - 2_750_000, room)
-        total.add(line(f"{self.lines[0]} | digitized data = {tone}", 420_000, 0, half - 3_590_000, room), 0, 0)
+        second = f"{self.lines[0]} | digitized data = {tone}"
+        total.add(line(second, 420_000, 0, half - 3_590_000, room), 0, 0)
+        self.hash_at(second, 420_000, 0, half - 3_590_000, room)
+        self.texts.add("TITLE")
         self.found["TITLE"] = total
         for u in (-1, 1):
             for v in (-1, 1):
                 x, y = u * (half - 2 * MM), v * (half - 2 * MM)
-                self.found[f"FIDUCIAL_{u}_{v}"] = boxes(cross(x, y, MM, 50_000))
+                self.found[f"FIDUCIAL_{u}_{v}"] = boxes(cross(x, y, MM, 50_000), self.inset)
         left, below = -half + 6 * MM, -half + 2 * MM
         self.f_at("PARITY", left, below, 400_000, 2_000_000)
         self.bars("CD", [(str(m), m * self.f) for m in (1, 2, 5)], 500_000, 0, below)
@@ -1290,79 +1422,117 @@ class Verdict:
         return points
 
 
-def judge(job, template, version, data, manifest=None):
-    """A verdict, and what the plate is in a sentence."""
-    verdict = Verdict()
+def mirrored(job):
+    """Whether the data hold the design mirrored about x = 0."""
     order = job.get("order", {})
+    return (order.get("parity") == "wrong reading") != (order.get("chrome") == "down")
+
+
+def house_grid(grids, own, dies):
+    """The coarsest of a house's grids on which all dies lie; 1 where the job's own or 1 nm is among them."""
+    lies = [at for die in dies for at in (die.left, die.below, die.width, die.dot, die.pitch, die.gutter // 2)]
+    return 1 if own in grids or 1 in grids else max((g for g in grids if not any(at % g for at in lies)), default=1)
+
+
+def check_units(units, verdict):
+    wanted = real8(struct.pack(">Q", 0x3E4189374BC6A7F0)), real8(struct.pack(">Q", 0x3944B82FA09B5A54))
+    near = [abs(a / b - 1) < Fraction(1, 10**12) for a, b in zip(units or (0, 0), wanted)]
+    if not all(near):
+        verdict.wrong.append(f"units: database and user unit {[float(u) for u in units or ()]}, not 0.001 and 1e-9 m")
+
+
+def judge(job, template, version, data, manifest=None, shop=None):
+    """A verdict, and what the plate is in a sentence."""
+    verdict, shop = Verdict(), shop or {}
+    order, export = job.get("order", {}), job.get("export", {})
     tone = order.get("tone") or "clear"
-    mirrored = (order.get("parity") == "wrong reading") != (order.get("chrome") == "down")
-    for key, why in (("bias", order.get("bias") == "data"), ("grid", bool(job.get("export", {}).get("grid")))):
-        if why:
-            raise CannotTell(f"a job with {key} in its data, which this file does not derive")
-    cells, units = read_gds(data, {})
-    if units != (Fraction(real8(struct.pack(">Q", 0x3E4189374BC6A7F0))), real8(struct.pack(">Q", 0x3944B82FA09B5A54))):
-        if (
-            units is None
-            or abs(units[1] * 10**9 - 1) > Fraction(1, 10**12)
-            or abs(units[0] * 1000 - 1) > Fraction(1, 10**12)
-        ):
-            verdict.wrong.append(
-                f"units: database and user unit {[float(u) for u in units or ()]}, not 1e-9 m and 0.001"
-            )
+    bias = nm(job.get("process", {}).get("cd_bias", "0 um")) if order.get("bias") == "data" else 0
+    if bias % 2:
+        raise CannotTell(f"a bias of {bias} nm, which has no half")
+    cells, units = read_gds(data)
+    check_units(units, verdict)
     layer = (1, 0) if tone == "clear" else (3, 0)
-    for other in sorted({layer for cell in cells.values() for layer in cell.outlines} - {layer}):
+    for other in sorted({layer for cell in cells.values() for layer in cell.outlines} - {layer, CUT}):
         if other[0] in (1, 3):
             verdict.wrong.append(
                 f"layer {other[0]}/{other[1]}: holds shapes, and the tone is {tone} (layer {layer[0]}/0)"
             )
         else:
             verdict.unjudged.append(f"layer {other[0]}/{other[1]}, which is not written on the plate")
-    dies = [Die(job, i, print) for i in range(len(job["die"]))]
-    digest = digest_of(job)
+    dies = [Die(job, i) for i in range(len(job["die"]))]
+    digest = digest_of(job) if "openings_read" not in job else "0" * 64
     if manifest and manifest.get("job_hash") not in (None, digest):
         verdict.wrong.append(f"job: its hash is {digest}, and the manifest says {manifest.get('job_hash')}")
-    marks = Marks(job, dies, template, version, digest)
-    drawing = Drawing(data, cells, layer, mirrored)
-    if tone == "clear":
-        shares = drawing.split([die.box() for die in dies])
-        totals = [drawing.sum(share, Sum()) for share in shares[:0]]
-        rest = drawing.sum(shares[-1], Sum())
-    else:
-        rest, all_dark = Sum(), drawing.sum(drawing.split([])[0], Sum())
-        half = marks.writable // 2
+    marks = Marks(job, dies, template, version, digest, bias // 2)
+    regions = [die.box(max(0, -bias // 2)) for die in dies] if tone == "clear" else []
+    drawings = [(Drawing(data, cells, each, mirrored(job)), sign) for each, sign in ((layer, 1), (CUT, -1))]
+    shares = [(drawing, drawing.split(regions), sign) for drawing, sign in drawings]
+
+    def drawn_in(region):
+        total = Sum()
+        for drawing, parts, sign in shares:
+            drawing.sum(parts[region], total, sign)
+        return total
+
+    rest = drawn_in(-1)
+    area2 = rest.area2
+    half = marks.writable // 2
+    if tone != "clear":
+        dark, rest = rest, Sum()
         rest.box(-half, -half, marks.writable - half, marks.writable - half)
-        rest.add(all_dark, 0, 0, -1)
-    area2, bad = 0, set()
+        area2 = rest.area2 - area2
+        rest.add(dark, 0, 0, -1)
+    if "openings_read" in job:
+        digest = marks.printed(rest)
+        marks = Marks(job, dies, template, version, digest, bias // 2)
+        verdict.unjudged.append(f"the job's hash, which its text alone does not tell: the title says {digest}")
+    bad = set()
     for i, die in enumerate(dies):
-        if tone == "clear":
-            total = drawing.sum(shares[i], Sum())
-            area2 += total.area2
-            if die.tiling == "hexagonal":
-                verdict.unknown.append(f"die {die.name}: hexagonal, which this file does not derive to the last dot")
-                continue
-            die.take(total)
-            verdict.left(total, f"die {die.name}", None, die)
-        else:
-            if die.tiling == "hexagonal":
-                raise CannotTell(f"die {die.name}: hexagonal in dark data")
-            die.take(rest)
-            bad.update(verdict.left(rest, f"die {die.name}", die.box(), die))
-    area2 += rest.area2 if tone == "clear" else 8 * (marks.writable // 2) ** 2 - all_dark.area2
+        total = drawn_in(i) if tone == "clear" else rest
+        area2 += total.area2 if tone == "clear" else 0
+        die.take(total, bias // 2)
+        bad.update(
+            verdict.left(total, f"die {die.name}", None if tone == "clear" else die.box(max(0, -bias // 2)), die)
+        )
     marks.read_codes(rest)
+    if set(marks.codes) - set(marks.found):
+        verdict.wrong.append(f"data matrix: holds no maskfab:{version}:{digest}...")
+    own = nm(export["grid"]) if export.get("grid") else 1
+    drawn, grids = marks.found, 0
+    for grid in (own, house_grid(shop.get("limits", {}).get("grid_nm", [1]), own, dies)):
+        if grid > 1:
+            grids += grid
+            marks.found = {name: each.snapped(grid, mirrored(job)) for name, each in marks.found.items()}
     for each in marks.found.values():
         rest.add(each, 0, 0, -1)
+    plate = shop.get("plate", {})
+    if plate.get("corner_square_um"):
+        side, (w, h) = round(1000 * plate["corner_square_um"]), (round(MM * at) for at in plate["extent_mm"])
+        for x, y in ((x, y) for x in (-(w // 2), w - w // 2 - side) for y in (-(h // 2), h - h // 2 - side)):
+            rest.box(x, y, x + side, y + side, -1)
+    apart = shop.get("polygons", {}).get("shared_boundaries", True) is False
+    bar = max(4000, round(2000 * shop.get("limits", {}).get("min_space_um", 0)))
     for name, each in marks.found.items():
         points = [p for p, _ in each.points()]
         if points:
             box = [f(axis) for f in (min, max) for axis in zip(*points)]
+            if grids and name in marks.texts:  # a letter that is cut at its hole has a corner there that moves, too
+                left = rest.within([box[0] - grids, box[1] - grids, box[2] + grids, box[3] + grids])
+                if left.beside(drawn[name], grids):
+                    rest.add(left, 0, 0, -1)
+            if apart:
+                left = rest.within(box)
+                thin, area = left.thin_chrome(bar)
+                if thin and area and (name not in marks.texts or 16 * area <= abs(each.area2)):
+                    rest.add(left, 0, 0, -1)
             bad.update(verdict.left(rest, f"mark {name}", box))
     stray = Sum()
     stray.flat = {x * SPAN + y: 1 for x, y in rest.left() if (x, y) not in bad}
     verdict.left(stray, "plate", None)
-    side = "chrome side" if not mirrored else "glass side"
+    side = "chrome side" if not mirrored(job) else "glass side"
     share = area2 / 2 / marks.writable**2
     kind = "openings in the chrome" if tone == "clear" else "chrome"
-    share = share if tone == "clear" else 1 - share
+    share = share if tone == "clear" else 1 - share  # of the chrome
     said = (
         f"seen from the {side}, F reads right; digitized data = {tone}: the drawn polygons are the {kind}, "
         f"they are {100 * share:.3f} % of the writable area of {marks.writable / MM:g} mm"
@@ -1373,16 +1543,38 @@ def judge(job, template, version, data, manifest=None):
 # --- The package ---
 
 
+def content(path):
+    with open(path, "rb") as file:
+        return file.read()
+
+
 def files_of(path):
     """Files of a folder or of a zip, by their plain names."""
     if os.path.isdir(path):
-        return {
-            name: open(os.path.join(path, name), "rb").read()
-            for name in os.listdir(path)
-            if os.path.isfile(os.path.join(path, name))
-        }
+        paths = {name: os.path.join(path, name) for name in os.listdir(path)}
+        return {name: content(each) for name, each in paths.items() if os.path.isfile(each)}
     with zipfile.ZipFile(path) as archive:
         return {name.rpartition("/")[2]: archive.read(name) for name in archive.namelist() if not name.endswith("/")}
+
+
+def raw_job(path):
+    """A job's own text, as far as drawing goes, as its resolved one; its hash needs what is written out there."""
+    try:
+        import tomllib
+    except ImportError:
+        raise CannotTell("a raw job.toml is read by Python from 3.11 on; use the resolved job.json") from None
+    job, folder = tomllib.loads(content(path).decode()), os.path.dirname(path)
+    job.update(openings={}, maps={}, openings_read=True)
+    for die in job["die"]:
+        die.setdefault("tiling", "periodic")
+        for name in [die["opening"], *die.get("others", [])]:
+            job["openings"][name] = content(os.path.join(folder, name)).decode()
+        if die.get("map"):
+            job["maps"][die["map"]] = content(os.path.join(folder, die["map"])).decode()
+        if "gutter" not in die and "pitch" in die:
+            dots = Opening(job["openings"][die["opening"]]).n
+            die["gutter"] = f"{nm(die['pitch']) - dots * nm(die['dot'])} nm"
+    return job
 
 
 def main(args):
@@ -1393,28 +1585,36 @@ def main(args):
         del args[at : at + 2]
     try:
         if len(args) >= 2:
-            files = {"job.json": open(args[0], "rb").read(), "plate.gds": open(args[1], "rb").read()}
-            if len(args) > 2:
-                files["template.toml"] = open(args[2], "rb").read()
+            files = {name: content(path) for name, path in zip(("job.json", "plate.gds", "template.toml"), args)}
             beside = os.path.join(os.path.dirname(args[0]), "manifest.json")
-            manifest = json.load(open(beside, encoding="utf-8")) if os.path.isfile(beside) else {}
+            manifest = json.loads(content(beside)) if os.path.isfile(beside) else {}
         else:
             files = files_of(args[0] if args else os.path.dirname(os.path.abspath(__file__)))
             manifest = json.loads(files.get("manifest.json", b"{}"))
         version = version or manifest.get("maskfab_version") or "0.1.0"
-        job = json.loads(files["job.json"])
+        job = raw_job(args[0]) if args and args[0].endswith(".toml") else json.loads(files["job.json"])
         template = toml(files["template.toml"].decode()) if "template.toml" in files else None
         if job["plate"].get("template") and template is None:
             raise CannotTell(f"the plate's template {job['plate']['template']} is not here (template.toml)")
+        shop = toml(files["shop.toml"].decode()) if "shop.toml" in files else {}
         plates = [name for name in files if name.lower().endswith(".gds")]
         if len(plates) != 1:
             raise CannotTell(f"{len(plates)} GDSII files here; this file reads one, and no other format")
-        verdict, said = judge(job, template, version, files[plates[0]], manifest if len(args) < 2 else None)
+        verdict, said = judge(job, template, version, files[plates[0]], manifest if len(args) < 2 else None, shop)
         for row in manifest.get("files", []) if len(args) < 2 else []:
-            content = files.get(row["path"])
-            if content is None or hashlib.sha256(content).hexdigest() != row["sha256"]:
+            held = files.get(row["path"])
+            if held is None or hashlib.sha256(held).hexdigest() != row["sha256"]:
                 verdict.wrong.append(f"file {row['path']}: is not what the manifest lists")
-    except (CannotTell, KeyError, ValueError, OSError, struct.error, zipfile.BadZipFile) as error:
+    except (
+        CannotTell,
+        LookupError,
+        ValueError,
+        AttributeError,
+        TypeError,
+        OSError,
+        struct.error,
+        zipfile.BadZipFile,
+    ) as error:
         print(f"CANNOT TELL: {error!r}" if not isinstance(error, CannotTell) else f"CANNOT TELL: {error}")
         return CANNOT
     for text in verdict.wrong:

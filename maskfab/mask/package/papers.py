@@ -182,6 +182,11 @@ def _path_mm(polygons: Sequence[Polygon]) -> Path:
     return Path(np.array(vertices, dtype=np.float64).reshape(-1, 2) / NM_PER_MM, codes)
 
 
+_REFEREE = (
+    "check of the GDSII",
+    "python3 referee.py in this folder says that it is the plate of job.json (exit code 0), what is not (1), "
+    "or that it cannot tell (2)",
+)
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 _NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?")
 _DATA, _MADE, _BUSINESS, _BUYER, _ASKED = "Data", "Plate", "Order", "Ordered by", "Please answer before you start"
@@ -326,6 +331,8 @@ def order_sheet(
     groups[_MADE] += _promised(shop)
     if questions:
         groups[_ASKED] = [(str(number), question) for number, question in enumerate(questions, 1)]
+    if "gdsii" in formats:
+        groups[_DATA].append(_REFEREE)
     plate = figures.plate
     return OrderSheet(
         f"Photomask order: {plate.name}, {shop.title}",
@@ -513,16 +520,15 @@ def papers(ordered: MaskOrder) -> dict[str, bytes]:
         PROFILE: dump_shop(shop).encode(),
         JOB_COPY: (json.dumps(ordered.job.spec.dump(), indent=1) + "\n").encode(),
         CERTIFICATE: (json.dumps(_certificate(ordered), indent=1, ensure_ascii=False) + "\n").encode(),
-        **_referee(ordered.job.spec.plate.template),
+        **_referee(ordered.job),
     }
 
 
-def _referee(plate_template: str | None) -> dict[str, bytes]:
+def _referee(job: Job) -> dict[str, bytes]:
     """A judge of the plate that needs nothing but Python, and the plate's template, which it reads beside the job."""
-    files = {REFEREE: "referee.py"} | (
-        {} if plate_template is None else {"template.toml": f"plates/{plate_template}.toml"}
-    )
-    return {name: resources.template(source).encode() for name, source in files.items()}
+    plate = job.spec.plate
+    template = {} if plate is None or plate.template is None else {"template.toml": f"plates/{plate.template}.toml"}
+    return {name: resources.template(each).encode() for name, each in {REFEREE: "referee.py", **template}.items()}
 
 
 def package_facts(job: Job, shop: Shop, figures: Figures, order: Order) -> dict[str, Any]:
