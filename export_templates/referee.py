@@ -344,18 +344,24 @@ class Sum:
         return all(y0 != y1 and near(x0, y0) and near(x1, y1) for x0, y0, x1, y1, _ in self.edges())
 
     def dark_modules(self, x, y, n, m):
-        """Rows from above of the modules about a place, without the quiet zone of one."""
+        """Rows from above of the modules about a place, without the quiet zone of one.
+
+        Two of three places of a module decide, for a bar of chrome may cross one of them.
+        """
         left, below = x - n * m // 2, y - n * m // 2
         ends = sorted(
             (v, u, k) for (u, v), k in self.points() if abs(u - x) < (n + 2) * m // 2 and abs(v - y) < (n + 2) * m // 2
         )
-        rows, at, sums = [], 0, {}
-        for j in range(n):  # clear where the sum of all ends to the left and below is 1
-            while at < len(ends) and ends[at][0] <= below + j * m + m // 2:
-                sums[ends[at][1]] = sums.get(ends[at][1], 0) + ends[at][2]
-                at += 1
-            rows.insert(0, [sum(k for u, k in sums.items() if u <= left + i * m + m // 2) == 0 for i in range(n)])
-        return [row[1:-1] for row in rows[1:-1]]
+        votes = [[0] * n for _ in range(n)]
+        for eighths in (2, 4, 7):
+            at, sums, inside = 0, {}, m * eighths // 8
+            for j, row in enumerate(reversed(votes)):  # clear where the sum of all ends to the left and below is 1
+                while at < len(ends) and ends[at][0] <= below + j * m + inside:
+                    sums[ends[at][1]] = sums.get(ends[at][1], 0) + ends[at][2]
+                    at += 1
+                for i in range(n):
+                    row[i] += sum(k for u, k in sums.items() if u <= left + i * m + inside) == 0
+        return [[dark > 1 for dark in row[1:-1]] for row in votes[1:-1]]
 
     def left(self):
         """Points at which something is left."""

@@ -100,7 +100,7 @@ def test_the_first_error_in_order_is_told_though_another_comes_sooner(pair):
         Call(after, given(0.3, 0)), Call(math.sqrt, given(-1.0)), Call(after, given(0.0, 2)), Call(lattice, given(0)),
     ]  # fmt: skip
     for executor in (pair, SerialExecutor()):
-        with pytest.raises(ValueError, match="math domain error"):
+        with pytest.raises(ValueError, match=r"math domain error|expected a nonnegative input"):
             executor.run_all(calls)
 
 

@@ -18,6 +18,7 @@ from maskfab.mask.judge.displays import LAYERS as OF_DISPLAY
 from maskfab.mask.judge.marks import Code, Line, Mark
 from maskfab.mask.judge.verdict import LAYERS, Asked, judged, line_box
 
+_CLEAR, _CUT, _CHROME = LAYERS
 _OF_PLATE = ("judged_marks", "judged_text")
 
 
@@ -110,7 +111,7 @@ def _reduced(read: db.Layout, plate: Asked, least: int, shown: Iterable[str]) ->
         found = db.Region(db.RecursiveShapeIterator(read, read.top_cell(), index, places, True))
         found.merged_semantics = False
         # Of chrome nothing may lack where the other dies were: the reduced plate has no openings there.
-        shapes = found - others + others if plate.dark else found.outside(others)
+        shapes = found - others + others if layer == _CHROME else found.outside(others)
         if not shapes.is_empty():
             top.shapes(reduced.layer(layer)).insert(shapes)
     return reduced
@@ -206,16 +207,23 @@ def _moved(shapes: db.Region, turn: db.Trans, box: db.Box) -> db.Region:
 
 
 def _changed(box: db.Box, change: Callable[[db.Region], db.Region]) -> Callable[[db.Layout], None]:
-    """A change of what a layout draws in a box."""
+    """A change of what counts in a box: what is drawn there, less what a layer of holes takes out of it."""
+    place = db.Region(box)
 
     def changed(layout: db.Layout) -> None:
-        for index in [index for layer in LAYERS if (index := layout.find_layer(layer)) is not None]:
+        net = db.Region()
+        for layer in (_CLEAR, _CHROME, _CUT):
+            index = layout.find_layer(layer)
+            if index is None:
+                continue
             drawn = layout.top_cell().shapes(index)
             touching = list(drawn.each_touching(box))
             near = db.Region([shape.polygon for shape in touching])
             for shape in touching:
                 drawn.erase(shape)
-            drawn.insert(near - db.Region(box))
-            drawn.insert(change(near & db.Region(box)))
+            drawn.insert(near - place)
+            net = net - near if layer == _CUT else net + (near & place)
+        main = layout.find_layer(_CHROME)
+        layout.top_cell().shapes(layout.layer(_CLEAR) if main is None else main).insert(change(net.merged()))
 
     return changed

@@ -53,8 +53,8 @@ _CLEAR, _CUT, _CHROME = LAYERS = db.LayerInfo(1, 0), db.LayerInfo(2, 0), db.Laye
 _MOST_NAMED = 5
 _LONGEST = 200
 """Letters of a line that nobody asked for."""
-_BARRED, _MOST_OFF = 1 / 8, 1 / 2
-"""Share of a line of text that bars of chrome may take at most, and of its corners that may be theirs."""
+_BARRED, _BARRED_LETTER, _MOST_OFF = 1 / 8, 1 / 3, 1 / 2
+"""Shares of a line of text and of a letter that bars of chrome may take at most, and of corners that may be theirs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -413,12 +413,21 @@ def _misread(line: Line, drawn: Boundary, plate: Asked) -> str:
     outside = (corners < (columns.min(), rows[0])).any(axis=1) | (corners > (columns.max(), rows[-1])).any(axis=1)
     # Bars leave most corners where they were.
     bars = plate.bar and lacking <= _BARRED * area_steps2(wanted) and off.mean() < _MOST_OFF and not outside.any()
+    bars = bars and _most_lost(wanted, seen) <= _BARRED_LETTER
     if not extra and (bars or not (lacking or off.any())):
         return ""
     if (said := read(seen)) != text:
         return f"{line.name} reads {said!r}, not {text!r}"
     where = _first(corners[off] if off.any() else corners)
     return f"{line.name} {text!r} is not drawn as letters are, or not at its place, first at {where}"
+
+
+def _most_lost(wanted: Mask, seen: Mask) -> float:
+    """Largest share of a letter that should be clear and is not."""
+    width = len(points(ADVANCE))
+    letters = [slice(start, start + width) for start in range(0, wanted.shape[1], width)]
+    areas = ((area_steps2(wanted[:, one] & ~seen[:, one]), area_steps2(wanted[:, one])) for one in letters)
+    return max((lost / whole for lost, whole in areas if whole), default=0.0)
 
 
 def _code_box(code: Code, plate: Asked) -> tuple[int, int, int, int]:
