@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -46,7 +47,10 @@ def test_every_format_has_a_row_in_timing_and_the_forecast_is_within_a_factor_of
     assert process.returncode in (0, 1)
     took_s, held = used.ru_utime + used.ru_stime, used.ru_maxrss * 1024
     assert took_s / 2 < told.seconds < 2 * took_s
-    assert held / 2 < told.bytes < 2 * held
+    # A process begins with the peak of the one that starts it.
+    own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    assert told.bytes < 2 * held
+    assert held <= own or held / 2 < told.bytes
     assert told.all_bytes >= told.bytes
     rows = {row["format"]: row for row in json.loads((tmp_path / "out" / "timing.json").read_text())["formats"]}
     assert set(rows) == {*FORMATS, *MORE}
@@ -86,7 +90,7 @@ def test_helpers_end_with_a_run_that_is_killed(tmp_path, after_s):
             except OSError:
                 continue
         time.sleep(after_s)
-        children = _children(process.pid) if process.poll() is None else children
+        children += _children(process.pid) if process.poll() is None else []
         process.send_signal(signal.SIGKILL)
     assert children
     until = time.monotonic() + 10

@@ -321,6 +321,6 @@ def test_workers_of_another_version_are_refused_before_any_case():
 
 def test_without_dask_a_cluster_is_refused_with_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(MissingPackageError, match=r"MF152.*maskfab\[cluster\]"):
+    with pytest.raises(MissingPackageError, match=r"MF152.*\[cluster\]"):
         mf.sweep(write_study(tmp_path), tmp_path / "out", engine="dask", scheduler="tcp://127.0.0.1:9")
     assert not (tmp_path / "out").exists()

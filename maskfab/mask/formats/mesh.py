@@ -428,6 +428,8 @@ def read_stl(path: Path) -> ReadSolid:
         raise damaged(path, error) from error
     if not len(faces):
         raise damaged(path, "it has no triangles")
+    if not np.isfinite(vertices).all():
+        raise damaged(path, "a coordinate is no number")
     check_reach(path, np.abs(vertices).max(axis=0).astype(np.float64) * NM_PER_MM)
     # Every triangle has corners of its own: those of one place are one, as for whoever makes a solid of it.
     shape = _welded(vertices, faces, NM_PER_MM)

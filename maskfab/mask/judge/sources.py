@@ -54,6 +54,8 @@ class Sources:
 def sources(spec: JobSpec, file: Path | None = None) -> Sources:
     """The drawing, of the resolved spec and the job file that it was read from, if it was."""
     resolved = spec.dump()
+    if file is not None and not file.is_file():
+        file = None  # that of a package, which was unpacked for a while: it holds what the spec does
     stated = resolved if file is None else _document(file)
     folder = Path() if file is None else file.parent
     openings: list[tuple[Ints, ...]] = []
