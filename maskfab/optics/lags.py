@@ -9,7 +9,7 @@ of any width stay exact although pitch and dot have no common measure.
 Notes:
     Dots cut by the stop enter the table with their mean transmission, lag 0 aside, and what their shapes change is
     added lag by lag (see ``rim_lags``). That costs time in proportion to lags times cut dots; where many lags are asked
-    for, the table alone will do, within an error that is measured at some lags and doubled.
+    for, the table alone will do, within a bound for each of them (see ``shape_bounds``).
 
 Along the two axes the autocorrelation is had at every lag. A line or an edge along y is imaged through the OTF along x
 alone: its profile needs no light of the other axis and no window. Between the lags of the table the autocorrelation is
@@ -22,7 +22,6 @@ import itertools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -35,6 +34,7 @@ from maskfab.job.camera import Stop
 from maskfab.optics.field.waves import Reals
 from maskfab.optics.pupil import Lattice, Pupil
 from maskfab.optics.rim import apart, rim_lags
+from maskfab.optics.shape_bounds import ShapeBounds, axis_bounds, shape_bounds
 
 if TYPE_CHECKING:
     from maskfab.optics.outline_lags import OutlineLags
@@ -47,13 +47,8 @@ _FEW_PAIRS, _FEW_NEAR_PAIRS = 50_000, 25_000
 _FEW_LAGS = 300
 # A lag of few polygons takes as long as one of so many.
 _FEWEST_PARTS = 1000
-# Lags at which the coarse error is measured.
-_NEAR_SAMPLES, _FEWEST_SAMPLES, _MOST_SAMPLES = 4, 64, 128
 # So much stays in the processor's cache, and so many values along x are held at once.
 _ROWS_AT_A_TIME, _COLUMNS_AT_A_TIME, _MOST_HELD = 32, 16, 18_000_000
-_SINGLE = 1e-5
-# Above it a transform is faster than counting pairs.
-_MOST_PAIRS = 8_000_000
 
 
 class Shapes(Protocol):
@@ -80,8 +75,10 @@ class LagTable:
             lags up to the reach and few others, negative ones wrapped round.
         reach_um: largest lag along either axis for which the table is good.
         energy_um2: the value at lag 0.
-        errors: bound of the error of C(s) / C(0), near lag 0 and beyond.
-        rims: what the shapes of cut dots change, of every part of the amplitude; none where ``errors`` count it.
+        floor: bound of the error of C(s) / C(0) at every lag, rounding among it.
+        unknown: bounds of what shapes that nothing tells add to it.
+        coarse: bounds of that and of what ``rims`` tell.
+        rims: what the shapes of cut dots change, of every part of the amplitude.
         sum_um2: of the means over all lags, within reach or not.
         outline: of what is clear, where polygons tell the shapes of all dots.
     """
@@ -91,7 +88,9 @@ class LagTable:
     values: Floats
     reach_um: float
     energy_um2: float
-    errors: tuple[float, float]
+    floor: float
+    unknown: tuple[ShapeBounds, ...] = ()
+    coarse: tuple[ShapeBounds, ...] = ()
     rims: tuple[Shapes, ...] = ()
     sum_um2: float = 0.0
     outline: OutlineLags | None = None
@@ -162,55 +161,53 @@ class LagTable:
         """Lags shorter than that are near 0."""
         return _NEAR_DOTS * max(self.x.dot_um, self.y.dot_um)
 
+    def error_at(self, lag_x_um: Floats, lag_y_um: Floats, *, coarse: bool = False) -> Floats:
+        """Error bound of C(s) / C(0) at lags of equal shape, of the coarse one or of that with ``rims``."""
+        parts = [each.at(lag_x_um, lag_y_um) for each in (self.coarse if coarse else self.unknown)]
+        return np.asarray(self.floor + sum(parts, np.zeros(np.shape(lag_x_um))) / self.energy_um2)
+
+    def coarse_error_on_grid(self, lag_x_um: Floats, lag_y_um: Floats) -> Floats:
+        """The coarse bound where columns [n] of lags cross rows [m] of them, [m, n]."""
+        parts = [each.on_grid(lag_x_um, lag_y_um) for each in self.coarse]
+        return np.asarray(self.floor + sum(parts, np.zeros((lag_y_um.size, lag_x_um.size))) / self.energy_um2)
+
     @property
     def uncertainty(self) -> float:
-        """Error bound of C(s) / C(0) at any lag."""
-        return max(self.errors)
+        """Error bound of C(s) / C(0) at any lag within reach."""
+        return self.floor + sum(each.largest_um2 for each in self.unknown) / self.energy_um2
 
     @property
     def cut_dots(self) -> int:
         """Number of cut dots whose shapes count."""
         return sum(rim.cut_dots for rim in self.rims)
 
-    @cached_property
-    def coarse_errors(self) -> tuple[float, float]:
-        """Error of C(s) / C(0) without ``rims``, near lag 0 and beyond: twice the largest of some."""
-        if not self.rims:
-            return self.errors
-        random = np.random.default_rng(0)
-        near = self.near_um
-        count = int(np.clip(_FEW_PAIRS / 2 / self.cut_dots, _FEWEST_SAMPLES, _MOST_SAMPLES))
-        farthest = max(near, min(self.reach_um, max(self.rims[0].stop.sides_um)))
-        angle = random.uniform(0, np.pi, _NEAR_SAMPLES + count)
-        radius = np.concatenate([near * random.random(_NEAR_SAMPLES), near * (farthest / near) ** random.random(count)])
-        half_x, half_y = self.x.dot_um / 2, self.y.dot_um / 2
-        x = np.concatenate([[half_x, 0.0, half_x, -half_x], radius * np.cos(angle)])
-        y = np.concatenate([[0.0, half_y, half_y, half_y], radius * np.sin(angle)])
-        held = np.maximum(abs(x), abs(y)) <= self.reach_um
-        change = np.zeros(x.size)
-        change[held] = 2 * abs(self.otf(x[held], y[held]) - self.coarse_otf(x[held], y[held]))
-        return float(change.max()) + self.errors[0], float(change[4 + _NEAR_SAMPLES :].max()) + self.errors[1]
-
     @property
     def coarse_uncertainty(self) -> float:
-        """Error bound of the coarse transfer function at any lag."""
-        return max(self.coarse_errors)
+        """Error bound of the coarse transfer function at any lag within reach."""
+        return self.floor + sum(each.largest_um2 for each in self.coarse) / self.energy_um2
 
-    def bounded_otf(self, lag_x_um: Floats, lag_y_um: Floats, coarse: Floats | None = None) -> tuple[Floats, Floats]:
-        """C(s) / C(0) at lags [n], exact where that costs little, and the error of each."""
-        near = np.hypot(lag_x_um, lag_y_um) < self.near_um
-        coarse = self.coarse_otf(lag_x_um, lag_y_um) if coarse is None else coarse
+    def bounded_otf(self, lag_x_um: Floats, lag_y_um: Floats, most: float = math.inf) -> tuple[Floats, Floats]:
+        """C(s) / C(0) at lags [n], exact where that costs little, and a bound of the error of each.
+
+        Args:
+            most: what errs by more is made exact whatever it costs.
+        """
+        values, errors = self.coarse_otf(lag_x_um, lag_y_um), self.error_at(lag_x_um, lag_y_um, coarse=True)
         if not self.rims:
-            return coarse, np.where(near, *self.errors)
+            return values, errors
         meets = ~apart(self.rims[0].stop, lag_x_um, lag_y_um)
-        dots = self.cut_dots
-        few = self.outline is not None and lag_x_um.size <= _FEW_LAGS
-        exact = meets if few or np.count_nonzero(meets) * dots <= _FEW_PAIRS else near & meets
-        if not few and np.count_nonzero(exact & near) * dots > _FEW_NEAR_PAIRS:
-            exact = exact & ~near
-        values = coarse * meets
+        near = (np.hypot(lag_x_um, lag_y_um) < self.near_um) & meets
+        dots, exact = self.cut_dots, meets
+        if not (self.outline is not None and lag_x_um.size <= _FEW_LAGS):
+            if np.count_nonzero(exact) * dots > _FEW_PAIRS:
+                exact = near
+            if np.count_nonzero(exact & near) * dots > _FEW_NEAR_PAIRS:
+                exact = exact & ~near
+        exact = exact | (meets & (errors > most))
+        values, errors = values * meets, errors * meets
         values[exact] = self.otf(lag_x_um[exact], lag_y_um[exact])
-        return values, np.where(exact, np.where(near, *self.errors), np.where(near, *self.coarse_errors)) * meets
+        errors[exact] = self.error_at(lag_x_um[exact], lag_y_um[exact])
+        return values, errors
 
     @property
     def volume_um2(self) -> float:
@@ -262,15 +259,21 @@ def lag_table(pupil: Pupil, reach_um: float = np.inf, outline: OutlineLags | Non
         energy = float(outline.autocorrelation_um2(np.zeros(1), np.zeros(1))[0])
         held = values.copy()
         held[0, 0, 0, 0] = energy
-        errors = outline.rounding, outline.rounding
-        means = LagTable(pupil.x, pupil.y, held, reach_um, energy, errors, (), energy**2 / dot_area)
-        return replace(means, rims=(_Outlined(outline, means),), outline=outline)
+        means = LagTable(pupil.x, pupil.y, held, reach_um, energy, outline.rounding, sum_um2=energy**2 / dot_area)
+        coarse = _bounds(pupil, reach_um, rim=True)
+        return replace(means, coarse=coarse, rims=(_Outlined(outline, means),), outline=outline)
     rim = rim_lags(pupil, reach_um)
-    unknown = shape_errors(pupil, energy, cut_dots=rim is None)
     # Areas are told to some last places of the stop's.
     rounding = 1e-15 + 4 * np.finfo(np.float64).eps * pupil.rim_row.size * pupil.stop.area_um2 / max(energy, 1e-300)
-    errors = unknown[0] + rounding, unknown[1] + rounding
-    return LagTable(pupil.x, pupil.y, values, reach_um, energy, errors, () if rim is None else (rim,), total * dot_area)
+    coarse = _bounds(pupil, reach_um, rim=True)
+    unknown = coarse if rim is None else _bounds(pupil, reach_um, rim=False)
+    rims = () if rim is None else (rim,)
+    return LagTable(pupil.x, pupil.y, values, reach_um, energy, rounding, unknown, coarse, rims, total * dot_area)
+
+
+def _bounds(pupil: Pupil, reach_um: float, *, rim: bool) -> tuple[ShapeBounds, ...]:
+    bounds = shape_bounds(pupil, reach_um, rim=rim)
+    return () if bounds is None else (bounds,)
 
 
 def lag_sizes(x: Lattice, y: Lattice, reach_um: float) -> list[int]:
@@ -286,53 +289,6 @@ def _held(x: Lattice, y: Lattice, reach_um: float, sizes: list[int]) -> list[int
     """Numbers of lags of cells and dots that a table holds: those within reach, of either sign."""
     extra = (*_extra(y, reach_um), *_extra(x, reach_um))
     return [min(2 * most + 1, size) for most, size in zip(extra, sizes, strict=True)]
-
-
-def shape_errors(pupil: Pupil, energy_um2: float, *, cut_dots: bool) -> tuple[float, float]:
-    """Error of C(s) / C(0), near lag 0 and beyond, where of dots that are clear in part only the means are known.
-
-    Args:
-        energy_um2: C(0).
-        cut_dots: whether the shapes of dots that the stop cuts are unknown, too.
-
-    Notes:
-        At whole-dot lags the error is at most the autocorrelation of standard deviations (Cauchy-Schwarz). In between a
-        dot meets the edge of another, at most half its contrast off, with random sign: three sigma of that sum. Near
-        lag 0 all dots meet themselves, and their variances add up.
-    """
-    variance = pupil.variance if cut_dots else pupil.whole_variance
-    if not variance.any():
-        return 0.0, 0.0
-    share = pupil.x.dot_um * pupil.y.dot_um / energy_um2
-    spread = float(variance.sum())
-    beyond = (_largest_overlap(variance) + 1.5 * float(np.sqrt(spread))) * share
-    return min(beyond + spread * share, 1.0), min(beyond, 1.0)
-
-
-def _largest_overlap(variance: Floats) -> float:
-    """The largest autocorrelation, lag 0 aside, of the standard deviations of intervals of such variances.
-
-    Gutters count as intervals, which makes some lags alike that are not; their sums are still a bound.
-    """
-    height, width = variance.shape
-    if np.count_nonzero(variance) ** 2 <= _MOST_PAIRS:
-        row, column = np.nonzero(variance)
-        value = np.sqrt(variance[row, column])
-        place = row * 2 * width + column
-        first, second = np.nonzero(place[:, None] > place)
-        overlap = np.bincount(place[first] - place[second], value[first] * value[second])
-        return float(overlap.max(initial=0.0))
-    sizes = [fast_length(2 * n - 1) for n in (height, width)]
-    # A bound needs no more than single precision, whose error is added.
-    deviation, padded = np.empty(variance.shape, dtype=np.float32), [sizes[0], 1, 1, sizes[1]]
-    np.sqrt(variance, out=deviation, casting="same_kind")
-    largest = 0.0
-    power, _ = _power(lambda part: deviation[part, None, :], (height, 1), padded, padded[0])
-    for rows, lags in _lags(power, padded):
-        if rows.start == 0:
-            lags[0, 0, 0, 0] = 0.0
-        largest = max(largest, float(lags.max()))
-    return largest + _SINGLE * float(variance.sum())
 
 
 def dot_blocks(x: Lattice, y: Lattice, values: NDArray[Scalar]) -> NDArray[Scalar]:
@@ -481,16 +437,18 @@ class AxisLags:
 
     Attributes:
         values: float64 [cells, dots] in square micrometres, negative lags wrapped round, good for every lag.
-        bounds: float64 [cells], of what the means of dots do not tell, from each whole-dot lag to the next; of a raster
-            of polygons.
+        step_um: of the bounds.
+        bounds: float64 [n], of what the means of dots do not tell, from each whole step to the next.
     """
 
     lattice: Lattice
     values: Floats
-    bounds: Floats | None = None
+    step_um: float
+    bounds: Floats
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "values", frozen(self.values))
+        for name in ("values", "bounds"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def at(self, lag_um: Floats) -> Floats:
         """The autocorrelation at lags of any shape; linear between the table's, which is exact for whole dots."""
@@ -502,10 +460,8 @@ class AxisLags:
 
     def error_at(self, lag_um: Floats, table: LagTable) -> Floats:
         """Error of C(s) / C(0) at lags of any shape."""
-        if self.bounds is None:
-            return np.where(abs(lag_um) < table.near_um, *table.coarse_errors)
-        dots = np.minimum(abs(lag_um) / self.lattice.dot_um, self.bounds.size - 1).astype(np.intp)
-        return self.bounds[dots] / table.energy_um2
+        steps = np.minimum(abs(lag_um) / self.step_um, self.bounds.size - 1).astype(np.intp)
+        return table.floor + self.bounds[steps] / table.energy_um2
 
     def transform(self, places: Floats, offsets: Floats) -> Floats:
         """Its integral over all lags against cos(2πus), in cubic micrometres.
@@ -530,19 +486,17 @@ class AxisLags:
         return np.asarray(total * dot * np.sinc(dot * (places[:, None] + offsets)) ** 2)
 
 
-def axis_lags(pupil: Pupil, energy_um2: float, *, raster: bool = False) -> tuple[AxisLags, AxisLags]:
+def axis_lags(pupil: Pupil, energy_um2: float) -> tuple[AxisLags, AxisLags]:
     """Autocorrelations along x and along y at every lag up to the pupil's width.
 
     Args:
         energy_um2: the value at lag 0, which dots that the stop cuts do not give by their means.
-        raster: whether it is one of polygons, without gutters.
     """
     grey = pupil.mean_transmission[np.ix_(pupil.y.dot_index().ravel(), pupil.x.dot_index().ravel())]
     area = pupil.x.dot_um * pupil.y.dot_um
     tables = []
-    for lattice, rows in ((pupil.x, grey), (pupil.y, grey.T)):
-        # Without gutters every dot is a cell, as in the lag table.
-        period = (lattice.cells, lattice.dots) if lattice.has_gutter else (lattice.cells * lattice.dots, 1)
+    for along_x, lattice, rows in ((True, pupil.x, grey), (False, pupil.y, grey.T)):
+        period = _periods(lattice)
         sizes = [fast_length(2 * n - 1) for n in period]
         axes, sizes = ([1], sizes[:1]) if period[1] == 1 else ([1, 2], sizes)
         power: Floats | float = 0.0
@@ -552,27 +506,5 @@ def axis_lags(pupil: Pupil, energy_um2: float, *, raster: bool = False) -> tuple
             power = power + (spectrum.real**2 + spectrum.imag**2).sum(axis=0)
         values = np.fft.irfftn(power, sizes, axes=[axis - 1 for axis in axes]) * area
         values[0, 0] = energy_um2
-        tables.append(AxisLags(lattice, values, frozen(_raster_bounds(rows) * area) if raster else None))
+        tables.append(AxisLags(lattice, values, *axis_bounds(pupil, along_x=along_x)))
     return tables[0], tables[1]
-
-
-def _raster_bounds(rows: Floats) -> Floats:
-    """Most that shapes change of the autocorrelation along x, from each whole-dot lag to the next, in dots.
-
-    With e what dots have beside their means, <e, e'> is at most the product of standard deviations σ. A moved dot meets
-    two means: their difference counts with what e has on one side, σ/2 at most (Cauchy-Schwarz).
-    """
-    count = rows.shape[1]
-    size = fast_length(2 * count)
-    alike, apart_by = np.zeros(size // 2 + 1), np.zeros(size // 2 + 1, dtype=np.complex128)
-    for start in range(0, len(rows), _LAG_ROWS_AT_A_TIME):
-        part = rows[start : start + _LAG_ROWS_AT_A_TIME]
-        deviation = np.fft.rfft(np.sqrt(np.clip(part * (1 - part), 0.0, None)), size, axis=1)
-        # From each dot to the next one, and into the first.
-        step = np.fft.rfft(abs(np.diff(part, axis=1, prepend=0.0, append=0.0)), size, axis=1)
-        alike += (deviation.real**2 + deviation.imag**2).sum(axis=0)
-        apart_by += (deviation.conj() * step).sum(axis=0)
-    of_shapes, of_steps = (np.fft.irfft(power, size) for power in (alike, apart_by))
-    lag = np.arange(count)
-    # Steps lie before their dots.
-    return np.asarray(of_shapes[lag] + of_shapes[lag + 1] + (of_steps[lag + 1] + of_steps[-lag]) / 2)

@@ -41,6 +41,7 @@ from maskfab.optics.colour import delta_e_1976, lab_of_linear_srgb
 from maskfab.optics.lags import AxisLags, LagTable
 from maskfab.optics.polynomials import gauss_legendre
 from maskfab.optics.psf import cutoff, image_scale_um2, odd_samples
+from maskfab.optics.rim import apart
 from maskfab.optics.spectrum import Spectrum, pixel_transfer, polychromatic_otf
 
 RINGS = 147
@@ -49,6 +50,8 @@ RINGS = 147
 LEVELS = (50, 30, 10)
 """Modulations in per cent about whose first crossing the radial mean is told on exact radii."""
 
+# A cut's sample whose error is larger is made exact.
+_COARSE = 2e-3
 # How many lags of a ring are made exact at first, and pairs of lags and cut dots after which no more are.
 _FIRST_OF_RING, _MOST_PAIRS, _MOST_LAGS = 1, 200_000, 5000
 
@@ -71,13 +74,17 @@ def presampled_mtf(table: LagTable, camera: Camera, wavelength_nm: float, levels
     Radial statistics are taken over rings one sample wide of a square grid of frequencies, the corners left out. The
     pixel is a full square, so its transfer is sinc(ν_x p) sinc(ν_y p). About its first crossings of the ``levels``, in
     per cent, the radial mean is told on exact radii.
+
+    Notes:
+        Of every sample the error is known (see :mod:`maskfab.optics.shape_bounds`). What could be a ring's least value
+        is made exact, and so is a cut's whose error exceeds 0.002; a ring's mean errs by the mean of its errors.
     """
     view = _View(table, camera, wavelength_nm)
     step = 0.5 / camera.pixel_um / (RINGS - 1)
     axis = step * np.arange(RINGS, dtype=np.float64)
     rings = _rings(view, step)
     slant = axis / np.sqrt(2)
-    slanted, slanted_errors = view.bounded(np.concatenate([slant, -slant]), np.concatenate([slant, slant]))
+    slanted, slanted_errors = view.bounded(np.concatenate([slant, -slant]), np.concatenate([slant, slant]), _COARSE)
     diagonal, antidiagonal = slanted.reshape(2, RINGS)
     cuts = {
         "horizontal": rings.horizontal,
@@ -88,7 +95,8 @@ def presampled_mtf(table: LagTable, camera: Camera, wavelength_nm: float, levels
         "radial_min": rings.low,
         "radial_max": rings.high,
     }
-    uncertainty = max(float(slanted_errors.max()), float(rings.error.max()))
+    errors = (slanted_errors, rings.axis_error, rings.mean_error, rings.low_error, rings.high_error)
+    uncertainty = max(float(each.max()) for each in errors)
     least = float(rings.low_error.mean())
     return Mtf(axis * UM_PER_MM, cuts, wavelength_nm, uncertainty, least, _falls(view, rings, step, levels))
 
@@ -156,8 +164,8 @@ class _View:
         optics = abs(self.table.otf(self.scale_um2 * nu_x, self.scale_um2 * nu_y))
         return np.asarray(optics * self.pixel(nu_x, nu_y))
 
-    def bounded(self, nu_x: Floats, nu_y: Floats) -> tuple[Floats, Floats]:
-        optics, error = self.table.bounded_otf(self.scale_um2 * nu_x, self.scale_um2 * nu_y)
+    def bounded(self, nu_x: Floats, nu_y: Floats, most: float = math.inf) -> tuple[Floats, Floats]:
+        optics, error = self.table.bounded_otf(self.scale_um2 * nu_x, self.scale_um2 * nu_y, most)
         pixel = self.pixel(nu_x, nu_y)
         return abs(optics) * pixel, error * pixel
 
@@ -170,23 +178,29 @@ class _View:
             along = self.pixel(axis[column], axis[row]) / self.table.energy_um2
             return means[steps_y, column] * along, bounds[steps_y, column] * along
         lag, pixel = self.scale_um2 * axis, np.sinc(axis * self.camera.pixel_um)
-        coarse = self.table.coarse_grid(lag, lag[RINGS - 1 :])[steps_y, column]
-        optics, error = self.table.bounded_otf(lag[column], lag[row], coarse)
+        upper = lag[RINGS - 1 :]
+        optics = self.table.coarse_grid(lag, upper)[steps_y, column]
+        error = self.table.coarse_error_on_grid(lag, upper)[steps_y, column]
         along = pixel[column] * pixel[row]
+        stop = self.camera.stop
+        if lag[-1] >= min(stop.sides_um):
+            along *= ~apart(stop, lag[column], lag[row])
         return abs(optics) * along, error * along
 
 
 @dataclass(frozen=True, eq=False)
 class _Rings:
-    """Mean, least and greatest modulation of every ring; bounds of the errors of all, and of the least; along axes."""
+    """Mean, least and greatest modulation of every ring, and the axes; bounds of the errors of each."""
 
     mean: Floats
     low: Floats
     high: Floats
-    error: Floats
+    mean_error: Floats
     low_error: Floats
+    high_error: Floats
     horizontal: Floats
     vertical: Floats
+    axis_error: Floats
 
 
 @cache
@@ -208,19 +222,31 @@ def _rings(view: _View, step: float) -> _Rings:
     nu_x, nu_y = step * steps_x.astype(np.float64), step * steps_y.astype(np.float64)
     count = np.diff(np.append(starts, nu_x.size))
     values, errors = view.bounded_on_grid(step, steps_x, steps_y)
+    axes, ring = (steps_x == 0) | (steps_y == 0), np.repeat(np.arange(RINGS), count)
+    near = ring * (step * view.scale_um2) < view.table.near_um
+    _make_exact(view, nu_x, nu_y, values, errors, np.flatnonzero((errors > _COARSE) & (axes | near)))
     sure, low = _refined_minima(view, nu_x, nu_y, values, errors, starts)
     # Where too many lags are alike some stay coarse, and one of them may be less.
     floor = np.minimum.reduceat(np.where(sure, np.inf, np.maximum(values - errors, 0)), starts)
     of_sure = np.maximum.reduceat(np.where(sure, errors, 0.0), starts)
+    high, most, least = (np.maximum.reduceat(values + sign * errors, starts) for sign in (0, 1, -1))
     return _Rings(
         np.add.reduceat(values, starts) / count,
         low,
-        np.maximum.reduceat(values, starts),
-        np.maximum.reduceat(errors, starts),
+        high,
+        np.add.reduceat(errors, starts) / count,
         np.maximum(low - floor, of_sure),
+        np.maximum(most - high, high - least),
         values[steps_y == 0],
         values[steps_x == 0],
+        errors[axes],
     )
+
+
+def _make_exact(view: _View, nu_x: Floats, nu_y: Floats, values: Floats, errors: Floats, k: Indices) -> None:
+    """Make the values of some frequencies exact, in place."""
+    if view.table.rims and k.size:
+        values[k], errors[k] = view.exact(nu_x[k], nu_y[k]), view.table.uncertainty
 
 
 def _refined_minima(
@@ -242,7 +268,8 @@ def _refined_minima(
         k = k[_least(ring[k], values[k], at_a_time)]
         if not k.size:
             break
-        values[k], errors[k], sure[k] = view.exact(nu_x[k], nu_y[k]), table.uncertainty, True
+        _make_exact(view, nu_x, nu_y, values, errors, k)
+        sure[k] = True
         low = np.minimum.reduceat(np.where(sure, values, np.inf), starts)
         spent, at_a_time = spent + k.size * table.cut_dots, 4 * at_a_time
     return sure, low
@@ -264,7 +291,7 @@ def _falls(view: _View, rings: _Rings, step: float, levels: Sequence[float]) -> 
     chosen = np.zeros(RINGS, dtype=np.bool_)
     means = []
     for level in levels:
-        may, must = (np.flatnonzero(rings.mean + sign * rings.error < level / 100) for sign in (-1, 1))
+        may, must = (np.flatnonzero(rings.mean + sign * rings.mean_error < level / 100) for sign in (-1, 1))
         first = int(may[0]) if may.size else RINGS
         last = int(must[0]) if must.size else first
         about = np.zeros(RINGS, dtype=np.bool_)
@@ -341,7 +368,8 @@ class _Closely:
         known, half, quarter = (float(values[::every].mean()) for every in (1, 2, 4))
         beyond = int(lag >= table.near_um)
         # Each of these errs by a quarter of the one before, or less; either difference may be small by chance.
-        error = table.errors[beyond] + max(abs(known - half), abs(half - quarter) / 2)
+        error = max(abs(known - half), abs(half - quarter) / 2)
+        error += float(table.error_at(view.scale_um2 * x, view.scale_um2 * y).mean())
         if not table.rims:
             return known, error
         dot = table.x.dot_um / view.scale_um2
@@ -626,8 +654,7 @@ def edge_spread(lags: tuple[AxisLags, AxisLags], table: LagTable, camera: Camera
         line = axis.transform(starts / scale, within / scale) / (scale * table.energy_um2)
         sides.append(np.cumsum(line @ weights * (half_pixel / 2))[::2])
     meet = half_pixel + starts[::2]
-    near, beyond = table.coarse_errors
-    error = near * _wave_mean(meet * table.near_um / scale) + beyond * _wave_mean(meet * highest) + _QUADRATURE_ERROR
+    error = np.max([_edge_error(axis, table, scale, highest, meet) for axis in lags], axis=0) + _QUADRATURE_ERROR
     side = np.array(sides)
     return EdgeSpread(
         0.5 + np.concatenate([-side[..., ::-1], side], axis=-1),
@@ -637,10 +664,18 @@ def edge_spread(lags: tuple[AxisLags, AxisLags], table: LagTable, camera: Camera
     )
 
 
-def _wave_mean(cycles: Floats) -> Floats:
-    """Bound of ∫ |sin 2πνx| / (πν) dν up to so many cycles νx: of sines below their arguments, then of half waves."""
-    turn = 2 * np.pi * cycles
-    return np.minimum(turn, 2 + 2 / np.pi * np.log(np.maximum(turn / np.pi, 1.0))) / np.pi
+def _edge_error(axis: AxisLags, table: LagTable, scale_um2: float, highest: float, places_um: Floats) -> Floats:
+    """Bound at places [n] of ∫ ε |sin 2πνx| / (πν) dν, ε constant from step to step of the lag.
+
+    A sine is below its argument; and over a step 1/ν is below its first value, and the sine's integral is known.
+    """
+    ends = np.minimum(axis.step_um / scale_um2 * np.arange(axis.bounds.size + 1), highest)
+    error = axis.error_at(scale_um2 * (ends[1:] + ends[:-1]) / 2, table)
+    turn = 2 * np.pi * places_um[:, None] * ends
+    waves = np.diff(2 * np.floor(turn / np.pi) + 1 - np.cos(turn % np.pi), axis=1)
+    most = np.diff(turn, axis=1) / np.pi
+    most[:, 1:] = np.minimum(most[:, 1:], waves[:, 1:] / turn[:, 1:-1] * 2 / (2 * np.pi))
+    return np.asarray(most @ error)
 
 
 def edge_in_window(pixels: Psf) -> EdgeSpread:

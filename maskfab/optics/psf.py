@@ -138,14 +138,13 @@ class Leak:
         # Cauchy and Schwarz: what is missing, against all, and against itself.
         missing = 2 * np.sqrt(strips / energy) + strips / energy
         lost = missing + self._imaginary_um2(openings, min(reach_um, self.stop.diameter_um)) / energy
-        near, beyond = (
-            float(np.dot(shares, errors) + lost) for errors in zip(*(table.errors for table in tables), strict=True)
-        )
         return replace(
             tables[0],
             values=total,
             energy_um2=float(energy),
-            errors=(near, beyond),
+            floor=float(np.dot(shares, [table.floor for table in tables]) + lost),
+            unknown=tuple(bounds for table in tables for bounds in table.unknown),
+            coarse=tuple(bounds for table in tables for bounds in table.coarse),
             rims=tuple(rim for table in tables for rim in table.rims),
             sum_um2=sum(table.sum_um2 for table in tables),
         )

@@ -33,7 +33,7 @@ from maskfab.base.errors import InternalError
 from maskfab.base.model import ORIENTATIONS, Panel, Psf, frozen, orient
 from maskfab.job.camera import Camera, Stop
 from maskfab.optics.field.matrix import parity_field
-from maskfab.optics.lags import LagTable, lag_table, shape_errors
+from maskfab.optics.lags import LagTable, lag_table
 from maskfab.optics.polynomials import spherical_bessel, spherical_bessel_bounds
 from maskfab.optics.psf import image_scale_um2, odd_samples, point_step_um, psf_norm_um6
 from maskfab.optics.pupil import RIM_ORDERS, Aperture, Lattice, Pupil, cut, panel_aperture
@@ -151,18 +151,13 @@ def mean_lag_table(
     values = np.array(table.values)
     _add_cell_lags(values, _cell_correlation(cells) * area, cells.mean.x)
     values[0, 0, 0, 0] = cells.energy_um2
-    # A cut dot is there in some layouts only: its second moment counts, not the square of its mean.
+    # In every layout a bound of the sort of maskfab.optics.shape_bounds holds, its range 1; so does the mean of them.
     pupil = cells.mean
-    root = np.sqrt(pupil.rim_transmission)
-    spread = replace(
-        pupil,
-        whole=np.zeros_like(pupil.whole),
-        rim_moments=pupil.rim_moments / root[:, None, None],
-        rim_transmission=root,
-    )
-    errors = (shape_errors(part, cells.energy_um2, cut_dots=True) for part in (pupil, spread))
-    near, beyond = (max(pair) + 1e-15 for pair in zip(*errors, strict=True))
-    return LagTable(table.x, table.y, values, reach_um, cells.energy_um2, (near, beyond))
+    means = pupil.rim_moments[:, 0, 0]
+    lacking = means * (1 - means / pupil.rim_transmission) * area
+    # Once ahead, once behind, and once as what dots share with themselves, near lag 0.
+    floor = 1e-15 + 3 * float(lacking.sum()) / cells.energy_um2
+    return LagTable(table.x, table.y, values, reach_um, cells.energy_um2, floor)
 
 
 def decorrelation_error(fluctuation: Floats, reference: Floats, correlation: Floats | float) -> float:

@@ -132,7 +132,7 @@ def held(kind: str, seed: int) -> None:
         # Wide where the curve is flat, and no wider than a curve known to a hundredth makes it.
         assert min(map(abs, ends)) < 0.01
     lag = np.random.default_rng(seed).uniform(0, 200, 40)
-    for axis, places in zip(axis_lags(pupil, area, raster=True), ((lag, 0 * lag), (0 * lag, lag)), strict=True):
+    for axis, places in zip(axis_lags(pupil, area), ((lag, 0 * lag), (0 * lag, lag)), strict=True):
         off = abs(axis.at(lag) - lags.autocorrelation_um2(*places)) / area
         # Dots that the rim cuts are rounded to whole nanometres.
         assert (off <= axis.error_at(lag, table) + 1e-7).all()

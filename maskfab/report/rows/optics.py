@@ -245,14 +245,17 @@ def lit_pupils(
     reach = longest_lag_um(camera)
     if leak is None:
         table = lag_table(pupil, reach, outline)
-        return LitPupils(table, axis_lags(pupil, table.energy_um2, raster=outline is not None), None)
+        return LitPupils(table, axis_lags(pupil, table.energy_um2), None)
 
     def lags(part: Pupil) -> tuple[LagTable, tuple[AxisLags, AxisLags]]:
         return lag_table(part, reach), axis_lags(part, part.energy_um2)
 
     # The variable of a loop would keep every part until the next one is made.
     tables, along = zip(*map(lags, parts), strict=True)
-    x, y = (replace(pieces[0], values=sum(part.values for part in pieces)) for pieces in zip(*along, strict=True))
+    x, y = (
+        replace(pieces[0], values=sum(part.values for part in pieces), bounds=sum(part.bounds for part in pieces))
+        for pieces in zip(*along, strict=True)
+    )
     return LitPupils(leak.lag_table(pupil, tables, reach), (x, y), leak)
 
 
