@@ -59,12 +59,11 @@ _FIRST_OF_RING, _MOST_PAIRS, _MOST_LAGS = 1, 200_000, 5000
 _RINGS_ABOUT, _RADII_PER_RING, _DIRECTIONS_PER_DOT = 2, 3, 2
 _FEWEST_DIRECTIONS, _FEW_DIRECTIONS, _MOST_DIRECTIONS = 16, 64, 1024
 
-# About a crossing: how often what may hold it is halved, until it is so many parts, or errs by little more than the
-# crossing itself; how many radii that makes at most; and how often directions are exact, in so many pairs of them and
-# cut dots, and in no fewer directions, near lag 0 at radii that are so many dots apart, and beyond.
-_HALVINGS, _PARTS, _LITTLE_MORE, _MOST_BETWEEN, _MOST_EXACT = 9, 8, 1.3, 60, 6
-_EXACT_PAIRS, _FEWEST_EXACT, _EXACT_APART = 50_000, 32, (1 / 8, 1 / 2)
-# A mean of so many samples errs by three of its standard deviations at most.
+# About a crossing a curve is looked at in so many errors of the place, and twice at so many radii at which it may have
+# crossed, if it is not known to that; so many directions are exact there, and serve for radii by such a share of a dot.
+_ASIDE, _HALVINGS, _MOST_DOUBTFUL, _KNOWN, _ALIKE = 1.5, 2, 6, 1e-3, 1 / 16
+_EXACT_DIRECTIONS = 32
+# A mean of so many samples errs by three of its standard deviations at most, in 997 of 1000 cases.
 _SIGMAS = 3
 
 
@@ -83,19 +82,16 @@ def presampled_mtf(table: LagTable, camera: Camera, wavelength_nm: float, levels
     step = 0.5 / camera.pixel_um / (RINGS - 1)
     axis = step * np.arange(RINGS, dtype=np.float64)
     rings = _rings(view, step)
-    slant = axis / np.sqrt(2)
-    slanted, slanted_errors = view.bounded(np.concatenate([slant, -slant]), np.concatenate([slant, slant]), _COARSE)
-    diagonal, antidiagonal = slanted.reshape(2, RINGS)
     cuts = {
         "horizontal": rings.horizontal,
         "vertical": rings.vertical,
-        "diagonal": diagonal,
-        "antidiagonal": antidiagonal,
+        "diagonal": rings.diagonal,
+        "antidiagonal": rings.antidiagonal,
         "radial_mean": rings.mean,
         "radial_min": rings.low,
         "radial_max": rings.high,
     }
-    errors = (slanted_errors, rings.axis_error, rings.mean_error, rings.low_error, rings.high_error)
+    errors = (rings.cut_error, rings.mean_error, rings.low_error, rings.high_error)
     uncertainty = max(float(each.max()) for each in errors)
     least = float(rings.low_error.mean())
     return Mtf(axis * UM_PER_MM, cuts, wavelength_nm, uncertainty, least, _falls(view, rings, step, levels))
@@ -160,9 +156,15 @@ class _View:
     def pixel(self, nu_x: Floats, nu_y: Floats) -> Floats:
         return np.asarray(np.sinc(nu_x * self.camera.pixel_um) * np.sinc(nu_y * self.camera.pixel_um))
 
-    def exact(self, nu_x: Floats, nu_y: Floats) -> Floats:
-        optics = abs(self.table.otf(self.scale_um2 * nu_x, self.scale_um2 * nu_y))
-        return np.asarray(optics * self.pixel(nu_x, nu_y))
+    def exact(self, nu_x: Floats, nu_y: Floats) -> tuple[Floats, Floats]:
+        lag_x, lag_y = self.scale_um2 * nu_x, self.scale_um2 * nu_y
+        pixel = self.pixel(nu_x, nu_y)
+        return abs(self.table.otf(lag_x, lag_y)) * pixel, self.table.error_at(lag_x, lag_y) * pixel
+
+    def coarse(self, nu_x: Floats, nu_y: Floats) -> tuple[Floats, Floats]:
+        lag_x, lag_y = self.scale_um2 * nu_x, self.scale_um2 * nu_y
+        pixel = self.pixel(nu_x, nu_y)
+        return abs(self.table.coarse_otf(lag_x, lag_y)) * pixel, self.table.error_at(lag_x, lag_y, coarse=True) * pixel
 
     def bounded(self, nu_x: Floats, nu_y: Floats, most: float = math.inf) -> tuple[Floats, Floats]:
         optics, error = self.table.bounded_otf(self.scale_um2 * nu_x, self.scale_um2 * nu_y, most)
@@ -190,7 +192,7 @@ class _View:
 
 @dataclass(frozen=True, eq=False)
 class _Rings:
-    """Mean, least and greatest modulation of every ring, and the axes; bounds of the errors of each."""
+    """Mean, least and greatest modulation of every ring, and cuts across them; bounds of the errors of each."""
 
     mean: Floats
     low: Floats
@@ -200,7 +202,9 @@ class _Rings:
     high_error: Floats
     horizontal: Floats
     vertical: Floats
-    axis_error: Floats
+    diagonal: Floats
+    antidiagonal: Floats
+    cut_error: Floats
 
 
 @cache
@@ -222,9 +226,22 @@ def _rings(view: _View, step: float) -> _Rings:
     nu_x, nu_y = step * steps_x.astype(np.float64), step * steps_y.astype(np.float64)
     count = np.diff(np.append(starts, nu_x.size))
     values, errors = view.bounded_on_grid(step, steps_x, steps_y)
-    axes, ring = (steps_x == 0) | (steps_y == 0), np.repeat(np.arange(RINGS), count)
-    near = ring * (step * view.scale_um2) < view.table.near_um
-    _make_exact(view, nu_x, nu_y, values, errors, np.flatnonzero((errors > _COARSE) & (axes | near)))
+    ring = np.repeat(np.arange(RINGS), count)
+    slant = step / np.sqrt(2) * np.arange(RINGS, dtype=np.float64)
+    slanted = np.concatenate([slant, -slant]), np.concatenate([slant, slant])
+    of_slanted = view.coarse(*slanted)
+    nu_x, nu_y, values, errors = (
+        np.concatenate(pair) for pair in zip((nu_x, nu_y, values, errors), (*slanted, *of_slanted), strict=True)
+    )
+    # What comes near to lag 0, the cuts, and the least of every ring in one go.
+    chosen = np.ones(nu_x.size, dtype=np.bool_)
+    chosen[: ring.size] = (steps_x == 0) | (steps_y == 0) | (ring * (step * view.scale_um2) < view.table.near_um)
+    cut = chosen.copy()
+    chosen &= errors > _COARSE
+    chosen[_least(ring, values[: ring.size], _FIRST_OF_RING)] = True
+    _make_exact(view, nu_x, nu_y, values, errors, np.flatnonzero(chosen))
+    cut_errors, (diagonal, antidiagonal) = errors[cut], values[ring.size :].reshape(2, RINGS)
+    nu_x, nu_y, values, errors = (each[: ring.size] for each in (nu_x, nu_y, values, errors))
     sure, low = _refined_minima(view, nu_x, nu_y, values, errors, starts)
     # Where too many lags are alike some stay coarse, and one of them may be less.
     floor = np.minimum.reduceat(np.where(sure, np.inf, np.maximum(values - errors, 0)), starts)
@@ -239,14 +256,16 @@ def _rings(view: _View, step: float) -> _Rings:
         np.maximum(most - high, high - least),
         values[steps_y == 0],
         values[steps_x == 0],
-        errors[axes],
+        diagonal,
+        antidiagonal,
+        cut_errors,
     )
 
 
 def _make_exact(view: _View, nu_x: Floats, nu_y: Floats, values: Floats, errors: Floats, k: Indices) -> None:
     """Make the values of some frequencies exact, in place."""
     if view.table.rims and k.size:
-        values[k], errors[k] = view.exact(nu_x[k], nu_y[k]), view.table.uncertainty
+        values[k], errors[k] = view.exact(nu_x[k], nu_y[k])
 
 
 def _refined_minima(
@@ -261,7 +280,7 @@ def _refined_minima(
     ring = np.repeat(np.arange(RINGS), np.diff(np.append(starts, values.size)))
     sure = errors <= table.uncertainty
     low = np.minimum.reduceat(np.where(sure, values, np.inf), starts)
-    spent, at_a_time = 0, _FIRST_OF_RING
+    spent, at_a_time = 0, 4 * _FIRST_OF_RING
     most = _MOST_PAIRS if table.outline is None else _MOST_LAGS * table.cut_dots
     while table.rims and spent < most:
         k = np.flatnonzero(~sure & (np.maximum(values - errors, 0.0) < low[ring] - table.uncertainty))
@@ -304,10 +323,25 @@ def _falls(view: _View, rings: _Rings, step: float, levels: Sequence[float]) -> 
     if not means:
         means.append(_directional_mean(view, step, np.zeros(1, dtype=np.intp)))
     told = np.concatenate(means, axis=1)
-    for level in levels:
-        told = _halved(told, level / 100, step, _Closely(view, []))
-    radii, mean, _, _, _ = told
-    return RadialMean(UM_PER_MM * radii, mean, _margin(told))
+    radii, mean, error = _with_lines(_looked_at(told, [level / 100 for level in levels], step, view), step)
+    return RadialMean(UM_PER_MM * radii, mean, error)
+
+
+def _with_lines(told: Floats, step: float) -> Floats:
+    """Radii, a curve and its error, that of straight lines between radii included, [3, 2 n - 1].
+
+    A kink κ a share t on the way from one radius to the next, h farther, takes the curve off the line by κ h t (1 - t)
+    at most, and that is below what rises evenly to κ h / 2 half way, and falls again.
+    """
+    radii, mean, error, kink = told
+    width = np.diff(radii)
+    # Between levels nothing is told, for there the rings tell that none is met.
+    sag = np.where(width < 1.01 * step, kink[:-1] * width / 2, 0.0)
+    places, values, errors = np.empty((3, 2 * radii.size - 1))
+    places[::2], values[::2], errors[::2] = radii, mean, error
+    places[1::2], values[1::2] = radii[:-1] + width / 2, (mean[:-1] + mean[1:]) / 2
+    errors[1::2] = (error[:-1] + error[1:]) / 2 + sag
+    return np.stack([places, values, errors])
 
 
 def _directions(view: _View, lag_um: float) -> int:
@@ -317,135 +351,123 @@ def _directions(view: _View, lag_um: float) -> int:
 
 
 def _directional_mean(view: _View, step: float, rings: Indices) -> Floats:
-    """Radii from rings to the next ones, the mean over directions, what is known of it, the error of that, and the
-    bend of a line to the next radius, [5, n]."""
+    """Radii of rings and between, the mean over directions, its error, and the kink on the way to the next, [4, n]."""
     count = _directions(view, view.scale_um2 * step * float(rings[-1] + 1))
     # The curve bends where lags are short, and there directions are few.
     parts = _RADII_PER_RING if count > _FEW_DIRECTIONS else 2 * _RADII_PER_RING
     places = (rings[:, None] + np.arange(parts) / parts).ravel()
     radii = step * places[places <= RINGS - 1]
     angle = np.pi * np.arange(count) / count
-    values, errors = view.bounded(np.outer(radii, np.cos(angle)).ravel(), np.outer(radii, np.sin(angle)).ravel())
-    values, errors = values.reshape(-1, count), errors.reshape(-1, count)
+    values, errors = view.coarse(np.outer(radii, np.cos(angle)), np.outer(radii, np.sin(angle)))
     # Every other direction errs by half of how far both halves are apart, and all of them by less.
     quadrature = abs(values[:, ::2].mean(axis=1) - values[:, 1::2].mean(axis=1)) / 2
     mean = values.mean(axis=1)
-    # A straight line is off by no more than this where a curve is convex or has one kink.
-    bend = abs(np.diff(mean, 2)) / 2
-    bend = np.pad(bend, 1, mode="edge") if bend.size else np.zeros(mean.size)
-    return np.stack([radii, mean, mean, quadrature + errors.mean(axis=1), bend])
+    # A kink between two radii bends the curve at both, in shares that add up to it.
+    bend = np.zeros(mean.size + 1)
+    bend[1 : mean.size - 1] = abs(np.diff(mean, 2)) / (radii[1] - radii[0])
+    return np.stack([radii, mean, quadrature + errors.mean(axis=1), bend[:-1] + bend[1:]])
 
 
-def _margin(told: Floats) -> Floats:
-    _, mean, known, error, bend = told
-    return np.asarray(abs(known - mean) + error + bend)
+def _looked_at(told: Floats, levels: Sequence[float], step: float, view: _View) -> Floats:
+    """A curve as of :func:`_directional_mean`, known closer where it falls below levels, and where it may before."""
+    aside, closely = np.zeros(len(levels)), _Closely(view, [])
+    # At the fall, then where that is by what was seen there, and on either side.
+    for sides in ((0,), (-1, 0, 1)):
+        falls = [_fall(told, level, step) for level in levels]
+        met = [k for k, fall in enumerate(falls) if fall is not None]
+        radii = np.array([falls[k] for k in met], dtype=np.float64)
+        if not met:
+            break
+        places = np.clip((radii[:, None] + np.outer(aside[met], sides)).ravel(), told[0, 0], told[0, -1])
+        seen = closely(places)
+        off = seen[1] + abs(seen[0] - np.repeat(np.array(levels)[met], len(sides)))
+        after = np.searchsorted(told[0], radii)
+        slope = (told[1, after - 1] - told[1, after]) / (told[0, after] - told[0, after - 1])
+        aside[met] = np.minimum(_ASIDE * off[:: len(sides)] / np.maximum(slope, 1e-12), step / 4)
+        told = _merged(told, np.concatenate([places[None], seen]))
+    # Radii between are halved where the curve may have crossed.
+    for _ in range(_HALVINGS):
+        lines = _with_lines(told, step)
+        doubtful = distinct(
+            np.concatenate([np.zeros(0, dtype=np.intp), *(_doubtful(lines, level) for level in levels)])
+        )
+        if not doubtful.size:
+            break
+        told = _merged(told, np.concatenate([lines[:1, doubtful], closely(lines[0, doubtful])]))
+    return told
+
+
+def _merged(told: Floats, looked: Floats) -> Floats:
+    """A curve with radii known better, new ones among them, on whose way a kink may be that was on the way past."""
+    place = np.searchsorted(told[0], looked[0], side="right")
+    more = np.concatenate([looked, told[3:, np.maximum(place - 1, 0)]])
+    # Of one radius what comes first counts.
+    first = np.unique(np.append(looked[0], told[0]), return_index=True)[1]
+    return np.concatenate([more, told], axis=1)[:, first]
+
+
+def _fall(curve: Floats, level: float, step: float) -> float | None:
+    """Where a curve first falls below a level; None if it does not, or between radii that are farther than a step."""
+    radius = first_below(curve[0], curve[1], level)
+    place = 0 if radius is None else int(np.searchsorted(curve[0], radius))
+    return radius if place and curve[0, place] - curve[0, place - 1] < 1.01 * step else None
+
+
+def _doubtful(told: Floats, level: float) -> Indices:
+    """Radii at which means of dots alone leave open whether a curve has fallen, those next to its fall."""
+    _, mean, error = told
+    fallen = np.flatnonzero(mean + error < level)
+    doubtful = np.flatnonzero((abs(mean - level) < error) & (error > _KNOWN))
+    first = int(np.argmax(mean < level))
+    doubtful = doubtful[doubtful < (fallen[0] if fallen.size else mean.size)]
+    return np.asarray(doubtful[np.argsort(abs(doubtful - first), kind="stable")[:_MOST_DOUBTFUL]])
 
 
 @dataclass(frozen=True, eq=False)
 class _Closely:
-    """The mean over directions closer than it is told: by four times as many of them, some of them exact.
+    """The mean over four times as many directions; what means of dots lack is known in some of them.
+
+    Neighbours among these differ by as much as the mean of those between may.
 
     Attributes:
         view: of the MTF.
-        exact: radii at which directions were exact, what that changes of the mean, its error, and how much of it is new
-            a dot farther.
+        lacking: radii that were looked at, what the mean lacks there, the error of that, and how much of it is new a
+            dot farther, [4] each.
     """
 
     view: _View
-    exact: list[tuple[float, float, float, float]]
+    lacking: list[Floats]
 
     def __call__(self, radii: Floats) -> Floats:
-        """The mean at radii [n], and a bound of its error, [2, n]."""
-        return np.array([self.at(float(radius)) for radius in radii]).T
-
-    def at(self, radius: float) -> tuple[float, float]:
+        """The mean at radii [n], and its error, [2, n]."""
         view, table = self.view, self.view.table
-        lag = view.scale_um2 * radius
-        count = 4 * _directions(view, lag)
+        count = 4 * _directions(view, view.scale_um2 * float(radii.max()))
         angle = np.pi * np.arange(count) / count
-        x, y = radius * np.cos(angle), radius * np.sin(angle)
-        values = abs(table.coarse_otf(view.scale_um2 * x, view.scale_um2 * y)) * view.pixel(x, y)
-        known, half, quarter = (float(values[::every].mean()) for every in (1, 2, 4))
-        beyond = int(lag >= table.near_um)
+        x, y = np.outer(radii, np.cos(angle)), np.outer(radii, np.sin(angle))
+        values, errors = view.coarse(x, y)
+        mean, half, quarter = (values[:, ::every].mean(axis=1) for every in (1, 2, 4))
         # Each of these errs by a quarter of the one before, or less; either difference may be small by chance.
-        error = max(abs(known - half), abs(half - quarter) / 2)
-        error += float(table.error_at(view.scale_um2 * x, view.scale_um2 * y).mean())
+        quadrature = np.maximum(abs(mean - half), abs(half - quarter) / 2)
         if not table.rims:
-            return known, error
-        dot = table.x.dot_um / view.scale_um2
-        nearest = min(self.exact, key=lambda place: abs(place[0] - radius), default=(math.inf, 0.0, 0.0, 0.0))
-        if abs(nearest[0] - radius) > _EXACT_APART[beyond] * dot and len(self.exact) < _MOST_EXACT:
-            some = slice(None, None, max(1, count // max(_FEWEST_EXACT, _EXACT_PAIRS // table.cut_dots)))
-            changes = view.exact(x[some], y[some]) - values[some]
-            change = float(changes.mean())
-            # Neighbours differ by as much as the mean of directions between them may.
-            deviation = math.sqrt(float(np.mean((changes - np.roll(changes, 1)) ** 2)) / 2)
-            # Near lag 0 all directions err alike.
-            alone = min(changes.size, count / (4 * _DIRECTIONS_PER_DOT)) if beyond else 1
-            new = abs(change) + _SIGMAS * float(changes.std()) / math.sqrt(alone)
-            nearest = radius, change, _SIGMAS * deviation / math.sqrt(changes.size), new
-            self.exact.append(nearest)
-        there, change, spread, new = nearest
-        return known + change, error + spread + new * 2 * min(abs(there - radius) / dot, 1.0)
+            return np.stack([mean, quadrature + errors.mean(axis=1)])
+        dot, every = table.x.dot_um / view.scale_um2, max(1, count // _EXACT_DIRECTIONS)
+        seen = np.array([place[0] for place in self.lacking])
+        far = abs(radii[:, None] - seen).min(axis=1, initial=np.inf) > _ALIKE * dot
+        if far.any():
+            self._look(radii[far], x[far, ::every], y[far, ::every], values[far, ::every])
+        lacking = np.array(self.lacking).T
+        aside = abs(radii[:, None] - lacking[0])
+        nearest = aside.argmin(axis=1)
+        _, change, error, new = lacking[:, nearest]
+        return np.stack([mean + change, quadrature + error + 2 * new * aside.min(axis=1) / dot])
 
-
-def _halved(told: Floats, level: float, step: float, closely: _Closely) -> Floats:
-    """A curve known closer, at more radii, about its first fall below a level.
-
-    Args:
-        told: radii, what is told of the curve, what is known of it, the error of that, and of a line between, [5, n].
-        level: modulation.
-        step: from ring to ring; where radii are farther apart nothing is asked.
-
-    Returns:
-        The same of more radii. What is told between is on the line that was told: only the error shrinks.
-    """
-    radius = first_below(told[0], told[1], level)
-    parts = _open_parts(told, level, step)
-    if radius is None or not 0 < parts.size <= _MOST_BETWEEN:
-        return told
-    closely.at(radius)
-    about = distinct(np.clip(parts[:, None] + np.arange(-1, 3), 0, told.shape[1] - 1))
-    told = told.copy()
-    told[2:4, about] = closely(told[0, about])
-    most = told.shape[1] + _MOST_BETWEEN
-    told = _between(told, np.array([radius]), closely)
-    for _ in range(_HALVINGS):
-        parts = _open_parts(told, level, step)
-        width, margin = told[0, parts + 1] - told[0, parts], _margin(told)
-        least = margin[np.searchsorted(told[0], radius)]
-        larger = np.maximum(margin[parts], margin[parts + 1])
-        bends = np.maximum(told[4, parts], told[4, parts + 1]) > least / 4
-        parts = parts[(width > width.sum() / _PARTS) & (bends | (larger > _LITTLE_MORE * least))]
-        if not parts.size or told.shape[1] + parts.size > most:
-            break
-        told = _between(told, (told[0, parts] + told[0, parts + 1]) / 2, closely)
-    return told
-
-
-def _between(told: Floats, radii: Floats, closely: _Closely) -> Floats:
-    mean, line = (np.interp(radii, told[0], curve) for curve in told[1:3])
-    known, error = closely(radii)
-    more = np.stack([radii, mean, known, error, abs(known - line)])
-    told = np.insert(told, np.searchsorted(told[0], radii), more, axis=1)
-    places = np.searchsorted(told[0], radii)
-    # An old radius with a new one on either side bends anew.
-    old = places[:-1][np.diff(places) == 2] + 1
-    told[4, old] = abs(told[2, old] - np.interp(told[0, old], radii, known))
-    return told
-
-
-def _open_parts(told: Floats, level: float, step: float) -> Indices:
-    """Before which radius the curve must have fallen, and after which it may: the parts between, from their starts."""
-    radii, mean = told[:2]
-    margin = _margin(told)
-    fallen = np.flatnonzero(mean + margin < level)
-    end = int(fallen[0]) if fallen.size else radii.size - 1
-    may = mean - margin < level
-    may[end:] = False
-    starts = np.arange(end)
-    opened = may[:end] | may[1 : end + 1] | (starts == end - 1)
-    return np.asarray(starts[opened & (np.diff(radii[: end + 1]) < 1.01 * step)])
+    def _look(self, radii: Floats, x: Floats, y: Floats, values: Floats) -> None:
+        exact, unknown = (each.reshape(x.shape) for each in self.view.exact(x.ravel(), y.ravel()))
+        changes = exact - values
+        deviation = np.sqrt(((changes - np.roll(changes, 1, axis=1)) ** 2).mean(axis=1) / 2 / x.shape[1])
+        new = abs(changes.mean(axis=1)) + _SIGMAS * changes.std(axis=1) / math.sqrt(x.shape[1])
+        error = _SIGMAS * deviation + unknown.mean(axis=1)
+        self.lacking.extend(np.stack([radii, changes.mean(axis=1), error, new], axis=1))
 
 
 def worst_directions(mtf: Mtf, frequencies_cy_per_mm: Sequence[float], die: str | None) -> list[Quantity]:

@@ -597,10 +597,11 @@ class _Shift:
         """Number of intervals from each one onward to the interval met first, [n]."""
         return np.asarray(np.clip(self.cells * self.lattice.period + self.dots, -self.limit, self.limit - 1))
 
-    def meets(self, at: Indices, interval: Indices, step: int | Indices) -> Mask:
-        """Whether intervals, moved onward by these lags and a step, are still dots of the cell that is meant."""
-        local = interval % self.lattice.period + self.dots[at] + step
-        return np.asarray((local >= 0) & (local < self.lattice.dots))
+    def meets(self, at: Indices, interval: Indices, which: Indices, step: int | Indices) -> Mask:
+        """Whether ``which`` of the intervals, moved onward by lags and a step, are still dots of the cell meant."""
+        local = (interval % self.lattice.period).take(which) + self.dots.take(at) + step
+        # Below 0 it is a large number.
+        return np.asarray(local.view(np.uintp) < self.lattice.dots)
 
 
 def _shifts(lattice: Lattice, lag_um: Floats, limit: int) -> Iterator[_Shift]:
@@ -649,8 +650,9 @@ class _Meeting:
         values, dots = self.rim.transmissions(self.where), self.rim.dots
         for step, shift, interval in ((1, self.along_x, dots.column), (0, self.along_y, dots.row)):
             if shift.lattice.has_gutter:
-                met = interval.take(dots.parts.dot.take(self.part))
-                values *= np.stack([shift.meets(self.at, met, way[step]) for way in _QUARTERS])
+                which = dots.parts.dot.take(self.part)
+                here, onward = (shift.meets(self.at, interval, which, k) for k in (0, 1))
+                values *= np.stack([onward if way[step] else here for way in _QUARTERS])
         return values
 
     def with_cut_um2(self, place: Indices, lag_um: Floats) -> Floats:
@@ -678,7 +680,7 @@ class _Meeting:
             edge = shift.edge[at]
             box += [start[first] + shift.lattice.dot_um * end for end in (edge * step, np.where(step, 1.0, edge))]
             if shift.lattice.has_gutter:
-                meant &= shift.meets(at, interval[first], step)
+                meant &= shift.meets(at, interval, first, step)
         shared = shared_area(dots.stop, np.stack(box), lag_um[:, at])
         area = (box[1] - box[0]) * (box[3] - box[2])
         excess = clear[first] * clear[second] * shared - mean[first] * mean[second] * area

