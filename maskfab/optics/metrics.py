@@ -49,7 +49,7 @@ _ROUNDING = 1e-15
 _HALO_UM = 25.0
 _STREAK_UM = (10.0, 50.0)
 # Of a colour's number, the error with which it still ranks designs; and what is too small to matter.
-_LARGEST_BAR, _LEAST_DISTANCE = 0.25, 0.01
+_LARGEST_BAR, _LEAST_DISTANCE = 0.15, 0.01
 # How far the first side lobe is looked for before the whole window is, in units of λf / D.
 _NEAR_ORDERS = 8
 

@@ -634,6 +634,8 @@ def _transfer(
 
 _FEWEST_NODES = 5
 _QUADRATURE_ERROR = 1e-8
+EDGE_UM = 30.0
+"""Fringes are looked for so far from an edge; farther off there is less light than lags are known to."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -657,7 +659,7 @@ class EdgeSpread:
 
 
 def edge_spread(lags: tuple[AxisLags, AxisLags], table: LagTable, camera: Camera, wavelength_nm: float) -> EdgeSpread:
-    """The image of an edge over the camera's window, from lags, whatever falls outside.
+    """The image of an edge in the camera's window, as far as ``EDGE_UM`` from it, from lags, whatever falls outside.
 
     Args:
         table: of the pupil of the lags; gives energy and error bound.
@@ -666,7 +668,7 @@ def edge_spread(lags: tuple[AxisLags, AxisLags], table: LagTable, camera: Camera
         An error of the OTF by ε(ν) moves the image at x by ∫ ε |sin 2πνx| / (πν) dν at most.
     """
     scale, half_pixel = image_scale_um2(camera, wavelength_nm), camera.pixel_um / 2
-    pixels = odd_samples(camera.window_um, camera.pixel_um)
+    pixels = odd_samples(min(camera.window_um, 2 * EDGE_UM), camera.pixel_um)
     highest = cutoff(camera, wavelength_nm)
     nodes, weights = gauss_legendre(_FEWEST_NODES + math.ceil(1.5 * np.pi * highest * half_pixel))
     # From the axis on, in steps of half a pixel: pixels meet at every other one.

@@ -25,9 +25,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
 
-from maskfab.base.arrays import Floats, Indices
+from maskfab.base.arrays import Floats, Indices, fast_length
 from maskfab.base.model import Scalar, frozen
 from maskfab.optics.pupil import Lattice, Pupil
 
@@ -82,10 +81,10 @@ def shape_bounds(pupil: Pupil, reach_um: float, *, rim: bool) -> ShapeBounds | N
     dots = _Dots.of(pupil, axes, rim=rim)
     if not dots.sum_um2:
         return None
-    sizes = [fft.next_fast_len(axis.windows + axis.reach + 1, real=True) for axis in axes]
-    waves = fft.rfft2(dots.ranges, sizes)
-    waves *= fft.rfft2(dots.weights_um2, sizes).conj()
-    met = fft.irfft2(waves, sizes)
+    sizes = [fast_length(axis.windows + axis.reach + 1) for axis in axes]
+    waves = np.fft.rfft2(dots.ranges, sizes)
+    waves *= np.fft.rfft2(dots.weights_um2, sizes).conj()
+    met = np.fft.irfft2(waves, sizes)
     # Squares that begin L steps on, and the squares of the opposite lags, which begin -L - 1 steps on.
     ahead, behind = (
         met[np.ix_(*((lags + axis.span - 1) % size for lags, axis, size in zip(way, axes, sizes, strict=True)))]
@@ -107,11 +106,11 @@ def axis_bounds(pupil: Pupil, *, along_x: bool) -> tuple[float, Floats]:
     axis, other = _Squares.of(moving, np.inf), _Squares.of(still, 0.0, moves=False)
     dots = _Dots.of(pupil, (other, axis) if along_x else (axis, other), rim=True)
     ranges, weights = (part if along_x else part.T for part in (dots.ranges, dots.weights_um2))
-    size = fft.next_fast_len(axis.windows + axis.reach + 1, real=True)
+    size = fast_length(axis.windows + axis.reach + 1)
     # A dot on its own row, and the sweep of that row.
     rows = min(len(ranges) - (other.span - 1), len(weights))
-    waves = (fft.rfft(ranges[other.span - 1 :][:rows], size) * fft.rfft(weights[:rows], size).conj()).sum(axis=0)
-    met, lags = fft.irfft(waves, size), np.arange(axis.reach)
+    waves = (np.fft.rfft(ranges[other.span - 1 :][:rows], size) * np.fft.rfft(weights[:rows], size).conj()).sum(axis=0)
+    met, lags = np.fft.irfft(waves, size), np.arange(axis.reach)
     total = sum(np.clip(met[(way + axis.span - 1) % size], 0, None) for way in (lags, -lags - 1))
     total = total.astype(np.float64) + _SINGLE * dots.sum_um2
     total[0] += dots.own_um2
