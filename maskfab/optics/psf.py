@@ -52,8 +52,8 @@ from maskfab.base.arrays import Complexes, Floats
 from maskfab.base.model import Psf, frozen
 from maskfab.base.units import UM_PER_NM
 from maskfab.job.camera import Camera, Stop
-from maskfab.optics.field.matrix import ParityField
-from maskfab.optics.field.methods import FieldTask, Prepared, admissible, field
+from maskfab.optics.field.matrix import ParityField, SampledField
+from maskfab.optics.field.methods import PRUNED, FieldTask, Prepared, admissible, field
 from maskfab.optics.pupil import Aperture, Pupil, cut
 from maskfab.optics.stop import clear_field, inside
 
@@ -237,7 +237,12 @@ class ReadyPupil:
             for path in admissible(FieldTask.of(pupil, widest, widest))
             if all(path.refusal(task) is None for task in tasks)
         )
-        prepared = path.prepare(pupil, float(widest[-1]), float(widest[-1]), "double")
+        end = float(widest[-1]), float(widest[-1])
+        prepared: Prepared = path.prepare(pupil, *end, "double")
+        if len(lines) > 1 and path is not PRUNED:
+            # Openings are looked at once; all lines are taken from there.
+            reach = [float(abs(axis.edges_um()).max()) for axis in (pupil.x, pupil.y)]
+            prepared = SampledField.of(prepared.field, (reach[0], reach[1]), end)
         return cls(pupil, camera, lines, frequencies, prepared)
 
     def psfs(self, leak: Leak | None = None) -> list[Psf]:
