@@ -81,6 +81,7 @@ class LagTable:
         rims: what the shapes of cut dots change, of every part of the amplitude.
         sum_um2: of the means over all lags, within reach or not.
         outline: of what is clear, where polygons tell the shapes of all dots.
+        film: what a film adds that leaks, over the same energy.
     """
 
     x: Lattice
@@ -94,6 +95,7 @@ class LagTable:
     rims: tuple[Shapes, ...] = ()
     sum_um2: float = 0.0
     outline: OutlineLags | None = None
+    film: LagTable | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", frozen(self.values))
@@ -132,7 +134,7 @@ class LagTable:
             start = row * (cells_x * dots_x)
             for column, weight_x in along_x:
                 total += weight_y * weight_x * flat[start + column]
-        return total / self.energy_um2
+        return total / self.energy_um2 + (0.0 if self.film is None else self.film.coarse_otf(lag_x, lag_y))
 
     def coarse_grid(self, lag_x_um: Floats, lag_y_um: Floats) -> Floats:
         """The coarse OTF where columns [n] of lags cross rows [m] of them, [m, n], faster still.
@@ -149,7 +151,7 @@ class LagTable:
         grid = np.zeros((lag_y_um.size, lag_x_um.size))
         for column, weight in neighbours(self.x, lag_x_um, (cells_x, dots_x)):
             grid += weight * rows[:, column]
-        return grid / self.energy_um2
+        return grid / self.energy_um2 + (0.0 if self.film is None else self.film.coarse_grid(lag_x_um, lag_y_um))
 
     def _refuse_beyond_reach(self, lag_x_um: Floats, lag_y_um: Floats) -> None:
         longest = max(abs(lag_x_um).max(initial=0.0), abs(lag_y_um).max(initial=0.0))
@@ -212,7 +214,8 @@ class LagTable:
     @property
     def volume_um2(self) -> float:
         """Integral of C(s) / C(0) over all lags: the clear area, if the mask is binary."""
-        return self.sum_um2 * self.x.dot_um * self.y.dot_um / self.energy_um2
+        own = self.sum_um2 * self.x.dot_um * self.y.dot_um / self.energy_um2
+        return own if self.film is None else own + self.film.volume_um2
 
 
 @dataclass(frozen=True, eq=False)
@@ -439,12 +442,14 @@ class AxisLags:
         values: float64 [cells, dots] in square micrometres, negative lags wrapped round, good for every lag.
         step_um: of the bounds.
         bounds: float64 [n], of what the means of dots do not tell, from each whole step to the next.
+        film: what a film adds that leaks.
     """
 
     lattice: Lattice
     values: Floats
     step_um: float
     bounds: Floats
+    film: AxisLags | None = None
 
     def __post_init__(self) -> None:
         for name in ("values", "bounds"):
@@ -456,7 +461,7 @@ class AxisLags:
         cells, dots = self.values.shape
         for place, weight in neighbours(self.lattice, lag_um, (cells, dots)):
             total += weight * self.values.ravel()[place]
-        return total
+        return total if self.film is None else total + self.film.at(lag_um)
 
     def error_at(self, lag_um: Floats, table: LagTable) -> Floats:
         """Error of C(s) / C(0) at lags of any shape."""
@@ -483,7 +488,8 @@ class AxisLags:
         for k, offset in enumerate(offsets):
             cell_turn, dot_turn = (np.exp(2j * np.pi * offset * lag) for lag in (cell_lag, dot_lag))
             total[:, k] = ((along @ (cell_turn[:, None] * weighed * dot_turn)) * between).real.sum(axis=1)
-        return np.asarray(total * dot * np.sinc(dot * (places[:, None] + offsets)) ** 2)
+        total *= dot * np.sinc(dot * (places[:, None] + offsets)) ** 2
+        return total if self.film is None else total + self.film.transform(places, offsets)
 
 
 def axis_lags(pupil: Pupil, energy_um2: float) -> tuple[AxisLags, AxisLags]:

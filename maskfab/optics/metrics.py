@@ -211,9 +211,9 @@ def mtf_volume(table: LagTable, area_um2: float, die: str | None, limit: float, 
 
     The integral of the normalised autocorrelation of a binary pupil is its clear area, for the open stop the stop's,
     and their ratio is the open ratio. Where the film leaks, the square of the mean amplitude over the mean intensity
-    stands for it; what leaks through strips between cells is in neither.
+    stands for it.
     """
-    expected = area_um2 if leak is None else leak.volume_um2(area_um2, table.energy_um2)
+    expected = area_um2 if leak is None else leak.volume_um2(area_um2)
     error = abs(table.volume_um2 / expected - 1)
     return Quantity(
         "mtf_volume_invariant_error",

@@ -13,12 +13,7 @@ into means over pixels of side p, exactly but for the residual of that equation.
 With o the openings and s the clear stop, the amplitude is a = o + τ (s - o), and so is its field: that of s is known in
 closed form, so a leak costs one PSF nothing but a sum. Of a binary mask of open ratio η the mean amplitude is
 η + τ (1 - η) and the mean intensity η + |τ|² (1 - η); they fix peak Strehl and volume under the MTF as η alone does
-without a leak. The autocorrelation is that of the real part plus that of the imaginary part.
-
-Notes:
-    The part of the autocorrelation that is imaginary, o's with s less s's with o, is left out of the MTF: it comes from
-    where the openings on one side of the stop differ from those on the other, and enters the modulus squared. Strips
-    between cells are no dots; what leaks through them is missing from the autocorrelation. Both are in its uncertainty.
+without a leak. Its lags are in :mod:`maskfab.optics.film_lags`.
 
 **Rough edges** leave less of the orders and feed a halo. An edge is displaced along its normal by ξ(s), normally
 distributed with the root mean square σ and the correlation ρ(s) = exp(-(s / l)²). The mean field is that of the smooth
@@ -41,9 +36,9 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, reduce
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -54,15 +49,11 @@ from maskfab.base.units import UM_PER_NM
 from maskfab.job.camera import Camera, Stop
 from maskfab.optics.field.matrix import ParityField, SampledField
 from maskfab.optics.field.methods import PRUNED, FieldTask, Prepared, admissible, field
-from maskfab.optics.pupil import Aperture, Pupil, cut
-from maskfab.optics.stop import clear_field, inside
+from maskfab.optics.pupil import Pupil
+from maskfab.optics.stop import clear_field
 
 if TYPE_CHECKING:
     from maskfab.job.process import MaskBlank, Roughness
-    from maskfab.optics.lags import LagTable
-
-# Shares of the reach, and directions.
-_LAGS = [(share, x, y) for share in (0.25, 0.5, 1.0) for x, y in ((1.0, 0.0), (0.0, 1.0), (0.7, 0.7), (-0.7, 0.7))]
 
 
 @dataclass(frozen=True)
@@ -96,71 +87,9 @@ class Leak:
         """Integral of the amplitude: the field on the axis."""
         return clear_um2 + self.amplitude * (self.stop.area_um2 - clear_um2)
 
-    def volume_um2(self, clear_um2: float, energy_um2: float) -> float:
-        """Volume under the MTF of a mask with that clear area, as far as its dots pass that energy."""
-        strips = self._strips_um2(clear_um2, energy_um2)
-        return abs(self.field_integral_um2(clear_um2) - self.amplitude * strips) ** 2 / energy_um2
-
-    def _strips_um2(self, clear_um2: float, energy_um2: float) -> float:
-        """Area of film that is in no dot, from the energy that it lacks; rounding aside."""
-        lacking = self.energy_um2(clear_um2) - energy_um2
-        return lacking / abs(self.amplitude) ** 2 if lacking > 1e-9 * energy_um2 else 0.0
-
-    def pupils(self, aperture: Aperture) -> Iterator[Pupil]:
-        """Real and imaginary part of the amplitude of dots inside the stop; the latter only if there is one.
-
-        Strips between cells stay dark, for lags are those of dots. One part at a time is made: of a fine grid each
-        takes hundreds of megabytes.
-        """
-        x, y, t = aperture.x, aperture.y, aperture.transmission
-        step, turned = self.amplitude.real, self.amplitude.imag
-        film = 1 - t
-        for rows, dots in ((film, y.dot_index()), (film.T, x.dot_index())):
-            rows[np.setdiff1d(np.arange(len(rows)), dots)] = 0.0
-        yield cut(Aperture(x, y, t + step * film, (1 - step) ** 2 * aperture.variance), self.stop)
-        if abs(turned) > 1e-15:
-            film *= turned
-            yield cut(Aperture(x, y, film, turned**2 * aperture.variance), self.stop)
-
-    def lag_table(self, openings: Pupil, tables: Sequence[LagTable], reach_um: float) -> LagTable:
-        """The table of lags of all that passes light, as of :func:`maskfab.optics.lags.lag_table`.
-
-        Args:
-            openings: inside the stop, without the leak.
-            tables: of every one of :meth:`pupils`.
-            reach_um: the largest lag along either axis that will be asked for.
-        """
-        energy = sum(table.energy_um2 for table in tables)
-        total = reduce(np.add, [table.values for table in tables])
-        total.flags.writeable = False
-        shares = [table.energy_um2 / energy for table in tables]
-        strips = abs(self.amplitude) ** 2 * self._strips_um2(openings.energy_um2, float(energy))
-        # Cauchy and Schwarz: what is missing, against all, and against itself.
-        missing = 2 * np.sqrt(strips / energy) + strips / energy
-        lost = missing + self._imaginary_um2(openings, min(reach_um, self.stop.diameter_um)) / energy
-        return replace(
-            tables[0],
-            values=total,
-            energy_um2=float(energy),
-            floor=float(np.dot(shares, [table.floor for table in tables]) + lost),
-            unknown=tuple(bounds for table in tables for bounds in table.unknown),
-            coarse=tuple(bounds for table in tables for bounds in table.coarse),
-            rims=tuple(rim for table in tables for rim in table.rims),
-            sum_um2=sum(table.sum_um2 for table in tables),
-        )
-
-    def _imaginary_um2(self, openings: Pupil, reach_um: float) -> float:
-        """Twice the largest imaginary part of the autocorrelation at some lags, for it is smooth."""
-        if self.amplitude.imag == 0:
-            return 0.0
-        x, y = ((edges[1:] + edges[:-1]) / 2 for edges in (openings.x.edges_um(), openings.y.edges_um()))
-        clear = openings.mean_transmission * np.diff(openings.x.edges_um()) * np.diff(openings.y.edges_um())[:, None]
-        worst = 0.0
-        for share, across, up in _LAGS:
-            dx, dy = share * reach_um * across, share * reach_um * up
-            ahead, behind = (inside(self.stop, x + k * dx, y[:, None] + k * dy) for k in (1, -1))
-            worst = max(worst, abs(float(clear[ahead].sum() - clear[behind].sum())))
-        return 2 * abs(self.amplitude.imag) * worst
+    def volume_um2(self, clear_um2: float) -> float:
+        """Volume under the MTF of a mask with that clear area."""
+        return abs(self.field_integral_um2(clear_um2)) ** 2 / self.energy_um2(clear_um2)
 
 
 _OVERSAMPLING = 1.15

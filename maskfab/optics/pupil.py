@@ -363,6 +363,16 @@ class Pupil:
         moments = np.zeros((0, RIM_ORDERS, RIM_ORDERS))
         return cls(x, y, whole, zeros(whole.shape), none, none, moments, np.zeros(0), stop)
 
+    def scaled(self, factor: float) -> Pupil:
+        """A pupil that many times as clear."""
+        return replace(
+            self,
+            whole=self.whole * factor,
+            whole_variance=self.whole_variance * factor**2 if any(self.whole_variance.strides) else self.whole_variance,
+            rim_moments=self.rim_moments * factor,
+            rim_transmission=self.rim_transmission * factor,
+        )
+
     @property
     def mean_transmission(self) -> Floats:
         """Amplitude averaged over each interval, float64 [ny, nx]: the grey-rim picture of the pupil; read-only."""

@@ -22,15 +22,16 @@ Notes:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats, Indices, fast_length
-from maskfab.base.model import Scalar, frozen
+from maskfab.base.model import frozen
 from maskfab.optics.pupil import Lattice, Pupil
 
-_MOST_SQUARES = 512
+_MOST_SQUARES, _ROWS_AT_A_TIME = 512, 64
 # Of the sum of all w, what single precision may lack in a correlation.
 _SINGLE = 2e-6
 
@@ -82,15 +83,18 @@ def shape_bounds(pupil: Pupil, reach_um: float, *, rim: bool) -> ShapeBounds | N
     if not dots.sum_um2:
         return None
     sizes = [fast_length(axis.windows + axis.reach + 1) for axis in axes]
-    waves = np.fft.rfft2(dots.ranges, sizes)
-    waves *= np.fft.rfft2(dots.weights_um2, sizes).conj()
+    waves = np.fft.rfft2(dots.weights_um2, sizes)
+    np.conj(waves, out=waves)
+    waves *= np.fft.rfft2(dots.ranges, sizes)
     met = np.fft.irfft2(waves, sizes)
+    del waves
     # Squares that begin L steps on, and the squares of the opposite lags, which begin -L - 1 steps on.
     ahead, behind = (
         met[np.ix_(*((lags + axis.span - 1) % size for lags, axis, size in zip(way, axes, sizes, strict=True)))]
         for way in ([axis.lags for axis in axes], [-axis.lags - 1 for axis in axes])
     )
-    total = np.clip(ahead, 0, None) + np.clip(behind, 0, None) + np.float32(_SINGLE * dots.sum_um2)
+    total = (np.clip(ahead, 0, None) + np.clip(behind, 0, None)).astype(np.float32)
+    total += np.float32(_SINGLE * dots.sum_um2)
     # Tables have at lag 0 what dots share with themselves, and are linear from there to the next ones.
     total[tuple(slice(axis.reach - 1, axis.reach + 1) for axis in axes)] += np.float32(dots.own_um2)
     return ShapeBounds((axes[1].step_um, axes[0].step_um), total)
@@ -111,8 +115,8 @@ def axis_bounds(pupil: Pupil, *, along_x: bool) -> tuple[float, Floats]:
     rows = min(len(ranges) - (other.span - 1), len(weights))
     waves = (np.fft.rfft(ranges[other.span - 1 :][:rows], size) * np.fft.rfft(weights[:rows], size).conj()).sum(axis=0)
     met, lags = np.fft.irfft(waves, size), np.arange(axis.reach)
-    total = sum(np.clip(met[(way + axis.span - 1) % size], 0, None) for way in (lags, -lags - 1))
-    total = total.astype(np.float64) + _SINGLE * dots.sum_um2
+    ahead, behind = (np.clip(met[(way + axis.span - 1) % size], 0, None) for way in (lags, -lags - 1))
+    total = (ahead + behind).astype(np.float64) + _SINGLE * dots.sum_um2
     total[0] += dots.own_um2
     return axis.step_um, total
 
@@ -134,38 +138,43 @@ class _Dots:
 
     @classmethod
     def of(cls, pupil: Pupil, axes: tuple[_Squares, _Squares], *, rim: bool) -> _Dots:
-        row, column, weight, own = _weights(pupil, rim=rim)
-        weights = np.zeros([axis.windows for axis in axes], dtype=np.float32)
-        if not row.size:
+        weights, own = _weights(pupil, axes, rim=rim)
+        if not weights.any():
             return cls(weights, weights, 0.0, 0.0)
-        np.add.at(weights, (axes[0].of_dots[row], axes[1].of_dots[column]), weight)
         # Ones and zeros stay bytes.
         kind = np.int8 if pupil.whole.dtype.itemsize == 1 and (pupil.rim_transmission == 1).all() else np.float32
-        greatest, least = np.array(pupil.whole, dtype=kind), np.array(pupil.whole, dtype=kind)
-        cut = pupil.rim_row, pupil.rim_column
-        greatest[cut], least[cut] = np.maximum(pupil.rim_transmission, 0.0), np.minimum(pupil.rim_transmission, 0.0)
-        if any(pupil.whole_variance.strides):
-            vague = pupil.whole_variance > 0
-            greatest[vague], least[vague] = max(1.0, float(greatest.max())), min(0.0, float(least.min()))
-        for k, axis in enumerate(axes):
-            greatest, least = axis.swept(np.maximum, greatest, k), axis.swept(np.minimum, least, k)
-        return cls(weights, np.subtract(greatest, least, dtype=np.float32), float(weight.sum()), own)
+        vague = pupil.whole_variance > 0 if any(pupil.whole_variance.strides) else None
+        most, least = max(1.0, float(pupil.whole.max())), min(0.0, float(pupil.whole.min()))
+        ranges = np.zeros(weights.shape, dtype=np.float32)
+        for extreme, end, sign in ((np.maximum, most, 1), (np.minimum, least, -1)):
+            values = np.array(pupil.whole, dtype=kind)
+            values[pupil.rim_row, pupil.rim_column] = extreme(pupil.rim_transmission, 0.0)
+            if vague is not None:
+                values[vague] = end
+            for k, axis in enumerate(axes):
+                values = axis.swept(extreme, values, k)
+            ranges += sign * values.astype(np.float32, copy=False)
+        return cls(weights, ranges, float(weights.sum(dtype=np.float64)), own)
 
 
-def _weights(pupil: Pupil, *, rim: bool) -> tuple[Indices, Indices, Floats, float]:
-    """Rows and columns of intervals whose shapes count, w of each, and what they share with themselves, in µm²."""
+def _weights(pupil: Pupil, axes: tuple[_Squares, _Squares], *, rim: bool) -> tuple[NDArray[np.float32], float]:
+    """Sums of w in squares of steps, and what the dots share with themselves, in square micrometres."""
     width, height = np.diff(pupil.x.edges_um()), np.diff(pupil.y.edges_um())
-    row, column = np.nonzero(pupil.whole_variance) if any(pupil.whole_variance.strides) else np.zeros((2, 0), np.intp)
-    variance = pupil.whole_variance[row, column]
-    weight = np.sqrt(variance) / 2
+    weights, own = np.zeros([axis.windows for axis in axes], dtype=np.float32), 0.0
+    if any(pupil.whole_variance.strides):
+        into = (axes[1].of_dots[:, None] == np.arange(axes[1].windows)) * width[:, None]
+        for start in range(0, height.size, _ROWS_AT_A_TIME):
+            rows = slice(start, start + _ROWS_AT_A_TIME)
+            variance = pupil.whole_variance[rows]
+            own += float(height[rows] @ (variance @ width))
+            np.add.at(weights, axes[0].of_dots[rows], height[rows, None] * (np.sqrt(variance) / 2 @ into))
     if rim:
-        mean = pupil.rim_moments[:, 0, 0]
-        row, column = np.append(row, pupil.rim_row), np.append(column, pupil.rim_column)
-        weight = np.append(weight, abs(mean * (1 - mean / pupil.rim_transmission)))
-        variance = np.append(variance, pupil.rim_variance)
-    area = height[row] * width[column]
-    held = weight > 0
-    return row[held], column[held], (weight * area)[held], float(variance @ area)
+        row, column, mean = pupil.rim_row, pupil.rim_column, pupil.rim_moments[:, 0, 0]
+        area = height[row] * width[column]
+        weight = abs(mean * (1 - mean / pupil.rim_transmission)) * area
+        np.add.at(weights, (axes[0].of_dots[row], axes[1].of_dots[column]), weight)
+        own += float(pupil.rim_variance @ area)
+    return weights, own
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,10 +217,13 @@ class _Squares:
         """Steps to where the squares of lags begin."""
         return np.arange(-self.reach, self.reach)
 
-    def swept(self, extreme: np.ufunc, values: NDArray[Scalar], axis: int) -> NDArray[Scalar]:
+    def swept(self, extreme: np.ufunc, values: NDArray[Any], axis: int) -> NDArray[Any]:
         """Greatest or least value in every sweep; beyond the pupil all is dark."""
-        dark = np.pad(values, [(1, 1) if k == axis else (0, 0) for k in range(2)])
-        found = dark.take(self.first + 1, axis)
-        for k in range(1, int((self.last - self.first).max(initial=0)) + 1):
-            extreme(found, dark.take(np.minimum(self.first + k, self.last) + 1, axis), out=found)
-        return found
+        width = values.shape[axis]
+        found = None
+        for k in range(int((self.last - self.first).max(initial=0)) + 1):
+            place = np.minimum(self.first + k, self.last)
+            met = values.take(np.clip(place, 0, width - 1), axis)
+            np.multiply(met, np.expand_dims((place >= 0) & (place < width), 1 - axis), out=met)
+            found = met if found is None else extreme(found, met, out=found)
+        return np.asarray(found)

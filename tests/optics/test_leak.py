@@ -16,9 +16,10 @@ from maskfab.base.model import Die
 from maskfab.cli.program import run_command_line
 from maskfab.job.camera import Camera, Stop
 from maskfab.job.process import UNSTATED, MaskBlank
+from maskfab.optics.film_lags import lit_lags
 from maskfab.optics.lags import lag_table
 from maskfab.optics.psf import Leak, ReadyPupil, point_psf
-from maskfab.optics.pupil import Aperture, cut, panel_aperture
+from maskfab.optics.pupil import Aperture, Lattice, cut, panel_aperture
 from maskfab.optics.scene.model_bar import model_bar
 from maskfab.report.rows.optics import lit_pupils, measure
 
@@ -68,10 +69,14 @@ def test_a_real_leak_is_that_of_an_aperture_that_passes_it(stop, blank):
     (found,) = ReadyPupil.of(cut(plain, stop), camera).psfs(leak)
     expected = point_psf(cut(leaking(plain, leak.amplitude.real), stop), camera, 530.0)
     np.testing.assert_allclose(found.values, expected.values, atol=1e-10 * expected.values.max())
-    table = lit_pupils(cut(plain, stop), leak.pupils(plain), leak, camera).table
+    table = lit_pupils(cut(plain, stop), leak, camera).table
     alone = lag_table(cut(leaking(plain, leak.amplitude.real), stop), table.reach_um)
     lags = np.linspace(0, 60, 31)
-    np.testing.assert_allclose(table.otf(lags, 0.3 * lags), alone.otf(lags, 0.3 * lags), atol=1e-12)
+    off = abs(table.otf(lags, 0.3 * lags) - alone.otf(lags, 0.3 * lags))
+    assert off.max() <= table.uncertainty
+    # As many squares as a stop has know the film's light far better than a bound without signs.
+    # Squares know the film's light far better than a bound without signs; a polygon's rim they do not.
+    assert stop.outline_um or off.max() < 3e-4
 
 
 def test_a_leak_of_any_phase_is_the_sum_over_dots():
@@ -142,7 +147,7 @@ def test_the_volume_under_the_mtf_is_mean_amplitude_squared_over_mean_intensity(
         leak = Leak.of(blank, stop)
         t = leak.amplitude
         expected = abs(eta + t * (1 - eta)) ** 2 / (eta + abs(t) ** 2 * (1 - eta)) * stop.area_um2
-        table = leak.lag_table(pupil, [lag_table(part) for part in leak.pupils(aperture)], np.inf)
+        table = lit_lags(pupil, leak, np.inf)[0]
         assert table.volume_um2 == pytest.approx(expected, rel=1e-12)
 
 
@@ -154,19 +159,22 @@ def test_the_bar_of_the_mtf_holds_what_it_leaves_out(gutter_nm):
     assert np.allclose(np.diff(edges), 8.0)
     leak = Leak.of(MaskBlank(2.0, 0.3), stop)
     pupil = cut(aperture, stop)
-    table = leak.lag_table(pupil, [lag_table(part) for part in leak.pupils(aperture)], np.inf)
-    film = cut(replace(aperture, transmission=1 - aperture.transmission), stop).mean_transmission
-    amplitude = pupil.mean_transmission + leak.amplitude * film
+    table = lit_lags(pupil, leak, np.inf)[0]
+    # The stop cuts dots in half, so that halves of dots are whole.
+    half = Lattice(float(edges[0]), 2 * (edges.size - 1), 1, 4.0, 4.0)
+    fine = aperture.transmission.repeat(2, 0).repeat(2, 1)
+    clear, film = (cut(Aperture(half, half, part, 0 * part), stop).mean_transmission for part in (fine, 1 - fine))
+    amplitude = clear + leak.amplitude * film
     size = 2 * len(amplitude)
     spectrum = np.fft.fft2(amplitude, (size, size))
     exact = np.fft.ifft2(abs(spectrum) ** 2)
     worst = 0.0
     for k in range(0, 14):
         for j in range(0, 14):
-            true = abs(exact[k, j]) / exact[0, 0].real
+            true = abs(exact[2 * k, 2 * j]) / exact[0, 0].real
             worst = max(worst, abs(float(abs(table.otf(np.array(8.0 * j), np.array(8.0 * k)))) - true))
     assert 0 < worst <= table.uncertainty
-    assert table.uncertainty < 0.5
+    assert table.uncertainty < 0.02
 
 
 def test_a_stated_leak_is_no_longer_in_the_bar_and_one_without_phase_is():

@@ -332,9 +332,9 @@ def _see(path: Path, request: Request, leak: Leak | None) -> tuple[str, float, L
     release_memory()
     camera = request.camera
     outline = stop_boundary(edges, area, camera, pixel_margin(camera))
-    pupil, parts = cut(aperture, camera.stop), () if leak is None else leak.pupils(aperture)
+    pupil = cut(aperture, camera.stop)
     del edges, aperture
-    return name, area, lattice, outline, pupil, lit_pupils(pupil, parts, leak, camera, lags)
+    return name, area, lattice, outline, pupil, lit_pupils(pupil, leak, camera, lags)
 
 
 def _draw(

@@ -158,7 +158,7 @@ def _measured(
     lattice, exact = _lattice(shapes, axis, camera, dot_nm)
     aperture = aperture_in_stop(lattice, lattice, shapes, edges, camera.stop, axis)
     pupil, leak = cut(aperture, camera.stop), Leak.of(blank, camera.stop)
-    lit = lit_pupils(pupil, () if leak is None else leak.pupils(aperture), leak, camera)
+    lit = lit_pupils(pupil, leak, camera)
     raster = f"of a raster of {lattice.dot_um:g} um"
 
     def difference(error: float, wavelength: float) -> Quantity:

@@ -6,7 +6,7 @@ A plate is seen as the lens sees it: its chrome side, or, through the glass, the
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -26,6 +26,7 @@ from maskfab.mask.raster import Shapes, aperture_in_stop, axis_nm, coverage, lin
 from maskfab.optics import metrics
 from maskfab.optics.energy import order_quantities, peak_to_side_lobe
 from maskfab.optics.field.polygons import Boundary, boundary
+from maskfab.optics.film_lags import lit_lags
 from maskfab.optics.lags import AxisLags, LagTable, axis_lags, lag_table
 from maskfab.optics.mtf import edge_spread, longest_lag_um, presampled_mtf
 from maskfab.optics.outline_lags import OutlineLags
@@ -151,10 +152,8 @@ def _pupils(
     pupil = cut(read, stop)
     design_pupil = pupil if np.array_equal(read.transmission, designed.transmission) else cut(designed, stop)
     # Of a wide stop each of these takes hundreds of megabytes.
-    del designed
-    parts = () if leak is None else leak.pupils(read)
-    del read
-    return pupil, design_pupil, lit_pupils(pupil, parts, leak, camera)
+    del designed, read
+    return pupil, design_pupil, lit_pupils(pupil, leak, camera)
 
 
 def measure_pupils(
@@ -232,31 +231,17 @@ class LitPupils:
     leak: Leak | None
 
 
-def lit_pupils(
-    pupil: Pupil, parts: Iterable[Pupil], leak: Leak | None, camera: Camera, outline: OutlineLags | None = None
-) -> LitPupils:
+def lit_pupils(pupil: Pupil, leak: Leak | None, camera: Camera, outline: OutlineLags | None = None) -> LitPupils:
     """The lags that the camera needs.
 
     Args:
-        parts: of the amplitude of openings and film, see :meth:`maskfab.optics.psf.Leak.pupils`; none without a
-            leak.
         outline: polygons of which the pupil is a raster.
     """
     reach = longest_lag_um(camera)
-    if leak is None:
-        table = lag_table(pupil, reach, outline)
-        return LitPupils(table, axis_lags(pupil, table.energy_um2), None)
-
-    def lags(part: Pupil) -> tuple[LagTable, tuple[AxisLags, AxisLags]]:
-        return lag_table(part, reach), axis_lags(part, part.energy_um2)
-
-    # The variable of a loop would keep every part until the next one is made.
-    tables, along = zip(*map(lags, parts), strict=True)
-    x, y = (
-        replace(pieces[0], values=sum(part.values for part in pieces), bounds=sum(part.bounds for part in pieces))
-        for pieces in zip(*along, strict=True)
-    )
-    return LitPupils(leak.lag_table(pupil, tables, reach), (x, y), leak)
+    if leak is not None:
+        return LitPupils(*lit_lags(pupil, leak, reach), leak)
+    table = lag_table(pupil, reach, outline)
+    return LitPupils(table, axis_lags(pupil, table.energy_um2), None)
 
 
 def _of_polygons(quantity: Quantity) -> Quantity:
