@@ -48,7 +48,7 @@ def lit_lags(openings: Pupil, leak: Leak, reach_um: float) -> tuple[LagTable, tu
 
 
 def _film(openings: Pupil, leak: Leak) -> LagTable:
-    """What the film adds to the openings' table; its energy is all that passes, its floor the error of all of it."""
+    """Table of what the film adds to the openings; its energy is all that passes, its floor the error of all of it."""
     stop, amplitude = leak.stop, leak.amplitude
     x, y = (Lattice(-side / 2, _SQUARES, 1, side / _SQUARES, side / _SQUARES) for side in stop.sides_um)
     clear, area = share_inside(x, y, stop), x.dot_um * y.dot_um
