@@ -450,11 +450,15 @@ class _Closely:
         quadrature = np.maximum(abs(mean - half), abs(half - quarter) / 2)
         if not table.rims:
             return np.stack([mean, quadrature + errors.mean(axis=1)])
-        dot, every = table.x.dot_um / view.scale_um2, max(1, count // _EXACT_DIRECTIONS)
+        dot = table.x.dot_um / view.scale_um2
         seen = np.array([place[0] for place in self.lacking])
         far = abs(radii[:, None] - seen).min(axis=1, initial=np.inf) > _ALIKE * dot
-        if far.any():
-            self._look(radii[far], x[far, ::every], y[far, ::every], values[far, ::every])
+        near = radii * view.scale_um2 < table.near_um
+        # Near lag 0 cut dots meet themselves: exact lags are dear there, and alike.
+        for new, directions in ((far & near, _EXACT_DIRECTIONS // 2), (far & ~near, _EXACT_DIRECTIONS)):
+            if new.any():
+                every = max(1, count // directions)
+                self._look(radii[new], x[new, ::every], y[new, ::every], values[new, ::every])
         lacking = np.array(self.lacking).T
         aside = abs(radii[:, None] - lacking[0])
         nearest = aside.argmin(axis=1)
