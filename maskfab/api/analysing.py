@@ -146,7 +146,7 @@ def analyse(
         layer=layer,
         cell=cell,
         unit_um=drawing_unit_um(unit_um),
-        scene=described_scene(section, "scene") if scene else None,
+        scene=described_scene(section, lens.model, "scene") if scene else None,
         accuracy=section.accuracy,
         blank=parse_section(MaskBlank, dict(plate or {}), where="plate"),
     )

@@ -435,10 +435,9 @@ def _plans(loaded: Job, die: str | Sequence[str] | None) -> Plans:
     }
     # A job that asks for no scene and says nothing of its plate has its bars in the report.
     asked = loaded.scene is not None or loaded.blank != UNSTATED
-    field_um = 0.0 if loaded.scene is None else loaded.scene.field_um
+    slope = 0.0 if loaded.scene is None else loaded.scene.slope(loaded.camera)
     bars = {
-        name: bar_of_scene(panel, loaded.camera, loaded.blank, field_um) if asked else ()
-        for name, panel in panels.items()
+        name: bar_of_scene(panel, loaded.camera, loaded.blank, slope) if asked else () for name, panel in panels.items()
     }
     return Plans(section.accuracy, by_die, bars, unused(loaded.spec, *USES["check --optics"]))
 

@@ -162,21 +162,21 @@ def _scene_s(_die: Any, camera: Any, scene: Any, _openings: Any, plan: Any, *_: 
     """The plan's price is that of the whole scene; a report shows some of its PSFs, and one by the fullest model."""
     choice, side = plan.choice, camera.window_um / camera.pixel_um / _DRAWN_WINDOW_PX
     depths = len({scene.nearest_um, scene.focus_um, scene.farthest_um}) if choice.defocus else 0
-    off_axis = scene.differs_off_axis and (choice.places > 1 or choice.distortion > 0)
+    off_axis = scene.differs_off_axis and (choice.places > 1 or choice.oblique)
     of_bands = plan.wavelengths if scene.bands else 0
     fuller = plan.fullest.samples_per_dot / choice.samples_per_dot if choice.samples_per_dot else 1.0
     shown = 1 + fuller + depths + _VIEWS_OF_FIELD * off_axis + of_bands
     one = float(plan.price.seconds) / (plan.wavelengths * plan.depths * choice.places**2)
-    resampled = 0.03 * side**2 * _VIEWS_OF_FIELD * off_axis * choice.distortion**2
-    return float(0.2 + _OF_PRICE * shown * one + resampled)
+    landed = 0.3 * side**2 * _VIEWS_OF_FIELD * off_axis * choice.oblique
+    return float(0.2 + _OF_PRICE * shown * one + landed)
 
 
 def _scene_bytes(die: Any, camera: Any, scene: Any, _: Any, plan: Any, *__: Any) -> float:
-    """Bytes of a process that keeps the memory of photographs; samples of a lens that distorts are finer."""
+    """Bytes of a process that keeps the memory of photographs; those of a series take more."""
     peak_bytes = function_of("report.rows.scene.peak_bytes")  # which loads all that scenes need
     side = camera.window_um / camera.pixel_um / _DRAWN_WINDOW_PX
     return float(
-        _PHOTOGRAPHS_BYTES + peak_bytes(die, camera, scene, plan) + 9e6 * (side * plan.fullest.distortion) ** 2
+        _PHOTOGRAPHS_BYTES + peak_bytes(die, camera, scene, plan) + 9e6 * (2 * side * plan.fullest.oblique) ** 2
     )
 
 

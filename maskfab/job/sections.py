@@ -28,6 +28,7 @@ from maskfab.job.values import (
     Distance,
     Dpi,
     DrawnText,
+    FieldReach,
     Formats,
     Frequency,
     Illuminant,
@@ -35,6 +36,7 @@ from maskfab.job.values import (
     Length,
     LengthOrZero,
     LensDistortion,
+    LensProjection,
     LookedFrom,
     Method,
     Name,
@@ -46,6 +48,7 @@ from maskfab.job.values import (
     Spectrum,
     Symmetry,
     ThreeColours,
+    Tilt,
     Time,
     Weight,
     checks,
@@ -437,8 +440,12 @@ class SceneSection(Section):
     """Nearest and farthest object."""
     focus: Distance = math.inf
     """Distance of the object that is in focus."""
-    field: LengthOrZero = 0.0
-    """Largest image height."""
+    field: FieldReach = 0.0
+    """Largest image height, or angle off the axis such as "20 deg"."""
+    projection: LensProjection = "f tan"
+    """Image height over the angle off the axis: "f tan", "f theta", or the path of a table angle_deg,height_um."""
+    tilt: Tilt = 0.0
+    """Angle of the panel about y, such as "3 deg", its +x side away from the lens."""
     gap: LengthOrZero = 0.0
     """Distance from the panel to the stop."""
     aberrations: Aberrations = ()
@@ -451,6 +458,13 @@ class SceneSection(Section):
     """"lines" of the camera, "rgb", a generic colour camera, or the path of a response."""
     illuminant: Illuminant = "equal"
     """Light on the scene, for colours: "equal" energy, a black body such as "6500 K", or a file of one curve."""
+
+    @checks
+    def _one_mapping(self) -> None:
+        if self.distortion is not None and self.projection != "f tan":
+            what = f"a distortion, which follows f tan, of a lens whose projection is {self.projection!r}"
+            cure = "Put the distortion into the projection's table, or remove scene.distortion"
+            raise JobError("MF105", what, cure=cure)
 
 
 class ExposureSection(Section):

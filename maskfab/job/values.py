@@ -332,7 +332,7 @@ def length_keys(section: type[AnySection]) -> frozenset[str]:
         key
         for key, field in section.model_fields.items()
         for mark in (*field.metadata, *(mark for kind in get_args(field.annotation) for mark in get_args(kind)[1:]))
-        if isinstance(mark, PlainSerializer) and mark.func in (um_text, distance_text)
+        if isinstance(mark, PlainSerializer) and mark.func in (um_text, distance_text, _field_text)
     )
 
 
@@ -485,6 +485,51 @@ def is_table(name: str) -> bool:
     return Path(name).suffix.lower() == ".csv"
 
 
+MOST_FIELD_DEG, MOST_TILT_DEG = 75.0, 10.0
+"""Angles off the axis, and tilts of the panel, up to which the optics are proved."""
+
+_DEGREES = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?:deg|°)\s*")
+
+
+def angle_deg(value: object) -> float:
+    """Degrees of an angle such as ``"60 deg"``. Raises JobError MF103 without that unit."""
+    match = _DEGREES.fullmatch(value) if isinstance(value, str) else None
+    if match is None:
+        raise JobError("MF103", f"{value!r} is not an angle with its unit", cure='Write it as "20 deg"')
+    return float(f"{float(match[1]):.15g}")
+
+
+def angle_text(value: float) -> str:
+    """Degrees as a job file writes them."""
+    return f"{value:.15g} deg"
+
+
+def _angle(value: object, lowest: float, highest: float) -> float:
+    angle = angle_deg(value)
+    if not lowest <= angle <= highest:
+        what = f"{value!r} is outside {lowest:g} to {highest:g} degrees, where the optics are proved"
+        raise JobError("MF104", what, cure=f'Give an angle within, such as "{highest:g} deg"')
+    return angle
+
+
+def _field(value: object) -> float | str:
+    """Micrometres of a largest image height, or an angle off the axis as text."""
+    if not (isinstance(value, str) and _DEGREES.fullmatch(value)):
+        return length_um(value, zero_allowed=True)
+    return angle_text(_angle(value, 0.0, MOST_FIELD_DEG))
+
+
+def _field_text(value: float | str) -> str:
+    return value if isinstance(value, str) else um_text(value)
+
+
+def _projected(value: object) -> str:
+    if not isinstance(value, str) or not (value in ("f tan", "f theta") or is_table(value)):
+        what = f"{value!r} is not a projection"
+        raise JobError("MF105", what, cure='Use "f tan", "f theta" or a file such as "lens.csv"')
+    return value
+
+
 def _spectrum(value: object) -> str:
     if not isinstance(value, str) or not (value in ("lines", "rgb") or is_table(value)):
         what = f"{value!r} is not a spectrum"
@@ -517,6 +562,10 @@ Illuminant = Annotated[
     parsed(_illuminant),
     PlainSerializer(lambda v: f"{v:.15g} K" if isinstance(v, float) else v),
 ]
+FieldReach = Annotated[float | str, parsed(_field), PlainSerializer(_field_text)]
+LensProjection = Annotated[str, parsed(_projected)]
+Tilt = Annotated[float, parsed(_angle, lowest=-MOST_TILT_DEG, highest=MOST_TILT_DEG), PlainSerializer(angle_text)]
+"""Degrees."""
 Distance = Annotated[float, parsed(_distance), PlainSerializer(distance_text)]
 Depth = Annotated[tuple[float, float], parsed(_depth), PlainSerializer(lambda v: [*map(distance_text, v)])]
 Accuracy = Annotated[float, parsed(_accuracy)]

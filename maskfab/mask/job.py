@@ -75,7 +75,7 @@ class Job:
             return None
         from maskfab.optics.scene.scene import Scene
 
-        return Scene.of(self.spec.scene, self.spec.curves, where=self.where).through(self.blank)
+        return Scene.of(self.spec.scene, self.spec.curves, camera=self.camera, where=self.where).through(self.blank)
 
     @property
     def notes(self) -> dict[str, Quantity]:
@@ -374,7 +374,8 @@ def _with_curves(stated: JobSpec, path: Path) -> JobSpec:
 
     named: dict[str, str] = {}
     texts: dict[str, str] = {}
-    for key, value in (("spectrum", stated.scene.spectrum), ("illuminant", stated.scene.illuminant)):
+    for key in ("spectrum", "illuminant", "projection"):
+        value = getattr(stated.scene, key)
         if not isinstance(value, str) or not is_table(value):
             continue
         where = f"{path}: scene.{key}"

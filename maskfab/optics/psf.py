@@ -92,7 +92,8 @@ class Leak:
         return abs(self.field_integral_um2(clear_um2)) ** 2 / self.energy_um2(clear_um2)
 
 
-_OVERSAMPLING = 1.15
+OVERSAMPLING = 1.15
+"""Samples of a PSF, at least, by those that its highest frequency asks for."""
 FILTER_TOLERANCE = 1e-10
 """Largest error of the pixel filter's transfer function, which is sinc(νp)."""
 
@@ -124,7 +125,7 @@ def cutoff(camera: Camera, wavelength_nm: float) -> float:
 def point_step_um(camera: Camera) -> float:
     """The largest whole fraction of a pixel that samples the PSF at every wavelength, with 15 % to spare."""
     highest = max(cutoff(camera, wavelength) for wavelength in camera.wavelengths_nm)
-    return camera.pixel_um / math.ceil(camera.pixel_um * 2 * highest * _OVERSAMPLING)
+    return camera.pixel_um / math.ceil(camera.pixel_um * 2 * highest * OVERSAMPLING)
 
 
 def odd_samples(width_um: float, step_um: float) -> int:

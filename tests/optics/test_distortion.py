@@ -15,9 +15,10 @@ from maskfab.base.errors import JobError
 from maskfab.optics.gap import shifted_psf
 from maskfab.optics.metrics import relative_difference
 from maskfab.optics.pupil import Pupil, cut, panel_aperture
-from maskfab.optics.scene.plan import FINEST, RESAMPLED, plan, resamplings
+from maskfab.optics.scene.lens import Distortion, Lens, SensorWindow
+from maskfab.optics.scene.plan import plan
 from maskfab.optics.scene.point_images import full_plan, scene_psf
-from maskfab.optics.scene.scene import DistortedWindow, Distortion, Scene
+from maskfab.optics.scene.scene import Scene
 
 LINE = 530.0
 PLACE = (1200.0, 1500.0)
@@ -67,47 +68,36 @@ def test_a_distorted_psf_is_the_direct_sum_where_the_lens_puts_it(ratio: float) 
     offset = seen.step_um * (np.arange(2 * half + 1) - half)
     x, y = scene.distortion.undistorted(PLACE[0] + offset[columns], PLACE[1] + offset[rows])
     x0, y0 = scene.distortion.undistorted(np.array(PLACE[0]), np.array(PLACE[1]))
-    field = direct_field(pupil, (x - x0) / scale, (y - y0) / scale)
+    away, away0 = (np.sqrt(1 + (a**2 + b**2) / each.camera.focal_um**2) for a, b in ((x, y), (x0, y0)))
+    field = direct_field(pupil, (x / away - x0 / away0) / scale, (y / away - y0 / away0) / scale)
     share = scene.distortion.ratio * (x**2 + y**2) / scene.distortion.height_um**2
-    exact = abs(field) ** 2 / (scale**2 * pupil.energy_um2 * (1 + share) * (1 + 3 * share))
+    exact = abs(field) ** 2 / (scale**2 * pupil.energy_um2 * (1 + share) * (1 + 3 * share) * away**4)
     assert np.linalg.norm(seen.values[rows, columns] - exact) <= found.price.error * np.linalg.norm(exact)
     plain = scene_psf(openings, each.camera, replace(scene, distortion=None), found, LINE, image_um=PLACE)
     assert relative_difference(plain, seen) > 100 * found.price.error
 
 
 @pytest.mark.parametrize(
-    ("diameter_um", "seed", "ratio"), [(600.0, None, 0.02), (1708.0, 1, -0.05), (600.0, 2, 0.2), (600.0, 1, 1e-4)]
+    ("diameter_um", "seed", "ratio", "field_um"),
+    [(600.0, None, 0.02, 2000.0), (1708.0, 1, -0.05, 2000.0), (600.0, 2, 0.2, 2000.0), (600.0, 1, 1e-4, 20.0)],
 )
-def test_what_is_left_out_and_what_is_resampled_err_no_more_than_stated(
-    diameter_um: float, seed: int | None, ratio: float
+def test_what_is_left_out_errs_no_more_than_stated(
+    diameter_um: float, seed: int | None, ratio: float, field_um: float
 ) -> None:
-    scene = Scene(field_um=2000.0, distortion=Distortion(ratio, 2000.0))
+    scene = Scene(field_um=field_um, distortion=Distortion(ratio, 2000.0))
     each = case("lens", DENSE, scene, 1e-3, diameter_um=diameter_um, seed=seed)
     found, openings = plan(each.panel, each.camera, scene, each.accuracy), panel_aperture(each.panel)
-    (row,) = (row for row in found.ingredients if row.name == "lens distortion")
+    (row,) = (row for row in found.ingredients if row.name == "oblique light")
+    place = (0.6 * field_um, 0.75 * field_um)
 
-    def seen(finer: int) -> object:
-        choice = replace(found.choice, path="parity", precision="double", grey_rim=False, distortion=finer)
-        return scene_psf(openings, each.camera, scene, replace(found, choice=choice), LINE, image_um=PLACE)
+    def seen(oblique: bool) -> object:
+        choice = replace(found.choice, path="parity", precision="double", grey_rim=False, oblique=oblique)
+        return scene_psf(openings, each.camera, scene, replace(found, choice=choice), LINE, image_um=place)
 
-    best = seen(8)
-    assert relative_difference(seen(0), best) <= row.error <= 5 * relative_difference(seen(0), best) + 1e-3
-    for finer, error in RESAMPLED.items():
-        assert relative_difference(seen(finer), best) <= error
+    error = relative_difference(seen(False), seen(True))
+    assert error <= row.error <= 5 * error + 1e-3
     assert row.modelled == (row.error > each.accuracy)
-    assert full_plan(found).choice.distortion == FINEST
-    assert found.fullest_error >= RESAMPLED[FINEST]
-
-
-@pytest.mark.parametrize(
-    ("left_out", "accuracy", "tried"),
-    [(0.0, 1e-2, (0,)), (0.3, 1e-2, (2, 4)), (0.3, 0.05, (1, 2, 4)), (0.3, 1e-3, (2, 4)), (5e-4, 1e-3, (0, 2, 4)),
-     (0.3, 1e-6, (4,)), (1e-8, 1e-9, (0, 4))],
-)  # fmt: skip
-def test_samples_that_cannot_meet_an_accuracy_are_not_tried(
-    left_out: float, accuracy: float, tried: tuple[int, ...]
-) -> None:
-    assert resamplings(left_out, accuracy) == tried
+    assert full_plan(found).choice.oblique
 
 
 def test_behind_a_gap_light_comes_from_the_undistorted_angle() -> None:
@@ -115,25 +105,26 @@ def test_behind_a_gap_light_comes_from_the_undistorted_angle() -> None:
     each = case("gap", noise(7, 0.6, 4), scene, 0.1, diameter_um=400.0)
     found, openings = plan(each.panel, each.camera, scene, each.accuracy), panel_aperture(each.panel)
     choice = replace(
-        found.choice, path="parity", precision="double", grey_rim=False, distortion=2, places=33,
+        found.choice, path="parity", precision="double", grey_rim=False, oblique=True, places=33,
         diffraction=False, samples_per_dot=0,
     )  # fmt: skip
     place = (900.0, 0.0)
     seen = scene_psf(openings, each.camera, scene, replace(found, choice=choice), LINE, image_um=place)
     middle = float(scene.distortion.undistorted(np.array(900.0), np.array(0.0))[0])
     assert middle > 980.0
-    fine = replace(each.camera, wavelengths_nm=(LINE / 2,), window_um=160.0)
-    source = shifted_psf(openings, fine, LINE, scene.gap_um, (middle, 0.0))
-    window = DistortedWindow.about(scene.distortion, place, seen.step_um, seen.values.shape[0] // 2)
-    assert relative_difference(seen, window.of(source, seen.step_um)) < 1e-6
+    lens = Lens(each.camera.focal_um, each.camera.focal_um, scene.distortion)
+    window = SensorWindow.about(lens, place, seen.step_um, seen.values.shape[0] // 2)
+    wide = window.camera(each.camera, each.camera.stop)
+    source = shifted_psf(openings, wide, LINE, scene.gap_um, (middle, 0.0))
+    assert relative_difference(seen, window.of(source, seen.step_um)) < 1e-9
 
 
-def test_a_scene_without_a_field_or_a_distortion_has_none() -> None:
-    for scene in (Scene(distortion=Distortion(0.1, 1000.0)), Scene(field_um=500.0, distortion=Distortion(0.0, 1e3))):
-        each = case("axis", DENSE, scene, 1e-3)
-        found = plan(each.panel, each.camera, scene, each.accuracy)
-        assert [row.error for row in found.ingredients if row.name == "lens distortion"] == [0.0]
-        assert found.choice.distortion == 0
+def test_a_scene_without_a_field_has_no_oblique_light() -> None:
+    scene = Scene(distortion=Distortion(0.1, 1000.0))
+    each = case("axis", DENSE, scene, 1e-3)
+    found = plan(each.panel, each.camera, scene, each.accuracy)
+    assert [row.error for row in found.ingredients if row.name == "oblique light"] == [0.0]
+    assert not found.choice.oblique
 
 
 def test_a_lens_that_folds_the_picture_is_refused() -> None:

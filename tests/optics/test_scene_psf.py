@@ -20,6 +20,7 @@ from maskfab.optics.metrics import relative_difference
 from maskfab.optics.phase import defocus_waves, image_distance_um, phased, phased_psf
 from maskfab.optics.psf import odd_samples, point_psf, within
 from maskfab.optics.pupil import Aperture, cut, panel_aperture
+from maskfab.optics.scene.lens import RESAMPLED
 from maskfab.optics.scene.omissions import PLACES, grey
 from maskfab.optics.scene.plan import PHASED, SPECTRUM, Choice, Plan, sampling_camera
 from maskfab.optics.scene.point_images import full_plan, nearest_place, scene_psf, spectrum_psf
@@ -104,7 +105,7 @@ def possible(each: Case) -> list[Choice]:
 
 
 def test_every_choice_is_what_its_parts_make_by_hand() -> None:
-    chosen = [choice for choice in possible(EVERYTHING) if choice.scale or not choice.diffraction]
+    chosen = [c for c in possible(EVERYTHING) if (c.scale or not c.diffraction) and not c.oblique]
     asked = {(c.path, c.grey_rim, c.scale, c.defocus, c.aberrations, c.diffraction) for c in chosen}
     assert {path for path, *_ in asked} >= {"parity", "direct", "structure", PHASED, SPECTRUM}
     assert (SPECTRUM, False, True, True, True, True) in asked
@@ -177,7 +178,7 @@ def test_the_fullest_plan_models_all_that_the_scene_has() -> None:
 def test_the_fullest_plan_has_samples_that_tell_the_error_of_the_plans_own() -> None:
     for each in (*CASES, *COMBINED):
         plan = planned(each)
-        assert 0 < plan.fullest_error <= priced(each).own_error(plan.fullest) <= each.accuracy / 2
+        assert 0 < plan.fullest_error <= priced(each).own_error(plan.fullest) + RESAMPLED <= each.accuracy / 2
         if plan.choice.diffraction:
             assert plan.fullest.samples_per_dot >= 2 * plan.choice.samples_per_dot
 

@@ -5,12 +5,11 @@ field F and fields of the same openings with weights, to the lowest order of the
 openings, s that of the clear stop, ρ = r / f, and I = |F[a]|² over its energy:
 
     chrome leak         |F[a] + τ F[s - a]|², |τ| = 10^(-OD / 2), at the phase of τ that changes most
-    foreshortening      openings and stop cos θ as wide, at the edge of the field: F at u cos θ
     vector field        ½ |F[x a / f]|² + ½ |F[y a / f]|² - ½ Re F* F[ρ² a]     (Richards and Wolf, Proc. R. Soc. A 253,
                         358, 1959, unpolarised light, to second order)
     lens apodisation    amplitudes cos^½ θ and cos^-½ θ: ∓½ Re F* F[ρ² a], energies made equal again
     tangent for sine    image height f tan θ, not f sin θ: the picture moved by r³ / 2f² about the axis
-    tangent off axis    the same at the edge of the field, besides foreshortening: F at u cos² θ and v cos θ
+    film walls          all widths less by their shade at the edge of the field, the film's thickness times tan θ
     glass               a gap t / n between openings and stop, by the angular spectrum
     ghosts              light thrown back by chrome and glass: a second picture, at worst elsewhere altogether
     CD bias             every edge moved by half the bias, its light put on the dots beside it
@@ -36,6 +35,7 @@ from maskfab.optics.field.methods import field
 from maskfab.optics.gap import gap_change
 from maskfab.optics.psf import Leak, image_scale_um2, odd_samples, point_step_um
 from maskfab.optics.pupil import Aperture, Lattice, Pupil, cut, panel_aperture, zeros
+from maskfab.optics.scene.lens import ASSUMED_FILM_UM
 from maskfab.optics.stop import clear_field, inside
 
 MODEL_BAR = "model_"
@@ -52,6 +52,8 @@ ASSUMED_BIAS_UM = 0.2
 
 CHROME_REFLECTS = 0.6
 """Share of visible light that bright chrome throws back; with an antireflective coat a tenth."""
+
+_TANGENT = "tangent for sine"
 
 _MOST_GAP_SIDE = 600
 """Dots across the stop that a gap is tried on, about; finer ones are gathered in squares."""
@@ -90,17 +92,17 @@ def model_bar(pupil: Pupil, camera: Camera, blank: MaskBlank) -> tuple[Omission,
     return _by_size(_on_axis(_DieField.of(pupil, camera), blank))
 
 
-def scene_bar(pupil: Pupil, camera: Camera, field_um: float, blank: MaskBlank) -> tuple[Omission, ...]:
+def scene_bar(pupil: Pupil, camera: Camera, slope: float, blank: MaskBlank) -> tuple[Omission, ...]:
     """Effects that a scene omits besides those of the numbers on the axis, the largest first.
 
     These are what light from the side sees, the gap aside, and a leak that only the numbers on the axis hold.
 
     Args:
-        field_um: largest image height; 0 for the axis.
+        slope: tan θ of the light from the edge of the field; 0 for the axis.
     """
-    if not (field_um or Leak.of(blank, camera.stop)):
+    if not (slope or Leak.of(blank, camera.stop)):
         return ()
-    return _by_size(_of_scene(_DieField.of(pupil, camera), field_um, blank))
+    return _by_size(_of_scene(_DieField.of(pupil, camera), slope, blank))
 
 
 def bar_of_panel(panel: Panel, camera: Camera, blank: MaskBlank, die: str | None) -> tuple[Quantity, ...]:
@@ -109,11 +111,12 @@ def bar_of_panel(panel: Panel, camera: Camera, blank: MaskBlank, die: str | None
     return bar_quantities(model_bar(pupil, camera, blank), camera, die)
 
 
-def bar_of_scene(panel: Panel, camera: Camera, blank: MaskBlank, field_um: float) -> tuple[Omission, ...]:
-    """Omissions of a scene's PSFs, on the axis and off it, the largest first."""
+def bar_of_scene(panel: Panel, camera: Camera, blank: MaskBlank, slope: float) -> tuple[Omission, ...]:
+    """Omissions of a scene's PSFs, on the axis and off it, the largest first; of a field the plan tells the tangent."""
     pupil = cut(panel_aperture(panel, camera.stop.diameter_um / 2), camera.stop)
     die = _DieField.of(pupil, camera)
-    return _by_size([*_on_axis(die, blank), *_of_scene(die, field_um, blank)])
+    axis = (omission for omission in _on_axis(die, blank) if not (slope and omission.name == _TANGENT))
+    return _by_size([*axis, *_of_scene(die, slope, blank)])
 
 
 def weighed(omissions: Sequence[Omission], accuracy: float) -> list[dict[str, object]]:
@@ -236,11 +239,13 @@ def _on_axis(die: _DieField, blank: MaskBlank) -> Iterator[Omission]:
     yield _bias(die)
 
 
-def _of_scene(die: _DieField, field_um: float, blank: MaskBlank) -> Iterator[Omission]:
+def _of_scene(die: _DieField, slope: float, blank: MaskBlank) -> Iterator[Omission]:
     if Leak.of(blank, die.camera.stop) is not None:
         yield leak_omission(die.field, die.pupil, die.axis, blank)
-    if field_um:
-        yield from _foreshortened(die, field_um)
+    if slope:
+        shade = ASSUMED_FILM_UM * slope
+        told = f"walls of a film of {ASSUMED_FILM_UM * NM_PER_UM:g} nm (assumed) shade {shade * NM_PER_UM:.3g} nm of "
+        yield Omission("film walls", _of_widths(die, shade), told + "all widths, at most, at the edge of the field")
 
 
 def _by_size(omissions: Iterable[Omission]) -> tuple[Omission, ...]:
@@ -292,29 +297,6 @@ def leak_change(
     return float(np.sqrt(squared.max()) / np.linalg.norm(plain))
 
 
-def _foreshortened(die: _DieField, field_um: float) -> Iterator[Omission]:
-    angle = math.atan(field_um / die.camera.focal_um)
-    narrow = math.cos(angle)
-    where = f"{math.degrees(angle):.3g} degrees off the axis, the largest image height that is asked for"
-    seen = narrow * _square(_at(die, narrow, 1.0)) / die.pupil.energy_um2
-    yield Omission(
-        "foreshortening",
-        die.relative(seen - die.intensity),
-        f"openings and stop seen {narrow:.4g} as wide, {where}",
-    )
-    mapped = narrow**3 * _square(_at(die, narrow**2, narrow)) / die.pupil.energy_um2
-    yield Omission(
-        "tangent off axis",
-        die.relative(mapped - die.intensity),
-        f"a lens without distortion, image height f tan θ, {where}",
-    )
-
-
-def _at(die: _DieField, across: float, up: float) -> Complexes:
-    """The field at frequencies that many times as high."""
-    return field(die.pupil, die.u * across, die.u * up, "single").amplitude()
-
-
 def _lens(die: _DieField) -> Iterator[Omission]:
     """Vector field, apodisation and the sine condition, which share their fields."""
     focal, energy = die.camera.focal_um, die.pupil.energy_um2
@@ -339,9 +321,7 @@ def _lens(die: _DieField) -> Iterator[Omission]:
     slope = 4 * np.pi * focal / scale / energy
     falls = slope * (place * (die.field.conj() * along_x).imag + place[:, None] * (die.field.conj() * along_y).imag)
     moved = radius * (falls / 2 + 2 * die.intensity)
-    yield Omission(
-        "tangent for sine", die.relative(moved), "a lens without distortion, image height f tan θ, over the window"
-    )
+    yield Omission(_TANGENT, die.relative(moved), "a lens without distortion, image height f tan θ, over the window")
 
 
 def _glass(die: _DieField, blank: MaskBlank) -> Iterator[Omission]:
@@ -394,6 +374,12 @@ def _ghosts(die: _DieField, blank: MaskBlank) -> Omission:
 
 
 def _bias(die: _DieField) -> Omission:
+    told = f"clear widths {ASSUMED_BIAS_UM * NM_PER_UM:g} nm off everywhere (assumed)"
+    return Omission("cd bias", _of_widths(die, ASSUMED_BIAS_UM), told)
+
+
+def _of_widths(die: _DieField, change_um: float) -> float:
+    """Size of a change of all clear widths, as light put on the dots beside their edges."""
     openings = die.openings
     clear = openings.transmission
     beside = np.zeros(clear.shape)
@@ -405,12 +391,11 @@ def _bias(die: _DieField) -> Omission:
     for start in range(0, y.size, _ROWS_AT_A_TIME):
         rows = slice(start, start + _ROWS_AT_A_TIME)
         beside[rows] *= 1 - clear[rows]
-        beside[rows] *= ASSUMED_BIAS_UM / 2 / openings.x.dot_um
+        beside[rows] *= change_um / 2 / openings.x.dot_um
         beside[rows] *= inside(die.camera.stop, x, y[rows, None])
     beside.flags.writeable = False
     wider = Pupil.of_whole_dots(openings.x, openings.y, beside, die.camera.stop)
     change = field(wider, die.u, die.u, "single").amplitude()
     more = 2 * (die.field.conj() * change).real / die.pupil.energy_um2
     gained = wider.field_integral_um2 / die.pupil.energy_um2
-    size = die.relative(more - gained * die.intensity)
-    return Omission("cd bias", size, f"clear widths {ASSUMED_BIAS_UM * NM_PER_UM:g} nm off everywhere (assumed)")
+    return die.relative(more - gained * die.intensity)

@@ -55,8 +55,9 @@ from maskfab.optics.phase import (
     scale_error,
 )
 from maskfab.optics.psf import ReadyPupil, image_scale_um2, odd_samples, point_step_um
-from maskfab.optics.pupil import Aperture, Pupil, panel_aperture
-from maskfab.optics.scene.scene import DistortedWindow, Scene
+from maskfab.optics.pupil import Aperture, Pupil, cut, panel_aperture
+from maskfab.optics.scene.lens import SensorWindow
+from maskfab.optics.scene.scene import Scene
 from maskfab.optics.spectrum import band_errors
 from maskfab.optics.stop import stop_strehl, widest_um
 from maskfab.optics.tilings import MeanPsf, layout_psf, mean_psf
@@ -67,7 +68,7 @@ GAP_SAFETY = 2.2
 PHASE_SAFETY = 3.0
 SCALE_SAFETY = 1.25
 RIM_SAFETY = 1.2
-DISTORTION_SAFETY = 1.5
+OBLIQUE_SAFETY = 1.5
 ORDER_SAFETY = 2.0
 
 # Of moves that were tried at the edge of the field, and from places of a grid to what borrows their PSFs: directions
@@ -105,7 +106,7 @@ class Estimates:
     """The errors of all omissions.
 
     Attributes:
-        scale, defocus, aberrations, distortion, shift, diffraction, rim, layout: see :func:`estimate`; the layout's is
+        scale, defocus, aberrations, oblique, shift, diffraction, rim, layout: see :func:`estimate`; the layout's is
             None where nothing else asks for the mean over layouts.
         pilot: the PSF at infinity at the shortest wavelength.
         places: what is left when every image point borrows the PSF of the nearest of n x n places, by n.
@@ -118,7 +119,7 @@ class Estimates:
     scale: Estimate
     defocus: Estimate
     aberrations: Estimate
-    distortion: Estimate
+    oblique: Estimate
     shift: Estimate
     diffraction: Estimate
     rim: Estimate
@@ -175,7 +176,7 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene) -> Estima
     phase = scene.aberrations or not scene.nearest_um == scene.farthest_um == scene.focus_um
     asks = scene.gap_um or phase
     means = [_mean(panel, sampled, pilot) for pilot in pilots] if asks else []
-    moved = math.hypot(*shift_um(camera, scene.gap_um, (max(scene.field_um, scene.steepest_um), 0.0)))
+    moved = math.hypot(*shift_um(camera, scene.gap_um, (scene.widest_um, 0.0)))
 
     @cache
     def openings() -> Aperture:
@@ -187,7 +188,7 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene) -> Estima
     shift = NOTHING
     places: Mapping[int, float] = {PLACES[0]: 0.0}
     if moved:
-        shift = _shift(means, openings(), pupil, sampled, scene, scene.field_um)
+        shift = _shift(means, openings(), pupil, sampled, scene, scene.widest_um)
         places = {n: _between(means, openings(), pupil, sampled, scene, n) for n in PLACES}
         if not phase and blur <= pupil.x.dot_um:
             shift, places = _tried(openings(), sampled, scene, panel.cell_size.pitch_um, shift, places)
@@ -199,7 +200,7 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene) -> Estima
         aberrations=_aberrations(
             means, sampled, scene.wavefront(camera), min(1.0, uneven + _defocus_share(sampled, scene))
         ),
-        distortion=_distortion(pilots, scene, turned),
+        oblique=_oblique(panel, pupil, pilots, sampled, scene, turned),
         shift=shift,
         diffraction=_diffraction(means, crowding, sampled, scene.gap_um) if scene.gap_um else NOTHING,
         rim=_rim(pupil, pilots, sampled),
@@ -279,17 +280,22 @@ def _aberrations(means: list[MeanPsf], camera: Camera, wavefront: Wavefront, une
     return Estimate(PHASE_SAFETY * worst, "Marechal's Strehl ratio on the mean PSF", PHASE_SAFETY)
 
 
-def _distortion(pilots: list[Psf], scene: Scene, turned: float) -> Estimate:
-    """The PSF where the lens puts it; ``turned`` is the error of the light's other angle, which moves the openings."""
-    lens, reach = scene.distortion, scene.field_um
-    if lens is None or not lens.ratio or not reach:
+def _oblique(panel: Panel, pupil: Pupil, pilots: list[Psf], camera: Camera, scene: Scene, turned: float) -> Estimate:
+    """The PSF where its light lands; ``turned`` is the error of the light's other angle, which moves the openings."""
+    reach, part = scene.field_um, scene.field_um / math.sqrt(2)
+    if not reach and not scene.tilt_rad:
         return NOTHING
-    errors = []
-    for pilot, place in itertools.product(pilots, ((reach, 0.0), (reach / math.sqrt(2), reach / math.sqrt(2)))):
-        window = DistortedWindow.about(lens, place, pilot.step_um, pilot.values.shape[0] // 2)
-        errors.append(relative_difference(window.of(pilot, pilot.step_um, order=3), pilot))
+    lens, step = scene.lens(camera), point_step_um(camera)
+    worst, half = 0.0, odd_samples(camera.window_um, step) // 2
+    # A tilted panel's footprint is a stop of the same kind along x alone.
+    for place in ((reach, 0.0), (-reach, 0.0), AXIS) if scene.tilt_rad else ((reach, 0.0), (part, part), AXIS):
+        stop = lens.footprint(camera.stop, lens.slopes_at(place), 0.0).stop
+        seen = cut(panel_aperture(panel, stop.diameter_um / 2), stop) if scene.tilt_rad else pupil
+        window = SensorWindow.about(lens, place, step, half)
+        landed = (window.of(psf, step) for psf in ReadyPupil.of(seen, window.camera(camera, stop)).psfs())
+        worst = max(worst, *map(relative_difference, pilots, landed))
     method = "PSF at infinity as it lands at the largest image height"
-    return Estimate(math.hypot(DISTORTION_SAFETY * max(errors), turned), method, DISTORTION_SAFETY)
+    return Estimate(math.hypot(OBLIQUE_SAFETY * worst, turned), method, OBLIQUE_SAFETY)
 
 
 def _strehl(wavefront: Wavefront, stop: Stop, wavelength_nm: float) -> float:
@@ -322,7 +328,7 @@ def _tried(
     tried there is no more than the root of a half of its change. Openings that move against a phase change it more:
     what is tried holds without one, and where the gap blurs openings by less than a dot.
     """
-    reach, moved = scene.field_um, shift_um(camera, scene.gap_um, (scene.field_um, 0.0))[0]
+    reach, moved = scene.widest_um, shift_um(camera, scene.gap_um, (scene.widest_um, 0.0))[0]
 
     @cache
     def seen(place: Place) -> tuple[Floats, ...]:
@@ -377,7 +383,7 @@ def _between(
     """Error half a diagonal away from the nearest of n x n places; the axis alone is the shift's own row."""
     if places in (PLACES[0], PLACES[-1]):
         return 0.0
-    return _shift(means, openings, pupil, camera, scene, math.sqrt(2) * scene.field_um / (places - 1)).error
+    return _shift(means, openings, pupil, camera, scene, math.sqrt(2) * scene.widest_um / (places - 1)).error
 
 
 def _layout(means: list[MeanPsf]) -> Estimate:

@@ -27,14 +27,16 @@ from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError
 from maskfab.base.model import Panel
 from maskfab.base.quantities import columns
-from maskfab.base.units import UM_PER_NM
+from maskfab.base.units import NM_PER_UM, UM_PER_NM
 from maskfab.job.camera import Camera
+from maskfab.job.values import MOST_FIELD_DEG
 from maskfab.optics.field.methods import PATHS, STRUCTURE, TRANSFORM_FLOP, FieldPath, FieldTask, Work
 from maskfab.optics.field.waves import Precision
-from maskfab.optics.gap import MOST_GAP_SAMPLES, MOST_WAVES_PER_SAMPLE, gap_guard_um, moved_pupil, shift_um
+from maskfab.optics.gap import AXIS, MOST_GAP_SAMPLES, MOST_WAVES_PER_SAMPLE, gap_guard_um, moved_pupil, shift_um
 from maskfab.optics.phase import defocus_waves, image_distance_um, nearest_object_um, phased_flops
 from maskfab.optics.psf import odd_samples, pixel_margin, point_step_um
 from maskfab.optics.pupil import Pupil, cut, panel_aperture
+from maskfab.optics.scene.lens import ASSUMED_FILM_UM, RESAMPLED, SensorWindow
 from maskfab.optics.scene.omissions import (
     GAP_SAFETY,
     Estimate,
@@ -44,7 +46,7 @@ from maskfab.optics.scene.omissions import (
     wavelength_range_nm,
 )
 from maskfab.optics.scene.probe import phased_error, single_error
-from maskfab.optics.scene.scene import DistortedWindow, Scene
+from maskfab.optics.scene.scene import Scene
 from maskfab.optics.spectrum import BAND_SAFETY, band_lines
 from maskfab.optics.stop import Waves, perimeter_um
 
@@ -71,24 +73,17 @@ _GAP_RESOLVED = 2.0
 # largest; samples at the rim count with their share, and no more can err than they hold.
 _GAP_RIM = 0.3
 
-RESAMPLED: Mapping[int, float] = MappingProxyType({1: 1e-2, 2: 5e-5, 4: 1e-6})
-"""Error of a PSF that is resampled for a distorting lens, by how many times finer than the plan's its samples are.
-
-The most seen was 4.2e-3, 1.7e-5 and 1.8e-7, in stops of 0.6 to 3.4 mm, dense and sparse openings, random and periodic,
-at distortions of -5, 2 and 20 %.
-"""
-
-FINEST = max(RESAMPLED)
-"""Of a PSF that others are held against."""
+# Share of a dot that the film's walls may shade.
+_MOST_WALLS = 0.1
 
 DEPTHS = 2
 """Distances that stand for a range of depths: its ends."""
 
 # Besides the field paths' own work, in flops of a product: of a pupil, itself, a dot, one more for grey ones, and a cut
-# dot; of a PSF, itself and a sample, and of one that a lens distorts; over a gap, a sample, and one's
+# dot; of a PSF, itself, a sample, and one that is brought to where its light lands; over a gap, a sample, and one's
 # phase.
 _CUT, _DOT, _GREY_DOT, _RIM_DOT = 3.2e7, 120.0, 300.0, 6.5e4
-_PSF, _PSF_SAMPLE, _RESAMPLED = 1e7, 120.0, 1.1e4
+_PSF, _PSF_SAMPLE, _LANDED = 1e7, 120.0, 5e4
 _GAP_SAMPLE, _TURN = 1300.0, 1300.0
 # Waves that leave at more than 64 degrees are beyond the model; with the carrier, near to evanescent.
 _MOST_SLOPE = 0.9
@@ -113,8 +108,8 @@ class Choice:
         places: along each axis of the field; 1 takes the axis's PSF everywhere.
         lines: for each band; 0 for the camera's own lines.
         samples_per_dot: in the stop's plane, where diffraction is modelled; else 0.
-        distortion: how many times finer than the plan's the samples are from which a distorted PSF is made; 0 leaves
-            the lens's distortion out.
+        oblique: whether light lands where the lens images its direction, seen from the panel's own plane: the field's
+            angle, projection, distortion and tilt. Else the window is samples of sin θ about its middle.
     """
 
     path: str
@@ -127,7 +122,7 @@ class Choice:
     places: int
     lines: int
     samples_per_dot: int
-    distortion: int = 0
+    oblique: bool = False
 
 
 @dataclass(frozen=True)
@@ -165,7 +160,7 @@ class CostModel:
 
     Attributes:
         pupil: openings inside the stop.
-        tasks: by (grey rim, scale modelled, times finer for distortion).
+        tasks: by (grey rim, scale modelled, oblique).
         steepest: most waves that defocus and aberrations turn over a micrometre of the stop, at any line.
     """
 
@@ -174,7 +169,7 @@ class CostModel:
     scene: Scene
     accuracy: float
     estimates: Estimates
-    tasks: Mapping[tuple[bool, bool, int], FieldTask]
+    tasks: Mapping[tuple[bool, bool, bool], FieldTask]
     lines: int
     steepest: float
 
@@ -191,17 +186,22 @@ class CostModel:
             _options(estimates.aberrations),
             gap,
             (0, *GAP_SAMPLES) if any(gap) else (0,),
-            resamplings(estimates.distortion.error, self.accuracy),
+            self.slants,
             estimates.places,
         )
-        for path, precision, greyed, scale, defocus, aberrations, diffraction, samples, finer, places in options:
+        for path, precision, greyed, scale, defocus, aberrations, diffraction, samples, oblique, places in options:
             # Whether there is a function for it does not depend on how many lines it is called for.
             lines = min(estimates.bands)
             choice = Choice(
-                path, precision, greyed, scale, defocus, aberrations, diffraction, places, lines, samples, finer
+                path, precision, greyed, scale, defocus, aberrations, diffraction, places, lines, samples, oblique
             )
             if self.possible(choice):
                 yield from (replace(choice, lines=lines) for lines in estimates.bands)
+
+    @property
+    def slants(self) -> tuple[bool, ...]:
+        """Values of :attr:`Choice.oblique`; no other function knows of a tilt."""
+        return (True,) if self.scene.tilt_rad else _options(self.estimates.oblique)
 
     def priced(self) -> Iterator[tuple[Choice, SceneCost]]:
         """Every choice that can be computed, with its price."""
@@ -213,7 +213,7 @@ class CostModel:
     def possible(self, choice: Choice) -> bool:
         """Whether there is a function for a choice, and it takes the pupil."""
         phase = choice.defocus or choice.aberrations
-        if choice.diffraction != (choice.samples_per_dot > 0):
+        if choice.diffraction != (choice.samples_per_dot > 0) or (choice.diffraction and self.scene.tilt_rad):
             return False
         if phase or choice.diffraction:
             wanted = SPECTRUM if choice.diffraction else PHASED
@@ -264,7 +264,7 @@ class CostModel:
             _row("scale of a near focus", choice.scale, estimates.scale),
             _row("defocus over the depth", choice.defocus, estimates.defocus),
             _row("lens aberrations", choice.aberrations, estimates.aberrations),
-            _row("lens distortion", choice.distortion > 0, estimates.distortion, RESAMPLED.get(choice.distortion, 0.0)),
+            _row("oblique light", choice.oblique, estimates.oblique, RESAMPLED),
             _row("shift through the gap", choice.places > 1, estimates.shift),
             _row("diffraction over the gap", choice.diffraction, estimates.diffraction),
             _row("field between places", False, between),
@@ -279,7 +279,7 @@ class CostModel:
         return tuple(rows)
 
     def _task(self, choice: Choice) -> FieldTask:
-        task = self.tasks[choice.grey_rim, choice.scale, choice.distortion]
+        task = self.tasks[choice.grey_rim, choice.scale, choice.oblique]
         if choice.places == 1:
             return task
         # Openings that move are not alike along x and y, and a stop whose edge follows the dots cuts them.
@@ -291,8 +291,8 @@ class CostModel:
         # The dots that the stop cuts mirror each other on the axis alone.
         dots, rim = self.pupil.whole.size, self.pupil.rim_row.size * (1 if choice.places == 1 else 2)
         once, each = _pupil_flops(dots, rim, choice.grey_rim), _PSF + _PSF_SAMPLE * 4 * task.u.size**2
-        if choice.distortion:
-            each += _RESAMPLED * odd_samples(self.camera.window_um, point_step_um(self.camera)) ** 2
+        if choice.oblique:
+            each += _LANDED * odd_samples(self.camera.window_um, point_step_um(self.camera)) ** 2
         # A PSF is of double precision, whatever the waves that made it.
         each *= RATES[choice.precision] / RATES["double"]
         if choice.path == SPECTRUM:
@@ -324,7 +324,7 @@ class CostModel:
         sample, most = self._sample_um(choice), self.estimates.range_nm[1] * UM_PER_NM
         phase = choice.defocus or choice.aberrations
         # The corner of the grid of places is the farthest off the axis.
-        corner = math.sqrt(2) * self.scene.field_um
+        corner = math.sqrt(2) * self.scene.widest_um
         highest = float(self._task(choice).u[-1])
         return (
             most / (2 * sample) < min(_MOST_SLOPE, 1 - corner / math.hypot(corner, self.camera.focal_um))
@@ -358,14 +358,6 @@ class CostModel:
             + (_TURN * middle**2 if choice.defocus or choice.aberrations else 0.0)
         )
         return flops, 16.0 * 4 * count**2
-
-
-def resamplings(left_out: float, accuracy: float) -> tuple[int, ...]:
-    """Values of :attr:`Choice.distortion` that may meet an accuracy, and the finest."""
-    if not left_out:
-        return (0,)
-    fine = tuple(finer for finer, error in RESAMPLED.items() if finer == FINEST or error < accuracy)
-    return (0, *fine) if left_out <= max(accuracy, RESAMPLED[FINEST]) else fine
 
 
 def _pupil_flops(dots: float, rim: float, grey: bool) -> float:
@@ -427,39 +419,60 @@ def cost_model(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> C
     """Everything that pricing needs; arguments and errors as for :func:`plan`."""
     if not 0 < accuracy < 1:
         raise JobError("MF104", f"an accuracy of {accuracy:g} is outside 0 to 1", cure="Give a ratio: 1e-3 for 0.1 %")
+    refuse_steep(camera, scene, panel.dot_nm / NM_PER_UM)
     # The openings must cover the stop from the corner of the field too.
-    farthest = max(scene.field_um, scene.steepest_um)
-    moved = shift_um(camera, scene.gap_um, (farthest, farthest))
+    gap, farthest = scene.gap_at(scene.widest_um / camera.focal_um, scene.gap_um), scene.widest_um
+    moved = shift_um(camera, gap, (farthest, farthest))
     if moved[0]:
         moved_pupil(panel_aperture(panel), camera.stop, moved)
     sampled = sampling_camera(camera, scene)
     pupil = cut(panel_aperture(panel, camera.stop.diameter_um / 2), camera.stop)
     estimates = estimate(panel, pupil, camera, scene)
     tasks = {}
-    reaches = {finer: _reach_um(sampled, scene, finer) for finer in resamplings(estimates.distortion.error, accuracy)}
-    for scale, (finer, reach) in itertools.product((False, True), reaches.items()):
+    reaches = {oblique: _reach_um(sampled, scene, oblique) for oblique in (False, True)}
+    for scale, (oblique, reach) in itertools.product((False, True), reaches.items()):
         distance = image_distance_um(camera.focal_um, scene.focus_um if scale else math.inf)
         frequency = reach / (estimates.range_nm[0] * UM_PER_NM * distance)
         exact = FieldTask.of(pupil, frequency, frequency)
-        tasks[False, scale, finer], tasks[True, scale, finer] = exact, replace(exact, rim=0)
+        tasks[False, scale, oblique], tasks[True, scale, oblique] = exact, replace(exact, rim=0)
     lines, steepest = len(camera.wavelengths_nm), _steepest(camera, scene, estimates.range_nm[0])
     return CostModel(pupil, sampled, scene, accuracy, estimates, tasks, lines, steepest)
 
 
-def _reach_um(sampled: Camera, scene: Scene, finer: int) -> Floats:
-    """Places along half a side of a PSF that is computed for the window, or for what a distorting lens shows there."""
+def refuse_steep(camera: Camera, scene: Scene, dot_um: float) -> None:
+    """Refuse a field beyond 75 degrees, or one at which the film's walls shade more than a tenth of a dot's width.
+
+    Raises:
+        JobError: MF104.
+    """
+    slope = scene.slope(camera)
+    angle, walls = math.atan(slope), ASSUMED_FILM_UM * slope
+    what = cure = ""
+    if angle > math.radians(MOST_FIELD_DEG) * (1 + 1e-9):
+        what = f"a field of {math.degrees(angle):.4g} degrees is beyond {MOST_FIELD_DEG:g}, where the optics are proved"
+        cure = f'Ask for a field of at most "{MOST_FIELD_DEG:g} deg"'
+    elif walls > _MOST_WALLS * dot_um:
+        what = (
+            f"at {math.degrees(angle):.4g} degrees the walls of a film of {ASSUMED_FILM_UM:g} um shade {walls:.3g} um, "
+            f"more than {_MOST_WALLS * dot_um:.3g} um, a tenth of a dot"
+        )
+        cure = f'Use dots of {walls / _MOST_WALLS:.2g} um or more, or a field of at most "{_walled(dot_um):.3g} deg"'
+    if what:
+        raise JobError("MF104", what, where="scene.field", cure=cure)
+
+
+def _walled(dot_um: float) -> float:
+    return math.degrees(math.atan(_MOST_WALLS * dot_um / ASSUMED_FILM_UM))
+
+
+def _reach_um(sampled: Camera, scene: Scene, oblique: bool) -> Floats:
+    """Places along half a side of a PSF for the window, or for what lands there, where that is most."""
     step = point_step_um(sampled)
     half = odd_samples(sampled.window_um, step) // 2 + pixel_margin(sampled)
-    if finer and scene.distortion is not None:
-        window = DistortedWindow.about(scene.distortion, (scene.field_um, 0.0), step, half)
-        step = point_step_um(finer_camera(sampled, finer))
-        half = window.half(step)
+    if oblique:
+        lens, ends = scene.lens(sampled), (AXIS, (scene.field_um, 0.0), (-scene.field_um, 0.0))
+        half = max(SensorWindow.about(lens, place, step, half).half(step) for place in ends)
     return step * np.arange(half + 1, dtype=np.float64)
-
-
-def finer_camera(camera: Camera, times: int) -> Camera:
-    """The camera with lines that ask for so many times finer samples."""
-    return replace(camera, wavelengths_nm=tuple(line / times for line in camera.wavelengths_nm))
 
 
 def plan(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Plan:
@@ -500,8 +513,7 @@ def plan(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Plan:
         tolerance if choice.path == PHASED else 0.0,
         nearest_object_um(model.estimates.pilot, camera, accuracy),
         fullest,
-        _own_error(model, camera, fullest, full_tolerance(accuracy))
-        + (RESAMPLED[FINEST] if fullest.distortion else 0.0),
+        _own_error(model, camera, fullest, full_tolerance(accuracy)) + (RESAMPLED if fullest.oblique else 0.0),
     )
 
 
@@ -580,7 +592,7 @@ def _own_error(model: CostModel, camera: Camera, choice: Choice, tolerance: floa
         with suppress(JobError):
             found = phased_error(model.pupil, model.camera, phases, tolerance, distance, between=ranging)
     elif choice.path == STRUCTURE.name and choice.precision == "single":
-        u = model.tasks[choice.grey_rim, choice.scale, choice.distortion].u
+        u = model.tasks[choice.grey_rim, choice.scale, choice.oblique].u
         pupil = grey(model.pupil) if choice.grey_rim else model.pupil
         found = single_error(pupil, STRUCTURE, float(u[-1]), u.size, lines)
     return bound if found is None else min(bound, found)
@@ -605,7 +617,7 @@ def _fullness(priced: tuple[Choice, SceneCost]) -> tuple[float, ...]:
     choice, price = priced
     asked = (choice.diffraction, choice.defocus, choice.aberrations, choice.scale, not choice.grey_rim)
     # Less of an error of its own: more samples, double precision; among equals, less time.
-    return sum(asked) + (choice.distortion > 0), choice.places, -price.error, -price.seconds
+    return sum(asked) + choice.oblique, choice.places, -price.error, -price.seconds
 
 
 def plan_document(die: str, plan: Plan) -> dict[str, object]:

@@ -30,26 +30,26 @@ from maskfab.base.model import Psf
 from maskfab.base.units import UM_PER_NM
 from maskfab.job.camera import Camera
 from maskfab.optics.field.methods import PATHS, FieldPath, FieldTask, Prepared, admissible
-from maskfab.optics.gap import AXIS, Place, gap_psf, magnified, moved_pupil, shift_um, shifted_psf, shifted_pupil
+from maskfab.optics.gap import AXIS, Place, gap_psf, magnified, moved_pupil, shifted_psf, shifted_pupil
 from maskfab.optics.phase import image_distance_um, phased, phased_psf, window_frequency
 from maskfab.optics.psf import image_scale_um2, odd_samples, point_step_um, psf_norm_um6
 from maskfab.optics.pupil import Aperture
+from maskfab.optics.scene.lens import Lens, SensorWindow
 from maskfab.optics.scene.omissions import PLACES, grey
 from maskfab.optics.scene.plan import (
     DEPTHS,
-    FINEST,
     PHASED,
     SPECTRUM,
     Choice,
     Plan,
     SceneCost,
-    finer_camera,
     full_tolerance,
     phase_waves,
     sampling_camera,
 )
-from maskfab.optics.scene.scene import DistortedWindow, Scene
+from maskfab.optics.scene.scene import Scene
 from maskfab.optics.spectrum import Band, band_lines
+from maskfab.optics.stop import Waves
 
 _FULL_LINES = 32
 
@@ -135,8 +135,6 @@ def full_plan(plan: Plan) -> Plan:
     if choice.lines:
         # The most that were priced were held against twice as many.
         choice = replace(choice, lines=max(2 * choice.lines, _FULL_LINES))
-    if choice.distortion:
-        choice = replace(choice, distortion=FINEST)
     return replace(
         plan,
         choice=choice,
@@ -151,14 +149,14 @@ def full_plan(plan: Plan) -> Plan:
 def nearest_place(choice: Choice, scene: Scene, image_um: Place) -> Place:
     """The image point whose PSF a choice computes for another: the nearest node of its grid over the field.
 
-    The grid has ``places`` nodes along each axis, from minus to plus the largest image height; one is the axis, and the
-    most that are priced stand for every point itself.
+    The grid has ``places`` nodes along each axis, from minus to plus the largest image height, under f tan θ where the
+    choice tells that from the lens's own; one is the axis, and the most that are priced stand for every point itself.
     """
-    if choice.places == PLACES[0] or not scene.field_um:
-        return AXIS
-    if choice.places == PLACES[-1]:
+    if choice.places == PLACES[-1] or scene.tilt_rad:
         return image_um
-    spacing = 2 * scene.field_um / (choice.places - 1)
+    if choice.places == PLACES[0] or not scene.widest_um:
+        return AXIS
+    spacing = 2 * scene.widest_um / (choice.places - 1)
     x, y = (spacing * math.floor(abs(at) / spacing + 0.5) * math.copysign(1, at) for at in image_um)
     return x, y
 
@@ -174,25 +172,31 @@ def _psfs(
     object_um: float | None,
     margin: int,
 ) -> Iterator[Psf]:
-    """PSFs at lines on the plan's samples, as the lens distorts them if that is modelled."""
+    """PSFs at lines on the plan's samples, where their light lands if that is modelled."""
     sampled = sampling_camera(camera, scene)
     _check(sampled, scene, plan, min(wavelengths_nm), image_um, object_um)
-    finer, lens = plan.choice.distortion, scene.distortion
-    undistorted = partial(_undistorted, openings, camera, scene, plan, wavelengths_nm, object_um)
-    if not finer or lens is None:
-        yield from undistorted(sampled, image_um, margin)
-        return
     step = point_step_um(sampled)
+    distance = image_distance_um(camera.focal_um, scene.focus_um if plan.choice.scale else math.inf)
+    through = partial(_in_directions, openings, camera, scene, plan, wavelengths_nm, object_um)
     half = odd_samples(camera.window_um, step) // 2 + margin
-    window = DistortedWindow.about(lens, image_um, step, half)
-    denser = finer_camera(sampled, finer)
-    fine = point_step_um(denser)
-    beyond = max(0, window.half(fine) - odd_samples(camera.window_um, fine) // 2)
-    for psf in undistorted(denser, window.middle_um, beyond):
+    if not plan.choice.oblique:
+        place = nearest_place(plan.choice, scene, image_um)
+        yield from through(replace(sampled, window_um=(2 * half + 1) * step), place, Lens(camera.focal_um, distance))
+        return
+    lens = scene.lens(camera, distance)
+    sx, sy = lens.slopes_at(image_um)
+    place = nearest_place(plan.choice, scene, (sx * distance, sy * distance))
+    stop = lens.footprint(camera.stop, _slopes(place, distance), 0.0).stop
+    window = SensorWindow.about(lens, image_um, step, half)
+    for psf in through(window.camera(sampled, stop), place, lens):
         yield window.of(psf, step)
 
 
-def _undistorted(
+def _slopes(place: Place, distance: float) -> Place:
+    return place[0] / distance, place[1] / distance
+
+
+def _in_directions(
     openings: Aperture,
     camera: Camera,
     scene: Scene,
@@ -200,36 +204,36 @@ def _undistorted(
     wavelengths_nm: Sequence[float],
     object_um: float | None,
     sampled: Camera,
-    image_um: Place,
-    margin: int,
+    place: Place,
+    lens: Lens,
 ) -> Iterator[Psf]:
-    """PSFs at lines on the samples of the camera ``sampled``, the pupil made ready once."""
-    choice = plan.choice
-    place = nearest_place(choice, scene, image_um)
-    distance = image_distance_um(camera.focal_um, scene.focus_um if choice.scale else math.inf)
+    """PSFs at lines over even samples of direction cosines about those of a place under f tan θ, the pupil made ready
+    once; window, samples and footprint are those of the camera ``sampled``."""
+    choice, distance, slopes = plan.choice, lens.distance_um, _slopes(place, lens.distance_um)
     openings, gap_um = magnified(openings, scene.gap_um, modelled_distance_um(choice, scene, object_um))
+    gap_um = scene.gap_at(math.hypot(*slopes), gap_um)
+    seen = lens.footprint(camera.stop, slopes, gap_um)
+
+    def waves(line: float) -> Waves | None:
+        stated = phase_waves(choice, camera, scene, line, object_um)
+        return stated and seen.waves(stated)
+
     if choice.path == SPECTRUM:
         for line in wavelengths_nm:
-            waves = phase_waves(choice, camera, scene, line, object_um)
             yield gap_psf(
-                openings, sampled, line, gap_um, place, choice.samples_per_dot,
-                waves=waves, distance_um=distance, margin=margin,
+                openings, sampled, line, gap_um, place, choice.samples_per_dot, waves=waves(line), distance_um=distance
             )  # fmt: skip
         return
-    moved = shift_um(camera, gap_um, place, distance)
     step = point_step_um(sampled)
-    reach = step * np.arange(odd_samples(camera.window_um, step) // 2 + margin + 1, dtype=np.float64)
+    reach = step * np.arange(odd_samples(sampled.window_um, step) // 2 + 1, dtype=np.float64)
     if choice.path == PHASED:
-        pupil = moved_pupil(openings, camera.stop, moved)
+        pupil = moved_pupil(openings, seen.stop, seen.moved_um)
         for line in wavelengths_nm:
-            highest = float(reach[-1]) / (line * UM_PER_NM * distance)
-            highest = max(highest, window_frequency(sampled, line, distance))
-            source = phased(
-                pupil, phase_waves(choice, camera, scene, line, object_um) or _flat, highest, plan.phase_tolerance
-            )
-            yield phased_psf(source, sampled, line, distance_um=distance, margin=margin)
+            highest = max(float(reach[-1]) / (line * UM_PER_NM * distance), window_frequency(sampled, line, distance))
+            source = phased(pupil, waves(line) or _flat, highest, plan.phase_tolerance)
+            yield phased_psf(source, sampled, line, distance_um=distance)
         return
-    exact = shifted_pupil(openings, camera.stop, moved)
+    exact = shifted_pupil(openings, seen.stop, seen.moved_um)
     pupil = grey(exact) if choice.grey_rim else exact
     widest = float(reach[-1]) / (min(wavelengths_nm) * UM_PER_NM * distance)
     ready: dict[str, Prepared] = {}

@@ -1,9 +1,4 @@
-"""The scene of a camera: distances, field, gap, aberrations, distortion and the bands of light, as [scene] states them.
-
-Distortion is radial, pincushion or barrel, of the third order alone: r becomes r (1 + k (r / h)²) (Born and Wolf,
-Principles of Optics, 5.3). Light that the openings diffract comes to the lens under another angle, so it lands where
-the lens images an object under that angle.
-"""
+"""The scene of a camera: distances, field, lens, gap, aberrations and the bands of light, as [scene] states them."""
 
 from __future__ import annotations
 
@@ -13,131 +8,16 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
-import scipy
 
-from maskfab.base.arrays import Floats
-from maskfab.base.errors import JobError
-from maskfab.base.model import Psf
+from maskfab.base.errors import JobError, SourceError
 from maskfab.job.camera import Camera
-from maskfab.job.process import MaskBlank
+from maskfab.job.process import Glass, MaskBlank
 from maskfab.job.sections import SceneSection
-from maskfab.job.values import MOST_DISTORTION
-from maskfab.optics.phase import Wavefront
-from maskfab.optics.response import black_body, camera_bands, generic_rgb, parse_curves
+from maskfab.job.values import angle_deg
+from maskfab.optics.phase import Wavefront, image_distance_um
+from maskfab.optics.response import black_body, camera_bands, generic_rgb, numeric_table, parse_curves
+from maskfab.optics.scene.lens import Distortion, Lens, Projection
 from maskfab.optics.spectrum import Band, Curve
-
-SPLINE_REACH = 8
-"""Samples beyond the outermost point that the spline between samples needs: its poles decay by 0.43 a sample."""
-
-# Newton's steps end when they no longer tell, a hundred roundings.
-_STEPS, _STILL = 60, 2e-14
-
-
-@dataclass(frozen=True)
-class Distortion:
-    """Radial distortion of the third order: an image height r becomes r (1 + k (r / h)²).
-
-    Attributes:
-        ratio: k, the relative displacement at ``height_um``; pincushion if positive, barrel if negative.
-        height_um: h, an image height without distortion.
-
-    Raises:
-        JobError: MF104 if a value is not finite, the height not positive, or |k| above 0.3.
-    """
-
-    ratio: float
-    height_um: float
-
-    def __post_init__(self) -> None:
-        if not abs(self.ratio) <= MOST_DISTORTION:
-            what = f"distortion of {self.ratio:g} is beyond {MOST_DISTORTION:g}"
-            raise JobError("MF104", what, cure="Give it as a ratio: 0.02 for 2 %, negative for a barrel")
-        if not (math.isfinite(self.height_um) and self.height_um > 0):
-            what = f"the height of the distortion is {self.height_um:g} um"
-            raise JobError("MF104", what, cure="Give the image height at which it was measured")
-
-    @property
-    def farthest_um(self) -> float:
-        """The largest image height with an object: where a barrel turns back; infinite for a pincushion."""
-        return math.inf if self.ratio >= 0 else 2 / 3 * self.height_um / math.sqrt(-3 * self.ratio)
-
-    def displaced(self, x_um: Floats, y_um: Floats) -> tuple[Floats, Floats]:
-        """Where points of the undistorted picture land, in micrometres."""
-        stretch = 1 + self.ratio * (x_um**2 + y_um**2) / self.height_um**2
-        return x_um * stretch, y_um * stretch
-
-    def undistorted(self, x_um: Floats, y_um: Floats) -> tuple[Floats, Floats]:
-        """The points of the undistorted picture that land there: the inverse of :meth:`displaced`.
-
-        Raises:
-            JobError: MF104 beyond ``farthest_um``.
-        """
-        radius = np.hypot(x_um, y_um)
-        if float(np.max(radius)) >= self.farthest_um:
-            what = (
-                f"an image height of {float(np.max(radius)):g} um is beyond {self.farthest_um:g} um, where a barrel of "
-                f"{self.ratio:g} at {self.height_um:g} um folds the picture"
-            )
-            cure = "State less distortion, a smaller field or a smaller window"
-            raise JobError("MF104", what, where="scene.distortion", cure=cure)
-        # Newton's steps from within fall or rise to the root without a turn, as the cubic bends one way up to the fold.
-        root = radius
-        for _ in range(_STEPS):
-            share = self.ratio * (root / self.height_um) ** 2
-            change = (root * (1 + share) - radius) / (1 + 3 * share)
-            root = root - change
-            if float(np.max(abs(change))) <= _STILL * self.height_um:
-                break
-        inward = np.divide(root, radius, out=np.ones_like(root), where=radius > 0)
-        return x_um * inward, y_um * inward
-
-    def magnification(self, x_um: Floats, y_um: Floats) -> Floats:
-        """Factor by which a small area about a point of the undistorted picture grows.
-
-        Along the radius the scale is 1 + 3 k (r / h)², across it 1 + k (r / h)².
-        """
-        share = self.ratio * (x_um**2 + y_um**2) / self.height_um**2
-        return (1 + share) * (1 + 3 * share)
-
-
-@dataclass(frozen=True, eq=False)
-class DistortedWindow:
-    """A window on the sensor about an image point, as the undistorted picture has it.
-
-    Attributes:
-        middle_um: the image point without distortion.
-        x_um, y_um: float64 [n, n], offsets from there of what the samples of the window show.
-        magnification: float64 [n, n], of areas about them.
-    """
-
-    middle_um: tuple[float, float]
-    x_um: Floats
-    y_um: Floats
-    magnification: Floats
-
-    @classmethod
-    def about(cls, lens: Distortion, image_um: tuple[float, float], step_um: float, half: int) -> DistortedWindow:
-        """The window of 2 half + 1 samples along a side. Raises JobError MF104 where the lens folds the picture."""
-        offset = step_um * np.arange(-half, half + 1, dtype=np.float64)
-        x, y = lens.undistorted(*np.meshgrid(image_um[0] + offset, image_um[1] + offset))
-        middle_x, middle_y = (float(at) for at in lens.undistorted(np.array(image_um[0]), np.array(image_um[1])))
-        return cls((middle_x, middle_y), x - middle_x, y - middle_y, lens.magnification(x, y))
-
-    def half(self, step_um: float) -> int:
-        """Samples of that step on either side of the middle that the window takes of an undistorted PSF."""
-        return math.ceil(max(float(abs(self.x_um).max()), float(abs(self.y_um).max())) / step_um) + SPLINE_REACH
-
-    def of(self, psf: Psf, step_um: float, order: int = 5) -> Psf:
-        """An undistorted PSF as the sensor gets it; what it does not hold is dark.
-
-        The intensity at s is I(q(s)) over the magnification at q, so energy is kept. A spline of that order
-        interpolates between samples; the cubic takes a third of the time.
-        """
-        middle = psf.values.shape[0] // 2
-        places = [self.y_um / psf.step_um + middle, self.x_um / psf.step_um + middle]
-        values = scipy.ndimage.map_coordinates(psf.values, places, order=order, mode="constant")
-        return Psf(values / self.magnification, step_um, psf.wavelength_nm, psf.kind)
-
 
 _NONE: Mapping[str, str] = MappingProxyType({})
 
@@ -151,9 +31,12 @@ class Scene:
         field_um: largest image height.
         gap_um: from the panel to the stop, in air that spreads light as much.
         aberrations: pairs of Noll's number and waves at the camera's first line.
-        distortion: of the lens; None for an image height of f tan θ.
+        distortion: of a lens with image heights f tan θ; None for none.
         saturation: whether highlights clip, which is left to the capture and adds nothing to the PSF.
         bands: one for each colour, response times illuminant; empty for the camera's own lines.
+        projection: of the lens; None for image heights f tan θ.
+        tilt_rad: of the panel about y, its +x side away from the lens.
+        glass: part of ``gap_um`` that is none of air; None for none.
     """
 
     nearest_um: float = math.inf
@@ -165,14 +48,25 @@ class Scene:
     saturation: bool = False
     bands: tuple[Band, ...] = ()
     distortion: Distortion | None = None
+    projection: Projection | None = None
+    tilt_rad: float = 0.0
+    glass: Glass | None = None
 
     @classmethod
-    def of(cls, section: SceneSection | None, curves: Mapping[str, str] = _NONE, *, where: str = "") -> Scene:
+    def of(
+        cls,
+        section: SceneSection | None,
+        curves: Mapping[str, str] = _NONE,
+        *,
+        camera: Camera | None = None,
+        where: str = "",
+    ) -> Scene:
         """The scene of a job; the one that asks for nothing if the job has none.
 
         Args:
             section: a job's [scene].
             curves: text of the tables that it names, by name, as ``JobSpec.curves`` holds them.
+            camera: for a field that is an angle, or a projection other than f tan θ; else it may be None.
 
         Raises:
             SourceError: MF302 or MF303 for an empty or damaged table.
@@ -183,31 +77,98 @@ class Scene:
         if section is None:
             return cls()
         near, far = section.depth
-        return cls(
-            near, far, section.focus, section.field, section.gap, section.aberrations, section.saturation,
+        projection = _projection(section.projection, curves, camera, where)
+        scene = cls(
+            near, far, section.focus, 0.0, section.gap, section.aberrations, section.saturation,
             _bands(section, curves, where), section.distortion and Distortion(*section.distortion),
+            projection, math.radians(section.tilt),
         )  # fmt: skip
+        return replace(scene, field_um=_height_um(section.field, scene, camera, where))
 
     def through(self, blank: MaskBlank) -> Scene:
         """The scene behind the plate's glass: with the chrome away from the lens, its t/n adds to the gap."""
         glass = blank.glass
-        return self if glass is None or not glass.gap_um else replace(self, gap_um=self.gap_um + glass.gap_um)
+        if glass is None or not glass.gap_um:
+            return self
+        return replace(self, gap_um=self.gap_um + glass.gap_um, glass=glass)
+
+    def lens(self, camera: Camera, distance_um: float | None = None) -> Lens:
+        """The way from the panel to the sensor of a camera, its sensor that far from the lens; at f if None."""
+        away = camera.focal_um if distance_um is None else distance_um
+        return Lens(camera.focal_um, away, self.projection or self.distortion, self.tilt_rad)
+
+    def gap_at(self, slope: float, gap_um: float) -> float:
+        """The air over which light of that tan θ walks as far sideways as over the gap: less of it than on the axis.
+
+        By Snell's law glass of index n and thickness b counts as b / sqrt(n² + (n² - 1) tan² θ), b / n on the axis.
+
+        Args:
+            gap_um: of the scene, or as :func:`maskfab.optics.gap.magnified` has it.
+        """
+        if self.glass is None:
+            return gap_um
+        index, thickness = self.glass.index, self.glass.thickness_um
+        lost = thickness / index - thickness / math.sqrt(index**2 + (index**2 - 1) * slope**2)
+        return gap_um * (1 - lost / self.gap_um)
+
+    def slope(self, camera: Camera) -> float:
+        """tan θ of the light from the edge of the field."""
+        return self.lens(camera).slopes_at((self.field_um, 0.0))[0]
 
     @property
     def differs_off_axis(self) -> bool:
         """Whether image points off the axis have another PSF."""
-        return bool(self.field_um and (self.gap_um or (self.distortion is not None and self.distortion.ratio)))
+        return bool(self.field_um)
 
     @property
     def steepest_um(self) -> float:
-        """The image height, without distortion, of the largest field: its object's angle times the focal length."""
-        if self.distortion is None:
-            return self.field_um
-        return float(self.distortion.undistorted(np.array(self.field_um), np.zeros(()))[0])
+        """The image height under f tan θ of the largest field: its object's slope times the focal length."""
+        mapping = self.projection or self.distortion
+        return self.field_um if mapping is None else float(mapping.objects(np.array(self.field_um), np.zeros(()))[0])
+
+    @property
+    def widest_um(self) -> float:
+        """The larger of the largest image height and of that under f tan θ: how far places of its grid reach."""
+        return max(self.field_um, self.steepest_um)
 
     def wavefront(self, camera: Camera) -> Wavefront:
         """The aberrations; their waves are of the camera's first line."""
         return Wavefront(self.aberrations, camera.wavelengths_nm[0])
+
+
+def _height_um(field: float | str, scene: Scene, camera: Camera | None, where: str) -> float:
+    """Largest image height of a field that a job states as such, or as an angle."""
+    if not isinstance(field, str):
+        return field
+    angle, distance = math.radians(angle_deg(field)), image_distance_um(_known(camera, where).focal_um, scene.focus_um)
+    if scene.projection is not None:
+        return scene.projection.height_at(angle) * distance / scene.projection.focal_um
+    height = np.array(distance * math.tan(angle))
+    return float(height if scene.distortion is None else scene.distortion.displaced(height, np.zeros(()))[0])
+
+
+def _projection(stated: str, curves: Mapping[str, str], camera: Camera | None, where: str) -> Projection | None:
+    if stated == "f tan":
+        return None
+    focal_um, place = _known(camera, where).focal_um, f"{where}: scene.projection".removeprefix(": ")
+    if stated == "f theta":
+        return Projection.even(focal_um)
+    header, rows = numeric_table(_text(stated, curves, place), f"{place}: {stated}", ("angle_deg",))
+    if header != ["angle_deg", "height_um"]:
+        what = f"the table's columns are {', '.join(header)}"
+        raise SourceError("MF303", what, where=f"{place}: {stated}", cure="Name them angle_deg,height_um")
+    angles, heights = rows[rows.any(axis=1)].T
+    try:
+        return Projection(focal_um, tuple(np.radians(angles).tolist()), tuple(heights.tolist()))
+    except JobError as error:
+        raise JobError(error.code, error.what, where=f"{place}: {stated}", cure=error.cure) from None
+
+
+def _known(camera: Camera | None, where: str) -> Camera:
+    if camera is None:
+        what = "a field angle or a projection of a lens of which nothing is known"
+        raise JobError("MF105", what, where=where, cure="Give the camera too, or an image height")
+    return camera
 
 
 def _bands(section: SceneSection, curves: Mapping[str, str], where: str) -> tuple[Band, ...]:
@@ -238,7 +199,11 @@ def _illuminant(
 
 
 def _curves(name: str, curves: Mapping[str, str], where: str) -> Mapping[str, Curve]:
+    return parse_curves(_text(name, curves, where), f"{where}: {name}")
+
+
+def _text(name: str, curves: Mapping[str, str], where: str) -> str:
     if name not in curves:
         cure = "Load the job from its file, or give the table's text by that name"
         raise JobError("MF105", f"the curves {name!r} are not part of the job", where=where, cure=cure)
-    return parse_curves(curves[name], f"{where}: {name}")
+    return curves[name]

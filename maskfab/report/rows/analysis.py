@@ -107,14 +107,15 @@ class Analysis:
         return all(q.passed is not False for q in self.quantities)
 
 
-def described_scene(section: SceneSection, where: str) -> Scene:
+def described_scene(section: SceneSection, camera: Camera, where: str) -> Scene:
     """The scene of a section that did not come from a job; tables of curves are read from their paths.
 
     Raises:
         SourceError, JobError: for a table that is at fault.
     """
-    named = [name for name in (section.spectrum, section.illuminant) if isinstance(name, str) and is_table(name)]
-    return Scene.of(section, {name: curves_text(Path(name), where) for name in named}, where=where)
+    stated = section.spectrum, section.illuminant, section.projection
+    named = [name for name in stated if isinstance(name, str) and is_table(name)]
+    return Scene.of(section, {name: curves_text(Path(name), where) for name in named}, camera=camera, where=where)
 
 
 @one_thread

@@ -124,7 +124,7 @@ def peak_bytes(die: Die, camera: Camera, scene: Scene, plan: Plan) -> float:
 
 def scene_reach_um(camera: Camera, scene: Scene) -> float:
     """Half the side of the square of openings that light on its way to the stop can meet."""
-    moved = scene.gap_um * max(scene.field_um, scene.steepest_um) / camera.focal_um
+    moved = scene.gap_um * scene.widest_um / camera.focal_um
     return camera.stop.diameter_um / 2 + moved + _LARGEST_SLOPE * scene.gap_um
 
 
@@ -155,7 +155,7 @@ def measure_scene(
     if colours:
         quantities += metrics.colour_quantities(colours, die.name)
     pupil = cut(moved_aperture(openings, AXIS, camera.stop.diameter_um / 2), camera.stop)
-    quantities += rows_of(scene_bar(pupil, camera, scene.field_um, blank), die.name)
+    quantities += rows_of(scene_bar(pupil, camera, scene.slope(camera), blank), die.name)
     return SceneOptics(die, scene, plan, field, depth, colours, tuple(quantities))
 
 
@@ -228,7 +228,7 @@ class _Shown:
         )
 
     def over_field(self) -> tuple[tuple[PointView, ...], ...]:
-        if self.corner == AXIS or not (self.plan.choice.places > 1 or self.plan.choice.distortion):
+        if self.corner == AXIS or not (self.plan.choice.places > 1 or self.plan.choice.oblique):
             return ()
         focus = self.scene.focus_um
         centre = self.view(AXIS, focus, None)
